@@ -23,7 +23,7 @@ from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.separation.base import ErrorEstimate
 from metrosep.separation.design import PreparedRun, prepare_runs
-from metrosep.separation.explain import noise_peaks
+from metrosep.separation.evidence import noise_peaks
 from metrosep.spectral.autoregressive import fit_autoregressive
 
 if TYPE_CHECKING:

@@ -423,8 +423,8 @@ def _centre(text: str | None) -> tuple[float, float] | None:
 
 
 def _numbers(texts: tuple[str, ...], option: str, ideal: Any) -> dict[str, float]:
+    from metrosep.forms.base import RIGID
     from metrosep.forms.catalogue import parameter_value
-    from metrosep.forms.placement import RIGID
 
     units = {**RIGID, **ideal.units_of()}
     found = {}

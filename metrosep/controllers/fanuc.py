@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from metrosep.compensation.knots import choose_knots
 from metrosep.compensation.rounding import round_entries, round_increments
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._agreement import fact, named_axes, own_axis, require_agreement
 from metrosep.controllers._increments import (
     DRY_RUN,
     Resampling,
@@ -36,6 +35,7 @@ from metrosep.controllers._increments import (
     require_zero,
     uniform_positions,
 )
+from metrosep.controllers._notes import fact, named_axes, own_axis, require_agreement
 from metrosep.controllers.base import DialectInfo, Encoded, identity
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray

@@ -7,28 +7,52 @@ and goes through `ModalState`.
 
 from __future__ import annotations
 
+import contextlib
+import hashlib
+import json
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
+from metrosep.controllers._pairs import refuse_existing
+from metrosep.controllers.base import load_bytes, sidecar_path
+from metrosep.controllers.gcode_corrections import MAX_LOOKS, MAX_PARTS
 from metrosep.controllers.gcode_state import ModalState
-from metrosep.controllers.gcode_words import (
-    Token,
-    decimals_of,
-    refuse_block,
-    shape_of,
-    tokenize,
-)
+from metrosep.controllers.gcode_words import Token, decimals_of, refuse_block, shape_of, tokenize
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, ReadError
+from metrosep.core.errors import (
+    CorruptFileError,
+    DataError,
+    InvalidSamplesError,
+    LimitError,
+    ReadError,
+    WriteError,
+)
 
-__all__ = ["Columns", "Mover", "carried", "open_program", "pieces", "read_columns"]
-
+__all__ = [
+    "Columns",
+    "Mover",
+    "Outside",
+    "Settings",
+    "carried",
+    "check_digits",
+    "check_files",
+    "check_size",
+    "check_turns",
+    "check_way",
+    "open_program",
+    "pieces",
+    "read_columns",
+    "require_hash",
+    "require_uncorrected",
+    "require_unmarked",
+]
 
 _BYTES = 1 << 21
 """Bytes that are looked at together: some 60 000 blocks."""
@@ -312,3 +336,221 @@ def carried(values: FloatArray, before: float, lost: Sequence[int] = ()) -> Floa
             last[at + 1] = at + 1
     np.maximum.accumulate(last, out=last)
     return full[last][1:]
+
+
+# ---- how a path is rewritten, and what is refused in its numbers and between its points --------
+
+IntArray = NDArray[np.int64]
+Outside = Literal["refuse", "zero", "hold"]
+
+_MOST_DIGITS = 12
+_LARGEST = 1e9
+"""Millimetres, inches or degrees: beyond it double precision has no digit for a nanometre."""
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """How a path is rewritten; see `metrosep.controllers.gcode_paths.rewrite_path`."""
+
+    axes: tuple[str, ...]  # words that may change
+    decimals: int | None  # digits after the point
+    resolution: float  # m: finest step, without `decimals`
+    tolerance: float | None  # m: largest deviation from chords
+    outside: Outside  # {"refuse", "zero", "hold"}: beyond the map
+    stroke: float  # m: largest correction
+    blocks_per_s: float | None  # 1/s: most blocks per second
+    # whether C takes the shortest way (True) or goes along its numbers (False); None while nobody
+    # says
+    c_rollover: bool | None = None
+
+
+def check_size(values: FloatArray, letter: str, columns: Columns) -> None:
+    """Refuse positions where no machine goes."""
+    large = np.abs(values) > _LARGEST
+    if large.any():
+        i = int(np.flatnonzero(large)[0])
+        raise DataError(
+            f"line {columns.line_of(i)}: {letter} is {values[i]:.6g}; no machine goes there"
+        )
+
+
+def check_digits(digits: FloatArray, letter: str, columns: Columns) -> None:
+    """Refuse words with more digits than double precision holds."""
+    if digits.max() > _MOST_DIGITS:
+        i = int(digits.argmax())
+        raise DataError(
+            f"line {columns.line_of(i)}: {letter} has {int(digits[i])} digits after the point, more than "
+            f"{_MOST_DIGITS} mean nothing; round it"
+        )
+
+
+def check_way(
+    columns: Columns, where: IntArray, left: FloatArray, tolerance: float | None
+) -> tuple[str, int] | None:
+    """Refuse what lies between two points: gaps, the border of the map, too steep a bend."""
+    gap = np.flatnonzero(np.isnan(left))
+    if gap.size:
+        raise InvalidSamplesError(
+            f"line {columns.line_of(int(where[gap[0]]))}: between its ends the move crosses what was "
+            "not measured (NaN), or leaves the map; measure it there, fit a form that covers it, "
+            "shorten the path, or say outside='zero' or outside='hold' for what is beyond the map"
+        )
+    long = np.flatnonzero(np.isinf(left))
+    if long.size:
+        line = columns.line_of(int(where[long[0]]))
+        if tolerance is None:
+            return "the move is too long to be looked at between its ends", line
+        raise LimitError(
+            f"line {line}: the move is too long to be looked at between its ends (more than {MAX_LOOKS} "
+            "places); split it in the program"
+        )
+    if tolerance is not None and (left > tolerance).any():
+        i = int(np.argmax(left))
+        raise LimitError(
+            f"line {columns.line_of(int(where[i]))}: in {MAX_PARTS} parts the correction is still "
+            f"{left[i] * 1e9:.4g} nm off its chords, the tolerance is {tolerance * 1e9:.4g} nm; the "
+            "correction has a step or bends too fast: smooth it, or raise the tolerance"
+        )
+    return None
+
+
+def check_turns(columns: Columns, turn: FloatArray, parts: IntArray) -> None:
+    """Refuse to split a block that may go over the roll-over of C."""
+    unsure = np.flatnonzero((parts > 1) & (np.abs(turn) > 180.0))
+    if unsure.size:
+        i = int(unsure[0])
+        raise refuse_block(
+            columns.line_of(i),
+            f"a block to be split that moves C by {abs(turn[i]):.6g} deg",
+            "on some controllers C takes the shortest way over its roll-over, on others it goes "
+            "along its numbers",
+            "say c_rollover=True (shortest way) or c_rollover=False (along the numbers)",
+        )
+
+
+# ---- corrected programs and lists on the disk: never twice corrected, never without their own sidecar ----
+
+SCHEMAS = ("metrosep.path/1", "metrosep.points/1")
+"""Of the sidecars of corrected programs and lists."""
+
+_MARK = re.compile(r"METROSEP\s+CORRECTED[^()\r\n]*", re.IGNORECASE)
+_HEAD = re.compile(r"\s*(?:%.*|(?:[O:]\d+).*)?\s*", re.IGNORECASE)
+"""Of lines before the mark: blank, the % of a tape, the number of the program."""
+_CALLED = re.compile(
+    r"\b(?:CYCLE832|COMPCAD|COMPCURV|COMPON|COMPOF|COMPSURF|SOFT|BRISK)\b\s*(?:\([^()]*\))?",
+    re.IGNORECASE,
+)
+"""What only controls have whose comments begin with a semicolon."""
+_OF_LISTS = "#%;"
+_LARGEST_SIDECAR = 10**6
+
+
+def check_files(start: Path, end: Path, *, overwrite: bool) -> None:
+    """Refuse a target that is the source, or exists."""
+    try:
+        same = end.exists() and start.exists() and end.samefile(start)
+    except OSError as exc:
+        raise WriteError(
+            f"{end}: cannot be written ({exc.strerror or exc}); choose another name or folder"
+        ) from None
+    if same or start.resolve() == end.resolve() or start.resolve() == sidecar_path(end).resolve():
+        raise WriteError(
+            f"{end}: is the source itself; a correction must not be added twice, so give another name"
+        )
+    if not overwrite:
+        refuse_existing(end)
+
+
+def mark_text(axes: Sequence[str], audit: Mapping[str, Any]) -> str:
+    """Return the text by which a corrected file is known, whatever its name."""
+    content = json.dumps([*axes, dict(audit)], sort_keys=True, default=str)
+    digest = hashlib.sha256(content.encode("utf-8")).hexdigest()[:12]
+    return f"METROSEP CORRECTED {' '.join(axes)} {digest}"
+
+
+def marked(lines: Sequence[str], text: str, *, is_list: bool = False) -> list[str]:
+    """Return the first lines of a file with the mark as a comment of its own form.
+
+    In a program it follows the number of the program. A list without comments stays as it is: not
+    every reader of lists takes them.
+    """
+    if not lines:
+        return []
+    end = re.search(r"[\r\n]*$", lines[0])[0] or "\n"  # type: ignore[index]
+    if is_list:
+        first = next((i for i, v in enumerate(lines) if v.lstrip()[:1] in (*_OF_LISTS,)), None)
+        if first is None:
+            return list(lines)
+        made = f"{lines[first].lstrip()[0]} {text}{end}"
+        return [*lines[: first + 1], made, *lines[first + 1 :]]
+    at = next((i for i, v in enumerate(lines) if not _HEAD.fullmatch(v)), len(lines))
+    whole = "".join(lines)
+    semicolon = (";" in whole or _CALLED.search(whole)) and "(" not in _CALLED.sub("", whole)
+    made = (f";{text}" if semicolon else f"({text})") + end
+    before = list(lines[:at])
+    if before and not before[-1].endswith(("\r", "\n")):
+        before[-1] += end
+    return [*before, made, *lines[at:]]
+
+
+def require_unmarked(lines: Sequence[str], path: Path) -> None:
+    """Refuse lines of a program or list that bear the mark of a correction."""
+    found = _MARK.search("".join(lines))
+    if found is not None:
+        raise DataError(
+            f"{path}: holds a correction already, as its comment {found[0].strip()!r} says; a second one "
+            "would be added to it: take the original, or say again if what was measured is a part cut "
+            "with it"
+        )
+
+
+def require_uncorrected(path: Path) -> None:
+    """Refuse a program or list that has a correction in it already, by the sidecars of its folder."""
+    beside = sidecar_path(path)
+    found = _said(beside)
+    if found is not None:
+        with contextlib.suppress(OSError):
+            own = hashlib.sha256(path.read_bytes()).hexdigest() == found.get("file_sha256")
+            why = "" if own else " (changed since, or of a run that was cut off)"
+            raise _corrected(path, beside, found, why)
+    others = {} if not path.is_file() else _sidecars(path.parent)
+    if others:
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        for other, said in others.items():
+            if said.get("file_sha256") == digest != said.get("source_sha256"):
+                raise _corrected(path, other, said, " (the same bytes under another name)")
+
+
+def _corrected(path: Path, beside: Path, found: Mapping[str, Any], why: str) -> DataError:
+    return DataError(
+        f"{path}: holds a correction already{why}, as {beside.name} beside it says; a second one would be "
+        f"added to it: take the original ({found.get('source', 'unknown')}), or say again if what was "
+        "measured is a part cut with it"
+    )
+
+
+def _sidecars(folder: Path) -> dict[Path, dict[str, Any]]:
+    """Return the sidecars of corrected files in a folder."""
+    found = {f: _said(f) for f in sorted(folder.glob("*.json"))}
+    return {f: said for f, said in found.items() if said is not None}
+
+
+def _said(beside: Path) -> dict[str, Any] | None:
+    """Return what a sidecar of a corrected file says; None if it is none."""
+    try:
+        if not beside.is_file() or beside.stat().st_size > _LARGEST_SIDECAR:
+            return None
+        found = json.loads(load_bytes(beside))
+    except (ValueError, RecursionError, OSError, ReadError):
+        return None
+    return found if isinstance(found, dict) and found.get("schema") in SCHEMAS else None
+
+
+def require_hash(path: Path, wanted: str) -> None:
+    """Refuse a file that the disk does not hold as it was written."""
+    digest = hashlib.sha256()
+    with path.open("rb") as stream:
+        while piece := stream.read(1 << 20):
+            digest.update(piece)
+    if digest.hexdigest() != wanted:
+        raise WriteError(f"{path}: the disk does not hold what was written; nothing was kept")

@@ -23,17 +23,19 @@ from typing import Any
 from metrosep._version import __version__
 from metrosep.controllers._pairs import paired_stream
 from metrosep.controllers.base import sidecar_path
-from metrosep.controllers.gcode_checks import Outside, Settings
-from metrosep.controllers.gcode_columns import open_program, pieces
-from metrosep.controllers.gcode_corrections import PathCorrection, as_path_correction
-from metrosep.controllers.gcode_files import (
+from metrosep.controllers.gcode_columns import (
+    Outside,
+    Settings,
     check_files,
     mark_text,
     marked,
+    open_program,
+    pieces,
     require_hash,
     require_uncorrected,
     require_unmarked,
 )
+from metrosep.controllers.gcode_corrections import PathCorrection, as_path_correction
 from metrosep.controllers.gcode_rewrite import Rewriter
 from metrosep.controllers.gcode_state import INCH, MM, ModalState, checked_system
 from metrosep.core.errors import DataError, MetrosepError, UnitError

@@ -18,7 +18,6 @@ import numpy as np
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.rounding import round_entries
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._agreement import fact, require_agreement
 from metrosep.controllers._increments import (
     Resampling,
     ascii_lines,
@@ -29,6 +28,7 @@ from metrosep.controllers._increments import (
     require_sizes,
     uniform_positions,
 )
+from metrosep.controllers._notes import fact, require_agreement
 from metrosep.controllers.base import DialectInfo, Encoded, identity, load_sidecar
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray

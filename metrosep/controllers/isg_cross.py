@@ -17,7 +17,6 @@ import numpy as np
 
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._agreement import fact, named_axes, require_agreement
 from metrosep.controllers._increments import (
     Carried,
     Resampling,
@@ -48,6 +47,7 @@ from metrosep.controllers._isg_lists import (
     to_units,
     whole,
 )
+from metrosep.controllers._notes import fact, named_axes, require_agreement
 from metrosep.controllers.base import DialectInfo, Encoded, identity, load_sidecar
 from metrosep.controllers.neutral import map_fields
 from metrosep.controllers.options import Option

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from metrosep.compensation.rounding import round_increments
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._agreement import fact, named_axes, require_agreement
 from metrosep.controllers._increments import (
     Resampling,
     ascii_lines,
@@ -31,6 +30,7 @@ from metrosep.controllers._increments import (
     require_zero,
     uniform_positions,
 )
+from metrosep.controllers._notes import fact, named_axes, require_agreement
 from metrosep.controllers.base import DialectInfo, Encoded, identity
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray

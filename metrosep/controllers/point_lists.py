@@ -21,16 +21,17 @@ import numpy as np
 from metrosep._version import __version__
 from metrosep.controllers._pairs import paired_stream
 from metrosep.controllers.base import sidecar_path
-from metrosep.controllers.gcode_columns import open_program, pieces
-from metrosep.controllers.gcode_corrections import PathCorrection, as_path_correction
-from metrosep.controllers.gcode_files import (
+from metrosep.controllers.gcode_columns import (
     check_files,
     mark_text,
     marked,
+    open_program,
+    pieces,
     require_hash,
     require_uncorrected,
     require_unmarked,
 )
+from metrosep.controllers.gcode_corrections import PathCorrection, as_path_correction
 from metrosep.controllers.gcode_words import decimals_of, format_number
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._agreement import own_axis
 from metrosep.controllers._increments import (
     Resampling,
     ascii_lines,
@@ -27,6 +26,7 @@ from metrosep.controllers._increments import (
     require_sizes,
     uniform_positions,
 )
+from metrosep.controllers._notes import own_axis
 from metrosep.controllers.base import DialectInfo, Encoded, identity
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray

@@ -8,7 +8,6 @@ from metrosep.forms.conic import Asphere, Conic
 from metrosep.forms.cylinder import Cylinder
 from metrosep.forms.expression import Expression
 from metrosep.forms.fit import fit, remove
-from metrosep.forms.grid import GridForm
 from metrosep.forms.linear import LinearFit, LinearForm
 from metrosep.forms.moments import (
     GridPolynomial,
@@ -23,7 +22,7 @@ from metrosep.forms.qforbes import QForbes
 from metrosep.forms.result import FitResult
 from metrosep.forms.sine_grid import SineGrid
 from metrosep.forms.sphere import Sphere
-from metrosep.forms.stl import MeshForm, from_triangles
+from metrosep.forms.stl import GridForm, MeshForm, from_triangles
 from metrosep.forms.toric import Biconic, Toric
 from metrosep.forms.zernike import (
     Zernike,

@@ -12,8 +12,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.forms.base import Shape, checked
-from metrosep.forms.placement import RIGID
+from metrosep.forms.base import RIGID, Shape, checked
 
 __all__ = ["Expression"]
 

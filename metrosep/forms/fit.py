@@ -19,11 +19,10 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.forms.base import Form
+from metrosep.forms.base import RIGID, Direction, Form, Freedoms, Placement, Tilt, choose_freedoms
 from metrosep.forms.conic import curvature_name, curvature_of, is_flat
 from metrosep.forms.iterate import find
 from metrosep.forms.linear import Answer, Robust, spread
-from metrosep.forms.placement import RIGID, Direction, Freedoms, Placement, Tilt, choose_freedoms
 from metrosep.forms.points import Points, PointSet, points_of
 from metrosep.forms.polynomial import Polynomial
 from metrosep.forms.result import FitResult

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, NotConvergedError
 from metrosep.forms._correlated import estimated
-from metrosep.forms.base import Form
+from metrosep.forms.base import RIGID, Direction, Form, Freedoms, Placement, Tilt, known_values
 from metrosep.forms.conic import curvature_of, radius_of
 from metrosep.forms.linear import (
     Answer,
@@ -26,7 +26,6 @@ from metrosep.forms.linear import (
     sum_of_squares,
     trimmed_start,
 )
-from metrosep.forms.placement import RIGID, Direction, Freedoms, Placement, Tilt, known_values
 from metrosep.forms.points import SAMPLE, Points
 
 __all__ = ["find"]

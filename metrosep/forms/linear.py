@@ -25,8 +25,7 @@ from metrosep.core.errors import (
     NotConvergedError,
     TooFewSamplesError,
 )
-from metrosep.forms.base import Form
-from metrosep.forms.placement import Freedoms, Placement
+from metrosep.forms.base import Form, Freedoms, Placement
 from metrosep.forms.points import Points
 
 __all__ = [

@@ -15,10 +15,9 @@ from metrosep.core.profile import Profile, html_table
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering, format_length
 from metrosep.forms._correlated import Estimate, estimated
-from metrosep.forms.base import Form
+from metrosep.forms.base import RIGID, Form, Placement
 from metrosep.forms.conic import curvature_name
 from metrosep.forms.linear import Robust, winsorised
-from metrosep.forms.placement import RIGID, Placement
 from metrosep.forms.points import PointSet, points_of
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.core.middle import assumed_axis
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.forms.grid import GridForm
+from metrosep.forms.stl import GridForm
 
 __all__ = [
     "N_AZIMUTH",

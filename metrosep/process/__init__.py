@@ -88,6 +88,7 @@ if TYPE_CHECKING:
         CountCurve as CountCurve,
         PathPoints as PathPoints,
         PointPlan as PointPlan,
+        SpiralPath as SpiralPath,
         errors_by_count as errors_by_count,
         points_for_tolerance as points_for_tolerance,
     )
@@ -110,13 +111,8 @@ if TYPE_CHECKING:
     )
     from metrosep.process.setting_maps import (
         SettingError as SettingError,
-    )
-    from metrosep.process.setting_tolerances import (
         SettingTolerance as SettingTolerance,
         setting_tolerance as setting_tolerance,
-    )
-    from metrosep.process.spirals import (
-        SpiralPath as SpiralPath,
     )
     from metrosep.process.static_errors import (
         StaticComparison as StaticComparison,
@@ -215,6 +211,7 @@ _HOMES = {
         "CountCurve",
         "PathPoints",
         "PointPlan",
+        "SpiralPath",
         "errors_by_count",
         "points_for_tolerance",
     ),
@@ -235,12 +232,11 @@ _HOMES = {
         "SettingFit",
         "identify_setting",
     ),
-    "setting_maps": ("SettingError",),
-    "setting_tolerances": (
+    "setting_maps": (
+        "SettingError",
         "SettingTolerance",
         "setting_tolerance",
     ),
-    "spirals": ("SpiralPath",),
     "static_errors": (
         "StaticComparison",
         "compare_static",

@@ -17,7 +17,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.units import format_length
 from metrosep.process._motion import FollowUp, FollowUpMap
-from metrosep.process.spirals import SpiralPath
+from metrosep.process.path_points import SpiralPath
 
 __all__ = ["PlacedLog", "held_on_points", "on_spiral", "placed_log"]
 

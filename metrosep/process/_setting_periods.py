@@ -18,10 +18,18 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import MetrosepError, NotConvergedError
 from metrosep.core.units import format_length
 from metrosep.forms.points import Points
-from metrosep.process._setting_equations import equations, modelled, solve
-from metrosep.process._setting_model import FACTORS
-from metrosep.process._setting_noise import neighbours_of_scattered
-from metrosep.process._setting_steps import Settled, Task, chosen, outside, settle
+from metrosep.process._setting_equations import (
+    FACTORS,
+    Settled,
+    Task,
+    chosen,
+    equations,
+    modelled,
+    neighbours_of_scattered,
+    outside,
+    settle,
+    solve,
+)
 
 _SAMPLE = 4000
 _PARTS = 4

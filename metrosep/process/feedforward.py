@@ -25,9 +25,13 @@ from metrosep.core.errors import (
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
-from metrosep.process._setting_checks import finite_positions, positive_length, real_array
-from metrosep.process._setting_model import known_form
-from metrosep.process.setting_maps import plausible_length
+from metrosep.process._setting_equations import known_form
+from metrosep.process.setting_maps import (
+    finite_positions,
+    plausible_length,
+    positive_length,
+    real_array,
+)
 from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["CorrectedPath", "CorrectedPoints", "corrected_path", "corrected_points"]

@@ -20,23 +20,25 @@ from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.process._log_places import held_on_points, on_spiral
 from metrosep.process._motion import FollowUp, FollowUpMap
-from metrosep.process._setting_model import FACTORS, height_errors, polar_slopes
+from metrosep.process._setting_equations import FACTORS, height_errors, polar_slopes
 from metrosep.process.arc_lengths import checked_finite, checked_positive
 from metrosep.process.feedforward import corrected_path, left_over
 from metrosep.process.interpolation import Interpolation
 from metrosep.process.machining_times import MachiningTime, machining_time
 from metrosep.process.nose import RoundNose
 from metrosep.process.nose_checks import gouge_check
-from metrosep.process.path_points import PathPoints, PointPlan, points_for_tolerance
-from metrosep.process.predictions import Contribution, CorrectedProgram, ErrorBudget, Prediction
-from metrosep.process.spirals import (
+from metrosep.process.path_points import (
     Distribution,
+    PathPoints,
+    PointPlan,
     Sense,
     SpiralPath,
     checked_core,
     checked_options,
     checked_radius,
+    points_for_tolerance,
 )
+from metrosep.process.predictions import Contribution, CorrectedProgram, ErrorBudget, Prediction
 from metrosep.process.tips import Edge, TipSurface, tips
 from metrosep.process.tool_settings import ToolSetting
 

@@ -24,13 +24,13 @@ from metrosep.core.errors import (
 )
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
-from metrosep.process._setting_checks import (
+from metrosep.process._setting_equations import known_form, polar_slopes
+from metrosep.process.setting_maps import (
     LARGEST_NOSE,
     finite_positions,
     positions,
     real_number,
 )
-from metrosep.process._setting_model import known_form, polar_slopes
 
 __all__ = ["RoundNose", "rake_error"]
 

@@ -19,10 +19,9 @@ from metrosep.core.errors import DataError, LimitError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
-from metrosep.process._setting_checks import map_extent
-from metrosep.process._setting_model import known_form, polar_slopes
+from metrosep.process._setting_equations import known_form, polar_slopes
 from metrosep.process.nose import RoundNose, smallest_length
-from metrosep.process.setting_maps import polar_axes
+from metrosep.process.setting_maps import map_extent, polar_axes
 from metrosep.process.tips import Edge, tips
 
 __all__ = ["NoseCheck", "clearance_check", "gouge_check", "window_check"]

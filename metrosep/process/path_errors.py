@@ -36,8 +36,7 @@ from metrosep.process.interpolation import (
     fitted_heights,
     knot_slopes,
 )
-from metrosep.process.path_points import PathPoints
-from metrosep.process.spirals import Height, SpiralPath
+from metrosep.process.path_points import Height, PathPoints, SpiralPath
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -4,27 +4,38 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields, replace
 from functools import cache
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, frozen_float
-from metrosep.core.errors import DataError, LimitError, UnitError
-from metrosep.process.arc_lengths import checked_count, checked_finite, checked_positive
-from metrosep.process.interpolation import Interpolation
-from metrosep.process.spirals import (
-    Distribution,
-    Height,
-    SpiralPath,
-    checked_core,
-    checked_options,
+from metrosep.core.errors import DataError, LimitError, TooFewSamplesError, UnitError
+from metrosep.process.arc_lengths import (
+    angle_at_length,
+    arc_length,
+    checked_count,
+    checked_finite,
+    checked_positive,
 )
+from metrosep.process.interpolation import EndCondition, Interpolation
 
-__all__ = ["CountCurve", "PathPoints", "PointPlan", "errors_by_count", "points_for_tolerance"]
+if TYPE_CHECKING:
+    from metrosep.process.path_errors import PathErrorMap
 
+__all__ = [
+    "CountCurve",
+    "Distribution",
+    "Height",
+    "PathPoints",
+    "PointPlan",
+    "Sense",
+    "SpiralPath",
+    "errors_by_count",
+    "points_for_tolerance",
+]
 
 _GROWTH = 1.25
 _IN_A_ROW = 3
@@ -414,3 +425,464 @@ def _plan(
         is_monotone=not above.size and not ((counts < n) & (errors <= tolerance)).any(),
         messages=tuple(messages),
     )
+
+
+# ---- the spiral of a turned freeform: where its points lie, and the error of the path through them ----
+# The tool starts at the rim and ends at the centre. ``u`` is the angle left to the centre,
+# ``rho = feed u / (2 pi)`` the radius, ``theta`` the angle travelled since the rim and S the arc
+# length from the centre. ``azimuth`` is the polar angle of a point on the part, ``x = rho
+# cos(azimuth)``, ``y = rho sin(azimuth)``, counter-clockwise seen from above (from +z, out of the
+# material): ``azimuth = start + theta`` with the sense "counterclockwise", ``start - theta`` with
+# "clockwise". Errors are path minus ideal: positive where material is left.
+
+Distribution = Literal["CA", "CAL"]
+Sense = Literal["counterclockwise", "clockwise"]
+Knots = Literal["interpolate", "least-squares"]
+
+
+class Height(Protocol):
+    """A surface as a function of x and y, m."""
+
+    def __call__(self, x: Any, y: Any, /) -> Any:
+        """Return heights, m."""
+
+
+_TURN = 2.0 * math.pi
+_WHOLE = 1e-9
+"""A count this close to a whole number, relative, is that number: 2 degrees divide a turn."""
+_WIDEST_STEP = _TURN / 8.0
+"""Fewer than eight points a turn follow nothing; an angle above is one in degrees."""
+_LARGEST = 5.0
+"""m: no part is turned that large; a radius above is one in mm or um."""
+_MOST_POINTS = 10_000_000
+"""Of a program that is worked on at once: about 1 GB."""
+
+
+@dataclass(frozen=True, slots=True)
+class SpiralPath:
+    """Points of a block program on a spiral from the rim to the centre, and what joins them.
+
+    Parameters
+    ----------
+    radius : float, m
+        Of the workpiece, where the spiral starts.
+    feed : float, m
+        Advance per revolution, > 0 and at most `radius`.
+    distribution : {"CA", "CAL"}, optional
+        Points at a constant angle or at a constant arc length.
+    step : float, rad or m
+        Angle between points for "CA", at most 2 pi / 8; arc length for "CAL".
+    interpolation : {"linear", "spline"}, optional
+        What the controller does between points; the spline is C2 and cubic.
+    lead_in : int, optional
+        Points on the extrapolated spiral before the rim. They take the free end of the spline off
+        the part; three and more are enough. The form must be defined there.
+    end : {"not-a-knot", "natural", "clamped"}, optional
+        End condition of the spline at its first and last point, lead-in included. "clamped" takes
+        the slope of the form, which must have a gradient.
+    knots : {"interpolate", "least-squares"}, optional
+        Heights of the points: on the form, or such that the interpolation is nearest to it. The
+        second with the spline implies not-a-knot ends.
+    core : float, m, optional
+        Radius at which the path ends, 0 <= core < radius.
+    sense : {"counterclockwise", "clockwise"}, optional
+        How the point of the tool goes round the part, seen from above (from +z).
+    start : float, rad, optional
+        Azimuth on the part of the first point at the rim.
+
+    Attributes
+    ----------
+    n_points : int
+        Intervals (blocks) on the part: ``floor`` of what there is to go over `step`. There is one
+        point more, and the lead-in is not counted.
+
+    Raises
+    ------
+    DataError
+        If a length is not positive and finite, the feed is above the radius, a word is not known,
+        or the end condition and the knots contradict each other.
+    UnitError
+        If the step is too wide to be in rad or m, the radius above 5 m or the start beyond a turn.
+    TooFewSamplesError
+        If no interval fits (or fewer points than the spline needs).
+
+    Notes
+    -----
+    Points are worked out when they are asked for, up to 10 million (LimitError above); what needs
+    none, such as `core_radius` and `messages`, is in closed form.
+
+    CA: ``u_i = U - i step``; CAL: ``S_i = L - i step``, Eqs. (3)-(6) of [1]_. Where the step does
+    not divide the path, a core around the centre stays uncut: `core_radius`, and `messages` says
+    so. `with_points` chooses the step that divides. The published reference numbers hold for
+    ``lead_in=0``, the default here; for cutting use 3.
+
+    References
+    ----------
+    .. [1] Deterministic error compensation for slow tool servo-driven diamond turning, section
+       "Program-related error factors".
+
+    Examples
+    --------
+    >>> path = SpiralPath(500e-6, 2e-6, distribution="CAL", step=30e-6)
+    >>> path.n_points, round(path.turns, 9), round(path.length, 9)
+    (13090, 250.0, 0.392700443)
+    """
+
+    radius: float
+    feed: float
+    distribution: Distribution = "CA"
+    step: float = math.nan
+    interpolation: Interpolation = "spline"
+    lead_in: int = 0
+    end: EndCondition = "not-a-knot"
+    knots: Knots = "interpolate"
+    core: float = 0.0
+    sense: Sense = "counterclockwise"
+    start: float = 0.0
+    n_points: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._check_words()
+        object.__setattr__(self, "radius", checked_radius(self.radius))
+        object.__setattr__(self, "feed", checked_positive(self.feed, "feed"))
+        if self.feed > self.radius:
+            raise DataError(
+                f"the feed of {self.feed:.6g} m per revolution is above the radius of "
+                f"{self.radius:.6g} m: there is not one turn; check the units, both are in m"
+            )
+        for name in ("core", "start"):
+            object.__setattr__(self, name, checked_finite(getattr(self, name), name))
+        checked_core(self.core, self.radius)
+        if abs(self.start) > _TURN:
+            raise UnitError(
+                f"a start of {self.start:.6g} is beyond a turn; the start is in rad, "
+                f"{self.start:.6g} degrees are {math.radians(self.start):.6g} rad"
+            )
+        object.__setattr__(self, "lead_in", checked_count(self.lead_in, "lead_in", least=0))
+        object.__setattr__(self, "step", _checked_step(self))
+        n = _whole_count((self._total - self._uncut) / self.step)
+        fewest = 1 if self.interpolation == "linear" else 3
+        if n < 1 or n + self.lead_in < fewest:
+            raise TooFewSamplesError(
+                f"a step of {self.step:.6g} {self._step_unit} gives {n} interval(s) on the path; "
+                f"the {self.interpolation} interpolation needs {fewest}: make the step smaller"
+            )
+        object.__setattr__(self, "n_points", n)
+
+    def _check_words(self) -> None:
+        kinds = {
+            "distribution": Distribution,
+            "interpolation": Interpolation,
+            "end": EndCondition,
+            "knots": Knots,
+            "sense": Sense,
+        }
+        for name, kind in kinds.items():
+            if getattr(self, name) not in get_args(kind):
+                raise DataError(
+                    f"{name} must be one of {', '.join(get_args(kind))}, got {getattr(self, name)!r}"
+                )
+        if self.knots == "least-squares" and self.end != "not-a-knot":
+            raise DataError(
+                f"least-squares knots have not-a-knot ends, got end={self.end!r}; leave end out"
+            )
+
+    @classmethod
+    def with_points(
+        cls,
+        radius: float,
+        feed: float,
+        n_points: int,
+        *,
+        distribution: Distribution = "CA",
+        **options: Any,
+    ) -> SpiralPath:
+        """Return the path of so many intervals whose step divides it.
+
+        Parameters
+        ----------
+        radius, feed : float, m
+            As of the class.
+        n_points : int
+            Intervals, >= 1.
+        distribution : {"CA", "CAL"}, optional
+            Constant angle or constant arc length.
+        **options : object
+            As of the class, without `step`.
+
+        Returns
+        -------
+        SpiralPath
+            Its last point is the centre, or lies on the core.
+
+        Raises
+        ------
+        DataError
+            If `n_points` is no whole number of 1 or more, an option is not known, or as of the
+            class.
+        UnitError
+            As of the class.
+        TooFewSamplesError
+            As of the class.
+        """
+        checked_options(options, taken={"step": "step follows from n_points; leave it out"})
+        count = checked_count(n_points, "n_points", least=1)
+        feed, radius = checked_positive(feed, "feed"), checked_positive(radius, "radius")
+        core = checked_core(options.get("core", 0.0), radius)
+        ends = [_TURN * r / feed for r in (radius, core)]
+        if distribution == "CAL":
+            ends = [float(arc_length(u, feed)) for u in ends]
+        step = (ends[0] - ends[1]) / count
+        return cls(radius, feed, distribution=distribution, step=step, **options)
+
+    @property
+    def turns(self) -> float:
+        """Revolutions from the rim to the centre, Eq. (6)."""
+        return self.radius / self.feed
+
+    @property
+    def length(self) -> float:
+        """Arc length of the whole spiral from the rim to the centre, m."""
+        return float(arc_length(_TURN * self.turns, self.feed))
+
+    @property
+    def u(self) -> FloatArray:
+        """Angle left to the centre of each point, rad, shape (n_points + 1,), from the rim."""
+        return frozen_float(self.stations()[0][self.lead_in :], name="u", ndim=1)
+
+    @property
+    def rho(self) -> FloatArray:
+        """Radius of each point, m, shape (n_points + 1,), from the rim."""
+        return frozen_float(self.u * (self.feed / _TURN), name="rho", ndim=1)
+
+    @property
+    def theta(self) -> FloatArray:
+        """Angle travelled since the rim, rad, growing; the azimuth is `azimuth_of` it."""
+        return frozen_float(_TURN * self.turns - self.u, name="theta", ndim=1)
+
+    @property
+    def azimuth(self) -> FloatArray:
+        """Polar angle on the part of each point, rad, not wrapped."""
+        return frozen_float(self.azimuth_of(self.theta), name="azimuth", ndim=1)
+
+    @property
+    def core_radius(self) -> float:
+        """Radius of the last point, m: within it nothing is cut."""
+        return self.last_angle * self.feed / _TURN
+
+    @property
+    def last_angle(self) -> float:
+        """Angle left to the centre at the last point, rad; 0 where the path ends there."""
+        left = self._total - self.n_points * self.step
+        if left < 2.0 * _WHOLE * self._total:
+            return 0.0
+        return left if self.distribution == "CA" else float(angle_at_length(left, self.feed))
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What to know about the path, in plain words."""
+        found = []
+        if self.core_radius > 0.0:
+            found.append(
+                f"The path ends {self.core_radius:.3g} m from the centre; within that radius "
+                "nothing is cut."
+            )
+        if self.interpolation == "spline":
+            found.append(f"Spline with {self.end} ends and {self.lead_in} lead-in point(s).")
+            if self.lead_in < 3:
+                found.append(
+                    "The free end of the spline lies on the part: lead_in=3 takes it before the "
+                    "rim, where the form must be defined."
+                )
+        return tuple(found)
+
+    def azimuth_of(self, theta: ArrayLike) -> FloatArray:
+        """Return the polar angle on the part after an angle travelled.
+
+        Parameters
+        ----------
+        theta : array_like, rad
+            Since the rim.
+
+        Returns
+        -------
+        ndarray, rad
+            Counter-clockwise from +x, seen from +z; not wrapped.
+        """
+        turned = np.asarray(theta, dtype=np.float64)
+        return self.start + (turned if self.sense == "counterclockwise" else -turned)
+
+    def with_options(self, **options: Any) -> SpiralPath:
+        """Return the path with other values of some of its parameters.
+
+        Parameters
+        ----------
+        **options : object
+            Parameters of the class by name.
+
+        Returns
+        -------
+        SpiralPath
+            Another one.
+
+        Raises
+        ------
+        DataError
+            If an option is not known, or as of the class.
+        UnitError
+            As of the class.
+        TooFewSamplesError
+            As of the class.
+        """
+        checked_options(options, taken={"n_points": "n_points follows from the step"})
+        return replace(self, **options)
+
+    def points(self, form: Height) -> PathPoints:
+        """Return the points of the block program on a form.
+
+        Parameters
+        ----------
+        form : callable
+            ``form(x, y)``, m, such as a form of `metrosep.forms`.
+
+        Returns
+        -------
+        PathPoints
+            From the first lead-in point to the last one.
+
+        Raises
+        ------
+        InvalidSamplesError
+            If the form has no height at a point.
+        DataError
+            If the form cannot be called, or the ends are clamped and it has no gradient.
+        LimitError
+            If there are more than 10 million points.
+        """
+        from metrosep.process.path_errors import program_points
+
+        return program_points(self, form)
+
+    def error_map(self, form: Height, sub_points: int = 10) -> PathErrorMap:
+        """Return the error of the interpolated path, path minus ideal, along the whole spiral.
+
+        Parameters
+        ----------
+        form : callable
+            ``form(x, y)``, m, such as a form of `metrosep.forms`.
+        sub_points : int, optional
+            Parts of equal arc length into which each interval is divided, >= 2. An even number
+            holds the middle, where the error of a line is largest.
+
+        Returns
+        -------
+        PathErrorMap
+            ``n_points * sub_points + 1`` samples from the rim to the last point.
+
+        Raises
+        ------
+        InvalidSamplesError
+            If the form has no height at a point of the path.
+        DataError
+            If the form cannot be called, the ends are clamped and it has no gradient, or
+            `sub_points` is below 2.
+        LimitError
+            If there are more than 10 million points or 50 million samples.
+        """
+        from metrosep.process.path_errors import path_error_map
+
+        return path_error_map(self, form, sub_points=sub_points)
+
+    @property
+    def _total(self) -> float:
+        """Angle or length to go, in the unit of the step."""
+        return _TURN * self.turns if self.distribution == "CA" else self.length
+
+    @property
+    def _uncut(self) -> float:
+        u = _TURN * self.core / self.feed
+        return u if self.distribution == "CA" else float(arc_length(u, self.feed))
+
+    @property
+    def _step_unit(self) -> str:
+        return "rad" if self.distribution == "CA" else "m"
+
+    def stations(self) -> tuple[FloatArray, FloatArray]:
+        """Return the angle left and the arc length from the centre of all points, lead-in first.
+
+        Returns
+        -------
+        tuple of ndarray, shape (lead_in + n_points + 1,), rad and m
+            u and S.
+
+        Raises
+        ------
+        LimitError
+            If there are more than 10 million points.
+        """
+        count = self.n_points + self.lead_in + 1
+        if count > _MOST_POINTS:
+            raise LimitError(
+                f"the path has {count - 1:,} blocks of {self.step:.6g} {self._step_unit}; at most "
+                f"{_MOST_POINTS:,} are worked on at once: make the step larger (check its unit), "
+                "or take a smaller radius or a core"
+            )
+        number = np.arange(-self.lead_in, self.n_points + 1, dtype=np.float64)
+        left = self._total - number * self.step
+        if left[-1] < 2.0 * _WHOLE * self._total:
+            left[-1] = 0.0
+        if self.distribution == "CA":
+            return left, arc_length(left, self.feed)
+        return angle_at_length(left, self.feed), left
+
+
+def checked_radius(radius: object) -> float:
+    """Return the radius of a workpiece, or raise DataError or UnitError."""
+    number = checked_positive(radius, "radius")
+    if number > _LARGEST:
+        raise UnitError(
+            f"a radius of {number:.6g} m is larger than any turned part; the radius is in m"
+        )
+    return number
+
+
+def checked_core(core: object, radius: float) -> float:
+    """Return the radius at which a path ends, or raise DataError."""
+    number = checked_finite(core, "core")
+    if not 0.0 <= number < radius:
+        raise DataError(
+            f"core must lie from 0 to below the radius {radius:.6g} m, got {number:.6g} m"
+        )
+    return number
+
+
+def checked_options(options: Mapping[str, Any], *, taken: Mapping[str, str]) -> None:
+    """Raise DataError for an option that no path has, or that is given elsewhere."""
+    known = [f.name for f in fields(SpiralPath) if f.init]
+    for name in options:
+        if name in taken:
+            raise DataError(taken[name])
+        if name not in known:
+            raise DataError(f"a path has no option {name!r}; it has {', '.join(known)}")
+
+
+def _whole_count(count: float) -> int:
+    nearest = round(count)
+    return nearest if abs(count - nearest) <= _WHOLE * max(count, 1.0) else math.floor(count)
+
+
+def _checked_step(path: SpiralPath) -> float:
+    if path.step != path.step:  # NaN, the default
+        raise DataError("step is missing: an angle in rad for CA, an arc length in m for CAL")
+    step = checked_positive(path.step, "step")
+    if path.distribution == "CA" and step > _WIDEST_STEP * (1.0 + _WHOLE):
+        raise UnitError(
+            f"a step of {step:.6g} rad leaves fewer than 8 points a turn; the step is in rad, "
+            f"{step:.6g} degrees are {math.radians(step):.6g} rad"
+        )
+    if path.distribution == "CAL" and step > _TURN * path.radius / 8.0:
+        raise UnitError(
+            f"a step of {step:.6g} m leaves fewer than 8 points on the outer turn; the step is "
+            "in m"
+        )
+    return step

@@ -24,18 +24,22 @@ from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.forms.points import Points, PointSet, points_of
-from metrosep.process._setting_checks import LARGEST_NOSE, positive_length
-from metrosep.process._setting_equations import FREEDOMS, alike, modelled, solve
-from metrosep.process._setting_model import FACTORS, known_form
-from metrosep.process._setting_noise import (
+from metrosep.process._setting_equations import (
+    FACTORS,
+    FREEDOMS,
     Correlation,
+    Settled,
+    Task,
+    alike,
     correlation,
     covariance,
+    known_form,
+    modelled,
     neighbours_of_scattered,
+    solve,
 )
 from metrosep.process._setting_periods import settle_in_period
-from metrosep.process._setting_steps import Settled, Task
-from metrosep.process.setting_maps import checked_region
+from metrosep.process.setting_maps import LARGEST_NOSE, checked_region, positive_length
 from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["SettingFit", "identify_setting"]

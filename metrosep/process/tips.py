@@ -27,10 +27,9 @@ from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
-from metrosep.process._setting_checks import finite_positions
-from metrosep.process._setting_model import known_form
+from metrosep.process._setting_equations import known_form
 from metrosep.process.nose import RoundNose, signed_sense, smallest_length
-from metrosep.process.setting_maps import plausible_length
+from metrosep.process.setting_maps import finite_positions, plausible_length
 
 __all__ = ["TipPath", "TipSurface", "tip_path"]
 

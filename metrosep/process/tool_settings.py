@@ -22,15 +22,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
-from metrosep.process._setting_checks import (
-    checked_covariance,
-    checked_factors,
-    checked_setting,
-    checked_uncertainty,
-    map_extent,
-    positions,
-)
-from metrosep.process._setting_model import (
+from metrosep.process._setting_equations import (
     FACTORS,
     Factor,
     exact_cut,
@@ -40,7 +32,13 @@ from metrosep.process._setting_model import (
 from metrosep.process.setting_maps import (
     Mesh,
     SettingError,
+    checked_covariance,
+    checked_factors,
+    checked_setting,
+    checked_uncertainty,
+    map_extent,
     polar_axes,
+    positions,
     square_axes,
 )
 

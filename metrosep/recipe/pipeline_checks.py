@@ -143,8 +143,8 @@ def form_options(options: Mapping[str, Any]) -> tuple[Any, dict[str, Any]]:
 
 
 def _form_numbers(given: Mapping[str, Any], ideal: Any, key: str) -> dict[str, float]:
+    from metrosep.forms.base import RIGID
     from metrosep.forms.catalogue import parameter_value
-    from metrosep.forms.placement import RIGID
 
     units = {**RIGID, **ideal.units_of()}
     found = {}
@@ -342,8 +342,8 @@ def _unit_in(step: Mapping[str, Any], symbol: str) -> str | None:
 
 def _units_of_form(step: Mapping[str, Any]) -> dict[str, str]:
     """Return the unit of each value that the fit of a form finds; a radius also as a curvature."""
+    from metrosep.forms.base import RIGID
     from metrosep.forms.conic import curvature_name
-    from metrosep.forms.placement import RIGID
 
     ideal = form_options(step)[0]
     bent = dict.fromkeys((curvature_name(n) for n in ideal.radii), "1/m")

@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, DegenerateFitError
 from metrosep.core.quantity import Quantity
-from metrosep.separation._flat_pixels import FlatPixelSolver
-from metrosep.separation._flat_setups import FLATS, FlatSetup, facing
-from metrosep.separation._flat_zernike import DiscBasis, FlatZernikeSolver
-from metrosep.separation._map_input import MapGrid
-from metrosep.separation._map_orders import RIGID, coarse, mirror, without_plane
-from metrosep.separation._map_results import noise_of
-from metrosep.separation._map_whiteness import residual_doubts, smoothness
+from metrosep.forms.zernike import ZernikeOrder, nm_to_ansi, term_indices, term_name, to_nm
+from metrosep.forms.zernike_fit import zernike_values
+from metrosep.separation._map_input import (
+    RIGID,
+    MapGrid,
+    TurnedNoise,
+    class_share,
+    coarse,
+    combined,
+    mirror,
+    noise_of,
+    orders_of,
+    residual_doubts,
+    smoothness,
+    solve_order,
+    turned,
+    without_plane,
+)
 from metrosep.separation.contract import Unobservable
 from metrosep.separation.registration import extended, map_gradient
 
@@ -264,3 +276,297 @@ def undescribed(residual: FloatArray, stack: FloatArray) -> tuple[str, ...]:
         "have no such waves, check the set-up: which flat was turned, angles, order of the readings"
     )
     return (text,)
+
+
+# ---- set-ups of a three-flat test: which flats face each other, how they are turned and mirrored ----
+
+FLATS = ("A", "B", "C")
+
+
+@dataclass(frozen=True, slots=True)
+class FlatSetup:
+    """One reading: ``R(turn_first) first + R(turn_second) F second``, F the mirror.
+
+    Parameters
+    ----------
+    first, second : {"A", "B", "C"}
+        The second one faces the first and is seen mirrored.
+    turn_first, turn_second : float, rad
+        Counter-clockwise in the map.
+    """
+
+    first: str
+    second: str
+    turn_first: float = 0.0
+    turn_second: float = 0.0
+
+    @property
+    def moved_first(self) -> bool:
+        """Whether it is the first flat that was placed anew for this reading."""
+        return self.turn_first != 0.0 or (self.turn_second == 0.0 and self.first == "B")
+
+
+def flat_setups(
+    angles: Sequence[float], pairs: Sequence[str], turned_flat: str
+) -> tuple[FlatSetup, ...]:
+    """Return AB, AC, BC and the turned readings."""
+    basic = [FlatSetup("A", "B"), FlatSetup("A", "C"), FlatSetup("B", "C")]
+    for angle, pair in zip(angles, pairs, strict=True):
+        turns = (angle, 0.0) if turned_flat == "first" else (0.0, angle)
+        basic.append(FlatSetup(pair[0], pair[1], *turns))
+    return tuple(basic)
+
+
+def order_design(setups: Sequence[FlatSetup], order: int, mirror_sign: FloatArray) -> FloatArray:
+    """Return the design of one angular order (or class of orders)."""
+    out = np.zeros((2 * len(setups), 6))
+    for s, item in enumerate(setups):
+        rows = slice(2 * s, 2 * s + 2)
+        a, b = 2 * FLATS.index(item.first), 2 * FLATS.index(item.second)
+        out[rows, a : a + 2] += _turn(order * item.turn_first)
+        out[rows, b : b + 2] += _turn(order * item.turn_second) * mirror_sign
+    return out
+
+
+def facing(
+    maps: FloatArray, item: FlatSetup, grid: MapGrid, flip: str
+) -> tuple[FloatArray, FloatArray]:
+    """Return what the first and the second flat contribute to a reading."""
+    first = maps[FLATS.index(item.first)][None]
+    second = mirror(maps[FLATS.index(item.second)], flip)[None]
+    return (
+        turned(first, item.turn_first, grid)[0][0],
+        turned(second, item.turn_second, grid)[0][0],
+    )
+
+
+def _turn(angle: float) -> FloatArray:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+# ---- three flats pixel by pixel: even and odd shares of classes of angular orders --------------
+
+_SEED = 20260727
+_PIXELS_COARSE = 128
+
+
+class FlatPixelSolver:
+    """The linear operation from readings to A, B, C by sums of turned and mirrored readings."""
+
+    def __init__(
+        self, setups: Sequence[FlatSetup], n: int, flip: str, largest_gain: float
+    ) -> None:
+        self.setups, self.n, self.flip = setups, n, flip
+        shape = (3, len(setups), n)
+        self.direct, self.mirrored = np.zeros(shape), np.zeros(shape)
+        self.all_direct, self.all_mirrored = np.zeros(shape), np.zeros(shape)
+        self.freedom = 0.0
+        even_lost: dict[int, list[int]] = {0: [], 1: [], 2: []}
+        odd_lost: dict[int, list[int]] = {0: [], 1: [], 2: []}
+        turns = 2.0 * np.pi * np.arange(n) / n
+        sign = np.array([1.0, -1.0])
+        for q in range(n // 2 + 1):
+            # a turn mixes the even share e and the odd one's quadrature o' the other way round
+            solved = solve_order(order_design(setups, -q, sign))
+            share = class_share(q, n) / n
+            self.freedom += share * (2 * len(setups) - solved.rank) / 2.0
+            seen = solved.seen & (solved.gain <= largest_gain)
+            for p in range(3):
+                w = np.real(solved.weights[2 * p : 2 * p + 2])
+                self._add(self.all_direct[p], self.all_mirrored[p], w, q * turns, share)
+                kept = w * seen[2 * p : 2 * p + 2, None]
+                self._add(self.direct[p], self.mirrored[p], kept, q * turns, share)
+                if not seen[2 * p]:
+                    even_lost[p].append(q)
+                if not seen[2 * p + 1]:
+                    odd_lost[p].append(q)
+        self.even_lost = {p: orders_of(v, n) if v else () for p, v in even_lost.items()}
+        self.odd_lost = {
+            p: tuple(m for m in orders_of(v, n) if m > 0) if v else () for p, v in odd_lost.items()
+        }
+
+    @staticmethod
+    def _add(
+        direct: FloatArray, mirrored: FloatArray, w: FloatArray, angle: FloatArray, share: float
+    ) -> None:
+        w1, w2, w3, w4 = w[0, 0::2], w[0, 1::2], w[1, 0::2], w[1, 1::2]
+        c, s = np.cos(angle), np.sin(angle)
+        direct += share / 2.0 * (np.outer(w1 + w4, c) + np.outer(w2 - w3, s))
+        mirrored += share / 2.0 * (np.outer(w1 - w4, c) + np.outer(w2 + w3, s))
+
+    def parts(self, stack: FloatArray, grid: MapGrid) -> FloatArray:
+        """Return A, B, C without what is not observable."""
+        return combined(stack, grid, self.direct, self.mirrored, flip=self.flip)
+
+    def solve(
+        self, stack: FloatArray, grid: MapGrid, removed: Sequence[str]
+    ) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
+        """Return parts, their variance, the residual of the readings, its freedom and smoothness."""
+        parts = self.parts(stack, grid)
+        variance = TurnedNoise(grid, self.n, self.flip).variance(self.direct, self.mirrored)
+        parts = np.stack([without_plane(z, grid, removed=removed) for z in parts])
+        residual = self.residual(stack, grid, removed)
+        measured = float(np.isfinite(residual).all(axis=0).sum())
+        if self.n in (1, 2, 4):
+            return parts, variance, residual, self.freedom * measured, 1.0
+        rng = np.random.default_rng(_SEED)
+        small, small_grid = coarse(stack, grid, _PIXELS_COARSE)
+        unit = np.where(np.isfinite(small), rng.standard_normal(small.shape), np.nan)
+        left = self.residual(unit, small_grid, removed)
+        known = np.isfinite(left).all(axis=0)
+        freedom = float((left[:, known] ** 2).sum(axis=0).mean()) if known.any() else 0.0
+        return parts, variance, residual, freedom * measured, smoothness(left)
+
+    def residual(self, stack: FloatArray, grid: MapGrid, removed: Sequence[str]) -> FloatArray:
+        """Return what the model leaves of the readings."""
+        least = combined(stack, grid, self.all_direct, self.all_mirrored, flip=self.flip)
+        out = []
+        for z, item in zip(stack, self.setups, strict=True):
+            first, second = facing(least, item, grid, self.flip)
+            out.append(without_plane(z - first - second, grid, removed=removed))
+        return np.stack(out)
+
+
+# ---- three flats in a Zernike basis: one least-squares system for each angular order -----------
+
+_BLOCK = 16384
+_WORST_CONDITION = 1e6
+MOST_TERMS = 1000
+"""Beyond, the systems of equations grow out of all memory."""
+
+
+def zernike_terms_of(
+    terms: int | Sequence[int], order: ZernikeOrder
+) -> tuple[tuple[int, int], ...]:
+    """Return (n, m) of the terms and of their partners (n, -m), by ANSI number."""
+    indices = () if isinstance(terms, int) else tuple(terms)
+    many = terms if isinstance(terms, int) else max([len(indices), *indices], default=0)
+    if many > MOST_TERMS:
+        raise DataError(f"terms go up to {MOST_TERMS}, got {many}; use fewer, or method='pixel'")
+    chosen = {to_nm(i, order) for i in term_indices(terms, order)} | {(0, 0), (1, 1)}
+    both = chosen | {(n, -m) for n, m in chosen}
+    return tuple(sorted(both, key=lambda nm: nm_to_ansi(*nm)))
+
+
+class DiscBasis:
+    """Zernike terms on the measured pixels of a disc, and their normal matrix."""
+
+    def __init__(
+        self,
+        grid: MapGrid,
+        mask: NDArray[np.bool_],
+        nm: Sequence[tuple[int, int]],
+        radius: float | None = None,
+    ) -> None:
+        self.nm, self.mask, self.shape = tuple(nm), mask, grid.shape
+        rows, columns = np.nonzero(mask)
+        x, y = grid.x[columns], grid.y[rows]
+        self.radius = float(np.hypot(x, y).max()) if radius is None else float(radius)
+        if not (np.isfinite(self.radius) and self.radius > 0.0):
+            raise DataError(f"radius is {radius} m; the disc needs a positive one")
+        self.x, self.y = x / self.radius, y / self.radius
+        if x.size < 3 * len(self.nm):
+            raise DegenerateFitError(self._undetermined())
+        normal = np.zeros((len(self.nm), len(self.nm)))
+        for block, _ in self.blocks():
+            normal += block @ block.T
+        self.normal = normal
+        if np.linalg.cond(normal) > _WORST_CONDITION:
+            raise DegenerateFitError(self._undetermined())
+        self.inverse = np.linalg.inv(normal)
+
+    def _undetermined(self) -> str:
+        return (
+            f"{len(self.nm)} Zernike terms are not determined by the {self.x.size} pixels of the "
+            "common mask; use fewer terms, state the radius and the centre, or method='pixel'"
+        )
+
+    def blocks(self) -> Iterator[tuple[FloatArray, slice]]:
+        """Yield the terms, shape (p, k), at pieces of the pixels."""
+        for start in range(0, self.x.size, _BLOCK):
+            piece = slice(start, start + _BLOCK)
+            yield zernike_values(self.x[piece], self.y[piece], self.nm), piece
+
+    def fit(self, stack: FloatArray) -> FloatArray:
+        """Return the coefficients of maps."""
+        z = stack[:, self.mask]
+        sums = np.zeros((stack.shape[0], len(self.nm)))
+        for block, piece in self.blocks():
+            sums += z[:, piece] @ block.T
+        return np.asarray(sums @ self.inverse)
+
+    def maps(self, coefficients: FloatArray) -> FloatArray:
+        """Return maps of coefficients, NaN beside the mask."""
+        out = np.full((coefficients.shape[0], *self.shape), np.nan)
+        found = np.empty((coefficients.shape[0], self.x.size))
+        for block, piece in self.blocks():
+            found[:, piece] = coefficients @ block
+        out[:, self.mask] = found
+        return out
+
+    def deviations(self, covariances: FloatArray) -> FloatArray:
+        """Return standard deviations of maps whose coefficients have given covariances."""
+        out = np.full((covariances.shape[0], *self.shape), np.nan)
+        found = np.empty((covariances.shape[0], self.x.size))
+        for block, piece in self.blocks():
+            for k, c in enumerate(covariances):
+                found[k, piece] = np.einsum("ij,ij->j", block, c @ block)
+        out[:, self.mask] = np.sqrt(np.maximum(found, 0.0))
+        return out
+
+
+class FlatZernikeSolver:
+    """The linear operation from coefficients of readings to those of A, B, C."""
+
+    def __init__(
+        self,
+        setups: Sequence[FlatSetup],
+        nm: Sequence[tuple[int, int]],
+        flip: str,
+        aligned: Sequence[tuple[int, int]],
+        largest_gain: float,
+    ) -> None:
+        self.nm = tuple(nm)
+        place = {term: i for i, term in enumerate(self.nm)}
+        p, s = len(self.nm), len(setups)
+        self.seen = np.zeros((3, p), dtype=bool)
+        self.operator = np.zeros((3 * p, s * p))
+        self.model = np.zeros((s * p, 3 * p))
+        self.rank = 0
+        for n, m in self.nm:
+            if m < 0:
+                continue
+            both = [place[n, m]] + ([place[n, -m]] if m else [])
+            design = order_design(setups, m, _mirror_signs(m, flip))
+            if m == 0:
+                design = design[0::2, 0::2]
+            solved = solve_order(design)
+            rows = np.array([part * p + i for part in range(3) for i in both])
+            columns = np.array([reading * p + i for reading in range(s) for i in both])
+            self.operator[np.ix_(rows, columns)] = np.real(solved.weights)
+            self.model[np.ix_(columns, rows)] = design
+            if (n, m) in aligned:
+                self.rank += s * len(both)
+                continue
+            self.rank += solved.rank
+            self.seen[rows // p, rows % p] = solved.seen & (solved.gain <= largest_gain)
+
+    def hidden_terms(self, aligned: Sequence[tuple[int, int]]) -> dict[int, tuple[str, ...]]:
+        """Return the names of the terms that turns and mirror leave unknown, for each flat."""
+        return {
+            part: tuple(
+                f"{term_name(n, m)} [Z({n}, {m})]"
+                for i, (n, m) in enumerate(self.nm)
+                if not self.seen[part, i] and (n, m) not in aligned
+            )
+            for part in range(3)
+        }
+
+
+def _mirror_signs(m: int, flip: str) -> FloatArray:
+    """Return the signs of cos(m t) and sin(m t) under x -> -x (t -> pi - t) or y -> -y (t -> -t)."""
+    if flip == "y":
+        return np.array([1.0, -1.0])
+    even = 1.0 if m % 2 == 0 else -1.0
+    return np.array([even, -even])

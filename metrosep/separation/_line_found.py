@@ -12,7 +12,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DegenerateFitError, NotSeparableError, TooFewSamplesError
 from metrosep.core.units import format_length
-from metrosep.separation._line_coverage import needed_travel, probe_places, read_samples
 from metrosep.separation._line_probes import (
     Row,
     Rows,
@@ -21,7 +20,13 @@ from metrosep.separation._line_probes import (
     kinds_of,
     rows_without_carriage,
 )
-from metrosep.separation._line_problem import Problem, Stations
+from metrosep.separation._line_problem import (
+    Problem,
+    Stations,
+    needed_travel,
+    probe_places,
+    read_samples,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

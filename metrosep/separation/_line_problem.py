@@ -11,19 +11,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, as_float
-from metrosep.core.errors import DataError, InvalidSamplesError, UnitError
+from metrosep.core.errors import DataError, InvalidSamplesError, NotUniformError, UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.units import format_length
 from metrosep.separation._line_probes import (
+    GRID_RTOL,
     MAX_POSITIONS,
     Row,
+    Rows,
     complement,
     grid_of,
     positions,
     uniform_step,
 )
-from metrosep.separation.contract import Separation
+from metrosep.separation.contract import Separation, Unobservable
 
 MAX_ANGLE = 0.02
 """A pitch above 20 mrad is no straightness error of a carriage: it was given in another unit."""
@@ -396,3 +398,141 @@ def _of_profiles(
                 "given over the position of the carriage"
             )
     return np.array([p.z for p in m]), first.x, tuple(s for p in m for s in p.history)
+
+
+# ---- what probes in a row cannot see, and how much they see of a wave --------------------------
+
+LINE = (
+    "offset and line are the alignment of artefact and probes to the carriage; measure them "
+    "against another reference"
+)
+PARABOLA = (
+    "the zero error of the middle probe bends the artefact into a parabola; give zero with "
+    "u_zero, zero_cal from a reversal or a known flat, or the readings of a pitch sensor"
+)
+
+
+def hidden_wavelengths(row: Row) -> tuple[float, ...]:
+    """Return the wavelengths of at least two steps that no combination of the probes sees, m."""
+    o = np.array(row.offsets) - row.offsets[0]
+    found: set[float] = set()
+    for d in np.diff(o):
+        for n in range(1, int(d / (2.0 * row.step) * (1.0 + 1e-9)) + 1):
+            wavelength = float(d) / n
+            phase = np.exp(2j * np.pi * o / wavelength)
+            if np.abs(phase - 1.0).max() < 1e-6:
+                found.add(float(f"{wavelength:.9g}"))
+    return tuple(sorted(found, reverse=True))
+
+
+def transfer_of(
+    offsets: tuple[float, ...], nuisance: FloatArray, wavelengths: FloatArray
+) -> FloatArray:
+    """Return the length of what is left of a unit wave when the carriage has cancelled."""
+    left, size, _ = np.linalg.svd(nuisance, full_matrices=True)
+    rank = int((size > 1e-12 * size.max()).sum())
+    with np.errstate(divide="ignore"):
+        phase = np.exp(2j * np.pi * np.array(offsets)[:, None] / wavelengths[None, :])
+    return np.asarray(np.linalg.norm(left[:, rank:].T @ phase, axis=0))
+
+
+def null_space_of(row: Row, degree: int, *, pitch_part: bool) -> tuple[Unobservable, ...]:
+    """Return what whole readings of these probes do not determine."""
+    reason = LINE if degree < 2 else f"{LINE}; {PARABOLA}"
+    items = [
+        Unobservable(p, "polynomial", tuple(range(degree + 1)), reason)
+        for p in ("artefact", "straightness")
+    ]
+    if row.pitch:
+        items.append(Unobservable("pitch", "polynomial", tuple(range(degree)), reason))
+    elif pitch_part:
+        text = (
+            "two probes cannot tell pitch from form: the sum of pitch times distance is in the "
+            "artefact; use three probes or read the pitch with an angle sensor"
+        )
+        items.append(Unobservable("pitch", "term", ("pitch",), text))
+    waves = hidden_wavelengths(row)
+    if waves:
+        text = (
+            "all probes see these waves in the same phase; change the distances so that they have "
+            "no large common measure, or measure a second time with another distance"
+        )
+        items.append(Unobservable("artefact", "wavelength", waves, text))
+    if has_end_waves(row):
+        text = (
+            "each position gives one equation, so as many shapes as the probes span steps stay free: "
+            "waves that die away from the ends; overlap the ends, add a probe, or use "
+            "method='generalised', which takes the smoothest"
+        )
+        items.append(Unobservable("artefact", "term", ("end waves",), text))
+    return tuple(items)
+
+
+def has_end_waves(row: Row) -> bool:
+    """Return whether shapes other than lines and waves of the distances escape these probes."""
+    order = 2 if row.pitch else 1
+    return len(row.offsets) == order + 1 and row.span > order * row.grid_period
+
+
+# ---- which samples of an artefact the probes of a row read, and whether they read any of them twice ----
+
+
+def needed_travel(row: Row) -> float:
+    """Return the travel below which no place of the artefact is read by two probes that count, m.
+
+    As many probes as the carriage needs must each overlap with its neighbour, of more one pair.
+    """
+    gaps = np.diff(row.offsets)
+    least = len(row.offsets) == (3 if row.pitch else 2)
+    return float(gaps.max() if least else gaps.min()) * (1.0 - GRID_RTOL)
+
+
+def check_overlap(row: Row, x: FloatArray, what: str) -> None:
+    """Refuse probes farther apart than the carriage travels: no place is read twice."""
+    travel, needed = float(x[-1] - x[0]), needed_travel(row)
+    if travel >= needed:
+        return
+    needed /= 1.0 - GRID_RTOL
+    raise UnitError(
+        f"{what}: the carriage travels {format_length(travel)}, but the probes are "
+        f"{format_length(needed)} apart: no place of the artefact is read by both, so nothing is "
+        "separated; distances and positions are given in m, or travel farther"
+    )
+
+
+def check_steps(row: Row, x: FloatArray, what: str) -> None:
+    """Refuse positions that are not one step of the sums apart."""
+    worst = float(np.abs(np.diff(x) - row.step).max(initial=0.0))
+    if worst > 2.0 * GRID_RTOL * row.step:
+        raise NotUniformError(
+            f"{what}: the positions x differ by up to {format_length(worst)} from steps of "
+            f"{format_length(row.step)}, and 'sequential' sums are over equal steps; leave out step, "
+            "or use method='least_squares'"
+        )
+
+
+def probe_places(row: Row, x: FloatArray, grid: FloatArray) -> list[FloatArray]:
+    """Return where each probe reads: on the grid itself where steps are equal and offsets whole."""
+    even = np.abs(np.diff(x) - row.step).max() <= 2.0 * GRID_RTOL * row.step
+    if row.shifts is not None and even:
+        return [grid[k : k + x.size] for k in row.shifts]
+    return [x + o for o in row.offsets]
+
+
+def read_samples(
+    rows: Rows, places: list[FloatArray], at: NDArray[np.intp], grid: FloatArray, step: float
+) -> NDArray[np.bool_]:
+    """Return which samples lie less than a step from a reading that takes part in a row.
+
+    A sample a whole step away from every reading lies between samples that were read: what an
+    estimator makes of it is a guess.
+    """
+    touched = rows.touched
+    here = [np.empty(0)] + [p[at[touched[s]]] for s, p in enumerate(places)]
+    index = (np.concatenate(here) - grid[0]) / step
+    read = np.zeros(grid.size, dtype=bool)
+    low = np.floor(index + GRID_RTOL)
+    exact = np.abs(index - low) <= 2.0 * GRID_RTOL
+    for sample in (low, low[~exact] + 1.0):
+        read[np.clip(sample, 0, grid.size - 1).astype(np.intp)] = True
+    return read

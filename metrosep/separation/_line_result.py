@@ -14,17 +14,20 @@ from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
-from metrosep.separation._line_coverage import check_overlap, check_steps
 from metrosep.separation._line_found import Found, solve
-from metrosep.separation._line_null_space import PARABOLA, has_end_waves, null_space_of
 from metrosep.separation._line_probes import Row, positions
 from metrosep.separation._line_problem import (
+    PARABOLA,
     Problem,
     Request,
     Sensor,
     Zero,
+    check_overlap,
     check_size,
+    check_steps,
     checked_sensor,
+    has_end_waves,
+    null_space_of,
     number,
     pooled_noise,
     problem_of,

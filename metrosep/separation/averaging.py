@@ -15,10 +15,18 @@ from metrosep.core.errors import DataError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.separation._map_input import PIXELS, MapGrid, checked_u, map_stack, require_overlap
-from metrosep.separation._map_orders import without_plane
-from metrosep.separation._map_results import REMOVABLE, noise_of, rigid_terms
-from metrosep.separation._map_whiteness import unit_doubts
+from metrosep.separation._map_input import (
+    PIXELS,
+    REMOVABLE,
+    MapGrid,
+    checked_u,
+    map_stack,
+    noise_of,
+    require_overlap,
+    rigid_terms,
+    unit_doubts,
+    without_plane,
+)
 from metrosep.separation._readings import given_parts
 from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 

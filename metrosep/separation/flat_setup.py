@@ -15,31 +15,41 @@ from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, DegenerateFitError, NotSeparableError
 from metrosep.core.provenance import Step
 from metrosep.forms.zernike import ZernikeOrder
-from metrosep.separation._flat_pixels import FlatPixelSolver
 from metrosep.separation._flat_result import (
+    FLATS,
     ODD_REASON,
+    DiscBasis,
+    FlatPixelSolver,
     FlatResult,
+    FlatSetup,
+    FlatZernikeSolver,
     by_pixels,
     by_terms,
     doubts_of_flats,
+    facing,
+    flat_setups,
     hidden_orders,
     registration_of_flats,
     undescribed,
+    zernike_terms_of,
 )
-from metrosep.separation._flat_setups import FLATS, FlatSetup, facing, flat_setups
-from metrosep.separation._flat_zernike import DiscBasis, FlatZernikeSolver, zernike_terms_of
 from metrosep.separation._map_input import (
+    MOST_POSITIONS,
     PIXELS,
+    REMOVABLE,
     MapGrid,
     checked_angles,
     checked_u,
+    common_step,
     map_stack,
+    mirror,
+    noise_of,
     require_overlap,
     require_scale,
+    rigid_terms,
+    unit_doubts,
+    without_plane,
 )
-from metrosep.separation._map_orders import MOST_POSITIONS, common_step, mirror, without_plane
-from metrosep.separation._map_results import REMOVABLE, noise_of, rigid_terms
-from metrosep.separation._map_whiteness import unit_doubts
 from metrosep.separation._readings import given_parts
 from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 

@@ -41,8 +41,8 @@ from metrosep.separation.base import (
     SampledCurve,
 )
 from metrosep.separation.design import PreparedRun, evaluation_range, prepare_runs
-from metrosep.separation.evidence import evidence_table
-from metrosep.separation.explain import (
+from metrosep.separation.evidence import (
+    evidence_table,
     explain_band,
     explain_disturbances,
     explain_lag,

@@ -17,17 +17,18 @@ from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.forms.zernike import term_name
 from metrosep.forms.zernike_fit import zernike_values
-from metrosep.separation._flat_zernike import DiscBasis, zernike_terms_of
+from metrosep.separation._flat_result import DiscBasis, zernike_terms_of
 from metrosep.separation._map_input import (
     PIXELS,
     MapGrid,
     checked_angles,
     checked_u,
     map_stack,
+    noise_of,
     require_overlap,
+    rigid_terms,
+    unit_doubts,
 )
-from metrosep.separation._map_results import noise_of, rigid_terms
-from metrosep.separation._map_whiteness import unit_doubts
 from metrosep.separation._readings import given_parts
 from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 

@@ -20,13 +20,14 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.separation._line_null_space import null_space_of, transfer_of
 from metrosep.separation._line_probes import Row, checked_row, interpolation
 from metrosep.separation._line_problem import (
     Request,
     checked_smoothing,
     given_readings,
     method_named,
+    null_space_of,
+    transfer_of,
 )
 from metrosep.separation._line_result import evaluate
 from metrosep.separation._readings import checked_readings

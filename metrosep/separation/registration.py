@@ -19,9 +19,16 @@ from metrosep.core.errors import (
     TooFewSamplesError,
 )
 from metrosep.core.surface import Surface
-from metrosep.separation._map_input import MapGrid, checked_u, map_stack, require_overlap
-from metrosep.separation._map_orders import RIGID, coarse, without_plane
-from metrosep.separation.map_turning import turned
+from metrosep.separation._map_input import (
+    RIGID,
+    MapGrid,
+    checked_u,
+    coarse,
+    map_stack,
+    require_overlap,
+    turned,
+    without_plane,
+)
 
 __all__ = ["Registration", "register_maps", "register_points", "registration_uncertainty"]
 

@@ -17,32 +17,35 @@ from metrosep.core.errors import DataError, NotSeparableError
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.separation._map_input import (
+    LISTED_ORDERS,
     PIXELS,
+    REMOVABLE,
+    RIGID,
     MapGrid,
+    TurnedNoise,
     checked_angles,
     checked_u,
-    map_stack,
-    require_overlap,
-    require_scale,
-)
-from metrosep.separation._map_orders import (
-    LISTED_ORDERS,
-    RIGID,
     class_share,
     coarse,
     combined,
     common_step,
+    interpolated,
+    map_stack,
     mirror,
+    noise_of,
     orders_of,
+    require_overlap,
+    require_scale,
+    residual_doubts,
+    rigid_terms,
+    smoothness,
     solve_order,
+    turned,
+    unit_doubts,
     without_plane,
 )
-from metrosep.separation._map_results import REMOVABLE, noise_of, rigid_terms
-from metrosep.separation._map_variance import TurnedNoise
-from metrosep.separation._map_whiteness import residual_doubts, smoothness, unit_doubts
 from metrosep.separation._readings import given_parts
 from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
-from metrosep.separation.map_turning import interpolated, turned
 from metrosep.separation.registration import registration_share
 
 __all__ = ["RotationTest", "rotation_average"]

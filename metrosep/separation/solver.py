@@ -11,7 +11,7 @@ autoregressive process in time that all runs of one sampling interval share, and
 whatever the feedrate; noise is what sits at the same frequency.
 
 Options add drift, lines, a part that grows with the feedrate, gains of probes and weights
-(`metrosep.separation.terms`, `unknowns`, `weights`); without them nothing of this changes.
+(`metrosep.separation.lines`, `unknowns`, `weights`); without them nothing of this changes.
 
 Everything here is dimensionless: heights over their RMS, positions over half the travel.
 """
@@ -38,11 +38,9 @@ from metrosep.core.errors import (
 from metrosep.separation._readings import positive, real_numbers
 from metrosep.separation._unknowns import Frequency, Gain, Lag, Unknown
 from metrosep.separation.design import PreparedRun
-from metrosep.separation.feed_test import lag_score, square_of_feed_score, whitened_rows
-from metrosep.separation.lines import FoundLine, find_line, nearest_power
+from metrosep.separation.lines import FoundLine, Terms, find_line, nearest_power
 from metrosep.separation.options import JointOptions
-from metrosep.separation.system import System
-from metrosep.separation.terms import Terms
+from metrosep.separation.system import System, whitened
 from metrosep.separation.weights import Cavity, OctavePrior, PriorWeights, RowWeights
 from metrosep.spectral.autoregressive import AutoregressiveModel
 from metrosep.spectral.spectra import Psd
@@ -794,3 +792,80 @@ def _refuse_shaking(f: FloatArray, s: FloatArray, where: str) -> None:
             f"the density integrates to {rms:.3g} m RMS{where}, more than any machine shakes; give "
             "m^2/Hz (1 um^2/Hz is 1e-12 m^2/Hz, 1 nm^2/Hz is 1e-18)"
         )
+
+
+# ---- private to separation: score tests of what the fit left out: a square of the feed, a lag ----
+
+
+def square_of_feed_score(
+    system: System, covariance: FloatArray, *, kind: str
+) -> tuple[float, int] | None:
+    """Return the score test of a part that grows with the square of the feedrate."""
+    rel = system.terms.relative_speed
+    score, own, cross = _score(
+        system, lambda i: _columns(system, i, kind) * (rel[i] ** 2 - float(np.mean(rel**2)))
+    )
+    information = own - cross.T @ covariance @ cross
+    values, vectors = np.linalg.eigh(information)
+    seen = values > 1e-6 * float(np.diag(own).max())
+    if not seen.any():
+        return None
+    along = vectors[:, seen].T @ score
+    return float(np.sum(along**2 / values[seen])), int(seen.sum())
+
+
+def lag_score(system: System, covariance: FloatArray) -> tuple[float, float, FloatArray] | None:
+    """Return the lag beside the one at hand, its u, and the change of the solution with it.
+
+    With g the score and I the information that the other unknowns leave: lag = g/I, u = 1/sqrt(I),
+    chi-square of 1 degree (lag/u)^2; the solution changes by - C b for each second, b the cross
+    information.
+    """
+    column = Lag().column
+    score, own, cross = _score(system, lambda i: column(system, i, system.basis(i))[:, None])
+    along = covariance @ cross[:, 0]
+    information = float(own[0, 0] - cross[:, 0] @ along)
+    if information <= 1e-9 * float(own[0, 0]):
+        return None
+    return float(score[0]) / information, information**-0.5, -along
+
+
+def _score(
+    system: System, columns_of: Callable[[int], FloatArray]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return score, own and cross information of extra columns at the solution."""
+    n, q = system.n_fixed + 2 * system.n_harmonics, columns_of(0).shape[1]
+    score, own, cross = np.zeros(q), np.zeros((q, q)), np.zeros((n, q))
+    for group, model in zip(system.groups, system.noise, strict=True):
+        for i in group:
+            rows, extra, rest, variance = whitened_rows(system, i, model, columns_of(i))
+            variance *= system.sharing[0]
+            score += extra.T @ rest / variance
+            own += extra.T @ extra / variance
+            cross += rows.T @ extra / variance
+    return score, own, cross
+
+
+def _columns(system: System, index: int, kind: str) -> FloatArray:
+    if kind == "waves":
+        return system.terms.waves(index)
+    curve = system.basis(index) @ system.solution[system.n_fixed :]
+    return np.asarray(curve[:, None])
+
+
+def whitened_rows(
+    system: System, index: int, model: AutoregressiveModel, columns: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Return whitened design, extra columns, residual and variance of a row."""
+    design = np.hstack([system.design(index), columns])
+    n = design.shape[1]
+    variance = model.variance
+    if system.weights is None:
+        rows, values = whitened(design, system.z[index], model.coefficients)
+    else:
+        marks = system.weights.marks(index)
+        rows, values = whitened(np.hstack([design, marks]), system.z[index], model.coefficients)
+        rows, values = system.weights.apply(index, rows, values, n)
+        variance /= system.weights.information(index)
+    first = n - columns.shape[1]
+    return rows[:, :first], rows[:, first:], values - rows[:, :first] @ system.solution, variance

@@ -15,7 +15,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DegenerateFitError
 from metrosep.separation._unknowns import Unknown
 from metrosep.separation.design import PreparedRun
-from metrosep.separation.terms import Terms
+from metrosep.separation.lines import Terms
 from metrosep.separation.weights import MAD, RowWeights
 from metrosep.spectral.autoregressive import AutoregressiveModel, fit_autoregressive, whiten
 from metrosep.spectral.dft import fourier_basis

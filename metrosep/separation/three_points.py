@@ -19,7 +19,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.separation._line_null_space import null_space_of, transfer_of
 from metrosep.separation._line_probes import Row, checked_row
 from metrosep.separation._line_problem import (
     METHODS,
@@ -28,8 +27,10 @@ from metrosep.separation._line_problem import (
     checked_smoothing,
     given_readings,
     method_named,
+    null_space_of,
     number,
     split_call,
+    transfer_of,
 )
 from metrosep.separation._line_result import evaluate
 from metrosep.separation._readings import checked_readings

@@ -6,7 +6,7 @@ import pytest
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
 from metrosep.core.surface import Surface
 from metrosep.forms.conic import Conic
-from metrosep.forms.grid import GridForm
+from metrosep.forms.stl import GridForm
 
 DX, DY = 1e-3, 2e-3
 ORIGIN = (-10e-3, 5e-3)

@@ -7,8 +7,7 @@ import pytest
 
 from metrosep.core.errors import DataError
 from metrosep.plot.toolpath_chart import path_error_counts, path_error_figure, path_error_line
-from metrosep.process.path_points import errors_by_count
-from metrosep.process.spirals import SpiralPath
+from metrosep.process.path_points import SpiralPath, errors_by_count
 
 NM = 1e-9
 

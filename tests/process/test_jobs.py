@@ -11,9 +11,9 @@ from metrosep.forms import Conic, Expression, SineGrid, Sphere, Toric
 from metrosep.process._motion import FollowUpMap
 from metrosep.process.jobs import TurningJob
 from metrosep.process.nose import RoundNose
+from metrosep.process.path_points import SpiralPath
 from metrosep.process.predictions import Contribution, pv_quantities
 from metrosep.process.setting_fit import identify_setting
-from metrosep.process.spirals import SpiralPath
 from metrosep.process.tool_settings import ToolSetting
 
 NM = 1e-9

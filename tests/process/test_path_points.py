@@ -10,8 +10,7 @@ import pytest
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 from metrosep.forms import SineGrid
 from metrosep.process.path_errors import estimated_points
-from metrosep.process.path_points import errors_by_count, points_for_tolerance
-from metrosep.process.spirals import SpiralPath
+from metrosep.process.path_points import SpiralPath, errors_by_count, points_for_tolerance
 
 RADIUS, FEED = 500e-6, 2e-6
 GRID = SineGrid(amplitude=50e-9, wavelength=100e-6)

@@ -20,7 +20,7 @@ from metrosep.process.feedforward import corrected_path, corrected_points
 from metrosep.process.nose import RoundNose, rake_error
 from metrosep.process.nose_checks import clearance_check, gouge_check, window_check
 from metrosep.process.setting_fit import identify_setting
-from metrosep.process.setting_tolerances import setting_tolerance
+from metrosep.process.setting_maps import setting_tolerance
 from metrosep.process.tool_settings import ToolSetting
 
 GRID = SineGrid(amplitude=50e-9, wavelength=100e-6)

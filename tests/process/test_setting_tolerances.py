@@ -8,7 +8,7 @@ import pytest
 
 from metrosep.core.errors import DataError, TooFewSamplesError, UnitError
 from metrosep.forms import SineGrid, Sphere
-from metrosep.process.setting_tolerances import setting_tolerance
+from metrosep.process.setting_maps import setting_tolerance
 from metrosep.process.tool_settings import ToolSetting
 
 NM, UM = 1e-9, 1e-6

@@ -17,7 +17,7 @@ from metrosep.core.errors import (
 from metrosep.core.surface import Surface
 from metrosep.forms import SineGrid, Sphere
 from metrosep.process.arc_lengths import angle_at_length, arc_length
-from metrosep.process.spirals import SpiralPath
+from metrosep.process.path_points import SpiralPath
 
 RADIUS, FEED = 500e-6, 2e-6
 GRID = SineGrid(amplitude=50e-9, wavelength=100e-6)

@@ -5,9 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from metrosep.separation._map_input import MapGrid
-from metrosep.separation._map_orders import combined
-from metrosep.separation._map_variance import TurnedNoise, overlap
+from metrosep.separation._map_input import MapGrid, TurnedNoise, combined, overlap
 from metrosep.separation.flats import three_flat
 from metrosep.separation.rotations import RotationSolver, rotation_average
 

@@ -13,7 +13,7 @@ from metrosep.core.errors import (
     NotConvergedError,
     TooFewSamplesError,
 )
-from metrosep.separation.map_turning import mirror_map, turn_map
+from metrosep.separation._map_input import mirror_map, turn_map
 from metrosep.separation.registration import (
     register_maps,
     register_points,
