@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from metrosep.separation.planner import plan_feedrates, predicted_sd
+from metrosep.separation.runs.planner import plan_feedrates, predicted_sd
 
 folder = Path(__file__).parent
 measured = pd.read_csv(folder / "density.csv")

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import metrosep as ms
-from metrosep.separation.flats import three_flat
+from metrosep.separation.maps.flats import three_flat
 
 here = Path(__file__).parent
 TURN = np.radians(54.0)

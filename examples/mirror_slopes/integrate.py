@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from metrosep.separation.slope_integration import integrate_slopes, slope_transfer
+from metrosep.separation.lines.slope_integration import integrate_slopes, slope_transfer
 
 NM, URAD = 1e-9, 1e-6
 

@@ -8,7 +8,7 @@ import numpy as np
 import metrosep as ms
 from metrosep.plot.style import COLOURS, DASHED, axes_or_new, house_style, label_decades
 from metrosep.plot.wavefront_chart import disc_map
-from metrosep.separation.plane_model import plane_map
+from metrosep.separation.planes.plane_model import plane_map
 
 HERE = Path(__file__).parent
 LENGTH = {"x": 45e-3, "y": 70e-3}

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import metrosep as ms
-from metrosep.separation.plane_model import plane_map
+from metrosep.separation.planes.plane_model import plane_map
 
 columns = {"z": "z_um", "feed": "feed_mm_min", "time": "t_ms", "run": "run"}
 at, sizes = Path(__file__).parent, {"x": 45e-3, "y": 70e-3}

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from metrosep.io.readings import read_readings
-from metrosep.separation.probe_angles import probe_gain
-from metrosep.separation.probe_check import check_probes
-from metrosep.separation.probes import multiprobe
+from metrosep.separation.circles.probe_angles import probe_gain
+from metrosep.separation.circles.probe_check import check_probes
+from metrosep.separation.circles.probes import multiprobe
 
 here = Path(__file__).parent
 ANGLES = np.deg2rad([0.0, 20.6, 47.8, 326.5])

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from metrosep.io.readings import read_readings
-from metrosep.separation.steps import multistep
+from metrosep.separation.circles.steps import multistep
 
 here = Path(__file__).parent
 KMAX = 20

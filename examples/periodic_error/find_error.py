@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from metrosep.separation.periodic import periodic_error
+from metrosep.separation.positions.periodic import periodic_error
 
 folder = Path(__file__).parent
 

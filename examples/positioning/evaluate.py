@@ -3,8 +3,8 @@
 import csv
 from pathlib import Path
 
-from metrosep.separation.diagonals import iso230_6_diagonals
-from metrosep.separation.positioning import iso230_2, positions_from_columns
+from metrosep.separation.planes.diagonals import iso230_6_diagonals
+from metrosep.separation.positions.positioning import iso230_2, positions_from_columns
 
 folder = Path(__file__).parent
 SIZE = (0.5, 0.4, 0.3)  # m

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import metrosep as ms
-from metrosep.separation.rotations import rotation_average
+from metrosep.separation.maps.rotations import rotation_average
 
 here = Path(__file__).parent
 TURNS_DEG = (0, 90, 180, 270)

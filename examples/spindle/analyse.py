@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from metrosep.separation.resampling import index_pulses, resample_by_index
-from metrosep.separation.spindle import iso230_7
+from metrosep.separation.circles.resampling import index_pulses, resample_by_index
+from metrosep.separation.circles.spindle import iso230_7
 
 folder = Path(__file__).parent
 t_ms, gap_nm, index = np.loadtxt(folder / "spindle.csv", delimiter=",", skiprows=1, unpack=True)

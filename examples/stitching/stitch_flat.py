@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 import metrosep as ms
-from metrosep.separation.stitching import stitch
+from metrosep.separation.maps.stitching import stitch
 
 folder = Path(__file__).parent
 

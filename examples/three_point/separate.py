@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from metrosep.separation.three_points import three_point, zero_error_sag
-from metrosep.separation.zero_adjustment import zero_calibration
+from metrosep.separation.lines.three_points import three_point, zero_error_sag
+from metrosep.separation.lines.zero_adjustment import zero_calibration
 
 STEP, NM, URAD = 10e-3, 1e-9, 1e-6
 U_READING, U_PITCH = 1e-9, 0.05e-6

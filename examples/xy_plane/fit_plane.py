@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from metrosep.separation.plane_fit import fit_plane_model
-from metrosep.separation.plane_model import plane_map
+from metrosep.separation.planes.plane_fit import fit_plane_model
+from metrosep.separation.planes.plane_model import plane_map
 
 folder = Path(__file__).parent
 table = pd.read_csv(folder / "plane.csv")

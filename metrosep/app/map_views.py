@@ -21,9 +21,9 @@ from metrosep.core.errors import DataError, MetrosepError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
-from metrosep.separation.base import ErrorEstimate
-from metrosep.separation.design import PreparedRun, prepare_runs
-from metrosep.separation.evidence import noise_peaks
+from metrosep.separation.runs.base import ErrorEstimate
+from metrosep.separation.runs.design import PreparedRun, prepare_runs
+from metrosep.separation.runs.evidence import noise_peaks
 from metrosep.spectral.autoregressive import fit_autoregressive
 
 if TYPE_CHECKING:

@@ -42,8 +42,8 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
 from metrosep.recipe.recipe import Recipe
-from metrosep.separation.base import ErrorEstimate, SampledCurve
-from metrosep.separation.design import evaluation_range
+from metrosep.separation.runs.base import ErrorEstimate, SampledCurve
+from metrosep.separation.runs.design import evaluation_range
 
 __all__ = ["curves", "waves"]
 

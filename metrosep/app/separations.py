@@ -24,7 +24,7 @@ from metrosep.recipe.pipeline import CancelledError
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.result import Result
 from metrosep.recipe.run import read_inputs, separate_inputs, separated_result
-from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = ["MethodResults", "Separations", "described_controllers", "machine_facts", "sign_words"]
 

@@ -21,7 +21,7 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.core.profile import Profile
 from metrosep.core.runset import Run
 from metrosep.core.units import format_length
-from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.runs.base import ErrorEstimate
 from metrosep.spectral.density import amplitude_spectrum
 from metrosep.spectral.dft import Band
 from metrosep.spectral.hann import hann_weights, noise_bandwidth

@@ -44,7 +44,7 @@ from metrosep.recipe.pipeline import CancelledError
 from metrosep.recipe.preflight import machine_limits, output_name
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.result import as_stored
-from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = ["controllers", "table"]
 

@@ -17,8 +17,8 @@ from metrosep.app.spectrum_views import SpectrumView, estimate_view
 from metrosep.core._arrays import FloatArray
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
-from metrosep.separation.base import ErrorEstimate
-from metrosep.separation.spectra import feed_spectra_columns, n_wavelengths
+from metrosep.separation.runs.base import ErrorEstimate
+from metrosep.separation.runs.spectra import feed_spectra_columns, n_wavelengths
 
 __all__ = [
     "EstimateWaves",

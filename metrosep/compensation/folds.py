@@ -15,7 +15,7 @@ from metrosep.compensation.measured import paired
 from metrosep.core.errors import MetrosepError, TableError
 from metrosep.core.provenance import Step
 from metrosep.core.runset import RunSet
-from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = ["Folds", "Own", "fold_estimates", "folds_of", "made_of", "own_runs", "used_runs"]
 
@@ -99,7 +99,7 @@ def fold_estimates(
 def _without(
     runs: RunSet, out: tuple[int, ...], told: Mapping[str, Any], span: tuple[float, float]
 ) -> ErrorEstimate:
-    from metrosep.separation.entry import separate
+    from metrosep.separation.runs.entry import separate
 
     kept = [i for i in range(len(runs)) if i not in out]
     rest = RunSet([runs[i] for i in kept], metadata=runs.metadata, history=runs.history)

@@ -32,7 +32,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length, parse_unit
-from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = ["PolynomialFit", "exact_correction", "fit_polynomial"]
 

@@ -19,7 +19,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.profile import Profile
 from metrosep.core.units import format_length, parse_quantity
-from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = [
     "Direction",

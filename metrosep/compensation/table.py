@@ -37,7 +37,7 @@ from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, hash_bytes, history_as_dicts
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
-from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = ["CompensationTable"]
 

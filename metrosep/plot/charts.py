@@ -28,13 +28,13 @@ from metrosep.plot.style import (
     house_style,
     shades,
 )
-from metrosep.separation.planner import FeedPlan
+from metrosep.separation.runs.planner import FeedPlan
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from metrosep.separation.positioning_result import PositioningTest
+    from metrosep.separation.positions.positioning_result import PositioningTest
 
 __all__ = [
     "CHART_KINDS",

@@ -72,8 +72,8 @@ def evidence_plot(table: Any, ax: Axes | None = None, *, quantity: str = "cohere
 
     Examples
     --------
-    >>> from metrosep.separation.evidence import evidence_table
-    >>> from metrosep.separation.simulate import machine_axis
+    >>> from metrosep.separation.runs.evidence import evidence_table
+    >>> from metrosep.separation.runs.simulate import machine_axis
     >>> evidence_plot(evidence_table(machine_axis(seed=1).runs)).get_ylabel()
     'coherence between feedrates'
     """
@@ -249,7 +249,7 @@ def feed_map(
 
     Examples
     --------
-    >>> from metrosep.separation.simulate import machine_axis
+    >>> from metrosep.separation.runs.simulate import machine_axis
     >>> axes = feed_map(machine_axis(seed=1).runs)
     >>> axes.get_xlabel()
     'wavelength / mm'
@@ -289,7 +289,7 @@ def _source(
     if direction not in (None, "forward", "reverse"):
         raise DataError(f"direction is 'forward' or 'reverse', got {direction!r}")
     if isinstance(source, RunSet):
-        from metrosep.separation.spectra import feed_spectra_columns
+        from metrosep.separation.runs.spectra import feed_spectra_columns
 
         ways = {1: "forward", -1: "reverse"}
         wanted = [d for d in source.directions if direction in (None, ways[d])]

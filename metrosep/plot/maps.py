@@ -229,7 +229,7 @@ def flat_maps(
     Examples
     --------
     >>> import numpy as np
-    >>> from metrosep.separation.flats import three_flat
+    >>> from metrosep.separation.maps.flats import three_flat
     >>> z = 1e-9 * np.outer(np.arange(9.0), np.ones(9)) ** 2
     >>> len(flat_maps(three_flat(z, z, z), parts=["even_A"]).axes)
     2

@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from metrosep.separation.circles.probe_angles import ProbeAngles
+    from metrosep.separation.circles.probe_check import ProbeCheck
+    from metrosep.separation.circles.speed_sweep import SpeedSweep
     from metrosep.separation.contract import Separation
-    from metrosep.separation.multi_probes import MultiProbe
-    from metrosep.separation.probe_angles import ProbeAngles
-    from metrosep.separation.probe_check import ProbeCheck
-    from metrosep.separation.speed_sweep import SpeedSweep
-    from metrosep.separation.three_points import ThreePoint, TwoPoint
+    from metrosep.separation.lines.multi_probes import MultiProbe
+    from metrosep.separation.lines.three_points import ThreePoint, TwoPoint
 
 __all__ = [
     "probe_gain_chart",

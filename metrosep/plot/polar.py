@@ -20,7 +20,7 @@ from metrosep.plot.style import COLOURS, DASHED, DOTTED, axes_or_new, house_styl
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from metrosep.separation.spindle_result import SpindleMotion
+    from metrosep.separation.circles.spindle_result import SpindleMotion
 
 __all__ = ["harmonic_bars", "polar_plot", "readable_unit"]
 

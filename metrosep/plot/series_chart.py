@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from metrosep.separation.drift import DriftTest
+    from metrosep.separation.drift.drift import DriftTest
 
 __all__ = ["allan_plot", "draw_part_series", "drift_chart", "trend_chart"]
 
@@ -254,7 +254,7 @@ def drift_chart(test: DriftTest, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     test : DriftTest
-        Result of `metrosep.separation.drift.iso230_3_drift`.
+        Result of `metrosep.separation.drift.drift.iso230_3_drift`.
     ax : matplotlib Axes, optional
         Axes to draw into; new ones if omitted.
 
@@ -320,7 +320,7 @@ def allan_plot(
     tau : array_like, shape (n,), s
         Averaging times.
     deviation : array_like, shape (n,), m
-        As `metrosep.separation.drift.allan_deviation` gives it.
+        As `metrosep.separation.drift.drift.allan_deviation` gives it.
     u : array_like, shape (n,), m, optional
         Its standard uncertainty, drawn as a band of two.
     ax : matplotlib Axes, optional

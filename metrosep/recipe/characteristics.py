@@ -9,7 +9,7 @@ from metrosep.compensation import Verification
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.decision import decide, worst
 from metrosep.recipe.steps import METRICS
-from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.runs.base import ErrorEstimate
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe

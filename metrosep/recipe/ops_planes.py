@@ -221,7 +221,7 @@ def _three_positions(surfaces: Sequence[Any], options: Mapping[str, Any]) -> Any
 
 
 def _shift_rotation(surfaces: Sequence[Any], options: Mapping[str, Any]) -> Any:
-    from metrosep.separation.lateral_shifts import shift_rotation
+    from metrosep.separation.maps.lateral_shifts import shift_rotation
 
     rest = _lists(options)
     u_power = rest.pop("u_power", 0.0)

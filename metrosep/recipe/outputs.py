@@ -26,7 +26,7 @@ from metrosep.recipe.pipeline import STEPS as MEASURING, checked_step
 from metrosep.recipe.preflight import RESULT_NAME, machine_limits, output_name, report_formats
 from metrosep.recipe.result import measured_runs, stored_estimate
 from metrosep.recipe.schema import Place
-from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.runs.base import ErrorEstimate
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe

@@ -16,7 +16,7 @@ from metrosep.core.errors import DataError, UnsupportedFeatureError
 from metrosep.io.measuring_time import moment_of
 from metrosep.recipe.description import Description
 from metrosep.recipe.preflight import output_name
-from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.runs.base import ErrorEstimate
 
 if TYPE_CHECKING:
     from metrosep.core.profile import Profile

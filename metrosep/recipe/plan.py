@@ -16,7 +16,7 @@ from metrosep.recipe.schema import Field
 
 if TYPE_CHECKING:
     from metrosep.io.runs import RoleColumns
-    from metrosep.separation.base import ErrorEstimate
+    from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = ["PLAN", "PLANS", "feed_plan_of", "plan_after", "plan_document"]
 

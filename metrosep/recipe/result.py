@@ -23,7 +23,7 @@ from metrosep.core.errors import CorruptFileError, DataError, ReadError
 from metrosep.core.plain_files import read_plain
 from metrosep.core.runset import Run, RunSet
 from metrosep.recipe.document_text import document_text
-from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = [
     "SCHEMA",

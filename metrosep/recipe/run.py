@@ -31,7 +31,7 @@ from metrosep.recipe.parts import write_arrays
 from metrosep.recipe.preflight import RESULT_NAME
 from metrosep.recipe.result import SCHEMA, Result, clean, measured_runs, plot_data, run_records
 from metrosep.recipe.schema import reading_options
-from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.runs.base import ErrorEstimate
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
@@ -247,7 +247,7 @@ def read_inputs(recipe: Recipe, files: list[Path]) -> RunSet:
 
 def separate_inputs(recipe: Recipe, runs: RunSet, tell: Progress = _silent) -> ErrorEstimate:
     """Return what the step ``separate`` of a recipe makes of runs."""
-    from metrosep.separation.entry import separate
+    from metrosep.separation.runs.entry import separate
 
     tell(f"separating {len(runs)} runs")
     step = next(s for s in recipe.steps if s["op"] == "separate")

@@ -13,23 +13,65 @@ from typing import TYPE_CHECKING
 from metrosep.core._lazy import lazy_names
 
 if TYPE_CHECKING:
-    from metrosep.separation.alternation import (
-        AbbaDrift as AbbaDrift,
-        DriftFreeDifference as DriftFreeDifference,
-        abba as abba,
-    )
-    from metrosep.separation.averaging import (
-        ThreePositions as ThreePositions,
-        ball_average as ball_average,
-        three_positions as three_positions,
-    )
-    from metrosep.separation.base import (
-        DirectionEstimate as DirectionEstimate,
-        ErrorEstimate as ErrorEstimate,
-    )
-    from metrosep.separation.circle_closure import (
+    from metrosep.separation.circles.circle_closure import (
         CircleClosure as CircleClosure,
         closure as closure,
+    )
+    from metrosep.separation.circles.mixed import (
+        OrthogonalMixed as OrthogonalMixed,
+        mixed_transfer as mixed_transfer,
+        orthogonal_mixed as orthogonal_mixed,
+    )
+    from metrosep.separation.circles.probe_angles import (
+        ProbeAngles as ProbeAngles,
+        optimise_probe_angles as optimise_probe_angles,
+        probe_gain as probe_gain,
+    )
+    from metrosep.separation.circles.probe_check import (
+        ProbeCheck as ProbeCheck,
+        Suspect as Suspect,
+        check_probes as check_probes,
+    )
+    from metrosep.separation.circles.probes import (
+        MultiprobeRoundness as MultiprobeRoundness,
+        multiprobe as multiprobe,
+    )
+    from metrosep.separation.circles.resampling import (
+        AngleSynchronous as AngleSynchronous,
+        cubic_interpolation_error as cubic_interpolation_error,
+        index_pulses as index_pulses,
+        resample_by_encoder as resample_by_encoder,
+        resample_by_index as resample_by_index,
+    )
+    from metrosep.separation.circles.roundness_reversal import (
+        DonaldsonReversal as DonaldsonReversal,
+        FaceReversal as FaceReversal,
+        combine_harmonics as combine_harmonics,
+        donaldson as donaldson,
+        face_reversal as face_reversal,
+    )
+    from metrosep.separation.circles.speed_fit import (
+        SpeedFit as SpeedFit,
+        fit_values as fit_values,
+    )
+    from metrosep.separation.circles.speed_sweep import (
+        SpeedGrowth as SpeedGrowth,
+        SpeedSweep as SpeedSweep,
+        fit_speed_sweep as fit_speed_sweep,
+    )
+    from metrosep.separation.circles.spindle import (
+        iso230_7 as iso230_7,
+    )
+    from metrosep.separation.circles.spindle_method import (
+        SpindleSplit as SpindleSplit,
+    )
+    from metrosep.separation.circles.spindle_result import (
+        SpindleHarmonics as SpindleHarmonics,
+        SpindleMotion as SpindleMotion,
+    )
+    from metrosep.separation.circles.steps import (
+        MultistepRoundness as MultistepRoundness,
+        multistep as multistep,
     )
     from metrosep.separation.contract import (
         Separation as Separation,
@@ -37,229 +79,187 @@ if TYPE_CHECKING:
         Unobservable as Unobservable,
         suppressed_harmonics as suppressed_harmonics,
     )
-    from metrosep.separation.coupled_method import (
-        CoupledGrid as CoupledGrid,
+    from metrosep.separation.drift.alternation import (
+        AbbaDrift as AbbaDrift,
+        DriftFreeDifference as DriftFreeDifference,
+        abba as abba,
     )
-    from metrosep.separation.dependence import (
+    from metrosep.separation.drift.dependence import (
         Dependence as Dependence,
         allan_deviation as allan_deviation,
         drift_against_temperature as drift_against_temperature,
         speed_dependence as speed_dependence,
     )
-    from metrosep.separation.diagonals import (
-        Diagonals as Diagonals,
-        DiagonalTest as DiagonalTest,
-        iso230_6_diagonals as iso230_6_diagonals,
-    )
-    from metrosep.separation.drift import (
+    from metrosep.separation.drift.drift import (
         DriftFit as DriftFit,
         DriftTest as DriftTest,
         iso230_3_drift as iso230_3_drift,
     )
-    from metrosep.separation.entry import (
-        separate as separate,
-        separate_mean as separate_mean,
-    )
-    from metrosep.separation.evidence import (
-        EvidenceTable as EvidenceTable,
-        evidence_table as evidence_table,
-    )
-    from metrosep.separation.flat_setup import (
-        ThreeFlat as ThreeFlat,
-    )
-    from metrosep.separation.flats import (
-        three_flat as three_flat,
-    )
-    from metrosep.separation.fourier import (
-        separate_kono as separate_kono,
-    )
-    from metrosep.separation.iso230_straightness import (
+    from metrosep.separation.lines.iso230_straightness import (
         MotionStraightness as MotionStraightness,
         ReferenceLine as ReferenceLine,
         straightness_iso230_1 as straightness_iso230_1,
     )
-    from metrosep.separation.joint import (
-        separate_joint as separate_joint,
-    )
-    from metrosep.separation.joint_method import (
-        JointDrift as JointDrift,
-        JointSeparation as JointSeparation,
-        joint_drift as joint_drift,
-    )
-    from metrosep.separation.lateral_shifts import (
-        ShiftRotation as ShiftRotation,
-        shift_rotation as shift_rotation,
-    )
-    from metrosep.separation.lattice_calibration import (
-        GridCalibration as GridCalibration,
-        GridView as GridView,
-        grid_calibration as grid_calibration,
-    )
-    from metrosep.separation.mixed import (
-        OrthogonalMixed as OrthogonalMixed,
-        mixed_transfer as mixed_transfer,
-        orthogonal_mixed as orthogonal_mixed,
-    )
-    from metrosep.separation.multi_probes import (
+    from metrosep.separation.lines.multi_probes import (
         MultiProbe as MultiProbe,
         multi_probe_straightness as multi_probe_straightness,
     )
-    from metrosep.separation.periodic import (
-        FringeError as FringeError,
-        periodic_error as periodic_error,
-    )
-    from metrosep.separation.plane_fit import (
-        Interaction as Interaction,
-        PlaneFit as PlaneFit,
-        PlaneModel as PlaneModel,
-        fit_plane_model as fit_plane_model,
-    )
-    from metrosep.separation.plane_grid import (
-        coupled_grid as coupled_grid,
-    )
-    from metrosep.separation.plane_model import (
-        PlaneMap as PlaneMap,
-        plane_map as plane_map,
-    )
-    from metrosep.separation.planner import (
-        FeedPlan as FeedPlan,
-        plan_feedrates as plan_feedrates,
-        predicted_sd as predicted_sd,
-    )
-    from metrosep.separation.positioning import (
-        PositioningSheet as PositioningSheet,
-        iso230_2 as iso230_2,
-        positions_from_columns as positions_from_columns,
-        positions_from_profiles as positions_from_profiles,
-    )
-    from metrosep.separation.positioning_result import (
-        PositioningTest as PositioningTest,
-    )
-    from metrosep.separation.probe_angles import (
-        ProbeAngles as ProbeAngles,
-        optimise_probe_angles as optimise_probe_angles,
-        probe_gain as probe_gain,
-    )
-    from metrosep.separation.probe_check import (
-        ProbeCheck as ProbeCheck,
-        Suspect as Suspect,
-        check_probes as check_probes,
-    )
-    from metrosep.separation.probes import (
-        MultiprobeRoundness as MultiprobeRoundness,
-        multiprobe as multiprobe,
-    )
-    from metrosep.separation.registration import (
-        Registration as Registration,
-        register_maps as register_maps,
-        register_points as register_points,
-        registration_uncertainty as registration_uncertainty,
-    )
-    from metrosep.separation.repeats import (
-        RepeatSplit as RepeatSplit,
-        repeatable as repeatable,
-    )
-    from metrosep.separation.resampling import (
-        AngleSynchronous as AngleSynchronous,
-        cubic_interpolation_error as cubic_interpolation_error,
-        index_pulses as index_pulses,
-        resample_by_encoder as resample_by_encoder,
-        resample_by_index as resample_by_index,
-    )
-    from metrosep.separation.reversals import (
+    from metrosep.separation.lines.reversals import (
         StraightedgeReversal as StraightedgeReversal,
         straightedge_reversal as straightedge_reversal,
     )
-    from metrosep.separation.rotations import (
-        RotationTest as RotationTest,
-        rotation_average as rotation_average,
-    )
-    from metrosep.separation.roundness_reversal import (
-        DonaldsonReversal as DonaldsonReversal,
-        FaceReversal as FaceReversal,
-        combine_harmonics as combine_harmonics,
-        donaldson as donaldson,
-        face_reversal as face_reversal,
-    )
-    from metrosep.separation.simulate import (
-        KONO_WAVES as KONO_WAVES,
-        SimulatedAxis as SimulatedAxis,
-        machine_axis as machine_axis,
-    )
-    from metrosep.separation.slope_integration import (
+    from metrosep.separation.lines.slope_integration import (
         SlopeIntegration as SlopeIntegration,
         integrate_slopes as integrate_slopes,
         slope_transfer as slope_transfer,
     )
-    from metrosep.separation.solver import (
-        TimeDensity as TimeDensity,
-        time_density as time_density,
-    )
-    from metrosep.separation.spectra import (
-        FeedSpectra as FeedSpectra,
-        feed_spectra as feed_spectra,
-    )
-    from metrosep.separation.speed_fit import (
-        SpeedFit as SpeedFit,
-        fit_values as fit_values,
-    )
-    from metrosep.separation.speed_sweep import (
-        SpeedGrowth as SpeedGrowth,
-        SpeedSweep as SpeedSweep,
-        fit_speed_sweep as fit_speed_sweep,
-    )
-    from metrosep.separation.spindle import (
-        iso230_7 as iso230_7,
-    )
-    from metrosep.separation.spindle_method import (
-        SpindleSplit as SpindleSplit,
-    )
-    from metrosep.separation.spindle_result import (
-        SpindleHarmonics as SpindleHarmonics,
-        SpindleMotion as SpindleMotion,
-    )
-    from metrosep.separation.squareness import (
-        Squareness as Squareness,
-        squareness_from_diagonals as squareness_from_diagonals,
-    )
-    from metrosep.separation.steps import (
-        MultistepRoundness as MultistepRoundness,
-        multistep as multistep,
-    )
-    from metrosep.separation.stitching import (
-        Stitching as Stitching,
-        stitch as stitch,
-    )
-    from metrosep.separation.three_points import (
+    from metrosep.separation.lines.three_points import (
         ThreePoint as ThreePoint,
         TwoPoint as TwoPoint,
         three_point as three_point,
         two_point as two_point,
         zero_error_sag as zero_error_sag,
     )
-    from metrosep.separation.zero_adjustment import (
+    from metrosep.separation.lines.zero_adjustment import (
         ZeroAdjustment as ZeroAdjustment,
         ZeroCalibration as ZeroCalibration,
         zero_calibration as zero_calibration,
     )
+    from metrosep.separation.maps.averaging import (
+        ThreePositions as ThreePositions,
+        ball_average as ball_average,
+        three_positions as three_positions,
+    )
+    from metrosep.separation.maps.flat_setup import (
+        ThreeFlat as ThreeFlat,
+    )
+    from metrosep.separation.maps.flats import (
+        three_flat as three_flat,
+    )
+    from metrosep.separation.maps.lateral_shifts import (
+        ShiftRotation as ShiftRotation,
+        shift_rotation as shift_rotation,
+    )
+    from metrosep.separation.maps.registration import (
+        Registration as Registration,
+        register_maps as register_maps,
+        register_points as register_points,
+        registration_uncertainty as registration_uncertainty,
+    )
+    from metrosep.separation.maps.rotations import (
+        RotationTest as RotationTest,
+        rotation_average as rotation_average,
+    )
+    from metrosep.separation.maps.stitching import (
+        Stitching as Stitching,
+        stitch as stitch,
+    )
+    from metrosep.separation.planes.coupled_method import (
+        CoupledGrid as CoupledGrid,
+    )
+    from metrosep.separation.planes.diagonals import (
+        Diagonals as Diagonals,
+        DiagonalTest as DiagonalTest,
+        iso230_6_diagonals as iso230_6_diagonals,
+    )
+    from metrosep.separation.planes.lattice_calibration import (
+        GridCalibration as GridCalibration,
+        GridView as GridView,
+        grid_calibration as grid_calibration,
+    )
+    from metrosep.separation.planes.plane_fit import (
+        Interaction as Interaction,
+        PlaneFit as PlaneFit,
+        PlaneModel as PlaneModel,
+        fit_plane_model as fit_plane_model,
+    )
+    from metrosep.separation.planes.plane_grid import (
+        coupled_grid as coupled_grid,
+    )
+    from metrosep.separation.planes.plane_model import (
+        PlaneMap as PlaneMap,
+        plane_map as plane_map,
+    )
+    from metrosep.separation.planes.squareness import (
+        Squareness as Squareness,
+        squareness_from_diagonals as squareness_from_diagonals,
+    )
+    from metrosep.separation.positions.periodic import (
+        FringeError as FringeError,
+        periodic_error as periodic_error,
+    )
+    from metrosep.separation.positions.positioning import (
+        PositioningSheet as PositioningSheet,
+        iso230_2 as iso230_2,
+        positions_from_columns as positions_from_columns,
+        positions_from_profiles as positions_from_profiles,
+    )
+    from metrosep.separation.positions.positioning_result import (
+        PositioningTest as PositioningTest,
+    )
+    from metrosep.separation.positions.repeats import (
+        RepeatSplit as RepeatSplit,
+        repeatable as repeatable,
+    )
+    from metrosep.separation.runs.base import (
+        DirectionEstimate as DirectionEstimate,
+        ErrorEstimate as ErrorEstimate,
+    )
+    from metrosep.separation.runs.entry import (
+        separate as separate,
+        separate_mean as separate_mean,
+    )
+    from metrosep.separation.runs.evidence import (
+        EvidenceTable as EvidenceTable,
+        evidence_table as evidence_table,
+    )
+    from metrosep.separation.runs.fourier import (
+        separate_kono as separate_kono,
+    )
+    from metrosep.separation.runs.joint import (
+        separate_joint as separate_joint,
+    )
+    from metrosep.separation.runs.joint_method import (
+        JointDrift as JointDrift,
+        JointSeparation as JointSeparation,
+        joint_drift as joint_drift,
+    )
+    from metrosep.separation.runs.planner import (
+        FeedPlan as FeedPlan,
+        plan_feedrates as plan_feedrates,
+        predicted_sd as predicted_sd,
+    )
+    from metrosep.separation.runs.simulate import (
+        KONO_WAVES as KONO_WAVES,
+        SimulatedAxis as SimulatedAxis,
+        machine_axis as machine_axis,
+    )
+    from metrosep.separation.runs.solver import (
+        TimeDensity as TimeDensity,
+        time_density as time_density,
+    )
+    from metrosep.separation.runs.spectra import (
+        FeedSpectra as FeedSpectra,
+        feed_spectra as feed_spectra,
+    )
     from metrosep.spectral.window import kono_weights as kono_weights
 
 _HOMES = {
-    "alternation": (
+    "drift.alternation": (
         "AbbaDrift",
         "DriftFreeDifference",
         "abba",
     ),
-    "averaging": (
+    "maps.averaging": (
         "ThreePositions",
         "ball_average",
         "three_positions",
     ),
-    "base": (
+    "runs.base": (
         "DirectionEstimate",
         "ErrorEstimate",
     ),
-    "circle_closure": (
+    "circles.circle_closure": (
         "CircleClosure",
         "closure",
     ),
@@ -269,190 +269,190 @@ _HOMES = {
         "Unobservable",
         "suppressed_harmonics",
     ),
-    "coupled_method": ("CoupledGrid",),
-    "dependence": (
+    "planes.coupled_method": ("CoupledGrid",),
+    "drift.dependence": (
         "Dependence",
         "allan_deviation",
         "drift_against_temperature",
         "speed_dependence",
     ),
-    "diagonals": (
+    "planes.diagonals": (
         "DiagonalTest",
         "Diagonals",
         "iso230_6_diagonals",
     ),
-    "drift": (
+    "drift.drift": (
         "DriftFit",
         "DriftTest",
         "iso230_3_drift",
     ),
-    "entry": (
+    "runs.entry": (
         "separate",
         "separate_mean",
     ),
-    "evidence": (
+    "runs.evidence": (
         "EvidenceTable",
         "evidence_table",
     ),
-    "flat_setup": ("ThreeFlat",),
-    "flats": ("three_flat",),
-    "fourier": ("separate_kono",),
-    "iso230_straightness": (
+    "maps.flat_setup": ("ThreeFlat",),
+    "maps.flats": ("three_flat",),
+    "runs.fourier": ("separate_kono",),
+    "lines.iso230_straightness": (
         "MotionStraightness",
         "ReferenceLine",
         "straightness_iso230_1",
     ),
-    "joint": ("separate_joint",),
-    "joint_method": (
+    "runs.joint": ("separate_joint",),
+    "runs.joint_method": (
         "JointDrift",
         "JointSeparation",
         "joint_drift",
     ),
-    "lateral_shifts": (
+    "maps.lateral_shifts": (
         "ShiftRotation",
         "shift_rotation",
     ),
-    "lattice_calibration": (
+    "planes.lattice_calibration": (
         "GridCalibration",
         "GridView",
         "grid_calibration",
     ),
-    "mixed": (
+    "circles.mixed": (
         "OrthogonalMixed",
         "mixed_transfer",
         "orthogonal_mixed",
     ),
-    "multi_probes": (
+    "lines.multi_probes": (
         "MultiProbe",
         "multi_probe_straightness",
     ),
-    "periodic": (
+    "positions.periodic": (
         "FringeError",
         "periodic_error",
     ),
-    "plane_fit": (
+    "planes.plane_fit": (
         "Interaction",
         "PlaneFit",
         "PlaneModel",
         "fit_plane_model",
     ),
-    "plane_grid": ("coupled_grid",),
-    "plane_model": (
+    "planes.plane_grid": ("coupled_grid",),
+    "planes.plane_model": (
         "PlaneMap",
         "plane_map",
     ),
-    "planner": (
+    "runs.planner": (
         "FeedPlan",
         "plan_feedrates",
         "predicted_sd",
     ),
-    "positioning": (
+    "positions.positioning": (
         "PositioningSheet",
         "iso230_2",
         "positions_from_columns",
         "positions_from_profiles",
     ),
-    "positioning_result": ("PositioningTest",),
-    "probe_angles": (
+    "positions.positioning_result": ("PositioningTest",),
+    "circles.probe_angles": (
         "ProbeAngles",
         "optimise_probe_angles",
         "probe_gain",
     ),
-    "probe_check": (
+    "circles.probe_check": (
         "ProbeCheck",
         "Suspect",
         "check_probes",
     ),
-    "probes": (
+    "circles.probes": (
         "MultiprobeRoundness",
         "multiprobe",
     ),
-    "registration": (
+    "maps.registration": (
         "Registration",
         "register_maps",
         "register_points",
         "registration_uncertainty",
     ),
-    "repeats": (
+    "positions.repeats": (
         "RepeatSplit",
         "repeatable",
     ),
-    "resampling": (
+    "circles.resampling": (
         "AngleSynchronous",
         "cubic_interpolation_error",
         "index_pulses",
         "resample_by_encoder",
         "resample_by_index",
     ),
-    "reversals": (
+    "lines.reversals": (
         "StraightedgeReversal",
         "straightedge_reversal",
     ),
-    "rotations": (
+    "maps.rotations": (
         "RotationTest",
         "rotation_average",
     ),
-    "roundness_reversal": (
+    "circles.roundness_reversal": (
         "DonaldsonReversal",
         "FaceReversal",
         "combine_harmonics",
         "donaldson",
         "face_reversal",
     ),
-    "simulate": (
+    "runs.simulate": (
         "KONO_WAVES",
         "SimulatedAxis",
         "machine_axis",
     ),
-    "slope_integration": (
+    "lines.slope_integration": (
         "SlopeIntegration",
         "integrate_slopes",
         "slope_transfer",
     ),
-    "solver": (
+    "runs.solver": (
         "TimeDensity",
         "time_density",
     ),
-    "spectra": (
+    "runs.spectra": (
         "FeedSpectra",
         "feed_spectra",
         "kono_weights",
     ),
-    "speed_fit": (
+    "circles.speed_fit": (
         "SpeedFit",
         "fit_values",
     ),
-    "speed_sweep": (
+    "circles.speed_sweep": (
         "SpeedGrowth",
         "SpeedSweep",
         "fit_speed_sweep",
     ),
-    "spindle": ("iso230_7",),
-    "spindle_method": ("SpindleSplit",),
-    "spindle_result": (
+    "circles.spindle": ("iso230_7",),
+    "circles.spindle_method": ("SpindleSplit",),
+    "circles.spindle_result": (
         "SpindleHarmonics",
         "SpindleMotion",
     ),
-    "squareness": (
+    "planes.squareness": (
         "Squareness",
         "squareness_from_diagonals",
     ),
-    "steps": (
+    "circles.steps": (
         "MultistepRoundness",
         "multistep",
     ),
-    "stitching": (
+    "maps.stitching": (
         "Stitching",
         "stitch",
     ),
-    "three_points": (
+    "lines.three_points": (
         "ThreePoint",
         "TwoPoint",
         "three_point",
         "two_point",
         "zero_error_sag",
     ),
-    "zero_adjustment": (
+    "lines.zero_adjustment": (
         "ZeroAdjustment",
         "ZeroCalibration",
         "zero_calibration",

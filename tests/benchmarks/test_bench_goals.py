@@ -16,9 +16,9 @@ from metrosep.controllers.gcode_paths import rewrite_path
 from metrosep.machine import presets
 from metrosep.parameters.deviation import flatness_deviation, roundness_deviation
 from metrosep.process.path_points import SpiralPath
-from metrosep.separation.probe_angles import optimise_probe_angles
-from metrosep.separation.resampling import resample_by_encoder
-from metrosep.separation.spindle import iso230_7
+from metrosep.separation.circles.probe_angles import optimise_probe_angles
+from metrosep.separation.circles.resampling import resample_by_encoder
+from metrosep.separation.circles.spindle import iso230_7
 
 
 def told(title, wanted, function, rounds=3):

@@ -7,7 +7,7 @@ from metrosep.compensation import CompensationTable, fit_polynomial
 from metrosep.core.provenance import history_as_dicts
 from metrosep.recipe.result import clean, plot_data
 from metrosep.separation import separate
-from metrosep.separation.simulate import machine_axis
+from metrosep.separation.runs.simulate import machine_axis
 
 RECIPE = """\
 schema = "metrosep.recipe/1"

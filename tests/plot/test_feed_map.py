@@ -9,8 +9,8 @@ from metrosep import Run, RunSet
 from metrosep.errors import DataError
 from metrosep.plot.evidence_chart import evidence_plot, feed_map
 from metrosep.plot.style import COLOURS
-from metrosep.separation.base import ErrorEstimate
-from metrosep.separation.evidence import evidence_table
+from metrosep.separation.runs.base import ErrorEstimate
+from metrosep.separation.runs.evidence import evidence_table
 
 FEEDS = (0.08, 0.12, 0.16)
 WAVE, GEOMETRY, VIBRATION, TONE = 10e-3, 200e-9, 150e-9, 60.0

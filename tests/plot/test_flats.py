@@ -5,8 +5,8 @@ import pytest
 
 from metrosep.core.errors import DataError
 from metrosep.plot.maps import flat_maps
-from metrosep.separation.flats import three_flat
-from metrosep.separation.rotations import rotation_average
+from metrosep.separation.maps.flats import three_flat
+from metrosep.separation.maps.rotations import rotation_average
 
 X = np.linspace(-1, 1, 33)
 GX, GY = np.meshgrid(X, X)

@@ -6,8 +6,8 @@ import pytest
 from metrosep.core.errors import DataError
 from metrosep.plot.multipoint import probe_transfer, straightness_parts
 from metrosep.separation.contract import Separation
-from metrosep.separation.slope_integration import integrate_slopes
-from metrosep.separation.three_points import ThreePoint, TwoPoint, three_point
+from metrosep.separation.lines.slope_integration import integrate_slopes
+from metrosep.separation.lines.three_points import ThreePoint, TwoPoint, three_point
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import pytest
 
 from metrosep.core.errors import DataError
 from metrosep.plot.charts import plan_density, plan_sd
-from metrosep.separation.planner import plan_feedrates, predicted_sd
+from metrosep.separation.runs.planner import plan_feedrates, predicted_sd
 
 
 def isolator(f):

@@ -6,7 +6,7 @@ from matplotlib.colors import to_hex
 
 from metrosep.plot.charts import positioning_chart
 from metrosep.plot.style import COLOURS
-from metrosep.separation.positioning import iso230_2
+from metrosep.separation.positions.positioning import iso230_2
 
 UM = 1e-6
 EXACT = 1e-9  # in the unit of the axis

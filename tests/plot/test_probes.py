@@ -7,11 +7,11 @@ import pytest
 
 from metrosep.core.errors import DataError
 from metrosep.plot.multipoint import probe_gain_chart, probe_layout, probe_residuals
+from metrosep.separation.circles.probe_angles import ProbeAngles, probe_gain
+from metrosep.separation.circles.probe_check import check_probes
+from metrosep.separation.circles.probes import multiprobe
+from metrosep.separation.circles.steps import multistep
 from metrosep.separation.contract import Separation
-from metrosep.separation.probe_angles import ProbeAngles, probe_gain
-from metrosep.separation.probe_check import check_probes
-from metrosep.separation.probes import multiprobe
-from metrosep.separation.steps import multistep
 
 THETA = 2 * math.pi * np.arange(128) / 128
 

@@ -5,8 +5,8 @@ import pytest
 
 from metrosep.core.errors import DataError
 from metrosep.plot.summary import parts_plot, reversal_quartet
-from metrosep.separation.reversals import straightedge_reversal
-from metrosep.separation.roundness_reversal import donaldson, face_reversal
+from metrosep.separation.circles.roundness_reversal import donaldson, face_reversal
+from metrosep.separation.lines.reversals import straightedge_reversal
 
 N = 72
 ANGLE = 2 * np.pi * np.arange(N) / N

@@ -8,8 +8,8 @@ from matplotlib.patches import Circle
 from metrosep.core.errors import DataError
 from metrosep.plot.multipoint import speed_plot
 from metrosep.plot.polar import harmonic_bars, polar_plot, readable_unit
-from metrosep.separation.speed_sweep import fit_speed_sweep
-from metrosep.separation.spindle import iso230_7
+from metrosep.separation.circles.speed_sweep import fit_speed_sweep
+from metrosep.separation.circles.spindle import iso230_7
 
 NM = 1e-9
 EXACT = 1e-9  # in the unit of the axis

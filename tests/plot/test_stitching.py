@@ -5,8 +5,8 @@ import pytest
 
 from metrosep.core.errors import DataError
 from metrosep.plot.maps import overlap_mismatch, stitch_layout, stitched_surface
-from metrosep.separation.periodic import periodic_error
-from metrosep.separation.stitching import stitch
+from metrosep.separation.maps.stitching import stitch
+from metrosep.separation.positions.periodic import periodic_error
 
 POSITIONS = np.array([(0, 0), (9, 1), (20, 0), (0, 11), (9, 12), (20, 11)]) * 1e-3
 

@@ -17,7 +17,7 @@ from metrosep.separation import (
     three_flat,
     three_positions,
 )
-from metrosep.separation.lateral_shifts import shift_rotation
+from metrosep.separation.maps.lateral_shifts import shift_rotation
 
 N, DX = 41, 1e-3
 LINE = np.linspace(-1.0, 1.0, N)

@@ -13,10 +13,10 @@ from metrosep.recipe import Recipe
 from metrosep.recipe.described_steps import described_steps
 from metrosep.recipe.step_help import DEFAULTS, HELP, key_words
 from metrosep.recipe.steps import STEPS
-from metrosep.separation.entry import _OPTIONS, separate, separate_mean
-from metrosep.separation.fourier import SelectionRule, separate_kono
-from metrosep.separation.joint import separate_joint
-from metrosep.separation.planner import plan_feedrates
+from metrosep.separation.runs.entry import _OPTIONS, separate, separate_mean
+from metrosep.separation.runs.fourier import SelectionRule, separate_kono
+from metrosep.separation.runs.joint import separate_joint
+from metrosep.separation.runs.planner import plan_feedrates
 
 OPS = ("separate", "polynomial", "plan_feedrates")
 KEYS = [(op, key) for op in OPS for key in STEPS[op] if key != "op"]

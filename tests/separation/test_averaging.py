@@ -7,7 +7,7 @@ import pytest
 from contracts.separation import SeparationContract
 
 from metrosep.core.errors import DataError, TooFewSamplesError
-from metrosep.separation.averaging import ThreePositions, ball_average, three_positions
+from metrosep.separation.maps.averaging import ThreePositions, ball_average, three_positions
 
 N = 25
 Y, X = np.mgrid[-12:13, -12:13] / 12.0

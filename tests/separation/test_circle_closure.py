@@ -13,7 +13,7 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
-from metrosep.separation.circle_closure import CircleClosure, closure
+from metrosep.separation.circles.circle_closure import CircleClosure, closure
 
 N = 12
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError, TooFewSamplesError
-from metrosep.separation.probes import multiprobe
-from metrosep.separation.roundness_reversal import combine_harmonics, donaldson
-from metrosep.separation.steps import multistep
+from metrosep.separation.circles.probes import multiprobe
+from metrosep.separation.circles.roundness_reversal import combine_harmonics, donaldson
+from metrosep.separation.circles.steps import multistep
 
 N, KMAX, S = 180, 26, 1e-9
 THETA = 2 * math.pi * np.arange(N) / N

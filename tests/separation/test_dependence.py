@@ -14,7 +14,7 @@ from metrosep.errors import (
     InvalidSamplesError,
     TooFewSamplesError,
 )
-from metrosep.separation.dependence import drift_against_temperature, speed_dependence
+from metrosep.separation.drift.dependence import drift_against_temperature, speed_dependence
 
 NM = 1e-9
 

@@ -5,8 +5,8 @@ import pytest
 from contracts.separation import SeparationContract
 
 from metrosep.core.errors import MetrosepError
-from metrosep.separation.diagonals import Diagonals
-from metrosep.separation.squareness import squareness_from_diagonals
+from metrosep.separation.planes.diagonals import Diagonals
+from metrosep.separation.planes.squareness import squareness_from_diagonals
 
 BODY = ("ppp", "npp", "pnp", "nnp")
 FACES = ("pp0", "np0", "p0p", "n0p", "0pp", "0np")

@@ -16,8 +16,8 @@ from metrosep.errors import (
     TooFewSamplesError,
     UnitError,
 )
-from metrosep.separation.diagonals import iso230_6_diagonals
-from metrosep.separation.squareness import squareness_from_diagonals
+from metrosep.separation.planes.diagonals import iso230_6_diagonals
+from metrosep.separation.planes.squareness import squareness_from_diagonals
 
 UM, URAD, NRAD = 1e-6, 1e-6, 1e-9
 SIZE = (0.5, 0.4, 0.3)

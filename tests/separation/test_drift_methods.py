@@ -5,10 +5,10 @@ import pytest
 from contracts.separation import SeparationContract
 
 from metrosep.core.errors import MetrosepError
-from metrosep.separation.alternation import AbbaDrift, abba
 from metrosep.separation.contract import Separation
-from metrosep.separation.drift import DriftFit
-from metrosep.separation.joint_method import joint_drift
+from metrosep.separation.drift.alternation import AbbaDrift, abba
+from metrosep.separation.drift.drift import DriftFit
+from metrosep.separation.runs.joint_method import joint_drift
 
 N = 15
 """Points of a profile; each drifts by itself."""

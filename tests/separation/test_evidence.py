@@ -9,7 +9,7 @@ from scipy.stats import f as f_distribution
 from metrosep import Run, RunSet
 from metrosep.errors import DataError, NotSeparableError
 from metrosep.separation import ErrorEstimate, machine_axis, separate
-from metrosep.separation.evidence import evidence_columns, evidence_table
+from metrosep.separation.runs.evidence import evidence_columns, evidence_table
 
 ROUNDING = 1e-9
 

@@ -8,7 +8,7 @@ from contracts.separation import SeparationContract
 
 import metrosep as ms
 from metrosep.core.errors import DataError, DegenerateFitError, MetrosepError, NotSeparableError
-from metrosep.separation.flats import ThreeFlat, three_flat
+from metrosep.separation.maps.flats import ThreeFlat, three_flat
 
 ZERNIKE_EXACT = 1e-17
 """S16 asks for 0.1 nm; a least-squares fit of 20 nm has rounding only."""

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DegenerateFitError, MetrosepError
-from metrosep.separation import flat_setup as _flat_iteration
-from metrosep.separation.flats import three_flat
+from metrosep.separation.maps import flat_setup as _flat_iteration
+from metrosep.separation.maps.flats import three_flat
 
 EXACT = 1e-17
 """Least squares of 20 nm without noise: rounding only."""

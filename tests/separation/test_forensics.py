@@ -15,7 +15,7 @@ from metrosep import Run, RunSet
 from metrosep.cli.main import main
 from metrosep.errors import DataError, InvalidSamplesError
 from metrosep.separation import separate
-from metrosep.separation.base import ErrorEstimate
+from metrosep.separation.runs.base import ErrorEstimate
 
 NM = 1e-9
 

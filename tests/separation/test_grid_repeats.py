@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.separation.coupled_method import CoupledGrid
-from metrosep.separation.plane_grid import coupled_grid
+from metrosep.separation.planes.coupled_method import CoupledGrid
+from metrosep.separation.planes.plane_grid import coupled_grid
 
 NM = 1e-9
 DX, DY, NOISE = 2e-3, 3e-3, 12 * NM

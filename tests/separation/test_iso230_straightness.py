@@ -10,7 +10,7 @@ import pytest
 
 from metrosep import Profile
 from metrosep.errors import DataError, InvalidSamplesError, TooFewSamplesError
-from metrosep.separation.iso230_straightness import straightness_iso230_1
+from metrosep.separation.lines.iso230_straightness import straightness_iso230_1
 
 UM = 1e-6
 ROUNDING = 1e-12 * UM  # goal S20: 1e-12 of deviations of some um

@@ -6,7 +6,7 @@ import pytest
 from metrosep import Run, RunSet
 from metrosep.errors import DegenerateFitError, NotSeparableError, UnitError
 from metrosep.separation import separate
-from metrosep.separation.joint import benjamini_hochberg
+from metrosep.separation.runs.joint import benjamini_hochberg
 
 NM = 1.0
 """Scores of the contract machine are in nm."""

@@ -9,7 +9,7 @@ from contracts.separation import EXACT, SeparationContract
 from metrosep import Run, RunSet
 from metrosep.core.errors import MetrosepError, NotSeparableError
 from metrosep.separation import separate
-from metrosep.separation.joint_method import JointSeparation
+from metrosep.separation.runs.joint_method import JointSeparation
 
 NM = 1e-9
 LENGTH, N = 30e-3, 97

@@ -12,7 +12,7 @@ from metrosep.core.errors import (
     NotSeparableError,
     UnitError,
 )
-from metrosep.separation.lattice_calibration import GridView, grid_calibration
+from metrosep.separation.planes.lattice_calibration import GridView, grid_calibration
 
 NM = 1e-9
 PITCH = 10e-3

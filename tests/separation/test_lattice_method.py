@@ -5,7 +5,11 @@ import pytest
 from contracts.separation import SeparationContract
 
 from metrosep.core.errors import MetrosepError
-from metrosep.separation.lattice_calibration import GridCalibration, GridView, grid_calibration
+from metrosep.separation.planes.lattice_calibration import (
+    GridCalibration,
+    GridView,
+    grid_calibration,
+)
 
 PITCH = 10e-3
 MORE = ((0, (0, 0)), (1, (0, 0)), (0, (1, 0)), (3, (0, -1)))

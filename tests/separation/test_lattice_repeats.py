@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.separation.lattice_calibration import GridCalibration, GridView, grid_calibration
+from metrosep.separation.planes.lattice_calibration import (
+    GridCalibration,
+    GridView,
+    grid_calibration,
+)
 
 NM = 1e-9
 PITCH, N, REPEATS, NOISE = 10e-3, 6, 3, 5 * NM

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from metrosep.separation._map_input import MapGrid, TurnedNoise, combined, overlap
-from metrosep.separation.flats import three_flat
-from metrosep.separation.rotations import RotationSolver, rotation_average
+from metrosep.separation.maps._map_input import MapGrid, TurnedNoise, combined, overlap
+from metrosep.separation.maps.flats import three_flat
+from metrosep.separation.maps.rotations import RotationSolver, rotation_average
 
 ROUNDING = 1e-12
 

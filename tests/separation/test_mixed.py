@@ -8,7 +8,7 @@ from contracts.separation import SeparationContract
 
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
-from metrosep.separation.mixed import OrthogonalMixed, mixed_transfer, orthogonal_mixed
+from metrosep.separation.circles.mixed import OrthogonalMixed, mixed_transfer, orthogonal_mixed
 
 N, KMAX, RADIUS = 120, 20, 0.05
 

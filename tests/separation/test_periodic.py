@@ -13,7 +13,7 @@ from metrosep.core.errors import (
     NotSeparableError,
     UnitError,
 )
-from metrosep.separation.periodic import FringeError, periodic_error
+from metrosep.separation.positions.periodic import FringeError, periodic_error
 
 EXACT = 1e-9
 """Relative, noise-free: rounding times a condition below 1e3."""

@@ -5,7 +5,7 @@ import pytest
 
 from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError
 from metrosep.core.surface import Surface
-from metrosep.separation.plane_grid import coupled_grid
+from metrosep.separation.planes.plane_grid import coupled_grid
 
 NM = 1e-9
 MM = 1e-3

@@ -6,7 +6,7 @@ from contracts.separation import SeparationContract
 
 import metrosep as ms
 from metrosep.core.errors import DataError, MetrosepError
-from metrosep.separation.plane_fit import PlaneModel, fit_plane_model
+from metrosep.separation.planes.plane_fit import PlaneModel, fit_plane_model
 
 N_Y, N_X = 14, 18
 DX, DY = 2e-3, 3e-3

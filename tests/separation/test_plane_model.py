@@ -20,8 +20,8 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.separation.plane_fit import fit_plane_model
-from metrosep.separation.plane_model import plane_map
+from metrosep.separation.planes.plane_fit import fit_plane_model
+from metrosep.separation.planes.plane_model import plane_map
 
 NM = 1e-9
 MM = 1e-3

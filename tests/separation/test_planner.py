@@ -23,7 +23,7 @@ from metrosep.core.errors import (
     UnitError,
 )
 from metrosep.core.profile import Profile
-from metrosep.separation.planner import plan_feedrates, predicted_sd
+from metrosep.separation.runs.planner import plan_feedrates, predicted_sd
 from metrosep.spectral.density import profile_psd
 
 NM = 1e-9

@@ -10,7 +10,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
-from metrosep.separation.positioning import (
+from metrosep.separation.positions.positioning import (
     iso230_2,
     positions_from_columns,
     positions_from_profiles,

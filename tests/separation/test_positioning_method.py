@@ -5,7 +5,7 @@ import pytest
 from contracts.separation import SeparationContract
 
 from metrosep.core.errors import MetrosepError
-from metrosep.separation.positioning import PositioningSheet, iso230_2
+from metrosep.separation.positions.positioning import PositioningSheet, iso230_2
 
 N, M = 11, 5
 TARGETS = np.linspace(0.0, 0.5, N) + np.resize([0.0, 1e-3, -2e-3], N)

@@ -13,7 +13,7 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
-from metrosep.separation.probe_angles import optimise_probe_angles, probe_gain
+from metrosep.separation.circles.probe_angles import optimise_probe_angles, probe_gain
 
 
 def covariance_gain(phi, k):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError, TooFewSamplesError
-from metrosep.separation.probe_check import check_probes
+from metrosep.separation.circles.probe_check import check_probes
 
 N, K, S = 256, 20, 1e-10
 PHI = np.deg2rad([0.0, 20.5, 270.5, 297.0])

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from metrosep.separation.probe_check import check_probes
+from metrosep.separation.circles.probe_check import check_probes
 
 NM = 1e-9
 PHI = np.deg2rad([0.0, 20.6, 47.8, 326.5])

@@ -15,7 +15,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
-from metrosep.separation.probes import MultiprobeRoundness, multiprobe
+from metrosep.separation.circles.probes import MultiprobeRoundness, multiprobe
 
 EXACT = 1e-10
 """Relative: rounding times a noise gain below 50."""

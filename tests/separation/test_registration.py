@@ -13,8 +13,8 @@ from metrosep.core.errors import (
     NotConvergedError,
     TooFewSamplesError,
 )
-from metrosep.separation._map_input import mirror_map, turn_map
-from metrosep.separation.registration import (
+from metrosep.separation.maps._map_input import mirror_map, turn_map
+from metrosep.separation.maps.registration import (
     register_maps,
     register_points,
     registration_uncertainty,

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from metrosep.separation.positioning import iso230_2
-from metrosep.separation.repeatability import bounds_of_both, bounds_of_one
+from metrosep.separation.positions.positioning import iso230_2
+from metrosep.separation.positions.repeatability import bounds_of_both, bounds_of_one
 
 N, M = 5, 11
 

@@ -8,7 +8,7 @@ from contracts.separation import SeparationContract
 
 import metrosep as ms
 from metrosep.core.errors import DataError, InvalidSamplesError, MetrosepError, TooFewSamplesError
-from metrosep.separation.repeats import RepeatSplit, repeatable
+from metrosep.separation.positions.repeats import RepeatSplit, repeatable
 
 EXACT = 1e-12
 MC_RTOL = 0.05

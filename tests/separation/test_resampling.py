@@ -9,7 +9,7 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
-from metrosep.separation.resampling import (
+from metrosep.separation.circles.resampling import (
     cubic_interpolation_error,
     index_pulses,
     resample_by_encoder,

@@ -8,13 +8,13 @@ from contracts.separation import SeparationContract
 
 import metrosep as ms
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
-from metrosep.separation.reversals import StraightedgeReversal, straightedge_reversal
-from metrosep.separation.roundness_reversal import (
+from metrosep.separation.circles.roundness_reversal import (
     DonaldsonReversal,
     FaceReversal,
     donaldson,
     face_reversal,
 )
+from metrosep.separation.lines.reversals import StraightedgeReversal, straightedge_reversal
 
 EXACT = 1e-12
 """S11: relative error without noise; sums of two doubles."""

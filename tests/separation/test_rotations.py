@@ -13,7 +13,7 @@ from metrosep.core.errors import (
     NotSeparableError,
     TooFewSamplesError,
 )
-from metrosep.separation.rotations import RotationTest, rotation_average
+from metrosep.separation.maps.rotations import RotationTest, rotation_average
 
 N = 33
 LINE = np.linspace(-1.0, 1.0, N)

@@ -7,7 +7,7 @@ import pytest
 from contracts.separation import SeparationContract
 
 from metrosep.core.errors import DataError, DegenerateFitError, NotSeparableError
-from metrosep.separation.lateral_shifts import ShiftRotation, shift_rotation
+from metrosep.separation.maps.lateral_shifts import ShiftRotation, shift_rotation
 
 EXACT = 1e-15
 """1e-7 of 20 nm: rounding times the condition of the joint fit."""

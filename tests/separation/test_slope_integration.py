@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import MetrosepError, NotUniformError, UnitError
-from metrosep.separation.slope_integration import integrate_slopes, slope_transfer
+from metrosep.separation.lines.slope_integration import integrate_slopes, slope_transfer
 
 RULES = ("trapezoid", "simpson", "spline", "fourier", "feet")
 STEP = 2e-3
@@ -99,7 +99,7 @@ def test_long_records_have_the_same_uncertainty(monkeypatch, zero_known):
         alone = (
             np.sqrt(sum(integrate_slopes(0.1 * e, x, **options).height ** 2 for e in unit)) * 1e-6
         )
-        monkeypatch.setattr("metrosep.separation.slope_integration.LONG", 10)
+        monkeypatch.setattr("metrosep.separation.lines.slope_integration.LONG", 10)
         found = integrate_slopes(np.zeros(120), x, **options).u["height"]
         monkeypatch.undo()
         tolerance = 1e-9 if method == "trapezoid" else 0.1

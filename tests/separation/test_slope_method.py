@@ -5,7 +5,7 @@ import pytest
 from contracts.separation import SeparationContract
 
 from metrosep.core.errors import MetrosepError
-from metrosep.separation.slope_integration import SlopeIntegration, integrate_slopes
+from metrosep.separation.lines.slope_integration import SlopeIntegration, integrate_slopes
 
 N, STEP = 30, 20e-3
 X = 0.05 + STEP * np.arange(N)

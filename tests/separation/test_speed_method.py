@@ -5,7 +5,7 @@ import pytest
 from contracts.separation import SeparationContract
 
 from metrosep.core.errors import MetrosepError
-from metrosep.separation.speed_sweep import SpeedGrowth, fit_speed_sweep
+from metrosep.separation.circles.speed_sweep import SpeedGrowth, fit_speed_sweep
 
 NM = 1e-9
 N = 12

@@ -14,8 +14,8 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
-from metrosep.separation.speed_sweep import fit_speed_sweep
-from metrosep.separation.spindle import iso230_7
+from metrosep.separation.circles.speed_sweep import fit_speed_sweep
+from metrosep.separation.circles.spindle import iso230_7
 
 NM = 1e-9
 SPEEDS = np.arange(10.0, 101.0, 10.0)

@@ -15,8 +15,8 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
-from metrosep.separation.resampling import resample_by_encoder
-from metrosep.separation.spindle import iso230_7
+from metrosep.separation.circles.resampling import resample_by_encoder
+from metrosep.separation.circles.spindle import iso230_7
 
 TURN = 2 * np.pi
 NM = 1e-9
@@ -599,7 +599,7 @@ def test_total_scatters_as_stated(n, m, offset):
 @pytest.mark.slow
 def test_total_of_white_noise_is_that_of_order_statistics():
     """Range of 20 x 36 independent values: sd by its closed form, from the two extremes."""
-    from metrosep.separation._spindle_input import spectrum_of, u_of_total
+    from metrosep.separation.circles._spindle_input import spectrum_of, u_of_total
 
     rng = np.random.default_rng(5)
     flat = rng.normal(size=(4000, 720))

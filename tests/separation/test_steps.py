@@ -14,7 +14,7 @@ from metrosep.core.errors import (
     UnitError,
 )
 from metrosep.core.profile import Profile
-from metrosep.separation.steps import MultistepRoundness, multistep
+from metrosep.separation.circles.steps import MultistepRoundness, multistep
 
 N, KMAX = 180, 40
 

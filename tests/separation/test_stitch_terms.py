@@ -5,15 +5,20 @@ import math
 import numpy as np
 import pytest
 
-from metrosep.separation._stitch_grid import layout_of, overlaps_of, pieces_of, without_own_plane
-from metrosep.separation._stitch_models import plain_problem, with_polynomials
-from metrosep.separation._stitch_solve import (
+from metrosep.separation.maps._stitch_grid import (
+    layout_of,
+    overlaps_of,
+    pieces_of,
+    without_own_plane,
+)
+from metrosep.separation.maps._stitch_models import plain_problem, with_polynomials
+from metrosep.separation.maps._stitch_solve import (
     ReferenceSystem,
     WindowTerms,
     inverse_of,
     normal_matrix,
 )
-from metrosep.separation.stitching import stitch
+from metrosep.separation.maps.stitching import stitch
 
 ROUNDING = 1e-11
 """Sums of 1e3 products of numbers of size one."""

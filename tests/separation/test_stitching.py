@@ -8,7 +8,7 @@ from contracts.separation import SeparationContract
 
 import metrosep as ms
 from metrosep.core.errors import DataError, DegenerateFitError, MetrosepError, NotSeparableError
-from metrosep.separation.stitching import Stitching, stitch
+from metrosep.separation.maps.stitching import Stitching, stitch
 
 EXACT = 1e-9
 """Relative to the largest reading, noise-free: sums of doubles through small normal equations."""

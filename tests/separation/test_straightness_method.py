@@ -5,7 +5,7 @@ import pytest
 from contracts.separation import SeparationContract
 
 from metrosep.core.errors import MetrosepError
-from metrosep.separation.iso230_straightness import ReferenceLine, straightness_iso230_1
+from metrosep.separation.lines.iso230_straightness import ReferenceLine, straightness_iso230_1
 
 N = 41
 X = np.linspace(0.02, 0.42, N) + np.resize([0.0, 1e-3], N)

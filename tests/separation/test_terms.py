@@ -303,7 +303,7 @@ def test_clean_runs_get_no_hint(contract_machine, as_runset):
 
 def test_the_line_search_sums_at_the_true_times():
     """The factored transform against its definition, at jittered times and with a gap."""
-    from metrosep.separation.lines import _transform
+    from metrosep.separation.runs.lines import _transform
 
     rng = np.random.default_rng(0)
     t = np.sort(rng.uniform(-1.0, 1.0, 300))

@@ -8,7 +8,7 @@ from contracts.separation import SeparationContract
 
 from metrosep import Profile
 from metrosep.core.errors import DataError, MetrosepError, NotUniformError, UnitError
-from metrosep.separation.three_points import TwoPoint, two_point
+from metrosep.separation.lines.three_points import TwoPoint, two_point
 
 STEP = 10e-3
 N = 24

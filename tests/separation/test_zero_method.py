@@ -5,7 +5,7 @@ import pytest
 from contracts.separation import SeparationContract
 
 from metrosep.core.errors import MetrosepError
-from metrosep.separation.zero_adjustment import ZeroAdjustment, zero_calibration
+from metrosep.separation.lines.zero_adjustment import ZeroAdjustment, zero_calibration
 
 N = 25
 SAME = 1e-20

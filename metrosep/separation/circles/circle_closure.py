@@ -1,0 +1,442 @@
+"""Circle closure: a polygon and an index table calibrate each other without a standard.
+
+In set-up p the polygon sits p positions on; at table index j the comparator reads
+``m_pj = a_(j+p) + t b_j + c_p``: a the angle errors of the faces, b those of the table, c_p the zero
+of the set-up, indices modulo N, and t = -1: reading = angle of the artefact minus that of the
+table (t = +1 if the error of the table adds to the reading). Errors are actual minus nominal,
+cumulative from a mean of zero; those of the pitches are their differences and sum to zero, since
+the pitches sum to 360 degrees whatever they are: the circle is its own standard of scale.
+
+Source: C. J. Evans, R. J. Hocken, W. T. Estler, CIRP Annals 45 (1996) 617, circle closure.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.blas import one_blas_thread
+from metrosep.core.errors import (
+    DataError,
+    InvalidSamplesError,
+    NotSeparableError,
+    TooFewSamplesError,
+    UnitError,
+)
+from metrosep.core.provenance import Step
+from metrosep.core.quantity import Quantity
+from metrosep.separation.circles._circle import (
+    check_u_reading,
+    check_whole,
+    grid,
+    names_of_k,
+    numbers,
+)
+from metrosep.separation.contract import (
+    Separation,
+    SeparationMethod,
+    Unobservable,
+    suppressed_harmonics,
+)
+
+__all__ = ["CircleClosure", "closure"]
+
+_PARTS = ("artefact", "machine")
+
+
+@dataclass(frozen=True)
+class CircleClosure(SeparationMethod):
+    """Angle comparisons of a divided circle with another one of as many divisions.
+
+    Parameters
+    ----------
+    n : int
+        Divisions N of both, >= 3.
+    positions : sequence of int, optional
+        By how many divisions the artefact was turned on in each set-up, in the order of the
+        readings; 0 ... N - 1 (full cross calibration) if omitted. A position may come twice.
+    table_sign : {-1, 1}, optional
+        -1: reading = artefact minus table; +1: the errors add.
+
+    Raises
+    ------
+    TooFewSamplesError
+        If there are fewer than 3 divisions or 2 set-ups.
+    DataError
+        If a position is no whole number, or `table_sign` is neither -1 nor 1.
+    NotSeparableError
+        If all set-ups have the same position.
+
+    Examples
+    --------
+    >>> CircleClosure(12, positions=(0, 3)).null_space()[1].indices
+    (4,)
+    """
+
+    n: int
+    positions: Any = None
+    table_sign: Literal[-1, 1] = -1
+
+    name: ClassVar[str] = "closure"
+    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
+    error_parts: ClassVar[tuple[str, ...]] = ("machine",)
+
+    def __post_init__(self) -> None:
+        n = check_whole(self.n, "the number of divisions n", least=0)
+        if n < 3:
+            raise TooFewSamplesError(f"a divided circle needs >= 3 divisions, got {n}")
+        given = range(self.n) if self.positions is None else self.positions
+        try:
+            whole = [int(p) for p in given]
+            exact = all(p == q for p, q in zip(whole, given, strict=True))
+        except (TypeError, ValueError, OverflowError):
+            whole, exact = [], False
+        if not exact:
+            raise DataError(f"positions must be whole numbers of divisions, got {given!r}")
+        if len(whole) < 2:
+            raise TooFewSamplesError(f"need >= 2 set-ups, got {len(whole)}")
+        if self.table_sign not in (-1, 1):
+            raise DataError(f"table_sign must be -1 or +1, got {self.table_sign!r}")
+        object.__setattr__(self, "table_sign", -1 if self.table_sign < 0 else 1)
+        object.__setattr__(self, "n", n)
+        object.__setattr__(self, "positions", tuple(p % self.n for p in whole))
+        if len(set(self.positions)) == 1:
+            raise NotSeparableError(
+                "all set-ups have the artefact at the same position, so artefact and table are "
+                "not told apart; turn the artefact between set-ups"
+            )
+
+    def simulate(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> FloatArray:
+        """Return the readings of given angle errors, the zeros of the set-ups being 0.
+
+        Parameters
+        ----------
+        truth : mapping of str to array_like, shape (N,), rad
+            ``artefact``: errors of its faces.
+        errors : mapping of str to array_like, shape (N,), rad
+            ``machine``: errors of the table.
+
+        Returns
+        -------
+        ndarray, shape (P, N), rad
+            One row for each set-up.
+
+        Raises
+        ------
+        DataError
+            If a part is unknown, none is given, or it has not N values.
+        """
+        parts = dict.fromkeys(_PARTS, np.zeros(self.n))
+        if not truth and not errors:
+            raise DataError("give the artefact or the machine to simulate")
+        for name, values in {**truth, **errors}.items():
+            if name not in parts:
+                raise DataError(f"there is no part {name!r}; there are {', '.join(_PARTS)}")
+            row = np.asarray(values, dtype=np.float64)
+            if row.shape != (self.n,):
+                raise DataError(f"the part {name!r} needs {self.n} values, got {row.shape}")
+            parts[name] = row
+        faces = np.array([np.roll(parts["artefact"], -p) for p in self.positions])
+        out: FloatArray = faces + self.table_sign * parts["machine"]
+        return out
+
+    def null_space(self) -> tuple[Unobservable, ...]:
+        """Return the common angle and the harmonics that all positions show alike.
+
+        Returns
+        -------
+        tuple of Unobservable
+            With all N positions only the common angle.
+        """
+        k = np.arange(1, self.n // 2 + 1)
+        steps = np.array(self.positions) - self.positions[0]
+        hidden = tuple(int(v) for v in k[(np.outer(k, steps) % self.n == 0).all(axis=1)])
+        found = []
+        for part in _PARTS:
+            found.append(
+                Unobservable(
+                    part,
+                    "term",
+                    ("offset",),
+                    "a common angle of all divisions is the zero of the comparator; errors are "
+                    "given about their mean",
+                )
+            )
+            if hidden:
+                found.append(
+                    Unobservable(
+                        part,
+                        "harmonic",
+                        hidden,
+                        "all positions of the artefact show these alike, so artefact and table are "
+                        "not told apart; add a position that shares no factor with N",
+                    )
+                )
+        return tuple(found)
+
+    def separate(
+        self,
+        readings: ArrayLike,
+        *,
+        u_reading: float | None = None,
+        history: tuple[Step, ...] = (),
+    ) -> Separation:
+        """Return the angle errors of artefact and machine.
+
+        Parameters
+        ----------
+        readings : array_like, shape (P, N), rad
+            Row p: set-up with the artefact `positions[p]` divisions on; column j: table index.
+            NaN where not measured.
+        u_reading : float, rad, optional
+            Standard deviation of one reading; from the residuals if omitted.
+        history : tuple of Step, optional
+            Where the readings came from.
+
+        Returns
+        -------
+        Separation
+            Parts ``artefact`` and ``machine`` in rad over ``angle``, each about its mean.
+
+        Raises
+        ------
+        InvalidSamplesError
+            If the readings have another shape or are infinite.
+        NotSeparableError
+            If the readings that were taken do not tie all divisions together.
+        UnitError
+            If readings above 0.1 rad look like degrees or seconds of arc.
+        DataError
+            If `u_reading` is negative or not finite.
+        """
+        stated = check_u_reading(u_reading, "rad")
+        array = checked_angles(readings, len(self.positions), self.n)
+        null_space = self.null_space()
+        hidden = suppressed_harmonics(null_space)
+        solution = solve_closure(array, self.positions, self.table_sign, hidden)
+        extra = solution.surplus
+        if extra:
+            raise NotSeparableError(
+                f"{int(np.isnan(array).sum())} readings are missing, and those taken leave "
+                f"{extra} more combinations of divisions open than these positions must; measure "
+                "each face and each table index in more than one set-up"
+            )
+        n = self.n
+        n_readings = int(np.isfinite(array).sum())
+        freedom = n_readings - solution.rank
+        noise = noise_of_residuals(stated, solution.residual, freedom)
+        messages = []
+        if hidden:
+            messages.append(
+                f"k={names_of_k(hidden)} of the divided circle {'is' if len(hidden) == 1 else 'are'} "
+                "alike at all positions and absent from both parts"
+            )
+        if math.isnan(noise.value):
+            messages.append(
+                "no reading is redundant: give u_reading or one more position; no uncertainty is "
+                "stated"
+            )
+        n_missing = array.size - n_readings
+        if n_missing:
+            messages.append(f"{n_missing} of {array.size} readings are not measured")
+        return Separation(
+            self.name,
+            dict(zip(_PARTS, solution.parts, strict=True)),
+            dict(zip(_PARTS, noise.value * solution.unit_u, strict=True)),
+            dict.fromkeys(_PARTS, "rad"),
+            {"angle": grid(n)},
+            null_space,
+            noise,
+            audit={
+                "n_divisions": n,
+                "positions": list(self.positions),
+                "table_sign": self.table_sign,
+                "n_readings": n_readings,
+                "n_not_measured": n_missing,
+                "residual_freedom": freedom,
+                "suppressed": hidden,
+                "removed": "zero of each set-up, mean of both parts",
+                "noise_source": noise.definition,
+            },
+            messages=tuple(messages),
+            history=(*history, Step(self.name, {"n": n, "positions": list(self.positions)})),
+        )
+
+
+def closure(
+    m: ArrayLike,
+    *,
+    positions: Sequence[int] | None = None,
+    table_sign: Literal[-1, 1] = -1,
+    u_reading: float | None = None,
+) -> Separation:
+    """Return angle errors of a divided circle and of the table that carried it.
+
+    Parameters
+    ----------
+    m : array_like, shape (P, N), rad
+        Row p: readings at the N table indices with the artefact turned on by `positions[p]`.
+    positions : sequence of int, optional
+        Divisions by which the artefact was turned on; 0 ... P - 1 if omitted.
+    table_sign : {-1, 1}, optional
+        -1: reading = artefact minus table; +1: the errors add.
+    u_reading : float, rad, optional
+        Standard deviation of one reading; from the residuals if omitted.
+
+    Returns
+    -------
+    Separation
+        ``.artefact``, ``.machine`` in rad, each about its mean.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If the readings have the wrong shape or are infinite.
+    TooFewSamplesError
+        If there are fewer than 3 divisions or 2 set-ups.
+    NotSeparableError
+        If the set-ups do not tie all divisions together.
+    UnitError
+        If the readings look like degrees or seconds of arc.
+    DataError
+        If a setting is out of range.
+
+    Notes
+    -----
+    Least squares. All N positions: ``u = s sqrt((N - 1)) / N`` for each division. Fewer positions
+    leave those harmonics k open for which k times each difference of positions is a multiple of N;
+    they are absent from both parts and named.
+
+    Examples
+    --------
+    >>> polygon, table = np.array([2e-6, -1e-6, -1e-6]), np.array([1e-6, 1e-6, -2e-6])
+    >>> found = closure([np.roll(polygon, -p) - table + 5e-6 for p in range(3)])
+    >>> bool(np.abs(found.artefact - polygon).max() < 1e-18)
+    True
+    """
+    try:
+        shape = np.shape(m)
+    except ValueError:
+        shape = ()
+    if len(shape) != 2:
+        raise InvalidSamplesError(f"closure needs readings of shape (set-ups, N), got {shape}")
+    given = range(shape[0]) if positions is None else positions
+    if len(given) != shape[0]:
+        raise DataError(f"{len(given)} positions do not fit {shape[0]} rows of readings")
+    return CircleClosure(shape[1], given, table_sign).separate(m, u_reading=u_reading)
+
+
+# ---- least squares of circle closure: faces, table errors and zeros of the set-ups at once -----
+
+_LARGEST = 0.1
+"""Readings in rad further from their mean are degrees or seconds of arc by mistake."""
+
+_SINGULAR = 1e-9
+"""Eigenvalues below this share of the largest are zero: the normal matrix counts readings."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClosureSolution:
+    """What the normal equations give."""
+
+    # shape (2, N), rad: artefact and machine, without their means and without hidden harmonics
+    parts: FloatArray
+    unit_u: FloatArray  # shape (2, N): their standard uncertainty for readings of unit noise
+    residual: FloatArray  # shape (P, N), rad: reading minus model; NaN where not measured
+    rank: int  # of the normal matrix
+    surplus: int  # dimension of the null space beyond means and hidden harmonics
+
+
+def solve_closure(
+    array: FloatArray, positions: tuple[int, ...], sign: int, hidden: list[int]
+) -> ClosureSolution:
+    """Return the least-squares solution; the unknowns are N faces, N table errors, P zeros."""
+    p, n = array.shape
+    taken = np.isfinite(array).astype(np.float64)
+    value = np.where(taken > 0.0, array, 0.0)
+    face = (np.arange(n) + np.array(positions)[:, np.newaxis]) % n
+    size = 2 * n + p
+    normal, right = np.zeros((size, size)), np.zeros(size)
+    table = np.broadcast_to(n + np.arange(n), (p, n))
+    setup = np.broadcast_to(2 * n + np.arange(p)[:, np.newaxis], (p, n))
+    columns = ((face, 1.0), (table, float(sign)), (setup, 1.0))
+    for i, first in columns:
+        np.add.at(right, i, first * value)
+        for j, second in columns:
+            np.add.at(normal, (i, j), first * second * taken)
+    keep = _kept(n, hidden)
+    with one_blas_thread():
+        values, vectors = np.linalg.eigh(normal)
+        known = values > _SINGULAR * values[-1]
+        root = vectors[:, known] / np.sqrt(values[known])
+        found = root @ (root.T @ right)
+        spread = np.stack([keep @ root[:n], keep @ root[n : 2 * n]])
+    model = found[face] + sign * found[table] + found[setup]
+    expected = 2 + sum(1 if 2 * k == n else 2 for k in hidden)
+    rank = int(known.sum())
+    return ClosureSolution(
+        np.stack([keep @ found[:n], keep @ found[n : 2 * n]]),
+        np.sqrt(np.sum(spread**2, axis=2)),
+        array - model,
+        rank,
+        size - rank - expected,
+    )
+
+
+def _kept(n: int, hidden: list[int]) -> FloatArray:
+    """Return the projector (n, n) that takes off the mean and the hidden harmonics."""
+    steps = np.subtract.outer(np.arange(n), np.arange(n))
+    keep: FloatArray = np.eye(n) - 1.0 / n
+    for k in hidden:
+        keep -= (1.0 if 2 * k == n else 2.0) / n * np.cos(2.0 * np.pi * k * steps / n)
+    return keep
+
+
+def checked_angles(readings: ArrayLike, p: int, n: int) -> FloatArray:
+    """Return readings (p, n) in rad, refused if infinite, of another shape or unit."""
+    array = numbers(readings, "the readings must be a regular array of numbers in rad")
+    if array.shape != (p, n):
+        raise InvalidSamplesError(
+            f"readings of {p} set-ups with {n} divisions need the shape ({p}, {n}), got "
+            f"{array.shape}"
+        )
+    if np.isinf(array).any():
+        i, j = (int(v) for v in np.argwhere(np.isinf(array))[0])
+        raise InvalidSamplesError(f"reading {j} of set-up {i} is infinite; mark it NaN")
+    if np.isnan(array).all():
+        raise InvalidSamplesError("nothing was measured: all readings are NaN")
+    spread = (
+        array
+        - np.where(
+            np.isnan(array).all(axis=1),
+            0.0,
+            np.nansum(array, axis=1) / np.maximum(np.isfinite(array).sum(axis=1), 1),
+        )[:, np.newaxis]
+    )
+    largest = float(np.nanmax(np.abs(spread)))
+    if largest > _LARGEST:
+        raise UnitError(
+            f"readings differ by up to {largest:.4g} from their mean; they must be in rad: degrees "
+            "or seconds of arc? give numpy.deg2rad(m), or that of m / 3600"
+        )
+    return array
+
+
+def noise_of_residuals(stated: float | None, rest: FloatArray, freedom: int) -> Quantity:
+    """Return the noise of one reading: as stated, else from the residuals."""
+    text = "standard deviation of one reading; "
+    if stated is not None:
+        return Quantity(stated, "rad", text + "as stated", None, "s")
+    if freedom < 1:
+        return Quantity(math.nan, "rad", text + "not known", None, "s")
+    value = math.sqrt(float(np.nansum(rest**2)) / freedom)
+    text += f"type A from residuals, {freedom} degrees of freedom"
+    return Quantity(value, "rad", text, value / math.sqrt(2.0 * freedom), "s")

@@ -1,0 +1,678 @@
+"""Multi-probe roundness: artefact and spindle motion from three or more probes round one section.
+
+Model: ``m_i(theta) = r(theta + t phi_i) + x(theta) cos(phi_i) + y(theta) sin(phi_i)``.
+
+Signs: probe angles phi count counter-clockwise from +X, as seen by an observer for whom +Y is 90
+degrees on. A reading grows when the surface comes towards the probe, so x > 0 is the axis moved to
++X and r > 0 is material. The turn t = +1: the part turns against the count of the probe angles
+(clockwise), so the point of the part at the probe phi is theta + phi. With t = -1 it turns with the
+count, and the angle of the part is counted the other way, theta - phi.
+
+Harmonic k = 0 is the zero of each probe and k = 1 is eccentricity and motion in one: neither is
+separable. Undulations whose noise gain exceeds ``max_gain`` are suppressed by the angles: reported,
+NaN in ``harmonics``, absent from the curves.
+
+Source of the three-probe weights: D. J. Whitehouse, J. Phys. E 9 (1976) 531; here least squares.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep.core._arrays import ComplexArray, FloatArray
+from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError, UnitError
+from metrosep.core.provenance import Step
+from metrosep.core.quantity import Quantity
+from metrosep.separation._readings import size_doubts
+from metrosep.separation.circles._circle import (
+    ProbeGeometry,
+    angle_tuple,
+    centred,
+    centring,
+    check_kmax,
+    check_number,
+    check_radius,
+    check_start,
+    check_turn,
+    check_u_reading,
+    circle_readings,
+    curve,
+    grid,
+    harmonics_of,
+    names_of_k,
+    numbers,
+    part_arrays,
+    probe_geometry,
+    referred_to_zero,
+    revolutions,
+    turned,
+    with_messages,
+)
+from metrosep.separation.contract import (
+    Separation,
+    SeparationMethod,
+    Unobservable,
+    suppressed_harmonics,
+)
+
+__all__ = ["MultiprobeRoundness", "multiprobe"]
+
+
+@dataclass(frozen=True)
+class MultiprobeRoundness(SeparationMethod):
+    """Probes at fixed angles round one section of a turning artefact.
+
+    Parameters
+    ----------
+    angles : sequence of float, shape (n,), n >= 3, rad
+        Where the probes stand, in the order of the readings.
+    kmax : int
+        Highest undulation per revolution that is separated, >= 2 and below half the samples.
+    cov : array_like, shape (n,) or (n, n), m^2, optional
+        Variances or covariance of one reading of each probe; they weight the probes and, where no
+        `u_reading` is given, make the uncertainty. All probes alike if omitted.
+    u_angles : float or sequence of float, rad, optional
+        Standard uncertainty of each probe angle, independent (type B).
+    u_sensitivity : float or sequence of float, optional
+        Relative standard uncertainty of the sensitivity of each probe, independent (type B).
+    max_gain : float, optional
+        An undulation whose noise is magnified more than this is called suppressed.
+    turn : {1, -1}, optional
+        +1: the part turns against the count of the probe angles; -1: with it.
+    radius : float, m, optional
+        Radius of the artefact: the audit then tells the second undulation that the eccentricity
+        itself makes, ``e^2 / (4 radius)``.
+
+    Raises
+    ------
+    TooFewSamplesError, InvalidSamplesError
+        If there are fewer than 3 angles, they are not finite, or `cov` is no covariance.
+    UnitError
+        If angles or their uncertainty look like degrees, or `radius` like mm.
+    DataError
+        If kmax, the uncertainties, `max_gain`, `turn` or `radius` are out of range.
+    NotSeparableError
+        If the probes stand on one line or their angles suppress every undulation.
+
+    Examples
+    --------
+    >>> method = MultiprobeRoundness(np.deg2rad([0, 45, 135]), 20)
+    >>> [k for item in method.null_space() if item.kind == "harmonic" for k in item.indices][:4]
+    [7, 9, 15, 17]
+    """
+
+    angles: Any
+    kmax: int
+    cov: Any = None
+    u_angles: Any = 0.0
+    u_sensitivity: Any = 0.0
+    max_gain: float = 50.0
+    turn: Literal[1, -1] = 1
+    radius: float | None = None
+
+    name: ClassVar[str] = "multiprobe"
+    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
+    error_parts: ClassVar[tuple[str, ...]] = ("x", "y")
+
+    def __post_init__(self) -> None:
+        angles = angle_tuple(self.angles, least=3, what="probe")
+        n = len(angles)
+        object.__setattr__(self, "angles", angles)
+        object.__setattr__(self, "kmax", check_kmax(self.kmax))
+        object.__setattr__(self, "cov", checked_covariance(self.cov, n))
+        for name, unit, most in (("u_angles", "rad", 0.2), ("u_sensitivity", "", 0.5)):
+            object.__setattr__(self, name, each_probe(getattr(self, name), n, name, unit, most))
+        object.__setattr__(self, "max_gain", check_number(self.max_gain, "max_gain", above=0.0))
+        object.__setattr__(self, "turn", check_turn(self.turn))
+        if self.radius is not None:
+            object.__setattr__(self, "radius", check_radius(self.radius))
+        if np.isinf(self._geometry().gain[0]).all():
+            raise NotSeparableError(
+                "these probe angles suppress every undulation (do two probes stand at the same or "
+                "at opposite places?); use optimise_probe_angles"
+            )
+
+    def _geometry(self) -> ProbeGeometry:
+        return probe_geometry(
+            np.array(self.angles),
+            self.kmax,
+            covariance=None if self.cov is None else np.array(self.cov),
+            max_gain=self.max_gain,
+            turn=self.turn,
+        )
+
+    @property
+    def gain(self) -> FloatArray:
+        """Noise of the artefact harmonics 0 ... kmax over that of a reading's; inf: suppressed."""
+        gain: FloatArray = self._geometry().gain[0]
+        return gain
+
+    def simulate(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> FloatArray:
+        """Return what the probes read of given parts.
+
+        Parameters
+        ----------
+        truth : mapping of str to array_like, shape (N,), m
+            ``artefact``: radius deviation over its own angle.
+        errors : mapping of str to array_like, shape (N,), m
+            ``x``, ``y``: motion of the axis over the angle of rotation.
+
+        Returns
+        -------
+        ndarray, shape (n, N), m
+            One row for each probe.
+
+        Raises
+        ------
+        DataError
+            If a part is unknown, none is given, or their lengths differ.
+
+        Notes
+        -----
+        The artefact is turned by its Fourier phases, exact for harmonics below N/2.
+        """
+        parts, _ = part_arrays(PARTS, truth, errors)
+        phi = np.array(self.angles)
+        out: FloatArray = (
+            turned(parts["artefact"], self.turn * phi)
+            + np.outer(np.cos(phi), parts["x"])
+            + np.outer(np.sin(phi), parts["y"])
+        )
+        return out
+
+    def null_space(self) -> tuple[Unobservable, ...]:
+        """Return mean, eccentricity and the undulations that the angles suppress.
+
+        Returns
+        -------
+        tuple of Unobservable
+            For each part: the terms k = 0 and k = 1, then the suppressed harmonics up to kmax.
+        """
+        return probe_null_space(self._geometry().gain, self.max_gain)
+
+    def separate(
+        self,
+        readings: ArrayLike,
+        *,
+        u_reading: float | None = None,
+        start_angle: float = 0.0,
+        history: tuple[Step, ...] = (),
+    ) -> Separation:
+        """Return artefact and motion.
+
+        Parameters
+        ----------
+        readings : array_like, shape (n, N) or (n, M, N), m
+            Each probe over one revolution of N equal steps, or over M revolutions.
+        u_reading : float, m, optional
+            Standard deviation of one reading. If omitted: `cov`, else the scatter of the
+            revolutions, else (n > 3) what the probes disagree by.
+        start_angle : float, rad, optional
+            Angle of the first sample; ``harmonics`` are referred to the angle 0.
+        history : tuple of Step, optional
+            Where the readings came from.
+
+        Returns
+        -------
+        Separation
+            Parts ``artefact``, ``x``, ``y`` over ``angle``, with ``harmonics``.
+
+        Raises
+        ------
+        InvalidSamplesError
+            If the readings have another shape, are infinite, or no revolution is complete.
+        TooFewSamplesError
+            If kmax is not below half the samples.
+        DataError
+            If `u_reading` is negative or not finite.
+        """
+        start = check_start(start_angle)
+        return separate_probes(
+            self, self._geometry(), readings, check_u_reading(u_reading), start, history
+        )
+
+
+def multiprobe(
+    m: Any,
+    angles: ArrayLike,
+    kmax: int,
+    *,
+    cov: ArrayLike | None = None,
+    u_reading: float | None = None,
+    u_angles: ArrayLike = 0.0,
+    u_sensitivity: ArrayLike = 0.0,
+    max_gain: float = 50.0,
+    turn: Literal[1, -1] = 1,
+    radius: float | None = None,
+    angle: ArrayLike | None = None,
+) -> Separation:
+    """Return roundness of an artefact and motion of its axis from three or more probes.
+
+    Parameters
+    ----------
+    m : array_like, shape (n, N) or (n, M, N), m, or Recording, or sequence of Profile
+        Readings of each probe over one revolution of N equal steps, or M revolutions. Profiles
+        hold the angle of rotation in rad as their position, the same in each. A `Recording` is
+        cut into revolutions by its channel ``angle`` (or of unit rad); without it, it must be one.
+    angles : array_like, shape (n,), n >= 3, rad
+        Where the probes stand.
+    kmax : int
+        Highest undulation per revolution, 2 <= kmax < N/2.
+    cov : array_like, shape (n,) or (n, n), m^2, optional
+        Variances or covariance of one reading of each probe; alike and independent if omitted.
+    u_reading : float, m, optional
+        Standard deviation of one reading; with `cov`, its root mean square over the probes.
+    u_angles : float or array_like, shape (n,), rad, optional
+        Standard uncertainty of the probe angles.
+    u_sensitivity : float or array_like, shape (n,), optional
+        Relative standard uncertainty of the probe sensitivities.
+    max_gain : float, optional
+        Noise magnification above which an undulation counts as suppressed.
+    turn : {1, -1}, optional
+        +1: the part turns against the count of the probe angles; -1: with it.
+    radius : float, m, optional
+        Radius of the artefact, for the second undulation of an eccentric circle.
+    angle : array_like, shape (N,), rad, optional
+        Angle of rotation at each sample of `m` given as arrays; from 0 in equal steps if omitted.
+
+    Returns
+    -------
+    Separation
+        ``.artefact``, ``.x``, ``.y``: sums of the observable harmonics 2 ... kmax; ``.suppressed``;
+        ``.harmonics``, NaN where not observable.
+
+    Raises
+    ------
+    TooFewSamplesError
+        If there are fewer than 3 probes or kmax is not below N/2.
+    InvalidSamplesError
+        If readings or angles are not finite or of the wrong shape, or the angle of rotation is not
+        in equal steps over whole revolutions.
+    UnitError
+        If the angles look like degrees, `radius` like mm.
+    NotSeparableError
+        If the probes stand on one line or their angles suppress everything.
+    DataError
+        If an uncertainty, kmax, `turn` or `radius` is out of range, or the profiles do not lie on
+        the same angles.
+
+    Notes
+    -----
+    ``m_i(theta) = r(theta + turn phi_i) + x(theta) cos(phi_i) + y(theta) sin(phi_i)``, least
+    squares weighted by `cov` for each k. Three alike probes: the noise gain is
+    ``sqrt(1 + c2^2 + c3^2) / |W_k|``, with ``W_k = 1 + c2 exp(j k phi_2) + c3 exp(j k phi_3)``.
+    Revolutions with a NaN are left out whole and counted. See docs: separation-multiprobe.
+
+    References
+    ----------
+    D. J. Whitehouse, Some theoretical aspects of error separation techniques in surface metrology,
+    J. Phys. E: Sci. Instrum. 9 (1976) 531-536 (three probes; W_k and its zeros).
+
+    Examples
+    --------
+    >>> theta = 2 * np.pi * np.arange(256) / 256
+    >>> phi = np.deg2rad([0.0, 27.0, 60.0])
+    >>> readings = [
+    ...     50e-9 * np.cos(3 * (theta + p)) + 20e-9 * np.sin(2 * theta) * np.sin(p) for p in phi
+    ... ]
+    >>> result = multiprobe(readings, phi, 50)
+    >>> bool(np.abs(result.artefact - 50e-9 * np.cos(3 * theta)).max() < 1e-20)
+    True
+    >>> bool(np.abs(result.y - 20e-9 * np.sin(2 * theta)).max() < 1e-20)
+    True
+    """
+    method = MultiprobeRoundness(
+        angles,
+        kmax,
+        cov=cov,
+        u_angles=u_angles,
+        u_sensitivity=u_sensitivity,
+        max_gain=max_gain,
+        turn=turn,
+        radius=radius,
+    )
+    given = circle_readings(m, what="multiprobe", angle=angle)
+    found = method.separate(
+        given.values, u_reading=u_reading, start_angle=given.start_angle, history=given.history
+    )
+    return with_messages(found, given.messages)
+
+
+# ---- the work of `MultiprobeRoundness.separate`: harmonics, uncertainty, audit, messages -------
+
+_FEW_REVOLUTIONS = 5
+"""Below this the uncertainty of a harmonic from revolutions has fewer than 8 degrees of freedom."""
+
+_DISAGREE = 5.0
+"""Excess of chi-square, in its standard deviations, at which the probes are said to disagree."""
+
+
+_ROUNDING = 1e-12
+"""Disagreement of this share of the readings is rounding."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Noise:
+    """Type A: of one reading, and of each harmonic of each part."""
+
+    value: float
+    u_value: float | None
+    source: str
+    harmonics: FloatArray
+
+    @property
+    def quantity(self) -> Quantity:
+        return Quantity(
+            self.value, "m", f"standard deviation of one reading; {self.source}", self.u_value, "s"
+        )
+
+
+def separate_probes(
+    method: MultiprobeRoundness,
+    geometry: ProbeGeometry,
+    readings: ArrayLike,
+    u_reading: float | None,
+    start_angle: float,
+    history: tuple[Step, ...],
+) -> Separation:
+    """Return the separation that the method's estimators make of the readings."""
+    n = len(method.angles)
+    given = revolutions(readings, n, what="probes", n_min=2 * method.kmax + 1)
+    array = given.values
+    messages = [*given.messages, *size_doubts(centred(array), method.name)]
+    n_samples, n_turns = array.shape[2], array.shape[1]
+    each = harmonics_of(array, method.kmax)
+    mean = each.mean(axis=1)
+    found = _parts(geometry, mean)
+    misfit, freedom = _misfit(geometry, mean)
+    noise = _noise(method, geometry, array, each, misfit, freedom, u_reading)
+    terms = _type_b(method, geometry, mean, found, n_samples)
+    curves = curve(found, n_samples)
+    u_curves = np.sqrt(
+        np.nansum(noise.harmonics**2, axis=1)[:, np.newaxis]
+        + sum((square for square, _ in terms.values()), np.zeros((3, n_samples)))
+    )
+    if math.isnan(noise.value):
+        u_curves[:] = np.nan
+        messages.append(noise.source)
+    u_harmonics = np.sqrt(noise.harmonics**2 + sum(square for _, square in terms.values()))
+    null_space = method.null_space()
+    ratio = _chi2_ratio(geometry, each, noise, misfit, freedom, n_samples)
+    messages += _messages(method, null_space, noise, n_turns, ratio, freedom)
+    audit: dict[str, Any] = {
+        "angles_deg": np.rad2deg(method.angles).tolist(),
+        "turn": method.turn,
+        "kmax": method.kmax,
+        "n_samples": n_samples,
+        "n_revolutions": n_turns,
+        "n_revolutions_left_out": given.n_left_out,
+        "start_angle_deg": math.degrees(start_angle),
+        "max_gain": method.max_gain,
+        "gain": [float(g) if math.isfinite(g) else None for g in geometry.gain[0]],
+        "suppressed": suppressed_harmonics(null_space),
+        "removed": "k = 0 and k = 1 of every part, k > kmax",
+        "noise_source": noise.source,
+        "residual_chi2_ratio": ratio,
+        "residual_freedom": freedom,
+        **_eccentricity(method, mean),
+        "type_b": {
+            part: {
+                f"{label} / m": float(math.sqrt(square[i].mean()))
+                for label, (square, _) in terms.items()
+            }
+            for i, part in enumerate(PARTS)
+        },
+    }
+    messages += _limacon_message(audit)
+    return Separation(
+        method.name,
+        dict(zip(PARTS, curves, strict=True)),
+        dict(zip(PARTS, u_curves, strict=True)),
+        dict.fromkeys(PARTS, "m"),
+        {"angle": start_angle + grid(n_samples)},
+        null_space,
+        noise.quantity,
+        dict(zip(PARTS, referred_to_zero(found, start_angle), strict=True)),
+        dict(zip(PARTS, np.where(np.isnan(found), np.nan, u_harmonics), strict=True)),
+        audit,
+        tuple(messages),
+        (*history, Step(method.name, {"kmax": method.kmax, "angles_deg": audit["angles_deg"]})),
+    )
+
+
+def _parts(geometry: ProbeGeometry, spectra: ComplexArray) -> ComplexArray:
+    """Return (3, ..., kmax + 1) from (n, ..., kmax + 1)."""
+    out: ComplexArray = np.einsum("pkn,n...k->p...k", geometry.rows, spectra)
+    return out
+
+
+def _rest(geometry: ProbeGeometry, spectra: ComplexArray) -> ComplexArray:
+    """Return the whitened rest (k, ..., n) of spectra (n, ..., k) that no parts explain."""
+    known = geometry.freedom > 0
+    out: ComplexArray = np.einsum(
+        "kij,jl,l...k->k...i", geometry.residual[known], geometry.whitener, spectra[..., known]
+    )
+    return out
+
+
+def _misfit(geometry: ProbeGeometry, mean: ComplexArray) -> tuple[float, int]:
+    """Return sum of squares of the whitened rest of the mean, and its real degrees of freedom."""
+    rest = _rest(geometry, mean)
+    return float(np.sum(np.abs(rest) ** 2)), 2 * int(geometry.freedom.sum())
+
+
+def _noise(
+    method: MultiprobeRoundness,
+    geometry: ProbeGeometry,
+    array: FloatArray,
+    each: ComplexArray,
+    misfit: float,
+    freedom: int,
+    u_reading: float | None,
+) -> _Noise:
+    """Return the noise: stated, else scatter of revolutions, else disagreement of the probes."""
+    n, n_turns, n_samples = array.shape
+    gain = np.where(np.isinf(geometry.gain), np.nan, geometry.gain)
+    white = gain * math.sqrt(2.0 / (n_samples * n_turns))
+    if u_reading is not None:
+        return _Noise(u_reading, None, "as stated (u_reading)", white * u_reading)
+    if method.cov is not None:
+        size = math.sqrt(float(np.trace(np.array(method.cov))) / n)
+        return _Noise(size, None, "as stated (cov, root mean square)", white * size)
+    if n_turns > 1:
+        about = centred(array - array.mean(axis=1, keepdims=True))
+        dof = n * (n_samples - 3) * (n_turns - 1)
+        size = math.sqrt(float(np.sum(about**2)) / dof)
+        scatter = _parts(geometry, each - each.mean(axis=1, keepdims=True))
+        variance = np.sum(np.abs(scatter) ** 2, axis=1) / (2.0 * (n_turns - 1) * n_turns)
+        source = f"type A from {n_turns} revolutions, asynchronous motion included"
+        return _Noise(size, size / math.sqrt(2.0 * dof), source, np.sqrt(variance))
+    if freedom > 0:
+        size = math.sqrt(misfit / freedom * n_samples / 2.0)
+        source = f"type A from what {n} probes disagree by, {freedom} degrees of freedom"
+        return _Noise(size, size / math.sqrt(2.0 * freedom), source, white * size)
+    source = (
+        "the noise of a reading is not known (three probes, one revolution): give u_reading, cov, "
+        "repeated revolutions or a fourth probe; no uncertainty is stated"
+    )
+    return _Noise(math.nan, None, source, white * math.nan)
+
+
+def _type_b(
+    method: MultiprobeRoundness,
+    geometry: ProbeGeometry,
+    mean: ComplexArray,
+    found: ComplexArray,
+    n_samples: int,
+) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Return variances of curves (3, N) and of harmonics (3, kmax + 1) for each named term.
+
+    A wrong angle of probe i changes its reading by ``d_i`` per rad, a wrong sensitivity by the
+    reading itself; the estimator's row of that probe carries it into the parts.
+    """
+    phi = np.array(method.angles)[:, np.newaxis]
+    k = np.arange(method.kmax + 1)
+    r, x, y = found
+    turning = 1j * method.turn * k * np.exp(1j * method.turn * k * phi)
+    d = turning * r - np.sin(phi) * x + np.cos(phi) * y
+    out = {}
+    for label, per_unit, u in (
+        ("probe angles", d, method.u_angles),
+        ("probe sensitivities", mean, method.u_sensitivity),
+    ):
+        if not any(u):
+            continue
+        moved = geometry.rows.transpose(0, 2, 1) * (per_unit * np.array(u)[:, np.newaxis])
+        out[label] = (
+            np.sum(curve(moved, n_samples) ** 2, axis=1),
+            np.sum(np.abs(moved) ** 2, axis=1) / 2.0,
+        )
+    return out
+
+
+def _chi2_ratio(
+    geometry: ProbeGeometry,
+    each: ComplexArray,
+    noise: _Noise,
+    misfit: float,
+    freedom: int,
+    n_samples: int,
+) -> float | None:
+    """Return what the probes disagree by, squared, over what the noise explains.
+
+    Revolutions tell the noise of the disagreement itself: motion and drift of the level that
+    differ from revolution to revolution do not hide it.
+    """
+    n_turns = each.shape[1]
+    if freedom == 0 or math.isnan(noise.value):
+        return None
+    if noise.source.startswith("as stated") or n_turns == 1:
+        explained = noise.value**2 * 2.0 / (n_samples * n_turns)
+    else:
+        scatter = _rest(geometry, each - each.mean(axis=1, keepdims=True))
+        explained = float(np.sum(np.abs(scatter) ** 2)) / (freedom * (n_turns - 1) * n_turns)
+    floor = (_ROUNDING * float(np.abs(each).max())) ** 2
+    explained = max(explained, floor)
+    return misfit / freedom / explained if explained > 0.0 else None
+
+
+def _eccentricity(method: MultiprobeRoundness, mean: ComplexArray) -> dict[str, float | None]:
+    """Return the run-out that turns with the part, and what only motion can have made, at k = 1."""
+    phi = np.array(method.angles)
+    basis = np.exp(1j * method.turn * np.outer(phi, [1.0, -1.0]))
+    with_part, against = np.abs(np.linalg.lstsq(basis, mean[:, 1], rcond=None)[0])
+    second = None if method.radius is None else float(with_part**2 / (4.0 * method.radius)) * 1e9
+    return {
+        "eccentricity_um": float(with_part) * 1e6,
+        "motion_against_k1_um": float(against) * 1e6,
+        "eccentric_circle_k2_nm": second,
+    }
+
+
+def _limacon_message(audit: dict[str, Any]) -> list[str]:
+    second = audit["eccentric_circle_k2_nm"]
+    if second is None or second < 0.1:
+        return []
+    text = (
+        f"the eccentricity of {audit['eccentricity_um']:.3g} um by itself makes a second "
+        f"undulation of {second:.3g} nm amplitude in artefact k = 2; centre better or allow for it"
+    )
+    return [text]
+
+
+def _messages(
+    method: MultiprobeRoundness,
+    null_space: Any,
+    noise: _Noise,
+    n_turns: int,
+    ratio: float | None,
+    freedom: int,
+) -> list[str]:
+    out = []
+    hidden = suppressed_harmonics(null_space)
+    if hidden:
+        out.append(
+            f"k={names_of_k(hidden)} {'is' if len(hidden) == 1 else 'are'} suppressed by these "
+            "probe angles: NaN in harmonics, absent from the curves"
+        )
+    if "revolutions" in noise.source and 1 < n_turns < _FEW_REVOLUTIONS:
+        out.append(
+            f"u of single harmonics comes from {n_turns} revolutions only "
+            f"({2 * (n_turns - 1)} degrees of freedom each)"
+        )
+    spread = 2.0 / max(freedom, 1) * (1.0 + (1.0 / (n_turns - 1) if n_turns > 1 else 0.0))
+    if ratio is not None and ratio > 1.0 + _DISAGREE * math.sqrt(spread):
+        out.append(
+            f"the probes disagree {math.sqrt(ratio):.3g} times more than their noise explains: "
+            "an angle, a sensitivity or the turn is wrong; check_probes names the suspect"
+        )
+    return out
+
+
+# ---- what `MultiprobeRoundness` checks of its settings, and its null space ---------------------
+
+PARTS = ("artefact", "x", "y")
+
+
+def probe_null_space(gain: FloatArray, max_gain: float) -> tuple[Unobservable, ...]:
+    """Return offset, eccentricity and the undulations of infinite gain, part by part."""
+    found = []
+    for part, row in zip(PARTS, gain, strict=True):
+        found.append(centring(part))
+        hidden = tuple(int(k) for k in np.flatnonzero(np.isinf(row)) if k > 1)
+        if hidden:
+            found.append(
+                Unobservable(
+                    part,
+                    "harmonic",
+                    hidden,
+                    "suppressed by these probe angles (noise gain of the artefact above "
+                    f"{max_gain:g}); other angles or one more probe show them",
+                )
+            )
+    return tuple(found)
+
+
+def each_probe(values: Any, n: int, name: str, unit: str, most: float) -> tuple[float, ...]:
+    """Return one uncertainty for each probe, refused beyond what can be meant."""
+    array = np.atleast_1d(numbers(values, f"{name} must be one number or {n}"))
+    if array.shape not in ((1,), (n,)):
+        raise DataError(f"{name} must be one number or {n}, got the shape {array.shape}")
+    if not ((array >= 0.0).all() and np.isfinite(array).all()):
+        raise DataError(f"{name} must be >= 0 and finite, got {array.tolist()} {unit}".rstrip())
+    if array.max() > most:
+        hint = "; degrees? give numpy.deg2rad" if unit else "; percent? divide by 100"
+        raise UnitError(f"{name} of {array.max():.6g} {unit} is above {most:g}{hint}")
+    return tuple(np.broadcast_to(array, n).tolist())
+
+
+def checked_covariance(cov: Any, n: int) -> tuple[tuple[float, ...], ...] | None:
+    """Return the covariance of the probes as rows, refused where it is none."""
+    if cov is None:
+        return None
+    array = numbers(cov, f"cov must hold {n} variances or {n} x {n} covariances in m^2")
+    if array.shape == (n,):
+        array = np.diag(array)
+    if array.shape != (n, n):
+        raise InvalidSamplesError(
+            f"cov must hold {n} variances or {n} x {n} covariances in m^2, got {array.shape}"
+        )
+    size = float(np.abs(array).max()) if np.isfinite(array).all() else math.nan
+    if (
+        not size > 0.0
+        or np.abs(array - array.T).max() > 1e-9 * size
+        or (np.diag(array) <= 0).any()
+    ):
+        raise InvalidSamplesError(
+            "cov must be finite and symmetric with variances > 0, in m^2; a probe of no use is "
+            "better left out"
+        )
+    return tuple(tuple(row) for row in array.tolist())

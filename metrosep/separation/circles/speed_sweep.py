@@ -1,0 +1,612 @@
+"""Spindle error motion against speed: polynomial fits with bands, and resonances made visible.
+
+Synchronous motion below the first resonance follows a + b n^2 (unbalance, dynamic stiffness) or is
+constant; near a resonance it leaves any low polynomial. `fit_speed_sweep` says both, with the order
+of rotation that a hinted natural frequency would excite.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
+from metrosep.core.profile import html_table
+from metrosep.core.provenance import Step
+from metrosep.core.quantity import Quantity
+from metrosep.separation._readings import (
+    as_numbers,
+    known_parts,
+    part_of,
+    plain,
+    positive,
+    real_numbers,
+    reduced,
+    stated_u,
+)
+from metrosep.separation.circles.speed_fit import SpeedFit, fit_values
+from metrosep.separation.circles.spindle_result import SpindleMotion
+from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+
+__all__ = ["SpeedGrowth", "SpeedSweep", "fit_speed_sweep"]
+
+_FASTEST = 2e3
+"""rev/s beyond which the speed is doubted: 120 000 rev/min. Air turbines above are rare, speeds typed
+in rev/min are not."""
+
+_DOUBT = 0.01
+"""p of the lack of fit below which it is told."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class SpeedSweep:
+    """Spindle values against speed; frozen.
+
+    Parameters
+    ----------
+    speed : ndarray, shape (n,), rev/s
+        Rising, repeats allowed.
+    fits : mapping of str to SpeedFit
+        By symbol.
+    natural_frequency : float or None, Hz
+        As hinted.
+    critical : mapping of int to float
+        Order k to the speed in rev/s where k times the speed meets the natural frequency.
+    audit : mapping
+        Settings, plain values.
+    messages : tuple of str
+        What a reader must know.
+    """
+
+    speed: FloatArray
+    fits: Mapping[str, SpeedFit]
+    natural_frequency: float | None
+    critical: Mapping[int, float]
+    audit: Mapping[str, Any]
+    messages: tuple[str, ...]
+
+    def __getitem__(self, symbol: str) -> SpeedFit:
+        return self.fits[symbol]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, SI, NaN as None.
+
+        Returns
+        -------
+        dict
+            ``speed`` in rev/s, ``fits`` by symbol, ``natural_frequency``, ``critical``, ``audit``,
+            ``messages``.
+        """
+        return {
+            "speed": plain(self.speed),
+            "fits": {name: fit.to_dict() for name, fit in self.fits.items()},
+            "natural_frequency": plain(self.natural_frequency),
+            "critical": plain(self.critical),
+            "audit": plain(self.audit),
+            "messages": list(self.messages),
+        }
+
+    def __repr__(self) -> str:
+        rows = "; ".join(f"{name}: {fit}" for name, fit in self.fits.items())
+        return f"SpeedSweep({self._range()}; {rows})"
+
+    def _range(self) -> str:
+        low, high = float(self.speed[0]), float(self.speed[-1])
+        return f"{self.speed.size} recordings, {low:.4g} to {high:.4g} rev/s"
+
+    def _repr_html_(self) -> str:
+        """Return a small table for notebooks."""
+        rows = {name: str(fit) for name, fit in self.fits.items()}
+        rows.update({f"message {i + 1}": m for i, m in enumerate(self.messages)})
+        return html_table(f"Speed sweep: {self._range()}", rows)
+
+
+def fit_speed_sweep(
+    speed: ArrayLike,
+    results: Sequence[SpindleMotion] | Mapping[str, ArrayLike],
+    *,
+    u: Mapping[str, ArrayLike] | None = None,
+    powers: Sequence[int] = (0, 2),
+    symbols: Sequence[str] = ("synchronous", "asynchronous_sd"),
+    natural_frequency: float | None = None,
+    orders: Sequence[int] = (1, 2, 3, 4, 5, 6),
+) -> SpeedSweep:
+    """Return how spindle error motion depends on speed.
+
+    Parameters
+    ----------
+    speed : array_like, shape (n,), rev/s
+        Of each recording; at least one more than there are powers.
+    results : sequence of SpindleMotion, or mapping of str to array_like, shape (n,)
+        One per recording; or values by symbol, in m or rad.
+    u : mapping of str to array_like, shape (n,), optional
+        Standard uncertainty of values that come as arrays.
+    powers : sequence of int, optional
+        Of the polynomial; (0, 2) by default.
+    symbols : sequence of str, optional
+        Values of the table to fit, where results are given.
+    natural_frequency : float, Hz, optional
+        Of spindle or mount, to name the speeds whose orders excite it.
+    orders : sequence of int, optional
+        Orders k tried against the natural frequency.
+
+    Returns
+    -------
+    SpeedSweep
+        Fits with confidence intervals, critical speeds, messages.
+
+    Raises
+    ------
+    TooFewSamplesError
+        If there are not more recordings than powers.
+    InvalidSamplesError
+        If values or speeds are NaN, negative or of another number.
+    DegenerateFitError
+        If there are fewer different speeds than powers.
+    UnitError
+        If a speed is beyond 2000 rev/s: it was given in rev/min.
+    DataError
+        If results, powers, orders or the natural frequency are not usable.
+
+    Notes
+    -----
+    Weighted least squares with weights 1/u^2 where all u are known and positive, else equal. The
+    covariance is multiplied by chi^2 / degrees where that exceeds 1, so a wrong u never makes the
+    interval too narrow; Student's t with the degrees of freedom of the fit. A speed is a peak if
+    its value lies above the fit through all others by more than 4 standard deviations of its
+    prediction. A polynomial does not describe a resonance: p_fit says where it fails.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> n = np.array([10.0, 20.0, 30.0, 40.0, 50.0])
+    >>> sweep = fit_speed_sweep(n, {"synchronous": 20e-9 + 1e-11 * n**2})
+    >>> c = sweep["synchronous"].coefficients
+    >>> print(f"{c[0]:.3g} m, {c[1]:.3g} m s^2")
+    2e-08 m, 1e-11 m s^2
+    """
+    at = _speeds(speed)
+    exponents = _powers(powers)
+    if natural_frequency is not None:
+        natural_frequency = positive(natural_frequency, "the natural frequency", "Hz")
+    tried = _whole(orders, "orders", least=1)
+    columns = _columns(results, u, symbols, at.size)
+    order = np.argsort(at, kind="stable")
+    at = at[order]
+    fits = {
+        name: fit_values(name, at, values[order], sd[order], exponents, unit)
+        for name, (values, sd, unit) in columns.items()
+    }
+    critical = {} if natural_frequency is None else {k: natural_frequency / k for k in tried}
+    at.setflags(write=False)
+    return SpeedSweep(
+        speed=at,
+        fits=fits,
+        natural_frequency=natural_frequency,
+        critical=critical,
+        audit={
+            "n_recordings": int(at.size),
+            "powers": list(exponents),
+            "symbols": list(fits),
+            "natural_frequency_hz": natural_frequency,
+        },
+        messages=tuple(_messages(at, fits, natural_frequency, critical)),
+    )
+
+
+def _speeds(speed: ArrayLike) -> FloatArray:
+    at = _real(speed, "the speed")
+    if np.isnan(at).any() or (at < 0.0).any():
+        raise InvalidSamplesError("speeds must be finite and not negative, in rev/s")
+    if at.max() > _FASTEST:
+        raise UnitError(
+            f"a speed of {at.max():.6g} rev/s is {60 * at.max():.6g} rev/min: speeds are in rev/s, "
+            "divide rev/min by 60"
+        )
+    return at
+
+
+def _real(values: ArrayLike, name: str) -> FloatArray:
+    return np.array(frozen_float(real_numbers(values, name), name=name, ndim=1))
+
+
+def _whole(values: Sequence[int], name: str, *, least: int) -> tuple[int, ...]:
+    try:
+        found = tuple(values)
+        numbers = tuple(int(v) for v in found)
+    except (TypeError, ValueError, OverflowError):
+        raise DataError(
+            f"{name} must be a sequence of whole numbers from {least}, got {values!r}"
+        ) from None
+    if numbers != found or (numbers and min(numbers) < least):
+        raise DataError(f"{name} must be whole numbers from {least}, got {found}")
+    return numbers
+
+
+def _powers(powers: Sequence[int]) -> tuple[int, ...]:
+    exponents = _whole(powers, "powers", least=0)
+    if not exponents:
+        raise DataError("powers is empty: give whole numbers from 0, such as (0, 2)")
+    if len(set(exponents)) < len(exponents):
+        raise DataError(f"a power occurs twice in {exponents}")
+    return exponents
+
+
+def _columns(
+    results: Sequence[SpindleMotion] | Mapping[str, ArrayLike],
+    u: Mapping[str, ArrayLike] | None,
+    symbols: Sequence[str],
+    size: int,
+) -> dict[str, tuple[FloatArray, FloatArray, str]]:
+    columns: dict[str, tuple[FloatArray, FloatArray, str]] = {}
+    if isinstance(results, Mapping):
+        if u is not None and not isinstance(u, Mapping):
+            raise DataError(
+                f"u= must be a mapping such as {{{next(iter(results), 'synchronous')!r}: [...]}}, got {type(u).__name__}"
+            )
+        given = u or {}
+        unknown = sorted(set(given) - set(results))
+        if unknown:
+            raise DataError(f"u= names {', '.join(unknown)}, which has no values")
+        for name, values in results.items():
+            sd = given.get(name, np.full(size, np.nan))
+            columns[name] = (_column(values, name, size), _column(sd, f"u of {name}", size), "m")
+        missing = [name for name, (values, _, _) in columns.items() if np.isnan(values).any()]
+        if missing:
+            raise InvalidSamplesError(f"{', '.join(missing)} is NaN: leave those recordings out")
+        return columns
+    if u is not None:
+        raise DataError("u= belongs to arrays; results carry theirs")
+    listed: Any = results
+    if not isinstance(listed, list | tuple) or not all(
+        isinstance(r, SpindleMotion) for r in listed
+    ):
+        raise DataError(
+            f"results must be SpindleMotion objects, or values by symbol such as "
+            f"{{'synchronous': [...]}}; got {type(results).__name__}"
+        )
+    unknown = [name for name in symbols if any(name not in r.table for r in results)]
+    if unknown:
+        raise DataError(f"the results hold no value {', '.join(map(str, unknown))}")
+    if len({(r.direction, r.sensitive) for r in results}) > 1:
+        raise DataError("the recordings are of different directions: fit them apart")
+    for name in symbols:
+        rows = [r.table[name] for r in results]
+        sd = [math.nan if q.u is None else q.u for q in rows]
+        unit = rows[0].unit if rows else "m"
+        columns[name] = (
+            _column([q.value for q in rows], name, size),
+            _column(sd, f"u of {name}", size),
+            unit,
+        )
+    return columns
+
+
+def _column(values: ArrayLike, name: str, size: int) -> FloatArray:
+    numbers = real_numbers(values, name)
+    if numbers.size != size:
+        raise InvalidSamplesError(f"{name} has {numbers.size} values, there are {size} speeds")
+    column = _real(numbers, name)
+    if (column < 0.0).any():
+        raise InvalidSamplesError(f"{name} is negative: widths and standard deviations are not")
+    return column
+
+
+def _messages(
+    speed: FloatArray,
+    fits: Mapping[str, SpeedFit],
+    natural_frequency: float | None,
+    critical: Mapping[int, float],
+) -> list[str]:
+    said = []
+    for name, fit in fits.items():
+        if fit.p_fit < _DOUBT:
+            said.append(
+                f"the polynomial does not describe {name} (p = {fit.p_fit:.1g}): a resonance, or "
+                "u holds too little; the interval was widened"
+            )
+        if fit.peaks:
+            at = ", ".join(f"{s:.4g}" for s in fit.peaks)
+            said.append(f"{name} stands out at {at} rev/s")
+            said += _orders_near(fit.peaks, speed, critical)
+        if math.isnan(fit.p_fit):
+            said.append(
+                f"{name} has no uncertainty of its own: the interval is from the residuals"
+            )
+    if natural_frequency is not None:
+        inside = [k for k, s in critical.items() if speed[0] <= s <= speed[-1]]
+        if inside:
+            text = ", ".join(f"k={k} at {critical[k]:.4g} rev/s" for k in inside)
+            said.append(f"{natural_frequency:.6g} Hz is met within the sweep by {text}")
+    return said
+
+
+def _orders_near(
+    peaks: tuple[float, ...], speed: FloatArray, critical: Mapping[int, float]
+) -> list[str]:
+    said = []
+    spacing = float(np.median(np.diff(np.unique(speed))))
+    for peak in peaks:
+        near = [k for k, s in critical.items() if abs(s - peak) <= spacing]
+        if near:
+            orders = " or ".join(f"k={k}" for k in near)
+            said.append(f"at {peak:.4g} rev/s the natural frequency is met by {orders}")
+    return said
+
+
+# ---- `SpeedGrowth`: values of spindle tests at several speeds: what stays at rest, what grows ----
+# ``reading_i = at_rest + growth(n_i)`` with ``growth(n) = sum_p c_p n^p`` over the powers p > 0.
+
+_LEVEL = "what is the same at every speed is counted as at_rest: growth is zero at standstill"
+_ARTEFACT = "the form of the artefact is the same at every speed; take it out by a reversal"
+_LAW = "a law of other powers, or a resonance, is shared out over the powers of the fit"
+_NO_LEVEL = "the powers have no 0: nothing is taken to stay at rest; add 0 to the powers"
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedGrowth(SeparationMethod):
+    """Values at stated speeds, as a polynomial in speed.
+
+    Parameters
+    ----------
+    speeds : tuple of float, rev/s
+        Of each recording, in any order; repeats allowed.
+    powers : tuple of int, optional
+        Of the speed; (0, 2) is a constant and unbalance.
+    unit : {"m", "rad"}, optional
+        Of the readings.
+
+    Raises
+    ------
+    TooFewSamplesError
+        If there are not more recordings than powers.
+    InvalidSamplesError
+        If speeds are NaN or negative.
+    DegenerateFitError
+        If there are fewer different speeds than powers.
+    UnitError
+        If a speed is beyond 2000 rev/s: it was given in rev/min.
+    DataError
+        If the powers are not whole numbers from 0, each once, or the unit is another one.
+
+    Examples
+    --------
+    >>> method = SpeedGrowth((10.0, 20.0, 30.0, 40.0))
+    >>> readings = method.simulate({"at_rest": [2e-8]}, {"growth": [[1e-9], [4e-9], [9e-9], [16e-9]]})
+    >>> found = method.separate(readings)
+    >>> (found.at_rest * 1e9).round(6).tolist(), (found.growth * 1e9).round(6).ravel().tolist()
+    ([20.0], [1.0, 4.0, 9.0, 16.0])
+    """
+
+    speeds: tuple[float, ...]
+    powers: tuple[int, ...] = (0, 2)
+    unit: Literal["m", "rad"] = "m"
+
+    name: ClassVar[str] = "speed_sweep"
+    truth_parts: ClassVar[tuple[str, ...]] = ("at_rest",)
+    error_parts: ClassVar[tuple[str, ...]] = ("growth",)
+
+    def __post_init__(self) -> None:
+        if self.unit not in ("m", "rad"):
+            raise DataError(f"{self.name}: unit is 'm' or 'rad', got {self.unit!r}")
+        fit_speed_sweep(self.speeds, {"none": np.zeros(np.size(self.speeds))}, powers=self.powers)
+
+    def simulate(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> FloatArray:
+        """Return the readings of given parts.
+
+        Parameters
+        ----------
+        truth : mapping of str to array_like, shape (n_values,), m or rad
+            ``at_rest`` of each value.
+        errors : mapping of str to array_like, shape (n_speeds, n_values), m or rad
+            ``growth`` at each speed.
+
+        Returns
+        -------
+        ndarray, shape (n_speeds, n_values), m or rad
+            Readings.
+
+        Raises
+        ------
+        DataError
+            If a part is unknown, none is given, or of another shape.
+        """
+        parts = known_parts(self, truth, errors)
+        points = parts["at_rest"].shape if "at_rest" in parts else parts["growth"].shape[1:]
+        growth = part_of(parts, "growth", (len(self.speeds), *points), self.name)
+        return np.asarray(part_of(parts, "at_rest", points, self.name) + growth)
+
+    def null_space(self) -> tuple[Unobservable, ...]:
+        """Return what values against speed cannot tell.
+
+        Returns
+        -------
+        tuple of Unobservable
+            The level of the growth, the form of the artefact, and laws of other powers.
+        """
+        found = [
+            Unobservable("growth", "term", ("level",), _LEVEL),
+            Unobservable("growth", "term", ("other powers",), _LAW),
+            Unobservable("at_rest", "term", ("form of the artefact",), _ARTEFACT),
+        ]
+        if 0 not in self.powers:
+            found.append(Unobservable("at_rest", "term", ("all of it",), _NO_LEVEL))
+        return tuple(found)
+
+    def separate(
+        self,
+        readings: ArrayLike,
+        *,
+        u_reading: float | None = None,
+        history: tuple[Step, ...] = (),
+    ) -> Separation:
+        """Return what stays at rest and what grows with the speed.
+
+        Parameters
+        ----------
+        readings : array_like, shape (n_speeds, n_values), m or rad
+            One row for each speed, one column for each value: synchronous, asynchronous, or the
+            cosine and the sine of one order with their signs. NaN = not measured.
+        u_reading : float, m or rad, optional
+            Standard uncertainty of one reading; the residuals of each value if omitted.
+        history : tuple of Step, optional
+            Where they came from.
+
+        Returns
+        -------
+        Separation
+            Parts ``at_rest`` (n_values,) and ``growth`` (n_speeds, n_values), zero at standstill.
+            Values with fewer readings or speeds than the powers need are NaN; so is the growth
+            where nothing was measured, and `at_rest` where the powers have no 0.
+
+        Raises
+        ------
+        DataError
+            If `u_reading` is negative or no number.
+        InvalidSamplesError
+            If the readings are no numbers, infinite, or not one row for each speed.
+        TooFewSamplesError
+            If no value has enough readings.
+
+        Notes
+        -----
+        `fit_speed_sweep` has the same fit (`fit_values`) with confidence intervals, critical
+        speeds and weights of each recording; it refuses negative widths, which are allowed here
+        because components have signs. With `u_reading` the covariance is widened where the
+        residuals exceed it, never narrowed. The noise is pooled over the values, u is that of each.
+        """
+        stated = stated_u(u_reading, self.unit)
+        array = self._checked(readings)
+        fits = self._fits(array, math.nan if stated is None else stated)
+        if not any(fits):
+            raise TooFewSamplesError(
+                f"{self.name}: no value has readings at enough speeds: {len(self.powers)} powers "
+                f"need {len(self.powers) + 1} readings at {len(self.powers)} speeds"
+            )
+        at_rest, growth, u_rest, u_growth = self._parts(array, fits)
+        return Separation(
+            self.name,
+            {"at_rest": at_rest, "growth": growth},
+            {"at_rest": u_rest, "growth": u_growth},
+            {"at_rest": self.unit, "growth": self.unit},
+            {"speed": np.array(self.speeds, dtype=np.float64)},
+            self.null_space(),
+            noise=self._noise([f for f in fits if f], stated),
+            audit=self._audit(fits),
+            messages=tuple(_said(fits)),
+            history=(*history, Step(self.name, {"powers": list(self.powers)})),
+        )
+
+    def _like_readings(self, model: FloatArray, readings: FloatArray) -> FloatArray:
+        """Return the model as it is: repeats are further speeds."""
+        return model
+
+    def _checked(self, readings: ArrayLike) -> FloatArray:
+        array = as_numbers(readings, f"{self.name} needs readings as numbers")
+        if array.ndim != 2 or array.shape[0] != len(self.speeds) or 0 in array.shape:
+            raise InvalidSamplesError(
+                f"{self.name}: there are {len(self.speeds)} speeds; the readings need the shape "
+                f"({len(self.speeds)}, values), got {array.shape}"
+            )
+        if np.isinf(array).any():
+            row, column = np.argwhere(np.isinf(array))[0]
+            raise InvalidSamplesError(
+                f"{self.name}: the reading of value {column} at {self.speeds[row]:.6g} rev/s is "
+                "infinite; what was not measured is NaN"
+            )
+        return array
+
+    def _fits(self, array: FloatArray, u: float) -> list[SpeedFit | None]:
+        speeds = np.array(self.speeds, dtype=np.float64)
+        order = np.argsort(speeds, kind="stable")
+        fits: list[SpeedFit | None] = []
+        for k, column in enumerate(array.T):
+            used = order[~np.isnan(column[order])]
+            enough = used.size > len(self.powers)
+            enough = enough and np.unique(speeds[used]).size >= len(self.powers)
+            values, sd = column[used], np.full(used.size, u)
+            name = f"value {k}"
+            fits.append(
+                fit_values(name, speeds[used], values, sd, tuple(self.powers), self.unit)
+                if enough
+                else None
+            )
+        return fits
+
+    def _parts(
+        self, array: FloatArray, fits: list[SpeedFit | None]
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        speeds = np.array(self.speeds, dtype=np.float64)
+        growing = np.array([p > 0 for p in self.powers])
+        powers = np.array(self.powers, dtype=np.float64)[growing]
+        basis = speeds[:, np.newaxis] ** powers
+        at_rest, u_rest = np.full((2, array.shape[1]), np.nan)
+        growth, u_growth = np.full((2, *array.shape), np.nan)
+        for k, fit in enumerate(fits):
+            if fit is None:
+                continue
+            block = fit.covariance[np.ix_(growing, growing)]
+            variance = np.einsum("ij,jk,ik->i", basis, block, basis)
+            measured = ~np.isnan(array[:, k])
+            growth[measured, k] = (basis @ fit.coefficients[growing])[measured]
+            u_growth[measured, k] = np.sqrt(np.maximum(variance, 0.0))[measured]
+            if not growing.all():
+                zero = int(np.argmin(growing))
+                at_rest[k] = fit.coefficients[zero]
+                u_rest[k] = math.sqrt(max(float(fit.covariance[zero, zero]), 0.0))
+        return at_rest, growth, u_rest, u_growth
+
+    def _noise(self, fits: list[SpeedFit], stated: float | None) -> Quantity:
+        if stated is not None:
+            text = "standard uncertainty of one reading, as stated"
+            return Quantity(stated, self.unit, text, symbol="s")
+        degrees = sum(f.degrees for f in fits)
+        value = math.sqrt(sum(float(f.residual @ f.residual) for f in fits) / degrees)
+        text = "standard deviation of one reading, from the residuals (type A)"
+        return Quantity(value, self.unit, text, u=value / math.sqrt(2.0 * degrees), symbol="s")
+
+    def _audit(self, fits: list[SpeedFit | None]) -> dict[str, object]:
+        def of(power: int, *, spread: bool) -> list[float | None]:
+            terms = [None if f is None else f.coefficient(power) for f in fits]
+            return [None if q is None else (q.u if spread else q.value) for q in terms]
+
+        audit: dict[str, object] = {
+            "n_recordings": len(self.speeds),
+            "powers": list(self.powers),
+            "degrees_of_freedom": [None if f is None else f.degrees for f in fits],
+            "p_fit": [None if f is None or math.isnan(f.p_fit) else f.p_fit for f in fits],
+            "peaks_rev_per_s": [[] if f is None else list(f.peaks) for f in fits],
+        }
+        for power in self.powers:
+            unit = self.unit if power == 0 else f"{self.unit}_s{power}"
+            audit[f"c{power}_{unit}"] = of(power, spread=False)
+            audit[f"u_c{power}_{unit}"] = of(power, spread=True)
+        return audit
+
+
+def _said(fits: list[SpeedFit | None]) -> list[str]:
+    said = []
+    for k, fit in enumerate(fits):
+        if fit is None:
+            said.append(f"value {k} has readings at too few speeds: it is NaN")
+            continue
+        if fit.p_fit < _DOUBT:
+            said.append(
+                f"the polynomial does not describe value {k} (p = {fit.p_fit:.1g}): a resonance, "
+                "or u_reading holds too little; u was widened"
+            )
+        if fit.peaks:
+            at = ", ".join(f"{s:.4g}" for s in fit.peaks)
+            said.append(f"value {k} stands out at {at} rev/s: a resonance is not in the powers")
+    return said

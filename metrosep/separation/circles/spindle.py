@@ -1,0 +1,582 @@
+"""Spindle error motion after ISO 230-7 / ASME B89.3.4: synchronous, asynchronous, total.
+
+Readings at the same angles of each revolution are split into their mean (synchronous) and the
+deviations from it (asynchronous). The eccentricity of the artefact looks like k = 1: it is removed
+from radial motion, and its inclination from tilt. In axial motion k = 1 is real (a tool on the axis
+moves by it) and kept; so it is in face motion, where the squareness of the plate mixes in.
+
+Sign: a reading is positive where the sensor says so. Inscribed and circumscribed circles take
+positive as outwards. Angle counter-clockwise seen from +Z.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError
+from metrosep.core.provenance import Step
+from metrosep.core.quantity import Quantity
+from metrosep.core.recording import Recording
+from metrosep.core.units import format_engineering
+from metrosep.parameters.table import Context, ParameterTable
+from metrosep.separation.circles._spindle_input import (
+    Circles,
+    NoiseEffect,
+    Readings,
+    Spectrum,
+    Trend,
+    centre_of,
+    circles_of,
+    harmonics_of,
+    kept_harmonics,
+    limited,
+    noise_effect,
+    readings_of,
+    revolution_correlation,
+    sensed_motion,
+    spectrum_of,
+    trend_of,
+    u_of_range,
+    u_of_sd,
+    u_of_total,
+    width_about,
+)
+from metrosep.separation.circles.resampling import AngleSynchronous
+from metrosep.separation.circles.spindle_result import SpindleMotion
+
+__all__ = ["iso230_7"]
+
+Direction = Literal["radial", "axial", "tilt", "face"]
+Sensitive = Literal["fixed", "rotating"]
+Center = Literal["LSC", "MZC", "MRS", "MIC", "MCC"]
+
+_CENTERS = {"LSC": "LSC", "MZC": "MZC", "MRS": "MZC", "MIC": "MIC", "MCC": "MCC"}
+_CHANNELS: Mapping[tuple[str, str], tuple[str, ...]] = {
+    ("radial", "fixed"): ("radial",),
+    ("radial", "rotating"): ("x", "y"),
+    ("axial", "fixed"): ("axial",),
+    ("face", "fixed"): ("face",),
+    ("tilt", "fixed"): ("upper", "lower"),
+    ("tilt", "rotating"): ("x_upper", "y_upper", "x_lower", "y_lower"),
+}
+_CENTRED = ("radial", "tilt")
+"""Directions whose k = 1 is the setting of the artefact."""
+
+_DRAWS = 200
+_DRAWS_EXTREME = 32
+"""Draws of noise where each width is a linear program of some milliseconds."""
+
+
+def iso230_7(
+    signals: ArrayLike | Mapping[str, ArrayLike] | Recording | AngleSynchronous,
+    angle: ArrayLike | str | None = None,
+    direction: Direction = "radial",
+    *,
+    sensitive: Sensitive = "fixed",
+    center: Center = "LSC",
+    distance: float | None = None,
+    kmax: int | None = None,
+    drift: Literal["keep", "linear"] = "keep",
+    artefact_radius: float | None = None,
+    channels: Sequence[str] | str | None = None,
+    n: int | None = None,
+    seed: int = 0,
+) -> SpindleMotion:
+    """Return synchronous, asynchronous and total error motion of a spindle.
+
+    Parameters
+    ----------
+    signals : array_like, mapping, Recording or AngleSynchronous, m
+        One sensor: (n_samples,) with an angle, or (m, n) revolutions at n fixed angles. Several:
+        one more axis in front, in the order X, Y (radial, rotating); upper, lower (tilt); X upper,
+        Y upper, X lower, Y lower (tilt, rotating). A mapping or Recording names them.
+    angle : array_like or str, rad, optional
+        Spindle angle at each sample, accumulated or wrapped; name of its channel; the grid (n,) of
+        one turn; or None where the columns lie at 2 pi j / n.
+    direction : {"radial", "axial", "tilt", "face"}, optional
+        What the sensors measure.
+    sensitive : {"fixed", "rotating"}, optional
+        Fixed as on a lathe; rotating as on a boring mill: ``r = X cos t + Y sin t``.
+    center : {"LSC", "MZC", "MRS", "MIC", "MCC"}, optional
+        Least squares, minimum zone (B89.3.4 calls it minimum radial separation, "MRS"), maximum
+        inscribed, minimum circumscribed: centre of the synchronous curve for radial and tilt motion; total motion takes the same.
+    distance : float, m, optional
+        Tilt: distance of the two sensors along the axis, needed.
+    kmax : int, optional
+        Keep harmonics 2 .. kmax only in the synchronous motion; all by default, as the standard.
+    drift : {"keep", "linear"}, optional
+        Whether a straight line over the record is removed first.
+    artefact_radius : float, m, optional
+        Radius of the ball, to tell the false k = 2 of its eccentricity.
+    channels : sequence of str, optional
+        Names in a mapping or Recording, in the order above.
+    n : int, optional
+        Angles per revolution of resampled signals.
+    seed : int, optional
+        Of the noise drawn for the uncertainty of the synchronous value.
+
+    Returns
+    -------
+    SpindleMotion
+        Values with u in `table`; curves, revolutions and harmonics as arrays; messages.
+
+    Raises
+    ------
+    DataError
+        If an option, a channel or the distance is missing or not usable.
+    InvalidSamplesError
+        If shapes do not fit, or the angle is not usable.
+    NotUniformError
+        If a grid of angles or the time of a Recording is not uniform.
+    TooFewSamplesError
+        If fewer than 2 whole revolutions or 8 angles are left.
+    UnitError
+        If the angle looks like degrees or turns.
+    DegenerateFitError, NotConvergedError
+        If a circle is not determined; never for LSC.
+
+    Notes
+    -----
+    Synchronous: peak-to-valley width of the mean over revolutions about the centre (two
+    concentric limacons: exact for small motion, the value does not depend on the base radius of
+    the chart up to motion^2 / radius). Asynchronous: largest range over revolutions at one angle.
+    Total: width of all readings about the same centre. u of the synchronous value: noise of the
+    scatter found is drawn and added to the significant harmonics; of the others: extreme values of
+    Gaussian scatter. All assume that revolutions are independent; a message says where they are
+    not.
+
+    Null space. Form of the artefact adds to synchronous motion: reversal or `multiprobe`. A fixed
+    sensor cannot tell k = 1 of the axis from eccentricity. With rotating sensitive direction and
+    ``X + iY = sum c_m exp(i m t)``, harmonic k of r holds c_(1+k) and conj c_(1-k): forward k = 1
+    (eccentricity) becomes constant and vanishes, the zeros of the sensors (m = 0) become k = 1 and
+    are removed, with them the real circle m = 2; backward m = -1 (an elliptical axis path) becomes
+    k = 2 and is kept. Revolutions with NaN are left out and named.
+
+    References
+    ----------
+    .. [1] ISO 230-7:2015, clauses 3 and 5 (from memory of the standard).
+    .. [2] ASME B89.3.4-2010 (from memory of the standard).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(360) * np.pi / 180
+    >>> once = 5e-6 * np.cos(t) + 1e-8 * np.cos(2 * t)
+    >>> result = iso230_7(np.tile(once, (20, 1)))
+    >>> print(f"{result.synchronous.value:.3g} m, {result['eccentricity'].value:.3g} m")
+    2e-08 m, 5e-06 m
+    """
+    names = _channels_of(direction, sensitive)
+    _check_options(direction, center, distance, kmax, drift, artefact_radius)
+    readings = readings_of(signals, angle, names=names, channels=channels, n=n)
+    if seed < 0:
+        raise DataError(f"seed must not be negative, got {seed}")
+    if kmax is not None and kmax > readings.angle.size // 2:
+        raise DataError(
+            f"kmax={kmax} with {readings.angle.size} angles: at most {readings.angle.size // 2}"
+        )
+    options = _Options(
+        direction, sensitive, _CENTERS[center], distance, kmax, drift, artefact_radius, seed
+    )
+    return _evaluate(readings, options)
+
+
+@dataclass(frozen=True, slots=True)
+class _Options:
+    direction: str
+    sensitive: str
+    center: str
+    distance: float | None
+    kmax: int | None
+    drift: str
+    artefact_radius: float | None
+    seed: int
+
+    @property
+    def centred(self) -> bool:
+        return self.direction in _CENTRED
+
+    @property
+    def reference(self) -> str:
+        return self.center if self.centred else "PC"
+
+
+def _evaluate(readings: Readings, options: _Options) -> SpindleMotion:
+    raw = sensed_motion(readings, options.direction, options.sensitive, options.distance)
+    trend = trend_of(raw, readings)
+    if options.drift == "linear":
+        raw = raw - trend.line
+    rotating = options.sensitive == "rotating"
+    circles = circles_of(readings, options.distance) if rotating else None
+    spectrum = spectrum_of(raw, float(readings.angle[0]))
+    mean = raw.mean(axis=0)
+    curve = mean if options.kmax is None else limited(mean, options.kmax)
+    reference = options.reference
+    centre, level = centre_of(readings.angle, curve, reference)
+    flat = centre[0] * np.cos(readings.angle) + centre[1] * np.sin(readings.angle) + level
+    motion, curve = raw - flat, curve - flat
+    deviation = raw - mean
+    effect = noise_effect(
+        spectrum,
+        kept_harmonics(spectrum, options.kmax, centred=options.centred),
+        width_about(readings.angle, reference),
+        n_draws=_DRAWS if reference in ("LSC", "PC") else _DRAWS_EXTREME,
+        seed=options.seed,
+    )
+    spread = raw.max(axis=0) - raw.min(axis=0)
+    sd = np.sqrt((deviation * deviation).sum(axis=0) / (raw.shape[0] - 1))
+    table = motion_table(
+        direction=options.direction,
+        center=reference,
+        motion=motion,
+        curve=curve,
+        spread=spread,
+        sd=sd,
+        spectrum=spectrum,
+        effect=effect,
+        circles=circles,
+        kmax=options.kmax,
+        history=readings.history,
+    )
+    messages = motion_messages(
+        direction=options.direction,
+        table=table,
+        spectrum=spectrum,
+        effect=effect,
+        correlation=revolution_correlation(deviation),
+        trend=None if options.drift == "linear" else trend,
+        circles=circles,
+        kmax=options.kmax,
+        artefact_radius=options.artefact_radius,
+        noise_gain=readings.noise_gain,
+    )
+    if not options.centred and options.center != "LSC":
+        messages.append(
+            f"{options.direction} motion has no centre to choose: {options.center} changes nothing"
+        )
+    audit = {
+        **readings.audit,
+        **({} if circles is None else circles.to_audit()),
+        **asdict(options),
+        "center": reference,
+        "removed": "mean and k=1 about the centre" if options.centred else "mean",
+        "centre_cos": centre[0],
+        "centre_sin": centre[1],
+        "level": level,
+        "drift_per_revolution": trend.slope,
+        "u_drift_per_revolution": trend.u,
+        "revolutions_used": int(raw.shape[0]),
+    }
+    for array in (motion, curve, spread, sd):
+        array.setflags(write=False)
+    return SpindleMotion(
+        direction=options.direction,
+        sensitive=options.sensitive,
+        center=reference,
+        table=table,
+        angle=readings.angle,
+        motion=motion,
+        synchronous_motion=curve,
+        asynchronous_range=spread,
+        asynchronous_sd=sd,
+        harmonics=harmonics_of(spectrum, centred=options.centred),
+        centre=centre,
+        revolutions=readings.revolutions,
+        audit=audit,
+        messages=(*readings.messages, *messages),
+    )
+
+
+def _channels_of(direction: str, sensitive: str) -> tuple[str, ...]:
+    if sensitive not in ("fixed", "rotating"):
+        raise DataError(f"the sensitive direction is 'fixed' or 'rotating', got {sensitive!r}")
+    if direction not in ("radial", "axial", "tilt", "face"):
+        raise DataError(f"direction is radial, axial, tilt or face, got {direction!r}")
+    if (direction, sensitive) not in _CHANNELS:
+        raise DataError(
+            f"{direction} motion is along the axis: it has no rotating sensitive direction"
+        )
+    return _CHANNELS[direction, sensitive]
+
+
+def _check_options(
+    direction: str,
+    center: str,
+    distance: float | None,
+    kmax: int | None,
+    drift: str,
+    artefact_radius: float | None,
+) -> None:
+    if center not in _CENTERS:
+        raise DataError(f"center is one of {', '.join(_CENTERS)}, got {center!r}")
+    if drift not in ("keep", "linear"):
+        raise DataError(f"drift is 'keep' or 'linear', got {drift!r}")
+    if (direction == "tilt") != (distance is not None):
+        raise DataError(
+            "tilt needs distance= of its two sensors along the axis, in m"
+            if direction == "tilt"
+            else f"distance= belongs to tilt, not to {direction}: leave it out"
+        )
+    for name, value in (("distance", distance), ("artefact_radius", artefact_radius)):
+        if value is not None and not (math.isfinite(value) and value > 0.0):
+            raise DataError(f"{name} must be positive, in m, got {value}")
+    if kmax is not None and (not np.issubdtype(type(kmax), np.integer) or kmax < 2):
+        raise DataError(f"kmax must be an integer of at least 2, got {kmax!r}")
+
+
+# ---- private helpers of `iso230_7`: the table of values with uncertainties, and the warnings ----
+
+_EDITION = "ISO 230-7:2015"
+_CENTRES = {
+    "LSC": "least-squares centre",
+    "MZC": "minimum-zone centre",
+    "MIC": "centre of the maximum inscribed circle",
+    "MCC": "centre of the minimum circumscribed circle",
+    "PC": "mean level",
+}
+_USUAL_REVOLUTIONS = 20
+_BIAS = 0.01
+"""Share of the synchronous value from which noise in it is told."""
+
+_CORRELATED = 0.3
+_ROUNDING = 1e-9
+"""Scatter over total motion below which it is rounding, no finding."""
+
+_ROUNDING_READ = 1e-3
+"""The same for offset and eccentricity of the readings, which were removed: 1e-12 of them."""
+
+_FAR = 1e-3
+"""Motion in m beyond which the unit is doubted."""
+
+
+def motion_table(
+    *,
+    direction: str,
+    center: str,
+    motion: FloatArray,
+    curve: FloatArray,
+    spread: FloatArray,
+    sd: FloatArray,
+    spectrum: Spectrum,
+    effect: NoiseEffect,
+    circles: Circles | None,
+    kmax: int | None,
+    history: tuple[Step, ...],
+) -> ParameterTable:
+    """Return all values with unit, definition and standard uncertainty."""
+    unit = "rad" if direction == "tilt" else "m"
+    m, n = motion.shape
+    name = f"{direction} error motion"
+    about = f"about the {_CENTRES[center]}"
+    band = "" if kmax is None else f", harmonics up to {kmax}"
+    value = float(curve.max() - curve.min())
+    pooled = math.sqrt(float((sd * sd).mean()))
+    u_pooled = u_of_sd(spectrum)
+    largest = float(spread.max())
+    rows = [
+        (
+            "synchronous",
+            value,
+            effect.sd,
+            f"synchronous {name}: peak-to-valley width of the mean of {m} turns {about}{band}",
+        ),
+        (
+            "asynchronous",
+            largest,
+            u_of_range(largest, pooled),
+            f"asynchronous {name}: largest range of {m} revolutions at one angle",
+        ),
+        (
+            "total",
+            float(motion.max() - motion.min()),
+            u_of_total(motion, spectrum),
+            f"total {name}: width of all readings of {m} revolutions {about}",
+        ),
+        (
+            "asynchronous_sd",
+            pooled,
+            u_pooled,
+            "standard deviation over revolutions (ddof 1), root mean square over the angles",
+        ),
+        (
+            "asynchronous_4s",
+            4.0 * pooled,
+            4.0 * u_pooled,
+            "4 standard deviations over revolutions; does not grow with their number",
+        ),
+        (
+            "synchronous_corrected",
+            max(value - effect.bias, 0.0),
+            effect.sd,
+            "synchronous value less the mean effect of noise on it",
+        ),
+        (
+            "noise_floor",
+            effect.floor,
+            None,
+            f"synchronous value that the scatter alone gives with {m} revolutions",
+        ),
+        *_once_rows(direction, curve, spectrum, effect, circles),
+    ]
+    return ParameterTable(
+        [Quantity(v, unit, text, u=u, symbol=s) for s, v, u, text in rows],
+        Context(
+            edition=_EDITION,
+            n_valid=m * n,
+            n_total=m * n,
+            history=history,
+            settings={"direction": direction, "center": center, "revolutions": m, "kmax": kmax},
+            notes=("u holds the scatter between revolutions, not the form of the artefact",),
+        ),
+    )
+
+
+def _once_rows(
+    direction: str,
+    curve: FloatArray,
+    spectrum: Spectrum,
+    effect: NoiseEffect,
+    circles: Circles | None,
+) -> list[tuple[str, float, float | None, str]]:
+    """Return what becomes of k = 1."""
+    once = float(np.abs(spectrum.mean[1]))
+    u = math.sqrt(0.5 * float(spectrum.power[1]) / spectrum.n_revolutions)
+    if circles is not None:
+        once, u = circles.size[1], circles.u[1]
+    if direction in ("radial", "tilt"):
+        what = "eccentricity" if direction == "radial" else "inclination"
+        how = "removed" if circles is None else "constant in a rotating sensitive direction"
+        symbol = "eccentricity" if direction == "radial" else "artefact_tilt"
+        return [(symbol, once, u, f"amplitude of k=1, {what} of the artefact: {how}")]
+    lines = np.fft.rfft(curve)
+    lines[1] = 0.0
+    rest = np.fft.irfft(lines, curve.size)
+    return [
+        ("fundamental", 2.0 * once, 2.0 * u, f"fundamental {direction} motion: twice k=1, kept"),
+        (
+            "residual_synchronous",
+            float(rest.max() - rest.min()),
+            effect.sd,
+            f"residual synchronous {direction} motion: peak to valley without k=1",
+        ),
+    ]
+
+
+def motion_messages(
+    *,
+    direction: str,
+    table: ParameterTable,
+    spectrum: Spectrum,
+    effect: NoiseEffect,
+    correlation: float,
+    trend: Trend | None,
+    circles: Circles | None,
+    kmax: int | None,
+    artefact_radius: float | None,
+    noise_gain: float,
+) -> list[str]:
+    """Return the warnings, one sentence each."""
+    m = spectrum.n_revolutions
+    value = table["synchronous"].value
+    unit = table["synchronous"].unit
+    said = [f"asynchronous is the largest range of {m} revolutions and grows with their number"]
+    if m < _USUAL_REVOLUTIONS:
+        said.append(
+            f"{m} revolutions: ISO 230-7 asks for {_USUAL_REVOLUTIONS} or more, and the "
+            "asynchronous value is too small for comparison"
+        )
+    if unit == "m" and value > _FAR:
+        said.append(
+            f"the synchronous motion is {value:.3g} m: signals must be in metres (1e-6 times "
+            "micrometres)"
+        )
+    said += _noise_messages(value, unit, effect, spectrum, kmax)
+    rounding = _is_rounding(table, spectrum)
+    if m >= 5 and correlation > _CORRELATED and not rounding:
+        said.append(
+            f"successive revolutions deviate alike (correlation {correlation:.2f}): a slow motion "
+            "or a drift; the uncertainties, made for independent revolutions, are too small"
+        )
+    if not rounding:
+        said += _drift_messages(trend, table, m)
+    said += _circle_messages(direction, table, circles, artefact_radius)
+    if direction == "face":
+        said.append(
+            "k=1 of face motion holds the squareness of the plate: quote residual_synchronous, or "
+            "separate them by face_reversal"
+        )
+    if math.isnan(noise_gain):
+        said.append("cubic interpolation lowers broadband scatter: asynchronous values are low")
+    return said
+
+
+def _is_rounding(table: ParameterTable, spectrum: Spectrum) -> bool:
+    """Whether the revolutions differ by no more than the rounding of their numbers."""
+    scale = max(table["total"].value, _ROUNDING_READ * float(np.abs(spectrum.mean).max()))
+    return table["asynchronous"].value <= _ROUNDING * scale
+
+
+def _noise_messages(
+    value: float, unit: str, effect: NoiseEffect, spectrum: Spectrum, kmax: int | None
+) -> list[str]:
+    said = []
+    if not spectrum.significant.any():
+        said.append(
+            "no harmonic repeats: the synchronous value is noise, about "
+            f"{format_engineering(effect.floor, unit)} for this scatter"
+        )
+    elif effect.bias > _BIAS * value:
+        said.append(
+            f"noise adds about {format_engineering(effect.bias, unit)} to the synchronous value: "
+            "synchronous_corrected is without it; kmax= or more revolutions lower it"
+        )
+    if kmax is not None:
+        beyond = np.flatnonzero(spectrum.significant[kmax + 1 :]) + kmax + 1
+        strong = [int(k) for k in beyond if abs(spectrum.mean[k]) > _BIAS * value]
+        if strong:
+            named = ", ".join(str(k) for k in strong[:8])
+            said.append(f"harmonics that repeat are left out by kmax={kmax}: k={named}")
+    return said
+
+
+def _drift_messages(trend: Trend | None, table: ParameterTable, m: int) -> list[str]:
+    if trend is None or math.isnan(trend.u):
+        return []
+    rise = abs(trend.slope) * (m - 1)
+    if abs(trend.slope) < 4.0 * trend.u or rise < 0.1 * table["asynchronous"].value:
+        return []
+    unit = table["total"].unit
+    text = (
+        f"the readings drift by {format_engineering(rise, unit)} over the record: it is in the "
+        "asynchronous and total values; drift='linear' removes a straight line"
+    )
+    return [text]
+
+
+def _circle_messages(
+    direction: str, table: ParameterTable, circles: Circles | None, artefact_radius: float | None
+) -> list[str]:
+    said = []
+    value = table["synchronous"].value
+    if artefact_radius is not None and direction == "radial":
+        size = table["eccentricity"].value
+        false = size**2 / (4.0 * artefact_radius)
+        if false > _BIAS * value:
+            said.append(
+                f"an eccentricity of {format_engineering(size, 'm')} on this radius gives a false "
+                f"k=2 of {format_engineering(false, 'm')}: centre the artefact better"
+            )
+    if circles is not None and circles.size[2] > max(5.0 * circles.u[2], _BIAS * value):
+        said.append(
+            "the axis also circles forward twice per revolution by "
+            f"{format_engineering(circles.size[2], table['total'].unit)}: in a rotating sensitive "
+            "direction that is k=1 and is removed with the zeros of the sensors"
+        )
+    return said

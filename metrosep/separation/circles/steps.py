@@ -1,0 +1,620 @@
+"""Multi-step roundness: the artefact is indexed on the spindle, the probe stays.
+
+Model: ``m_p(theta) = r(theta + t alpha_p) + s(theta)``: r the artefact over its own angle, s what
+the spindle adds in the direction of the probe, alpha_p the index position, t the turn: +1 when an
+index step brings points of larger artefact angle to the probe.
+
+With N equal steps the mean over the steps keeps the spindle and, of the artefact, the undulations
+that are multiples of N: those are not separable, exactly those, and are NaN. Two runs of coprime
+N1 and N2 together separate all undulations up to N1 N2 - 1. The mean (k = 0) is never separable.
+
+Source: D. J. Whitehouse, J. Phys. E 9 (1976) 531; C. J. Evans et al., CIRP Annals 45 (1996) 617.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep.core._arrays import ComplexArray, FloatArray
+from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError, UnitError
+from metrosep.core.provenance import Step
+from metrosep.core.quantity import Quantity
+from metrosep.separation._readings import size_doubts
+from metrosep.separation.circles._circle import (
+    Revolutions,
+    angle_tuple,
+    centred,
+    check_kmax,
+    check_number,
+    check_start,
+    check_turn,
+    check_u_reading,
+    check_whole,
+    circle_readings,
+    curve,
+    grid,
+    harmonics_of,
+    names_of_k,
+    part_arrays,
+    referred_to_zero,
+    revolutions,
+    turned,
+    with_messages,
+)
+from metrosep.separation.contract import (
+    Separation,
+    SeparationMethod,
+    Unobservable,
+    suppressed_harmonics,
+)
+
+__all__ = ["MultistepRoundness", "multistep"]
+
+_PARTS = ("artefact", "spindle")
+
+
+@dataclass(frozen=True)
+class MultistepRoundness(SeparationMethod):
+    """An artefact indexed to several angles on a spindle.
+
+    Parameters
+    ----------
+    angles : sequence of float, shape (P,), P >= 2, rad
+        Index positions, in the order of the readings.
+    kmax : int
+        Highest undulation per revolution, >= 2 and below half the samples.
+    u_index : float, rad, optional
+        Standard uncertainty of each index position, independent (type B).
+    eccentricity : {"fixed", "free"}, optional
+        ``"fixed"``: the artefact keeps its place on the index table, so k = 1 is separated like
+        any other; ``"free"``: it was centred anew at each step, and k = 1 is left out.
+    drift : {"none", "linear"}, optional
+        ``"linear"``: a drift of the level in proportion to time, found from the means of
+        consecutive revolutions, is taken off first.
+    step_revolutions : float, optional
+        Time from one step to the next, in revolutions, for the drift; the number of revolutions
+        that were recorded if omitted.
+    max_gain : float, optional
+        An undulation whose noise is magnified more than this is called suppressed.
+    turn : {1, -1}, optional
+        +1: a step brings points of larger artefact angle to the probe.
+
+    Raises
+    ------
+    TooFewSamplesError, InvalidSamplesError
+        If there are fewer than 2 angles, or they are not finite.
+    UnitError
+        If the angles or `u_index` look like degrees.
+    DataError
+        If another setting is out of range.
+    NotSeparableError
+        If the positions separate no undulation.
+
+    Examples
+    --------
+    >>> method = MultistepRoundness(2 * np.pi * np.arange(8) / 8, 30)
+    >>> [item.indices for item in method.null_space() if item.part == "artefact"][1]
+    (8, 16, 24)
+    """
+
+    angles: Any
+    kmax: int
+    u_index: float = 0.0
+    eccentricity: Literal["fixed", "free"] = "fixed"
+    drift: Literal["none", "linear"] = "none"
+    step_revolutions: float | None = None
+    max_gain: float = 50.0
+    turn: Literal[1, -1] = 1
+
+    name: ClassVar[str] = "multistep"
+    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
+    error_parts: ClassVar[tuple[str, ...]] = ("spindle",)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "angles", angle_tuple(self.angles, least=2, what="index"))
+        object.__setattr__(self, "kmax", check_kmax(self.kmax))
+        object.__setattr__(self, "u_index", check_number(self.u_index, "u_index", unit="rad"))
+        if self.u_index > 0.2:
+            raise UnitError(f"u_index of {self.u_index} rad; degrees? give numpy.deg2rad")
+        object.__setattr__(self, "turn", check_turn(self.turn))
+        for name, known in (("eccentricity", ("fixed", "free")), ("drift", ("none", "linear"))):
+            if getattr(self, name) not in known:
+                raise DataError(f"{name} must be one of {known}, got {getattr(self, name)!r}")
+        if self.step_revolutions is not None:
+            steps = check_number(self.step_revolutions, "step_revolutions")
+            if steps < 1.0:
+                raise DataError(f"step_revolutions must be >= 1, got {steps}")
+            object.__setattr__(self, "step_revolutions", steps)
+        object.__setattr__(self, "max_gain", check_number(self.max_gain, "max_gain", above=0.0))
+        if np.isinf(self.gain[2:]).all():
+            raise NotSeparableError(
+                f"these {len(self.angles)} index positions separate no undulation up to "
+                f"{self.kmax}; are they all the same?"
+            )
+
+    @property
+    def gain(self) -> FloatArray:
+        """Noise of the artefact harmonics 0 ... kmax over that of a reading's; inf: suppressed."""
+        gain: FloatArray = step_geometry(self).gain[0]
+        return gain
+
+    def simulate(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> FloatArray:
+        """Return what the probe reads at each index position.
+
+        Parameters
+        ----------
+        truth : mapping of str to array_like, shape (N,), m
+            ``artefact``: radius deviation over its own angle.
+        errors : mapping of str to array_like, shape (N,), m
+            ``spindle``: what the spindle adds, over its angle.
+
+        Returns
+        -------
+        ndarray, shape (P, N), m
+            One row for each index position.
+
+        Raises
+        ------
+        DataError
+            If a part is unknown, none is given, or their lengths differ.
+        """
+        parts, _ = part_arrays(_PARTS, truth, errors)
+        out: FloatArray = turned(parts["artefact"], self.turn * np.array(self.angles))
+        return out + parts["spindle"]
+
+    def null_space(self) -> tuple[Unobservable, ...]:
+        """Return the mean, the undulations that all positions show alike, and a free eccentricity.
+
+        Returns
+        -------
+        tuple of Unobservable
+            The same for both parts: their sum is known there, not their shares.
+        """
+        hidden = tuple(int(k) for k in np.flatnonzero(np.isinf(self.gain)) if k > 1)
+        terms: tuple[str, ...] = ("offset",)
+        why = "the offset (k = 0) is the zero of the probe"
+        if math.isinf(self.gain[1]):
+            terms += ("eccentricity",)
+            why += "; k = 1 is centring and spindle in one"
+        found = []
+        for part in _PARTS:
+            found.append(Unobservable(part, "term", terms, why))
+            if hidden:
+                found.append(
+                    Unobservable(
+                        part,
+                        "harmonic",
+                        hidden,
+                        "all index positions show these alike, so artefact and spindle are not "
+                        "told apart; a second run with a coprime number of steps does it",
+                    )
+                )
+        return tuple(found)
+
+    def separate(
+        self,
+        readings: ArrayLike,
+        *,
+        u_reading: float | None = None,
+        start_angle: float = 0.0,
+        history: tuple[Step, ...] = (),
+    ) -> Separation:
+        """Return artefact and spindle.
+
+        Parameters
+        ----------
+        readings : array_like, shape (P, N) or (P, M, N), m
+            At each index position over one revolution of N equal steps, or M revolutions.
+        u_reading : float, m, optional
+            Standard deviation of one reading. If omitted: what the positions disagree by (P > 2),
+            else the scatter of the revolutions.
+        start_angle : float, rad, optional
+            Angle of the spindle at the first sample; ``harmonics`` are referred to the angle 0.
+        history : tuple of Step, optional
+            Where the readings came from.
+
+        Returns
+        -------
+        Separation
+            Parts ``artefact`` and ``spindle`` over ``angle``, with ``harmonics``.
+
+        Raises
+        ------
+        InvalidSamplesError
+            If the readings have another shape, are infinite, or no revolution is complete.
+        TooFewSamplesError
+            If kmax is not below half the samples.
+        DataError
+            If `u_reading` is negative or not finite.
+        """
+        return separate_steps(
+            self, readings, check_u_reading(u_reading), check_start(start_angle), history
+        )
+
+
+def multistep(
+    m: Any,
+    steps: int | Sequence[int] | None = None,
+    *,
+    angles: ArrayLike | None = None,
+    kmax: int | None = None,
+    u_reading: float | None = None,
+    u_index: float = 0.0,
+    eccentricity: Literal["fixed", "free"] = "fixed",
+    drift: Literal["none", "linear"] = "none",
+    step_revolutions: float | None = None,
+    turn: Literal[1, -1] = 1,
+    angle: ArrayLike | None = None,
+) -> Separation:
+    """Return roundness of an artefact and error of a spindle from indexed revolutions.
+
+    Parameters
+    ----------
+    m : array_like, shape (P, N) or (P, M, N), m, or Recording, or sequence of Profile
+        One row for each index position, over equal angles of the spindle. The position of a
+        profile is the angle of the spindle in rad, the same in each. A `Recording` is cut into
+        revolutions by its channel ``angle`` (or of unit rad); without it, it must be one.
+    steps : int or sequence of int, optional
+        Number of equal steps; several numbers for several runs one after the other in `m`, such
+        as ``(7, 8)`` for 15 rows. As many as `m` has rows if neither this nor `angles` is given.
+    angles : array_like, shape (P,), rad, optional
+        Index positions where they are not equal steps.
+    kmax : int, optional
+        Highest undulation; all below N/2 if omitted.
+    u_reading : float, m, optional
+        Standard deviation of one reading; from the data if omitted.
+    u_index : float, rad, optional
+        Standard uncertainty of each index position.
+    eccentricity : {"fixed", "free"}, optional
+        ``"free"`` if the artefact was centred anew at each step: k = 1 is then left out.
+    drift : {"none", "linear"}, optional
+        Whether a linear drift of the level is taken off first.
+    step_revolutions : float, optional
+        Time from step to step in revolutions, for the drift.
+    turn : {1, -1}, optional
+        +1: a step brings points of larger artefact angle to the probe.
+    angle : array_like, shape (N,), rad, optional
+        Angle of the spindle at each sample of `m` given as arrays; from 0 in equal steps if
+        omitted.
+
+    Returns
+    -------
+    Separation
+        ``.artefact``, ``.spindle``; ``.suppressed`` are the multiples of the number of steps.
+
+    Raises
+    ------
+    TooFewSamplesError
+        If there are fewer than 2 positions or too few samples for kmax.
+    InvalidSamplesError
+        If readings or angles are not finite or of the wrong shape, or the angle of the spindle is
+        not in equal steps over whole revolutions.
+    UnitError
+        If the angles look like degrees.
+    NotSeparableError
+        If the positions separate nothing.
+    DataError
+        If `steps` and `angles` are both given or do not fit the rows, or a setting is out of range.
+
+    Notes
+    -----
+    Least squares per undulation: ``M_p = R exp(j k t alpha_p) + S``. N equal steps give the noise
+    ``s / sqrt(N)`` of each part. The spindle must repeat from step to step: what does not is noise,
+    and shows in ``audit["residual_rms_nm"]``.
+
+    Examples
+    --------
+    >>> a = 2 * np.pi * np.arange(120) / 120
+    >>> part, spindle = (lambda t: 50e-9 * np.cos(3 * t)), 20e-9 * np.sin(2 * a)
+    >>> found = multistep([part(a + p * np.pi / 4) + spindle for p in range(8)], steps=8)
+    >>> found.suppressed[:3], bool(np.abs(found.spindle - spindle).max() < 1e-20)
+    ([8, 16, 24], True)
+    """
+    given = circle_readings(m, what="multistep", angle=angle)
+    try:
+        shape = np.shape(given.values)
+    except ValueError:
+        shape = ()
+    if len(shape) not in (2, 3):
+        raise DataError(
+            f"multistep needs readings (P, N) or (P, M, N) of equal length, got the shape {shape}"
+        )
+    if kmax is None and shape[-1] < 5:
+        raise TooFewSamplesError(
+            f"multistep needs at least 5 samples in a revolution, got {shape[-1]}"
+        )
+    method = MultistepRoundness(
+        index_positions(steps, angles, shape[0]),
+        (shape[-1] - 1) // 2 if kmax is None else kmax,
+        u_index=u_index,
+        eccentricity=eccentricity,
+        drift=drift,
+        step_revolutions=step_revolutions,
+        turn=turn,
+    )
+    found = method.separate(
+        given.values, u_reading=u_reading, start_angle=given.start_angle, history=given.history
+    )
+    return with_messages(found, given.messages)
+
+
+# ---- index positions of `multistep`, from numbers of steps or from angles ----------------------
+
+
+def index_positions(steps: Any, angles: ArrayLike | None, rows: int) -> ArrayLike:
+    """Return the index positions in rad of rows of readings."""
+    if angles is not None:
+        if steps is not None:
+            raise DataError("give steps or angles, not both")
+        if np.shape(angles) != (rows,):
+            raise DataError(f"{np.shape(angles)} angles do not fit {rows} rows of readings")
+        return angles
+    if steps is None and rows < 2:
+        raise TooFewSamplesError(
+            f"multistep: at least 2 positions are needed, one row of readings each, got {rows}"
+        )
+    whole = (Sequence, np.ndarray)
+    given = (
+        [rows]
+        if steps is None
+        else list(steps)
+        if isinstance(steps, whole) and np.ndim(steps)
+        else [steps]
+    )
+    counts = [check_whole(n, "steps", least=2) for n in given]
+    if sum(counts) != rows:
+        raise DataError(
+            f"steps = {steps} needs {sum(counts)} rows of readings, one each, got {rows}"
+        )
+    return np.concatenate([2.0 * np.pi * np.arange(n) / n for n in counts])
+
+
+# ---- the work of `MultistepRoundness.separate`: estimators, drift, noise, audit ----------------
+
+_EXCESS = 5.0
+"""Chi-square this many of its standard deviations too large is said."""
+
+_ROUNDING = 1e-9
+"""Differences of this share of the readings are no finding."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepGeometry:
+    """Estimators of R and S from the P positions, for k = 0 ... kmax."""
+
+    rows: ComplexArray  # of complex, shape (2, kmax + 1, P): naN where not observable
+    # shape (2, kmax + 1): noise of R and S over that of a reading's harmonic; inf where not
+    # observable
+    gain: FloatArray
+    phase: ComplexArray  # of complex, shape (kmax + 1, P): ``exp(j k t alpha_p)``
+
+
+def step_geometry(method: MultistepRoundness) -> StepGeometry:
+    """Return the least-squares estimators of an arrangement of steps."""
+    alpha = method.turn * np.array(method.angles)
+    k = np.arange(method.kmax + 1)
+    phase = np.exp(1j * np.outer(k, alpha))
+    common = phase.mean(axis=1)
+    seen = phase - common[:, np.newaxis]
+    size2 = np.sum(np.abs(seen) ** 2, axis=1)
+    hidden = size2 * method.max_gain**2 < 1.0
+    hidden[0] = True
+    hidden[1] |= method.eccentricity == "free"
+    size2[hidden] = 1.0
+    row_r = seen.conj() / size2[:, np.newaxis]
+    rows = np.stack([row_r, 1.0 / alpha.size - common[:, np.newaxis] * row_r])
+    rows[:, hidden] = np.nan
+    gain = np.sqrt(np.sum(np.abs(rows) ** 2, axis=2))
+    return StepGeometry(rows, np.where(np.isnan(gain), np.inf, gain), phase)
+
+
+def separate_steps(
+    method: MultistepRoundness,
+    readings: ArrayLike,
+    u_reading: float | None,
+    start_angle: float,
+    history: tuple[Step, ...],
+) -> Separation:
+    """Return the separation that the method's estimators make of the readings."""
+    positions = len(method.angles)
+    given = revolutions(readings, positions, what="index positions", n_min=2 * method.kmax + 1)
+    messages = [*given.messages, *size_doubts(centred(given.values), method.name)]
+    array, rate, u_rate = _without_drift(method, given)
+    turns, n = array.shape[1:]
+    geometry = step_geometry(method)
+    each = harmonics_of(array, method.kmax)
+    mean = each.mean(axis=1)
+    found: ComplexArray = np.einsum("akp,pk->ak", geometry.rows, mean)
+    rest = mean - geometry.phase.T * found[0] - found[1]
+    noise, u_k, from_steps = _noise(geometry, each, rest, u_reading, n)
+    term = None if from_steps else _index_term(method, geometry, found, n)
+    square_curve, square_k = (0.0, 0.0) if term is None else term
+    u_curve = np.zeros((2, n)) + np.sqrt(np.nansum(u_k**2, axis=1)[:, np.newaxis] + square_curve)
+    if math.isnan(noise.value):
+        u_curve[:] = np.nan
+        messages.append(
+            "the noise is not known from two positions and one revolution: give u_reading or more "
+            "steps or repeated revolutions; no uncertainty is stated"
+        )
+    null_space = method.null_space()
+    hidden = suppressed_harmonics(null_space)
+    if hidden:
+        messages.append(
+            f"k={names_of_k(hidden)} {'is' if len(hidden) == 1 else 'are'} alike at all index "
+            "positions: NaN in harmonics, absent from the curves"
+        )
+    if from_steps and method.u_index > 0.0:
+        messages.append(
+            "the index errors show in what the positions disagree by, so u_index is not added to it"
+        )
+    seen = np.isfinite(found[0])
+    audit: dict[str, Any] = {
+        "angles_deg": np.rad2deg(method.angles).tolist(),
+        "turn": method.turn,
+        "kmax": method.kmax,
+        "n_samples": n,
+        "n_revolutions": turns,
+        "n_revolutions_left_out": given.n_left_out,
+        "start_angle_deg": math.degrees(start_angle),
+        "gain": [float(g) if math.isfinite(g) else None for g in geometry.gain[0]],
+        "suppressed": hidden,
+        "eccentricity": method.eccentricity,
+        "removed": "k = 0 of both parts, k > kmax"
+        + (", k = 1" if method.eccentricity == "free" else ""),
+        "drift": method.drift,
+        "drift_nm_per_revolution": rate * 1e9,
+        "u_drift_nm_per_revolution": None if math.isnan(u_rate) else u_rate * 1e9,
+        "residual_rms_nm": 1e9
+        * math.sqrt(float(np.mean(np.sum(np.abs(rest[:, seen]) ** 2, axis=1)) / 2.0)),
+        "noise_source": noise.definition,
+        "type_b": {
+            part: {} if term is None else {"index angles / m": math.sqrt(term[0][i].mean())}
+            for i, part in enumerate(_PARTS)
+        },
+    }
+    dof = positions * turns - 2
+    messages += _drift_left(method, rate, u_rate, dof, u_curve[1]) + _wide_index(method)
+    messages += _first_harmonic(method, rest, float(np.abs(mean).max()))
+    return Separation(
+        method.name,
+        dict(zip(_PARTS, curve(found, n), strict=True)),
+        dict(zip(_PARTS, u_curve, strict=True)),
+        dict.fromkeys(_PARTS, "m"),
+        {"angle": start_angle + grid(n)},
+        null_space,
+        noise,
+        dict(zip(_PARTS, referred_to_zero(found, start_angle), strict=True)),
+        dict(zip(_PARTS, np.sqrt(u_k**2 + square_k), strict=True)),
+        audit,
+        tuple(messages),
+        (*history, Step(method.name, {"kmax": method.kmax, "angles_deg": audit["angles_deg"]})),
+    )
+
+
+def _without_drift(
+    method: MultistepRoundness, given: Revolutions
+) -> tuple[FloatArray, float, float]:
+    """Return readings without linear drift, the drift per revolution and its uncertainty.
+
+    Revolutions keep their number when another is left out: time went on.
+    """
+    positions, _, n = given.values.shape
+    between = float(given.n_given if method.step_revolutions is None else method.step_revolutions)
+    start = between * np.arange(positions)[:, np.newaxis] + given.kept
+    level = given.values.mean(axis=2)
+    time, about = start - start.mean(), level - level.mean()
+    size2 = float(np.sum(time**2))
+    rate = float(np.sum(time * about)) / size2
+    dof = level.size - 2
+    square = float(np.sum((about - rate * time) ** 2))
+    u_rate = math.sqrt(square / dof / size2) if dof > 0 else math.nan
+    if method.drift == "none":
+        return given.values, rate, u_rate
+    drift = rate * (start[:, :, np.newaxis] + np.arange(n) / n)
+    return given.values - drift, rate, u_rate
+
+
+def _drift_left(
+    method: MultistepRoundness, rate: float, u_rate: float, dof: int, u_spindle: FloatArray
+) -> list[str]:
+    """Say so where a drift that is not taken off stands out and matters to the spindle."""
+    if method.drift == "linear" or dof < 1:
+        return []
+    # Student's t has long tails where few levels stand behind the line
+    limit = _EXCESS * (1.0 + (3.0 / dof) ** 2)
+    matters = float(np.sqrt(np.mean(u_spindle**2)))
+    if not abs(rate) > limit * u_rate or abs(rate) <= matters:
+        return []
+    text = (
+        f"the level drifts by {rate * 1e9:.3g} nm per revolution (u {u_rate * 1e9:.2g} nm), which "
+        "is a step of that height in the spindle at the start of the revolution: give "
+        "drift='linear' if the steps followed each other in time"
+    )
+    return [text]
+
+
+def _wide_index(method: MultistepRoundness) -> list[str]:
+    """Say so where the uncertainty of the positions is no small angle for the highest undulation."""
+    if method.kmax * method.u_index <= 1.0:
+        return []
+    text = (
+        f"u_index of {math.degrees(method.u_index):.3g} deg is no small angle for k above "
+        f"{int(1.0 / method.u_index)}, where its share of u is too small a guess; was it in rad?"
+    )
+    return [text]
+
+
+def _noise(
+    geometry: StepGeometry,
+    each: ComplexArray,
+    rest: ComplexArray,
+    u_reading: float | None,
+    n: int,
+) -> tuple[Quantity, FloatArray, bool]:
+    """Return noise of one reading, u of harmonics, and whether it came from the steps."""
+    positions, turns = each.shape[:2]
+    gain = np.where(np.isinf(geometry.gain), np.nan, geometry.gain)
+    text = "standard deviation of one reading; "
+    if u_reading is not None:
+        u_k = gain * u_reading * math.sqrt(2.0 / (n * turns))
+        return Quantity(u_reading, "m", text + "as stated", None, "s"), u_k, False
+    seen = np.isfinite(rest[0])
+    if positions > 2:
+        per_k = np.sum(np.abs(rest) ** 2, axis=0) / (2.0 * (positions - 2))
+        dof = 2 * (positions - 2) * int(seen.sum())
+        value = math.sqrt(float(per_k[seen].mean()) * n * turns / 2.0)
+        text += (
+            f"type A from what {positions} positions disagree by, spindle not repeating included"
+        )
+        return (
+            Quantity(value, "m", text, value / math.sqrt(2.0 * dof), "s"),
+            gain * np.sqrt(per_k),
+            True,
+        )
+    if turns > 1:
+        about = each - each.mean(axis=1, keepdims=True)
+        per_k = np.sum(np.abs(about) ** 2, axis=(0, 1)) / (2.0 * positions * (turns - 1))
+        dof = 2 * positions * (turns - 1) * int(seen.sum())
+        value = math.sqrt(float(per_k[seen].mean()) * n / 2.0)
+        text += f"type A from {turns} revolutions"
+        u_k = gain * np.sqrt(per_k / turns)
+        return Quantity(value, "m", text, value / math.sqrt(2.0 * dof), "s"), u_k, False
+    return Quantity(math.nan, "m", text + "not known", None, "s"), gain * math.nan, False
+
+
+def _index_term(
+    method: MultistepRoundness, geometry: StepGeometry, found: ComplexArray, n: int
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return variances of curves (2, N) and harmonics (2, kmax + 1) from independent index errors."""
+    if method.u_index == 0.0:
+        return None
+    k = np.arange(method.kmax + 1)
+    shown = 1j * method.turn * k * geometry.phase.T * found[0] * method.u_index
+    moved = geometry.rows.transpose(0, 2, 1) * shown
+    return np.sum(curve(moved, n) ** 2, axis=1), np.sum(np.abs(moved) ** 2, axis=1) / 2.0
+
+
+def _first_harmonic(method: MultistepRoundness, rest: ComplexArray, size: float) -> list[str]:
+    """Say so where k = 1 disagrees far more between steps than the other undulations do."""
+    positions = rest.shape[0]
+    if method.eccentricity == "free" or positions < 4 or method.kmax < 6:
+        return []
+    power = np.sum(np.abs(rest) ** 2, axis=0)
+    others = power[2:][np.isfinite(power[2:])]
+    level = float(np.median(others)) if others.size else math.nan
+    limit = 1.0 + _EXCESS * math.sqrt(1.0 / (positions - 2)) * 2.0
+    if not power[1] > max(limit * level, (_ROUNDING * size) ** 2):
+        return []
+    text = (
+        "k = 1 differs from step to step far more than other undulations: if the artefact was "
+        "centred anew, give eccentricity='free'"
+    )
+    return [text]

@@ -1,0 +1,506 @@
+"""The zero difference of three probes: from a reversal, a known flat, or an angle sensor.
+
+``delta = e1 - 2 e2 + e3`` (``e1 - (1 + r) e2 + r e3`` at distances d1 = r d2) stays in the second
+differences at every position and bends the artefact into a parabola of sag ``delta (L/d)^2 / 8``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep.core._arrays import FloatArray, as_float
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.quantity import Quantity
+from metrosep.separation._readings import checked_readings, known_parts, stated_u
+from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.lines._line_problem import number
+
+__all__ = ["ZeroAdjustment", "ZeroCalibration", "zero_calibration"]
+
+_NAMES = ("trailing probe", "middle probe", "leading probe")
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroCalibration:
+    """Zero difference of three probes and how it was found.
+
+    Parameters
+    ----------
+    zero : float, m
+        ``e1 - (1 + r) e2 + r e3``, r the ratio of the distances.
+    u : float, m
+        Standard uncertainty.
+    distance : tuple of (float, float), m
+        Distances of the probes for which it holds.
+    source : str
+        ``"reversal"``, ``"flat"`` or ``"pitch"``.
+    audit : mapping, optional
+        What went in.
+    messages : tuple of str, optional
+        What the user should know.
+    """
+
+    zero: float
+    u: float
+    distance: tuple[float, float]
+    source: str
+    audit: Mapping[str, Any] = field(default_factory=dict)
+    messages: tuple[str, ...] = ()
+
+    @property
+    def quantity(self) -> Quantity:
+        """Value with unit and uncertainty."""
+        text = f"zero difference e1 - (1 + r) e2 + r e3 of three probes, from {self.source}"
+        return Quantity(self.zero, "m", text, u=self.u, symbol="delta")
+
+    def zero_for(self, distance: float | tuple[float, float]) -> float:
+        """Return the zero difference if it belongs to these distances.
+
+        Parameters
+        ----------
+        distance : float or tuple of (float, float), m
+            Of the probes in use.
+
+        Returns
+        -------
+        float, m
+            `zero`.
+
+        Raises
+        ------
+        DataError
+            If the probes were calibrated at another ratio of distances.
+        """
+        d1, d2 = distances(distance)
+        ratio, own = d1 / d2, self.distance[0] / self.distance[1]
+        if abs(ratio / own - 1.0) > 1e-3:
+            raise DataError(
+                f"the zero was calibrated for probe distances in the ratio {own:.6g}, these are in "
+                f"the ratio {ratio:.6g}: the difference weighs the probes otherwise; calibrate again"
+            )
+        return self.zero
+
+
+def zero_calibration(
+    m: ArrayLike,
+    distance: float | tuple[float, float],
+    *,
+    reversed_m: ArrayLike | None = None,
+    flat: ArrayLike | None = None,
+    u_flat: float = 0.0,
+    pitch: ArrayLike | None = None,
+    u_pitch: float | None = None,
+    step: float | None = None,
+    u_reading: float | None = None,
+) -> ZeroCalibration:
+    """Return the zero difference of three probes from one of three calibrations.
+
+    Parameters
+    ----------
+    m : array_like, shape (3, n) or (3, R, n), m
+        Readings of the trailing, middle and leading probe.
+    distance : float or tuple of (float, float), m
+        Between neighbouring probes.
+    reversed_m : array_like, like `m`, m, optional
+        The same artefact, turned about its long axis, at the same positions, the probes set to
+        its other side without a new adjustment.
+    flat : array_like, shape (3, n) or (3,), or 0.0, m, optional
+        Known form of a flat under each probe at each reading; 0.0 for a perfect flat. Its flatness
+        is `u_flat`, not a height.
+    u_flat : float, m, optional
+        Standard uncertainty of the known second difference of the flat; it does not average out.
+    pitch : array_like, shape (n,), rad, optional
+        Readings of an angle sensor, positive where the leading end reads more; with `u_pitch`,
+        `step` and `u_reading` (or repeats).
+    u_pitch, step, u_reading : float, rad, m, m, optional
+        Standard uncertainty of one angle; step between the positions; standard uncertainty of one
+        reading.
+
+    Returns
+    -------
+    ZeroCalibration
+        For `three_point`, as ``zero_cal``.
+
+    Raises
+    ------
+    DataError
+        If not exactly one of `reversed_m`, `flat`, `pitch` is given, or they do not fit.
+    TooFewSamplesError
+        If one reading leaves no scatter and `u_reading` is not given.
+    NotSeparableError
+        If the pitch runs opposite to that of the probes.
+
+    Notes
+    -----
+    Reversal: the second differences are ``f'' + delta`` and ``-f'' + delta``; delta is the mean of
+    their half sums, noise ``s sqrt(6 / (2 n))``. Flat: the mean of ``m1 - 2 m2 + m3`` minus that of
+    the flat, ``s sqrt(6 / n)`` and `u_flat`. Positions
+    count by their passes. Pitch: `three_point` by generalised least squares with
+    free zeros. NaN positions are left out.
+
+    References
+    ----------
+    W. Gao, J. Yokoyama, H. Kojima, S. Kiyono, Precision measurement of cylinder straightness using
+    a scanning multi-probe system, Precis. Eng. 26 (2002) 279-288.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> form = 1e-9 * np.array([[3.0, 1.0], [1.0, -4.0], [-4.0, 0.0]])
+    >>> zeros = 1e-9 * np.array([[2.0], [0.0], [3.0]])
+    >>> found = zero_calibration(form + zeros, 10e-3, reversed_m=-form + zeros)
+    >>> round(found.zero * 1e9, 9)
+    5.0
+    """
+    given = [reversed_m is not None, flat is not None, pitch is not None]
+    if sum(given) != 1:
+        raise DataError(
+            "zero_calibration needs exactly one of reversed_m (a reversal), flat (a known form) and "
+            f"pitch (an angle sensor), got {sum(given)}"
+        )
+    if pitch is not None:
+        return _from_pitch(m, distance, pitch, u_pitch, step, u_reading)
+    d = distances(distance)
+    ratio = d[0] / d[1]
+    w = np.array([1.0, -(1.0 + ratio), ratio])
+    first, count = _differences(m, w)
+    if reversed_m is not None:
+        second, other = _differences(reversed_m, w)
+        if second.shape != first.shape:
+            raise DataError(
+                f"the two readings of the reversal have {first.size} and {second.size} values; they "
+                "must lie at the same positions of the artefact"
+            )
+        both = count * other / np.maximum(count + other, 1.0)
+        return _mean((first + second) / 2.0, both, d, "reversal", w, u_reading, 2.0, 0.0)
+    known = np.broadcast_to(_flat_differences(flat, w, first.size), first.shape)
+    u_known = _not_negative(u_flat, "u_flat")
+    return _mean(first - known, count, d, "flat", w, u_reading, 1.0, u_known)
+
+
+def _not_negative(value: Any, name: str) -> float:
+    """Return a standard uncertainty, or refuse it."""
+    u = number(value, name)
+    if not (math.isfinite(u) and u >= 0.0):
+        raise DataError(f"{name} is {value}; it must be a standard uncertainty >= 0 in m")
+    return u
+
+
+def distances(distance: float | tuple[float, float]) -> tuple[float, float]:
+    """Return both distances of three probes."""
+    try:
+        values = np.empty(0)
+        if not isinstance(distance, (str, bytes)):
+            values = np.asarray(distance, dtype=np.float64).ravel()
+    except (TypeError, ValueError):
+        values = np.empty(0)
+    if values.size not in (1, 2) or not np.isfinite(values).all() or (values <= 0.0).any():
+        raise DataError(f"distance is one length in m above zero, or two, got {distance}")
+    return float(values[0]), float(values[-1])
+
+
+def _differences(m: ArrayLike, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the second difference at each position, mean over the passes, and how many they are.
+
+    A pass in which a probe is missing does not count there: its carriage would not cancel.
+    """
+    array = checked_readings(m, names=_NAMES, minimum=1, what="zero_calibration")
+    d = np.tensordot(weights, array, axes=1)
+    count = (~np.isnan(d)).sum(axis=0).astype(np.float64)
+    total = np.where(np.isnan(d), 0.0, d).sum(axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1.0), np.nan), count
+
+
+def _flat_differences(flat: Any, weights: FloatArray, n: int) -> FloatArray:
+    try:
+        form = as_float(flat)
+    except (TypeError, ValueError):
+        raise DataError("flat must be the known form in m") from None
+    if np.isinf(form).any() or np.isnan(form).all():
+        raise DataError("flat must be the known form in m: finite, NaN where it is not known")
+    if form.ndim == 0:
+        if float(form) != 0.0:
+            raise DataError(
+                f"flat is one height, {float(form):.6g} m, and a height has no second difference: "
+                "flat=0.0 is a perfect flat, u_flat its flatness as a standard uncertainty"
+            )
+        return np.zeros(n)
+    if form.shape not in ((3,), (3, n)):
+        raise DataError(
+            f"flat has the shape {form.shape}; give the known form under each probe, (3,) or (3, {n})"
+        )
+    known = np.asarray(weights @ (form[:, None] if form.ndim == 1 else form))
+    if np.isnan(known).all():
+        raise DataError(
+            "flat is nowhere known under all three probes (NaN): nothing is calibrated"
+        )
+    return known
+
+
+def _mean(
+    values: FloatArray,
+    count: FloatArray,
+    d: tuple[float, float],
+    source: str,
+    weights: FloatArray,
+    u_reading: float | None,
+    n_sets: float,
+    u_more: float,
+) -> ZeroCalibration:
+    """Return the mean over positions, weighed by the passes behind each."""
+    used = ~np.isnan(values) & (count > 0)
+    known, share = values[used], count[used]
+    if known.size == 0:
+        raise TooFewSamplesError(
+            "zero_calibration: at no position were all probes measured in all readings"
+        )
+    zero = float(share @ known / share.sum())
+    if u_reading is not None:
+        one = _not_negative(u_reading, "u_reading") * float(np.linalg.norm(weights)) / n_sets
+        kind = "stated"
+    elif known.size > 1:
+        one = math.sqrt(float(share @ (known - zero) ** 2) / (known.size - 1))
+        kind = "scatter of the positions (type A)"
+    else:
+        raise TooFewSamplesError(
+            "zero_calibration: one position shows no scatter; measure at several, or give u_reading"
+        )
+    u = math.hypot(one / math.sqrt(float(share.sum())), u_more)
+    messages: tuple[str, ...] = ()
+    if source == "flat" and u_more == 0.0:
+        messages = (
+            "u_flat is 0: the flat counts as perfect; its own sag goes into every artefact measured",
+        )
+    audit = {"n_positions": int(known.size), "noise_from": kind, "u_flat_nm": u_more * 1e9}
+    return ZeroCalibration(zero, u, d, source, freeze_mapping(audit), messages)
+
+
+def _from_pitch(
+    m: ArrayLike,
+    distance: float | tuple[float, float],
+    pitch: ArrayLike,
+    u_pitch: float | None,
+    step: float | None,
+    u_reading: float | None,
+) -> ZeroCalibration:
+    from metrosep.separation.lines.three_points import three_point
+
+    result = three_point(
+        m,
+        distance,
+        step=step,
+        method="least_squares",
+        u_reading=u_reading,
+        pitch=pitch,
+        u_pitch=u_pitch,
+    )
+    return ZeroCalibration(
+        float(result.parts["zero"]),
+        float(result.u["zero"]),
+        distances(distance),
+        "pitch",
+        result.audit,
+        result.messages,
+    )
+
+
+# ---- `ZeroAdjustment`: the zero difference of three probes separated from the bend of an artefact ----
+# ``d(x) = m1 - (1 + r) m2 + r m3 = bend(x) + zero``; in the reversal ``-bend(x) + zero``. Straightness and
+# pitch of the carriage drop out of d.
+
+_PROBES = ("trailing", "middle", "leading")
+_CHANGES = (
+    "a zero that changes with the reversal looks like bend: turn back and repeat the first set-up"
+)
+_FLAT = "the mean bend is taken as that of a perfect flat: reverse it to see its own"
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroAdjustment(SeparationMethod):
+    """Three probes on an artefact and on its reversal, or on a flat.
+
+    Parameters
+    ----------
+    distance : float or tuple of (float, float), m
+        Between neighbouring probes.
+    flat : bool, optional
+        Whether the artefact counts as flat; if not, it is measured again turned about its long
+        axis. A form that is known, and a calibration by an angle sensor: `zero_calibration`.
+    u_flat : float, m, optional
+        Standard uncertainty of the mean second difference of the flat.
+
+    Raises
+    ------
+    DataError
+        If a distance is not above zero or `u_flat` negative.
+
+    Examples
+    --------
+    >>> method = ZeroAdjustment(10e-3)
+    >>> readings = method.simulate({"bend": [1e-9, -2e-9]}, {"zero": 5e-9})
+    >>> found = method.separate(readings)
+    >>> round(float(found.zero) * 1e9, 6), (found.bend * 1e9).round(6).tolist()
+    (5.0, [1.0, -2.0])
+    """
+
+    distance: float | tuple[float, float]
+    flat: bool = False
+    u_flat: float = 0.0
+
+    name: ClassVar[str] = "zero_adjustment"
+    truth_parts: ClassVar[tuple[str, ...]] = ("bend",)
+    error_parts: ClassVar[tuple[str, ...]] = ("zero",)
+
+    def __post_init__(self) -> None:
+        distances(self.distance)
+        stated_u(self.u_flat, "m", "u_flat")
+
+    @property
+    def _weights(self) -> FloatArray:
+        first, second = distances(self.distance)
+        ratio = first / second
+        return np.array([1.0, -(1.0 + ratio), ratio])
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        again = () if self.flat else tuple(f"{p} probe reversed" for p in _PROBES)
+        return (*(f"{p} probe" for p in _PROBES), *again)
+
+    def simulate(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> FloatArray:
+        """Return the readings of given parts, the carriage straight.
+
+        Parameters
+        ----------
+        truth : mapping of str to array_like, shape (n,), m
+            ``bend``: second difference of the artefact at each position.
+        errors : mapping of str to array_like, scalar, m
+            ``zero`` difference of the probes.
+
+        Returns
+        -------
+        ndarray, shape (6, n), (3, n) on a flat, m
+            The probes, then the probes on the reversed artefact; n = 1 without bend. Both parts
+            are spread over the probes in proportion to their weights.
+
+        Raises
+        ------
+        DataError
+            If a part is unknown or none is given.
+        """
+        parts = known_parts(self, truth, errors)
+        zero, bend = parts.get("zero", np.zeros(())), parts.get("bend", np.zeros(1))
+        w = self._weights / float(self._weights @ self._weights)
+        first = np.multiply.outer(w, bend + zero)
+        return first if self.flat else np.concatenate([first, np.multiply.outer(w, zero - bend)])
+
+    def null_space(self) -> tuple[Unobservable, ...]:
+        """Return what the set-up cannot tell.
+
+        Returns
+        -------
+        tuple of Unobservable
+            A zero that changes between the readings, or the mean bend of the flat.
+        """
+        if self.flat:
+            return (Unobservable("bend", "term", ("mean",), _FLAT),)
+        return (Unobservable("bend", "term", ("change of the zero",), _CHANGES),)
+
+    def separate(
+        self,
+        readings: ArrayLike,
+        *,
+        u_reading: float | None = None,
+        history: tuple[Step, ...] = (),
+    ) -> Separation:
+        """Return the zero difference and the bend of the artefact.
+
+        Parameters
+        ----------
+        readings : array_like, shape (6, n) or (6, M, n), of a flat (3, n) or (3, M, n), m
+            As `simulate` returns them; NaN = not measured.
+        u_reading : float, m, optional
+            Standard uncertainty of one reading; the scatter over the positions if omitted.
+        history : tuple of Step, optional
+            Where they came from.
+
+        Returns
+        -------
+        Separation
+            Parts ``zero`` (scalar) and ``bend`` (n,).
+
+        Raises
+        ------
+        DataError
+            If `u_reading` is negative or no number.
+        InvalidSamplesError
+            If the readings are no curves of equal length.
+        TooFewSamplesError
+            If at no position all probes were measured, or at one only without `u_reading`.
+
+        Notes
+        -----
+        `zero_calibration` does the work. With noise s of a reading and equal distances:
+        ``s sqrt(6/(2 n M))`` for the zero from a reversal, ``s sqrt(6/(n M))`` and `u_flat` from a
+        flat.
+        """
+        stated = stated_u(u_reading, "m")
+        array = checked_readings(readings, names=self._names, minimum=1, what=self.name)
+        turned = None if self.flat else array[3:]
+        found = zero_calibration(
+            array[:3],
+            self.distance,
+            reversed_m=turned,
+            flat=0.0 if self.flat else None,
+            u_flat=self.u_flat,
+            u_reading=stated,
+        )
+        first, count = self._differences(array[:3])
+        if turned is None:
+            bend, own = first - found.zero, count
+            inverse = 1.0 / np.maximum(count, 1.0) - 1.0 / count.sum()
+        else:
+            second, other = self._differences(turned)
+            bend = (first - second) / 2.0
+            own = np.where(
+                (count > 0) & (other > 0), count * other / (count + other + 1e-300), 0.0
+            )
+            inverse = 0.25 / np.where(own > 0, own, np.nan)
+        w = float(np.linalg.norm(self._weights))
+        n_sets = 1.0 if self.flat else 2.0
+        random = math.sqrt(max(found.u**2 - (self.u_flat**2 if self.flat else 0.0), 0.0))
+        s = random * math.sqrt(float(own.sum())) * n_sets / w if stated is None else stated
+        u_bend = np.where(np.isnan(bend), np.nan, s * w * np.sqrt(inverse))
+        return Separation(
+            self.name,
+            {"zero": np.array(found.zero), "bend": bend},
+            {"zero": np.array(found.u), "bend": u_bend},
+            {"zero": "m", "bend": "m"},
+            {},
+            self.null_space(),
+            noise=_noise(s, int(found.audit["n_positions"]), stated),
+            audit={**found.audit, "source": found.source, "n_repeats": int(array.shape[1])},
+            messages=found.messages,
+            history=(*history, Step(self.name, {"distance_m": list(distances(self.distance))})),
+        )
+
+    def _differences(self, array: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the second difference at each position, mean over the passes, and their number."""
+        d = np.tensordot(self._weights, array, axes=1)
+        count = (~np.isnan(d)).sum(axis=0).astype(np.float64)
+        return np.where(count > 0, np.nansum(d, axis=0) / np.maximum(count, 1.0), np.nan), count
+
+
+def _noise(s: float, n_positions: int, stated: float | None) -> Quantity:
+    if stated is not None:
+        return Quantity(stated, "m", "standard uncertainty of one reading, as stated", symbol="s")
+    text = f"standard deviation of one reading, from {n_positions} positions (type A)"
+    return Quantity(s, "m", text, u=s / math.sqrt(2.0 * (n_positions - 1)), symbol="s")

@@ -1,0 +1,1 @@
+"""Maps: three flats, rotations, shifts, balls, registration and stitching."""

@@ -1,0 +1,624 @@
+"""`ThreeFlat`: the set-ups of a three-flat test and what they determine."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.blas import one_blas_thread
+from metrosep.core.errors import DataError, DegenerateFitError, NotSeparableError
+from metrosep.core.provenance import Step
+from metrosep.forms.zernike import ZernikeOrder
+from metrosep.separation._readings import given_parts
+from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.maps._flat_result import (
+    FLATS,
+    ODD_REASON,
+    DiscBasis,
+    FlatPixelSolver,
+    FlatResult,
+    FlatSetup,
+    FlatZernikeSolver,
+    by_pixels,
+    by_terms,
+    doubts_of_flats,
+    facing,
+    flat_setups,
+    hidden_orders,
+    registration_of_flats,
+    undescribed,
+    zernike_terms_of,
+)
+from metrosep.separation.maps._map_input import (
+    MOST_POSITIONS,
+    PIXELS,
+    REMOVABLE,
+    MapGrid,
+    checked_angles,
+    checked_u,
+    common_step,
+    map_stack,
+    mirror,
+    noise_of,
+    require_overlap,
+    require_scale,
+    rigid_terms,
+    unit_doubts,
+    without_plane,
+)
+
+__all__ = ["ThreeFlat"]
+
+FlatMethod = Literal["auto", "pixel", "zernike", "iterative"]
+
+_ALIGNED = {"piston": ((0, 0),), "tilt": ((1, 1), (1, -1)), "power": ((2, 0),)}
+
+
+@dataclass(frozen=True, slots=True)
+class ThreeFlat(SeparationMethod):
+    """Three flats that face each other two by two, and again with one of them turned.
+
+    ``AB = A(x, y) + B(-x, y)``, ``AC`` and ``BC`` likewise: each flat as seen from its front, the
+    second of a pair mirrored because it faces the first (``flip="x"``; ``"y"``: ``B(x, -y)``).
+
+    Parameters
+    ----------
+    angles : sequence of float, rad, optional
+        Turn of one flat in each further reading, counter-clockwise in the map (+x towards +y).
+    pairs : str or sequence of str, optional
+        Pair of each further reading: ``"AB"``, ``"AC"`` or ``"BC"``.
+    turned : {"first", "second"}, optional
+        Which flat of the pair was turned.
+    flip : {"x", "y"}, optional
+        Coordinate that the mirror reverses.
+    method : {"auto", "pixel", "zernike", "iterative"}, optional
+        ``"auto"``: by pixels where all angles are multiples of one step 2 pi/N with N <= 24.
+        ``"zernike"``: terms on the common pixels; ``"iterative"``: on the pixels of each reading.
+    terms, order : int or sequence of int, {"ansi", "noll", "fringe"}, optional
+        Zernike terms of ``"zernike"`` and ``"iterative"``.
+    dx, dy : float, m, optional
+        Lateral steps; pixels if omitted.
+    centre : tuple of (float, float), m, optional
+        Axis of turn and mirror (x, y) from pixel [0, 0]; the middle of the map if omitted.
+    radius : float, m, optional
+        Of the Zernike disc; the farthest common pixel if omitted.
+    removed : tuple of str, optional
+        What alignment decides in each reading: ``"piston"``, ``"tilt"``, also ``"power"``.
+    u_registration : float or array_like, shape (3 + n,) or (3 + n, 2), m, optional
+        Standard uncertainty of how the flats lie on each other: one for all readings, one for each
+        (along x and along y), or one for each along x and one along y.
+    largest_gain : float, optional
+        Shares whose noise would grow by more are taken as not observable.
+
+    Raises
+    ------
+    DataError
+        If a setting cannot be used: its type, sign, unit or number.
+    NotSeparableError
+        If the set-up turns or shifts nothing.
+    """
+
+    angles: Sequence[float] = ()
+    pairs: str | Sequence[str] = "AB"
+    turned: Literal["first", "second"] = "first"
+    flip: Literal["x", "y"] = "x"
+    method: FlatMethod = "auto"
+    terms: int | tuple[int, ...] = 66
+    order: ZernikeOrder = "ansi"
+    dx: float | None = None
+    dy: float | None = None
+    centre: tuple[float, float] | None = None
+    radius: float | None = None
+    removed: tuple[str, ...] = ("piston", "tilt")
+    u_registration: ArrayLike = 0.0
+    largest_gain: float = 20.0
+
+    name: ClassVar[str] = "three_flat"
+    truth_parts: ClassVar[tuple[str, ...]] = FLATS
+    error_parts: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        n = int(np.size(np.asarray(self.angles, dtype=object)))
+        angles = checked_angles(self.angles, n, self.name) if n else np.zeros(0)
+        if angles.size and np.abs(np.exp(1j * angles) - 1.0).min() < 1e-6:
+            raise NotSeparableError(
+                f"{self.name}: a turned reading has the angle 0, which says nothing new; give the "
+                "angle by which the flat was turned"
+            )
+        object.__setattr__(self, "angles", tuple(angles.tolist()))
+        if self.pairs is None:
+            raise DataError(f"{self.name}: pairs must be 'AB', 'AC' or 'BC', got None")
+        pairs = [self.pairs] * angles.size if isinstance(self.pairs, str) else list(self.pairs)
+        if len(pairs) != angles.size or any(p not in ("AB", "AC", "BC") for p in pairs):
+            raise DataError(
+                f"{self.name}: pairs must be 'AB', 'AC' or 'BC', one for each of {angles.size} "
+                f"angles, got {self.pairs!r}"
+            )
+        object.__setattr__(self, "pairs", tuple(pairs))
+        for label, value, known in (
+            ("turned", self.turned, ("first", "second")),
+            ("flip", self.flip, ("x", "y")),
+            ("method", self.method, ("auto", "pixel", "zernike", "iterative")),
+            *(("removed", item, tuple(REMOVABLE)) for item in self.removed),
+        ):
+            if value not in known:
+                raise DataError(f"{self.name}: {label} must be of {known}, got {value!r}")
+        self._shifts()
+        self._chosen()
+
+    def simulate(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> FloatArray:
+        """Return the readings of given flats.
+
+        Parameters
+        ----------
+        truth : mapping of str to array_like, shape (n_y, n_x), m
+            ``A``, ``B``, ``C``, each as seen from its front.
+        errors : mapping of str to array_like
+            Empty: there is no machine part.
+
+        Returns
+        -------
+        ndarray, shape (3 + n, n_y, n_x), m
+            AB, AC, BC and the turned ones.
+
+        Raises
+        ------
+        DataError
+            If a part is unknown or none is given.
+        """
+        flats = given_parts(
+            self.name, truth, errors, truth_parts=self.truth_parts, error_parts=self.error_parts
+        )
+        maps, grid, _ = map_stack(
+            list(flats.values()), what=self.name, dx=self.dx, dy=self.dy, centre=self.centre
+        )
+        return np.stack([sum(facing(maps, s, grid, self.flip)) for s in self.setups()])
+
+    def correct(self, readings: ArrayLike) -> FloatArray:
+        """Return the readings as they are: all their parts are flats, there is no machine part.
+
+        Parameters
+        ----------
+        readings : array_like, shape (3 + n, n_y, n_x), m
+            As for `separate`.
+
+        Returns
+        -------
+        ndarray, shape (3 + n, n_y, n_x), m
+            A copy.
+
+        Raises
+        ------
+        DataError
+            If the maps cannot be used.
+        """
+        return self._stack(readings)[0]
+
+    def setups(self) -> tuple[FlatSetup, ...]:
+        """Return which flats face each other in each reading.
+
+        Returns
+        -------
+        tuple of FlatSetup
+            AB, AC, BC and the turned ones.
+        """
+        return flat_setups(self.angles, list(self.pairs), self.turned)
+
+    def null_space(self) -> tuple[Unobservable, ...]:
+        """Return what the set-ups leave unknown of each flat.
+
+        Returns
+        -------
+        tuple of Unobservable
+            Angular orders (pixels) or terms (Zernike), and the alignment.
+        """
+        aligned = rigid_terms(FLATS, self.removed)
+        if self._chosen() == "pixel":
+            return hidden_orders(self._pixels()) + aligned
+        hidden = self._zernike().hidden_terms(self._aligned())
+        what = "turn a flat" if not self.angles else "the turns do not change it; add an angle"
+        reason = ODD_REASON.format(axis=self.flip, what=what)
+        terms = tuple(
+            Unobservable(FLATS[k], "term", names, reason) for k, names in hidden.items() if names
+        )
+        return terms + aligned
+
+    def separate(
+        self,
+        readings: ArrayLike,
+        *,
+        u_reading: float | None = None,
+        history: tuple[Step, ...] = (),
+    ) -> Separation:
+        """Return the three flats as far as the set-ups determine them.
+
+        Parameters
+        ----------
+        readings : array_like, shape (3 + n, n_y, n_x), m
+            AB, AC, BC and the turned readings.
+        u_reading : float, m, optional
+            Standard uncertainty of one pixel of one reading; from redundancy if omitted.
+        history : tuple of Step, optional
+            Where the readings came from.
+
+        Returns
+        -------
+        Separation
+            Parts ``A``, ``B``, ``C``, each (n_y, n_x) in m, and more (see `three_flat`).
+
+        Raises
+        ------
+        DataError
+            If the maps do not fit or their masks do not overlap.
+        InvalidSamplesError, TooFewSamplesError
+            If the maps hold no numbers, or are too few or too small.
+        DegenerateFitError
+            If the pixels do not determine the Zernike terms.
+        """
+        stack, grid = self._stack(readings)
+        u_reading = checked_u(u_reading, "u_reading")
+        require_scale(grid, self._shifts(), self.name)
+        common = require_overlap(stack, self.name)
+        planar = np.stack(
+            [without_plane(z, grid, removed=self.removed, mask=common) for z in stack]
+        )
+        with one_blas_thread():
+            if self._chosen() == "pixel":
+                result = by_pixels(
+                    self._pixels(), planar, grid, removed=self.removed, u_reading=u_reading,
+                    u_shift=self._shifts(),
+                )  # fmt: skip
+            else:
+                result = self._by_terms(planar, grid, common, u_reading)
+            doubts = self._doubts(planar, grid) or result.unexplained
+            doubts = (*unit_doubts(stack, grid, np.array(self.angles)), *doubts)
+        return self._result(result, grid, common, doubts, history)
+
+    def _result(
+        self,
+        found: FlatResult,
+        grid: MapGrid,
+        common: NDArray[np.bool_],
+        doubts: tuple[str, ...],
+        history: tuple[Step, ...],
+    ) -> Separation:
+        audit = {
+            "method": self._chosen(),
+            "readings": [f"{s.first}{s.second}" for s in self.setups()],
+            "angles_deg": [math.degrees(a) for a in self.angles],
+            "turned": self.turned,
+            "mirrored_coordinate": self.flip,
+            "removed": ", ".join(self.removed),
+            "n_pixels_common": int(common.sum()),
+            "u_registration_um": (self._shifts() * 1e6).tolist(),
+            **found.audit,
+        }
+        messages = (*found.messages, *doubts, *(() if grid.calibrated else (PIXELS,)))
+        return Separation(
+            self.name,
+            found.parts,
+            found.u,
+            dict.fromkeys(found.parts, "m"),
+            {"x": grid.x, "y": grid.y, **found.coordinates},
+            self.null_space(),
+            noise=found.noise,
+            audit=audit,
+            messages=messages,
+            history=(*history, Step(self.name, {"angles_rad": list(self.angles)})),
+        )
+
+    def _stack(self, readings: ArrayLike) -> tuple[FloatArray, MapGrid]:
+        names = [f"{s.first}{s.second}" for s in self.setups()]
+        stack, grid, _ = map_stack(
+            readings,
+            what=self.name,
+            names=names[:3] + [f"{n} turned" for n in names[3:]],
+            one_frame=True,
+            dx=self.dx,
+            dy=self.dy,
+            centre=self.centre,
+        )
+        middle = (grid.x[0] + grid.x[-1], grid.y[0] + grid.y[-1])
+        across, step = (middle[0], grid.dx) if self.flip == "x" else (middle[1], grid.dy)
+        if abs(across) > 1e-6 * step:
+            raise DataError(
+                f"{self.name}: the centre must lie in the middle of the map along {self.flip}, the "
+                f"mirrored coordinate; crop the maps by {abs(across) / step:.3g} pixels"
+            )
+        return stack, grid
+
+    def _n(self) -> int | None:
+        return common_step(np.array([0.0, *self.angles]))
+
+    def _chosen(self) -> str:
+        n = self._n()
+        if self.method == "pixel" and n is None:
+            raise DataError(
+                f"{self.name}: method='pixel' needs angles that are multiples of one step 2 pi/N, "
+                f"N <= {MOST_POSITIONS}, got {[round(math.degrees(a), 4) for a in self.angles]} "
+                "deg; use method='zernike'"
+            )
+        if self.method == "auto":
+            return "zernike" if n is None else "pixel"
+        return self.method
+
+    def _pixels(self) -> FlatPixelSolver:
+        return FlatPixelSolver(self.setups(), self._n() or 1, self.flip, self.largest_gain)
+
+    def _aligned(self) -> tuple[tuple[int, int], ...]:
+        return tuple(nm for item in self.removed for nm in _ALIGNED[item])
+
+    def _zernike(self) -> FlatZernikeSolver:
+        nm = zernike_terms_of(self.terms, self.order)
+        return FlatZernikeSolver(self.setups(), nm, self.flip, self._aligned(), self.largest_gain)
+
+    def _by_terms(
+        self,
+        stack: FloatArray,
+        grid: MapGrid,
+        common: NDArray[np.bool_],
+        u_reading: float | None,
+    ) -> FlatResult:
+        solver = self._zernike()
+        if self.method == "iterative":
+            return by_iteration(
+                solver, stack, grid, self.setups(), self.flip, radius=self.radius,
+                aligned=self._aligned(), u_reading=u_reading, u_shift=self._shifts(),
+            )  # fmt: skip
+        basis = DiscBasis(grid, common, solver.nm, self.radius)
+        return by_terms(
+            solver, basis, stack, grid, self.setups(), self.flip,
+            u_reading=u_reading, u_shift=self._shifts(),
+        )  # fmt: skip
+
+    def _doubts(self, stack: FloatArray, grid: MapGrid) -> tuple[str, ...]:
+        return () if self._n() is None else doubts_of_flats(self._pixels(), stack, grid)
+
+    def _shifts(self) -> FloatArray:
+        n = 3 + len(self.angles)
+        try:
+            shifts = np.array(self.u_registration, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise DataError(
+                f"{self.name}: u_registration must be numbers in m, got {self.u_registration!r}"
+            ) from None
+        if shifts.ndim == 0:
+            shifts = np.full(n, float(shifts))
+        if shifts.shape not in ((n,), (n, 2)):
+            raise DataError(
+                f"{self.name}: u_registration needs one value, or one for each of {n} readings, or "
+                f"({n}, 2) along x and y, got the shape {shifts.shape}"
+            )
+        for value in shifts.ravel():
+            checked_u(float(value), "u_registration")
+        return shifts if shifts.ndim == 2 else np.stack([shifts, shifts], axis=1)
+
+
+# ---- from the readings of three flats to maps by iterated Zernike terms, each reading with its mask ----
+
+
+def by_iteration(
+    solver: FlatZernikeSolver,
+    stack: FloatArray,
+    grid: MapGrid,
+    setups: Sequence[FlatSetup],
+    flip: str,
+    *,
+    radius: float | None,
+    aligned: Sequence[tuple[int, int]],
+    u_reading: float | None,
+    u_shift: FloatArray,
+) -> FlatResult:
+    """Return coefficients and maps of Zernike terms from all pixels that each reading has."""
+    measured = np.isfinite(stack)
+    anywhere = np.logical_or.reduce(measured, axis=0)
+    basis = DiscBasis(grid, anywhere | mirror(anywhere, flip), solver.nm, radius)
+    system = OwnMasks(basis, solver, measured, aligned)
+    p = len(basis.nm)
+    iterated = system.iterate(system.right_side(stack))
+    residual = system.residual(stack, iterated.coefficients)
+    known = residual[np.isfinite(residual)]
+    freedom = float(known.size - system.rank - len(setups) * system.rigid.size)
+    noise = noise_of(known[None], freedom, u_reading)
+    seen = solver.seen & np.isin(np.arange(p), system.free)
+    kept = np.where(seen, iterated.coefficients.reshape(3, p), 0.0)
+    shown = _faces(measured, setups, flip)
+    blocks = system.inverse.reshape(3, p, 3, p)
+    covariance = np.stack(
+        [blocks[k, :, k, :] * np.outer(seen[k], seen[k]) for k in range(3)]
+    )  # of the pixels' least squares, to which the steps converge
+
+    def linear(one: FloatArray) -> FloatArray:
+        found = (system.inverse @ system.right_side(one)).reshape(3, p)
+        return basis.maps(np.where(seen, found, 0.0))
+
+    share = registration_of_flats(
+        linear, basis.maps(kept), setups, grid, flip, u_shift
+    )  # fmt: skip
+    u = np.sqrt((noise.value * basis.deviations(covariance)) ** 2 + share**2)
+    spread = noise.value * np.sqrt(np.einsum("aii->ai", covariance))
+    maps = np.where(shown, basis.maps(kept), np.nan)
+    parts = dict(zip(FLATS, maps, strict=True))
+    u_parts = dict(zip(FLATS, np.where(shown, u, np.nan), strict=True))
+    for k, flat in enumerate(FLATS):
+        parts[f"zernike_{flat}"] = np.where(seen[k], kept[k], np.nan)
+        u_parts[f"zernike_{flat}"] = np.where(seen[k], spread[k], np.nan)
+    coordinates = {
+        "zernike_n": np.array([n for n, _ in basis.nm], dtype=np.float64),
+        "zernike_m": np.array([m for _, m in basis.nm], dtype=np.float64),
+    }
+    audit: dict[str, object] = {
+        "terms": p,
+        "radius_mm": basis.radius * 1e3,
+        "residual_rms_nm": float(np.sqrt(np.mean(known**2))) * 1e9,
+        "iterations": len(iterated.left),
+        "left_of_the_difference": iterated.left[-1] if iterated.left else 0.0,
+        "n_pixels_of_all_readings": int(known.size),
+    }
+    messages = () if iterated.settled else (_unsettled(iterated.left),)
+    return FlatResult(
+        parts, u_parts, noise, coordinates, messages, audit, undescribed(residual, stack)
+    )
+
+
+def _faces(measured: NDArray[np.bool_], setups: Sequence[FlatSetup], flip: str) -> FloatArray:
+    """Return where some reading of a flat that was not turned has measured it."""
+    out = np.zeros((3, *measured.shape[1:]), dtype=bool)
+    for mask, item in zip(measured, setups, strict=True):
+        if item.turn_first == 0.0:
+            out[FLATS.index(item.first)] |= mask
+        if item.turn_second == 0.0:
+            out[FLATS.index(item.second)] |= mirror(mask, flip)
+    return out
+
+
+def _unsettled(left: Sequence[float]) -> str:
+    return (
+        f"the iteration stopped after {len(left)} steps with {left[-1]:.2g} of the difference left; "
+        "method='zernike' solves the same equations at once"
+    )
+
+
+# ---- three flats by iterated Zernike terms: simulate the readings, compare, share the difference ----
+# Each reading is compared on its own measured pixels, so a gap in one of them costs nothing in the
+# others. The steps are those of conjugate gradients on the pixels' least squares: the published
+# iteration goes the same way with fixed steps and needs hundreds of them.
+
+MOST_STEPS = 500
+"""Steps after which an iteration ends and says that it did not settle."""
+
+_SETTLED = 1e-13
+_RANK_TOLERANCE = 1e-9
+_LEAST_INFORMATION = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Iterated:
+    """Coefficients found by iteration."""
+
+    # shape (3 p,): of A, B, C, one after the other; the share that nothing shows is zero
+    coefficients: FloatArray
+    # size of the normal equations' residual at each step, relative to the start
+    left: tuple[float, ...]
+    settled: bool  # whether the last one is round-off
+
+
+class OwnMasks:
+    """Least squares of all measured pixels of all readings over the terms of A, B, C."""
+
+    def __init__(
+        self,
+        basis: DiscBasis,
+        solver: FlatZernikeSolver,
+        measured: NDArray[np.bool_],
+        aligned: Sequence[tuple[int, int]],
+    ) -> None:
+        self.basis, self.solver = basis, solver
+        self.measured = measured[:, basis.mask]
+        p, s = len(basis.nm), measured.shape[0]
+        free = np.array([nm not in aligned for nm in basis.nm])
+        self.free, self.rigid = np.flatnonzero(free), np.flatnonzero(~free)
+        self.grams = np.repeat(basis.normal[None], s, axis=0)
+        for block, piece in basis.blocks():
+            for k in range(s):
+                gap = block[:, ~self.measured[k, piece]]
+                if gap.size:
+                    self.grams[k] -= gap @ gap.T
+        self.designs = [solver.model[k * p : (k + 1) * p][self.free] for k in range(s)]
+        try:
+            self.reduced = [self._without_rigid(g) for g in self.grams]
+        except np.linalg.LinAlgError:
+            raise DegenerateFitError(_TOO_FEW) from None
+        self.normal = sum(
+            (d.T @ g @ d for d, g in zip(self.designs, self.reduced, strict=True)),
+            np.zeros((3 * p, 3 * p)),
+        )
+        self.inverse, self.rank = self._inverse()
+
+    def _without_rigid(self, gram: FloatArray) -> FloatArray:
+        own = gram[np.ix_(self.free, self.free)]
+        if self.rigid.size == 0:
+            return own
+        shared = gram[np.ix_(self.free, self.rigid)]
+        return own - shared @ np.linalg.solve(gram[np.ix_(self.rigid, self.rigid)], shared.T)
+
+    def _inverse(self) -> tuple[FloatArray, int]:
+        """Return the pseudo-inverse on what the set-ups show, and how much this is."""
+        design = np.concatenate(self.designs)
+        _, size, rows = np.linalg.svd(design, full_matrices=False)
+        rank = int((size > _RANK_TOLERANCE * size[0]).sum())
+        shown = rows[:rank].T
+        here = shown.T @ self.normal @ shown
+        whole = self._without_rigid(self.basis.normal)
+        full = sum((d @ shown).T @ whole @ (d @ shown) for d in self.designs)
+        root = np.linalg.inv(np.linalg.cholesky(full))
+        if np.linalg.eigvalsh(root @ here @ root.T)[0] < _LEAST_INFORMATION:
+            raise DegenerateFitError(_TOO_FEW)
+        return shown @ np.linalg.inv(here) @ shown.T, rank
+
+    def right_side(self, stack: FloatArray) -> FloatArray:
+        """Return what the readings say of each coefficient, alignment taken out."""
+        z = np.where(self.measured, stack[:, self.basis.mask], 0.0)
+        sums = np.zeros((len(self.designs), len(self.basis.nm)))
+        for block, piece in self.basis.blocks():
+            sums += z[:, piece] @ block.T
+        out = np.zeros(self.normal.shape[0])
+        for design, gram, row in zip(self.designs, self.grams, sums, strict=True):
+            own = row[self.free]
+            if self.rigid.size:
+                shared = gram[np.ix_(self.free, self.rigid)]
+                fitted = np.linalg.solve(gram[np.ix_(self.rigid, self.rigid)], row[self.rigid])
+                own = own - shared @ fitted
+            out += design.T @ own
+        return out
+
+    def iterate(self, right: FloatArray) -> Iterated:
+        """Return the coefficients, step by step from zero."""
+        found, rest = np.zeros_like(right), right.copy()
+        start = float(np.sqrt(rest @ rest))
+        left: list[float] = []
+        along, size = rest.copy(), float(rest @ rest)
+        while size > 0.0 and len(left) < MOST_STEPS:
+            ahead = self.normal @ along
+            step = size / float(along @ ahead)
+            found, rest = found + step * along, rest - step * ahead
+            new = float(rest @ rest)
+            left.append(np.sqrt(new) / start)
+            if left[-1] <= _SETTLED:
+                break
+            along, size = rest + new / size * along, new
+        return Iterated(found, tuple(left), not left or left[-1] <= _SETTLED)
+
+    def residual(self, stack: FloatArray, coefficients: FloatArray) -> FloatArray:
+        """Return what the model leaves of each reading on its own pixels, alignment taken out."""
+        terms = (self.solver.model @ coefficients).reshape(len(self.designs), -1).copy()
+        terms[:, self.rigid] = 0.0
+        rest = np.where(self.measured, stack[:, self.basis.mask] - self._values(terms), 0.0)
+        sums = np.zeros_like(terms)
+        for block, piece in self.basis.blocks():
+            sums += rest[:, piece] @ block.T
+        planes = np.zeros_like(terms)
+        for k, gram in enumerate(self.grams):
+            if self.rigid.size:
+                own = gram[np.ix_(self.rigid, self.rigid)]
+                planes[k, self.rigid] = np.linalg.solve(own, sums[k, self.rigid])
+        out = np.full(stack.shape, np.nan)
+        out[:, self.basis.mask] = np.where(self.measured, rest - self._values(planes), np.nan)
+        return out
+
+    def _values(self, coefficients: FloatArray) -> FloatArray:
+        return np.asarray(self.basis.maps(coefficients)[:, self.basis.mask])
+
+
+_TOO_FEW = (
+    "the pixels that the readings have do not determine the Zernike terms of three flats; use fewer "
+    "terms, or readings with smaller gaps"
+)

@@ -1,0 +1,179 @@
+"""Three-flat tests: absolute flatness of three flats from their sums, two by two."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep.core.errors import DataError
+from metrosep.core.surface import Surface
+from metrosep.forms.zernike import ZernikeOrder
+from metrosep.separation.contract import Separation
+from metrosep.separation.maps._map_input import (
+    checked_angles,
+    map_stack,
+)
+from metrosep.separation.maps.flat_setup import FlatMethod, ThreeFlat
+
+__all__ = ["ThreeFlat", "three_flat"]
+
+
+def three_flat(
+    ab: ArrayLike | Surface,
+    ac: ArrayLike | Surface,
+    bc: ArrayLike | Surface,
+    rotated: Sequence[ArrayLike | Surface] | ArrayLike | Surface = (),
+    angles: ArrayLike = (),
+    *,
+    pairs: str | Sequence[str] = "AB",
+    turned: Literal["first", "second"] = "first",
+    flip: Literal["x", "y"] = "x",
+    method: FlatMethod = "auto",
+    terms: int | Sequence[int] = 66,
+    order: ZernikeOrder = "ansi",
+    dx: float | None = None,
+    dy: float | None = None,
+    centre: tuple[float, float] | None = None,
+    radius: float | None = None,
+    removed: tuple[str, ...] = ("piston", "tilt"),
+    u_reading: float | None = None,
+    u_registration: ArrayLike = 0.0,
+) -> Separation:
+    """Return three flats from their sums two by two, and from readings with one flat turned.
+
+    Parameters
+    ----------
+    ab, ac, bc : Surface or array_like, shape (n_y, n_x), m
+        Sum of two flats; the second one is seen mirrored. NaN = not measured.
+    rotated : Surface or array_like, or sequence of them, optional
+        Further readings with a flat turned.
+    angles : float or array_like, rad, optional
+        Turn in each of them, counter-clockwise in the map (from +x, columns, to +y, rows).
+    pairs : str or sequence of str, optional
+        Pair of each further reading.
+    turned : {"first", "second"}, optional
+        Which flat of the pair was turned.
+    flip : {"x", "y"}, optional
+        Coordinate that the mirror reverses: ``"x"`` means ``AB = A(x, y) + B(-x, y)``.
+    method : {"auto", "pixel", "zernike", "iterative"}, optional
+        By pixels (even and odd shares) or by Zernike terms, at once on the pixels that all readings
+        have, or iterated on the pixels of each; see Notes.
+    terms, order : int or sequence of int, {"ansi", "noll", "fringe"}, optional
+        Zernike terms; 66 hold all up to the radial order 10.
+    dx, dy : float, m, optional
+        Steps of plain arrays; pixels if omitted.
+    centre : tuple of (float, float), m, optional
+        Axis from pixel [0, 0]; the middle of the map if omitted.
+    radius : float, m, optional
+        Of the Zernike disc; the farthest common pixel if omitted.
+    removed : tuple of str, optional
+        What alignment decides in each reading: ``"piston"``, ``"tilt"``, also ``"power"``.
+    u_reading : float, m, optional
+        Standard uncertainty of one pixel; from redundancy if omitted.
+    u_registration : float or array_like, shape (3 + n,) or (3 + n, 2), m, optional
+        Standard uncertainty of the position of the flats to each other, for each reading, along x
+        and y; it adds gradient times shift to `u`.
+
+    Returns
+    -------
+    Separation
+        ``.A``, ``.B``, ``.C``: maps as seen from the front of each flat, without what the null
+        space lists. Nothing turned: NaN beside the diameter, with ``.diameter_A`` (n_y,) and the
+        mirror-even shares ``.even_A``. By Zernike terms: ``.zernike_A`` with NaN for terms that
+        are not determined, over ``coordinates["zernike_n"]`` and ``["zernike_m"]``.
+
+    Raises
+    ------
+    DataError, InvalidSamplesError, TooFewSamplesError
+        If maps, angles or options cannot be used: other shapes or steps, degrees, no overlap.
+    NotSeparableError
+        If a turned reading has the angle 0.
+    DegenerateFitError
+        If the pixels do not determine the Zernike terms.
+
+    Notes
+    -----
+    The mirror-even shares e follow from three sums at every pixel, ``A_e = (AB + AC - BC)_e / 2``.
+    Of the odd shares only differences show in AB, AC, BC: a common one is invisible, and A, B, C
+    are known where it vanishes, on the diameter (x = 0), with ``u = s sqrt(3)/2``. A reading with A
+    turned by t adds ``A_m (exp(-j m t) - 1)``: all angular orders but those with m t = 2 pi k.
+    Of these only the odd share (sin m theta for even m, flip x) stays unknown; it is in the null
+    space. Turns by 180 deg leave 2, 4, 6 ..., 90 deg 4, 8 ..., 54 deg 20, 40 ...
+
+    Pixels: classes q = m mod N of orders are projected by turns of 2 pi/N and solved by least
+    squares, which contains the even/odd method (180, 90, 45 deg) and N positions. A result pixel
+    needs its turned and mirrored counterparts; turns other than 90 deg interpolate and lose about
+    three pixels at the rim. Zernike: coefficients by least squares on the common pixels, all angles,
+    one system for each order m. Iterative: readings are simulated from the terms, compared with the
+    measured ones on the pixels of each, and the difference shared among the flats, until it is
+    1e-13 of the start (conjugate gradients; the paper's fixed steps take hundreds). It needs no
+    pixel in every reading beyond the 30 that align them; with one mask for all it is ``"zernike"``.
+
+    References
+    ----------
+    Fritz, Opt. Eng. 23 (1984) 379-383. Ai and Wyant, Appl. Opt. 32 (1993) 4698-4705.
+    Evans and Kestner, Appl. Opt. 35 (1996) 1015-1021. M. Vannoni, G. Molesini, Opt.
+    Express 16 (2008) 340-354. U. Griesmann, Appl. Opt. 45 (2006) 5856-5865.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.linspace(-1, 1, 65)
+    >>> A, B, C = 9e-9 * x**3 * x[:, None], 5e-9 * (x**2 + x[:, None]), 7e-9 * x[:, None]**2 * x
+    >>> F = np.fliplr
+    >>> turned = np.rot90(A, -1) + F(B)
+    >>> result = three_flat(A + F(B), A + F(C), B + F(C), turned, np.pi / 2)
+    >>> result.null_space[0].indices[:3]
+    (4, 8, 12)
+    """
+    turned_maps = _as_list(rotated)
+    angle_list = checked_angles(angles, len(turned_maps), "three_flat") if turned_maps else ()
+    if not turned_maps and np.size(angles):
+        raise DataError("three_flat: angles are given without rotated maps")
+    maps: list[ArrayLike | Surface] = [ab, ac, bc, *turned_maps]
+    stack, _, history = map_stack(
+        maps, what="three_flat", one_frame=True, dx=dx, dy=dy, centre=centre
+    )
+    method_object = ThreeFlat(
+        tuple(float(a) for a in angle_list),
+        pairs,
+        turned,
+        flip,
+        method,
+        terms if isinstance(terms, int) else _listed(terms),
+        order,
+        ab.dx if isinstance(ab, Surface) else dx,
+        ab.dy if isinstance(ab, Surface) else dy,
+        centre,
+        radius,
+        tuple(removed),
+        u_registration,
+    )
+    return method_object.separate(stack, u_reading=u_reading, history=history)
+
+
+def _as_list(
+    rotated: Sequence[ArrayLike | Surface] | ArrayLike | Surface,
+) -> list[ArrayLike | Surface]:
+    if isinstance(rotated, Surface) or (isinstance(rotated, np.ndarray) and rotated.ndim == 2):
+        return [rotated]
+    try:
+        return list(rotated)  # type: ignore[arg-type]
+    except TypeError:
+        raise DataError(
+            f"three_flat: rotated must be a map or a list of maps, got {type(rotated).__name__}"
+        ) from None
+
+
+def _listed(terms: Sequence[int]) -> int | tuple[int, ...]:
+    if isinstance(terms, np.integer):
+        return int(terms)
+    try:
+        return tuple(terms)
+    except TypeError:
+        raise DataError(
+            f"three_flat: terms must be a whole number or a list of numbers, got {terms!r}"
+        ) from None

@@ -1,0 +1,457 @@
+"""Shift-rotation test: part and instrument from lateral shifts and turns, jointly in Zernike terms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.blas import one_blas_thread
+from metrosep.core.errors import DataError, DegenerateFitError, NotSeparableError
+from metrosep.core.provenance import Step
+from metrosep.core.surface import Surface
+from metrosep.forms.zernike import term_name
+from metrosep.forms.zernike_fit import zernike_values
+from metrosep.separation._readings import given_parts
+from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.maps._flat_result import DiscBasis, zernike_terms_of
+from metrosep.separation.maps._map_input import (
+    PIXELS,
+    MapGrid,
+    checked_angles,
+    checked_u,
+    map_stack,
+    noise_of,
+    require_overlap,
+    rigid_terms,
+    unit_doubts,
+)
+
+__all__ = ["ShiftRotation", "shift_rotation"]
+
+
+def shift_rotation(
+    surfaces: Sequence[ArrayLike | Surface],
+    angles: ArrayLike,
+    shifts: ArrayLike,
+    *,
+    terms: int = 28,
+    dx: float | None = None,
+    dy: float | None = None,
+    centre: tuple[float, float] | None = None,
+    power: tuple[float, float] | None = None,
+    u_reading: float | None = None,
+) -> Separation:
+    """Return part and instrument from maps of the part shifted and turned.
+
+    Parameters
+    ----------
+    surfaces : sequence of Surface or array_like, shape (n_y, n_x), m
+        One map for each position.
+    angles : array_like, shape (n,), rad
+        Turn of the part, counter-clockwise in the map.
+    shifts : array_like, shape (n, 2), m
+        Shift of the part along x and y, after the turn.
+    terms : int, optional
+        ANSI Zernike terms of each part; 28 hold all up to the radial order 6.
+    dx, dy : float, m, optional
+        Steps of plain arrays; pixels if omitted.
+    centre : tuple of (float, float), m, optional
+        Axis of rotation from pixel [0, 0].
+    power : tuple of (float, float), m, optional
+        Known power of the part (coefficient of ``2 r**2 - 1``) and its standard uncertainty.
+    u_reading : float, m, optional
+        Standard uncertainty of one pixel; from redundancy if omitted.
+
+    Returns
+    -------
+    Separation
+        ``.part``, ``.instrument`` over the common pixels without the terms of the null space, and
+        ``.zernike_part``, ``.zernike_instrument`` with NaN for those.
+
+    Raises
+    ------
+    DataError, InvalidSamplesError, TooFewSamplesError
+        If maps, angles or shifts cannot be used.
+    NotSeparableError
+        If the part was neither turned nor shifted.
+    DegenerateFitError
+        If the pixels do not determine the Zernike terms.
+
+    Notes
+    -----
+    All terms of part and instrument and a plane for each reading are fitted at once. Tilt is free in
+    each reading, so all second-order terms of a merely shifted part are seen by nothing but planes:
+    power and astigmatism are lost with shifts alone; turns bring back the astigmatism (unless all
+    are by 180 degrees), power never: state it. Noise grows as radius/shift for third order, and its
+    square for higher ones that turns do not show; ``audit["condition"]`` and `u` show it.
+
+    References
+    ----------
+    D. Su, E. Miyashiro, R. E. Parks, Opt. Eng. 51 (2012) 013604 (shift-rotation absolute testing).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.linspace(-1, 1, 41)
+    >>> P, I = (lambda x, y: 9e-9 * x**3), (lambda x, y: 5e-9 * x * y**2)
+    >>> y = x[:, None]
+    >>> maps = [I(x, y) + P(x, y), I(x, y) + P(x - 0.2, y), I(x, y) + P(y, -x)]
+    >>> result = shift_rotation(maps, [0, 0, np.pi / 2], [[0, 0], [0.2, 0], [0, 0]], dx=0.05)
+    >>> [i.indices for i in result.null_space if "defocus" in i.indices]
+    [('defocus',), ('defocus',)]
+    """
+    stack, grid, history = map_stack(
+        surfaces, what="shift_rotation", least=2, one_frame=True, dx=dx, dy=dy, centre=centre
+    )
+    method = ShiftRotation(
+        tuple(checked_angles(angles, stack.shape[0], "shift_rotation").tolist()),
+        shifts,  # type: ignore[arg-type]
+        terms,
+        grid.dx if grid.calibrated else None,
+        grid.dy if grid.calibrated else None,
+        centre,
+        power,
+    )
+    return method.separate(stack, u_reading=u_reading, history=history)
+
+
+# ---- `ShiftRotation`: the joint least squares of shifts and turns, with its null space ---------
+
+_NULL = 1e-11
+_TOUCHED = 1e-5
+_BLOCK = 16384
+_RIGID = ((0, 0), (1, -1), (1, 1))
+
+
+@dataclass(frozen=True, slots=True)
+class ShiftRotation(SeparationMethod):
+    """Part turned and shifted: ``M_i(p) = I(p) + P(R(-angle_i)(p - shift_i))`` and a plane each.
+
+    Parameters
+    ----------
+    angles : sequence of float, rad
+        Turn of the part in each reading, counter-clockwise in the map.
+    shifts : sequence of (float, float), m
+        Shift of the part along x and y in each reading, after the turn.
+    terms : int, optional
+        ANSI Zernike terms of part and instrument each.
+    dx, dy : float, m, optional
+        Lateral steps; pixels if omitted.
+    centre : tuple of (float, float), m, optional
+        Axis of rotation from pixel [0, 0]; the middle of the map if omitted.
+    power : tuple of (float, float), m, optional
+        Known power of the part, its coefficient of ``2 r**2 - 1`` with r = 1 at the farthest common
+        pixel, and its standard uncertainty, from another test.
+    largest_gain : float, optional
+        Terms whose noise would grow by more than this, against the fit of one map, are not given.
+
+    Raises
+    ------
+    DataError
+        If a setting cannot be used: its type, sign, unit or number.
+    NotSeparableError
+        If the set-up turns or shifts nothing.
+    """
+
+    angles: Sequence[float]
+    shifts: Sequence[tuple[float, float]]
+    terms: int = 28
+    dx: float | None = None
+    dy: float | None = None
+    centre: tuple[float, float] | None = None
+    power: tuple[float, float] | None = None
+    largest_gain: float = 100.0
+
+    name: ClassVar[str] = "shift_rotation"
+    truth_parts: ClassVar[tuple[str, ...]] = ("part",)
+    error_parts: ClassVar[tuple[str, ...]] = ("instrument",)
+
+    def __post_init__(self) -> None:
+        angles = checked_angles(self.angles, int(np.size(self.angles)), self.name)
+        try:
+            shifts = np.array(self.shifts, dtype=np.float64)
+        except (TypeError, ValueError) as exc:
+            raise DataError(f"{self.name}: shifts hold no numbers ({exc})") from None
+        if shifts.shape != (angles.size, 2) or not np.isfinite(shifts).all():
+            raise DataError(
+                f"{self.name}: one finite shift (x, y) is needed for each of {angles.size} angles, "
+                f"got the shape {shifts.shape}"
+            )
+        object.__setattr__(self, "angles", tuple(angles.tolist()))
+        object.__setattr__(self, "shifts", tuple((float(a), float(b)) for a, b in shifts))
+        turned = np.abs(np.exp(1j * (angles - angles[:1])) - 1.0).max(initial=0.0) > 1e-9
+        if angles.size < 2 or not (turned or np.ptp(shifts, axis=0).any()):
+            raise NotSeparableError(
+                f"{self.name}: the part was neither turned nor shifted, so part and instrument "
+                "cannot be told apart"
+            )
+        if isinstance(self.terms, bool) or not isinstance(self.terms, (int, np.integer)):
+            raise DataError(f"{self.name}: terms must be a whole number, got {self.terms!r}")
+        object.__setattr__(self, "terms", int(self.terms))
+        if self.power is not None:
+            try:
+                value, u_value = (float(v) for v in self.power)
+            except (TypeError, ValueError):
+                raise DataError(
+                    f"{self.name}: power must be the known value and its standard uncertainty, both "
+                    f"in m, got {self.power!r}"
+                ) from None
+            object.__setattr__(self, "power", (value, u_value))
+            if not math.isfinite(self.power[0]):
+                raise DataError(f"{self.name}: the known power is {self.power[0]} m")
+            checked_u(self.power[1], "power[1]")
+
+    def simulate(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> FloatArray:
+        """Return the readings of parts, taken as sums of the Zernike terms.
+
+        Parameters
+        ----------
+        truth : mapping of str to array_like, shape (n_y, n_x), m
+            ``part``, as it lies unturned and not shifted.
+        errors : mapping of str to array_like, shape (n_y, n_x), m
+            ``instrument``.
+
+        Returns
+        -------
+        ndarray, shape (n, n_y, n_x), m
+            NaN beside the measured pixels.
+
+        Raises
+        ------
+        DataError
+            If a part is unknown or none is given.
+        """
+        given = given_parts(
+            self.name, truth, errors, truth_parts=self.truth_parts, error_parts=self.error_parts
+        )
+        stack, grid, _ = map_stack(
+            list(given.values()), what=self.name, dx=self.dx, dy=self.dy, centre=self.centre
+        )
+        basis = self._basis(grid, require_overlap(stack, self.name))
+        part, instrument = basis.fit(stack)
+        out = np.full((len(self.angles), *grid.shape), np.nan)
+        for i in range(len(self.angles)):
+            z = np.empty(basis.x.size)
+            for block, piece in basis.blocks():
+                z[piece] = instrument @ block + part @ self._moved(basis, piece, i)
+            out[i][basis.mask] = z
+        return out
+
+    def null_space(self) -> tuple[Unobservable, ...]:
+        """Return what no shifts and turns determine; a result lists what its own ones leave besides.
+
+        Returns
+        -------
+        tuple of Unobservable
+            Alignment, and power unless it is known.
+        """
+        aligned = rigid_terms(("part", "instrument"), ("piston", "tilt"))
+        if self.power is not None:
+            return aligned
+        power = (Unobservable(p, "term", ("defocus",), _POWER) for p in ("part", "instrument"))
+        return (*aligned, *power)
+
+    def separate(
+        self,
+        readings: ArrayLike,
+        *,
+        u_reading: float | None = None,
+        history: tuple[Step, ...] = (),
+    ) -> Separation:
+        """Return part and instrument as far as shifts and turns determine them.
+
+        Parameters
+        ----------
+        readings : array_like, shape (n, n_y, n_x), m
+            One map for each position.
+        u_reading : float, m, optional
+            Standard uncertainty of one pixel; from redundancy if omitted.
+        history : tuple of Step, optional
+            Where the readings came from.
+
+        Returns
+        -------
+        Separation
+            Parts ``part``, ``instrument`` (maps), ``zernike_part``, ``zernike_instrument``.
+
+        Raises
+        ------
+        DataError, InvalidSamplesError, TooFewSamplesError
+            If the maps cannot be used.
+        DegenerateFitError
+            If the pixels do not determine the Zernike terms.
+        """
+        n = len(self.angles)
+        stack, grid, _ = map_stack(
+            readings, what=self.name, names=[f"map {i + 1}" for i in range(n)],
+            one_frame=True, dx=self.dx, dy=self.dy, centre=self.centre,
+        )  # fmt: skip
+        u_reading = checked_u(u_reading, "u_reading")
+        basis = self._basis(grid, require_overlap(stack, self.name))
+        with one_blas_thread():
+            return self._separated(stack, basis, grid, u_reading, history)
+
+    def _basis(self, grid: MapGrid, mask: NDArray[np.bool_]) -> DiscBasis:
+        return DiscBasis(grid, mask, zernike_terms_of(self.terms, "ansi"))
+
+    def _moved(self, basis: DiscBasis, piece: slice, i: int) -> FloatArray:
+        """Return the terms of the part where it lies in reading i."""
+        x = basis.x[piece] - self.shifts[i][0] / basis.radius
+        y = basis.y[piece] - self.shifts[i][1] / basis.radius
+        c, s = math.cos(self.angles[i]), math.sin(self.angles[i])
+        return zernike_values(c * x + s * y, -s * x + c * y, basis.nm)
+
+    def _rows(self, basis: DiscBasis, block: FloatArray, piece: slice, i: int) -> FloatArray:
+        """Return the design of one reading at some pixels, shape (unknowns, k)."""
+        free = [k for k, nm in enumerate(basis.nm) if nm not in _RIGID]
+        n = len(self.angles)
+        planes = np.zeros((3 * n, block.shape[1]))
+        planes[3 * i : 3 * i + 3] = np.stack([block[basis.nm.index(nm)] for nm in _RIGID])
+        return np.concatenate([self._moved(basis, piece, i)[free], block[free], planes])
+
+    def _separated(
+        self,
+        stack: FloatArray,
+        basis: DiscBasis,
+        grid: MapGrid,
+        u_reading: float | None,
+        history: tuple[Step, ...],
+    ) -> Separation:
+        n, p = len(self.angles), len(basis.nm)
+        free = [k for k, nm in enumerate(basis.nm) if nm not in _RIGID]
+        size = 2 * len(free) + 3 * n
+        normal, right = np.zeros((size, size)), np.zeros(size)
+        z = stack[:, basis.mask]
+        for block, piece in basis.blocks():
+            for i in range(n):
+                rows = self._rows(basis, block, piece, i)
+                normal += rows @ rows.T
+                right += rows @ z[i, piece]
+        known = free.index(basis.nm.index((2, 0))) if self.power is not None else None
+        value, u_value = self.power if self.power is not None else (0.0, 0.0)
+        solution = _Solution(normal, right, known, value)
+        squares = 0.0
+        for block, piece in basis.blocks():
+            for i in range(n):
+                left = z[i, piece] - solution.found @ self._rows(basis, block, piece, i)
+                squares += float(left @ left)
+        freedom = float(z.size - solution.rank)
+        residual = np.array([[math.sqrt(squares)]])
+        noise = noise_of(residual, freedom, u_reading)
+        single = np.sqrt(np.diag(basis.inverse))[free]
+        covariance = noise.value**2 * solution.inverse
+        covariance = covariance + np.outer(solution.by_known, solution.by_known) * u_value**2
+        parts, u, hidden = {}, {}, {}
+        for k, name in enumerate(("part", "instrument")):
+            own = slice(k * len(free), (k + 1) * len(free))
+            gain = np.sqrt(np.maximum(np.diag(solution.inverse)[own], 0.0)) / single
+            seen = solution.seen[own] & (gain <= self.largest_gain)
+            full = np.zeros(p)
+            full[free] = np.where(seen, solution.found[own], 0.0)
+            spread = np.zeros((p, p))
+            spread[np.ix_(free, free)] = covariance[own, own] * np.outer(seen, seen)
+            parts[name] = basis.maps(full[None])[0]
+            u[name] = basis.deviations(spread[None])[0]
+            shown = np.zeros(p, dtype=bool)
+            shown[free] = seen
+            parts[f"zernike_{name}"] = np.where(shown, full, np.nan)
+            u[f"zernike_{name}"] = np.where(
+                shown, np.sqrt(np.maximum(np.diag(spread), 0.0)), np.nan
+            )
+            hidden[name] = [
+                (term_name(*basis.nm[j]), float(g))
+                for j, ok, g in zip(free, seen, gain, strict=True)
+                if not ok
+            ]
+        messages = unit_doubts(stack, grid, np.array(self.angles))
+        messages = messages if grid.calibrated else (*messages, PIXELS)
+        weak = {k: [t for t, _ in v if t != "defocus"] for k, v in hidden.items()}
+        if any(weak.values()):
+            text = "; ".join(f"{k}: {', '.join(v)}" for k, v in weak.items() if v)
+            messages = (f"these shifts and turns do not determine {text}", *messages)
+        null = rigid_terms(("part", "instrument"), ("piston", "tilt")) + tuple(
+            Unobservable(name, "term", tuple(t for t, _ in terms), _REASON)
+            for name, terms in hidden.items()
+            if terms
+        )
+        return Separation(
+            self.name,
+            parts,
+            u,
+            dict.fromkeys(parts, "m"),
+            {
+                "x": grid.x,
+                "y": grid.y,
+                "zernike_n": np.array([a for a, _ in basis.nm], dtype=np.float64),
+                "zernike_m": np.array([b for _, b in basis.nm], dtype=np.float64),
+            },
+            self.null_space() if _same(null, self.null_space()) else null,
+            noise=noise,
+            audit={
+                "angles_deg": [math.degrees(a) for a in self.angles],
+                "shifts_mm": [[a * 1e3, b * 1e3] for a, b in self.shifts],
+                "terms": p,
+                "radius_mm": basis.radius * 1e3,
+                "condition": solution.condition,
+                "power_nm": None if self.power is None else self.power[0] * 1e9,
+            },
+            messages=messages,
+            history=(*history, Step(self.name, {"terms": self.terms})),
+        )
+
+
+class _Solution:
+    """Scaled normal equations with their null space; one unknown may be known."""
+
+    def __init__(
+        self, normal: FloatArray, right: FloatArray, known: int | None, value: float
+    ) -> None:
+        scale = np.sqrt(np.diag(normal))
+        if not (scale > 0.0).all():
+            raise DegenerateFitError(
+                "shift_rotation: a Zernike term vanishes on the common pixels"
+            )
+        keep = np.array([i for i in range(right.size) if i != known])
+        scaled = normal / np.outer(scale, scale)
+        values, vectors = np.linalg.eigh(scaled[np.ix_(keep, keep)])
+        good = values > _NULL * values[-1]
+        root = vectors[:, good] / np.sqrt(values[good])
+        pseudo = root @ root.T
+        free = right / scale
+        if known is not None:
+            free = free - scaled[:, known] * (value * scale[known])
+        self.found = np.zeros(right.size)
+        self.found[keep] = (pseudo @ free[keep]) / scale[keep]
+        self.inverse = np.zeros(normal.shape)
+        self.inverse[np.ix_(keep, keep)] = pseudo / np.outer(scale[keep], scale[keep])
+        self.by_known = np.zeros(right.size)
+        self.seen = np.ones(right.size, dtype=bool)
+        self.seen[keep] = np.sqrt((vectors[:, ~good] ** 2).sum(axis=1)) < _TOUCHED
+        if known is not None:
+            self.found[known], self.by_known[known] = value, 1.0
+            self.by_known[keep] = -(pseudo @ scaled[keep, known]) * scale[known] / scale[keep]
+        self.rank = int(good.sum())
+        self.condition = float(math.sqrt(values[-1] / values[good][0]))
+
+
+_POWER = (
+    "a shifted paraboloid differs from itself by a tilt, which is free: only the sum of the powers is "
+    "seen; give power= from another test"
+)
+
+_REASON = (
+    "a part shifted or turned like this changes by a plane there, or hardly at all; larger shifts, "
+    "more angles, or power= from another test"
+)
+
+
+def _same(found: Sequence[Unobservable], expected: Sequence[Unobservable]) -> bool:
+    return {(i.part, i.indices) for i in found} == {(i.part, i.indices) for i in expected}

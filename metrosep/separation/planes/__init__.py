@@ -1,0 +1,1 @@
+"""Planes of two axes: grids that calibrate themselves, squareness and diagonals, ISO 230-6."""

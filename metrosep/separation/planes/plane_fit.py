@@ -1,0 +1,625 @@
+"""The sum model of a plane fitted to measured maps, and the coupling it cannot describe.
+
+``z(x, y) = piston + f(x) + g(y) + beta x + alpha y`` by least squares over the measured points;
+f and g without mean and line. What remains is noise plus coupling of x and y. The F test asks
+whether it is more than noise. Error = actual - nominal; rows grow with y, columns with x.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.blas import one_blas_thread
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.profile import Profile, html_table
+from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.quantity import Quantity
+from metrosep.core.surface import Surface
+from metrosep.core.units import format_engineering
+from metrosep.separation._readings import (
+    known_parts,
+    part_of,
+    plain,
+    positive,
+    real_numbers,
+    reduced,
+)
+from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.planes._grid_solution import moved_between
+from metrosep.separation.planes._plane_coupling import Interaction, coupling, two_way
+
+__all__ = [
+    "Interaction",
+    "PlaneFit",
+    "PlaneModel",
+    "described",
+    "fit_plane_model",
+    "plane_origin",
+    "plane_steps",
+]
+
+_LEVEL = 0.05
+"""Probability below which coupling counts as found."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PlaneFit:
+    """Sum model of a plane and what it leaves.
+
+    Parameters
+    ----------
+    along_x, along_y : Profile, m
+        f(x) and g(y), mean and line removed; NaN where a column or row was not measured.
+    u_x, u_y : Profile, m
+        Their standard uncertainties.
+    alpha, beta : Quantity, rad
+        Slopes along y and along x.
+    model, residual : Surface, m
+        Sum of all terms; map minus model (mean of the repeats).
+    interaction : Interaction
+        Coupling of x and y.
+    noise : Quantity, m
+        Standard deviation of one reading.
+    audit : mapping
+        What was done.
+    messages : tuple of str
+        What the user should know.
+    """
+
+    along_x: Profile
+    along_y: Profile
+    u_x: Profile
+    u_y: Profile
+    alpha: Quantity
+    beta: Quantity
+    model: Surface
+    residual: Surface
+    interaction: Interaction
+    noise: Quantity
+    audit: Mapping[str, Any] = field(default_factory=dict)
+    messages: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "audit", freeze_mapping(self.audit))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, SI, NaN as None.
+
+        Returns
+        -------
+        dict
+            One key for each field; profiles as ``x``, ``z``; surfaces with steps and origin.
+        """
+        found = {f.name: getattr(self, f.name) for f in fields(self)}
+        found["interaction"] = asdict(self.interaction)
+        return {name: plain(value) for name, value in found.items()}
+
+    def _rows(self) -> dict[str, str]:
+        test = self.interaction
+        return {
+            "along x": described(self.along_x.z, self.u_x.z),
+            "along y": described(self.along_y.z, self.u_y.z),
+            "coupling": f"{format_engineering(test.rms, 'm')} RMS, p = {test.p:.2g}",
+        }
+
+    def __repr__(self) -> str:
+        n_y, n_x = self.model.shape
+        rows = "; ".join(f"{name} {text}" for name, text in self._rows().items())
+        return f"PlaneFit({n_y} x {n_x} points; {rows})"
+
+    def _repr_html_(self) -> str:
+        """Return a small table for notebooks."""
+        rows = self._rows()
+        rows.update({"alpha": str(self.alpha), "beta": str(self.beta), "noise": str(self.noise)})
+        rows.update({f"message {i + 1}": m for i, m in enumerate(self.messages)})
+        return html_table("Sum model of a plane", rows)
+
+
+def fit_plane_model(
+    maps: Surface | ArrayLike,
+    *,
+    dx: float | None = None,
+    dy: float | None = None,
+    origin: tuple[float, float] = (0.0, 0.0),
+    u_reading: float | None = None,
+) -> PlaneFit:
+    """Return the two axis errors that a map of a plane consists of, and its coupling.
+
+    Parameters
+    ----------
+    maps : Surface, list of Surface, or array_like, shape (n_y, n_x) or (n_repeats, n_y, n_x), m
+        Error of the plane; NaN where not measured. Lines on a grid are a map with NaN between.
+    dx, dy : float, m, optional
+        Steps, for plain arrays.
+    origin : tuple of (float, float), m, optional
+        Position of the first sample, for plain arrays.
+    u_reading : float, m, optional
+        Standard uncertainty of one reading, where there are no repeats.
+
+    Returns
+    -------
+    PlaneFit
+        f, g, slopes, residual, `interaction`.
+
+    Raises
+    ------
+    DataError
+        If maps differ in shape or steps, or steps, origin or `u_reading` are not usable.
+    InvalidSamplesError
+        If the maps are not real numbers.
+    NotSeparableError
+        If the measured rows and columns fall into groups that share no point.
+    TooFewSamplesError
+        If fewer than 3 rows or columns are measured, or no point is left to test.
+
+    Notes
+    -----
+    Repeats must share zero and tilt: take the mean, or the plane, off each map first if each was set
+    up anew; a message tells when they differ. Without its plane a map has no alpha and no beta.
+    Noise comes from the repeats (pure error); else from `u_reading` (infinite degrees of freedom);
+    else the smooth coupling ``P_i(x) P_j(y)``, i, j = 1, 2, is tested against the rest of the
+    residual. Null space: piston of f against g (both are free of mean); the split of a rigid tilt
+    between axes and artefact.
+
+    References
+    ----------
+    .. [1] A. Kono et al., Int. J. Mach. Tools Manuf. 48 (2008), eq. 3.
+    .. [2] H. Scheffe, The Analysis of Variance, 1959, ch. 4: two-way layout with interaction.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> x, y = np.arange(10.0) - 4.5, np.arange(8.0) - 3.5
+    >>> z = 1e-9 * (x**2 + y[:, np.newaxis] ** 3 + rng.standard_normal((3, 8, 10)))
+    >>> fit = fit_plane_model(z, dx=1e-3, dy=1e-3)
+    >>> fit.interaction.p > 0.05
+    True
+    """
+    stack, step_x, step_y, corner, history = plane_stack(maps, dx, dy, origin)
+    count = (~np.isnan(stack)).sum(axis=0)
+    rows, columns = count.any(axis=1), count.any(axis=0)
+    if rows.sum() < 3 or columns.sum() < 3:
+        raise TooFewSamplesError(
+            f"the map has {int(rows.sum())} measured rows and {int(columns.sum())} columns; the "
+            "sum model needs at least 3 of each"
+        )
+    mean = np.divide(
+        np.nansum(stack, axis=0), count, out=np.full(count.shape, np.nan), where=count > 0
+    )
+    inner = np.ix_(rows, columns)
+    x = corner[0] + step_x * np.arange(count.shape[1])
+    y = corner[1] + step_y * np.arange(count.shape[0])
+    with one_blas_thread():
+        g, f, inverse = two_way(mean[inner], count[inner])
+    model = g[:, np.newaxis] + f
+    residual = mean[inner] - model
+    test, noise = coupling(stack[:, *inner], mean[inner], count[inner], residual, u_reading)
+    scale = noise.value
+    n_y = g.size
+    parts = [
+        _lined(f, inverse[n_y:, n_y:], x, columns, scale),
+        _lined(g, inverse[:n_y, :n_y], y, rows, scale),
+    ]
+    full = np.full(count.shape, np.nan)
+    full[inner] = model
+    left = np.full(count.shape, np.nan)
+    left[inner] = residual
+    history = (*history, Step("fit_plane_model", {"n_repeats": int(stack.shape[0])}))
+    surfaces = [Surface(m, step_x, step_y, origin=corner, history=history) for m in (full, left)]
+    slopes = [
+        Quantity(
+            part[2], "rad", f"slope of the plane along {axis}, least squares", u=part[3], symbol=s
+        )
+        for part, axis, s in zip(parts, "xy", ("beta", "alpha"), strict=True)
+    ]
+    return PlaneFit(
+        Profile(x, parts[0][0]),
+        Profile(y, parts[1][0]),
+        Profile(x, parts[0][1]),
+        Profile(y, parts[1][1]),
+        slopes[1],
+        slopes[0],
+        surfaces[0],
+        surfaces[1],
+        test,
+        noise,
+        {
+            "model": "piston + f(x) + g(y) + beta x + alpha y",
+            "n_repeats": int(stack.shape[0]),
+            "n_not_measured": int(np.isnan(stack).sum()),
+            "noise_from": test.noise_from,
+        },
+        (
+            *_words(test, noise, int((~rows).sum()), int((~columns).sum())),
+            *_own_zeros(stack, mean, noise.value),
+            *_own_tilts(stack, mean),
+        ),
+    )
+
+
+def _words(test: Interaction, noise: Quantity, n_rows: int, n_columns: int) -> tuple[str, ...]:
+    out = []
+    where = f"F = {test.f:.3g} with {test.dof[0]:.0f} and {test.dof[1]:.0f} degrees of freedom"
+    if test.p < _LEVEL:
+        out.append(
+            f"x and y are coupled by {test.rms * 1e9:.3g} nm RMS ({where}, p = {test.p:.2g}): a sum "
+            "of two tables cannot correct this part, use a 2-D table"
+        )
+    else:
+        out.append(f"no coupling of x and y was found ({where}, p = {test.p:.2g})")
+    if test.noise_from.startswith("residual"):
+        out.append(
+            "one map without u_reading: only smooth coupling is tested, rough coupling counts as "
+            f"noise (sd {noise.value * 1e9:.3g} nm); measure the plane twice"
+        )
+    if n_rows or n_columns:
+        out.append(f"{n_rows} rows and {n_columns} columns were not measured: NaN there")
+    return tuple(out)
+
+
+def _own_zeros(stack: FloatArray, mean: FloatArray, noise: float) -> tuple[str, ...]:
+    """Say if the repeats differ by more than half the noise in their zero."""
+    zeros = [float(np.nanmean(z - mean)) for z in stack if not np.isnan(z).all()]
+    spread = float(np.std(zeros, ddof=1)) if len(zeros) > 1 else 0.0
+    if spread <= max(0.5 * noise, 1e-18):
+        return ()
+    text = (
+        f"the repeats differ in their zero by {spread * 1e9:.3g} nm (sd), which counts as noise "
+        "and hides coupling: take the mean off each map first"
+    )
+    return (text,)
+
+
+def _own_tilts(stack: FloatArray, mean: FloatArray) -> tuple[str, ...]:
+    """Say if the repeats differ in tilt by more than the rest of the noise."""
+    rows, columns = np.nonzero(~np.isnan(mean))
+    about = (stack - mean)[:, rows, columns]
+    at = np.column_stack([np.ones(rows.size), columns - columns.mean(), rows - rows.mean()])
+    share, squares, n, widest = 0.0, 0.0, 0, 0.0
+    for repeat in about:
+        seen = ~np.isnan(repeat)
+        if seen.sum() <= at.shape[1]:
+            continue
+        level = repeat[seen] - repeat[seen].mean()
+        tilt = at[seen] @ np.linalg.lstsq(at[seen], level, rcond=None)[0]
+        share += float(tilt @ tilt)
+        squares += float(level @ level)
+        n += 1
+        widest = max(widest, float(np.ptp(tilt)))
+    dof = int((~np.isnan(about)).sum()) - rows.size - (n - 1)
+    if n < 2 or not moved_between(squares, dof, share, 2 * (n - 1)) or widest < 1e-18:
+        return ()
+    text = (
+        f"the repeats differ in tilt by up to {widest * 1e9:.3g} nm over the map, which counts as noise "
+        "and hides coupling: if the plane was set up anew each time, take the plane off each map first "
+        "(alpha and beta are then not known)"
+    )
+    return (text,)
+
+
+def _lined(
+    values: FloatArray,
+    covariance: FloatArray,
+    positions: FloatArray,
+    used: NDArray[np.bool_],
+    noise: float,
+) -> tuple[FloatArray, FloatArray, float, float]:
+    """Effect and its sd without mean and line, the slope and its sd."""
+    at = positions[used] - positions[used].mean()
+    line = np.column_stack([np.ones(at.size), at / np.abs(at).max()])
+    solve = np.linalg.pinv(line)
+    rest = np.eye(at.size) - line @ solve
+    error, u = (np.full(positions.size, np.nan) for _ in range(2))
+    error[used] = rest @ values
+    spread = np.einsum("ij,jk,ik->i", rest, covariance, rest, optimize=True)
+    u[used] = noise * np.sqrt(np.maximum(spread, 0.0))
+    row = solve[1] / np.abs(at).max()
+    return (
+        error,
+        u,
+        float(row @ values),
+        noise * math.sqrt(max(float(row @ covariance @ row), 0.0)),
+    )
+
+
+# ---- private helper: maps of a plane in any form as one stack of arrays with steps -------------
+
+
+def plane_stack(
+    maps: Surface | ArrayLike,
+    dx: float | None,
+    dy: float | None,
+    origin: tuple[float, float],
+) -> tuple[FloatArray, float, float, tuple[float, float], tuple[Step, ...]]:
+    history: tuple[Step, ...] = ()
+    items: list[Surface] = (
+        [maps]
+        if isinstance(maps, Surface)
+        else list(maps)
+        if isinstance(maps, (list, tuple)) and any(isinstance(m, Surface) for m in maps)
+        else []
+    )
+    if items:
+        if not all(isinstance(m, Surface) for m in items):
+            raise DataError("give all maps as surfaces or all as arrays, not mixed")
+        if len({(m.shape, m.dx, m.dy, m.origin) for m in items}) > 1:
+            raise DataError(
+                "the maps differ in shape, steps or origin; resample them onto one grid"
+            )
+        if dx is not None or dy is not None:
+            raise DataError("surfaces bring their own steps; leave dx and dy out")
+        dx, dy, origin = items[0].dx, items[0].dy, items[0].origin
+        history = tuple(s for m in items for s in m.history)
+        values = np.stack([m.z for m in items])
+    else:
+        values = np.array(real_numbers(maps, "maps"), dtype=np.float64)
+    if values.ndim == 2:
+        values = values[np.newaxis]
+    if values.ndim != 3:
+        raise DataError(
+            f"maps must have the shape (n_y, n_x) or (repeats, n_y, n_x), got {values.shape}"
+        )
+    if np.isinf(values).any():
+        raise DataError("a map is infinite somewhere; write NaN where nothing was measured")
+    step_x, step_y = plane_steps(dx, dy)
+    return values, step_x, step_y, plane_origin(origin), history
+
+
+def plane_steps(dx: float | None, dy: float | None) -> tuple[float, float]:
+    """Return positive steps; say which is missing or no number."""
+    if dx is None or dy is None:
+        raise DataError("the grid needs positive steps dx and dy in m")
+    return positive(dx, "dx", "m"), positive(dy, "dy", "m")
+
+
+def plane_origin(origin: tuple[float, float]) -> tuple[float, float]:
+    """Return the position (x, y) as two finite numbers."""
+    try:
+        x, y = (float(v) for v in origin)
+    except (TypeError, ValueError):
+        x = y = float("nan")
+    if not np.isfinite([x, y]).all():
+        raise DataError(f"origin must be two finite numbers (x, y) in m, got {origin!r}")
+    return x, y
+
+
+def described(values: FloatArray, u: FloatArray) -> str:
+    """Return peak to valley and typical standard uncertainty in words."""
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return "not determined"
+    text = f"P-V {format_engineering(float(np.ptp(known)), 'm')}"
+    sure = u[np.isfinite(u)]
+    if not sure.size:
+        return f"{text}, u not known"
+    return f"{text}, u {format_engineering(float(np.sqrt(np.mean(sure**2))), 'm', digits=2)}"
+
+
+# ---- `PlaneModel`: maps of an XY plane separated into the errors of its two axes (Kono 2008, eq. 3) ----
+# ``z(x, y) = e(x) + e(y) + alpha (y - y0) + beta (x - x0) + coupling(x, y)``: the machine's share is
+# the sum model, what it leaves is the coupling. Error = actual - nominal; rows grow with y.
+
+_LINE = "mean and line of an axis are the piston and the tilt of the map: alpha and beta hold them"
+_SUM = "what depends on x alone or on y alone is the errors of the axes by definition"
+_TILT = "axis and artefact tilt alike; measure the alignment against another reference"
+_UNITS = {"coupling": "m", "along_x": "m", "along_y": "m", "alpha": "rad", "beta": "rad"}
+
+
+@dataclass(frozen=True, slots=True)
+class PlaneModel(SeparationMethod):
+    """Sum model of an XY plane on a grid of steps dx and dy.
+
+    Parameters
+    ----------
+    dx, dy : float, m
+        Steps of the columns and rows.
+    origin : tuple of (float, float), m, optional
+        x and y of the first sample; where alpha and beta add nothing.
+
+    Raises
+    ------
+    DataError
+        If a step is not positive or the origin is no pair of finite numbers.
+
+    Examples
+    --------
+    >>> method = PlaneModel(1e-3, 1e-3)
+    >>> z = method.simulate({}, {"along_x": [0.0, 1e-9, 0.0], "along_y": [1e-9, 0.0, 1e-9]})
+    >>> (z * 1e9).tolist()
+    [[1.0, 2.0, 1.0], [0.0, 1.0, 0.0], [1.0, 2.0, 1.0]]
+    """
+
+    dx: float
+    dy: float
+    origin: tuple[float, float] = (0.0, 0.0)
+
+    name: ClassVar[str] = "plane_model"
+    truth_parts: ClassVar[tuple[str, ...]] = ("coupling",)
+    error_parts: ClassVar[tuple[str, ...]] = ("along_x", "along_y", "alpha", "beta")
+
+    def __post_init__(self) -> None:
+        plane_steps(self.dx, self.dy)
+        plane_origin(self.origin)
+
+    def simulate(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> FloatArray:
+        """Return the map of given parts.
+
+        Parameters
+        ----------
+        truth : mapping of str to array_like, shape (n_y, n_x), m
+            ``coupling``: what is neither a function of x nor of y.
+        errors : mapping of str to array_like
+            ``along_x``, shape (n_x,), and ``along_y``, shape (n_y,), m; ``alpha`` (along y) and
+            ``beta`` (along x), scalars, rad.
+
+        Returns
+        -------
+        ndarray, shape (n_y, n_x), m
+            One map; NaN where an axis is.
+
+        Raises
+        ------
+        DataError
+            If a part is unknown or has another shape, or the parts do not tell both sizes.
+        """
+        parts = known_parts(self, truth, errors)
+        shape = _shape(parts)
+        x, y = self.dx * np.arange(shape[1]), self.dy * np.arange(shape[0])
+        slope_x, slope_y = (part_of(parts, n, (), self.name) for n in ("beta", "alpha"))
+        along_x = part_of(parts, "along_x", shape[1:], self.name) + slope_x * x
+        along_y = part_of(parts, "along_y", shape[:1], self.name) + slope_y * y
+        coupling = part_of(parts, "coupling", shape, self.name)
+        return np.asarray(coupling + along_x + along_y[:, np.newaxis])
+
+    def null_space(self) -> tuple[Unobservable, ...]:
+        """Return what a map cannot tell.
+
+        Returns
+        -------
+        tuple of Unobservable
+            Mean and line of each axis, sums of functions of x and of y in the coupling, and the
+            split of the tilt.
+        """
+        return (
+            Unobservable("along_x", "polynomial", (0, 1), _LINE),
+            Unobservable("along_y", "polynomial", (0, 1), _LINE),
+            Unobservable("coupling", "term", ("functions of x", "functions of y"), _SUM),
+            Unobservable("alpha", "term", ("tilt of the artefact along y",), _TILT),
+            Unobservable("beta", "term", ("tilt of the artefact along x",), _TILT),
+        )
+
+    def separate(
+        self,
+        readings: ArrayLike | Surface,
+        *,
+        u_reading: float | None = None,
+        history: tuple[Step, ...] = (),
+    ) -> Separation:
+        """Return the errors of both axes, the alignments and the coupling.
+
+        Parameters
+        ----------
+        readings : array_like, shape (n_y, n_x) or (M, n_y, n_x), m, or Surface
+            Maps of the plane; NaN = not measured. A surface must lie on this grid.
+        u_reading : float, m, optional
+            Standard uncertainty of one reading. From the repeats if there are any; of one map
+            without it smooth coupling alone is told from noise.
+        history : tuple of Step, optional
+            Where they came from.
+
+        Returns
+        -------
+        Separation
+            Parts ``coupling`` (n_y, n_x), ``along_x``, ``along_y``, ``alpha``, ``beta``; the F test
+            of the coupling in the audit.
+
+        Raises
+        ------
+        DataError
+            If shape, steps or `u_reading` are not usable, or a surface lies on another grid.
+        InvalidSamplesError
+            If the maps are no real numbers.
+        NotSeparableError
+            If the measured rows and columns fall into groups that share no point.
+        TooFewSamplesError
+            If fewer than 3 rows or columns are measured, or no point is left to test.
+
+        Notes
+        -----
+        `fit_plane_model` does the work. The coupling has ``u^2 = s^2 (1/M - h)``, h the leverage of
+        the sum model at the point: ``s^2 (1 - 1/n_x) (1 - 1/n_y) / M`` on a whole map.
+        """
+        if isinstance(readings, Surface):
+            grid = (readings.dx, readings.dy, tuple(readings.origin))
+            if grid != (self.dx, self.dy, tuple(self.origin)):
+                raise DataError(
+                    f"{self.name}: the surface has steps and origin {grid}, the method "
+                    f"{(self.dx, self.dy, self.origin)}; resample it or set the method up for it"
+                )
+            history = (*readings.history, *history)
+            readings = readings.z
+        fit = fit_plane_model(
+            readings, dx=self.dx, dy=self.dy, origin=self.origin, u_reading=u_reading
+        )
+        stack = plane_stack(readings, self.dx, self.dy, self.origin)[0]
+        return self._result(fit, _left_share((~np.isnan(stack)).sum(axis=0)), history)
+
+    def _result(self, fit: PlaneFit, share: FloatArray, history: tuple[Step, ...]) -> Separation:
+        test = fit.interaction
+        parts = {
+            "coupling": fit.residual.z,
+            "along_x": fit.along_x.z,
+            "along_y": fit.along_y.z,
+            "alpha": np.array(fit.alpha.value),
+            "beta": np.array(fit.beta.value),
+        }
+        u = {
+            "coupling": fit.noise.value * np.sqrt(share),
+            "along_x": fit.u_x.z,
+            "along_y": fit.u_y.z,
+            "alpha": np.array(fit.alpha.u),
+            "beta": np.array(fit.beta.u),
+        }
+        return Separation(
+            self.name,
+            parts,
+            u,
+            _UNITS,
+            {"x": fit.along_x.x, "y": fit.along_y.x},
+            self.null_space(),
+            noise=fit.noise,
+            audit={
+                **fit.audit,
+                "coupling_rms_nm": test.rms * 1e9,
+                "coupling_f": test.f,
+                "coupling_p": test.p,
+                "degrees_of_freedom": [d if math.isfinite(d) else None for d in test.dof],
+            },
+            messages=fit.messages,
+            history=(*history, Step(self.name, {"dx_m": self.dx, "dy_m": self.dy})),
+        )
+
+    def _like_readings(self, model: FloatArray, readings: FloatArray) -> FloatArray:
+        """Return the map as it is: repeats of maps are in front."""
+        return model
+
+
+def _shape(parts: Mapping[str, FloatArray]) -> tuple[int, int]:
+    """Return rows and columns as the parts tell them."""
+    if "coupling" in parts and parts["coupling"].ndim == 2:
+        n_y, n_x = parts["coupling"].shape
+        return n_y, n_x
+    if "along_x" in parts and "along_y" in parts:
+        return parts["along_y"].size, parts["along_x"].size
+    raise DataError(
+        "plane_model: a map needs the coupling, shape (n_y, n_x), or both along_x and along_y; give "
+        "the missing one as zeros"
+    )
+
+
+def _left_share(count: NDArray[np.int64]) -> FloatArray:
+    """Return the share of a unit variance that the sum model leaves at each point."""
+    rows, columns = count.any(axis=1), count.any(axis=0)
+    inner = np.ix_(rows, columns)
+    with one_blas_thread():
+        inverse = two_way(np.zeros(count[inner].shape), count[inner])[2]
+    n_y = int(rows.sum())
+    own = np.diag(inverse)
+    lever = own[:n_y, np.newaxis] + own[n_y:] + 2.0 * inverse[:n_y, n_y:]
+    share = np.full(count.shape, np.nan)
+    with np.errstate(divide="ignore"):
+        share[inner] = np.maximum(1.0 / count[inner] - lever, 0.0)
+    share[count == 0] = np.nan
+    return share

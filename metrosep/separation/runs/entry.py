@@ -1,0 +1,611 @@
+"""`separate`: one name for every method that separates repeated runs, and both directions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, OptionError
+from metrosep.core.provenance import Step
+from metrosep.core.quantity import Quantity
+from metrosep.core.runset import RunSet
+from metrosep.core.units import format_length
+from metrosep.separation.runs.base import (
+    LINE_POINTS,
+    DirectionEstimate,
+    ErrorEstimate,
+    SampledCurve,
+)
+from metrosep.separation.runs.design import evaluation_range
+from metrosep.separation.runs.forensics import Named, RunChecks, check_runs
+from metrosep.separation.runs.fourier import separate_kono
+from metrosep.separation.runs.joint import separate_joint
+from metrosep.separation.runs.options import metres
+from metrosep.separation.runs.run_probes import probe_names
+from metrosep.separation.runs.spectra import feed_spectra_columns
+
+__all__ = ["separate", "separate_mean"]
+
+_OPTIONS = {
+    "joint": (
+        "min_feeds",
+        "false_discovery_rate",
+        "drift",
+        "lines",
+        "line_phase",
+        "false_alarm",
+        "robust",
+        "following",
+        "following_waves",
+        "probes",
+        "probe_gain",
+    ),
+    "kono": (
+        "sigma_t",
+        "p_t",
+        "norm",
+        "taper_fraction",
+        "taper",
+        "rule",
+        "modelling_length",
+        "values",
+        "feed",
+        "averaging",
+        "ddof",
+        "relative",
+        "min_coherence",
+        "coefficients",
+    ),
+    "mean": ("feed",),
+}
+
+_NAMES = {1: "forward", -1: "reverse"}
+
+
+def separate(
+    runs: RunSet,
+    *,
+    method: Literal["joint", "kono", "mean"] = "joint",
+    length: float | None = None,
+    start: float | None = None,
+    shortest: float | None = None,
+    lag: float | Literal["auto", "fit"] = "auto",
+    exclude: Named | None = None,
+    accept: Named | None = None,
+    **options: Any,
+) -> ErrorEstimate:
+    """Return the repeatable geometric error of an axis from repeated runs.
+
+    Parameters
+    ----------
+    runs : RunSet
+        Runs at one or, better, several feedrates, in one or both directions.
+    method : {"joint", "kono", "mean"}, optional
+        Joint generalised least squares over all runs; Kono's Fourier method to the letter; or
+        the plain mean.
+    length, start : float, m, optional
+        Evaluation range: its length and where it begins. The common travel (for "kono" its flat
+        part under the window) if both are omitted; centred in it if only the length is given.
+    shortest : float, m, optional
+        Shortest wavelength of the model; chosen from the data if omitted.
+    lag : float, "auto" or "fit", s, optional
+        Delay of the reading against the position. "joint" tests for it in every fit: "auto"
+        corrects what the runs show, a number is taken as stated and what is found beside it is
+        said, "fit" fits it in any case. A lag can be found where lag times the difference of the
+        feedrates stays below half the strongest wavelength. The other methods say what they see.
+    exclude : "suspect", str or sequence of str, optional
+        Runs that are left out: names (``.runs["run"]``), or all in which `check_runs` finds a fault.
+    accept : "suspect", str or sequence of str, optional
+        Runs that are kept although they are refused.
+    **options
+        Of the method: "joint" min_feeds, false_discovery_rate, drift, lines, line_phase,
+        false_alarm, robust, following, following_waves, probes, probe_gain (`separate_joint`); "kono"
+        sigma_t, p_t, norm, taper_fraction, taper, rule, modelling_length, values, feed, averaging,
+        ddof, relative, min_coherence, coefficients (`separate_kono`); "mean" feed.
+
+    Returns
+    -------
+    ErrorEstimate
+        Error, uncertainty, spectrum, residual, audit, messages, and the checks of the ``runs``. Where the runs go both ways,
+        each direction is estimated apart and `lost_motion` is their mean offset.
+
+    Raises
+    ------
+    DataError
+        If the method or an option is unknown, a number is text, a lag is stated for a method
+        without time, or `exclude` or `accept` names no run.
+    NotSeparableError
+        If the runs cannot tell geometry from vibration (one feedrate only).
+    InvalidSamplesError, NotUniformError, TooFewSamplesError, UnitError
+        If a run is stuck, saturated, given twice or of another gain (`check_runs`), or the runs or the ranges cannot be used; the Fourier sum of "kono" does not bridge a gap
+        wider than 2 % of its length.
+
+    Examples
+    --------
+    >>> from metrosep.separation import machine_axis, separate
+    >>> axis = machine_axis(seed=1, disturbance="none")
+    >>> estimate = separate(axis.runs, start=axis.start, length=axis.stop - axis.start)
+    >>> bool(abs(estimate.evaluate([20e-3]) - axis.truth([20e-3]) < 60e-9))
+    True
+    """
+    if method not in _OPTIONS:
+        raise DataError(f"unknown method {method!r}; there are 'joint', 'kono' and 'mean'")
+    unknown = sorted(set(options) - set(_OPTIONS[method]))
+    if unknown:
+        known = ", ".join(_OPTIONS[method])
+        raise OptionError(f"method {method!r} has no option {unknown[0]!r}; it knows {known}")
+    _check_types(runs, lag)
+    length, start = metres(length, "length"), metres(start, "start")
+    shortest = metres(shortest, "shortest")
+    lag = lag if isinstance(lag, str) else float(lag)
+    if method != "joint" and lag not in ("auto", 0.0):
+        raise DataError(f"method {method!r} works in space and has no lag; use method='joint'")
+    if method == "mean" and shortest is not None:
+        raise DataError("method 'mean' does not filter, so it has no shortest wavelength")
+    if method == "mean" and options.get("feed") is not None:
+        runs = runs.select(feed=options["feed"])
+    names = probe_names(runs, options.get("probes")) if method == "joint" else [""] * len(runs)
+    checks = check_runs(runs, probes=names, spikes=not options.get("robust"))
+    given = runs
+    runs, checks = checks.settle(runs, exclude=exclude, accept=accept)
+    left_out = [
+        r.sha256 for r, used in zip(given, checks.columns["used"], strict=True) if not used
+    ]
+    names = [n for n, used in zip(names, checks.columns["used"], strict=True) if used]
+    common = _common_range(runs, method, start, length, options)
+    options = _plain_options(options)
+    told = {
+        d: [n for n, r in zip(names, runs, strict=True) if r.direction == d]
+        for d in runs.directions
+    }
+    parts = {
+        d: _separate_one(
+            runs.select(direction=d),
+            method,
+            common[1],
+            common[0],
+            shortest,
+            lag,
+            options | ({"probes": told[d]} if any(names) else {}),
+        )
+        for d in runs.directions
+    }
+    step = Step(
+        "separate",
+        {
+            "method": method,
+            "length_m": length,
+            "start_m": start,
+            "shortest_m": shortest,
+            "lag_s": lag,
+            **({} if exclude is None else {"exclude": _plain_options({"": exclude})[""]}),
+            **({} if accept is None else {"accept": _plain_options({"": accept})[""]}),
+            "runs_sha256": [r.sha256 for r in runs],
+            **({"left_out_sha256": left_out} if left_out else {}),
+            **options,
+        },
+    )
+    history = (*runs.history, step)
+    if len(parts) == 1:
+        direction, part = next(iter(parts.items()))
+        found = _renamed(part, {direction: part}, runs, told, history)
+    else:
+        found = _renamed(parts[1], parts, runs, told, history)
+    return _with_checks(found, checks, runs)
+
+
+def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> ErrorEstimate:
+    """Return the estimate with its run checks; the step of coarse readings enters the band."""
+    from dataclasses import replace
+
+    messages = list(checks.messages)
+    kept = [
+        name
+        for name, text, used in zip(
+            *(checks.columns[k] for k in ("run", "finding", "used")), strict=True
+        )
+        if text and used
+    ]
+    if kept:
+        messages.append(
+            f"run {', '.join(kept)}: kept, so the uncertainty does not hold where it errs; "
+            "exclude='suspect' (command line: --exclude suspect) leaves out what is named above"
+        )
+    if estimate.method != "joint":
+        messages += [_lag_sentence(estimate, runs, lag, u) for lag, u in checks.lag.values()]
+    parts, audit = dict(estimate.directions_data), dict(estimate.audit)
+    if checks.step > 0.0:
+        audit["reading_step_nm"] = checks.step * 1e9
+        parts = {
+            d: DirectionEstimate(
+                p.error,
+                SampledCurve(
+                    p.uncertainty.x, np.hypot(p.uncertainty.z, checks.step / math.sqrt(12.0))
+                ),
+                p.feed_term,
+            )
+            for d, p in parts.items()
+        }
+    return replace(
+        estimate,
+        directions_data=parts,
+        audit=audit,
+        runs_data=checks.columns,
+        messages=(*messages, *estimate.messages),
+    )
+
+
+def _lag_sentence(estimate: ErrorEstimate, runs: RunSet, lag: float, u: float) -> str:
+    """Say what delay the places of the waves show, to a method that cannot correct it."""
+    spread = abs(lag) * (max(runs.feeds) - min(runs.feeds))
+    other = (
+        f" (or the runs of one feedrate start {format_length(spread, digits=2)} off: two feedrates "
+        "cannot tell)"
+        if len(runs.feeds) == 2
+        else ""
+    )
+    return (
+        f"readings lag the position by {lag * 1e3:.2g} ms (u {u * 1e3:.2g} ms){other}: "
+        f"method={estimate.method!r} cannot correct it and its uncertainty does not hold it; "
+        "method='joint' (command line: --method joint) does"
+    )
+
+
+def _check_types(runs: object, lag: object) -> None:
+    if not isinstance(runs, RunSet):
+        raise DataError(
+            f"separate needs a RunSet, got {type(runs).__name__}; wrap the runs: RunSet([run, ...])"
+        )
+    if isinstance(lag, str) and lag in ("auto", "fit"):
+        return
+    if isinstance(lag, bool) or not isinstance(lag, int | float | np.integer | np.floating):
+        raise DataError(f"lag is a number in seconds, 'auto' or 'fit', got {lag!r}")
+
+
+def _plain_options(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return lists and Python numbers, which the JSON of the history can hold."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray | np.generic):
+            return value.tolist()
+        if isinstance(value, tuple | list):
+            return [plain(v) for v in value]
+        return value
+
+    return {k: plain(v) for k, v in options.items()}
+
+
+def _common_range(
+    runs: RunSet,
+    method: str,
+    start: float | None,
+    length: float | None,
+    options: Mapping[str, Any],
+) -> tuple[float | None, float | None]:
+    """Return start and length that both directions share: each alone would centre its own."""
+    if len(runs.directions) == 1:
+        return start, length
+    first, last = evaluation_range(runs, start=start, length=length)
+    if method == "kono" and start is None and length is None:
+        low, high = runs.common_travel
+        l_x = options.get("modelling_length") or high - low
+        half = (0.5 - options.get("taper_fraction", 0.1)) * l_x
+        first, last = (low + high) / 2.0 - half, (low + high) / 2.0 + half
+        return (first, last - first) if last > first else (start, length)
+    return first, last - first
+
+
+def _separate_one(
+    runs: RunSet,
+    method: str,
+    length: float | None,
+    start: float | None,
+    shortest: float | None,
+    lag: float | Literal["auto", "fit"],
+    options: dict[str, Any],
+) -> ErrorEstimate:
+    if method == "joint":
+        return separate_joint(
+            runs, length=length, start=start, shortest=shortest, lag=lag, **options
+        )
+    if method == "kono":
+        return separate_kono(runs, length=length, start=start, shortest=shortest, **options)
+    return separate_mean(runs, length=length, start=start, **options)
+
+
+def _renamed(
+    main: ErrorEstimate,
+    parts: dict[int, ErrorEstimate],
+    runs: RunSet,
+    probes: Mapping[int, list[str]],
+    history: tuple[Step, ...],
+) -> ErrorEstimate:
+    """Return one estimate that holds those of all directions."""
+    from dataclasses import replace
+
+    messages = [
+        m if len(parts) == 1 else f"{_NAMES[d]}: {m}" for d, p in parts.items() for m in p.messages
+    ]
+    audit = dict(main.audit)
+    if len(parts) > 1:
+        audit = {_NAMES[d]: dict(p.audit) for d, p in parts.items()}
+    total = [
+        (p.residual_rms, sum(len(r) for r in runs.select(direction=d))) for d, p in parts.items()
+    ]
+    rms = math.sqrt(sum(r * r * n for r, n in total) / sum(n for _, n in total))
+    return replace(
+        main,
+        start=max(p.start for p in parts.values()),
+        stop=min(p.stop for p in parts.values()),
+        fit_range=(
+            max(p.fit_range[0] for p in parts.values()),
+            min(p.fit_range[1] for p in parts.values()),
+        ),
+        directions_data={d: p.directions_data[0] for d, p in parts.items()},
+        slope=_mean_slope(parts),
+        lost_motion=_lost_motion(runs, parts, probes) if len(parts) > 1 else None,
+        spectrum_data=_joined(parts, "spectrum_data"),
+        evidence_data=_joined(parts, "evidence_data")
+        if any(p.evidence_data for p in parts.values())
+        else {},
+        feed_spectra_data=_joined(parts, "feed_spectra_data"),
+        residual_psd_data=_joined(parts, "residual_psd_data"),
+        residual_rms=rms,
+        lag=float(np.mean([p.lag for p in parts.values()])),
+        lag_sd=float(np.linalg.norm([p.lag_sd for p in parts.values()]) / len(parts)),
+        audit=audit,
+        messages=tuple(messages),
+        history=history,
+        terms=main.terms
+        if len(parts) == 1
+        else {_NAMES[d]: dict(p.terms) for d, p in parts.items() if p.terms},
+    )
+
+
+def _mean_slope(parts: dict[int, ErrorEstimate]) -> Quantity:
+    slopes = [p.slope for p in parts.values()]
+    known = [s.u for s in slopes if s.u is not None]
+    u = float(np.linalg.norm(known)) / len(slopes) if len(known) == len(slopes) else None
+    return Quantity(float(np.mean([s.value for s in slopes])), "rad", slopes[0].definition, u=u)
+
+
+def _joined(parts: dict[int, ErrorEstimate], name: str) -> dict[str, list[Any]]:
+    """Stack the tables of both directions, with a column that says which."""
+    tables = {d: getattr(p, name) for d, p in parts.items()}
+    if len(tables) == 1:
+        return dict(next(iter(tables.values())))
+    columns: dict[str, list[Any]] = {"direction": []}
+    for d, table in tables.items():
+        columns["direction"] += [_NAMES[d]] * len(next(iter(table.values()), []))
+        for key, values in table.items():
+            columns.setdefault(key, []).extend(values)
+    return columns
+
+
+def _lost_motion(
+    runs: RunSet, parts: dict[int, ErrorEstimate], probes: Mapping[int, list[str]]
+) -> Quantity:
+    """Return mean offset of the reverse runs minus that of the forward runs, in the evaluation range.
+
+    Each direction has its own line taken off about the middle of the range: were it taken off
+    anywhere else, a difference of their slopes would turn into an offset.
+    """
+    if "run_levels_nm" in parts[1].audit:
+        return _lost_motion_from_levels(parts, probes)
+    offsets: dict[int, list[float]] = {1: [], -1: []}
+    start, stop = parts[1].start, parts[1].stop
+    for run in runs:
+        within = (run.x >= start) & (run.x <= stop)
+        x, part = run.x[within], parts[run.direction]
+        rest = run.z[within] - part.evaluate(x) - part.slope.value * (x - 0.5 * (start + stop))
+        if np.isfinite(rest).any():
+            offsets[run.direction].append(float(np.nanmean(rest)))
+    forward, reverse = np.array(offsets[1]), np.array(offsets[-1])
+    value, u = _mean_difference(forward, reverse)
+    return Quantity(
+        value,
+        "m",
+        "mean reading of the reverse runs minus that of the forward runs over the evaluation range, "
+        "estimates removed; it holds lost motion only as far as the sensor did not drift between the "
+        "runs",
+        u=u,
+    )
+
+
+def _lost_motion_from_levels(
+    parts: dict[int, ErrorEstimate], probes: Mapping[int, list[str]]
+) -> Quantity:
+    """Take the levels that the fit found in the middle of the range: no spike, no drift in them."""
+    levels = {d: np.array(p.audit["run_levels_nm"]) * 1e-9 for d, p in parts.items()}
+    both = [name for name in dict.fromkeys(probes[1]) if name in probes[-1]]
+    if not both:
+        return Quantity(
+            math.nan, "m", "no probe read runs of both directions: lost motion is not observable"
+        )
+    found = [
+        _mean_difference(*(levels[d][[p == name for p in probes[d]]] for d in (1, -1)))
+        for name in both
+    ]
+    known = [u for _, u in found if u is not None]
+    u = float(np.linalg.norm(known)) / len(found) if len(known) == len(found) else None
+    return Quantity(
+        float(np.mean([value for value, _ in found])),
+        "m",
+        "level of the reverse runs minus that of the forward runs in the middle of the evaluation "
+        "range and of the time of each run, probe by probe; it holds lost motion only as far as the "
+        "sensor did not drift between the runs",
+        u=u,
+    )
+
+
+def _mean_difference(
+    forward: NDArray[np.float64], reverse: NDArray[np.float64]
+) -> tuple[float, float | None]:
+    value = float(reverse.mean() - forward.mean())
+    if min(forward.size, reverse.size) < 2:
+        return value, None
+    return value, math.sqrt(
+        float(forward.var(ddof=1)) / forward.size + float(reverse.var(ddof=1)) / reverse.size
+    )
+
+
+# ---- the plain mean over runs: the baseline that every other method must beat ------------------
+# All runs are interpolated linearly onto one grid and averaged. Vibration that is not in phase with
+# the start of the runs falls as one over the square root of their number; nothing else is removed.
+
+_MAX_POINTS = 100_000
+
+
+def separate_mean(
+    runs: RunSet,
+    *,
+    length: float | None = None,
+    start: float | None = None,
+    feed: float | None = None,
+) -> ErrorEstimate:
+    """Return the mean of the runs, line over the evaluation range removed.
+
+    Parameters
+    ----------
+    runs : RunSet
+        Runs of one direction; time is not needed.
+    length, start : float, m, optional
+        Evaluation range; the common travel if omitted.
+    feed : float, m/s, optional
+        Average the runs of this feedrate only.
+
+    Returns
+    -------
+    ErrorEstimate
+        Sampled; sd is the standard deviation over runs divided by the root of their number, NaN
+        for a single run.
+
+    Raises
+    ------
+    DataError
+        If the range holds too few grid points.
+    InvalidSamplesError
+        If the range is not covered.
+    TooFewSamplesError
+        If no run has that feed.
+    """
+    used = runs if feed is None else runs.select(feed=feed)
+    first, last = evaluation_range(used, start=start, length=length)
+    low, high = used.common_travel
+    pitch = max(abs(float(r.x[-1] - r.x[0])) / (len(r) - 1) for r in used)
+    n_grid = int(np.clip(math.ceil((high - low) / pitch), 3, _MAX_POINTS)) + 1
+    grid = np.linspace(low, high, n_grid)
+    inner = (grid >= first - pitch) & (grid <= last + pitch)
+    table = np.array([_on_grid(r.x, r.z, grid, pitch) for r in used])
+    line = np.column_stack([np.ones(n_grid), (grid - low) / (high - low)])
+    flat, slopes = _remove_lines(table, line, inner)
+    n_valid = (~np.isnan(flat)).sum(axis=0)
+    if not (n_valid[inner] > 0).any():
+        raise DataError("no position in the evaluation range was measured in any run")
+    mean = np.full(n_grid, np.nan)
+    some = n_valid > 0
+    mean[some] = np.nansum(flat[:, some], axis=0) / n_valid[some]
+    sd = np.full(n_grid, np.nan)
+    many = n_valid > 1
+    deviation = np.nansum((flat - mean) ** 2, axis=0)
+    sd[many] = np.sqrt(deviation[many] / (n_valid[many] - 1) / n_valid[many])
+    residual_rms = float(np.sqrt(np.nanmean((flat - mean) ** 2)))
+    mean, rest = _level(grid, mean, first, last)
+    scale = high - low
+    n = len(used)
+    return ErrorEstimate(
+        method="mean",
+        start=first,
+        stop=last,
+        fit_range=(low, high),
+        directions_data={0: DirectionEstimate(SampledCurve(grid, mean), SampledCurve(grid, sd))},
+        slope=Quantity(
+            float(slopes.mean() / scale) + rest,
+            "rad",
+            "mean slope of the least-squares lines over the evaluation range (alignment)",
+            u=float(slopes.std(ddof=1) / math.sqrt(n) / scale) if n > 1 else None,
+        ),
+        spectrum_data={name: [] for name in _SPECTRUM},
+        feed_spectra_data=feed_spectra_columns(used),
+        residual_psd_data={"frequency_hz": [], "psd_nm2_per_hz": [], "model_nm2_per_hz": []},
+        residual_rms=residual_rms,
+        audit=_audit(used, pitch),
+        messages=_messages(used),
+        history=used.history,
+    )
+
+
+_SPECTRUM = (
+    "wavelength_mm",
+    "amplitude_nm",
+    "phase_rad",
+    "sd_nm",
+    "snr",
+    "p",
+    "selected",
+    "reason",
+)
+
+
+def _on_grid(x: FloatArray, z: FloatArray, grid: FloatArray, pitch: float) -> FloatArray:
+    """Interpolate valid samples; a gap of more than two pitches stays a gap."""
+    valid = ~np.isnan(z)
+    order = np.argsort(x[valid])
+    xs, zs = x[valid][order], z[valid][order]
+    values = np.interp(grid, xs, zs, left=np.nan, right=np.nan)
+    right = np.clip(np.searchsorted(xs, grid), 1, xs.size - 1)
+    gap = xs[right] - xs[right - 1] > 2.0 * pitch
+    inside_gap = gap & (grid > xs[right - 1]) & (grid < xs[right])
+    return np.where(inside_gap, np.nan, values)
+
+
+def _remove_lines(
+    table: FloatArray, line: FloatArray, inner: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray]:
+    flat = np.empty_like(table)
+    slopes = np.empty(table.shape[0])
+    for i, row in enumerate(table):
+        valid = inner & ~np.isnan(row)
+        if valid.sum() < 2:
+            raise DataError(f"run {i} has fewer than 2 valid samples in the evaluation range")
+        coefficients = np.linalg.lstsq(line[valid], row[valid], rcond=None)[0]
+        flat[i] = row - line @ coefficients
+        slopes[i] = coefficients[1]
+    return flat, slopes
+
+
+def _level(
+    grid: FloatArray, mean: FloatArray, first: float, last: float
+) -> tuple[FloatArray, float]:
+    """Return the mean without what is left of its line over the evaluation range."""
+    x = np.linspace(first, last, LINE_POINTS)
+    z = SampledCurve(grid, mean)(x)
+    valid = ~np.isnan(z)
+    slope, level = np.polyfit(x[valid] - first, z[valid], 1)
+    return mean - level - slope * (grid - first), float(slope)
+
+
+def _audit(runs: RunSet, pitch: float) -> dict[str, Any]:
+    return {
+        "n_runs": len(runs),
+        "feeds_mm_per_min": [f * 6e4 for f in runs.feeds],
+        "grid_step_mm": pitch * 1e3,
+        "line_removed": "least squares over the evaluation range, run by run",
+    }
+
+
+def _messages(runs: RunSet) -> tuple[str, ...]:
+    sentences = []
+    if len(runs) == 1:
+        sentences.append("one run only: there is no scatter to tell an uncertainty from")
+    if len(runs.feeds) < 2:
+        sentences.append(
+            "one feedrate only: a vibration that starts in phase with the run cannot be told from "
+            "geometry; add runs at another feedrate"
+        )
+    return tuple(sentences)

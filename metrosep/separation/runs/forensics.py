@@ -1,0 +1,365 @@
+"""What runs show before they are separated: the run that misbehaves is named.
+
+Two kinds of checks, both without a model of the geometry and for every method of `separate`: the
+readings of a run by themselves (stuck, at the limit of the sensor, in steps, given twice), here;
+and each run against the others of its direction and probe (`run_comparison`).
+
+A finding is named and the run is kept; where no estimate can come of a run it is *refused* until
+``exclude=`` leaves it out or ``accept=`` keeps it.
+
+Source: the project's notes on separation, sections 4.1, 4.4 and 6.4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.blas import one_blas_thread
+from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.runset import Run, RunSet
+from metrosep.core.units import format_length
+from metrosep.separation.runs.run_comparison import (
+    SPIKE,
+    Findings,
+    RunTable,
+    check_spikes,
+    check_steps,
+    compare_runs,
+)
+from metrosep.separation.runs.weights import MAD
+
+__all__ = ["Named", "RunChecks", "check_runs"]
+
+Named = str | Sequence[str]
+
+_STREAK = 20
+"""Equal readings in a row that noise never makes: a run given twice (two runs), a stuck sensor (one)."""
+
+_LIMIT_SHARE, _LIMIT_PEAK = 0.01, 6.0
+"""Share of readings at the extreme, and how much more often it comes than the values next to it
+(a sine in steps has up to 3.4 times as many at its top)."""
+
+_REFUSED_SHARE = 0.05
+"""Share of a run at the limit of the sensor, or stuck, beyond which no estimate can come of it."""
+
+_ZERO_STEPS = 0.3
+"""Share of equal neighbours from which readings count as steps; white noise of one step has 0.28."""
+
+_STUCK = "stuck"
+
+_ROUNDING = 1e-12
+"""RMS of a run over its largest reading below which it is a line and rounding."""
+
+_RMS_NAMED, _RMS_REFUSED = 5.0, 50.0
+"""RMS of a run over that of the median run: another unit or gain; the model breaks down."""
+
+_MOST_NAMED = 4
+"""Runs whose faults an error message spells out."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunChecks:
+    """Table of run checks: one row a run, in the order of the runs."""
+
+    # mapping of str to list: ``run direction feed_mm_min rms_nm gain u_gain shift_mm u_shift_mm
+    # finding refused used``; gain and shift against the other runs, NaN where they cannot be
+    # compared
+    columns: Mapping[str, list[Any]]
+    common: tuple[str, ...] = ()  # what is wrong with the set as a whole
+    step: float = 0.0  # m: step of the readings where it exceeds their noise, else 0
+    # mapping of int to (float, float), s: by direction: delay that the shifts show beyond chance,
+    # and its uncertainty
+    lag: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """One sentence for each finding, the runs by name."""
+        rows = zip(self.columns["run"], self.columns["finding"], strict=True)
+        found = [f"run {name} {part}" for name, text in rows if text for part in text.split("; ")]
+        return (*found, *self.common)
+
+    def settle(
+        self, runs: RunSet, *, exclude: Named | None = None, accept: Named | None = None
+    ) -> tuple[RunSet, RunChecks]:
+        """Return the runs that are used, and the table with what was left out."""
+        out, kept = self._named(exclude, "exclude"), self._named(accept, "accept")
+        names, findings = self.columns["run"], self.columns["finding"]
+        open_ = [i for i, bad in enumerate(self.columns["refused"]) if bad and i not in out | kept]
+        if open_:
+            which = ", ".join(names[i] for i in open_)
+            why = "; ".join(f"run {names[i]} {findings[i]}" for i in open_[:_MOST_NAMED])
+            more = len(open_) - _MOST_NAMED
+            why += f"; and {more} more runs: {which}" if more > 0 else ""
+            raise InvalidSamplesError(
+                f"no estimate can come of these readings: {why}. Leave such runs out with "
+                f"exclude={which!r}, or keep them with accept={which!r}"
+            )
+        used = [i for i in range(len(runs)) if i not in out]
+        if not used:
+            raise DataError(f"exclude={exclude!r} leaves no run of {len(runs)}")
+        columns = {**self.columns, "used": [i not in out for i in range(len(runs))]}
+        left = [f"run {names[i]} was left out (exclude={exclude!r})" for i in sorted(out)]
+        selected = (
+            runs
+            if not out
+            else RunSet([runs[i] for i in used], metadata=runs.metadata, history=runs.history)
+        )
+        return selected, replace(self, columns=columns, common=(*self.common, *left))
+
+    def _named(self, names: Named | None, option: str) -> set[int]:
+        """Return the rows that an option names."""
+        if names is None:
+            return set()
+        if isinstance(names, str):
+            names = [part.strip() for part in names.split(",")]
+        if not isinstance(names, Sequence):
+            raise DataError(f"{option} is the name of a run, or a list of names, got {names!r}")
+        found: set[int] = set()
+        for name in names:
+            if name == "suspect":
+                found |= {i for i, text in enumerate(self.columns["finding"]) if text}
+            elif str(name) in self.columns["run"]:
+                found.add(self.columns["run"].index(str(name)))
+            else:
+                known = ", ".join(self.columns["run"])
+                raise DataError(
+                    f"{option}={name!r} is not a run; there are {known}, and 'suspect'"
+                )
+        return found
+
+
+def check_runs(
+    runs: RunSet, *, probes: Sequence[str] | None = None, spikes: bool = True
+) -> RunChecks:
+    """Return what is wrong with runs, by themselves and against each other.
+
+    Notes
+    -----
+    Refused: a run that is stuck or at the limit of its sensor for more than 5 % of its readings,
+    whose gain is off by more than a factor of 3 or RMS by more than 50, or that was given twice.
+    A run of the other sign, a displaced one or a single spike is named and kept. With two runs
+    that contradict each other both are refused: nothing says which is right.
+
+    Examples
+    --------
+    >>> from metrosep.separation import machine_axis
+    >>> check_runs(machine_axis(seed=1).runs).messages
+    ()
+    """
+    names = list(probes) if probes is not None else [""] * len(runs)
+    found = Findings(_labels(runs), [[] for _ in runs], [False] * len(runs))
+    found.gain = np.full((len(runs), 2), np.nan)
+    found.shift = np.full((len(runs), 2), np.nan)
+    steps = np.array([_check_alone(i, run, found) for i, run in enumerate(runs)])
+    if all(any(text.endswith(_STUCK) for text in said) for said in found.said):
+        found.said, found.refused = [[] for _ in runs], [False] * len(runs)  # no error at all
+    for probe in dict.fromkeys(names):
+        _check_twice(runs, [i for i, p in enumerate(names) if p == probe], steps, found)
+    rms = np.array([_rms(run) for run in runs])
+    for probe in dict.fromkeys(names):
+        _check_sizes(rms, [i for i, p in enumerate(names) if p == probe], found)
+    step, lag = 0.0, {}
+    groups: dict[tuple[int, str], list[int]] = {}
+    for i, run in enumerate(runs):
+        groups.setdefault((run.direction, names[i]), []).append(i)
+    with one_blas_thread():
+        for (direction, _), members in groups.items():
+            table = RunTable.of(runs, members)
+            if table is None:
+                continue
+            own = compare_runs(runs, table, found)
+            if own is not None:
+                lag[direction] = own
+            step = max(step, check_steps(table, steps[members], found))
+            if spikes:
+                check_spikes(runs, table, found)
+    columns: dict[str, list[Any]] = {
+        "run": found.labels,
+        "direction": [r.direction for r in runs],
+        "feed_mm_min": [math.nan if r.feed is None else r.feed * 6e4 for r in runs],
+        "rms_nm": (rms * 1e9).tolist(),
+        "gain": found.gain[:, 0].tolist(),
+        "u_gain": found.gain[:, 1].tolist(),
+        "shift_mm": (found.shift[:, 0] * 1e3).tolist(),
+        "u_shift_mm": (found.shift[:, 1] * 1e3).tolist(),
+        "finding": ["; ".join(said) for said in found.said],
+        "refused": found.refused,
+        "used": [True] * len(runs),
+    }
+    return RunChecks(columns, tuple(found.common), step, lag)
+
+
+def _labels(runs: RunSet) -> list[str]:
+    """Return the names of the runs, or their places from 1 where names are missing or shared."""
+    names = [r.run_id for r in runs]
+    if all(names) and len(set(names)) == len(names):
+        return names
+    return [str(i + 1) for i in range(len(runs))]
+
+
+def _rms(run: Run) -> float:
+    """Return the RMS of a run about its line, single wrong readings cut off."""
+    valid = ~np.isnan(run.z)
+    x = (run.x[valid] - run.x[0]) / (run.x[-1] - run.x[0])
+    flat = run.z[valid] - np.median(run.z[valid])
+    line = np.column_stack([np.ones(x.size), x])
+    keep = np.ones(x.size, dtype=bool)
+    rest = flat
+    for _ in range(2):
+        rest = flat - line @ np.linalg.lstsq(line[keep], flat[keep], rcond=None)[0]
+        keep = np.abs(rest) <= 2.0 * SPIKE * MAD * float(np.median(np.abs(rest)))
+        if keep.sum() < 3:
+            return float(np.sqrt(np.mean(rest**2)))
+    rms = float(np.sqrt(np.mean(rest[keep] ** 2)))
+    return rms if rms > _ROUNDING * float(np.abs(run.z[valid]).max()) else 0.0
+
+
+# --- readings of one run -------------------------------------------------------------------------
+
+
+def _check_alone(index: int, run: Run, found: Findings) -> float:
+    """Look for a stuck sensor and its limits; return the step of readings in steps, else 0."""
+    z = run.z[~np.isnan(run.z)]
+    n = z.size
+    values, counts = np.unique(z, return_counts=True)
+    if values.size == 1:
+        found.say(index, f"reads {format_length(float(z[0]))} everywhere: {_STUCK}", refused=True)
+        return 0.0
+    if n < _STREAK:
+        return 0.0
+    streaks = _streaks(z)
+    longest = int(np.argmax(streaks[:, 1]))
+    first, size = (int(v) for v in streaks[longest])
+    outside = np.ones(n, dtype=bool)
+    outside[first : first + size] = False
+    limit = None
+    for at, side in ((values.size - 1, "largest"), (0, "smallest")):
+        near = counts[max(at - 3, 0) : at] if at else counts[1:4]
+        same = z == values[at]
+        row = max((int(s) for i, s in streaks if same[i]), default=0)
+        often = counts[at] >= max(3, _LIMIT_SHARE * n) and (row >= 3 or counts[at] > 4)
+        if often and counts[at] > _LIMIT_PEAK * float(near.mean()):
+            limit = limit or (side, float(values[at]), counts[at] / n)
+            outside &= ~same
+    steps = np.diff(z)[outside[1:] & outside[:-1]]
+    in_steps = steps.size > 0 and float(np.mean(steps == 0.0)) > _ZERO_STEPS
+    if limit is not None:
+        side, value, share = limit
+        found.say(
+            index,
+            f"has {100 * share:.2g} % of its readings at the {side}, {format_length(value)}: the "
+            "limit of the sensor, where no estimate is usable",
+            refused=share > _REFUSED_SHARE,
+        )
+    elif size > max(_STREAK, 0.02 * n) and not in_steps:
+        place = float(run.x[np.flatnonzero(~np.isnan(run.z))[first]])
+        found.say(
+            index,
+            f"repeats {format_length(float(z[first]))} {size} times from {format_length(place)} on: "
+            "stuck there",
+            refused=size > _REFUSED_SHARE * n,
+        )
+    if not in_steps:
+        return 0.0
+    gaps = np.diff(values)
+    return float(np.median(gaps[gaps > 1e-9 * (values[-1] - values[0])]))
+
+
+def _streaks(z: FloatArray) -> NDArray[np.intp]:
+    """Return where stretches of equal readings begin, and their sizes."""
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(z) != 0.0) + 1, [z.size]])
+    return np.column_stack([edges[:-1], np.diff(edges)])
+
+
+def _check_twice(runs: RunSet, members: Sequence[int], steps: FloatArray, found: Findings) -> None:
+    """Name runs whose readings are those of an earlier one, whole or for 20 in a row."""
+    seen: dict[bytes, int] = {}
+    where: dict[tuple[float, ...], tuple[int, int]] = {}
+    for i in members:
+        run = runs[i]
+        if np.ptp(run.z[~np.isnan(run.z)]) == 0.0:
+            continue
+        key = run.z.tobytes()
+        twin = seen.get(key)
+        if twin is None:
+            seen[key] = i
+            noisy = steps[i] == 0.0 and _is_noisy(run.z)
+            twin = _copied(run.z, where, i) if noisy else None
+            if twin is None:
+                continue
+            text = f"holds readings of run {found.labels[twin]}"
+        else:
+            text = f"is identical to run {found.labels[twin]}"
+        if _is_noisy(run.z) and steps[i] == 0.0:
+            found.say(i, f"{text}: the same readings are no second measurement", refused=True)
+        else:
+            found.common.append(
+                f"run {found.labels[i]} {text}: readings without noise, or copied; the "
+                "uncertainty does not hold"
+            )
+
+
+def _copied(
+    z: FloatArray, where: dict[tuple[float, ...], tuple[int, int]], index: int
+) -> int | None:
+    """Return the earlier run that shares 20 readings in a row; remember those of this one."""
+    # Each block of 20 of an earlier run is remembered, every start of this one is looked up: a
+    # copy of 39 readings or more is found wherever it begins.
+    twin = None
+    if where:
+        firsts = {block[0] for block in where}
+        for at in np.flatnonzero(np.isin(z[: z.size - _STREAK + 1], list(firsts))).tolist():
+            hit = where.get(tuple(z[at : at + _STREAK].tolist()))
+            if hit is not None:
+                twin = hit[0]
+                break
+    for at in range(0, z.size - _STREAK + 1, _STREAK):
+        block = z[at : at + _STREAK]
+        if not np.isnan(block).any() and np.ptp(block) > 0.0:
+            where.setdefault(tuple(block.tolist()), (index, at))
+    return twin
+
+
+def _is_noisy(z: FloatArray) -> bool:
+    """Whether two measurements could not agree to the last digit: fourth differences of noise."""
+    fourth = np.diff(z[~np.isnan(z)], 4) / math.sqrt(70.0)
+    if not fourth.size:
+        return False
+    # A smooth wave of 25 samples leaves 5e-4 of its RMS.
+    return bool(MAD * np.median(np.abs(fourth)) > 1e-3 * float(np.nanstd(z)))
+
+
+def _check_sizes(rms: FloatArray, members: Sequence[int], found: Findings) -> None:
+    """Name runs whose RMS is far from that of the median run of their probe."""
+    alive = [i for i in members if not found.refused[i]]
+    if len(alive) < 2:
+        return
+    if len(alive) == 2:
+        low, high = sorted(alive, key=lambda i: rms[i])
+        ratio = float(rms[high] / rms[low]) if rms[low] > 0.0 else math.inf
+        if rms[low] > 0.0 and ratio > _RMS_NAMED:
+            text = f"reads {_factor(ratio)} times as much as run {found.labels[low]}: unit or gain"
+            found.say(high, f"{text} of one of them", refused=ratio > _RMS_REFUSED)
+        return
+    middle = float(np.median(rms[alive]))
+    for i in alive if middle > 0.0 else ():
+        ratio = float(rms[i]) / middle
+        if not 1.0 / _RMS_NAMED <= ratio <= _RMS_NAMED:
+            found.say(
+                i,
+                f"reads {_factor(ratio)} times as much as the median run: its unit, its gain or its "
+                "vibration",
+                refused=not 1.0 / _RMS_REFUSED <= ratio <= _RMS_REFUSED,
+            )
+
+
+def _factor(ratio: float) -> str:
+    """Return a ratio of sizes as a person writes it: 936, 1,000, 0.021."""
+    return f"{ratio:,.0f}" if ratio >= 100.0 else f"{ratio:.2g}"

@@ -1,0 +1,700 @@
+"""The joint separator: all runs at all feedrates in one generalised least-squares estimate.
+
+Geometry repeats in position, vibration repeats in frequency; runs at several feedrates tell them
+apart. The solver is in `metrosep.separation.runs.solver`, the learnt prior in
+`metrosep.separation.runs.weights`; this module states the question and words the answer.
+
+What it cannot see: anything common to all feeds and tied to position is geometry to it (the
+artefact's own form, pitch of the screw's balls synchronous with position, a temperature that
+follows position); the offset of each run; the alignment slope is reported apart.
+
+Source: specified in the project's separation notes; baseline motion-error-fourier (Kono 2008).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray, benjamini_hochberg
+from metrosep.core.errors import (
+    DataError,
+    InvalidSamplesError,
+    NotSeparableError,
+    TooFewSamplesError,
+    UnitError,
+)
+from metrosep.core.quantity import Quantity
+from metrosep.core.runset import Run, RunSet
+from metrosep.core.units import format_length
+from metrosep.separation._readings import checked_count, checked_number
+from metrosep.separation.runs.base import (
+    LINE_POINTS,
+    DirectionEstimate,
+    ErrorEstimate,
+    FourierCurve,
+    SampledCurve,
+)
+from metrosep.separation.runs.design import PreparedRun, evaluation_range, prepare_runs
+from metrosep.separation.runs.evidence import (
+    evidence_table,
+    explain_band,
+    explain_disturbances,
+    explain_lag,
+    explain_resolution,
+)
+from metrosep.separation.runs.options import Following, JointOptions, metres
+from metrosep.separation.runs.run_probes import probe_names
+from metrosep.separation.runs.solver import Solution, solve_joint
+from metrosep.separation.runs.spectra import feed_spectra, feed_spectra_columns
+from metrosep.separation.runs.term_curves import check_lines, feed_curves, report_terms
+from metrosep.spectral.density import pooled_periodogram
+from metrosep.spectral.dft import fourier_basis
+
+__all__ = ["benjamini_hochberg", "separate_joint"]
+
+_PERIOD_SHARE = 1.25
+"""Longest wavelength of the basis over the travel: the error need not close on itself."""
+
+_SAMPLES_PER_WAVE = 2.5
+"""Shortest wavelength that is considered, in pitches of the coarsest run."""
+
+_MAX_HARMONICS = 250
+_NM = 1e-9
+
+_SLOPE_WITH_DRIFT = (
+    "; it holds the drift that is common to all runs, which one feedrate cannot tell from it, so it "
+    "has no uncertainty"
+)
+
+
+def separate_joint(
+    runs: RunSet,
+    *,
+    length: float | None = None,
+    start: float | None = None,
+    shortest: float | None = None,
+    lag: float | Literal["auto", "fit"] = "auto",
+    min_feeds: int = 2,
+    false_discovery_rate: float = 0.05,
+    drift: int = 0,
+    lines: Literal["auto"] | Sequence[float] = (),
+    line_phase: Literal["free", "locked"] = "free",
+    false_alarm: float = 0.001,
+    robust: bool = False,
+    following: Following = "off",
+    following_waves: int | Sequence[float] = 3,
+    probes: Sequence[str] | None = None,
+    probe_gain: Literal["equal", "fit"] = "equal",
+) -> ErrorEstimate:
+    """Return the repeatable error of one direction of travel by joint least squares.
+
+    Parameters
+    ----------
+    runs : RunSet
+        Runs of one direction, with time.
+    length, start : float, m, optional
+        Evaluation range; the common travel if omitted.
+    shortest : float, m, optional
+        Shortest wavelength of the model; chosen by evidence if omitted.
+    lag : float, "auto" or "fit", s, optional
+        Delay of the reading against the position, positive when the reading is late. It is tested
+        for in every fit of two feedrates: "auto" corrects it as far as the readings show one, a
+        number is kept and what is found beside it is said, "fit" fits it in any case.
+    min_feeds : int, optional
+        Feedrates that must be there; 1 accepts that random vibration is only averaged.
+    false_discovery_rate : float, optional
+        For the column ``selected`` of the spectrum.
+    drift : {0, 1, 2}, optional
+        Degree of a polynomial in time that each run has for itself.
+    lines : "auto" or sequence of float, Hz, optional
+        Deterministic lines to remove; "auto" looks for them.
+    line_phase : {"free", "locked"}, optional
+        Whether each run has its own amplitude and phase, or all share them from their start.
+    false_alarm : float, optional
+        Chance that "auto" finds a line where there is none.
+    robust : bool, optional
+        Whether spikes, dropouts and bad stretches lose their weight.
+    following : {"off", "offset", "scale", "waves"}, optional
+        What grows with the feedrate: the offset, the whole error, or single waves of it.
+    following_waves : int or sequence of float, m, optional
+        How many of the strongest wavelengths grow with the feedrate, or which.
+    probes : sequence of str, optional
+        Name of the probe of each run; ``metadata["probe"]`` of the runs if omitted.
+    probe_gain : {"equal", "fit"}, optional
+        Whether the probes have the sensitivity of the first, or their own.
+
+    Returns
+    -------
+    ErrorEstimate
+        With a Fourier curve.
+
+    Raises
+    ------
+    DataError
+        If a number is text, `false_discovery_rate` or an option is out of range, or the names of the probes do not
+        fit the runs.
+    NotSeparableError
+        If there are fewer feedrates than `min_feeds`, or lag, feed-dependent part or sensitivity
+        cannot be told apart with these runs.
+    UnitError
+        If `shortest`, `lag`, a line or a wavelength cannot be meant in SI.
+    InvalidSamplesError, NotUniformError, TooFewSamplesError
+        If the runs have no usable time, cover different travels or are too short.
+    """
+    share = "a share between 0 and 1, such as 0.05 for 5 %"
+    if not 0.0 < checked_number(false_discovery_rate, "false_discovery_rate", share) < 1.0:
+        raise DataError(
+            f"false_discovery_rate must be in (0, 1), got {false_discovery_rate}; 5 % is 0.05"
+        )
+    options = JointOptions(
+        drift=drift,
+        lines=cast("Any", lines),
+        line_phase=line_phase,
+        false_alarm=false_alarm,
+        robust=robust,
+        following=following,
+        following_waves=cast("Any", following_waves),
+        probe_gain=probe_gain,
+    )
+    start, length, shortest = (
+        metres(value, name)
+        for value, name in ((start, "start"), (length, "length"), (shortest, "shortest"))
+    )
+    min_feeds = checked_count(min_feeds, "min_feeds")
+    _check_feeds(runs, min_feeds=min_feeds, fit_lag=lag == "fit")
+    names = probe_names(runs, probes)
+    n_feeds, n_probes = len(runs.feeds), len(set(names))
+    way = " and ".join("forward" if d > 0 else "reverse" for d in runs.directions)
+    options.check_runs(n_feeds, n_probes, fit_lag=lag == "fit", way=way)
+    first, last = evaluation_range(runs, start=start, length=length)
+    prepared = prepare_runs(runs, probes=names)
+    check_lines(options, prepared)
+    low, high = runs.full_travel
+    period = _PERIOD_SHARE * (high - low)
+    options.check_waves(period)
+    n_harmonics, limit = _n_harmonics(prepared, period=period, shortest=shortest)
+    start_lag = 0.0 if lag in ("auto", "fit") else _checked_lag(lag)
+    mode: Literal["stated", "auto", "fit"] = "stated"
+    if isinstance(lag, str):
+        mode = "fit" if lag == "fit" else "auto"
+    solution = solve_joint(
+        prepared,
+        origin=first,
+        period=period,
+        n_harmonics=n_harmonics,
+        choose_shortest=shortest is None,
+        lag=start_lag,
+        lag_mode=mode,
+        options=options,
+        several_feeds=n_feeds > 1,
+    )
+    terms, sentences = report_terms(solution, prepared, runs, options)
+    curve, uncertainty, slope, level = joint_curves(solution, (first, last), (low, high))
+    if options.drift and n_feeds < 2:
+        slope = Quantity(slope.value, slope.unit, slope.definition + _SLOPE_WITH_DRIFT)
+    spectrum = spectrum_columns(solution, runs, rate=false_discovery_rate)
+    messages = (
+        *explain_resolution(
+            solution,
+            limit=limit,
+            travel=high - low,
+            runs=runs,
+            n_selected=sum(spectrum["selected"]),
+        ),
+        *explain_lag(solution, mode=mode, n_selected=sum(spectrum["selected"])),
+        *explain_disturbances(solution, runs, spectrum),
+        *sentences,
+        *hint_options(solution, prepared, options),
+    )
+    audit = joint_audit(runs, prepared, solution, shortest, false_discovery_rate)
+    if options != JointOptions() or n_probes > 1:
+        audit["options"] = options.as_dict()
+        audit["run_levels_nm"] = ((solution.offsets + level) / _NM).tolist()
+    evidence, audit["evidence"], unsteady = evidence_of(
+        runs, names, start=first, stop=last, rate=false_discovery_rate
+    )
+    known = uncertainty.z[~np.isnan(uncertainty.z)]
+    band = float(np.sqrt(np.mean(known**2)))
+    messages = (
+        *messages,
+        *unsteady,
+        *(
+            []
+            if unsteady
+            else contradictions(spectrum, evidence, curve, span=(first, last), noise_nm=band / _NM)
+        ),
+        *explain_band(
+            solution, band=band, plain=_plain_band(solution, (first, last), (low, high))
+        ),
+    )
+    feed_term = feed_curves(solution, options, (first, last), (low, high))
+    residual = np.concatenate(solution.kept_residuals)
+    return ErrorEstimate(
+        method="joint",
+        start=first,
+        stop=last,
+        fit_range=(low, high),
+        directions_data={0: DirectionEstimate(curve, uncertainty, feed_term)},
+        slope=slope,
+        spectrum_data=spectrum,
+        feed_spectra_data=feed_spectra_columns(runs),
+        residual_psd_data=residual_psd_columns(prepared, solution),
+        residual_rms=float(np.sqrt(np.nanmean(residual**2))),
+        lag=solution.lag,
+        lag_sd=solution.lag_sd,
+        audit=audit,
+        messages=messages,
+        history=runs.history,
+        terms=terms,
+        evidence_data=evidence,
+    )
+
+
+def _plain_band(
+    solution: Solution, evaluation: tuple[float, float], travel: tuple[float, float]
+) -> float:
+    """Return the RMS uncertainty without what the uncertain prior adds."""
+    plain = replace(solution, covariance=solution.plain_covariance)
+    u = joint_curves(plain, evaluation, travel)[1].z
+    return float(np.sqrt(np.nanmean(u**2)))
+
+
+def _check_feeds(runs: RunSet, *, min_feeds: int, fit_lag: bool) -> None:
+    feeds = runs.feeds
+    have = ", ".join(f"{f * 6e4:.6g} mm/min" for f in feeds) or "no feedrate"
+    way = " and ".join("forward" if d > 0 else "reverse" for d in runs.directions)
+    if not feeds and min_feeds > 0:
+        raise NotSeparableError(
+            f"the {way} runs have no feedrate and no time; the joint method needs time to tell "
+            "vibration from geometry: give a time column, the sampling rate or the feed of each "
+            "run (or use method='mean')"
+        )
+    if len(feeds) < min_feeds:
+        raise NotSeparableError(
+            f"the {way} runs have {len(feeds)} feedrate(s) ({have}), the separation needs {min_feeds}: a "
+            "vibration and a geometric error of the same wavelength look alike at one feedrate; "
+            "add runs at another feedrate, or accept averaging with method='mean' or min_feeds=1"
+        )
+    if fit_lag and len(feeds) < 2:
+        raise NotSeparableError(
+            f"the lag cannot be fitted from one feedrate ({have}): it only shifts the error along "
+            "the axis; add runs at another feedrate or state the lag"
+        )
+
+
+def _checked_lag(lag: Any) -> float:
+    if isinstance(lag, bool) or not isinstance(lag, int | float | np.number):
+        raise DataError(f"lag is a number in seconds, 'auto' or 'fit', got {lag!r}; 1 ms is 1e-3")
+    value = float(lag)
+    if not math.isfinite(value) or abs(value) > 1.0:
+        raise UnitError(f"lag is {value} s; it must be finite and below 1 s: 1 ms is 1e-3")
+    return value
+
+
+def _n_harmonics(
+    runs: list[PreparedRun], *, period: float, shortest: float | None
+) -> tuple[int, str]:
+    pitch = max(float(np.ptp(r.x)) / max(r.x.size - 1, 1) for r in runs)
+    rows = sum(int((~np.isnan(r.z)).sum()) for r in runs)
+    by_data = max(int(rows / 6 - len(runs)) // 2, 4)
+    floor = _SAMPLES_PER_WAVE * pitch
+    if shortest is not None:
+        if not floor <= shortest <= period:
+            raise UnitError(
+                f"shortest is {format_length(shortest)}; it must lie between "
+                f"{format_length(floor)} (2.5 sample pitches) and {format_length(period)}; it is in "
+                "metres: 1.2 mm is 1.2e-3"
+            )
+        wanted = int(period / shortest * (1.0 + 1e-12))
+        return min(wanted, by_data), "stated" if wanted <= by_data else "data"
+    by_pitch = int(period / floor)
+    return min(by_pitch, by_data, _MAX_HARMONICS), (
+        "cost" if by_pitch > _MAX_HARMONICS else "sampling"
+    )
+
+
+# ---- private to separation: the joint solution as a curve with its uncertainty, line removed ----
+
+
+def joint_curves(
+    solution: Solution, evaluation: tuple[float, float], travel: tuple[float, float]
+) -> tuple[FourierCurve, SampledCurve, Quantity, float]:
+    """Return curve, uncertainty, slope and level; the line over the evaluation range is taken out."""
+    k = solution.n_harmonics
+    step = solution.period / max(k, 8) / 8.0
+    n_grid = int(np.clip(np.ceil((travel[1] - travel[0]) / step), 200, 4000)) + 1
+    grid = np.linspace(travel[0], travel[1], n_grid)
+    inner = np.linspace(evaluation[0], evaluation[1], LINE_POINTS)
+
+    def functions(x: FloatArray) -> FloatArray:
+        waves = fourier_basis(x, origin=solution.origin, period=solution.period, n_harmonics=k)
+        return np.column_stack([x - solution.centre, waves])
+
+    mid, half = np.mean(evaluation), (evaluation[1] - evaluation[0]) / 2.0
+    line = np.column_stack([np.ones(inner.size), (inner - mid) / half])
+    to_line = np.linalg.lstsq(line, functions(inner), rcond=None)[0]
+    projected = functions(grid) - np.column_stack([np.ones(n_grid), (grid - mid) / half]) @ to_line
+    variance = np.einsum("ij,jk,ik->i", projected, solution.covariance, projected)
+    offset, slope_half = to_line @ solution.coefficients
+    slope_variance = float(to_line[1] @ solution.covariance @ to_line[1]) / half**2
+    slope = float(slope_half / half)
+    rest = solution.coefficients[0] - slope
+    curve = FourierCurve(
+        origin=solution.origin,
+        period=solution.period,
+        cosine=solution.coefficients[1 : k + 1].copy(),
+        sine=solution.coefficients[k + 1 :].copy(),
+        offset=float(
+            rest * (solution.origin - solution.centre) - offset + slope * (mid - solution.centre)
+        ),
+        slope=float(rest),
+        travel=travel,
+    )
+    alignment = Quantity(
+        slope,
+        "rad",
+        "slope of the least-squares line over the evaluation range (alignment of artefact and "
+        "axis, or squareness); removed from the estimate",
+        u=math.sqrt(max(slope_variance, 0.0)),
+    )
+    return curve, SampledCurve(grid, np.sqrt(np.maximum(variance, 0.0))), alignment, float(offset)
+
+
+# ---- private to separation: what repeatability alone says, beside the joint estimate -----------
+# The joint method tests a wavelength against its model of the noise; the table of evidence asks only
+# whether the runs of different feedrates agree. Where the feedrates move a vibration by less than
+# the resolution, the second question has no answer.
+
+_AGREES, _DISAGREES = 1e-4, 0.5
+"""p-values between which estimate and evidence may differ by chance."""
+
+_STRONG = 8.0
+"""A wave of the estimate is held against the evidence beyond so many of its uncertainties."""
+
+_TIMES = 4.0
+"""The evidence is held against the estimate where its wave is so many times as strong."""
+
+_POINTS_OF_A_WAVE = 16
+"""Of the estimate, where its spectrum is taken as that of the runs."""
+
+_LEAST_RUNS = 2
+"""Runs of each feedrate: fewer leave hardly any degrees of freedom."""
+
+
+def evidence_of(
+    runs: RunSet, probes: Sequence[str], *, start: float, stop: float, rate: float
+) -> tuple[dict[str, list[Any]], Mapping[str, Any], tuple[str, ...]]:
+    """Return the columns of the evidence and what was done, or why there are none."""
+    used = RunSet([r for r, name in zip(runs, probes, strict=True) if name == probes[0]])
+    groups = used.by_feed()
+    if len(groups) < 2 or any(r.feed is None for r in used):
+        return {}, {"not_taken": "fewer than 2 feedrates"}, ()
+    if min(len(members) for _, members in groups) < _LEAST_RUNS:
+        return {}, {"not_taken": f"fewer than {_LEAST_RUNS} runs at a feedrate"}, ()
+    try:
+        table = evidence_table(used, start=start, length=stop - start, false_discovery_rate=rate)
+    except (InvalidSamplesError, TooFewSamplesError, NotSeparableError) as exc:
+        return {}, {"not_taken": str(exc)}, ()
+    return dict(table.columns), table.audit, table.unsteady
+
+
+def contradictions(
+    spectrum: Mapping[str, list[Any]],
+    evidence: Mapping[str, list[Any]],
+    curve: Callable[[FloatArray], FloatArray],
+    *,
+    span: tuple[float, float],
+    noise_nm: float,
+) -> list[str]:
+    """Name the wave in which estimate and evidence of one result contradict each other most.
+
+    The estimate knows the noise, the evidence only asks whether the runs agree; where both are
+    right they find the same strong waves. Amplitudes are compared over neighbouring wavelengths,
+    since the two tables have different ones; and with the estimate under the window of the
+    evidence, where a strong wave off the grid of the travel leaks into its neighbours.
+    """
+    if not evidence:
+        return []
+    own_wave, own = (np.array(spectrum[k], dtype=float) for k in ("wavelength_mm", "amplitude_nm"))
+    sd = np.array(spectrum["sd_nm"], dtype=float)
+    wave, found = (np.array(evidence[k], dtype=float) for k in ("wavelength_mm", "amplitude_nm"))
+    p = np.array(evidence["p"], dtype=float)
+    sentences = []
+    alone = np.zeros(own.size)
+    for k in np.flatnonzero(np.array(spectrum["selected"]) & (own > _STRONG * sd)):
+        near = np.abs(wave[0] / wave - wave[0] / own_wave[k]) < 1.6
+        # The greatest wave of its surroundings only: the flanks of a strong one are no waves.
+        around = own[max(k - 3, 0) : k + 4]
+        if own[k] >= around.max() and near.any() and not np.isnan(p[near]).any():
+            alone[k] = own[k] if p[near].min() > _DISAGREES else 0.0
+    if alone.any():
+        top = int(np.argmax(alone))
+        sentences.append(
+            f"the estimate holds a wave of {own_wave[top]:.3g} mm, {own[top]:.3g} nm, but the runs do not "
+            "agree on one there (evidence): it is not certain, and the uncertainty does not hold it; "
+            "add runs at another feedrate"
+        )
+    left = np.zeros(found.size)
+    x = np.linspace(*span, _POINTS_OF_A_WAVE * found.size + 1)
+    own_spectra = feed_spectra(
+        RunSet([Run(x, curve(x))]),
+        origin=span[0],
+        length=span[1] - span[0],
+        n_harmonics=found.size,
+        taper="tukey",
+    )
+    leaked = np.abs(own_spectra.coefficients[0]) / own_spectra.mean_weight * 1e9
+    for k in np.flatnonzero(p < _AGREES):
+        near = np.abs(wave[0] / own_wave - wave[0] / wave[k]) < 1.6
+        around = found[max(k - 3, 0) : k + 4]
+        held = max(own[near].max(initial=0.0), leaked[max(k - 1, 0) : k + 2].max())
+        if found[k] >= around.max() and near.any() and found[k] > _TIMES * held:
+            left[k] = found[k] if found[k] > noise_nm else 0.0
+    if left.any():
+        top = int(np.argmax(left))
+        sentences.append(
+            f"the runs repeat a wave of {wave[top]:.3g} mm, {found[top]:.3g} nm (evidence), that the estimate "
+            "does not hold: ask for shorter wavelengths with shortest="
+        )
+    return sentences
+
+
+# ---- private to separation: spectrum, residual and audit of the joint solution as plain columns ----
+
+_TABLES_NM, _MM = 1e-9, 1e-3
+
+_SHORTEST_SEGMENT = 16
+"""Samples without a gap from which a spectrum of the residual is taken."""
+
+_BLIND = "beyond the noise model, but not separable by repeatability"
+
+_LINE_CELLS = 1.0
+"""A line falls onto a wavelength within so many resolution cells of the travel."""
+
+
+def spectrum_columns(solution: Solution, runs: RunSet, *, rate: float) -> dict[str, list[Any]]:
+    """Return amplitude, evidence and reason of each wavelength of the basis."""
+    n_all, kept = solution.amplitude.size, solution.n_harmonics
+    k = np.arange(1, n_all + 1)
+    wavelength = solution.period / k
+    cosine, sine = np.zeros(n_all), np.zeros(n_all)
+    cosine[:kept] = solution.coefficients[1 : kept + 1]
+    sine[:kept] = solution.coefficients[kept + 1 :]
+    p_values = np.exp(-solution.chi2 / 2.0)
+    selected = benjamini_hochberg(p_values, rate=rate)
+    selected[kept:] = False
+    taken = _under_a_line(solution, runs, wavelength)
+    selected[list(taken)] = False
+    blind = _not_separable(runs, wavelength)
+    reasons = [
+        taken.get(i) or _reason(chosen=bool(selected[i]), kept=i < kept, blind=bool(blind[i]))
+        for i in range(n_all)
+    ]
+    amplitude = np.hypot(cosine, sine)
+    amplitude[kept:] = 0.0
+    return {
+        "wavelength_mm": (wavelength / _MM).tolist(),
+        "amplitude_nm": (amplitude / _TABLES_NM).tolist(),
+        "phase_rad": (-np.arctan2(sine, cosine)).tolist(),
+        "sd_nm": (solution.amplitude_sd / _TABLES_NM).tolist(),
+        "snr": (solution.amplitude / solution.amplitude_sd).tolist(),
+        "p": p_values.tolist(),
+        "selected": [bool(s) for s in selected],
+        "reason": reasons,
+    }
+
+
+def _reason(*, chosen: bool, kept: bool, blind: bool) -> str:
+    if not kept:
+        return "no evidence at this wavelength or shorter"
+    if not chosen:
+        return "within the noise"
+    return _BLIND if blind else "repeats at all feedrates"
+
+
+def _not_separable(runs: RunSet, wavelength: FloatArray) -> NDArray[np.bool_]:
+    """Where the feedrates move a vibration by no more than the resolution of the fastest run."""
+    feeds = runs.feeds
+    if len(feeds) < 2:
+        return np.full(wavelength.size, True)
+    low, high = runs.full_travel
+    return np.asarray((feeds[-1] - feeds[0]) / wavelength <= feeds[-1] / (high - low))
+
+
+def _under_a_line(solution: Solution, runs: RunSet, wavelength: FloatArray) -> dict[int, str]:
+    """Rows onto which a removed line falls at the only feedrate, with the reason."""
+    if len(runs.feeds) != 1:
+        return {}
+    low, high = runs.full_travel
+    taken = {}
+    for frequency in solution.terms.frequencies:
+        cells = np.abs(frequency / runs.feeds[0] - 1.0 / wavelength) * (high - low)
+        for i in np.flatnonzero(cells < _LINE_CELLS):
+            taken[int(i)] = (
+                f"the line at {frequency:.4g} Hz falls here: not separable at one feedrate"
+            )
+    return taken
+
+
+def residual_psd_columns(runs: list[PreparedRun], solution: Solution) -> dict[str, list[Any]]:
+    """Return the spectrum of the residual at the sampling interval that most samples have."""
+    steps = [m.time_step for m in solution.noise]
+    owner = [int(np.argmin([abs(r.time_step - s) for s in steps])) for r in runs]
+    sizes = [
+        sum(r.x.size for r, o in zip(runs, owner, strict=True) if o == g)
+        for g in range(len(steps))
+    ]
+    group = int(np.argmax(sizes))
+    model = solution.noise[group]
+    records = [r for r, o in zip(solution.bridged, owner, strict=True) if o == group]
+    size = _unbroken_segment(records)
+    if size < _SHORTEST_SEGMENT:  # an estimate must not fail for want of a picture
+        return {"frequency_hz": [], "psd_nm2_per_hz": [], "model_nm2_per_hz": []}
+    frequency, density = pooled_periodogram(records, time_step=model.time_step, n_fft=size)
+    return {
+        "frequency_hz": frequency.tolist(),
+        "psd_nm2_per_hz": (density / _TABLES_NM**2).tolist(),
+        "model_nm2_per_hz": (model.psd(frequency) / _TABLES_NM**2).tolist(),
+    }
+
+
+def _unbroken_segment(records: list[FloatArray]) -> int:
+    """Return the usual length of a segment, or the longest run of samples without a NaN."""
+    longest = 0
+    for record in records:
+        gaps = np.flatnonzero(np.isnan(np.concatenate([[np.nan], record, [np.nan]])))
+        longest = max(longest, int(np.diff(gaps).max()) - 1)
+    usual = min(*(r.size for r in records), 1024)
+    # Segments start at multiples of half their length: 2/3 of a stretch always holds a whole one.
+    return usual if all(not np.isnan(r).any() for r in records) else min(usual, 2 * longest // 3)
+
+
+def joint_audit(
+    runs: RunSet,
+    prepared: list[PreparedRun],
+    solution: Solution,
+    shortest: float | None,
+    rate: float,
+) -> dict[str, Any]:
+    """Return what was done, as plain values."""
+    return {
+        "n_runs": len(runs),
+        "feeds_mm_per_min": [f * 6e4 for f in runs.feeds],
+        "n_samples": sum(len(r) for r in runs),
+        "n_not_measured": sum(r.n_invalid for r in runs),
+        "averaged_samples": max(r.block for r in prepared),
+        "basis_period_mm": solution.period / _MM,
+        "shortest_wavelength_mm": solution.period / solution.n_harmonics / _MM,
+        "shortest_wavelength_chosen_by": "user" if shortest is not None else "evidence",
+        "shortest_wavelength_considered_mm": solution.period / solution.amplitude.size / _MM,
+        "noise_model": [
+            {
+                "time_step_ms": m.time_step * 1e3,
+                "order": m.order,
+                "innovation_nm": math.sqrt(m.variance) / _TABLES_NM,
+            }
+            for m in solution.noise
+        ],
+        "noise_order_chosen_by": "AICc",
+        "effective_parameters": solution.freedom,
+        "false_discovery_rate": rate,
+        "lag_test": _lag_audit(solution),
+        "line_removed": "least squares over the evaluation range",
+        "run_offsets_nm": (solution.offsets / _TABLES_NM).tolist(),
+    }
+
+
+def _lag_audit(solution: Solution) -> dict[str, Any] | None:
+    """Return what the test of a lag beside the stated one found."""
+    test = solution.lag_test
+    if test is None:
+        return None
+    return {
+        "lag_ms": test.lag * 1e3,
+        "u_ms": test.u * 1e3,
+        "probability": test.probability,
+        "fitted": test.fitted,
+    }
+
+
+# ---- private to separation: sentences that say which option would help, where the readings show it ----
+# Slopes in time: the residual of each run is written in orthogonal polynomials of time. Noise that
+# is smooth over frequency gives each low degree the same variance, so the first degree is compared
+# with the next ones by an F test; a drift of the runs raises the first alone.
+
+_DEGREES = 7
+"""Highest degree in time; those above the first show what noise alone does."""
+
+_RARE = 1e-3
+"""A drift is named where chance alone would show as much less often than this."""
+
+_SURE = 4.5
+"""A gain is named beyond so many uncertainties: these scatter by up to 1.3 times what the noise
+model says, since the noise model is itself an estimate."""
+
+
+def hint_options(
+    solution: Solution, prepared: Sequence[PreparedRun], options: JointOptions
+) -> list[str]:
+    """Name the options that these readings ask for."""
+    sentences = [] if options.drift else _drift_hint(solution, prepared)
+    if options.probe_gain == "equal":
+        sentences += _gain_hint(solution)
+    return sentences
+
+
+def _drift_hint(solution: Solution, prepared: Sequence[PreparedRun]) -> list[str]:
+    from scipy.stats import f as f_distribution
+
+    marked = None if solution.weights is None else solution.weights.marked
+    powers = []
+    for i, (run, residual) in enumerate(zip(prepared, solution.residuals, strict=True)):
+        z = residual if marked is None else np.where(marked[i], np.nan, residual)
+        powers.append(_power_by_degree(run.t, z))
+    power = np.array(powers)
+    n_free = (len(prepared) - 1.0) / solution.sharing[0]  # what all share is slope of the axis
+    noise = float(power[:, 1:].mean())
+    if n_free < 1.0 or noise <= 0.0:
+        return []
+    ratio = float(power[:, 0].mean()) / noise
+    p = float(f_distribution.sf(ratio, n_free, n_free * (_DEGREES - 1)))
+    if p >= _RARE:
+        return []
+    slopes = np.array([_rise(r.t, z) for r, z in zip(prepared, solution.residuals, strict=True)])
+    sentence = (
+        f"the residuals rise or fall in time, by up to {np.abs(slopes).max() / _NM:.3g} nm in a run, "
+        f"{math.sqrt(ratio):.2g} times what their noise explains (p = {max(p, 1e-99):.0e}): the sensor "
+        "or the temperature drifts and the uncertainty is too small; drift=1 takes it out"
+    )
+    return [sentence]
+
+
+def _power_by_degree(t: FloatArray, z: FloatArray) -> FloatArray:
+    """Return the squares of the coefficients of degree 1 and higher, polynomials of unit power."""
+    valid = ~np.isnan(z)
+    u = (t - 0.5 * (t[0] + t[-1])) / (0.5 * float(np.ptp(t)))
+    columns = np.polynomial.legendre.legvander(u[valid], _DEGREES)
+    q = np.linalg.qr(columns)[0]
+    return np.asarray((q.T @ z[valid])[1:] ** 2)
+
+
+def _rise(t: FloatArray, z: FloatArray) -> float:
+    """Return the change of the fitted line over one run."""
+    valid = ~np.isnan(z)
+    u = t[valid] - float(t[valid].mean())
+    return float(u @ z[valid] / (u @ u)) * float(np.ptp(t))
+
+
+def _gain_hint(solution: Solution) -> list[str]:
+    return [
+        f"the readings of probe {d.probe!r} differ by {100 * d.gain:+.2g} % (u {100 * d.sd:.1g} %) "
+        f"from those of {d.first!r}; probe_gain='fit' gives each probe its own sensitivity"
+        for d in solution.probe_differences
+        if abs(d.gain) > _SURE * d.sd
+    ]

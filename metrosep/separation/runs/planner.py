@@ -1,0 +1,696 @@
+"""`plan_feedrates`: at which feeds to run an axis so that every wavelength becomes well known.
+
+A geometric error of wavelength L read at feed v is a tone of v / L; a vibration keeps its
+frequency. A feed that puts a wave onto a vibration learns nothing about that wave, so the plan
+maximises the information on the worst wavelength. Units are SI; columns and messages carry theirs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.blas import one_blas_thread
+from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError
+from metrosep.core.profile import html_table
+from metrosep.core.provenance import freeze_mapping
+from metrosep.separation._readings import (
+    LONG_WAVE,
+    checked_feeds,
+    checked_wavelengths,
+    plain,
+    positive,
+    reduced,
+)
+from metrosep.separation.runs.planner_search import Limits, best_feeds
+from metrosep.separation.runs.solver import TimeDensity, time_density
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["FeedPlan", "plan_feedrates", "predicted_sd"]
+
+_WAVES_IN_TRAVEL = 2.0
+"""Travel of a run over the longest wavelength where the user gives no length: with fewer than two
+waves the offset of the run and the wave are hard to tell apart."""
+
+_LEAST_RATIO = 1.1
+"""Closer feeds see a resonance of a few per cent damping at the same wavelength."""
+
+
+def plan_feedrates(
+    psd: Any,
+    wavelengths: ArrayLike | tuple[float, float],
+    v_min: float,
+    v_max: float,
+    n_runs: int,
+    *,
+    length: float | None = None,
+    settle_distance: float = 0.0,
+    max_time: float | None = None,
+    min_ratio: float = _LEAST_RATIO,
+    fixed: ArrayLike = (),
+    psd_feed: float | None = None,
+) -> FeedPlan:
+    """Return the feeds that make the least known of the wavelengths known best.
+
+    Parameters
+    ----------
+    psd : DataFrame, (f, S), callable or Psd
+        One-sided density of the disturbance over time: ``estimate.residual_psd``; samples in Hz
+        and m^2/Hz; a function S(f); or a `Psd` computed over time (or over position, with
+        `psd_feed`).
+    wavelengths : array_like, shape (k,), or (shortest, longest), m
+        Waves that matter. A tuple of two is the limits of a range, of which 121 are taken.
+    v_min, v_max : float, m/s
+        Range of feeds of the machine.
+    n_runs : int
+        Number of runs to plan.
+    length : float, m, optional
+        Travel of each run; twice the longest wavelength if omitted.
+    settle_distance : float, m, optional
+        Part of it that is lost while the axis settles.
+    max_time : float, s, optional
+        Limit on the sum of length / feed of the new runs.
+    min_ratio : float, > 1, optional
+        Two feeds are equal or at least this ratio apart.
+    fixed : array_like, m/s, optional
+        Feeds of runs that were already done.
+    psd_feed : float, m/s, optional
+        Feed at which the profile of a `Psd` over position was recorded.
+
+    Returns
+    -------
+    FeedPlan
+        ``feeds``, ``sd``, ``information``, ``audit``, ``messages``.
+
+    Raises
+    ------
+    DataError
+        If a speed, wavelength or length is not positive and finite, no wave fits the travel, or
+        no plan keeps the limits.
+    InvalidSamplesError
+        If the density is not above zero everywhere.
+    NotSeparableError
+        If the range allows only one feed, or the density is known at none of the frequencies of
+        some wavelength.
+    TooFewSamplesError
+        If the plan, with the runs already done, has fewer than two runs.
+    UnitError
+        If speeds, wavelengths or the density cannot be in SI.
+
+    Notes
+    -----
+    Maximises ``min_k J_k`` with at least two different feeds: a logarithmic grid of candidates,
+    starts from the relaxed linear programme, exchange of runs, then continuous refinement.
+    Deterministic. ``audit["efficiency"]`` is the smallest information over the bound of the
+    relaxed problem, which no plan can exceed. Slow runs last longer and know more per run, so
+    without `max_time` the plan leans to `v_min`. Null space: the offset and slope of a run, waves
+    longer than the travel, and disturbances that are the same function of position in all runs.
+
+    References
+    ----------
+    .. [1] A. Kono et al., Int. J. Mach. Tools Manuf. 48 (2008): several feeds tell geometry from
+       vibration.
+    .. [2] S. M. Kay, Fundamentals of Statistical Signal Processing, 1993, ch. 3: information in
+       coloured noise.
+
+    Examples
+    --------
+    >>> def floor(f):  # 1 nm^2/Hz and an isolator at 12 Hz
+    ...     return 1e-18 + 6e-15 / (1 + ((f - 12) / 0.25) ** 2)
+    >>> plan = plan_feedrates(floor, [10e-3, 5e-3, 4e-3], 0.08, 0.16, 6, length=56e-3)
+    >>> len(set(plan.feeds)) >= 2
+    True
+    >>> bool(min(abs(plan.feeds / 10e-3 - 12.0)) > 1.0)
+    True
+    """
+    density = time_density(psd, feed=psd_feed)
+    waves, travel, usable, audit = _travel(wavelengths, length, settle_distance)
+    limits, done = _limits(v_min, v_max, travel, max_time, min_ratio, fixed)
+    n = _runs(n_runs, done)
+    _reachable(density, waves, limits, done)
+
+    def information(feeds: FloatArray) -> FloatArray:
+        return run_information(density, feeds, waves, usable)
+
+    feeds, bound = best_feeds(information, n, limits, done)
+    if not feeds.size:
+        raise DataError(
+            f"no {n} runs of {travel * 1e3:.4g} mm keep the limits: at {v_max * 6e4:.0f} mm/min "
+            f"they last {n * travel / v_max:.4g} s, allowed are {limits.max_time:.4g} s with two "
+            f"different feeds at least {min_ratio:.4g} apart; allow more time or fewer runs"
+        )
+    plan = _predict(density, waves, feeds, done, usable, audit, limits)
+    audit = {
+        **plan.audit,
+        "v_min_mm_per_min": float(v_min) * 6e4,
+        "v_max_mm_per_min": float(v_max) * 6e4,
+        "min_ratio": float(min_ratio),
+        "max_time_s": None if max_time is None else float(max_time),
+        "criterion": "largest smallest information over the wavelengths",
+        "efficiency": float(plan.information.min() / bound),
+    }
+    return FeedPlan(
+        plan.feeds, waves, plan.information, plan.columns, density, done, audit, plan.messages
+    )
+
+
+def predicted_sd(
+    psd: Any,
+    feeds: ArrayLike,
+    wavelengths: ArrayLike | tuple[float, float],
+    length: float | None = None,
+    *,
+    settle_distance: float = 0.0,
+    psd_feed: float | None = None,
+) -> FeedPlan:
+    """Return what runs at given feeds tell about each wavelength.
+
+    Parameters
+    ----------
+    psd : DataFrame, (f, S), callable or Psd
+        As for `plan_feedrates`.
+    feeds : array_like, shape (n_runs,), m/s
+        One entry for each run.
+    wavelengths : array_like, shape (k,), or (shortest, longest), m
+        As for `plan_feedrates`.
+    length : float, m, optional
+        Travel of each run; twice the longest wavelength if omitted.
+    settle_distance : float, m, optional
+        Part of it that is lost while the axis settles.
+    psd_feed : float, m/s, optional
+        As for `plan_feedrates`.
+
+    Returns
+    -------
+    FeedPlan
+        ``sd``, ``information``, ``messages``; `feeds` as given, sorted.
+
+    Raises
+    ------
+    DataError
+        If a speed, wavelength or length is not positive and finite.
+    InvalidSamplesError
+        If the density is not above zero everywhere.
+    TooFewSamplesError
+        If there is no feed.
+    UnitError
+        If speeds, wavelengths or the density cannot be in SI.
+
+    Examples
+    --------
+    >>> white = predicted_sd(lambda f: 4e-18 + 0 * f, [0.1, 0.1], [5e-3, 10e-3, 25e-3], 50e-3)
+    >>> (white.information / 1e17).round(9).tolist()  # 2 runs x 0.5 s / 4 nm^2/Hz
+    [2.5, 2.5, 2.5]
+    """
+    density = time_density(psd, feed=psd_feed)
+    waves, _, usable, audit = _travel(wavelengths, length, settle_distance)
+    speeds = np.sort(checked_feeds(feeds, "feeds"))
+    if not speeds.size:
+        raise TooFewSamplesError("feeds is empty; give the feed of each run in m/s")
+    return _predict(density, waves, speeds, np.empty(0), usable, audit, None)
+
+
+def _travel(
+    wavelengths: ArrayLike, length: float | None, settle_distance: float
+) -> tuple[FloatArray, float, float, dict[str, Any]]:
+    """Wavelengths, travel of a run, the usable part of it, and what to say about them."""
+    waves, is_range = checked_wavelengths(wavelengths, travel_is_known=length is not None)
+    longest = float(waves.max())
+    lost = positive(settle_distance, "settle_distance", "m", zero=True)
+    if length is None:
+        travel = _WAVES_IN_TRAVEL * longest + lost
+        chosen = f"{_WAVES_IN_TRAVEL:.0f} x the longest wavelength"
+    else:
+        travel, chosen = positive(length, "length", "m"), "user"
+    usable = travel - lost
+    if usable < longest * (1.0 - 1e-9):
+        raise DataError(
+            f"a run of {travel * 1e3:.4g} mm of which {lost * 1e3:.4g} mm are lost holds less than "
+            f"one wave of {longest * 1e3:.4g} mm; run longer or plan for shorter waves"
+        )
+    audit = {
+        "length_mm": travel * 1e3,
+        "length_chosen_by": chosen,
+        "settle_distance_mm": lost * 1e3,
+        "n_wavelengths": int(waves.size),
+        "wavelengths_chosen_by": "logarithmic grid over the range" if is_range else "user",
+    }
+    return waves, travel, usable, audit
+
+
+def _limits(
+    v_min: float,
+    v_max: float,
+    travel: float,
+    max_time: float | None,
+    min_ratio: float,
+    fixed: ArrayLike,
+) -> tuple[Limits, FloatArray]:
+    pair = checked_feeds([v_min, v_max], "v_min and v_max")
+    if pair.size != 2:
+        raise DataError("v_min and v_max must be one speed each, in m/s")
+    low, high = pair
+    done = np.sort(checked_feeds(fixed, "fixed"))
+    ratio = positive(min_ratio, "min_ratio", "1")
+    if not ratio > 1.0:
+        raise DataError(f"min_ratio is {min_ratio}; feeds must differ by a ratio above 1, as 1.1")
+    if high < low:
+        raise DataError(f"v_max = {high:.6g} m/s is below v_min = {low:.6g} m/s; swap them")
+    distinct = max(high, *done, 0.0) / min(low, *done, math.inf)
+    if distinct < ratio * (1.0 - 1e-12):
+        raise NotSeparableError(
+            f"feeds from {low * 6e4:.0f} to {high * 6e4:.0f} mm/min allow no two feeds a ratio of "
+            f"{ratio:.4g} apart, and one feed cannot tell vibration from geometry; widen the range "
+            "or lower min_ratio"
+        )
+    time = math.inf if max_time is None else positive(max_time, "max_time", "s")
+    return Limits(float(low), float(high), ratio, travel, time), done
+
+
+def _runs(n_runs: int, fixed: FloatArray) -> int:
+    try:
+        is_whole = not isinstance(n_runs, bool) and int(n_runs) == n_runs
+    except (TypeError, ValueError, OverflowError):
+        is_whole = False
+    if not is_whole:
+        raise DataError(f"n_runs is {n_runs!r}; it must be a whole number of runs")
+    if n_runs < 1 or n_runs + fixed.size < 2:
+        raise TooFewSamplesError(
+            f"n_runs is {n_runs} with {fixed.size} run(s) already done; a plan needs at least two "
+            "runs at different feeds"
+        )
+    return int(n_runs)
+
+
+def _reachable(density: TimeDensity, waves: FloatArray, limits: Limits, fixed: FloatArray) -> None:
+    slowest = min(limits.v_min, *fixed, math.inf)
+    lost = waves[slowest / waves > density.highest]
+    if lost.size:
+        raise NotSeparableError(
+            f"the density is known up to {density.highest:.4g} Hz, but a wave of "
+            f"{lost.min() * 1e3:.4g} mm is read at {slowest / lost.min():.4g} Hz even at "
+            f"{slowest * 6e4:.0f} mm/min; plan for longer waves, allow slower feeds or sample "
+            "faster (feeds are m/s, wavelengths m)"
+        )
+
+
+def _predict(
+    density: TimeDensity,
+    waves: FloatArray,
+    feeds: FloatArray,
+    fixed: FloatArray,
+    usable: float,
+    audit: Mapping[str, Any],
+    limits: Limits | None,
+) -> FeedPlan:
+    every = np.sort(np.concatenate([feeds, fixed]))
+    information = run_information(density, every, waves, usable).sum(axis=0)
+    long_record = np.divide(
+        1.0, np.sqrt(information), out=np.full(waves.shape, np.nan), where=information > 0.0
+    )
+    sd = np.sqrt(finite_variance(density, every, waves, usable))
+    is_exact = bool(np.isfinite(sd[information > 0.0]).all())
+    low, high = (
+        (limits.v_min, limits.v_max) if limits else (float(every.min()), float(every.max()))
+    )
+    naive = {
+        "one_feed": np.full(every.size, 0.5 * (low + high)),
+        "even_feeds": np.linspace(low, high, every.size),
+    }
+    columns = {
+        "wavelength_mm": waves * 1e3,
+        "sd_nm": (sd if is_exact else long_record) * 1e9,
+        "sd_long_record_nm": long_record * 1e9,
+    }
+    for name, plan in naive.items():
+        exact = np.sqrt(finite_variance(density, plan, waves, usable))
+        j = run_information(density, plan, waves, usable).sum(axis=0)
+        rough = np.divide(1.0, np.sqrt(j), out=np.full(j.shape, np.nan), where=j > 0.0)
+        columns[f"sd_{name}_nm"] = (exact if is_exact else rough) * 1e9
+    found = collisions(density, peaks(density, every, waves), every, waves, usable, limits)
+    details = {
+        **audit,
+        "feeds_mm_per_min": [float(v) * 6e4 for v in feeds],
+        "fixed_feeds_mm_per_min": [float(v) * 6e4 for v in fixed],
+        "time_s": float(np.sum(audit["length_mm"] * 1e-3 / feeds)),
+        "density_from": density.source,
+        "density_known_from_hz": density.lowest,
+        "density_known_to_hz": density.highest,
+        "sd_by": "generalised least squares over the finite record, offset of each run free"
+        if is_exact
+        else "long-record formula 1 / sqrt(J)",
+        "one_feed_mm_per_min": float(naive["one_feed"][0]) * 6e4,
+    }
+    messages = plain_messages(found, density, every, waves, is_exact, information)
+    if waves.max() > LONG_WAVE:
+        hint = (
+            f"the longest wave is {waves.max():.4g} m on a travel of "
+            f"{audit['length_mm'] * 1e-3:.4g} m: both are in m (1 mm is 0.001)"
+        )
+        messages = (hint, *messages)
+    return FeedPlan(
+        np.array(feeds), waves, information, columns, density, fixed, details, messages
+    )
+
+
+# ---- what a plan says in plain words: which disturbance falls onto which wavelength at which feed ----
+
+_PEAK_FACTOR = 4.0
+"""A peak stands this much above the median density within an octave to each side."""
+
+_OWN_SHARE = 0.5
+"""A wave counts as covered where the other feeds give at least this share of what an average feed
+would give at that wavelength."""
+
+_MOST_PEAKS = 6
+_LINES = 8001
+
+
+@dataclass(frozen=True, slots=True)
+class Collision:
+    """A disturbance that falls onto a planned wavelength."""
+
+    frequency: float  # of the disturbance
+    wavelength: float  # m: where it falls
+    feed: float  # m/s: at this speed
+    remedy: float  # m/s: A feed that sees this wave best
+    covered: bool  # whether runs at other feeds of the plan know this wave
+
+
+def peaks(density: TimeDensity, feeds: FloatArray, waves: FloatArray) -> FloatArray:
+    """Return the frequencies of the strongest disturbances that can fall onto a wave."""
+    low = float(feeds.min() / waves.max()) / 2.0
+    high = min(2.0 * float(feeds.max() / waves.min()), density.highest)
+    if high <= low:
+        return np.empty(0)
+    f = np.geomspace(low, high, _LINES)
+    s = density(f)
+    top = np.flatnonzero((s[1:-1] > s[:-2]) & (s[1:-1] >= s[2:])) + 1
+    octave = max(int(_LINES * np.log(2.0) / np.log(high / low)), 1)
+    rise = np.array([s[i] / np.median(s[max(i - octave, 0) : i + octave + 1]) for i in top])
+    strong = top[rise > _PEAK_FACTOR] if top.size else top
+    strongest = strong[np.argsort(-s[strong], kind="stable")][:_MOST_PEAKS]
+    return np.sort(f[strongest])
+
+
+def collisions(
+    density: TimeDensity,
+    frequencies: FloatArray,
+    feeds: FloatArray,
+    waves: FloatArray,
+    length: float,
+    limits: Limits | None,
+) -> list[Collision]:
+    """Return which disturbance falls onto which of the planned wavelengths."""
+    low, high = (
+        (limits.v_min, limits.v_max)
+        if limits is not None
+        else (float(feeds.min()) / 2, float(feeds.max()) * 2)
+    )
+    out = []
+    for f in frequencies:
+        for v in np.unique(feeds):
+            wave = _planned(v / f, waves, length)
+            if wave is None:
+                continue
+            at = np.array([wave])
+            own = feeds == v
+            others = run_information(density, feeds[~own], at, length).sum() if (~own).any() else 0
+            options = np.geomspace(low, high, 401)
+            offered = run_information(density, options, at, length)[:, 0]
+            remedy = _round_feed(float(_quiet(options, offered, float(v))), low, high)
+            wanted = np.median(offered) * feeds.size / np.unique(feeds).size
+            out.append(
+                Collision(float(f), wave, float(v), remedy, bool(others >= _OWN_SHARE * wanted))
+            )
+    return out
+
+
+def _planned(wave: float, waves: FloatArray, length: float) -> float | None:
+    """Return the planned wavelength that a disturbance at this one spoils, if there is one.
+
+    A wave in a record of this length is told from another one that differs by one wave in it.
+    """
+    nearest = float(waves[np.argmin(np.abs(1.0 / waves - 1.0 / wave))])
+    return nearest if abs(length / nearest - length / wave) <= 0.5 else None
+
+
+def _quiet(options: FloatArray, offered: FloatArray, feed: float) -> float:
+    """Next slower feed that knows the wave as well as a typical one, else the next faster."""
+    good = offered >= 0.8 * np.median(offered)
+    good &= np.abs(np.log(options / feed)) > np.log(1.1)
+    slower = good & (options < feed)
+    usable = slower if slower.any() else good
+    if not usable.any():
+        return float(options[np.argmax(offered)])
+    nearest = np.argmin(np.where(usable, np.abs(np.log(options / feed)), np.inf))
+    return float(options[nearest])
+
+
+def _round_feed(feed: float, low: float, high: float) -> float:
+    """Round to 100 mm/min (10, 1 for slow feeds) without leaving the range."""
+    for step in (100.0, 10.0, 1.0):
+        rounded = round(feed * 6e4 / step) * step / 6e4
+        if low <= rounded <= high and abs(rounded / feed - 1.0) < 0.03:
+            return rounded
+    return feed
+
+
+def plain_messages(
+    found: list[Collision],
+    density: TimeDensity,
+    feeds: FloatArray,
+    waves: FloatArray,
+    is_exact: bool,
+    information: FloatArray,
+) -> tuple[str, ...]:
+    """Return the messages of a plan."""
+    out = []
+    for c in found:
+        text = (
+            f"{c.frequency:.1f} Hz disturbance maps onto {c.wavelength * 1e3:.1f} mm at "
+            f"{c.feed * 6e4:.0f} mm/min"
+        )
+        if c.covered:
+            out.append(f"{text}; the runs at the other feeds tell them apart")
+        else:
+            out.append(f"{text}; add a run at {c.remedy * 6e4:.0f}")
+    if np.unique(feeds).size < 2:
+        out.append(
+            f"all runs are at {feeds[0] * 6e4:.0f} mm/min: one feed cannot tell vibration from "
+            "geometry; the prediction holds only for vibration that is random from run to run"
+        )
+    beyond = feeds[:, np.newaxis] / waves > density.highest
+    if beyond.any():
+        out.append(
+            f"the density is not known above {density.highest:.4g} Hz: {int(beyond.sum())} of "
+            f"{beyond.size} pairs of run and wavelength count as no information"
+        )
+    if (information <= 0.0).any():
+        unknown = waves[information <= 0.0]
+        out.append(
+            f"nothing is known about waves of {unknown.min() * 1e3:.4g} to "
+            f"{unknown.max() * 1e3:.4g} mm at these feeds: their sd is NaN"
+        )
+    slowest = float(feeds.min() / waves.max())
+    if slowest < density.lowest:
+        out.append(
+            f"the density was not measured below {density.lowest:.4g} Hz; its value there is taken "
+            f"down to {slowest:.4g} Hz ({waves.max() * 1e3:.4g} mm at {feeds.min() * 6e4:.0f} "
+            "mm/min)"
+        )
+    if not is_exact:
+        out.append(
+            "the travel holds more than 300 of the shortest waves: sd is the long-record formula, "
+            "which is too large at narrow resonances"
+        )
+    return tuple(out)
+
+
+# ---- what a set of runs tells about one wavelength: long-record formula and exact finite record ----
+# A wave ``a cos(2 pi x / L) + b sin(...)`` read at the speed v is a tone of f = v / wavelength. With
+# a disturbance of one-sided density S a run of duration T adds ``T / S(f)`` to the information on a
+# and on b (Kay 1993, long records). It is exact only where S hardly changes within 1 / T. A resonance
+# narrower than that spreads over 1 / T: its true effect is smaller at the peak, and the offset of
+# each run costs a little. `finite_variance` does the generalised least squares without approximation.
+
+_SAMPLES_PER_WAVE = 5.0
+"""Samples per wave of the shortest wavelength in the simulated record."""
+
+_MOST_SAMPLES = 1500
+"""Longest record that is solved exactly; a longer one has more than 300 waves."""
+
+_N_FREQUENCIES = 2**17
+"""Lines that make the autocovariance from the density."""
+
+
+def run_information(
+    density: TimeDensity, feeds: FloatArray, wavelengths: FloatArray, length: float
+) -> FloatArray:
+    """Return the information of one run at each feed on each wavelength, long-record formula."""
+    v = np.asarray(feeds, dtype=np.float64)[:, np.newaxis]
+    s = density(v / wavelengths)
+    information: FloatArray = np.where(np.isnan(s), 0.0, length / v / np.where(s > 0.0, s, 1.0))
+    return information
+
+
+def finite_variance(
+    density: TimeDensity, feeds: FloatArray, wavelengths: FloatArray, length: float
+) -> FloatArray:
+    """Return the variance of the amplitude coefficients by generalised least squares."""
+    shortest = float(wavelengths.min())
+    n = int(np.ceil(_SAMPLES_PER_WAVE * length / shortest)) + 1
+    if n > _MOST_SAMPLES:
+        return np.full(wavelengths.shape, np.nan)
+    total = np.zeros((wavelengths.size, 2, 2))
+    with one_blas_thread():
+        for v, count in zip(*np.unique(feeds, return_counts=True), strict=True):
+            used = v / wavelengths <= density.highest
+            if used.any():
+                total[used] += count * _one_run(density, float(v), wavelengths[used], length)
+    trace = total[:, 0, 0] + total[:, 1, 1]
+    determinant = total[:, 0, 0] * total[:, 1, 1] - total[:, 0, 1] ** 2
+    known = determinant > 1e-12 * trace**2
+    out = np.full(wavelengths.shape, np.nan)
+    out[known] = 0.5 * trace[known] / determinant[known]
+    return out
+
+
+def _one_run(
+    density: TimeDensity, feed: float, wavelengths: FloatArray, length: float
+) -> FloatArray:
+    """Information matrices (k, 2, 2) of one run, its offset eliminated."""
+    from scipy.linalg import cho_factor, cho_solve, toeplitz
+
+    duration = length / feed
+    top = min(0.5 * _SAMPLES_PER_WAVE * feed / float(wavelengths.min()), density.highest)
+    n = max(int(2.0 * top * duration + 1e-9), 4)
+    step = duration / n  # n samples stand for the whole duration
+    times = (np.arange(n) - 0.5 * (n - 1)) * step
+    covariance = _autocovariance(density, min(0.5 / step, density.highest), step, n)
+    factor = cho_factor(toeplitz(covariance), check_finite=False)
+    phase = 2.0 * np.pi * feed / wavelengths[:, np.newaxis] * times
+    waves = np.stack([np.cos(phase), np.sin(phase)], axis=1)  # (k, 2, n)
+    columns = np.concatenate([waves.reshape(-1, n), np.ones((1, n))])
+    white = cho_solve(factor, columns.T, check_finite=False)  # (n, 2 k + 1)
+    solved = white[:, :-1].T.reshape(waves.shape)
+    matrix = np.einsum("kin,kjn->kij", waves, solved)
+    with_offset = solved.sum(axis=2)
+    removed = with_offset[:, :, np.newaxis] * with_offset[:, np.newaxis, :] / white[:, -1].sum()
+    information: FloatArray = matrix - removed
+    return information
+
+
+def _autocovariance(density: TimeDensity, top: float, step: float, n: int) -> FloatArray:
+    """Covariance at the first n lags of noise with this density up to `top` = 1 / (2 step)."""
+    frequency = (np.arange(_N_FREQUENCIES) + 0.5) * (0.5 / step / _N_FREQUENCIES)
+    power = density(np.minimum(frequency, top)) * (0.5 / step / _N_FREQUENCIES)
+    # sum_j P_j cos(pi (j + 1/2) k / N): half-way lines keep the zero frequency out
+    turn = np.exp(0.5j * np.pi * np.arange(n) / _N_FREQUENCIES)
+    spectrum = np.fft.fft(power, 2 * _N_FREQUENCIES)[:n].conj()
+    covariance: FloatArray = (spectrum * turn).real
+    return covariance
+
+
+# ---- `FeedPlan`: feeds of a set of runs, and the sd they promise for each wavelength -----------
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FeedPlan:
+    """Feeds of a set of runs and what they will tell about each wavelength.
+
+    Parameters
+    ----------
+    feeds : ndarray, shape (n_runs,), m/s
+        One entry for each run, rising; may repeat.
+    wavelengths : ndarray, shape (k,), m
+        Waves that were planned for.
+    information : ndarray, shape (k,), 1/m^2
+        ``J = sum_r (L_r / v_r) / S(v_r / wavelength)``, runs already done included; 0 where S
+        is not known.
+    columns : mapping of str to ndarray
+        Columns of `sd`.
+    density : TimeDensity
+        Disturbance S(f).
+    fixed : ndarray, m/s
+        Runs already done.
+    audit : mapping
+        Settings and scores, keys with unit suffixes.
+    messages : tuple of str
+        What the user should know, in plain words.
+    """
+
+    feeds: FloatArray
+    wavelengths: FloatArray
+    information: FloatArray
+    columns: Mapping[str, FloatArray]
+    density: TimeDensity
+    fixed: FloatArray
+    audit: Mapping[str, Any] = field(default_factory=dict)
+    messages: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for array in (self.feeds, self.wavelengths, self.information, *self.columns.values()):
+            array.setflags(write=False)
+        object.__setattr__(self, "columns", freeze_mapping(self.columns))
+        object.__setattr__(self, "audit", freeze_mapping(self.audit))
+
+    @property
+    def sd(self) -> pd.DataFrame:
+        """Predicted standard deviation of the amplitude coefficients, one row a wavelength.
+
+        ``sd_nm`` is exact for records of this length; ``sd_long_record_nm`` is ``1 / sqrt(J)``;
+        ``sd_one_feed_nm`` and ``sd_even_feeds_nm`` are ``sd_nm`` of as many runs all at the middle
+        feed, and evenly spread over the range.
+        """
+        import pandas as pd
+
+        return pd.DataFrame({k: np.array(v) for k, v in self.columns.items()})
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, NaN as None.
+
+        Returns
+        -------
+        dict
+            ``feeds``, ``wavelengths``, ``information``, ``fixed`` in SI, ``sd`` by column with
+            unit suffixes, ``density`` (its source), ``audit``, ``messages``.
+        """
+        names = ("feeds", "wavelengths", "information", "fixed")
+        return {
+            **{name: plain(getattr(self, name)) for name in names},
+            "sd": plain(self.columns),
+            "density": self.density.source,
+            "audit": plain(self.audit),
+            "messages": list(self.messages),
+        }
+
+    def _repr_html_(self) -> str:
+        """Return a small table for notebooks."""
+        rows = {
+            f"{w * 1e3:.4g} mm": f"sd {sd:.3g} nm" if np.isfinite(sd) else "sd not known"
+            for w, sd in zip(self.wavelengths[:20], self.columns["sd_nm"][:20], strict=True)
+        }
+        rows.update({f"message {i + 1}": m for i, m in enumerate(self.messages)})
+        return html_table(repr(self), rows)
+
+    def __repr__(self) -> str:
+        feeds = ", ".join(
+            f"{n} x {v * 6e4:.0f}"
+            for v, n in zip(*np.unique(self.feeds, return_counts=True), strict=True)
+        )
+        sd = self.columns["sd_nm"]
+        known = sd[np.isfinite(sd)]
+        worst = f"largest sd {known.max():.3g} nm" if known.size else "no sd known"
+        return f"FeedPlan({feeds} mm/min, {worst})"

@@ -1,0 +1,613 @@
+r"""Each run against the others of its direction and probe: gain, place, delay, steps and spikes.
+
+With g the median of the others, :math:`z_r(x) = c + s x + a_r g(x - \delta_r) + n_r`, :math:`n_r`
+autoregressive: gain and shift by generalised least squares, g and the shifts in turn, so that a
+run of the other sign or a displaced one does not blur what it is compared with. A delay of the
+reading shifts every run by velocity times delay, so that line is taken out of the shifts before a
+run is called displaced.
+
+Source: the project's notes on separation, sections 4.1, 4.4 and 6.4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
+from metrosep.core.runset import Run, RunSet
+from metrosep.core.units import format_length
+from metrosep.separation.runs.system import whitened
+from metrosep.separation.runs.weights import MAD
+from metrosep.spectral.autoregressive import AutoregressiveModel, fit_autoregressive
+
+__all__ = ["SPIKE", "Findings", "RunTable", "check_spikes", "check_steps", "compare_runs"]
+
+
+_GAIN, _GAIN_REFUSED = 0.1, 3.0
+"""Excess of a gain that is named; factor from which the run is refused."""
+
+_SHIFT_SHARE = 0.05
+"""A shift is named where it changes the readings by more than this share of the error itself."""
+
+_SURE = 5.0
+"""Standard uncertainties beyond which gain or shift differ from those of the other runs."""
+
+_RARE = 1e-5
+"""Chance by which scatter like that of the other runs would take a run so far off."""
+
+_SURE_LAG = 6.0
+"""Standard uncertainties of a delay; of the few feedrates its u is known to a factor only, and a
+line near a wave of the error makes 4.4 of it in clean runs. The joint method has a better test."""
+
+_LEAST_FREEDOM = 4
+"""Fewer runs than five hardly know their scatter, but u bounds it from below."""
+
+_TRIMMED, _TRIM_GROWS = 5, 1.5
+"""Of so many others the one farthest off is left out; the sum of squares without it grows by this."""
+
+_SEEN = 10.0
+"""Gain over its u of the median run from which there is an error whose place can be compared."""
+
+_LIKELY_LAG = 5e-3
+"""Standard deviation in s of what delays are likely: tells a displaced feed from a longer delay."""
+
+SPIKE = 6.0
+"""Robust standard deviations of a spike; in 1,000,000 normal readings there is none."""
+
+_SPIKE_TAIL = 3.0
+"""And so many times the size that 5 % of the readings exceed: 5.9 sd if normal, more if not."""
+
+_SHIFT_RANGE = 0.1
+"""Shifts are looked for up to this share of the travel."""
+
+_GRID, _LEAST_GRID = 2048, 24
+"""Most and fewest positions on which runs are compared."""
+
+_BLOCKS = 8
+"""Most parts of which one is left out when it is asked what a shift owes to the other runs."""
+
+_ROUNDS = 4
+_ORDERS = (0, 1, 2, 4, 8, 16, 24)
+_LEAST_WAVES = 6.0
+"""Independent waves in which two runs are compared, at least."""
+
+_MEDOIDS = 20
+"""Runs among which the one that resembles the others most is looked for."""
+
+
+@dataclass(slots=True)
+class Findings:
+    """What is found, while it is looked for."""
+
+    labels: list[str]
+    said: list[list[str]]
+    refused: list[bool]
+    common: list[str] = field(default_factory=list)
+    gain: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    shift: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+
+    def say(self, run: int, text: str, *, refused: bool = False) -> None:
+        """Note a finding of a run."""
+        self.said[run].append(text)
+        self.refused[run] |= refused
+
+
+@dataclass(slots=True)
+class RunTable:
+    """Runs of one direction and probe on common positions, their lines removed."""
+
+    members: list[int]
+    x: FloatArray
+    z: FloatArray
+    compared: NDArray[np.bool_]
+    reference: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, runs: RunSet, members: Sequence[int]) -> RunTable | None:
+        """Return the table, or None where the runs share too few positions."""
+        own = RunSet([runs[i] for i in members])
+        try:
+            low, high = own.common_travel
+        except InvalidSamplesError:
+            return None
+        pitch = max(abs(float(r.x[-1] - r.x[0])) / (len(r) - 1) for r in own)
+        n = int(min((high - low) / pitch, _GRID)) + 1
+        if n < _LEAST_GRID:
+            return None
+        x = np.linspace(low, high, n)
+        rows = [_resampled(r, x) for r in own]
+        everything = np.ones(len(members), dtype=bool)
+        flat = np.array([_flat(x, z) for z in rows])
+        return cls(list(members), x, flat, everything, everything.copy())
+
+
+def _resampled(run: Run, x: FloatArray) -> FloatArray:
+    """Return a run on positions, averaged over as many samples as lie between them."""
+    block = max(1, int((x[1] - x[0]) / abs(float(np.mean(np.diff(run.x)))) * (1.0 + 1e-9)))
+    n = len(run) // block * block
+    xs = run.x[:n].reshape(-1, block).mean(axis=1)
+    zs = run.z[:n].reshape(-1, block).mean(axis=1)
+    order = np.argsort(xs)
+    xs, zs = xs[order], zs[order]
+    values = np.interp(x, xs, zs)  # NaN spreads to its neighbours: a gap stays a gap
+    values[(x < xs[0] - (x[1] - x[0])) | (x > xs[-1] + (x[1] - x[0]))] = np.nan
+    return np.asarray(values, dtype=np.float64)
+
+
+def _flat(x: FloatArray, z: FloatArray) -> FloatArray:
+    """Return readings without their line; single wrong ones do not tilt it."""
+    valid = ~np.isnan(z)
+    if valid.sum() < 3:
+        return np.full_like(z, np.nan)
+    line = np.column_stack([np.ones(x.size), x - x.mean()])
+    keep = valid
+    rest = z
+    for _ in range(2):
+        rest = z - line @ np.linalg.lstsq(line[keep], z[keep], rcond=None)[0]
+        size = np.abs(rest)
+        keep = valid & (size <= 2.0 * SPIKE * MAD * float(np.nanmedian(size)))
+        if keep.sum() < 3:
+            break
+    return rest
+
+
+def compare_runs(runs: RunSet, table: RunTable, found: Findings) -> tuple[float, float] | None:
+    """Name runs of another sign, gain or place; return the delay that the shifts show."""
+    for i, run in enumerate(table.members):
+        by_size = any("times as much" in text for text in found.said[run])
+        known = not np.isnan(table.z[i]).all() and np.nanstd(table.z[i]) > 0.0
+        table.compared[i] = known and not found.refused[run] and not by_size
+    table.reference = table.compared.copy()
+    if table.compared.sum() < 2:
+        return None
+    gain, shift = _gains_and_shifts(runs, table)
+    own = gain[table.compared & np.isfinite(gain).all(axis=1)]
+    if len(own) < 2 or np.median(np.abs(own[:, 0]) / own[:, 1]) < _SEEN:
+        return None  # no error is seen by which runs could be compared
+    bad = _suspects(table, gain)
+    displaced, feeds, lag = _displaced(runs, table, gain, shift, list(bad))
+    odd = {*bad, *displaced, *(i for rows in feeds.values() for i in rows)}
+    if odd and table.compared.sum() - len(odd) >= 2:
+        table.reference[list(odd)] = False  # compare again with those that agree
+        gain, shift = _gains_and_shifts(runs, table)
+        bad = _suspects(table, gain)
+        displaced, feeds, lag = _displaced(runs, table, gain, shift, list(bad))
+    for i, run in enumerate(table.members):
+        if table.compared[i]:
+            found.gain[run] = gain[i]
+            found.shift[run] = shift[i, 0], math.hypot(shift[i, 1], shift[i, 2])
+    texts = {i: (text, False) for i, text in displaced.items()} | bad
+    n = int(table.compared.sum()) - len(texts)
+    for i, (text, refused) in texts.items():
+        others = f"the other {n} runs" if n > 1 else "the other run"
+        found.say(table.members[i], text + others, refused=refused)
+    found.common += list(feeds)
+    return lag
+
+
+def _gains_and_shifts(runs: RunSet, table: RunTable) -> tuple[FloatArray, FloatArray]:
+    """Return gain and shift of every run against the median of the others, each with its u."""
+    left_out = ~table.compared
+    x, z = table.x, np.where(np.isnan(table.z) | left_out[:, None], 0.0, table.z)
+    reach = int(_SHIFT_RANGE * x.size)
+    sign, shift = _first_alignment(z, table.reference, reach, float(x[1] - x[0]))
+    size = np.sqrt(np.mean(z**2, axis=1)) + 1e-300
+    gain = np.where(left_out, 1.0, sign * size / float(np.median(size[table.reference])))
+    out_gain, out_shift = np.full((len(z), 2), np.nan), np.full((len(z), 3), np.nan)
+    feeds = np.array([runs[i].feed or 0.0 for i in table.members])
+    models: dict[int, AutoregressiveModel] = {}
+    aligned, keep = z, np.ones(x.size)
+    for _ in range(_ROUNDS):
+        aligned = np.array(
+            [
+                np.interp(x, x - d, row / a, left=np.nan, right=np.nan)
+                for row, d, a in zip(z, shift, gain, strict=True)
+            ]
+        )
+        aligned = np.array([_flat(x, row) for row in aligned])
+        keep = _repeating(aligned[table.reference])
+        columns = [
+            _columns(x, aligned, _others(feeds, table.reference, i), float(shift[i]), keep)
+            for i in range(len(z))
+        ]
+        fits = [np.linalg.lstsq(c, row, rcond=None)[0] for c, row in zip(columns, z, strict=True)]
+        rests = [
+            np.where(np.isnan(own), np.nan, row - c @ f)
+            for own, row, c, f in zip(table.z, z, columns, fits, strict=True)
+        ]
+        for i in np.flatnonzero(table.compared).tolist():
+            same = [
+                rests[j]
+                for j in range(len(z))
+                if abs(feeds[j] - feeds[i]) <= 0.02 * feeds[i]
+                and (table.reference[j] or j == i)
+                and (table.reference[i] or j == i)
+            ]
+            models[i] = _noise(same)
+            out_gain[i], step = _solve(columns[i], table.z[i], models[i])
+            limit = 0.5 * reach * (x[1] - x[0])
+            if math.isfinite(step[0]):
+                shift[i] = float(np.clip(shift[i] + step[0], -2 * limit, 2 * limit))
+                out_shift[i] = shift[i], step[1], 0.0
+            if math.isfinite(out_gain[i, 0]) and abs(out_gain[i, 0]) > 1e-6:
+                gain[i] = out_gain[i, 0]
+        own = out_gain[table.reference, 0]
+        middle = float(np.median(np.abs(own))) * (1.0 if np.sign(own).sum() >= 0.0 else -1.0)
+        if math.isfinite(middle) and abs(middle) > 1e-6:
+            gain, out_gain = gain / middle, out_gain * np.array([1 / middle, 1 / abs(middle)])
+    for i in np.flatnonzero(table.compared).tolist():
+        others = _others(feeds, table.reference, i)
+        out_shift[i, 2] = _by_reference(
+            x, aligned, others, keep, table.z[i], models[i], float(shift[i])
+        )
+    out_shift[:, 0] -= float(np.median(out_shift[table.reference, 0]))
+    return out_gain, out_shift
+
+
+def _by_reference(
+    x: FloatArray,
+    aligned: FloatArray,
+    others: NDArray[np.bool_],
+    keep: FloatArray,
+    z: FloatArray,
+    model: AutoregressiveModel,
+    shift: float,
+) -> float:
+    """Return what a shift changes with the choice of the runs compared with (jackknife).
+
+    A line of a vibration near a wave of the error moves that wave in the reference: all runs of
+    a feedrate then seem displaced, and no residual shows it.
+    """
+    rows = np.flatnonzero(others)
+    blocks = [b for b in np.array_split(rows, min(rows.size, _BLOCKS)) if b.size]
+    if len(blocks) < 2:
+        return 0.0
+    found = []
+    for block in blocks:
+        left = others.copy()
+        left[block] = False
+        columns = _columns(x, aligned, left, shift, keep, middle=np.nanmean)
+        found.append(_solve(columns, z, model)[1][0])
+    n = len(blocks)
+    return math.sqrt((n - 1) / n * float(((np.array(found) - np.mean(found)) ** 2).sum()))
+
+
+def _first_alignment(
+    z: FloatArray, reference: NDArray[np.bool_], reach: int, pitch: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return sign and shift of every run against the one that resembles the others most."""
+    n = z.shape[1]
+    size = 2 ** int(np.ceil(np.log2(2 * n)))
+    spectra = np.fft.rfft(z, size, axis=1)
+    norm = np.sqrt((z**2).sum(axis=1)) + 1e-300
+    lags = np.arange(-reach, reach + 1)
+    share = 1.0 - np.abs(lags) / n
+    n_waves = max(float(_repeating(z[reference]).sum()), _LEAST_WAVES)
+    best: tuple[float, FloatArray, FloatArray] | None = None
+    candidates = np.flatnonzero(reference)
+    for m in candidates[:: max(1, candidates.size // _MEDOIDS)]:
+        cross = np.fft.irfft(spectra * spectra[m].conj(), size, axis=1)[:, lags % size]
+        cross = cross / (norm[:, None] * norm[m]) / share
+        cross = np.clip(cross, -0.999, 0.999)
+        # A shift must be far more likely than none: noise of one wave resembles itself elsewhere.
+        gain = (
+            0.5 * n_waves * np.log((1.0 - cross[:, reach] ** 2) / (1.0 - cross.max(axis=1) ** 2))
+        )
+        at = np.where(gain > 0.5 * _SURE**2, np.argmax(cross, axis=1), reach)
+        peak = np.take_along_axis(cross, at[:, None], axis=1)[:, 0]
+        score = float(np.abs(peak[reference]).sum())
+        if best is None or score > best[0]:
+            sign = np.where(peak < 0.0, -1.0, 1.0)
+            best = (score, sign, np.asarray(lags[at] * pitch, dtype=np.float64))
+    assert best is not None  # noqa: S101  (there are at least two runs)
+    sign = best[1] if best[1][reference].sum() >= 0 else -best[1]
+    return sign, best[2]
+
+
+def _repeating(rows: FloatArray) -> FloatArray:
+    """Return the share of each cosine wave of the runs that repeats, 0 to 1 (Wiener's filter)."""
+    from scipy.fft import dct
+
+    waves = dct(np.nan_to_num(rows), norm="ortho", axis=1)
+    middle = np.median(waves, axis=0)
+    near = np.ones(5) / 5.0
+    own = np.convolve(((waves - middle) ** 2).sum(axis=0), near, mode="same")
+    noise = own / (len(rows) - 1) * (math.pi / 2.0 if len(rows) > 2 else 1.0) / len(rows)
+    both = np.convolve(middle**2, near, mode="same")
+    return np.asarray(np.clip(1.0 - noise / np.maximum(both, 1e-300), 0.0, 1.0))
+
+
+def _others(feeds: FloatArray, reference: NDArray[np.bool_], index: int) -> NDArray[np.bool_]:
+    """Return the runs that one is compared with: of other feedrates where there are two.
+
+    At its own feedrate a vibration has the same wavelength in every run, and could be taken for
+    an error that is displaced.
+    """
+    others = reference.copy()
+    others[index] = False
+    apart = others & (np.abs(feeds - feeds[index]) > 0.02 * feeds[index])
+    if int(apart.sum()) >= 2:
+        return np.asarray(apart, dtype=np.bool_)
+    return others if bool(others.any()) else reference
+
+
+def _columns(
+    x: FloatArray,
+    aligned: FloatArray,
+    others: NDArray[np.bool_],
+    shift: float,
+    keep: FloatArray,
+    middle: Callable[..., Any] = np.nanmedian,
+) -> FloatArray:
+    """Return what the others read, its change with a shift, a constant and a line."""
+    from scipy.fft import dct, idct
+
+    rows = aligned[others]
+    known = ~np.isnan(rows).all(axis=0)
+    g = np.zeros(x.size)
+    g[known] = middle(rows[:, known], axis=0)
+    g = np.asarray(idct(keep * dct(g, norm="ortho"), norm="ortho"))
+    here = np.interp(x - shift, x, g)
+    slope = np.interp(x - shift, x, np.gradient(g, x))
+    return np.column_stack([here, -slope, np.ones(x.size), (x - x.mean()) / np.ptp(x)])
+
+
+def _noise(rests: Sequence[FloatArray]) -> AutoregressiveModel:
+    """Return the noise model of runs of one feedrate, the time step being one position."""
+    orders = [p for p in _ORDERS if p <= max(1, rests[0].size // 10)]
+    try:
+        return fit_autoregressive(rests, orders=orders, time_step=1.0)[0]
+    except TooFewSamplesError:
+        pooled = np.concatenate(rests)
+        return AutoregressiveModel(np.empty(0), float(np.nanmean(pooled**2)), 1.0)
+
+
+def _solve(
+    columns: FloatArray, z: FloatArray, model: AutoregressiveModel
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return gain and change of the shift, each with its u, by generalised least squares."""
+    rows, values = whitened(columns, z, model.coefficients)
+    unknown = (math.nan, math.nan)
+    if rows.shape[0] < 2 * rows.shape[1]:
+        return unknown, unknown
+    scale = np.sqrt((rows**2).sum(axis=0))
+    if not (
+        scale > 1e-9 * math.sqrt(float(values @ values)) * np.array([1.0, 0.0, 0.0, 0.0])
+    ).all():
+        return unknown, unknown  # nothing repeats
+    inverse = np.linalg.pinv((rows / scale).T @ (rows / scale)) / np.outer(scale, scale)
+    fit = inverse @ (rows.T @ values)
+    rest = values - rows @ fit
+    variance = float(rest @ rest) / (rows.shape[0] - rows.shape[1])
+    sd = np.sqrt(variance * np.maximum(np.diag(inverse), 0.0))
+    if abs(fit[0]) < 1e-6:
+        return (float(fit[0]), float(sd[0])), unknown
+    return (float(fit[0]), float(sd[0])), (
+        float(fit[1] / fit[0]),
+        float(sd[1] / abs(fit[0])),
+    )
+
+
+def _needed(u: float, others: FloatArray) -> float:
+    """Return how far a run must be off, given its u and how far others are, in units of their u.
+
+    At least 5 u. Where the others scatter more than their u says (lines of a vibration, slow
+    noise), u is no measure, and Student's distribution of their scatter is taken.
+    """
+    from scipy.stats import t
+
+    size = np.sort(np.abs(others))
+    kept = size[:-1] if size.size >= _TRIMMED else size  # a second bad run hides none
+    freedom = max(kept.size - 1, 1)
+    grows = _TRIM_GROWS if kept.size < size.size else 1.0
+    scatter = math.sqrt(float(kept @ kept) * grows / freedom)
+    return u * max(_SURE, float(t.isf(_RARE, max(freedom, _LEAST_FREEDOM))) * scatter)
+
+
+def _suspects(table: RunTable, gain: FloatArray) -> dict[int, tuple[str, bool]]:
+    """Return what to say of the gains, by row, and whether the run is refused."""
+    off = np.where(table.reference, (gain[:, 0] - 1.0) / gain[:, 1], np.nan)
+    bad: dict[int, tuple[str, bool]] = {}
+    pair = np.flatnonzero(table.compared) if table.compared.sum() == 2 else None
+    for i in np.flatnonzero(table.compared & np.isfinite(gain).all(axis=1)):
+        if pair is not None and i == pair[0]:
+            continue  # of two runs nothing says which is right: the second is named
+        a, u = float(gain[i, 0]), float(gain[i, 1])
+        others = np.delete(off, i)
+        needed = _needed(u, others[~np.isnan(others)])
+        if a < -needed:
+            what = f"has the opposite sign: gain {a:.2f} (u {u:.2g}) against "
+            bad[int(i)] = what, pair is not None
+        elif abs(a - 1.0) > max(_GAIN, needed) and pair is None:
+            what = f"has the gain {a:.2f} (u {u:.2g}) against "
+            bad[int(i)] = what, not 1.0 / _GAIN_REFUSED <= a <= _GAIN_REFUSED
+    return bad
+
+
+def _displaced(
+    runs: RunSet,
+    table: RunTable,
+    gain: FloatArray,
+    shift: FloatArray,
+    left_out: Sequence[int],
+) -> tuple[dict[int, str], dict[str, list[int]], tuple[float, float] | None]:
+    """Return what to say of displaced runs and of displaced feeds, and the delay with its u."""
+    rows = [
+        int(i)
+        for i in np.flatnonzero(table.compared & np.isfinite(shift).all(axis=1))
+        if i not in left_out
+    ]
+    if len(rows) < 2:
+        return {}, {}, None
+    own_u = np.hypot(shift[rows, 1], 0.02 * (table.x[1] - table.x[0]))
+    shared_u = shift[rows, 2]  # that of the reference, the same for all runs of a feedrate
+    d, u = shift[rows, 0], np.hypot(own_u, shared_u)
+    g = _median(table.z[table.reference])
+    slope = float(np.sqrt(np.nanmean(np.gradient(g, table.x) ** 2)))
+    least = _SHIFT_SHARE * float(np.sqrt(np.nanmean(g**2))) / max(slope, 1e-300)
+    timed = all(runs[table.members[i]].feed is not None for i in rows)
+    v = np.array([runs[table.members[i]].feed if timed else 0.0 for i in rows], dtype=np.float64)
+    v = v * runs[table.members[0]].direction
+    order = np.sort(np.abs(v))
+    feed_of = np.searchsorted(order[:-1][np.diff(order) > 0.02 * order[1:]] * 1.01, np.abs(v))
+    n_feeds = int(feed_of.max()) + 1
+    everything = np.ones(v.size, dtype=bool)
+    line, lowest = _shift_line(v, d, u, everything, n_feeds > 1)
+    feeds: dict[str, list[int]] = {}
+    told = everything.copy()
+    for f in range(n_feeds) if n_feeds >= 3 else ():
+        own = feed_of == f
+        other, left = _shift_line(v, d, u, ~own, True)
+        away = float(np.median((d - _line_at(other, v))[own]))
+        left += float(
+            np.minimum((((d - _line_at(other, v)) - away)[own] / u[own]) ** 2, _SURE**2).sum()
+        )
+        sd = _u_together(own_u[own], shared_u[own])
+        about = (d - _line_at(other, v) - np.where(own, away, 0.0)) / u
+        sure = max(_needed(sd, about), least)
+        if own.sum() > 1 and left < lowest - _SURE**2 and abs(away) > sure:
+            line, told, lowest = other, ~own, left + _SURE**2
+            sentence = (
+                f"the runs at {abs(float(v[own].mean())) * 6e4:.6g} mm/min are displaced by "
+                f"{format_length(away)} (u {format_length(sd, digits=2)}) against those of the "
+                "other feedrates: check where they start; the error is blurred by it and the "
+                "uncertainty does not hold"
+            )
+            feeds = {sentence: [rows[j] for j in np.flatnonzero(own)]}
+    rest = d - _line_at(line, v)
+    needed = [
+        _needed(float(u[j]), np.delete(rest / u, j)[np.delete(told, j)]) for j in range(v.size)
+    ]
+    far = told & (np.abs(rest) > np.maximum(needed, least)) & (len(rows) > 2 or n_feeds == 1)
+    said = {
+        rows[j]: f"is displaced by {format_length(float(rest[j]))} (u "
+        f"{format_length(float(u[j]), digits=2)}) against "
+        for j in np.flatnonzero(far)[-1 if len(rows) == 2 else 0 :]
+    }
+    kept = told & ~far
+    lag = None
+    groups = [kept & (feed_of == f) for f in range(n_feeds) if (kept & (feed_of == f)).any()]
+    if len(groups) > 1:
+        weight = np.array([_u_together(own_u[g], shared_u[g]) for g in groups]) ** -2
+        place = np.array([np.average(d[g], weights=u[g] ** -2) for g in groups])
+        speed = np.array([v[g].mean() for g in groups])
+        speed = speed - weight @ speed / weight.sum()
+        information = float(weight @ speed**2)
+        own_lag = float(weight @ (speed * place) / information)
+        left = place - own_lag * speed
+        left = (left - weight @ left / weight.sum()) * np.sqrt(weight)
+        u_lag = information**-0.5 * max(
+            1.0, math.sqrt(float(left @ left) / max(len(groups) - 2, 1))
+        )
+        if abs(own_lag) > _SURE_LAG * u_lag:
+            lag = own_lag, u_lag
+    return said, feeds, lag
+
+
+def _u_together(own: FloatArray, shared: FloatArray) -> float:
+    """Return the u of a mean of shifts whose reference is the same."""
+    return math.hypot(float((own**-2).sum()) ** -0.5, float(shared.mean()))
+
+
+def _line_at(line: tuple[float, float], v: FloatArray) -> FloatArray:
+    """Return the shifts of a delay at velocities."""
+    return np.asarray(line[0] + line[1] * v)
+
+
+def _shift_line(
+    v: FloatArray, d: FloatArray, u: FloatArray, chosen: NDArray[np.bool_], several: bool
+) -> tuple[tuple[float, float], float]:
+    """Return place and delay that fit most of the chosen shifts, and the cost of what is left."""
+    columns = np.column_stack([np.ones(v.size), v])[:, : 2 if several else 1]
+    weight = np.where(chosen, 1.0 / u, 0.0)
+    fit = np.zeros(columns.shape[1])
+    for _ in range(50):  # least absolute residuals: a displaced run does not pull the line
+        root = np.sqrt(weight)
+        fit = np.linalg.lstsq(columns * root[:, None], d * root, rcond=None)[0]
+        weight = np.where(chosen, 1.0 / u / np.maximum(np.abs(d - columns @ fit) / u, 0.3), 0.0)
+    line = float(fit[0]), float(fit[1]) if several else 0.0
+    rest = ((d - _line_at(line, v)) / u)[chosen]
+    return line, float(np.minimum(rest**2, _SURE**2).sum()) + (line[1] / _LIKELY_LAG) ** 2
+
+
+# --- steps and spikes ----------------------------------------------------------------------------
+
+
+def check_steps(table: RunTable, steps: FloatArray, found: Findings) -> float:
+    """Say the step of the readings where it exceeds what runs differ by; return it, else 0."""
+    worst = 0.0
+    for i, step in enumerate(steps):
+        others = np.delete(table.z, i, axis=0)
+        if others.shape[0] and step > 0.0:
+            differ = table.z[i] - _median(others)
+            noise = MAD * float(np.nanmedian(np.abs(differ - np.nanmedian(differ))))
+            worst = max(worst, float(step)) if step > noise else worst
+        else:
+            worst = max(worst, float(step))
+    text = (
+        f"readings are steps of {format_length(worst)}, more than their noise: below them nothing "
+        "is known, and their share is in the uncertainty; use a finer range of the sensor"
+    )
+    if worst > 0.0 and text not in found.common:
+        found.common.append(text)
+    return worst
+
+
+def _median(rows: FloatArray) -> FloatArray:
+    """Return the median over rows, NaN where none has a value."""
+    out = np.full(rows.shape[1], np.nan)
+    known = ~np.isnan(rows).all(axis=0)
+    out[known] = np.nanmedian(rows[:, known], axis=0)
+    return out
+
+
+def check_spikes(runs: RunSet, table: RunTable, found: Findings) -> None:
+    """Name readings that stand out of the other runs, or of their neighbours where these are few."""
+    spikes: list[tuple[int, FloatArray, FloatArray]] = []
+    several = table.compared.sum() >= 3
+    for i, index in enumerate(table.members):
+        if not table.compared[i] or found.said[index]:
+            continue
+        run = runs[index]
+        away = run.z - _nearby(run.z)
+        if several:
+            others = table.compared.copy()
+            others[i] = False
+            own = np.interp(run.x, table.x, _median(table.z[others]), left=np.nan, right=np.nan)
+            away = _flat(run.x, run.z - own)
+        size = np.abs(away - np.nanmedian(away))
+        scale = MAD * float(np.nanmedian(size))
+        tail = float(np.nanquantile(size, 0.95))
+        factor = 1.0 if several else 2.0
+        limit = factor * max(SPIKE * scale, _SPIKE_TAIL * tail)
+        far = np.flatnonzero(
+            np.nan_to_num(size, nan=0.0) > max(limit, 1e-6 * float(np.nanstd(run.z)))
+        )
+        if far.size:
+            spikes.append((index, run.x[far], away[far]))
+    near = 2.0 * (table.x[1] - table.x[0])
+    for index, x, away in spikes:
+        # What other runs show at the same place belongs to the place.
+        others_x = np.concatenate([xs for j, xs, _ in spikes if j != index] or [np.empty(0)])
+        alone = np.array([not (np.abs(others_x - at) <= near).any() for at in x])
+        if not alone.any():
+            continue
+        at = int(np.argmax(np.where(alone, np.abs(away), 0.0)))
+        more = int(alone.sum()) - 1
+        what = "the other runs" if several else "its neighbours"
+        text = f"has a spike at {format_length(float(x[at]))}: {format_length(float(away[at]))} from {what}"
+        found.say(index, text + (f" (and {more} more readings)" if more else ""))
+
+
+def _nearby(z: FloatArray) -> FloatArray:
+    """Return the median of the two readings on each side."""
+    padded = np.pad(z, 2, mode="reflect")
+    sides = np.stack([padded[:-4], padded[1:-3], padded[3:-1], padded[4:]])
+    return np.asarray(np.median(sides, axis=0))
