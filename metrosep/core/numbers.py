@@ -1,4 +1,4 @@
-"""The one check of what a caller gives for a number: real, positive, count, choice, quantity.
+"""The one check of what a caller gives for a number, a choice or a truth value.
 
 Truth values, None, complex numbers, arrays, dates and texts without a unit are refused in one way:
 `OptionError`, which is a `DataError` and a TypeError, with the name of the argument and what was
@@ -18,9 +18,14 @@ import numpy as np
 from metrosep.core.errors import InvalidSamplesError, OptionError
 from metrosep.core.units import parse_quantity
 
-__all__ = ["choice", "count", "is_real", "positive", "quantity", "real"]
+__all__ = [
+    "between", "choice", "count", "flag", "is_real", "not_negative", "positive", "quantity", "real",
+]  # fmt: skip
 
-_UNITS = {"length": "m", "angle": "rad", "time": "s", "frequency": "Hz", "speed": "m/s"}
+_UNITS = {
+    "length": "m", "angle": "rad", "time": "s", "frequency": "Hz", "speed": "m/s", "voltage": "V",
+    "acceleration": "m/s2", "torque": "N m", "number": "1",
+}  # fmt: skip
 
 
 def is_real(value: object) -> bool:
@@ -71,25 +76,48 @@ def positive(value: Any, name: str, *, dimension: str | None = None, why: str = 
     """Return a finite number above zero; `why` ends the message of one that is not."""
     number = real(value, name, dimension=dimension, finite=False)
     if not (math.isfinite(number) and number > 0.0):
-        unit = f" {_UNITS[dimension]}" if dimension in _UNITS else ""
-        raise InvalidSamplesError(
-            f"{name} must be positive and finite, got {number}{unit}{why and f'; {why}'}"
-        )
+        raise _outside(name, "positive and finite", number, dimension, why)
     return number
 
 
-def count(value: Any, name: str, *, least: int = 1) -> int:
-    """Return a whole number from `least` on; a float is none, also where it looks whole."""
-    message = f"{name} must be a whole number from {least}, got {value!r}"
+def not_negative(value: Any, name: str, *, dimension: str | None = None, why: str = "") -> float:
+    """Return a finite number from zero on, such as a standard uncertainty."""
+    number = real(value, name, dimension=dimension, finite=False)
+    if not (math.isfinite(number) and number >= 0.0):
+        raise _outside(name, "zero or more and finite", number, dimension, why)
+    return number
+
+
+def between(
+    value: Any, name: str, low: float, high: float, *, dimension: str | None = None, why: str = ""
+) -> float:
+    """Return a number from `low` to `high`, both included."""
+    number = real(value, name, dimension=dimension, finite=False)
+    if not low <= number <= high:
+        raise _outside(name, f"between {low:g} and {high:g}", number, dimension, why)
+    return number
+
+
+def count(value: Any, name: str, *, least: int = 1, most: int | None = None) -> int:
+    """Return a whole number from `least` to `most`; a float is none, also where it looks whole."""
+    upper = "" if most is None else f" to {most}"
+    message = f"{name} must be a whole number from {least}{upper}, got {value!r}"
     if isinstance(value, bool | np.bool_):
         raise OptionError(message)
     try:
         number = operator.index(value)
     except TypeError:
         raise OptionError(message) from None
-    if number < least:
+    if number < least or (most is not None and number > most):
         raise InvalidSamplesError(message)
     return number
+
+
+def flag(value: Any, name: str) -> bool:
+    """Return a truth value; numbers and texts are none."""
+    if not isinstance(value, bool | np.bool_):
+        raise OptionError(f"{name} is True or False, got {value!r}")
+    return bool(value)
 
 
 def choice(value: Any, name: str, known: Iterable[str]) -> str:
@@ -98,6 +126,14 @@ def choice(value: Any, name: str, known: Iterable[str]) -> str:
     if not isinstance(value, str) or value not in texts:
         raise OptionError(f"{name} is one of {', '.join(texts)}, got {value!r}")
     return value
+
+
+def _outside(
+    name: str, range_: str, number: float, dimension: str | None, why: str
+) -> InvalidSamplesError:
+    """Return the error of a number out of its range."""
+    unit = f" {_UNITS[dimension]}" if dimension in _UNITS else ""
+    return InvalidSamplesError(f"{name} must be {range_}, got {number}{unit}{why and f'; {why}'}")
 
 
 def _in(dimension: str | None) -> str:

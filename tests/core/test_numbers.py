@@ -151,3 +151,25 @@ def test_a_wrong_keyword_is_a_type_error(tmp_path):
     ):
         with pytest.raises(TypeError, match=r"bogus|decimals"):
             call()
+
+
+def test_a_range_takes_its_ends_and_nothing_beyond_nor_nan():
+    assert numbers.between(0.5, "share", 0.0, 0.5) == 0.5
+    assert numbers.not_negative("0 nm", "u_reading", dimension="length") == 0.0
+    assert numbers.count(9, "degree", least=0, most=9) == 9
+    for refused in (
+        lambda: numbers.between(0.5000001, "share", 0.0, 0.5),
+        lambda: numbers.between(float("nan"), "share", 0.0, 0.5),
+        lambda: numbers.not_negative(-1e-300, "u_reading"),
+        lambda: numbers.not_negative(float("inf"), "u_reading"),
+        lambda: numbers.count(10, "degree", least=0, most=9),
+    ):
+        with pytest.raises(InvalidSamplesError, match=r"share|u_reading|degree"):
+            refused()
+
+
+@pytest.mark.parametrize("value", [0, 1, "true", None, np.ones(1, dtype=bool)])
+def test_a_number_or_a_text_is_no_truth_value(value):
+    with pytest.raises(DataError, match="robust is True or False"):
+        numbers.flag(value, "robust")
+    assert numbers.flag(np.True_, "robust") is True
