@@ -101,11 +101,13 @@ def parse_limit(value: Any) -> Limit:
     if not isinstance(value, str):
         return Limit(float(value))
     match = _AMOUNT.fullmatch(value)
+    if match is not None and match[2] == "%":
+        return Limit(float(match[1]) / 100.0)
     dimension = None if match is None else dimension_of(match[2])
     if match is None or not dimension:
         raise UnitError(
             f"{value!r} is not a limit: a length or an angle with its unit is needed here, such as "
-            '"120 nm" or "0.5 urad"; a pure number is written without quotes'
+            '"120 nm" or "0.5 urad"; a pure number is written without quotes, a share as "1 %"'
         )
     simple = {"m": "length", "rad": "angle"}.get(dimension)
     if simple is not None and "/" not in match[2] and "^" not in match[2]:

@@ -174,7 +174,10 @@ def judged(
         else:
             if given is None and quantity.u is None:
                 raise place.error(
-                    f'the uncertainty of {metric} is not known; state it: U = "10 nm"', "metric"
+                    f"the uncertainty of {metric} is not known; state it: U = "
+                    + ('"10 nm", or U = "0 nm"' if quantity.unit == "m" else "0.001, or U = 0")
+                    + " for simple acceptance",
+                    "metric",
                 )
             if given is None:
                 more = {"u_source": "of the method"}
