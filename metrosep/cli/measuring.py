@@ -413,34 +413,28 @@ def form(
     for name, value in (("terms", terms), ("radius", radius), ("out", out)):
         if value is not None:
             raise click.UsageError(f"--{name} goes with --identify MACHINE")
-    from metrosep.core.errors import InvalidSamplesError
-    from metrosep.core.profile import Profile
-    from metrosep.core.surface import Surface
-    from metrosep.forms.catalogue import form_from_text
-    from metrosep.forms.fit import fit
     from metrosep.io.write import write
+    from metrosep.recipe.pipeline import StepError, run_step
 
-    ideal = form_from_text(form_text)
+    step = {
+        "form": form_text,
+        "free": None if free is None else list(_names(free)),
+        "fix": _pairs(fix, "--fix") or None,
+        "start": _pairs(start, "--start") or None,
+        "robust": robust,
+        "tilt": tilt,
+        "direction": direction,
+        "centre": None if centre is None else [c.strip() for c in centre.split(",")],
+    }
     obj = read_aloud(file, reading)
-    if not isinstance(obj, Surface | Profile):
-        raise InvalidSamplesError(
-            f"{file}: a form needs a profile or a map; this is a {type(obj).__name__}"
-        )
-    result = fit(
-        obj,
-        ideal,
-        free=_names(free) if free is not None else None,
-        fixed=_numbers(fix, "--fix", ideal),
-        start=_numbers(start, "--start", ideal),
-        robust=robust,
-        tilt=tilt,
-        direction=direction,
-        centre=_centre(centre),
-    )
+    try:
+        given = {k: v for k, v in step.items() if v is not None}
+        result = run_step(obj, {"op": "form", **given}).detail
+    except StepError as error:
+        text = str(error).removeprefix(f"{error.key}: ")
+        raise click.UsageError(f"--{error.key}: {text}") from None
     if residual is not None:
-        left = result.residual
-        assert isinstance(left, Surface | Profile)  # noqa: S101
-        write(left, residual)
+        write(result.residual, residual)
         say(f"residual -> {residual}")
     if as_json:
         content = {"file": Path(file).name, **result.to_dict()}
@@ -491,31 +485,3 @@ def _identify(
         "centre": None if centre is None else [c.strip() for c in centre.split(",")],
     }
     return identified(context, file, machine, form_text, options=options, out=out, as_json=as_json)
-
-
-def _centre(text: str | None) -> tuple[float, float] | None:
-    from metrosep.core.units import parse_quantity
-
-    if text is None:
-        return None
-    parts = text.split(",")
-    if len(parts) > 2:
-        raise click.UsageError(f"--centre takes X,Y with units, found {text!r}")
-    x, y = (*parts, "0 m")[:2]
-    return (
-        parse_quantity(x.strip(), dimension="length", name="centre x"),
-        parse_quantity(y.strip(), dimension="length", name="centre y"),
-    )
-
-
-def _numbers(texts: tuple[str, ...], option: str, ideal: Any) -> dict[str, float]:
-    from metrosep.forms.base import RIGID
-    from metrosep.forms.catalogue import parameter_value
-
-    units = {**RIGID, **ideal.units_of()}
-    found = {}
-    for name, text in _pairs(texts, option).items():
-        if name not in units:
-            raise click.UsageError(f"{option}: {name} is none of {', '.join(units)}")
-        found[name] = parameter_value(text, units[name], name)
-    return found

@@ -15,7 +15,6 @@ from metrosep.core.units import format_length
 from metrosep.recipe.key_values import DIMENSIONS
 
 if TYPE_CHECKING:
-    from metrosep.core.quantity import Quantity
     from metrosep.parameters.table import ParameterTable
 
 __all__ = [
@@ -23,11 +22,9 @@ __all__ = [
     "Evaluating",
     "StepError",
     "described_keys",
-    "find_parameter",
     "form_options",
     "iso_filtered",
     "known_unit",
-    "limit_values",
     "makes_metric",
     "normal_values",
     "parameter_tables",
@@ -563,24 +560,6 @@ def parameter_tables(obj: Surface | Profile, how: Evaluating) -> tuple[Parameter
         else:
             tables.append(_profile(obj, family, names, how))
     return tuple(tables)
-
-
-def find_parameter(tables: Sequence[ParameterTable], symbol: str) -> Quantity:
-    """Return a parameter by its symbol or the spelling of the other edition."""
-    for table in tables:
-        if symbol in table:
-            return table[symbol]
-        if (own := table.own_symbol(symbol)) in table.unavailable:
-            raise DataError(f"no verdict on {symbol}: {table.unavailable[own]}")
-    raise DataError(f"a limit is set for {symbol}, which was not measured")
-
-
-def limit_values(given: Mapping[str, str], symbol: str, unit: str) -> float | None:
-    """Return a limit in the unit of its parameter."""
-    from metrosep.forms.catalogue import parameter_value
-
-    text = given.get(symbol)
-    return None if text is None else parameter_value(text, unit, f"the limit of {symbol}")
 
 
 def _families(obj: Surface | Profile, names: Sequence[str]) -> dict[str, list[str] | None]:
