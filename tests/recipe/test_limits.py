@@ -9,7 +9,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.core.errors import RecipeError, UnitError
-from metrosep.recipe.limits import Limit, dimension_of, limit_problem, parse_limit
+from metrosep.core.limits import Limit, dimension_of, limit_problem, parse_limit
 
 ROUNDING = 1e-14
 """Relative, of a product of a number and a unit."""

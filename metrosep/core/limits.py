@@ -6,8 +6,8 @@ import re
 from typing import Any
 
 from metrosep.core.errors import UnitError
+from metrosep.core.readable import digits_of, readable_unit
 from metrosep.core.units import parse_quantity, parse_unit
-from metrosep.recipe.readable import digits_of, readable_unit
 
 __all__ = ["FROM_FIT", "Limit", "dimension_of", "limit_problem", "order_problem", "parse_limit"]
 
