@@ -317,12 +317,12 @@ def test_parameters_in_mm_are_refused():
     for radius in (20, 20.0, np.int64(20)):
         with pytest.raises(UnitError, match=r"radius of fts_lathe is 20(\.0)? m.*20 mm are 0\.02"):
             presets("fts_lathe", radius=radius)
-    with pytest.raises(UnitError, match="pivot_height of five_axis is -50.0 m"):
+    with pytest.raises(UnitError, match=r"pivot_height of five_axis is -50.0 m"):
         presets("five_axis", pivot_height=-50)
     for radius in (1, np.int64(3), np.float32(0.02), np.array(0.02)):
         assert presets("fts_lathe", radius=radius).name == "fts_lathe"
     for radius in (True, "0.02", None, np.nan, np.array([0.02]), 1j):
-        with pytest.raises(DataError, match="radius of fts_lathe|radius .* has no unit"):
+        with pytest.raises(DataError, match=r"radius of fts_lathe|radius .* has no unit"):
             presets("fts_lathe", radius=radius)
 
 
