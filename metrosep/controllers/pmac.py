@@ -33,7 +33,7 @@ from metrosep.controllers._plain_text import (
     resolved,
     scaled,
 )
-from metrosep.controllers._uniform import RollingGrid, enclosing_nodes, rolled_values, rolling_grid
+from metrosep.controllers._grids import RollingGrid, enclosing_nodes, rolled_values, rolling_grid
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,

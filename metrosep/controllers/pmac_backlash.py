@@ -30,7 +30,7 @@ from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
 from metrosep.controllers._lookups import looked_up
 from metrosep.controllers._plain_text import is_same, printable, resolved
-from metrosep.controllers._uniform import enclosing_nodes, rolled_values, rolling_grid
+from metrosep.controllers._grids import enclosing_nodes, rolled_values, rolling_grid
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,

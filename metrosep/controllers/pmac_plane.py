@@ -26,7 +26,7 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers._lookups import one_way
 from metrosep.controllers._plain_text import printable, resolved
-from metrosep.controllers._uniform import (
+from metrosep.controllers._grids import (
     RollingGrid,
     enclosing_nodes,
     holds_zero,

@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 from metrosep import Profile, controllers
 from metrosep.compensation import CompensationTable
 from metrosep.controllers import registry
-from metrosep.controllers.isg_cross import IsgAxis, IsgCross
+from metrosep.controllers.isg import IsgAxis, IsgCross
 from metrosep.controllers.options import checked_options
 from metrosep.errors import (
     CorruptFileError,

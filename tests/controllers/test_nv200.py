@@ -12,7 +12,7 @@ from metrosep import controllers
 from metrosep.compensation import CompensationTable
 from metrosep.controllers import registry
 from metrosep.controllers.options import checked_options
-from metrosep.controllers.pi_gcs import MAX_POINTS, NV200
+from metrosep.controllers.waves import MAX_POINTS, NV200
 from metrosep.errors import CorruptFileError, DataError, LimitError, TableError
 
 NOWHERE = Path(os.devnull)

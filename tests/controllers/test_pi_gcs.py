@@ -14,7 +14,7 @@ from metrosep.compensation import CompensationTable
 from metrosep.controllers import registry
 from metrosep.controllers.base import load_sidecar
 from metrosep.controllers.options import checked_options
-from metrosep.controllers.pi_gcs import PiGcs
+from metrosep.controllers.waves import PiGcs
 from metrosep.errors import CorruptFileError, DataError, LimitError, TableError
 
 NOWHERE = Path(os.devnull)

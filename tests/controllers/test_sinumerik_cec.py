@@ -12,7 +12,7 @@ from metrosep import controllers
 from metrosep.compensation import CompensationTable
 from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers import registry
-from metrosep.controllers.sinumerik_cec import SinumerikCec, SinumerikCecProduct
+from metrosep.controllers.sinumerik import SinumerikCec, SinumerikCecProduct
 from metrosep.errors import (
     CorruptFileError,
     DataError,

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from metrosep import controllers
 from metrosep.compensation import CompensationTable
 from metrosep.controllers import registry
-from metrosep.controllers.sinumerik_cec import SinumerikEnc
+from metrosep.controllers.sinumerik import SinumerikEnc
 from metrosep.errors import (
     CorruptFileError,
     DataError,
