@@ -13,8 +13,8 @@ from metrosep.cli.options import file_options, json_option, name_values, read_al
 
 if TYPE_CHECKING:
     from metrosep.controllers.gcode.corrections import PathCorrection
-    from metrosep.controllers.gcode.paths import PathResult
     from metrosep.controllers.gcode.lists import PointResult
+    from metrosep.controllers.gcode.paths import PathResult
 
 __all__ = ["path"]
 

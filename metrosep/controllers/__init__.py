@@ -22,13 +22,13 @@ if TYPE_CHECKING:
         error_correction as error_correction,
         nose_correction as nose_correction,
     )
-    from metrosep.controllers.gcode.paths import (
-        PathResult as PathResult,
-        rewrite_path as rewrite_path,
-    )
     from metrosep.controllers.gcode.lists import (
         PointResult as PointResult,
         rewrite_points as rewrite_points,
+    )
+    from metrosep.controllers.gcode.paths import (
+        PathResult as PathResult,
+        rewrite_path as rewrite_path,
     )
     from metrosep.controllers.registry import (
         describe as describe,

@@ -20,8 +20,8 @@ from controllers.program_marks import unmarked
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers.gcode.corrections import error_correction
-from metrosep.controllers.gcode.paths import rewrite_path
 from metrosep.controllers.gcode.lists import rewrite_points
+from metrosep.controllers.gcode.paths import rewrite_path
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import (
     CorruptFileError,
