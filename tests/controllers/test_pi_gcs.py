@@ -11,7 +11,6 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import Profile, controllers
 from metrosep.compensation import CompensationTable
-from metrosep.controllers import registry
 from metrosep.controllers.base import load_sidecar
 from metrosep.controllers.options import checked_options
 from metrosep.controllers.waves import PiGcs
@@ -45,13 +44,6 @@ PASS = {
     "memory": 262144,
     "start": 0.0,
 }
-
-
-@pytest.fixture(autouse=True)
-def _registered(monkeypatch):
-    if "pi-gcs" not in registry._PLACES:
-        monkeypatch.setitem(registry._PLACES, "pi-gcs", "pi_gcs:PiGcs")
-        registry.find.cache_clear()
 
 
 @pytest.fixture(scope="session")
