@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from metrosep.controllers.gcode_words import Token, refuse_block
+from metrosep.controllers.gcode.words import Token, refuse_block
 from metrosep.core.errors import DataError, UnitError
 
 __all__ = ["INCH", "MM", "SAFE_M", "ModalState"]

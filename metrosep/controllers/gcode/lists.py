@@ -2,7 +2,7 @@
 
 One row is one point. The columns are named, with units, in a header row such as
 ``t_s, X_mm, C_deg, Z_mm, VZ_mm_s``, or by number where there is no header. Sign and part
-coordinates are those of `metrosep.controllers.gcode_corrections`.
+coordinates are those of `metrosep.controllers.gcode.corrections`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import numpy as np
 from metrosep._version import __version__
 from metrosep.controllers._pairs import paired_stream
 from metrosep.controllers.base import sidecar_path
-from metrosep.controllers.gcode_columns import (
+from metrosep.controllers.gcode.columns import (
     check_files,
     mark_text,
     marked,
@@ -31,8 +31,8 @@ from metrosep.controllers.gcode_columns import (
     require_uncorrected,
     require_unmarked,
 )
-from metrosep.controllers.gcode_corrections import PathCorrection, as_path_correction
-from metrosep.controllers.gcode_words import decimals_of, format_number
+from metrosep.controllers.gcode.corrections import PathCorrection, as_path_correction
+from metrosep.controllers.gcode.words import decimals_of, format_number
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
@@ -137,7 +137,7 @@ def rewrite_points(
     source, target : str or path
         The list and the corrected one; a sidecar ``<target>.json`` appears beside it.
     correction : PathCorrection, CompensationTable, map with ``correction(x, y)``, or callable
-        As in `metrosep.controllers.gcode_paths.rewrite_path`.
+        As in `metrosep.controllers.gcode.paths.rewrite_path`.
     columns : mapping of {"X", "C", "Z", "T", "VZ"} to int or str, optional
         Columns by number from 0 or by name in the header; by their names X, C, Z if omitted. C may
         be missing where the correction does not depend on it. With "VZ", the speed of Z of a PVT

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from metrosep.controllers._pairs import refuse_existing
 from metrosep.controllers.base import load_bytes, sidecar_path
-from metrosep.controllers.gcode_corrections import MAX_LOOKS, MAX_PARTS
-from metrosep.controllers.gcode_state import ModalState
-from metrosep.controllers.gcode_words import Token, decimals_of, refuse_block, shape_of, tokenize
+from metrosep.controllers.gcode.corrections import MAX_LOOKS, MAX_PARTS
+from metrosep.controllers.gcode.state import ModalState
+from metrosep.controllers.gcode.words import Token, decimals_of, refuse_block, shape_of, tokenize
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
@@ -350,7 +350,7 @@ _LARGEST = 1e9
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How a path is rewritten; see `metrosep.controllers.gcode_paths.rewrite_path`."""
+    """How a path is rewritten; see `metrosep.controllers.gcode.paths.rewrite_path`."""
 
     axes: tuple[str, ...]  # words that may change
     decimals: int | None  # digits after the point

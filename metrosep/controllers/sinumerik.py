@@ -18,8 +18,15 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.products import ProductTables, rank_one
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._along import AlongOption, along_axis, format_amount, format_span
-from metrosep.controllers._even import even_map, even_table, map_identity
+from metrosep.controllers._grids import (
+    AlongOption,
+    along_axis,
+    even_map,
+    even_table,
+    format_amount,
+    format_span,
+    map_identity,
+)
 from metrosep.controllers._notes import agreed
 from metrosep.controllers._sinumerik_file import (
     Assignment,

@@ -23,7 +23,7 @@ from typing import Any
 from metrosep._version import __version__
 from metrosep.controllers._pairs import paired_stream
 from metrosep.controllers.base import sidecar_path
-from metrosep.controllers.gcode_columns import (
+from metrosep.controllers.gcode.columns import (
     Outside,
     Settings,
     check_files,
@@ -35,9 +35,9 @@ from metrosep.controllers.gcode_columns import (
     require_uncorrected,
     require_unmarked,
 )
-from metrosep.controllers.gcode_corrections import PathCorrection, as_path_correction
-from metrosep.controllers.gcode_rewrite import Rewriter
-from metrosep.controllers.gcode_state import INCH, MM, ModalState, checked_system
+from metrosep.controllers.gcode.corrections import PathCorrection, as_path_correction
+from metrosep.controllers.gcode.rewrite import Rewriter
+from metrosep.controllers.gcode.state import INCH, MM, ModalState, checked_system
 from metrosep.core.errors import DataError, MetrosepError, UnitError
 from metrosep.core.units import format_length
 
@@ -152,7 +152,7 @@ def rewrite_path(
         The program and the corrected one; a sidecar ``<target>.json`` appears beside it.
     correction : PathCorrection, CompensationTable, map with ``correction(x, y)``, or callable
         What is added to Z: a callable is c(X, C) in m from X (radius) in m and C in rad. A
-        measured error goes through `metrosep.controllers.gcode_corrections.error_correction`.
+        measured error goes through `metrosep.controllers.gcode.corrections.error_correction`.
     axes : {("Z",), ("Z", "X")}, optional
         Words that may change.
     decimals : int, optional

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.controllers.gcode_columns import (
+from metrosep.controllers.gcode.columns import (
     Columns,
     Mover,
     Settings,
@@ -27,14 +27,14 @@ from metrosep.controllers.gcode_columns import (
     check_way,
     read_columns,
 )
-from metrosep.controllers.gcode_corrections import (
+from metrosep.controllers.gcode.corrections import (
     Lookup,
     PathCorrection,
     chord_errors,
     part_counts,
 )
-from metrosep.controllers.gcode_state import ModalState
-from metrosep.controllers.gcode_words import (
+from metrosep.controllers.gcode.state import ModalState
+from metrosep.controllers.gcode.words import (
     Token,
     decimals_of,
     format_number,
