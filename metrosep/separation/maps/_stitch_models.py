@@ -146,9 +146,7 @@ def with_polynomial(
     """Return the stitching with a polynomial that all sub-apertures share."""
     degree = settings.degree or 0
     shape, layout = _one_shape(pieces), problem.layout
-    full = with_polynomials(
-        layout, problem.overlaps, settings.freedoms, degree, line=pieces.line
-    )
+    full = with_polynomials(layout, problem.overlaps, settings.freedoms, degree, line=pieces.line)
     inverse = inverse_of(normal_matrix(full))
     theta, fitted, mean = fitted_to(full, inverse, values)
     noise = noise_of(full, fitted, mean, inverse.rank)
