@@ -282,7 +282,7 @@ def test_noise_on_a_slow_edge_counts_once():
         ([0, 0, 0.0], {}, "throughout"),
         ([0, np.nan, 1], {}, "NaN at sample 1"),
         ([0, 1, 0], {"threshold": 2.0}, "never crosses"),
-        ([0, 1, 0], {"hysteresis": -1.0}, "negative"),
+        ([0, 1, 0], {"hysteresis": -1.0}, "zero or more"),
         ([0, 1, 0], {"edge": "up"}, "rising"),
     ],
 )

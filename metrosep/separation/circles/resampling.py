@@ -22,7 +22,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, IntArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
+from metrosep.core.numbers import between, choice, count, not_negative, positive, real
+from metrosep.separation._methods import described_by
 from metrosep.separation._readings import plain, real_numbers, reduced
+from metrosep.separation.circles._circle import check_sign
 
 __all__ = [
     "AngleSynchronous",
@@ -202,19 +205,11 @@ def resample_by_encoder(
     ((15, 32), True)
     """
     signals, single = _signals(signal)
-    theta, rotation = accumulated_angle(angle, signals.shape[1])
-    steps = EncoderMap(theta, rotation)
-    return _resample(
-        signals,
-        steps,
-        n=n,
-        method=method,
-        sampling_rate=sampling_rate,
-        single=single,
-        source="encoder",
-    )
+    steps = EncoderMap(*accumulated_angle(angle, signals.shape[1]))
+    return _resample(signals, single, steps, n, method, sampling_rate, source="encoder")
 
 
+@described_by(resample_by_encoder)
 def resample_by_index(
     signal: ArrayLike,
     pulses: ArrayLike,
@@ -232,8 +227,6 @@ def resample_by_index(
 
     Parameters
     ----------
-    signal : array_like, shape (n_samples,) or (c, n_samples), SI
-        Sampled uniformly in time.
     pulses : array_like, shape (n_pulses,), sample numbers
         Where the index passed, with fractions: see `index_pulses`. The angle is 0 there.
     n : int, optional
@@ -248,10 +241,6 @@ def resample_by_index(
         revolutions concerned are left out and named in the messages.
     tolerance : float, 0 to 0.45, optional
         Relative departure of a revolution from the median of its neighbours that is a fault.
-    method : {"band-limited", "cubic"}, optional
-        Interpolation between samples.
-    sampling_rate : float, Hz, optional
-        So that `speed` is in rev/s.
 
     Returns
     -------
@@ -286,25 +275,11 @@ def resample_by_index(
     ((14, 32), 1.5915)
     """
     signals, single = _signals(signal)
-    if rotation not in (1, -1):
-        raise DataError(f"rotation is 1 or -1, got {rotation!r}")
-    steps = IndexMap.from_pulses(
-        pulses,
-        signals.shape[1],
-        speed=speed,
-        rotation=rotation,
-        faults=faults,
-        tolerance=tolerance,
-    )
-    return _resample(
-        signals,
-        steps,
-        n=n,
-        method=method,
-        sampling_rate=sampling_rate,
-        single=single,
-        source="index",
-    )
+    check_sign(rotation, "rotation")
+    at, good, messages = _sound_pulses(pulses, signals.shape[1], faults, tolerance)
+    choice(speed, "speed", ("constant", "linear", "spline"))
+    steps = IndexMap(at, good, speed, rotation, messages)
+    return _resample(signals, single, steps, n, method, sampling_rate, source="index")
 
 
 def _signals(signal: ArrayLike) -> tuple[FloatArray, bool]:
@@ -316,18 +291,17 @@ def _signals(signal: ArrayLike) -> tuple[FloatArray, bool]:
 
 def _resample(
     signals: FloatArray,
+    single: bool,
     steps: EncoderMap | IndexMap,
-    *,
     n: int | None,
     method: Method,
     sampling_rate: float | None,
-    single: bool,
+    *,
     source: str,
 ) -> AngleSynchronous:
-    if method not in ("band-limited", "cubic"):
-        raise DataError(f"method is 'band-limited' or 'cubic', got {method!r}")
-    if sampling_rate is not None and not (math.isfinite(sampling_rate) and sampling_rate > 0.0):
-        raise DataError(f"the sampling rate must be positive, in Hz, got {sampling_rate}")
+    choice(method, "method", ("band-limited", "cubic"))
+    if sampling_rate is not None:
+        sampling_rate = positive(sampling_rate, "the sampling rate", dimension="frequency")
     per_turn = steps.samples_per_turn
     if per_turn < _LEAST:
         raise TooFewSamplesError(
@@ -338,10 +312,7 @@ def _resample(
                 else "give the index pulses in sample numbers, not times"
             )
         )
-    columns = round(per_turn) if n is None else n
-    if not (columns >= _LEAST and float(columns).is_integer()):
-        raise DataError(f"n must be an integer of at least {_LEAST} angles, got {columns!r}")
-    columns = int(columns)
+    columns = count(round(per_turn) if n is None else n, "n", least=_LEAST)
     positions, start, revolutions, durations = steps.positions(columns)
     nearest = np.rint(positions)
     positions = np.where(np.abs(positions - nearest) < _ON_SAMPLE, nearest, positions)
@@ -518,7 +489,7 @@ def accumulated_angle(angle: ArrayLike, n_samples: int) -> tuple[FloatArray, int
             f"the angle is NaN at sample {first}: cut the record there, or interpolate the angle"
         )
     steps = np.diff(theta)
-    if (steps >= 0.0).any() and (steps <= 0.0).any() and not _one_way(steps):
+    if (steps > 0.0).any() and (steps < 0.0).any():
         theta = _unwrapped(theta, steps)
         steps = np.diff(theta)
     rotation = 1 if theta[-1] >= theta[0] else -1
@@ -534,10 +505,6 @@ def accumulated_angle(angle: ArrayLike, n_samples: int) -> tuple[FloatArray, int
         raise TooFewSamplesError("the angle does not change: the spindle stands still")
     _refuse_degrees(theta)
     return rotation * theta, rotation
-
-
-def _one_way(steps: FloatArray) -> bool:
-    return bool((steps >= 0.0).all() or (steps <= 0.0).all())
 
 
 def _unwrapped(theta: FloatArray, steps: FloatArray) -> FloatArray:
@@ -595,10 +562,7 @@ class EncoderMap:
         """Mean over the record."""
         return float((self.theta.size - 1) * _TURN / (self.theta[-1] - self.theta[0]))
 
-    @property
-    def messages(self) -> tuple[str, ...]:
-        """Nothing to say."""
-        return ()
+    messages: tuple[str, ...] = ()
 
     @property
     def audit(self) -> Mapping[str, Any]:
@@ -667,6 +631,46 @@ def faulty_revolutions(durations: FloatArray, tolerance: float) -> dict[int, str
     return dict(sorted(faults.items()))
 
 
+def _sound_pulses(
+    pulses: ArrayLike, n_samples: int, faults: str, tolerance: float
+) -> tuple[FloatArray, NDArray[np.bool_], tuple[str, ...]]:
+    """Return checked pulses, which revolutions between them are sound, and what was left out."""
+    choice(faults, "faults", ("refuse", "drop"))
+    tolerance = positive(tolerance, "tolerance")
+    between(tolerance, "tolerance", 0.0, 0.45)
+    if np.size(pulses) < 2:
+        raise TooFewSamplesError(
+            f"{np.size(pulses)} index pulse(s): a revolution needs 2; check threshold and channel"
+        )
+    at = frozen_float(pulses, name="the index pulses", ndim=1)
+    if np.isnan(at).any() or (np.diff(at) <= 0.0).any():
+        raise InvalidSamplesError("index pulses must be finite sample numbers that rise")
+    if at[0] < 0.0 or at[-1] > n_samples - 1:
+        raise InvalidSamplesError(
+            f"index pulses run from {at[0]:.6g} to {at[-1]:.6g}, the record from 0 to "
+            f"{n_samples - 1}: give sample numbers, not times"
+        )
+    apart = float(np.median(np.diff(at)))
+    if apart < _APART:
+        raise UnitError(
+            f"the index pulses are {apart:.3g} samples apart: give sample numbers, not times "
+            "(times in s multiplied by the sampling rate in Hz)"
+        )
+    found = faulty_revolutions(np.diff(at), tolerance)
+    if found and faults == "refuse":
+        more = f"; {len(found)} revolutions are concerned" if len(found) > 1 else ""
+        raise InvalidSamplesError(
+            f"{next(iter(found.values()))}{more}; repair the index, or leave them out with "
+            "faults='drop'"
+        )
+    good = np.ones(at.size - 1, dtype=bool)
+    good[list(found)] = False
+    if not good.any():
+        raise TooFewSamplesError("no revolution between sound index pulses is left")
+    said = tuple(f"left out: {text}" for text in found.values())
+    return at, good, said
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class IndexMap:
     """Sample number from index pulses; revolution i lies between pulses i and i + 1."""
@@ -676,56 +680,6 @@ class IndexMap:
     speed: str
     rotation: int
     messages: tuple[str, ...]
-
-    @classmethod
-    def from_pulses(
-        cls,
-        pulses: ArrayLike,
-        n_samples: int,
-        *,
-        speed: str,
-        rotation: int,
-        faults: str,
-        tolerance: float,
-    ) -> IndexMap:
-        """Check the pulses and say which revolutions are sound."""
-        if speed not in ("constant", "linear", "spline"):
-            raise DataError(f"speed is 'constant', 'linear' or 'spline', got {speed!r}")
-        if faults not in ("refuse", "drop"):
-            raise DataError(f"faults is 'refuse' or 'drop', got {faults!r}")
-        if not 0.0 < tolerance <= 0.45:
-            raise DataError(f"tolerance must lie in (0, 0.45], got {tolerance}")
-        if np.size(pulses) < 2:
-            raise TooFewSamplesError(
-                f"{np.size(pulses)} index pulse(s): a revolution needs 2; check threshold and channel"
-            )
-        at = frozen_float(pulses, name="the index pulses", ndim=1)
-        if np.isnan(at).any() or (np.diff(at) <= 0.0).any():
-            raise InvalidSamplesError("index pulses must be finite sample numbers that rise")
-        if at[0] < 0.0 or at[-1] > n_samples - 1:
-            raise InvalidSamplesError(
-                f"index pulses run from {at[0]:.6g} to {at[-1]:.6g}, the record from 0 to "
-                f"{n_samples - 1}: give sample numbers, not times"
-            )
-        apart = float(np.median(np.diff(at)))
-        if apart < _APART:
-            raise UnitError(
-                f"the index pulses are {apart:.3g} samples apart: give sample numbers, not times "
-                "(times in s multiplied by the sampling rate in Hz)"
-            )
-        found = faulty_revolutions(np.diff(at), tolerance)
-        if found and faults == "refuse":
-            more = f"; {len(found)} revolutions are concerned" if len(found) > 1 else ""
-            raise InvalidSamplesError(
-                f"{next(iter(found.values()))}{more}; repair the index, or leave them out with "
-                "faults='drop'"
-            )
-        good = np.ones(at.size - 1, dtype=bool)
-        good[list(found)] = False
-        if not good.any():
-            raise TooFewSamplesError("no revolution between sound index pulses is left")
-        said = tuple(f"left out: {text}" for text in found.values())
-        return cls(at, good, speed, rotation, said)
 
     @property
     def samples_per_turn(self) -> float:
@@ -821,18 +775,17 @@ def index_pulses(
     values = frozen_float(
         real_numbers(channel, "the index channel"), name="the index channel", ndim=1, min_size=2
     )
-    if edge not in ("rising", "falling"):
-        raise DataError(f"edge is 'rising' or 'falling', got {edge!r}")
+    choice(edge, "edge", ("rising", "falling"))
     if np.isnan(values).any():
         first = int(np.flatnonzero(np.isnan(values))[0])
         raise InvalidSamplesError(f"the index channel is NaN at sample {first}")
     low, high = float(values.min()), float(values.max())
     if low == high:
         raise InvalidSamplesError(f"the index channel is {low:g} throughout: no pulse")
-    level = 0.5 * (low + high) if threshold is None else float(threshold)
-    gap = _DEFAULT_HYSTERESIS * (high - low) if hysteresis is None else float(hysteresis)
-    if not (math.isfinite(gap) and gap >= 0.0):
-        raise DataError(f"hysteresis must not be negative, got {gap}")
+    level = 0.5 * (low + high) if threshold is None else real(threshold, "threshold")
+    gap = _DEFAULT_HYSTERESIS * (high - low)
+    if hysteresis is not None:
+        gap = not_negative(hysteresis, "hysteresis")
     if not (low <= level - 0.5 * gap and level + 0.5 * gap <= high):
         raise InvalidSamplesError(
             f"the index channel runs from {low:g} to {high:g} and never crosses {level:g} with a "

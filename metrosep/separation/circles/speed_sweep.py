@@ -16,28 +16,33 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, frozen_float
-from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
+from metrosep.core.errors import (
+    DataError,
+    InvalidSamplesError,
+    OptionError,
+    TooFewSamplesError,
+    UnitError,
+)
 from metrosep.core.inputs import RoleColumns
+from metrosep.core.numbers import choice, count, not_negative, positive
 from metrosep.core.options import Option
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
+from metrosep.separation._methods import RecordedMethod
 from metrosep.separation._readings import (
     as_numbers,
     known_parts,
     part_of,
     plain,
-    positive,
     real_numbers,
     reduced,
-    stated_u,
 )
 from metrosep.separation.circles.speed_fit import SpeedFit, fit_values
 from metrosep.separation.circles.spindle_result import SpindleMotion
 from metrosep.separation.contract import (
     NamedMethod,
     Separation,
-    SeparationMethod,
     Unobservable,
 )
 
@@ -184,7 +189,9 @@ def fit_speed_sweep(
     at = _speeds(speed)
     exponents = _powers(powers)
     if natural_frequency is not None:
-        natural_frequency = positive(natural_frequency, "the natural frequency", "Hz")
+        natural_frequency = positive(
+            natural_frequency, "the natural frequency", dimension="frequency"
+        )
     tried = _whole(orders, "orders", least=1)
     columns = _columns(results, u, symbols, at.size)
     order = np.argsort(at, kind="stable")
@@ -226,17 +233,12 @@ def _real(values: ArrayLike, name: str) -> FloatArray:
     return np.array(frozen_float(real_numbers(values, name), name=name, ndim=1))
 
 
-def _whole(values: Sequence[int], name: str, *, least: int) -> tuple[int, ...]:
-    try:
-        found = tuple(values)
-        numbers = tuple(int(v) for v in found)
-    except (TypeError, ValueError, OverflowError):
-        raise DataError(
+def _whole(values: Any, name: str, *, least: int) -> tuple[int, ...]:
+    if isinstance(values, str) or not np.iterable(values):
+        raise OptionError(
             f"{name} must be a sequence of whole numbers from {least}, got {values!r}"
-        ) from None
-    if numbers != found or (numbers and min(numbers) < least):
-        raise DataError(f"{name} must be whole numbers from {least}, got {found}")
-    return numbers
+        )
+    return tuple(count(v, name, least=least) for v in values)
 
 
 def _powers(powers: Sequence[int]) -> tuple[int, ...]:
@@ -273,9 +275,8 @@ def _columns(
         return columns
     if u is not None:
         raise DataError("u= belongs to arrays; results carry theirs")
-    listed: Any = results
-    if not isinstance(listed, list | tuple) or not all(
-        isinstance(r, SpindleMotion) for r in listed
+    if not isinstance(results, list | tuple) or not all(
+        isinstance(r, SpindleMotion) for r in results
     ):
         raise DataError(
             f"results must be SpindleMotion objects, or values by symbol such as "
@@ -324,7 +325,13 @@ def _messages(
         if fit.peaks:
             at = ", ".join(f"{s:.4g}" for s in fit.peaks)
             said.append(f"{name} stands out at {at} rev/s")
-            said += _orders_near(fit.peaks, speed, critical)
+        spacing = float(np.median(np.diff(np.unique(speed)))) if fit.peaks else 0.0
+        for peak in fit.peaks:
+            near = [f"k={k}" for k, s in critical.items() if abs(s - peak) <= spacing]
+            if near:
+                said.append(
+                    f"at {peak:.4g} rev/s the natural frequency is met by {' or '.join(near)}"
+                )
         if math.isnan(fit.p_fit):
             said.append(
                 f"{name} has no uncertainty of its own: the interval is from the residuals"
@@ -334,19 +341,6 @@ def _messages(
         if inside:
             text = ", ".join(f"k={k} at {critical[k]:.4g} rev/s" for k in inside)
             said.append(f"{natural_frequency:.6g} Hz is met within the sweep by {text}")
-    return said
-
-
-def _orders_near(
-    peaks: tuple[float, ...], speed: FloatArray, critical: Mapping[int, float]
-) -> list[str]:
-    said = []
-    spacing = float(np.median(np.diff(np.unique(speed))))
-    for peak in peaks:
-        near = [k for k, s in critical.items() if abs(s - peak) <= spacing]
-        if near:
-            orders = " or ".join(f"k={k}" for k in near)
-            said.append(f"at {peak:.4g} rev/s the natural frequency is met by {orders}")
     return said
 
 
@@ -405,8 +399,14 @@ class SpeedTest(NamedMethod):
 
 
 @dataclass(frozen=True, slots=True)
-class SpeedGrowth(SeparationMethod):
+class SpeedGrowth(RecordedMethod):
     """Values at stated speeds, as a polynomial in speed.
+
+    Readings (n_speeds, n_values) in m or rad: one row for each speed, one column for each value:
+    synchronous, asynchronous, or the cosine and the sine of one order with their signs; NaN = not
+    measured. Parts: ``at_rest`` (n_values,); ``growth`` (n_speeds, n_values), zero at standstill.
+    Values with fewer readings or speeds than the powers need are NaN; so is the growth where
+    nothing was measured, and `at_rest` where the powers have no 0.
 
     Parameters
     ----------
@@ -430,6 +430,13 @@ class SpeedGrowth(SeparationMethod):
     DataError
         If the powers are not whole numbers from 0, each once, or the unit is another one.
 
+    Notes
+    -----
+    `fit_speed_sweep` has the same fit (`fit_values`) with confidence intervals, critical speeds and
+    weights of each recording; it refuses negative widths, which are allowed here because components
+    have signs. With `u_reading` the covariance is widened where the residuals exceed it, never
+    narrowed. The noise is pooled over the values, u is that of each.
+
     Examples
     --------
     >>> method = SpeedGrowth((10.0, 20.0, 30.0, 40.0))
@@ -448,45 +455,18 @@ class SpeedGrowth(SeparationMethod):
     error_parts: ClassVar[tuple[str, ...]] = ("growth",)
 
     def __post_init__(self) -> None:
-        if self.unit not in ("m", "rad"):
-            raise DataError(f"{self.name}: unit is 'm' or 'rad', got {self.unit!r}")
+        choice(self.unit, f"{self.name}: unit", ("m", "rad"))
         fit_speed_sweep(self.speeds, {"none": np.zeros(np.size(self.speeds))}, powers=self.powers)
 
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return the readings of given parts.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n_values,), m or rad
-            ``at_rest`` of each value.
-        errors : mapping of str to array_like, shape (n_speeds, n_values), m or rad
-            ``growth`` at each speed.
-
-        Returns
-        -------
-        ndarray, shape (n_speeds, n_values), m or rad
-            Readings.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown, none is given, or of another shape.
-        """
         parts = known_parts(self, truth, errors)
         points = parts["at_rest"].shape if "at_rest" in parts else parts["growth"].shape[1:]
         growth = part_of(parts, "growth", (len(self.speeds), *points), self.name)
         return np.asarray(part_of(parts, "at_rest", points, self.name) + growth)
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what values against speed cannot tell.
-
-        Returns
-        -------
-        tuple of Unobservable
-            The level of the growth, the form of the artefact, and laws of other powers.
-        """
         found = [
             Unobservable("growth", "term", ("level",), _LEVEL),
             Unobservable("growth", "term", ("other powers",), _LAW),
@@ -503,55 +483,18 @@ class SpeedGrowth(SeparationMethod):
         u_reading: float | None = None,
         history: tuple[Step, ...] = (),
     ) -> Separation:
-        """Return what stays at rest and what grows with the speed.
-
-        Parameters
-        ----------
-        readings : array_like, shape (n_speeds, n_values), m or rad
-            One row for each speed, one column for each value: synchronous, asynchronous, or the
-            cosine and the sine of one order with their signs. NaN = not measured.
-        u_reading : float, m or rad, optional
-            Standard uncertainty of one reading; the residuals of each value if omitted.
-        history : tuple of Step, optional
-            Where they came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``at_rest`` (n_values,) and ``growth`` (n_speeds, n_values), zero at standstill.
-            Values with fewer readings or speeds than the powers need are NaN; so is the growth
-            where nothing was measured, and `at_rest` where the powers have no 0.
-
-        Raises
-        ------
-        DataError
-            If `u_reading` is negative or no number.
-        InvalidSamplesError
-            If the readings are no numbers, infinite, or not one row for each speed.
-        TooFewSamplesError
-            If no value has enough readings.
-
-        Notes
-        -----
-        `fit_speed_sweep` has the same fit (`fit_values`) with confidence intervals, critical
-        speeds and weights of each recording; it refuses negative widths, which are allowed here
-        because components have signs. With `u_reading` the covariance is widened where the
-        residuals exceed it, never narrowed. The noise is pooled over the values, u is that of each.
-        """
-        stated = stated_u(u_reading, self.unit)
+        stated = u_reading
+        if stated is not None:
+            dimension = "length" if self.unit == "m" else "angle"
+            stated = not_negative(stated, "u_reading", dimension=dimension)
         array = self._checked(readings)
         fits = self._fits(array, math.nan if stated is None else stated)
-        if not any(fits):
-            raise TooFewSamplesError(
-                f"{self.name}: no value has readings at enough speeds: {len(self.powers)} powers "
-                f"need {len(self.powers) + 1} readings at {len(self.powers)} speeds"
-            )
-        at_rest, growth, u_rest, u_growth = self._parts(array, fits)
+        parts, u = self._parts(array, fits)
         return Separation(
             self.name,
-            {"at_rest": at_rest, "growth": growth},
-            {"at_rest": u_rest, "growth": u_growth},
-            {"at_rest": self.unit, "growth": self.unit},
+            parts,
+            u,
+            dict.fromkeys(parts, self.unit),
             {"speed": np.array(self.speeds, dtype=np.float64)},
             self.null_space(),
             noise=self._noise([f for f in fits if f], stated),
@@ -580,29 +523,34 @@ class SpeedGrowth(SeparationMethod):
         return array
 
     def _fits(self, array: FloatArray, u: float) -> list[SpeedFit | None]:
-        speeds = np.array(self.speeds, dtype=np.float64)
+        """Return the fit of each value; None where too few readings or speeds are left."""
+        speeds, powers = np.array(self.speeds, dtype=np.float64), tuple(self.powers)
         order = np.argsort(speeds, kind="stable")
         fits: list[SpeedFit | None] = []
         for k, column in enumerate(array.T):
             used = order[~np.isnan(column[order])]
-            enough = used.size > len(self.powers)
-            enough = enough and np.unique(speeds[used]).size >= len(self.powers)
-            values, sd = column[used], np.full(used.size, u)
-            name = f"value {k}"
-            fits.append(
-                fit_values(name, speeds[used], values, sd, tuple(self.powers), self.unit)
+            at, sd = speeds[used], np.full(used.size, u)
+            enough = used.size > len(powers) and np.unique(at).size >= len(powers)
+            fit = (
+                fit_values(f"value {k}", at, column[used], sd, powers, self.unit)
                 if enough
                 else None
+            )
+            fits.append(fit)
+        if not any(fits):
+            raise TooFewSamplesError(
+                f"{self.name}: no value has readings at enough speeds: {len(powers)} powers need "
+                f"{len(powers) + 1} readings at {len(powers)} speeds"
             )
         return fits
 
     def _parts(
         self, array: FloatArray, fits: list[SpeedFit | None]
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+        """Return both parts and their uncertainties."""
         speeds = np.array(self.speeds, dtype=np.float64)
         growing = np.array([p > 0 for p in self.powers])
-        powers = np.array(self.powers, dtype=np.float64)[growing]
-        basis = speeds[:, np.newaxis] ** powers
+        basis = speeds[:, np.newaxis] ** np.array(self.powers, dtype=np.float64)[growing]
         at_rest, u_rest = np.full((2, array.shape[1]), np.nan)
         growth, u_growth = np.full((2, *array.shape), np.nan)
         for k, fit in enumerate(fits):
@@ -617,7 +565,7 @@ class SpeedGrowth(SeparationMethod):
                 zero = int(np.argmin(growing))
                 at_rest[k] = fit.coefficients[zero]
                 u_rest[k] = math.sqrt(max(float(fit.covariance[zero, zero]), 0.0))
-        return at_rest, growth, u_rest, u_growth
+        return {"at_rest": at_rest, "growth": growth}, {"at_rest": u_rest, "growth": u_growth}
 
     def _noise(self, fits: list[SpeedFit], stated: float | None) -> Quantity:
         if stated is not None:
@@ -629,10 +577,6 @@ class SpeedGrowth(SeparationMethod):
         return Quantity(value, self.unit, text, u=value / math.sqrt(2.0 * degrees), symbol="s")
 
     def _audit(self, fits: list[SpeedFit | None]) -> dict[str, object]:
-        def of(power: int, *, spread: bool) -> list[float | None]:
-            terms = [None if f is None else f.coefficient(power) for f in fits]
-            return [None if q is None else (q.u if spread else q.value) for q in terms]
-
         audit: dict[str, object] = {
             "n_recordings": len(self.speeds),
             "powers": list(self.powers),
@@ -642,8 +586,9 @@ class SpeedGrowth(SeparationMethod):
         }
         for power in self.powers:
             unit = self.unit if power == 0 else f"{self.unit}_s{power}"
-            audit[f"c{power}_{unit}"] = of(power, spread=False)
-            audit[f"u_c{power}_{unit}"] = of(power, spread=True)
+            terms = [None if f is None else f.coefficient(power) for f in fits]
+            audit[f"c{power}_{unit}"] = [None if q is None else q.value for q in terms]
+            audit[f"u_c{power}_{unit}"] = [None if q is None else q.u for q in terms]
         return audit
 
 
