@@ -5,16 +5,19 @@ from __future__ import annotations
 import inspect
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, TypeVar
+from dataclasses import fields
+from typing import Any, ClassVar, TypeVar
 
+from numpy.typing import ArrayLike
+
+from metrosep.core.numbers import not_negative
+from metrosep.core.provenance import Step
+from metrosep.separation._readings import plain, reduced
 from metrosep.separation.contract import Separation, SeparationMethod
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+__all__ = ["History", "RecordedMethod", "StoredResult", "described_by", "settle"]
 
-    from metrosep.core.provenance import Step
-
-__all__ = ["RecordedMethod", "described_by", "settle"]
+History = tuple[Step, ...]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -22,13 +25,23 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 class RecordedMethod(SeparationMethod):
     """A method whose results carry the history of the readings."""
 
+    @property
+    def _dimension(self) -> str:
+        """What the readings are."""
+        return self.dimension
+
     @abstractmethod
+    def _separated(
+        self, readings: ArrayLike, stated: float | None, history: History
+    ) -> Separation:
+        """Return the parts of readings as they were given, with the checked uncertainty."""
+
     def separate(
         self,
         readings: ArrayLike,
         *,
         u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
+        history: History = (),
     ) -> Separation:
         """Return the parts that readings consist of.
 
@@ -58,6 +71,37 @@ class RecordedMethod(SeparationMethod):
         DataError
             If `u_reading` is negative or no number, or the readings look like another unit.
         """
+        stated = u_reading
+        if stated is not None:
+            stated = not_negative(stated, "u_reading", dimension=self._dimension)
+        return self._separated(readings, stated, history)
+
+
+class StoredResult:
+    """A result of fields that can be copied, and stored as plain values."""
+
+    __slots__ = ()
+    _not_stored: ClassVar[tuple[str, ...]] = ()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return reduced(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for JSON, SI, NaN as None.
+
+        Returns
+        -------
+        dict
+            One key for each field, arrays as lists; large tables are left out.
+        """
+        names = [f.name for f in fields(self)]  # type: ignore[arg-type]
+        return {n: _plain(getattr(self, n)) for n in names if n not in self._not_stored}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict) and any(isinstance(v, StoredResult) for v in value.values()):
+        return {str(k): v.to_dict() for k, v in value.items()}
+    return plain(value)
 
 
 def settle(method: object, /, **values: Any) -> None:

@@ -289,9 +289,13 @@ class TestDonaldson(SeparationContract):
             donaldson(p + 0j, p)
         with pytest.raises(InvalidSamplesError, match="no array"):
             donaldson([[1, 2], [3]], p)
-        for words in ({"u_reading": "5 nm"}, {"u_index": "1 deg"}, {"u_index": 2.0}):
+        for words in ({"u_reading": "small"}, {"u_index": "small"}, {"u_index": 2.0}):
             with pytest.raises(DataError, match=next(iter(words))):
                 donaldson(p, p, **words)
+        by_text = donaldson(p, p, u_reading="5 nm", u_index="1 mrad")
+        np.testing.assert_array_equal(
+            by_text.u["artefact"], donaldson(p, p, u_reading=5e-9, u_index=1e-3).u["artefact"]
+        )
 
 
 class TestStraightedge(SeparationContract):

@@ -29,9 +29,8 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
-from metrosep.separation._methods import RecordedMethod
 from metrosep.separation._readings import as_numbers, curves, first_angle, require_turn
-from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 
 _LARGEST_RADIUS = 10.0
 """m; no artefact on a spindle is larger, but 20 mm given as 20 is."""
@@ -463,7 +462,7 @@ Terms = Mapping[str, tuple[FloatArray, FloatArray]]
 """Type B terms by name: variances of the curves (p, N) and of the harmonics (p, kmax + 1)."""
 
 
-class CircleMethod(RecordedMethod):
+class CircleMethod(SeparationMethod):
     """Whole revolutions, separated harmonic by harmonic; methods say with which estimators."""
 
     kmax: int

@@ -34,7 +34,7 @@ from metrosep.core.numbers import count
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import RecordedMethod, described_by, settle
+from metrosep.separation._methods import History, RecordedMethod, described_by, settle
 from metrosep.separation.circles._circle import (
     check_sign,
     check_u_reading,
@@ -183,14 +183,10 @@ class CircleClosure(RecordedMethod):
             for item in unseen(part, hidden, _ALIKE, terms=("offset",), why=_ZERO)
         )
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
+    def _separated(
+        self, readings: ArrayLike, stated: float | None, history: History
     ) -> Separation:
-        stated = check_u_reading(u_reading, "rad")
+        check_u_reading(stated, "rad")
         array = _checked_angles(readings, len(self.positions), self.n)
         null_space = self.null_space()
         hidden = suppressed_harmonics(null_space)

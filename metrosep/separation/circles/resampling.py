@@ -15,7 +15,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray, IntArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
 from metrosep.core.numbers import between, choice, count, not_negative, positive, real
-from metrosep.separation._methods import described_by
-from metrosep.separation._readings import plain, real_numbers, reduced
+from metrosep.separation._methods import StoredResult, described_by
+from metrosep.separation._readings import real_numbers
 from metrosep.separation.circles._circle import check_sign
 
 __all__ = [
@@ -48,7 +48,7 @@ _ON_SAMPLE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AngleSynchronous:
+class AngleSynchronous(StoredResult):
     """Signals at the same angles in each revolution; frozen.
 
     Parameters
@@ -87,25 +87,12 @@ class AngleSynchronous:
     audit: Mapping[str, Any]
     messages: tuple[str, ...]
 
+    _not_stored: ClassVar[tuple[str, ...]] = ("table",)
+
     @property
     def n_revolutions(self) -> int:
         """Revolutions in the table."""
         return int(self.table.shape[-2])
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI, NaN as None, without the table.
-
-        Returns
-        -------
-        dict
-            ``angle``, ``start``, ``revolutions``, ``speed``, ``speed_unit``, ``rotation``,
-            ``noise_gain``, ``audit``, ``messages``.
-        """
-        names = ("angle", "start", "revolutions", "speed", "speed_unit", "rotation", "noise_gain")
-        return {name: plain(getattr(self, name)) for name in (*names, "audit", "messages")}
 
     def __repr__(self) -> str:
         shape = " x ".join(str(s) for s in self.table.shape)

@@ -17,9 +17,8 @@ from metrosep.core.numbers import between, count, positive, real
 from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.separation._methods import RecordedMethod, described_by, settle
+from metrosep.separation._methods import History, RecordedMethod, described_by, settle
 from metrosep.separation._readings import (
-    average_repeats,
     checked_readings,
     curves,
     first_angle,
@@ -27,9 +26,7 @@ from metrosep.separation._readings import (
     given_parts,
     harmonics_of,
     harmonics_u,
-    left_share,
     low_harmonics,
-    require_common,
     size_doubts,
     stacked,
     without_basis,
@@ -43,7 +40,7 @@ from metrosep.separation.contract import (
     over_turn,
     suppressed_harmonics,
 )
-from metrosep.separation.lines.reversals import ReversedPair
+from metrosep.separation.lines.reversals import ReversedPair, combined
 
 __all__ = ["DonaldsonReversal", "FaceReversal", "combine_harmonics", "donaldson", "face_reversal"]
 
@@ -89,24 +86,16 @@ class DonaldsonReversal(ReversedPair):
         terms = ("offset", "eccentricity")
         return tuple(Unobservable(p, "term", terms, _CENTRING) for p in ("artefact", "spindle"))
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
+    def _separated(
+        self, readings: ArrayLike, stated: float | None, history: History
     ) -> Separation:
         u_index = between(self.u_index, "u_index", 0.0, _LARGEST_INDEX, why="0.1 deg is 1.7e-3")
         start = real(self.start, "start", dimension="angle")
         array = checked_readings(readings, names=("m1", "m2"), minimum=8, what=self.name)
         angle = start + grid(array.shape[2])
-        result = self._halves(array, low_harmonics(angle), {"angle": angle}, u_reading)
-        weights = {"artefact": np.array([0.5, 0.5]), "spindle": np.array([0.5, -0.5])}
-        harmonics = {
-            name: harmonics_of(values, start=start, hidden=(0, 1))
-            for name, values in result.parts.items()
-        }
-        spread = {k: harmonics_u(array, w, result.noise.value) for k, w in weights.items()}
+        result = self._halves(array, low_harmonics(angle), stated, angle=angle)
+        hidden = dict.fromkeys(result.parts, (0, 1))
+        harmonics, spread = _harmonics(array, result, self._weights, start, hidden)
         # an index off by u turns P: dP/dangle of the harmonics that stand out of the noise
         c, k = harmonics["artefact"], np.arange(harmonics["artefact"].size)
         known = np.where(np.isfinite(c), c, 0.0)
@@ -118,10 +107,7 @@ class DonaldsonReversal(ReversedPair):
             result,
             u={name: np.sqrt(u**2 + along**2) for name, u in result.u.items()},
             harmonics=harmonics,
-            harmonics_u={
-                name: np.where(np.isfinite(harmonics[name]), np.sqrt(u**2 + turned**2), np.nan)
-                for name, u in spread.items()
-            },
+            harmonics_u={name: np.sqrt(u**2 + turned**2) for name, u in spread.items()},
             audit={**result.audit, "u_index_rad": u_index},
             messages=(
                 *result.messages,
@@ -186,6 +172,22 @@ def donaldson(
     """
     array, start, history = _turns((m1, m2), angle, "donaldson")
     return DonaldsonReversal(u_index, start).separate(array, u_reading=u_reading, history=history)
+
+
+def _harmonics(
+    array: FloatArray,
+    result: Separation,
+    weights: Mapping[str, FloatArray],
+    start: float,
+    hidden: Mapping[str, tuple[int, ...]],
+) -> tuple[dict[str, ComplexArray], dict[str, FloatArray]]:
+    """Return the harmonics of the parts but for the hidden ones, and their type A uncertainty."""
+    harmonics, spread = {}, {}
+    for name, values in result.parts.items():
+        c = harmonics[name] = harmonics_of(values, start=start, hidden=hidden[name])
+        u = harmonics_u(array, weights[name], result.noise.value)
+        spread[name] = np.where(np.isfinite(c), u, np.nan)
+    return harmonics, spread
 
 
 def _turns(
@@ -328,37 +330,16 @@ class FaceReversal(RecordedMethod):
             model = np.concatenate([model, model[2:]])
         return model[:, None] if readings.ndim == model.ndim + 1 else model
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
+    def _separated(
+        self, readings: ArrayLike, stated: float | None, history: History
     ) -> Separation:
         array = checked_readings(readings, names=_names(readings), minimum=8, what="face_reversal")
         angle = self.start + grid(array.shape[2])
         both, mean = low_harmonics(angle), low_harmonics(angle, highest=0)
-        averaged = average_repeats(array, both, u_reading=u_reading)
         weights = _weights(self.radius, array.shape[0])
-        parts, u, harmonics, spread = {}, {}, {}, {}
-        for name, w in weights.items():
-            basis = mean if name == "axial" else both
-            used = w != 0.0
-            curve = w[used] @ averaged.mean[used]
-            valid = ~np.isnan(curve)
-            require_common(valid, basis, self.name)
-            parts[name] = without_basis(curve, basis)
-            with np.errstate(divide="ignore"):
-                variance = averaged.noise.value**2 * (
-                    (w[used] ** 2) @ (1.0 / averaged.counts[used])
-                )
-            u[name] = np.sqrt(np.where(valid, variance, np.nan) * left_share(valid, basis))
-            hidden = (0,) if name == "axial" else (0, 1)
-            harmonics[name] = harmonics_of(parts[name], start=self.start, hidden=hidden)
-            spread[name] = np.where(
-                np.isfinite(harmonics[name]), harmonics_u(array, w, averaged.noise.value), np.nan
-            )
-        return Separation(
+        bases = {"artefact": both, "axial": mean, "tilt": both}
+        averaged, parts, u = combined(self, array, weights, bases, stated)
+        result = Separation(
             self.name,
             parts,
             u,
@@ -366,8 +347,6 @@ class FaceReversal(RecordedMethod):
             {"angle": angle},
             self.null_space(),
             noise=averaged.noise,
-            harmonics=harmonics,
-            harmonics_u=spread,
             audit={
                 "radius_mm": self.radius * 1e3,
                 "n_repeats": averaged.n_repeats,
@@ -382,6 +361,9 @@ class FaceReversal(RecordedMethod):
             ),
             history=(*history, Step(self.name, {"radius_m": self.radius})),
         )
+        hidden = {"artefact": (0, 1), "axial": (0,), "tilt": (0, 1)}
+        harmonics, spread = _harmonics(array, result, weights, self.start, hidden)
+        return replace(result, harmonics=harmonics, harmonics_u=spread)
 
 
 @described_by(FaceReversal, FaceReversal.separate)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,7 +12,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_engineering
-from metrosep.separation._readings import plain, reduced
+from metrosep.separation._methods import StoredResult
 
 __all__ = ["SpeedFit", "fit_values"]
 
@@ -23,7 +22,7 @@ _PEAK = 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class SpeedFit:
+class SpeedFit(StoredResult):
     """Polynomial in speed through one value; frozen.
 
     Parameters
@@ -65,19 +64,6 @@ class SpeedFit:
     p_fit: float
     peaks: tuple[float, ...]
     unit: str
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI, NaN as None.
-
-        Returns
-        -------
-        dict
-            One key for each field, arrays as lists.
-        """
-        return {f.name: plain(getattr(self, f.name)) for f in fields(self)}
 
     def __str__(self) -> str:
         terms = [self.coefficient(p) for p in self.powers]

@@ -24,19 +24,17 @@ from metrosep.core.errors import (
     UnitError,
 )
 from metrosep.core.inputs import RoleColumns
-from metrosep.core.numbers import choice, count, not_negative, positive
+from metrosep.core.numbers import choice, count, positive
 from metrosep.core.options import Option
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import RecordedMethod
+from metrosep.separation._methods import History, RecordedMethod, StoredResult
 from metrosep.separation._readings import (
     as_numbers,
     known_parts,
     part_of,
-    plain,
     real_numbers,
-    reduced,
 )
 from metrosep.separation.circles.speed_fit import SpeedFit, fit_values
 from metrosep.separation.circles.spindle_result import SpindleMotion
@@ -57,7 +55,7 @@ _DOUBT = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class SpeedSweep:
+class SpeedSweep(StoredResult):
     """Spindle values against speed; frozen.
 
     Parameters
@@ -85,27 +83,6 @@ class SpeedSweep:
 
     def __getitem__(self, symbol: str) -> SpeedFit:
         return self.fits[symbol]
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI, NaN as None.
-
-        Returns
-        -------
-        dict
-            ``speed`` in rev/s, ``fits`` by symbol, ``natural_frequency``, ``critical``, ``audit``,
-            ``messages``.
-        """
-        return {
-            "speed": plain(self.speed),
-            "fits": {name: fit.to_dict() for name, fit in self.fits.items()},
-            "natural_frequency": plain(self.natural_frequency),
-            "critical": plain(self.critical),
-            "audit": plain(self.audit),
-            "messages": list(self.messages),
-        }
 
     def __repr__(self) -> str:
         rows = "; ".join(f"{name}: {fit}" for name, fit in self.fits.items())
@@ -458,6 +435,10 @@ class SpeedGrowth(RecordedMethod):
         choice(self.unit, f"{self.name}: unit", ("m", "rad"))
         fit_speed_sweep(self.speeds, {"none": np.zeros(np.size(self.speeds))}, powers=self.powers)
 
+    @property
+    def _dimension(self) -> str:
+        return "length" if self.unit == "m" else "angle"
+
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
@@ -476,17 +457,9 @@ class SpeedGrowth(RecordedMethod):
             found.append(Unobservable("at_rest", "term", ("all of it",), _NO_LEVEL))
         return tuple(found)
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
+    def _separated(
+        self, readings: ArrayLike, stated: float | None, history: History
     ) -> Separation:
-        stated = u_reading
-        if stated is not None:
-            dimension = "length" if self.unit == "m" else "angle"
-            stated = not_negative(stated, "u_reading", dimension=dimension)
         array = self._checked(readings)
         fits = self._fits(array, math.nan if stated is None else stated)
         parts, u = self._parts(array, fits)

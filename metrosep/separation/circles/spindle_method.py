@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
-from metrosep.core.numbers import choice, not_negative, real
+from metrosep.core.numbers import choice, real
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import RecordedMethod, settle
+from metrosep.separation._methods import History, RecordedMethod, settle
 from metrosep.separation._readings import (
     as_numbers,
     checked_readings,
@@ -118,16 +118,9 @@ class SpindleSplit(RecordedMethod):
             Unobservable("asynchronous", "term", ("mean revolution",), _MEAN),
         )
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
+    def _separated(
+        self, readings: ArrayLike, stated: float | None, history: History
     ) -> Separation:
-        sd = u_reading
-        if sd is not None:
-            sd = not_negative(sd, "u_reading", dimension="length")
         array = as_numbers(readings, f"{self.name} needs revolutions (M, n) as numbers")
         if array.ndim != 2:
             raise InvalidSamplesError(
@@ -142,7 +135,7 @@ class SpindleSplit(RecordedMethod):
         rest[motion.revolutions] = array[0, motion.revolutions] - mean
         curve = motion.synchronous_motion
         parts = {"setting": mean - curve, "synchronous": curve, "asynchronous": rest}
-        noise = _noise(rest, motion.n_revolutions, sd)
+        noise = _noise(rest, motion.n_revolutions, stated)
         whole = array[:, motion.revolutions]
         coefficients = harmonics_of(curve, start=self.start, hidden=self._hidden)
         spread = np.where(

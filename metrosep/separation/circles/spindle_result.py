@@ -13,7 +13,8 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.profile import html_table
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.table import ParameterTable
-from metrosep.separation._readings import plain, reduced
+from metrosep.separation._methods import StoredResult
+from metrosep.separation._readings import plain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,7 +23,7 @@ __all__ = ["SpindleHarmonics", "SpindleMotion"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class SpindleHarmonics:
+class SpindleHarmonics(StoredResult):
     """Harmonics of the mean revolution and of the scatter; arrays over k = 1 .. n // 2.
 
     Parameters
@@ -52,24 +53,10 @@ class SpindleHarmonics:
     significant: NDArray[np.bool_]
     removed: tuple[int, ...]
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
-
     def __repr__(self) -> str:
         found = [int(k) for k in self.k[self.significant]]
         named = ", ".join(str(k) for k in found[:8]) + (", ..." if len(found) > 8 else "")
         return f"SpindleHarmonics(k = 1 .. {int(self.k[-1])}, repeating: {named or 'none'})"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI.
-
-        Returns
-        -------
-        dict
-            ``k``, ``amplitude``, ``phase``, ``u``, ``nrr``, ``significant``, ``removed`` as lists.
-        """
-        names = ("k", "amplitude", "phase", "u", "nrr", "significant", "removed")
-        return {name: plain(getattr(self, name)) for name in names}
 
     def to_frame(self) -> pd.DataFrame:
         """Return a data frame, one row per harmonic.
@@ -96,7 +83,7 @@ class SpindleHarmonics:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class SpindleMotion:
+class SpindleMotion(StoredResult):
     """Result of a spindle test after ISO 230-7; frozen, SI.
 
     Parameters
@@ -193,9 +180,6 @@ class SpindleMotion:
             "messages": self.messages,
         }
         return {key: plain(value) for key, value in document.items()}
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
 
     def _repr_html_(self) -> str:
         """Return a small table for notebooks."""

@@ -20,9 +20,8 @@ from metrosep.core.numbers import not_negative
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
-from metrosep.separation._methods import RecordedMethod
 from metrosep.separation._readings import NOISE_UNKNOWN, checked_readings
-from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 from metrosep.separation.lines._line_found import Found, solve
 from metrosep.separation.lines._line_probes import Row, interpolation, positions
 from metrosep.separation.lines._line_problem import (
@@ -41,7 +40,7 @@ from metrosep.separation.lines._line_problem import (
 )
 
 
-class ProbeRowMethod(RecordedMethod):
+class ProbeRowMethod(SeparationMethod):
     """Probes in a row on one carriage; derived classes say where they sit."""
 
     method: str

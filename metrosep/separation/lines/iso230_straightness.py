@@ -22,7 +22,7 @@ from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.deviation import form_deviation
 from metrosep.parameters.form_result import FormDeviation
-from metrosep.separation._methods import RecordedMethod
+from metrosep.separation._methods import History, RecordedMethod, StoredResult
 from metrosep.separation._readings import (
     as_numbers,
     average_repeats,
@@ -32,7 +32,6 @@ from metrosep.separation._readings import (
     line_basis,
     part_of,
     plain,
-    reduced,
     size_doubts,
 )
 from metrosep.separation.contract import Separation, Unobservable
@@ -58,7 +57,7 @@ _LINES: tuple[Line, ...] = ("MZ", "LS", "EP")
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class MotionStraightness:
+class MotionStraightness(StoredResult):
     """Straightness from three reference lines, one of them chosen.
 
     Parameters
@@ -146,9 +145,6 @@ class MotionStraightness:
         names = ("reference", "values", "slopes", "bias", "x", "residual", "audit", "messages")
         found: dict[str, Any] = plain({name: getattr(self, name) for name in names})
         return {**found, "deviations": plain(lines)}
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
 
     def __repr__(self) -> str:
         each = ", ".join(f"{key} {q}" for key, q in self.values.items())
@@ -417,12 +413,8 @@ class ReferenceLine(RecordedMethod):
             Unobservable("reference", "term", ("all of it",), _FORM),
         )
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
+    def _separated(
+        self, readings: ArrayLike, stated: float | None, history: History
     ) -> Separation:
         array = as_numbers(readings, f"{self.name} needs runs (M, n) as numbers")
         if array.ndim != 2 or array.shape[1] != len(self.x):
@@ -432,7 +424,7 @@ class ReferenceLine(RecordedMethod):
             )
         array = checked_readings(array[np.newaxis], names=("runs",), minimum=4, what=self.name)
         x = np.array(self.x)
-        averaged = average_repeats(array, line_basis(x), u_reading=u_reading)
+        averaged = average_repeats(array, line_basis(x), u_reading=stated)
         mean, runs = averaged.mean[0], averaged.counts[0]
         sheet = straightness_iso230_1(x, mean, reference=self.line)
         valid = ~np.isnan(mean)

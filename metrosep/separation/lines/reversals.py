@@ -20,8 +20,9 @@ from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.numbers import not_negative
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.separation._methods import RecordedMethod, described_by
+from metrosep.separation._methods import History, RecordedMethod, described_by
 from metrosep.separation._readings import (
+    Averaged,
     average_repeats,
     checked_readings,
     curves,
@@ -38,6 +39,32 @@ from metrosep.separation.contract import Separation, Unobservable
 __all__ = ["StraightedgeReversal", "straightedge_reversal"]
 
 
+def combined(
+    method: RecordedMethod,
+    array: FloatArray,
+    weights: Mapping[str, FloatArray],
+    bases: Mapping[str, FloatArray],
+    stated: float | None,
+) -> tuple[Averaged, dict[str, FloatArray], dict[str, FloatArray]]:
+    """Return means over repeats, parts ``w @ mean`` without their basis, and their uncertainty.
+
+    The widest basis, that of the artefact, is what may differ from repeat to repeat.
+    """
+    averaged = average_repeats(array, bases["artefact"], u_reading=stated)
+    parts, u = {}, {}
+    for name, w in weights.items():
+        used, basis = w != 0.0, bases[name]
+        curve = w[used] @ averaged.mean[used]
+        valid = ~np.isnan(curve)
+        require_common(valid, basis, method.name)
+        parts[name] = without_basis(curve, basis)
+        with np.errstate(divide="ignore"):
+            spread = (w[used] ** 2) @ (1.0 / averaged.counts[used])
+        variance = np.where(valid, averaged.noise.value**2 * spread, np.nan)
+        u[name] = np.sqrt(variance * left_share(valid, basis))
+    return averaged, parts, u
+
+
 class ReversedPair(RecordedMethod):
     """Two readings ``A + M`` and ``A - M``; methods say what alignment takes from each."""
 
@@ -49,40 +76,32 @@ class ReversedPair(RecordedMethod):
         ).values()
         return np.stack([part + machine, part - machine])
 
+    @property
+    def _weights(self) -> dict[str, FloatArray]:
+        """Half the sum is the artefact, half the difference the machine."""
+        artefact, machine = *self.truth_parts, *self.error_parts
+        return {artefact: np.array([0.5, 0.5]), machine: np.array([0.5, -0.5])}
+
     def _halves(
-        self,
-        array: FloatArray,
-        basis: FloatArray,
-        coordinates: Mapping[str, FloatArray],
-        u_reading: float | None,
+        self, array: FloatArray, basis: FloatArray, stated: float | None, **at: FloatArray
     ) -> Separation:
-        """Return half the sum and half the difference of the readings, a basis removed from each."""
-        averaged = average_repeats(array, basis, u_reading=u_reading)
-        m1, m2 = averaged.mean
-        valid = ~np.isnan(m1 + m2)
-        require_common(valid, basis, self.name)
-        artefact, machine = self.truth_parts[0], self.error_parts[0]
-        parts = {
-            artefact: without_basis((m1 + m2) / 2.0, basis),
-            machine: without_basis((m1 - m2) / 2.0, basis),
-        }
-        with np.errstate(divide="ignore"):
-            variance = averaged.noise.value**2 / 4.0 * (1.0 / averaged.counts).sum(axis=0)
-        u = np.sqrt(np.where(valid, variance, np.nan) * left_share(valid, basis))
+        """Return both parts over their coordinate, a basis removed from each."""
+        weights = self._weights
+        averaged, parts, u = combined(self, array, weights, dict.fromkeys(weights, basis), stated)
         return Separation(
             self.name,
             parts,
-            dict.fromkeys(parts, u),
+            u,
             dict.fromkeys(parts, "m"),
-            coordinates,
+            at,
             self.null_space(),
             noise=averaged.noise,
             audit={
                 "n_repeats": averaged.n_repeats,
                 "n_samples": int(array.shape[2]),
-                "n_not_measured": int(array.shape[2] - valid.sum()),
+                "n_not_measured": int(np.isnan(averaged.mean).any(axis=0).sum()),
                 "removed": "least squares: offset and "
-                + ("eccentricity" if "angle" in coordinates else "line"),
+                + ("eccentricity" if "angle" in at else "line"),
             },
             messages=(*averaged.messages, *size_doubts(array, self.name)),
         )
@@ -120,19 +139,15 @@ class StraightedgeReversal(ReversedPair):
     def null_space(self) -> tuple[Unobservable, ...]:
         return tuple(Unobservable(p, "polynomial", (0, 1), _LINE) for p in ("artefact", "machine"))
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
+    def _separated(
+        self, readings: ArrayLike, stated: float | None, history: History
     ) -> Separation:
         u_registration = not_negative(self.u_registration, "u_registration", dimension="length")
         if u_registration > 0.0 and self.x is None:
             raise DataError("u_registration is a length: it needs the positions x in m")
         array = checked_readings(readings, names=("m1", "m2"), minimum=4, what=self.name)
         x = _positions(self.x, array.shape[2])
-        result = self._halves(array, line_basis(x), {"x": x}, u_reading)
+        result = self._halves(array, line_basis(x), stated, x=x)
         u_shift = _shift_uncertainty(result.parts["artefact"], x, u_registration / 2.0)
         return replace(
             result,

@@ -26,7 +26,7 @@ from metrosep.core.numbers import flag, not_negative, positive
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
-from metrosep.separation._methods import RecordedMethod, described_by, settle
+from metrosep.separation._methods import History, RecordedMethod, described_by, settle
 from metrosep.separation._readings import as_numbers, known_parts, line_basis
 from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.lines._line_problem import longest_run, method_named
@@ -98,6 +98,7 @@ class SlopeIntegration(RecordedMethod):
     name: ClassVar[str] = "integrate_slopes"
     truth_parts: ClassVar[tuple[str, ...]] = ("height",)
     error_parts: ClassVar[tuple[str, ...]] = ("zero",)
+    dimension: ClassVar = "angle"
 
     def __post_init__(self) -> None:
         method = method_named(self.method, RULES, self.name)
@@ -138,12 +139,8 @@ class SlopeIntegration(RecordedMethod):
             Unobservable("zero", "term", ("all of it",), _KNOWN if self.zero_known else _ZERO),
         )
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
+    def _separated(
+        self, readings: ArrayLike, stated: float | None, history: History
     ) -> Separation:
         array = as_numbers(readings, f"{self.name} needs slopes (M, n) as numbers")
         if array.ndim != 2 or array.shape[1] != len(self.x):
@@ -152,7 +149,7 @@ class SlopeIntegration(RecordedMethod):
                 f"got {array.shape}"
             )
         found = integrate_slopes(
-            array, self.x, method=self.method, u_slope=u_reading, zero_known=self.zero_known
+            array, self.x, method=self.method, u_slope=stated, zero_known=self.zero_known
         )
         unknown = np.array(np.nan)
         cut = tuple(item for item in found.null_space if item.kind == "samples")

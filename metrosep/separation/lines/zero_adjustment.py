@@ -19,7 +19,7 @@ from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.numbers import flag, not_negative, positive
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import RecordedMethod, settle
+from metrosep.separation._methods import History, RecordedMethod, settle
 from metrosep.separation._readings import checked_readings, known_parts
 from metrosep.separation.contract import Separation, Unobservable
 
@@ -390,16 +390,9 @@ class ZeroAdjustment(RecordedMethod):
             return (Unobservable("bend", "term", ("mean",), _FLAT),)
         return (Unobservable("bend", "term", ("change of the zero",), _CHANGES),)
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
+    def _separated(
+        self, readings: ArrayLike, stated: float | None, history: History
     ) -> Separation:
-        stated = u_reading
-        if stated is not None:
-            stated = not_negative(stated, "u_reading", dimension="length")
         again = () if self.flat else tuple(f"{p} reversed" for p in _PROBES)
         array = checked_readings(readings, names=(*_PROBES, *again), minimum=1, what=self.name)
         turned = None if self.flat else array[3:]
