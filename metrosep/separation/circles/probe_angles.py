@@ -11,7 +11,7 @@ descent; seeded, so the same call gives the same angles.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -203,16 +203,8 @@ def optimise_probe_angles(
         tolerance * rng.standard_normal((16, n_probes)) if tolerance else np.empty((0, n_probes))
     )
     given = placed if placed.size else np.zeros(1)
-    found = best_angles(
-        n_probes,
-        kmax,
-        fixed=given,
-        min_separation=min_separation,
-        resolution=resolution,
-        draws=draws,
-        criterion=criterion,
-        rng=rng,
-    )
+    search = _Search(n_probes, kmax, given, min_separation, resolution, draws, criterion)
+    found = search.best(rng)
     if found is None:
         raise NotSeparableError(
             f"no arrangement of {n_probes} probes keeps {math.degrees(min_separation):.4g} degrees "
@@ -388,52 +380,6 @@ def separations(angles: FloatArray) -> float:
     )
 
 
-def best_angles(
-    n: int,
-    kmax: int,
-    *,
-    fixed: FloatArray,
-    min_separation: float,
-    resolution: float,
-    draws: FloatArray,
-    criterion: Criterion,
-    rng: np.random.Generator,
-) -> tuple[FloatArray, int] | None:
-    """Return the best angles found and the number of starts; None where nothing fits.
-
-    The draws (n_draws, n) are errors of the angles over which the gain is averaged.
-    """
-    size = 360 * (2 if kmax <= 100 else 4)
-    grid = 2.0 * np.pi * np.arange(size) / size
-    table = np.exp(1j * np.outer(np.arange(kmax + 2), grid))
-    n_free = n - fixed.size
-    work = n_free * _SWEEPS * table.size
-    starts = min(max(_FEWEST, int(_WORK / work)), _STARTS)
-    thin = math.ceil(_FEWEST * work / _WORK)
-    found: list[tuple[float, FloatArray]] = []
-    if n * min_separation > 2.0 * np.pi + _TINY:
-        return None
-    for _ in range(starts):
-        start = _random_start(n, fixed, grid, min_separation, rng)
-        if start is None:
-            return None
-        found.append(_exchange(start, fixed.size, grid, table, min_separation, criterion, thin))
-    found.sort(key=lambda item: item[0])
-
-    def score(angles: FloatArray) -> float:
-        rows = angles[:, np.newaxis] + draws.T if draws.size else angles[:, np.newaxis]
-        gain = gain_table(rows, kmax)
-        if criterion == "worst":
-            return float(gain.max(axis=0).mean())
-        return math.sqrt(float(np.mean(gain**2)))
-
-    polished = [
-        _descend(angles, fixed.size, score, resolution, grid[1], min_separation)
-        for _, angles in _distinct(found)
-    ]
-    return min(polished, key=lambda item: item[0])[1], starts
-
-
 def _gain(sums: ComplexArray, n: int) -> FloatArray:
     square = sums.real**2 + sums.imag**2
     product = sums[1:-2].conj() * sums[3:]
@@ -447,119 +393,131 @@ def _gain(sums: ComplexArray, n: int) -> FloatArray:
     return out
 
 
-def _random_start(
-    n: int,
-    fixed: FloatArray,
-    grid: FloatArray,
-    min_separation: float,
-    rng: np.random.Generator,
-) -> FloatArray | None:
-    """Return angles drawn one by one where there is room left; None after some dead ends."""
-    for attempt in range(50):
-        angles = fixed.copy()
-        while angles.size < n:
-            room = grid[_allowed(grid, angles, min_separation)]
-            if room.size == 0:
-                break
-            # later attempts pack tightly, which fits whenever anything does on a free circle
-            pick = room[0] if attempt >= 40 else rng.choice(room)
-            angles = np.append(angles, pick)
-        if angles.size == n:
-            return angles
-    return None
+@dataclass(frozen=True, slots=True)
+class _Search:
+    """A search of n angles, the fixed ones first."""
 
+    n: int
+    kmax: int
+    fixed: FloatArray
+    min_separation: float
+    resolution: float
+    draws: FloatArray  # shape (n_draws, n): errors of the angles over which the gain is averaged
+    criterion: Criterion
 
-def _allowed(grid: FloatArray, others: FloatArray, min_separation: float) -> NDArray[np.bool_]:
-    distance = np.abs((grid[:, np.newaxis] - others + np.pi) % (2.0 * np.pi) - np.pi)
-    out: NDArray[np.bool_] = np.all(distance >= min_separation - 1e-9, axis=1)
-    return out
+    @property
+    def grid(self) -> FloatArray:
+        """Places of the exchange."""
+        size = 360 * (2 if self.kmax <= 100 else 4)
+        return 2.0 * np.pi * np.arange(size) / size
 
+    def best(self, rng: np.random.Generator) -> tuple[FloatArray, int] | None:
+        """Return the best angles found and the number of starts; None where nothing fits."""
+        if self.n * self.min_separation > 2.0 * np.pi + _TINY:
+            return None
+        grid = self.grid
+        table = np.exp(1j * np.outer(np.arange(self.kmax + 2), grid))
+        work = (self.n - self.fixed.size) * _SWEEPS * table.size
+        starts = min(max(_FEWEST, int(_WORK / work)), _STARTS)
+        thin = math.ceil(_FEWEST * work / _WORK)
+        found: list[tuple[float, FloatArray]] = []
+        for _ in range(starts):
+            start = self._random_start(grid, rng)
+            if start is None:
+                return None
+            found.append(self._exchange(start, grid, table, thin))
+        found.sort(key=lambda item: item[0])
+        distinct: list[tuple[float, FloatArray]] = []
+        for value, angles in found:
+            if len(distinct) < _FINALISTS and all(abs(value - v) > 1e-6 for v, _ in distinct):
+                distinct.append((value, angles))
+        polished = [self._descend(angles, float(grid[1])) for _, angles in distinct]
+        return min(polished, key=lambda item: item[0])[1], starts
 
-def _exchange(
-    angles: FloatArray,
-    n_fixed: int,
-    grid: FloatArray,
-    table: ComplexArray,
-    min_separation: float,
-    criterion: Criterion,
-    thin: int,
-) -> tuple[float, FloatArray]:
-    """Move one probe after the other to the best place of the grid until none wants to move.
+    def _random_start(self, grid: FloatArray, rng: np.random.Generator) -> FloatArray | None:
+        """Return angles drawn one by one where there is room left; None after some dead ends."""
+        for attempt in range(50):
+            angles = self.fixed.copy()
+            while angles.size < self.n:
+                room = grid[self._allowed(grid, angles)]
+                if room.size == 0:
+                    break
+                # later attempts pack tightly, which fits whenever anything does on a free circle
+                pick = room[0] if attempt >= 40 else rng.choice(room)
+                angles = np.append(angles, pick)
+            if angles.size == self.n:
+                return angles
+        return None
 
-    Where the grid is dear, each probe tries every `thin`-th place only, from another first one.
-    """
-    n = angles.size
-    m = np.arange(table.shape[0])
-    best = math.inf
-    for _ in range(_SWEEPS):
-        before = best
-        for i in range(n_fixed, n):
-            others = np.delete(angles, i)
-            places = np.flatnonzero(_allowed(grid, others, min_separation))
-            if places.size > thin:
-                places = places[i % thin :: thin]
-            if places.size == 0:
-                continue
-            rest = np.exp(1j * np.outer(m, others)).sum(axis=1)
-            scores = _scores(rest, table, places, n, criterion)
-            j = int(np.argmin(scores))
-            if scores[j] < best:
-                best = float(scores[j])
-                angles = angles.copy()
-                angles[i] = grid[places[j]]
-        if best >= before * (1.0 - 1e-6):
-            break
-    return best, angles
+    def _allowed(self, grid: FloatArray, others: FloatArray) -> NDArray[np.bool_]:
+        distance = np.abs((grid[:, np.newaxis] - others + np.pi) % (2.0 * np.pi) - np.pi)
+        return np.asarray(np.all(distance >= self.min_separation - 1e-9, axis=1))
 
+    def _exchange(
+        self, angles: FloatArray, grid: FloatArray, table: ComplexArray, thin: int
+    ) -> tuple[float, FloatArray]:
+        """Move one probe after the other to the best place of the grid until none wants to move.
 
-def _scores(
-    rest: ComplexArray, table: ComplexArray, places: NDArray[np.intp], n: int, criterion: Criterion
-) -> FloatArray:
-    """Return the score with one more probe at each place, in blocks that stay in the cache."""
-    width = max(1, _BLOCK // rest.size)
-    out = np.empty(places.size)
-    for i in range(0, places.size, width):
-        some = slice(i, i + width)
-        gain = _gain(rest[:, np.newaxis] + table[:, places[some]], n)
-        if criterion == "worst":
-            out[some] = gain.max(axis=0)
-        else:
-            out[some] = np.sqrt(np.mean(gain**2, axis=0))
-    return out
-
-
-def _distinct(found: list[tuple[float, FloatArray]]) -> list[tuple[float, FloatArray]]:
-    out: list[tuple[float, FloatArray]] = []
-    for value, angles in found:
-        if all(abs(value - other) > 1e-6 for other, _ in out):
-            out.append((value, angles))
-        if len(out) == _FINALISTS:
-            break
-    return out
-
-
-def _descend(
-    angles: FloatArray,
-    n_fixed: int,
-    score: Callable[[FloatArray], float],
-    resolution: float,
-    coarse: float,
-    min_separation: float,
-) -> tuple[float, FloatArray]:
-    """Move free probes by steps of `resolution` as long as the score falls."""
-    best = score(angles)
-    steps = max(1, round(coarse / resolution))
-    while steps >= 1:
-        moved = False
-        for i in range(n_fixed, angles.size):
-            for sign in (1.0, -1.0):
-                trial = angles.copy()
-                trial[i] += sign * steps * resolution
-                if separations(trial) < min_separation - 1e-9:
+        Where the grid is dear, each probe tries every `thin`-th place only, from another first one.
+        """
+        m = np.arange(table.shape[0])
+        best = math.inf
+        for _ in range(_SWEEPS):
+            before = best
+            for i in range(self.fixed.size, self.n):
+                others = np.delete(angles, i)
+                places = np.flatnonzero(self._allowed(grid, others))
+                if places.size > thin:
+                    places = places[i % thin :: thin]
+                if places.size == 0:
                     continue
-                value = score(trial)
-                if value < best * (1.0 - 1e-9):
-                    best, angles, moved = value, trial, True
-        if not moved:
-            steps //= 2
-    return best, angles
+                rest = np.exp(1j * np.outer(m, others)).sum(axis=1)
+                scores = self._scores(rest, table, places)
+                j = int(np.argmin(scores))
+                if scores[j] < best:
+                    best = float(scores[j])
+                    angles = angles.copy()
+                    angles[i] = grid[places[j]]
+            if best >= before * (1.0 - 1e-6):
+                break
+        return best, angles
+
+    def _scores(
+        self, rest: ComplexArray, table: ComplexArray, places: NDArray[np.intp]
+    ) -> FloatArray:
+        """Return the score with one more probe at each place, in blocks that stay in the cache."""
+        width = max(1, _BLOCK // rest.size)
+        out = np.empty(places.size)
+        for i in range(0, places.size, width):
+            some = slice(i, i + width)
+            gain = _gain(rest[:, np.newaxis] + table[:, places[some]], self.n)
+            worst = self.criterion == "worst"
+            out[some] = gain.max(axis=0) if worst else np.sqrt(np.mean(gain**2, axis=0))
+        return out
+
+    def _score(self, angles: FloatArray) -> float:
+        """Return the score of angles, averaged over their errors."""
+        errors = self.draws.T if self.draws.size else 0.0
+        gain = gain_table(angles[:, np.newaxis] + errors, self.kmax)
+        if self.criterion == "worst":
+            return float(gain.max(axis=0).mean())
+        return math.sqrt(float(np.mean(gain**2)))
+
+    def _descend(self, angles: FloatArray, coarse: float) -> tuple[float, FloatArray]:
+        """Move free probes by steps of the resolution as long as the score falls."""
+        best = self._score(angles)
+        steps = max(1, round(coarse / self.resolution))
+        while steps >= 1:
+            moved = False
+            for i in range(self.fixed.size, angles.size):
+                for sign in (1.0, -1.0):
+                    trial = angles.copy()
+                    trial[i] += sign * steps * self.resolution
+                    if separations(trial) < self.min_separation - 1e-9:
+                        continue
+                    value = self._score(trial)
+                    if value < best * (1.0 - 1e-9):
+                        best, angles, moved = value, trial, True
+            if not moved:
+                steps //= 2
+        return best, angles

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -223,116 +223,113 @@ def check_probes(
     array = revolutions(given, phi.size, what="probes", n_min=2 * method.kmax + 1).values
     mean = harmonics_of(array, method.kmax).mean(axis=1)
     variance = 2.0 * u_reading**2 / (array.shape[1] * array.shape[2])
-    geometry = _geometry(phi, method.kmax, turn)
-    per_k = _chi2(geometry, mean, variance)
+    faults = _Faults(phi, mean, method.kmax, turn, variance)
+    geometry = faults.geometry(phi)
+    per_k = faults.chi2(geometry)
     freedom = 2 * int(geometry.freedom.sum())
     chi2 = float(per_k.sum())
     share = np.full(per_k.size, np.nan)
     seen = geometry.freedom > 0
     share[seen] = per_k[seen] / (2.0 * geometry.freedom[seen])
     suspects = [
-        find(i, phi, mean, method.kmax, turn, variance)
-        for i in range(phi.size)
-        for find in (_wrong_angle, _wrong_sensitivity)
+        find(i) for i in range(phi.size) for find in (faults.wrong_angle, faults.wrong_sensitivity)
     ]
-    mirrored = float(_chi2(_geometry(phi, method.kmax, -turn), mean, variance).sum())
-    suspects.append(Suspect(-1, "turn", math.nan, mirrored))
+    mirrored = replace(faults, turn=-turn)
+    turned = float(mirrored.chi2(mirrored.geometry(phi)).sum())
+    suspects.append(Suspect(-1, "turn", math.nan, turned))
     suspects.sort(key=lambda s: s.chi2)
-    p = _chance(chi2, freedom, _drops(phi, geometry, mean, turn) / variance)
+    p = _chance(chi2, freedom, faults.drops(geometry) / variance)
     named, message = _verdict(chi2, freedom, suspects, p)
     return ProbeCheck(chi2, freedom, share, tuple(suspects), named, message, p)
 
 
-def _geometry(phi: FloatArray, kmax: int, turn: int) -> ProbeGeometry:
-    return probe_geometry(phi, kmax, covariance=None, max_gain=50.0, turn=turn)
+@dataclass(frozen=True, slots=True)
+class _Faults:
+    """Mean harmonics of the probes, and what single faults explain of their disagreement."""
 
+    phi: FloatArray  # rad: stated angles
+    mean: ComplexArray  # shape (n, kmax + 1)
+    kmax: int
+    turn: int
+    variance: float  # of a harmonic of one probe
 
-def _chi2(geometry: ProbeGeometry, mean: ComplexArray, variance: float) -> FloatArray:
-    rest = np.einsum("kij,jk->ki", geometry.residual, mean)
-    out: FloatArray = np.sum(np.abs(rest) ** 2, axis=1) / variance
-    return out
+    def geometry(self, angles: FloatArray) -> ProbeGeometry:
+        """Return the estimators of probes at these angles."""
+        return probe_geometry(angles, self.kmax, covariance=None, max_gain=50.0, turn=self.turn)
 
+    def chi2(self, geometry: ProbeGeometry, mean: ComplexArray | None = None) -> FloatArray:
+        """Return chi-square of each undulation."""
+        rest = np.einsum("kij,jk->ki", geometry.residual, self.mean if mean is None else mean)
+        out: FloatArray = np.sum(np.abs(rest) ** 2, axis=1) / self.variance
+        return out
 
-def _fitted(
-    geometry: ProbeGeometry, mean: ComplexArray, moved: ComplexArray
-) -> tuple[float, float]:
-    """Return the real factor of `moved` (n, kmax + 1) that explains the residuals best, and size^2."""
-    rest = np.einsum("kij,jk->ki", geometry.residual, mean)
-    shape = np.einsum("kij,jk->ki", geometry.residual, moved)
-    size = float(np.sum(np.abs(shape) ** 2))
-    return (float(np.sum((shape.conj() * rest).real)) / size if size > 0.0 else 0.0), size
+    def _fitted(self, geometry: ProbeGeometry, moved: ComplexArray) -> tuple[float, float]:
+        """Return the real factor of `moved` that explains the residuals best, and its size^2."""
+        rest = np.einsum("kij,jk->ki", geometry.residual, self.mean)
+        shape = np.einsum("kij,jk->ki", geometry.residual, moved)
+        size = float(np.sum(np.abs(shape) ** 2))
+        return (float(np.sum((shape.conj() * rest).real)) / size if size > 0.0 else 0.0), size
 
+    def _u(self, size2: float) -> float:
+        return math.sqrt(self.variance / size2) if size2 > 0.0 else math.inf
 
-def _wrong_angle(
-    i: int, phi: FloatArray, mean: ComplexArray, kmax: int, turn: int, variance: float
-) -> Suspect:
-    """Gauss-Newton in the angle of one probe."""
-    angles = phi.copy()
-    limit = 1.0 / kmax
-    best = (math.inf, 0.0, math.inf)
-    for _ in range(12):
-        geometry = _geometry(angles, kmax, turn)
-        chi2 = float(_chi2(geometry, mean, variance).sum())
-        wanted, size2 = _fitted(geometry, mean, _moved(i, angles, geometry, mean, turn))
-        if chi2 < best[0]:
-            best = (chi2, float(angles[i] - phi[i]), _sd(size2, variance))
-        step = float(np.clip(wanted, -limit, limit))
-        angles[i] += step
-        if abs(step) < 1e-10:
-            break
-    return Suspect(i, "angle", best[1], best[0], best[2])
+    def _moved(self, i: int, angles: FloatArray, geometry: ProbeGeometry) -> ComplexArray:
+        """Return how the readings change with the angle of probe i."""
+        seen = np.einsum("pkn,nk->pk", geometry.rows, self.mean)
+        r, x, y = np.where(np.isnan(seen), 0.0, seen)
+        turning = 1j * self.turn * np.arange(self.mean.shape[1])
+        moved = np.zeros_like(self.mean)
+        moved[i] = turning * np.exp(turning * angles[i]) * r
+        moved[i] += -math.sin(angles[i]) * x + math.cos(angles[i]) * y
+        moved[:, :2] = 0.0
+        return moved
 
+    def wrong_angle(self, i: int) -> Suspect:
+        """Gauss-Newton in the angle of one probe."""
+        angles = self.phi.copy()
+        limit = 1.0 / self.kmax
+        best = (math.inf, 0.0, math.inf)
+        for _ in range(12):
+            geometry = self.geometry(angles)
+            chi2 = float(self.chi2(geometry).sum())
+            wanted, size2 = self._fitted(geometry, self._moved(i, angles, geometry))
+            if chi2 < best[0]:
+                best = (chi2, float(angles[i] - self.phi[i]), self._u(size2))
+            step = float(np.clip(wanted, -limit, limit))
+            angles[i] += step
+            if abs(step) < 1e-10:
+                break
+        return Suspect(i, "angle", best[1], best[0], best[2])
 
-def _sd(size2: float, variance: float) -> float:
-    """Return the standard uncertainty of a factor."""
-    return math.sqrt(variance / size2) if size2 > 0.0 else math.inf
+    def wrong_sensitivity(self, i: int) -> Suspect:
+        """Exact: readings of one probe times a factor are linear in the factor."""
+        geometry = self.geometry(self.phi)
+        moved = np.zeros_like(self.mean)
+        moved[i] = -self.mean[i]
+        wanted, size2 = self._fitted(geometry, moved)
+        factor = 1.0 + wanted
+        scaled = self.mean.copy()
+        scaled[i] = factor * self.mean[i]
+        chi2 = float(self.chi2(geometry, scaled).sum())
+        if abs(factor) <= 1e-6:
+            return Suspect(i, "sensitivity", math.inf, chi2, math.inf)
+        return Suspect(i, "sensitivity", 1.0 / factor - 1.0, chi2, self._u(size2) / factor**2)
 
+    def drops(self, geometry: ProbeGeometry) -> FloatArray:
+        """Return what each fault takes off the squared residuals, to first order.
 
-def _moved(
-    i: int, angles: FloatArray, geometry: ProbeGeometry, mean: ComplexArray, turn: int
-) -> ComplexArray:
-    """Return how the readings change with the angle of probe i."""
-    seen = np.einsum("pkn,nk->pk", geometry.rows, mean)
-    r, x, y = np.where(np.isnan(seen), 0.0, seen)
-    k = np.arange(mean.shape[1])
-    moved = np.zeros_like(mean)
-    moved[i] = 1j * turn * k * np.exp(1j * turn * k * angles[i]) * r
-    moved[i] += -math.sin(angles[i]) * x + math.cos(angles[i]) * y
-    moved[:, :2] = 0.0
-    return moved
-
-
-def _wrong_sensitivity(
-    i: int, phi: FloatArray, mean: ComplexArray, kmax: int, turn: int, variance: float
-) -> Suspect:
-    """Exact: readings of one probe times a factor are linear in the factor."""
-    geometry = _geometry(phi, kmax, turn)
-    moved = np.zeros_like(mean)
-    moved[i] = -mean[i]
-    wanted, size2 = _fitted(geometry, mean, moved)
-    factor = 1.0 + wanted
-    scaled = mean.copy()
-    scaled[i] = factor * mean[i]
-    chi2 = float(_chi2(geometry, scaled, variance).sum())
-    if abs(factor) <= 1e-6:
-        return Suspect(i, "sensitivity", math.inf, chi2, math.inf)
-    return Suspect(i, "sensitivity", 1.0 / factor - 1.0, chi2, _sd(size2, variance) / factor**2)
-
-
-def _drops(phi: FloatArray, geometry: ProbeGeometry, mean: ComplexArray, turn: int) -> FloatArray:
-    """Return what each fault takes off the squared residuals, to first order at the stated angles.
-
-    The shape of a fault is made of what the probes agree on, so its noise is independent of the
-    residuals, and each drop is a chi-square of one degree of freedom; an iterated one is more.
-    """
-    found = []
-    for i in range(phi.size):
-        wrong = np.zeros_like(mean)
-        wrong[i] = mean[i]
-        for moved in (_moved(i, phi, geometry, mean, turn), wrong):
-            factor, size2 = _fitted(geometry, mean, moved)
-            found.append(factor**2 * size2)
-    return np.array(found)
+        The shape of a fault is made of what the probes agree on, so its noise is independent of
+        the residuals, and each drop is a chi-square of one degree of freedom; an iterated one is
+        more.
+        """
+        found = []
+        for i in range(self.phi.size):
+            wrong = np.zeros_like(self.mean)
+            wrong[i] = self.mean[i]
+            for moved in (self._moved(i, self.phi, geometry), wrong):
+                factor, size2 = self._fitted(geometry, moved)
+                found.append(factor**2 * size2)
+        return np.array(found)
 
 
 def _chance(chi2: float, freedom: int, drops: FloatArray) -> float:

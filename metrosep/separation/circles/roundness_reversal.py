@@ -89,7 +89,14 @@ class DonaldsonReversal(ReversedPair):
     def _separated(
         self, readings: ArrayLike, stated: float | None, history: History
     ) -> Separation:
-        u_index = between(self.u_index, "u_index", 0.0, _LARGEST_INDEX, why="0.1 deg is 1.7e-3")
+        u_index = between(
+            self.u_index,
+            "u_index",
+            0.0,
+            _LARGEST_INDEX,
+            dimension="angle",
+            why="0.1 deg is 1.7e-3",
+        )
         start = real(self.start, "start", dimension="angle")
         array = checked_readings(readings, names=("m1", "m2"), minimum=8, what=self.name)
         angle = start + grid(array.shape[2])
@@ -555,7 +562,15 @@ def combine_harmonics(
     ratios: dict[str, float | None] = {}
     for part in parts:
         c, u = _padded(separations, part, top)
-        mean, u_mean, share = _weighted(c, u)
+        # Gauss-Markov: weights 1/u^2 for each harmonic
+        seen = np.isfinite(u)
+        information = np.where(seen, 1.0 / np.where(seen, u, 1.0) ** 2, 0.0)
+        total = information.sum(axis=0)
+        none = total == 0.0
+        share = information / np.where(none, 1.0, total)
+        mean = np.sum(share * np.where(seen, c, 0.0), axis=0)
+        mean[none] = np.nan
+        u_mean = np.where(none, np.nan, 1.0 / np.sqrt(np.where(none, 1.0, total)))
         harmonics[part], harmonics_u[part] = mean, u_mean
         curves[part] = curve(mean, n)
         u_curves[part] = np.full(n, math.sqrt(float(np.nansum(u_mean[1:] ** 2))))
@@ -620,23 +635,10 @@ def _padded(
     return c, u
 
 
-def _weighted(c: ComplexArray, u: FloatArray) -> tuple[ComplexArray, FloatArray, FloatArray]:
-    seen = np.isfinite(u)
-    information = np.where(seen, 1.0 / np.where(seen, u, 1.0) ** 2, 0.0)
-    total = information.sum(axis=0)
-    none = total == 0.0
-    share = information / np.where(none, 1.0, total)
-    mean = np.where(seen, c, 0.0)
-    mean = np.sum(share * mean, axis=0)
-    mean[none] = np.nan
-    u_mean = np.where(none, np.nan, 1.0 / np.sqrt(np.where(none, 1.0, total)))
-    return mean, u_mean, share
-
-
 def _agreement(
     part: str, c: ComplexArray, u: FloatArray, mean: ComplexArray
 ) -> tuple[float | None, list[str]]:
-    """Return chi-square over its freedom, and words where the inputs contradict each other."""
+    """Return chi-square over its freedom, and a message where the inputs contradict each other."""
     seen = np.isfinite(u)
     freedom = 2 * int(np.maximum(seen.sum(axis=0) - 1, 0).sum())
     if freedom == 0:
