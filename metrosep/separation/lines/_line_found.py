@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +29,7 @@ from metrosep.separation.lines._line_problem import (
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Found:
+class Found(NamedTuple):
     """Values with their standard uncertainty for a reading of unit noise."""
 
     # of (ndarray, ndarray): value, and uncertainty for unit noise of one reading; NaN where not
@@ -88,10 +86,12 @@ def _solve_piece(
     if x[-1] - x[0] < needed_travel(row):
         return None
     whole = bool(stations.whole(problem.n_probes, n).all())
-    if method == "sequential":
-        if not whole:
-            return None
-        rows = _chain_rows(row, stations)
+    sequential = method == "sequential"
+    if sequential and not whole:
+        return None
+    full = np.flatnonzero(stations.valid[: problem.n_probes].all(axis=0))  # one for each position
+    if sequential:
+        rows = _chain_rows(row, stations, full)
     else:
         rows = rows_without_carriage(stations.valid, problem.nuisance, stations.sd)
     places = probe_places(row, x, grid)
@@ -99,42 +99,37 @@ def _solve_piece(
     if int(read.sum()) <= degree + 2:
         return None
     stack = _stacked([interpolation(grid, at) for at in places], stations)
-    columns = _zero_columns(problem.zeros, stations)
-    zero_columns = rows.weights @ columns
+    # what each sensor at each station sees of the unknown zeros
+    columns = problem.zeros[:, None, :] / stations.sd[:, :, None]
+    columns = columns.reshape(stations.sd.size, problem.zeros.shape[1])
     y = rows.of(stations.values)
-    if method == "sequential":
-        used = _chain_stations(stations, problem.n_probes)
-        estimate = chain_estimator(row, stations.sd[0, used], degree=degree)
+    estimate: Estimator | None
+    if sequential:
+        estimate = chain_estimator(row, stations.sd[0, full], degree=degree)
     else:
         expected = _expected_hidden(row, degree, read)
-        if int(read.sum()) - y.size > expected:
-            _refuse_if_whole(row, x, grid.size, whole=whole)
-            return None
-        estimate = estimator(
-            rows.weights @ stack,
-            zero_columns,
-            y,
-            method=method,
-            smoothing=smoothing,
-            degree=degree,
-            guess=_guess(row, grid.size, degree),
-            read=read,
-        )
-        if estimate.hidden.shape[1] > expected:
-            _refuse_if_whole(row, x, grid.size, whole=whole)
-            return None
+        estimate = None
+        if int(read.sum()) - y.size <= expected:
+            estimate = estimator(
+                rows.weights @ stack,
+                rows.weights @ columns,
+                y,
+                method=method,
+                smoothing=smoothing,
+                degree=degree,
+                guess=_guess(row, grid.size, degree),
+                read=read,
+            )
+        if estimate is None or estimate.hidden.shape[1] > expected:
+            if not whole:
+                return None
+            raise NotSeparableError(
+                f"{n} positions {format_length(float(np.mean(np.diff(x))))} apart do not determine "
+                f"{grid.size} samples of the artefact at a step of {format_length(row.step)}: the "
+                "samples are not read by probes that hang together; give a step not finer than the "
+                "positions, or more positions"
+            )
     return _parts(problem, piece, stations, rows, y, stack, columns, estimate, grid, read)
-
-
-def _refuse_if_whole(row: Row, x: FloatArray, m: int, *, whole: bool) -> None:
-    """Refuse samples that do not hang together although nothing is missing."""
-    if not whole:
-        return
-    raise NotSeparableError(
-        f"{x.size} positions {format_length(float(np.mean(np.diff(x))))} apart do not determine {m} "
-        f"samples of the artefact at a step of {format_length(row.step)}: the samples are not read "
-        "by probes that hang together; give a step not finer than the positions, or more positions"
-    )
 
 
 def _guess(row: Row, m: int, degree: int) -> FloatArray:
@@ -153,16 +148,10 @@ def _expected_hidden(row: Row, degree: int, read: NDArray[np.bool_]) -> int:
     return least + max(degree + 1 - order, 0)
 
 
-def _chain_stations(stations: Stations, n_probes: int) -> NDArray[np.intp]:
-    """Return the stations that hold all probes, one for each position."""
-    return np.flatnonzero(stations.valid[:n_probes].all(axis=0))
-
-
-def _chain_rows(row: Row, stations: Stations) -> Rows:
+def _chain_rows(row: Row, stations: Stations, used: NDArray[np.intp]) -> Rows:
     from scipy.sparse import csr_array
 
     w = row.weights / np.linalg.norm(row.weights)
-    used = _chain_stations(stations, w.size)
     index = np.tile(np.arange(used.size), w.size)
     columns = np.concatenate([s * stations.at.size + used for s in range(w.size)])
     shape = (used.size, w.size * stations.at.size)
@@ -178,14 +167,7 @@ def _stacked(at_probe: list[Any], stations: Stations) -> Any:
         for p, sd in zip(at_probe, stations.sd, strict=False)
     ]
     empty = csr_array((stations.at.size, at_probe[0].shape[1]))
-    blocks += [empty] * (stations.sd.shape[0] - len(blocks))
-    return csr_array(vstack(blocks))
-
-
-def _zero_columns(zeros: FloatArray, stations: Stations) -> FloatArray:
-    """Return what each sensor at each station sees of the unknown zeros."""
-    columns = zeros[:, None, :] / stations.sd[:, :, None]
-    return np.asarray(columns.reshape(stations.sd.size, zeros.shape[1]), dtype=np.float64)
+    return csr_array(vstack(blocks + [empty] * (stations.sd.shape[0] - len(blocks))))
 
 
 def _parts(
@@ -202,38 +184,37 @@ def _parts(
 ) -> Found:
     seen, n = stack[:, np.flatnonzero(read)], piece.stop - piece.start
     f, amplitudes = estimate.artefact @ y, estimate.zeros @ y
-    with_zeros = amplitudes.size > 0
     rest = np.where(stations.valid, stations.values / stations.sd, 0.0).ravel() - seen @ f
-    if with_zeros:
-        rest = rest - columns @ amplitudes
-    pick = _carriage_of(problem.nuisance, stations, n)
-    n_sensors = problem.n_sensors
-    zeros, cov, hidden = np.zeros(n_sensors), np.zeros((n_sensors,) * 2), np.zeros((n_sensors, 1))
-    if with_zeros:
-        zeros, hidden = problem.zeros @ amplitudes, problem.zeros @ estimate.zeros_hidden
-        cov = (problem.zeros @ estimate.zeros) @ (problem.zeros @ estimate.zeros).T
     left = y - rows.weights @ (seen @ f)
-    if with_zeros:
+    if amplitudes.size:
+        rest = rest - columns @ amplitudes
         zero_rows = rows.weights @ columns
         left = left - zero_rows @ (np.linalg.pinv(zero_rows) @ left)
     values, u = np.full((2, problem.x.size), np.nan), np.full((2, problem.x.size), np.nan)
-    for c, matrix in enumerate(pick):
+    for c, matrix in enumerate(_carriage_of(problem.nuisance, stations, n)):
         known = np.flatnonzero(np.diff(matrix.indptr))
         through = (matrix @ seen) @ estimate.artefact
-        if with_zeros:
+        if amplitudes.size:
             through = through + (matrix @ columns) @ estimate.zeros
         own = np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel()
         spread = np.sqrt(own + np.einsum("ij,ij->i", through, through))
         values[c, piece.start + known] = (matrix @ rest)[known]
         u[c, piece.start + known] = spread[known]
-    u_f = np.sqrt(np.einsum("ij,ij->i", estimate.artefact, estimate.artefact))
+    artefact, u_artefact = np.full((2, problem.grid.size), np.nan)
+    step = problem.grid[1] - problem.grid[0]
+    index = np.round((grid[read] - problem.grid[0]) / step).astype(np.intp)
+    artefact[index] = f
+    u_artefact[index] = np.sqrt(np.einsum("ij,ij->i", estimate.artefact, estimate.artefact))
+    to_zeros = (
+        problem.zeros @ estimate.zeros if amplitudes.size else np.zeros((problem.n_sensors, 1))
+    )
     return Found(
-        _placed(f, u_f, grid[read], problem.grid),
+        (artefact, u_artefact),
         (values[0], u[0]),
         (values[1], u[1]),
-        zeros,
-        cov,
-        hidden,
+        problem.zeros @ amplitudes if amplitudes.size else np.zeros(problem.n_sensors),
+        to_zeros @ to_zeros.T,
+        problem.zeros @ estimate.zeros_hidden if amplitudes.size else to_zeros,
         float(left @ left),
         estimate.rest,
         estimate.freedom,
@@ -275,16 +256,6 @@ def _carriage_of(nuisance: FloatArray, stations: Stations, n: int) -> list[Any]:
     return found
 
 
-def _placed(
-    f: FloatArray, u: FloatArray, at: FloatArray, whole: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return values at some samples on the grid of all of them."""
-    values, uncertainty = np.full(whole.size, np.nan), np.full(whole.size, np.nan)
-    index = np.round((at - whole[0]) / (whole[1] - whole[0])).astype(np.intp)
-    values[index], uncertainty[index] = f, u
-    return values, uncertainty
-
-
 # ---- linear estimators of an artefact from rows in which the carriage has cancelled ------------
 # Each is one matrix F with ``f = F y``; rows y are white, so the covariance is ``s^2 F F'`` exactly.
 # What no row sees is removed by least squares, never filled.
@@ -297,8 +268,7 @@ LARGE = 600
 """Up to this many samples the null space is found by singular values, above it is verified."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Estimator:
+class Estimator(NamedTuple):
     """How the artefact and the zeros follow from rows."""
 
     artefact: FloatArray  # shape (m, n_rows): matrix F
