@@ -76,8 +76,8 @@ def as_numbers(values: ArrayLike, needs: str) -> FloatArray:
         raise InvalidSamplesError(f"{needs}, got no array of numbers ({exc})") from None
 
 
-def size_doubts(array: FloatArray, what: str) -> tuple[str, ...]:
-    """Say it where readings in m are so large that another unit was meant."""
+def unit_message(array: FloatArray, what: str) -> tuple[str, ...]:
+    """Warn where readings in m are so large that another unit was meant."""
     known = array[~np.isnan(array)]
     span = float(np.ptp(known)) if known.size else 0.0
     if span <= _LARGEST:

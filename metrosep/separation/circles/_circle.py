@@ -55,7 +55,7 @@ def check_radius(radius: Any) -> float:
 
 
 def numbers(values: Any, needs: str) -> FloatArray:
-    """Return an array of floats, refused in words where rows differ in length or are no numbers."""
+    """Return an array of floats, refused where rows differ in length or are not numbers."""
     try:
         np.shape(values)
     except ValueError:
@@ -123,7 +123,7 @@ class Revolutions:
 
     @property
     def messages(self) -> list[str]:
-        """What is to be said about gaps."""
+        """Messages about gaps."""
         if self.n_left_out == 0:
             return []
         text = (
@@ -356,7 +356,7 @@ def _of_recording(m: Recording, what: str) -> CircleReadings:
 
 
 def _repeats(values: FloatArray, what: str) -> tuple[str, ...]:
-    """Say so where a recording without its angle looks like several revolutions."""
+    """Warn where a recording without its angle looks like several revolutions."""
     n = values.shape[1]
     if n < 6 or not np.isfinite(values).all():
         return ()

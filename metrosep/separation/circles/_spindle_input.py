@@ -56,16 +56,17 @@ def readings_of(
         signals = signals.channels
     if isinstance(signals, Mapping):
         if isinstance(angle, str):
-            name = angle
-            _check_unit(units, name, "rad")
-            angle = _channel(signals, name)
+            if angle not in signals:
+                raise DataError(f"no channel {angle!r} among {', '.join(signals)}")
+            _check_unit(units, angle, "rad")
+            name, angle = angle, signals[angle]
             signals = {k: v for k, v in signals.items() if k != name}
         signals = _named(signals, names, channels, units)
     elif isinstance(angle, str):
         raise DataError("angle= names a channel only where the signals have names")
     elif channels is not None:
         raise DataError("channels= names signals of a mapping or Recording: leave it out")
-    return _complete(_arranged(signals, angle, len(names), names, n)), history
+    return _complete(_arranged(signals, angle, names, n)), history
 
 
 def _check_unit(units: Mapping[str, str], name: str, expected: str) -> None:
@@ -74,24 +75,17 @@ def _check_unit(units: Mapping[str, str], name: str, expected: str) -> None:
         raise UnitError(f"channel {name!r} is in {unit}, not in {expected}: convert it")
 
 
-def _channel(signals: Mapping[str, Any], name: str) -> Any:
-    if name not in signals:
-        raise DataError(f"no channel {name!r} among {', '.join(signals)}")
-    return signals[name]
-
-
 def _named(
     signals: Mapping[str, Any],
     names: Sequence[str],
     channels: Sequence[str] | str | None,
     units: Mapping[str, str],
 ) -> FloatArray:
-    if channels is None:
-        chosen = list(names)
-        if len(names) == 1 and names[0] not in signals and len(signals) == 1:
-            chosen = list(signals)
-    else:
-        chosen = [channels] if isinstance(channels, str) else list(channels)
+    chosen = (
+        [channels] if isinstance(channels, str) else list(names if channels is None else channels)
+    )
+    if channels is None and len(names) == len(signals) == 1:
+        chosen = list(signals)
     if len(chosen) != len(names):
         raise DataError(f"channels= must name {len(names)} signals ({', '.join(names)})")
     missing = [c for c in chosen if c not in signals]
@@ -109,60 +103,47 @@ def _named(
     return arrays[0] if len(arrays) == 1 else np.stack(arrays)
 
 
-def _arranged(
-    signals: Any, angle: Any, count: int, names: Sequence[str], n: int | None
-) -> AngleSynchronous:
-    if isinstance(signals, AngleSynchronous):
-        if angle is not None:
-            raise DataError("resampled signals carry their angle: leave angle out")
-        _no_grid(n)
-        return _resampled(signals, count, names)
-    values = real_numbers(signals, "the signals")
-    if angle is None:
-        _no_grid(n)
-        return _synchronous(values, None, count, names)
-    theta = np.asarray(real_numbers(angle, "the angle"), dtype=np.float64)
-    if theta.ndim == values.ndim > 1 and theta.shape == values.shape and count == 1:
-        values, theta = values.ravel(), theta.ravel()
-    grids = 2 if count == 1 else 3
-    if theta.ndim == 1 and values.ndim == grids and theta.size == values.shape[-1]:
-        _no_grid(n)
-        return _synchronous(values, theta, count, names)
-    if values.ndim != (1 if count == 1 else 2) or (count > 1 and values.shape[0] != count):
-        raise InvalidSamplesError(_shape_text(values.shape, count, names))
-    return _resampled(resample_by_encoder(values, theta, n=n), count, names)
-
-
-def _no_grid(n: int | None) -> None:
-    if n is not None:
-        raise DataError("n= resamples a record; these signals have their angles: leave it out")
-
-
-def _shape_text(shape: tuple[int, ...], count: int, names: Sequence[str]) -> str:
-    lead = "" if count == 1 else f"{count}, "
-    return (
-        f"signals of shape {shape} do not fit: need ({lead}n_samples) with angle=, or "
-        f"({lead}revolutions, angles) without, for {', '.join(names)}"
+def _arranged(signals: Any, angle: Any, names: Sequence[str], n: int | None) -> AngleSynchronous:
+    """Return signals as revolutions, resampled where they come with an angle at each sample."""
+    resampled = isinstance(signals, AngleSynchronous)
+    if resampled and angle is not None:
+        raise DataError("resampled signals carry their angle: leave angle out")
+    values = signals.table if resampled else real_numbers(signals, "the signals")
+    axes = 0 if len(names) == 1 else 1  # before the revolutions: channels
+    theta = None
+    if angle is not None:
+        theta = np.asarray(real_numbers(angle, "the angle"), dtype=np.float64)
+        if theta.ndim == values.ndim > 1 and theta.shape == values.shape and not axes:
+            values, theta = values.ravel(), theta.ravel()
+    columns = theta is None or (
+        theta.ndim == 1 and values.ndim == 2 + axes and theta.size == values.shape[-1]
     )
-
-
-def _resampled(source: AngleSynchronous, count: int, names: Sequence[str]) -> AngleSynchronous:
-    table = source.table if source.table.ndim == 3 else source.table[None]
-    if table.shape[0] != count:
-        raise InvalidSamplesError(_shape_text(source.table.shape, count, names))
-    return replace(source, table=table)
-
-
-def _synchronous(
-    values: NDArray[Any], theta: FloatArray | None, count: int, names: Sequence[str]
-) -> AngleSynchronous:
-    if values.ndim == 1:
+    if columns and n is not None:
+        raise DataError("n= resamples a record; these signals have their angles: leave it out")
+    if columns and not resampled and values.ndim == 1:
         raise DataError(
             "one row of samples needs angle= (rad at each sample); or give (revolutions, angles)"
         )
-    if values.ndim != (2 if count == 1 else 3) or (count > 1 and values.shape[0] != count):
-        raise InvalidSamplesError(_shape_text(values.shape, count, names))
-    table = frozen_float(values if count > 1 else values[None], name="the signals", ndim=3)
+    wanted = (2 if columns else 1) + axes
+    given = resampled and values.ndim == 3 and not axes  # one channel with its axis
+    if (values.ndim != wanted and not given) or (
+        values.shape[0] != len(names) and (axes or given)
+    ):
+        lead = f"{len(names)}, " if axes else ""
+        raise InvalidSamplesError(
+            f"signals of shape {values.shape} do not fit: need ({lead}n_samples) with angle=, or "
+            f"({lead}revolutions, angles) without, for {', '.join(names)}"
+        )
+    if columns and not resampled:
+        return _synchronous(
+            frozen_float(values if axes else values[None], name="the signals", ndim=3), theta
+        )
+    found = signals if resampled else resample_by_encoder(values, np.asarray(theta), n=n)
+    return replace(found, table=found.table if found.table.ndim == 3 else found.table[None])
+
+
+def _synchronous(table: FloatArray, theta: FloatArray | None) -> AngleSynchronous:
+    """Return channels (c, m, n) at the angles of a grid, from 0 if none is given."""
     size = table.shape[2]
     grid = _TURN * np.arange(size) / size
     rotation = 1

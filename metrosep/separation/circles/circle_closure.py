@@ -54,7 +54,7 @@ _ZERO = (
     "mean"
 )
 _ALIKE = (
-    "all positions of the artefact show these alike, so artefact and table are not told apart; add "
+    "all positions of the artefact show these alike, so artefact and table cannot be separated; add "
     "a position that shares no factor with N"
 )
 
@@ -89,7 +89,7 @@ class CircleClosure(RecordedMethod):
     TooFewSamplesError
         If there are fewer than 3 divisions or 2 set-ups.
     DataError
-        If a position is no whole number, or `table_sign` is neither -1 nor 1.
+        If a position is not a whole number, or `table_sign` is neither -1 nor 1.
     NotSeparableError
         If all set-ups have the same position.
 
@@ -152,8 +152,8 @@ class CircleClosure(RecordedMethod):
         settle(self, n=n, positions=tuple(p % n for p in whole), table_sign=sign)
         if len(set(self.positions)) == 1:
             raise NotSeparableError(
-                "all set-ups have the artefact at the same position, so artefact and table are "
-                "not told apart; turn the artefact between set-ups"
+                "all set-ups have the artefact at the same position, so artefact and table "
+                "cannot be separated; turn the artefact between set-ups"
             )
 
     def simulate(

@@ -32,7 +32,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.separation._methods import described_by, settle
-from metrosep.separation._readings import size_doubts
+from metrosep.separation._readings import unit_message
 from metrosep.separation.circles._circle import (
     CircleMethod,
     Revolutions,
@@ -159,7 +159,7 @@ class OrthogonalMixed(CircleMethod):
         if stated is not None and self.u_slope is None:
             raise DataError("u_reading is given but u_slope is not; the result needs both noises")
         array = given.values
-        messages = [*given.messages, *size_doubts(centred(array[:1]), self.name)]
+        messages = [*given.messages, *unit_message(centred(array[:1]), self.name)]
         slope_span = float(np.ptp(centred(array[1])))
         if slope_span > _LARGEST_SLOPE:
             messages.append(

@@ -128,7 +128,7 @@ class ProbeCheck:
         The one that explains it clearly better than the next; None if the probes agree or no
         single fault does.
     message : str
-        The finding in words.
+        The finding as a sentence.
     p : float, optional
         Probability that noise alone disagrees as much, as a whole or along one of the faults.
     """

@@ -32,7 +32,7 @@ from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.separation._methods import described_by, settle
-from metrosep.separation._readings import size_doubts
+from metrosep.separation._readings import unit_message
 from metrosep.separation.circles._circle import (
     CircleMethod,
     ProbeGeometry,
@@ -88,13 +88,13 @@ class MultiprobeRoundness(CircleMethod):
     turn : {1, -1}, optional
         +1: the part turns against the count of the probe angles; -1: with it.
     radius : float, m, optional
-        Radius of the artefact: the audit then tells the second undulation that the eccentricity
+        Radius of the artefact: the audit then holds the second undulation that the eccentricity
         itself makes, ``e^2 / (4 radius)``.
 
     Raises
     ------
     TooFewSamplesError, InvalidSamplesError
-        If there are fewer than 3 angles, they are not finite, or `cov` is no covariance.
+        If there are fewer than 3 angles, they are not finite, or `cov` is not a covariance.
     UnitError
         If angles or their uncertainty look like degrees, or `radius` like mm.
     DataError
@@ -241,7 +241,7 @@ class MultiprobeRoundness(CircleMethod):
             },
             messages=(
                 *given.messages,
-                *size_doubts(centred(array), self.name),
+                *unit_message(centred(array), self.name),
                 *((source,) if math.isnan(noise.value) else ()),
                 *hidden_message(
                     hidden,
@@ -332,7 +332,7 @@ _FEW_REVOLUTIONS = 5
 """Below this the uncertainty of a harmonic from revolutions has fewer than 8 degrees of freedom."""
 
 _DISAGREE = 5.0
-"""Excess of chi-square, in its standard deviations, at which the probes are said to disagree."""
+"""Excess of chi-square, in its standard deviations, at which the probes are reported to disagree."""
 
 
 _ROUNDING = 1e-12

@@ -168,7 +168,7 @@ def resample_by_encoder(
     Raises
     ------
     TooFewSamplesError
-        If there is no whole revolution, or fewer than 8 samples per revolution.
+        If there is not one whole revolution, or fewer than 8 samples per revolution.
     InvalidSamplesError
         If lengths differ, the signal is not real, or the angle is NaN, stands still or turns back.
     UnitError
@@ -456,7 +456,7 @@ _SLACK = 1e-9
 """Part of a grid step by which a grid angle may lie outside the record."""
 
 _APART = 2.0
-"""Samples between pulses below which they are no sample numbers: an edge needs two."""
+"""Samples between pulses below which they cannot be sample numbers: an edge needs two."""
 
 _NEIGHBOURS = 3
 """Revolutions on each side whose median duration a revolution is compared with."""

@@ -27,8 +27,8 @@ from metrosep.separation._readings import (
     harmonics_of,
     harmonics_u,
     low_harmonics,
-    size_doubts,
     stacked,
+    unit_message,
     without_basis,
 )
 from metrosep.separation.circles._circle import curve, grid, names_of_k
@@ -207,7 +207,7 @@ def _turns(
 
 
 def _set_up_messages(array: FloatArray) -> tuple[str, ...]:
-    """Say it where the second set-up looks as if it was not what a reversal asks for."""
+    """Warn where the second set-up looks as if it was not what a reversal asks for."""
     n = array.shape[2]
     if n % 2 or np.isnan(array).any():
         return ()
@@ -363,7 +363,7 @@ class FaceReversal(RecordedMethod):
             },
             messages=(
                 *averaged.messages,
-                *size_doubts(array, self.name),
+                *unit_message(array, self.name),
                 *gap_message(parts["artefact"]),
             ),
             history=(*history, Step(self.name, {"radius_m": self.radius})),
@@ -488,7 +488,7 @@ class Combination(NamedMethod):
 
 
 _DISAGREE = 5.0
-"""Excess of chi-square, in its standard deviations, at which the methods are said to disagree."""
+"""Excess of chi-square, in its standard deviations, at which the methods are reported to disagree."""
 
 
 def combine_harmonics(
@@ -510,7 +510,7 @@ def combine_harmonics(
     -------
     Separation
         The parts with `harmonics`; the curve is the sum of the observable ones over the angles of
-        the input with the most samples. ``audit["weights"]`` tells the share of each input.
+        the input with the most samples. ``audit["weights"]`` holds the share of each input.
 
     Raises
     ------

@@ -47,11 +47,11 @@ from metrosep.separation.contract import (
 __all__ = ["SpeedGrowth", "SpeedSweep", "fit_speed_sweep"]
 
 _FASTEST = 2e3
-"""rev/s beyond which the speed is doubted: 120 000 rev/min. Air turbines above are rare, speeds typed
+"""rev/s beyond which a speed is refused: 120 000 rev/min. Air turbines above are rare, speeds typed
 in rev/min are not."""
 
 _DOUBT = 0.01
-"""p of the lack of fit below which it is told."""
+"""p of the lack of fit below which a message reports it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -472,7 +472,7 @@ class SpeedGrowth(RecordedMethod):
             self.null_space(),
             noise=self._noise([f for f in fits if f], stated),
             audit=self._audit(fits),
-            messages=tuple(_said(fits)),
+            messages=tuple(_growth_messages(fits)),
             history=(*history, Step(self.name, {"powers": list(self.powers)})),
         )
 
@@ -565,7 +565,7 @@ class SpeedGrowth(RecordedMethod):
         return audit
 
 
-def _said(fits: list[SpeedFit | None]) -> list[str]:
+def _growth_messages(fits: list[SpeedFit | None]) -> list[str]:
     said = []
     for k, fit in enumerate(fits):
         if fit is None:

@@ -352,7 +352,7 @@ _CENTRES = {
 }
 _USUAL_REVOLUTIONS = 20
 _BIAS = 0.01
-"""Share of the synchronous value from which noise in it is told."""
+"""Share of the synchronous value from which noise in it is reported."""
 
 _CORRELATED = 0.3
 _ROUNDING = 1e-9
@@ -362,7 +362,7 @@ _ROUNDING_READ = 1e-3
 """The same for offset and eccentricity of the readings, which were removed: 1e-12 of them."""
 
 _FAR = 1e-3
-"""Motion in m beyond which the unit is doubted."""
+"""Motion in m beyond which a message asks for the unit."""
 
 
 class _Evaluation:

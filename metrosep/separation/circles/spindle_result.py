@@ -115,7 +115,7 @@ class SpindleMotion(StoredResult):
     audit : mapping
         Settings and what was removed, plain values.
     messages : tuple of str
-        Warnings in plain words.
+        Warnings.
     """
 
     direction: str

@@ -28,7 +28,7 @@ from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.separation._methods import described_by, settle
-from metrosep.separation._readings import size_doubts
+from metrosep.separation._readings import unit_message
 from metrosep.separation.circles._circle import (
     CircleMethod,
     Revolutions,
@@ -201,8 +201,8 @@ class MultistepRoundness(CircleMethod):
             terms += ("eccentricity",)
             why += "; k = 1 is centring and spindle in one"
         alike = (
-            "all index positions show these alike, so artefact and spindle are not told apart; a "
-            "second run with a coprime number of steps does it"
+            "all index positions show these alike, so artefact and spindle cannot be separated; "
+            "a second run with a coprime number of steps does it"
         )
         return tuple(
             item
@@ -231,7 +231,7 @@ class MultistepRoundness(CircleMethod):
         hidden = suppressed_harmonics(self.null_space())
         seen = np.isfinite(found[0])
         angles_deg = np.rad2deg(self.angles).tolist()
-        messages = [*given.messages, *size_doubts(centred(given.values), self.name)]
+        messages = [*given.messages, *unit_message(centred(given.values), self.name)]
         if math.isnan(noise.value):
             messages.append(
                 "the noise is not known from two positions and one revolution: give u_reading or "
@@ -392,10 +392,10 @@ def _index_positions(steps: Any, angles: ArrayLike | None, rows: int) -> ArrayLi
 # ---- the work of `MultistepRoundness.separate`: estimators, drift, noise, audit ----------------
 
 _EXCESS = 5.0
-"""Chi-square this many of its standard deviations too large is said."""
+"""Chi-square this many of its standard deviations too large is reported."""
 
 _ROUNDING = 1e-9
-"""Differences of this share of the readings are no finding."""
+"""Differences of this share of the readings are rounding, not reported."""
 
 
 class _Geometry(NamedTuple):
@@ -451,7 +451,7 @@ def _without_drift(
 def _drift_left(
     method: MultistepRoundness, rate: float, u_rate: float, dof: int, u_spindle: FloatArray
 ) -> list[str]:
-    """Say so where a drift that is not taken off stands out and matters to the spindle."""
+    """Warn where a drift that is not taken off stands out and matters to the spindle."""
     if method.drift == "linear" or dof < 1:
         return []
     # Student's t has long tails where few levels stand behind the line
@@ -468,11 +468,11 @@ def _drift_left(
 
 
 def _wide_index(method: MultistepRoundness) -> list[str]:
-    """Say so where the uncertainty of the positions is no small angle for the highest undulation."""
+    """Warn where the uncertainty of the positions is not a small angle for the highest undulation."""
     if method.kmax * method.u_index <= 1.0:
         return []
     text = (
-        f"u_index of {math.degrees(method.u_index):.3g} deg is no small angle for k above "
+        f"u_index of {math.degrees(method.u_index):.3g} deg is not a small angle for k above "
         f"{int(1.0 / method.u_index)}, where its share of u is too small a guess; was it in rad?"
     )
     return [text]
@@ -513,7 +513,7 @@ def _noise(
 
 
 def _first_harmonic(method: MultistepRoundness, rest: ComplexArray, size: float) -> list[str]:
-    """Say so where k = 1 disagrees far more between steps than the other undulations do."""
+    """Warn where k = 1 disagrees far more between steps than the other undulations do."""
     positions = rest.shape[0]
     if method.eccentricity == "free" or positions < 4 or method.kmax < 6:
         return []

@@ -35,7 +35,7 @@ from metrosep.separation.lines._line_probes import (
 )
 
 MAX_ANGLE = 0.02
-"""A pitch above 20 mrad is no straightness error of a carriage: it was given in another unit."""
+"""A pitch above 20 mrad is not a straightness error of a carriage: it was given in another unit."""
 
 
 class Sensor(NamedTuple):

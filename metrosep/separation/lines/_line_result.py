@@ -395,7 +395,7 @@ def _pitch_of(row: Row, x: FloatArray, readings: FloatArray) -> FloatArray:
     return solve(problem, method="least_squares", smoothing=0.0, degree=2).pitch[0]
 
 
-# ---- what a result of probes in a row says in plain words: gaps, counts, units, null space -----
+# ---- messages of a result of probes in a row: gaps, counts, units, null space -----
 
 LARGE_RANGE = 10e-3
 """Readings of a straightness probe that span more, m, were hardly given in m."""
@@ -429,7 +429,7 @@ def passes_per_position(problem: Problem) -> list[int]:
 
 
 def noise_messages(found: Found, noise: Quantity, scale: float, method: str) -> list[str]:
-    """Return what is to be said about the noise, and a misfit of redundant rows."""
+    """Return messages about the noise, and a misfit of redundant rows."""
     if math.isnan(noise.value):
         return [NOISE_UNKNOWN]
     if found.freedom <= 0 or scale == 0.0:
@@ -498,7 +498,7 @@ def null_space_messages(
     if has_end_waves(row) and method == "least_squares":
         out.append(
             "waves that die away from the ends are not determined by these distances and removed by "
-            "least squares: the ends are doubtful; method='generalised' takes the smoothest curve"
+            "least squares: the ends are uncertain; method='generalised' takes the smoothest curve"
         )
     lost = int(np.isnan(artefact).sum())
     if found.n_unread:

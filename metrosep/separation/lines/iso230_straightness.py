@@ -32,7 +32,7 @@ from metrosep.separation._readings import (
     line_basis,
     part_of,
     plain,
-    size_doubts,
+    unit_message,
 )
 from metrosep.separation.contract import Separation, Unobservable
 
@@ -183,10 +183,10 @@ def straightness_iso230_1(
     Raises
     ------
     DataError
-        If `reference` is none of the three, `sd` is no number or negative, `seed` is no whole
+        If `reference` is none of the three, `sd` is not a number or negative, `seed` is not a whole
         number, or `z` is missing or superfluous.
     InvalidSamplesError
-        If positions and deviations differ in length or are no numbers.
+        If positions and deviations differ in length or are not numbers.
     TooFewSamplesError
         If fewer than three samples are valid.
 
@@ -445,7 +445,7 @@ class ReferenceLine(RecordedMethod):
             audit=_audit(sheet, averaged.n_repeats),
             messages=(
                 *averaged.messages,
-                *size_doubts(array, self.name),
+                *unit_message(array, self.name),
                 *(m for m in sheet.messages if "sd=" not in m),
             ),
             history=(*history, Step(self.name, {"line": self.line})),

@@ -30,8 +30,8 @@ from metrosep.separation._readings import (
     left_share,
     line_basis,
     require_common,
-    size_doubts,
     stacked,
+    unit_message,
     without_basis,
 )
 from metrosep.separation.contract import Separation, Unobservable
@@ -103,7 +103,7 @@ class ReversedPair(RecordedMethod):
                 "removed": "least squares: offset and "
                 + ("eccentricity" if "angle" in at else "line"),
             },
-            messages=(*averaged.messages, *size_doubts(array, self.name)),
+            messages=(*averaged.messages, *unit_message(array, self.name)),
         )
 
 

@@ -36,7 +36,7 @@ __all__ = ["SlopeIntegration", "integrate_slopes", "slope_transfer"]
 RULES = ("trapezoid", "simpson", "spline", "fourier", "feet")
 
 _MAX_SLOPE = 0.5
-"""Slopes above 0.5 rad are no slopes of a straight artefact; they were given in another unit."""
+"""Slopes above 0.5 rad are not slopes of a straight artefact; they were given in another unit."""
 
 _UNIFORM_RTOL = 1e-3
 """Largest deviation of a step from the mean one, relative, for the rules that need equal steps."""
@@ -195,7 +195,7 @@ def integrate_slopes(
     DataError
         If the rule is unknown or `u_slope` is negative.
     InvalidSamplesError
-        If slopes or positions are no numbers, of different lengths, infinite, or do not rise.
+        If slopes or positions are not numbers, of different lengths, infinite, or do not rise.
     NotUniformError
         If the rule needs equal steps.
     TooFewSamplesError

@@ -32,7 +32,7 @@ from metrosep.separation.lines.zero_adjustment import ZeroCalibration, distances
 __all__ = ["ThreePoint", "TwoPoint", "three_point", "two_point", "zero_error_sag"]
 
 _MAX_ZERO = 1e-3
-"""A zero difference above 1 mm is no adjustment of a straightness probe: the unit is wrong."""
+"""A zero difference above 1 mm is not an adjustment of a straightness probe: the unit is wrong."""
 
 
 def zero_error_sag(zero: float, length: float, distance: float | tuple[float, float]) -> float:
