@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import fields
@@ -12,10 +13,14 @@ from numpy.typing import ArrayLike
 
 from metrosep.core.numbers import not_negative
 from metrosep.core.provenance import Step
+from metrosep.core.quantity import Quantity
 from metrosep.separation._readings import plain, reduced
 from metrosep.separation.contract import Separation, SeparationMethod
 
-__all__ = ["History", "RecordedMethod", "StoredResult", "described_by", "settle"]
+__all__ = [
+    "History", "RecordedMethod", "StoredResult", "as_stated", "described_by", "not_known", "settle",
+    "type_a",
+]  # fmt: skip
 
 History = tuple[Step, ...]
 
@@ -31,9 +36,7 @@ class RecordedMethod(SeparationMethod):
         return self.dimension
 
     @abstractmethod
-    def _separated(
-        self, readings: ArrayLike, stated: float | None, history: History
-    ) -> Separation:
+    def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
         """Return the parts of readings as they were given, with the checked uncertainty."""
 
     def separate(
@@ -74,7 +77,7 @@ class RecordedMethod(SeparationMethod):
         stated = u_reading
         if stated is not None:
             stated = not_negative(stated, "u_reading", dimension=self._dimension)
-        return self._separated(readings, stated, history)
+        return self._solved(readings, stated, history)
 
 
 class StoredResult:
@@ -102,6 +105,21 @@ def _plain(value: Any) -> Any:
     if isinstance(value, dict) and any(isinstance(v, StoredResult) for v in value.values()):
         return {str(k): v.to_dict() for k, v in value.items()}
     return plain(value)
+
+
+def type_a(value: float, unit: str, text: str, freedom: float) -> Quantity:
+    """Return a standard deviation that was found, with its own uncertainty from the freedom."""
+    return Quantity(value, unit, text, u=value / math.sqrt(2.0 * freedom), symbol="s")
+
+
+def as_stated(value: float, unit: str, of: str = "reading") -> Quantity:
+    """Return a standard uncertainty of one reading that was stated."""
+    return Quantity(value, unit, f"standard uncertainty of one {of}, as stated", symbol="s")
+
+
+def not_known(unit: str, of: str = "reading") -> Quantity:
+    """Return the noise of one reading where nothing shows it: NaN."""
+    return Quantity(math.nan, unit, f"standard deviation of one {of}; not known", symbol="s")
 
 
 def settle(method: object, /, **values: Any) -> None:

@@ -183,9 +183,7 @@ class CircleClosure(RecordedMethod):
             for item in unseen(part, hidden, _ALIKE, terms=("offset",), why=_ZERO)
         )
 
-    def _separated(
-        self, readings: ArrayLike, stated: float | None, history: History
-    ) -> Separation:
+    def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
         check_u_reading(stated, "rad")
         array = _checked_angles(readings, len(self.positions), self.n)
         null_space = self.null_space()

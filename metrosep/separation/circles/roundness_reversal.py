@@ -86,9 +86,7 @@ class DonaldsonReversal(ReversedPair):
         terms = ("offset", "eccentricity")
         return tuple(Unobservable(p, "term", terms, _CENTRING) for p in ("artefact", "spindle"))
 
-    def _separated(
-        self, readings: ArrayLike, stated: float | None, history: History
-    ) -> Separation:
+    def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
         u_index = between(
             self.u_index,
             "u_index",
@@ -337,9 +335,7 @@ class FaceReversal(RecordedMethod):
             model = np.concatenate([model, model[2:]])
         return model[:, None] if readings.ndim == model.ndim + 1 else model
 
-    def _separated(
-        self, readings: ArrayLike, stated: float | None, history: History
-    ) -> Separation:
+    def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
         array = checked_readings(readings, names=_names(readings), minimum=8, what="face_reversal")
         angle = self.start + grid(array.shape[2])
         both, mean = low_harmonics(angle), low_harmonics(angle, highest=0)

@@ -29,7 +29,7 @@ from metrosep.core.options import Option
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import History, RecordedMethod, StoredResult
+from metrosep.separation._methods import History, RecordedMethod, StoredResult, as_stated, type_a
 from metrosep.separation._readings import (
     as_numbers,
     known_parts,
@@ -233,46 +233,48 @@ def _columns(
     symbols: Sequence[str],
     size: int,
 ) -> dict[str, tuple[FloatArray, FloatArray, str]]:
-    columns: dict[str, tuple[FloatArray, FloatArray, str]] = {}
+    given: dict[str, tuple[ArrayLike, ArrayLike, str]]
     if isinstance(results, Mapping):
         if u is not None and not isinstance(u, Mapping):
             raise DataError(
                 f"u= must be a mapping such as {{{next(iter(results), 'synchronous')!r}: [...]}}, got {type(u).__name__}"
             )
-        given = u or {}
-        unknown = sorted(set(given) - set(results))
+        spread = u or {}
+        unknown = sorted(set(spread) - set(results))
         if unknown:
             raise DataError(f"u= names {', '.join(unknown)}, which has no values")
-        for name, values in results.items():
-            sd = given.get(name, np.full(size, np.nan))
-            columns[name] = (_column(values, name, size), _column(sd, f"u of {name}", size), "m")
-        missing = [name for name, (values, _, _) in columns.items() if np.isnan(values).any()]
-        if missing:
-            raise InvalidSamplesError(f"{', '.join(missing)} is NaN: leave those recordings out")
-        return columns
-    if u is not None:
-        raise DataError("u= belongs to arrays; results carry theirs")
-    if not isinstance(results, list | tuple) or not all(
-        isinstance(r, SpindleMotion) for r in results
-    ):
-        raise DataError(
-            f"results must be SpindleMotion objects, or values by symbol such as "
-            f"{{'synchronous': [...]}}; got {type(results).__name__}"
-        )
-    unknown = [name for name in symbols if any(name not in r.table for r in results)]
-    if unknown:
-        raise DataError(f"the results hold no value {', '.join(map(str, unknown))}")
-    if len({(r.direction, r.sensitive) for r in results}) > 1:
-        raise DataError("the recordings are of different directions: fit them apart")
-    for name in symbols:
-        rows = [r.table[name] for r in results]
-        sd = [math.nan if q.u is None else q.u for q in rows]
-        unit = rows[0].unit if rows else "m"
-        columns[name] = (
-            _column([q.value for q in rows], name, size),
-            _column(sd, f"u of {name}", size),
-            unit,
-        )
+        given = {k: (v, spread.get(k, np.full(size, np.nan)), "m") for k, v in results.items()}
+    else:
+        if u is not None:
+            raise DataError("u= belongs to arrays; results carry theirs")
+        if not isinstance(results, list | tuple) or not all(
+            isinstance(r, SpindleMotion) for r in results
+        ):
+            raise DataError(
+                f"results must be SpindleMotion objects, or values by symbol such as "
+                f"{{'synchronous': [...]}}; got {type(results).__name__}"
+            )
+        unknown = [str(name) for name in symbols if any(name not in r.table for r in results)]
+        if unknown:
+            raise DataError(f"the results hold no value {', '.join(unknown)}")
+        if len({(r.direction, r.sensitive) for r in results}) > 1:
+            raise DataError("the recordings are of different directions: fit them apart")
+        rows = {name: [r.table[name] for r in results] for name in symbols}
+        given = {
+            k: (
+                [q.value for q in row],
+                [math.nan if q.u is None else q.u for q in row],
+                row[0].unit if row else "m",
+            )
+            for k, row in rows.items()
+        }
+    columns = {
+        name: (_column(values, name, size), _column(sd, f"u of {name}", size), unit)
+        for name, (values, sd, unit) in given.items()
+    }
+    missing = [name for name, (values, _, _) in columns.items() if np.isnan(values).any()]
+    if missing:
+        raise InvalidSamplesError(f"{', '.join(missing)} is NaN: leave those recordings out")
     return columns
 
 
@@ -457,9 +459,7 @@ class SpeedGrowth(RecordedMethod):
             found.append(Unobservable("at_rest", "term", ("all of it",), _NO_LEVEL))
         return tuple(found)
 
-    def _separated(
-        self, readings: ArrayLike, stated: float | None, history: History
-    ) -> Separation:
+    def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
         array = self._checked(readings)
         fits = self._fits(array, math.nan if stated is None else stated)
         parts, u = self._parts(array, fits)
@@ -542,12 +542,11 @@ class SpeedGrowth(RecordedMethod):
 
     def _noise(self, fits: list[SpeedFit], stated: float | None) -> Quantity:
         if stated is not None:
-            text = "standard uncertainty of one reading, as stated"
-            return Quantity(stated, self.unit, text, symbol="s")
+            return as_stated(stated, self.unit)
         degrees = sum(f.degrees for f in fits)
         value = math.sqrt(sum(float(f.residual @ f.residual) for f in fits) / degrees)
         text = "standard deviation of one reading, from the residuals (type A)"
-        return Quantity(value, self.unit, text, u=value / math.sqrt(2.0 * degrees), symbol="s")
+        return type_a(value, self.unit, text, degrees)
 
     def _audit(self, fits: list[SpeedFit | None]) -> dict[str, object]:
         audit: dict[str, object] = {

@@ -439,49 +439,26 @@ class _Evaluation:
         value, largest = float(np.ptp(self.curve)), float(self.spread.max())
         pooled = math.sqrt(float((self.sd * self.sd).mean()))
         u_pooled = u_of_sd(self.spectrum)
+        width, over = f"peak-to-valley width of the mean of {m} turns", f"of {m} revolutions"
+        spread = "standard deviation over revolutions (ddof 1), root mean square over the angles"
+        spread_4 = "4 standard deviations over revolutions; does not grow with their number"
+        corrected = "synchronous value less the mean effect of noise on it"
+        floor = f"synchronous value that the scatter alone gives with {m} revolutions"
+        total, u_total = float(np.ptp(self.motion)), u_of_total(self.motion, self.spectrum)
+        u_largest = u_of_range(largest, pooled)
         rows: list[tuple[str, float, float | None, str]] = [
-            (
-                "synchronous",
-                value,
-                effect.sd,
-                f"synchronous {name}: peak-to-valley width of the mean of {m} turns {about}{band}",
-            ),
+            ("synchronous", value, effect.sd, f"synchronous {name}: {width} {about}{band}"),
             (
                 "asynchronous",
                 largest,
-                u_of_range(largest, pooled),
-                f"asynchronous {name}: largest range of {m} revolutions at one angle",
+                u_largest,
+                f"asynchronous {name}: largest range {over} at one angle",
             ),
-            (
-                "total",
-                float(np.ptp(self.motion)),
-                u_of_total(self.motion, self.spectrum),
-                f"total {name}: width of all readings of {m} revolutions {about}",
-            ),
-            (
-                "asynchronous_sd",
-                pooled,
-                u_pooled,
-                "standard deviation over revolutions (ddof 1), root mean square over the angles",
-            ),
-            (
-                "asynchronous_4s",
-                4.0 * pooled,
-                4.0 * u_pooled,
-                "4 standard deviations over revolutions; does not grow with their number",
-            ),
-            (
-                "synchronous_corrected",
-                max(value - effect.bias, 0.0),
-                effect.sd,
-                "synchronous value less the mean effect of noise on it",
-            ),
-            (
-                "noise_floor",
-                effect.floor,
-                None,
-                f"synchronous value that the scatter alone gives with {m} revolutions",
-            ),
+            ("total", total, u_total, f"total {name}: width of all readings {over} {about}"),
+            ("asynchronous_sd", pooled, u_pooled, spread),
+            ("asynchronous_4s", 4.0 * pooled, 4.0 * u_pooled, spread_4),
+            ("synchronous_corrected", max(value - effect.bias, 0.0), effect.sd, corrected),
+            ("noise_floor", effect.floor, None, floor),
             *self._once_rows(),
         ]
         unit = "rad" if direction == "tilt" else "m"

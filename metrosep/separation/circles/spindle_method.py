@@ -18,8 +18,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.numbers import choice, real
 from metrosep.core.provenance import Step
-from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import History, RecordedMethod, settle
+from metrosep.separation._methods import History, RecordedMethod, as_stated, settle, type_a
 from metrosep.separation._readings import (
     as_numbers,
     checked_readings,
@@ -29,7 +28,6 @@ from metrosep.separation._readings import (
     part_of,
 )
 from metrosep.separation.circles.spindle import iso230_7
-from metrosep.separation.circles.spindle_result import SpindleMotion
 from metrosep.separation.contract import Separation, Unobservable
 
 __all__ = ["SpindleSplit"]
@@ -118,9 +116,7 @@ class SpindleSplit(RecordedMethod):
             Unobservable("asynchronous", "term", ("mean revolution",), _MEAN),
         )
 
-    def _separated(
-        self, readings: ArrayLike, stated: float | None, history: History
-    ) -> Separation:
+    def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
         array = as_numbers(readings, f"{self.name} needs revolutions (M, n) as numbers")
         if array.ndim != 2:
             raise InvalidSamplesError(
@@ -135,7 +131,23 @@ class SpindleSplit(RecordedMethod):
         rest[motion.revolutions] = array[0, motion.revolutions] - mean
         curve = motion.synchronous_motion
         parts = {"setting": mean - curve, "synchronous": curve, "asynchronous": rest}
-        noise = _noise(rest, motion.n_revolutions, stated)
+        m, p = motion.n_revolutions, 2 * len(self._hidden) - 1
+        freedom = (m - 1) * n
+        if stated is None:
+            value = math.sqrt(float(np.nansum(rest**2)) / freedom)
+            text = (
+                f"standard deviation of one reading over {m} revolutions, asynchronous motion "
+                "included"
+            )
+            noise = type_a(value, "m", text, freedom)
+        else:
+            noise = as_stated(stated, "m")
+        s = noise.value
+        u = {
+            "setting": np.full(n, s * math.sqrt(p / (n * m))),
+            "synchronous": np.full(n, s * math.sqrt((1.0 - p / n) / m)),
+            "asynchronous": np.where(np.isnan(rest), np.nan, s * math.sqrt(1.0 - 1.0 / m)),
+        }
         whole = array[:, motion.revolutions]
         coefficients = harmonics_of(curve, start=self.start, hidden=self._hidden)
         spread = np.where(
@@ -144,49 +156,24 @@ class SpindleSplit(RecordedMethod):
         return Separation(
             self.name,
             parts,
-            _uncertainties(rest, motion.n_revolutions, 2 * len(self._hidden) - 1, noise.value),
+            u,
             dict.fromkeys(parts, "m"),
             {"angle": angle},
             self.null_space(),
             noise=noise,
             harmonics={"synchronous": coefficients},
             harmonics_u={"synchronous": spread},
-            audit=_audit(motion),
+            audit={
+                "direction": motion.direction,
+                "center": motion.center,
+                "revolutions_used": m,
+                "n_angles": n,
+                "removed": motion.audit["removed"],
+                **{
+                    f"{k}_nm": motion[k].value * 1e9
+                    for k in ("synchronous", "asynchronous", "total")
+                },
+            },
             messages=motion.messages,
             history=(*history, Step(self.name, {"direction": self.direction})),
         )
-
-
-def _noise(rest: FloatArray, n_revolutions: int, sd: float | None) -> Quantity:
-    if sd is not None:
-        return Quantity(sd, "m", "standard uncertainty of one reading, as stated", symbol="s")
-    freedom = (n_revolutions - 1) * rest.shape[1]
-    value = math.sqrt(float(np.nansum(rest**2)) / freedom)
-    text = (
-        f"standard deviation of one reading over {n_revolutions} revolutions, asynchronous motion "
-        "included"
-    )
-    return Quantity(value, "m", text, u=value / math.sqrt(2.0 * freedom), symbol="s")
-
-
-def _uncertainties(rest: FloatArray, m: int, p: int, s: float) -> dict[str, FloatArray]:
-    n = rest.shape[1]
-    return {
-        "setting": np.full(n, s * math.sqrt(p / (n * m))),
-        "synchronous": np.full(n, s * math.sqrt((1.0 - p / n) / m)),
-        "asynchronous": np.where(np.isnan(rest), np.nan, s * math.sqrt(1.0 - 1.0 / m)),
-    }
-
-
-def _audit(motion: SpindleMotion) -> dict[str, object]:
-    shown = {
-        f"{key}_nm": motion[key].value * 1e9 for key in ("synchronous", "asynchronous", "total")
-    }
-    return {
-        "direction": motion.direction,
-        "center": motion.center,
-        "revolutions_used": motion.n_revolutions,
-        "n_angles": int(motion.angle.size),
-        "removed": motion.audit["removed"],
-        **shown,
-    }

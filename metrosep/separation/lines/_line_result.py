@@ -20,6 +20,7 @@ from metrosep.core.numbers import not_negative
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
+from metrosep.separation._methods import as_stated, not_known, type_a
 from metrosep.separation._readings import NOISE_UNKNOWN, checked_readings
 from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 from metrosep.separation.lines._line_found import Found, solve
@@ -262,26 +263,24 @@ def _stated_noise(readings: FloatArray, row: Row, u_reading: float | None) -> Qu
     """Return the noise of one reading, stated or from the passes; NaN if neither."""
     if u_reading is not None:
         value = not_negative(u_reading, "u_reading", dimension="length")
-        text = "standard uncertainty of one reading, as stated"
-        return Quantity(value, "m", text, symbol="s")
+        return as_stated(value, "m")
     o = np.array(row.offsets)
     nuisance = np.column_stack([np.ones(o.size), o]) if row.pitch else np.ones((o.size, 1))
     value, freedom = pooled_noise(readings, nuisance)
     if math.isnan(value):
-        text = "standard deviation of one reading; not known"
-        return Quantity(math.nan, "m", text, symbol="s")
+        return not_known("m")
     text = (
         f"standard deviation of one reading, pooled from {readings.shape[1]} repeats, straightness "
         "and pitch of each repeat removed (type A)"
     )
-    return Quantity(value, "m", text, u=value / math.sqrt(2.0 * freedom), symbol="s")
+    return type_a(value, "m", text, freedom)
 
 
 def _noise_of_rest(found: Found, most: int) -> Quantity:
     """Return the noise of one reading from what least squares leaves of redundant rows."""
     one = math.sqrt(found.rest_least / found.freedom * most)
     text = f"standard deviation of one reading, from {found.freedom} redundant rows (type A)"
-    return Quantity(one, "m", text, u=one / math.sqrt(2.0 * found.freedom), symbol="s")
+    return type_a(one, "m", text, found.freedom)
 
 
 def _scaled(

@@ -413,9 +413,7 @@ class ReferenceLine(RecordedMethod):
             Unobservable("reference", "term", ("all of it",), _FORM),
         )
 
-    def _separated(
-        self, readings: ArrayLike, stated: float | None, history: History
-    ) -> Separation:
+    def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
         array = as_numbers(readings, f"{self.name} needs runs (M, n) as numbers")
         if array.ndim != 2 or array.shape[1] != len(self.x):
             raise InvalidSamplesError(

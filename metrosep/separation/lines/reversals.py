@@ -139,9 +139,7 @@ class StraightedgeReversal(ReversedPair):
     def null_space(self) -> tuple[Unobservable, ...]:
         return tuple(Unobservable(p, "polynomial", (0, 1), _LINE) for p in ("artefact", "machine"))
 
-    def _separated(
-        self, readings: ArrayLike, stated: float | None, history: History
-    ) -> Separation:
+    def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
         u_registration = not_negative(self.u_registration, "u_registration", dimension="length")
         if u_registration > 0.0 and self.x is None:
             raise DataError("u_registration is a length: it needs the positions x in m")

@@ -26,7 +26,15 @@ from metrosep.core.numbers import flag, not_negative, positive
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
-from metrosep.separation._methods import History, RecordedMethod, described_by, settle
+from metrosep.separation._methods import (
+    History,
+    RecordedMethod,
+    as_stated,
+    described_by,
+    not_known,
+    settle,
+    type_a,
+)
 from metrosep.separation._readings import as_numbers, known_parts, line_basis
 from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.lines._line_problem import longest_run, method_named
@@ -139,9 +147,7 @@ class SlopeIntegration(RecordedMethod):
             Unobservable("zero", "term", ("all of it",), _KNOWN if self.zero_known else _ZERO),
         )
 
-    def _separated(
-        self, readings: ArrayLike, stated: float | None, history: History
-    ) -> Separation:
+    def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
         array = as_numbers(readings, f"{self.name} needs slopes (M, n) as numbers")
         if array.ndim != 2 or array.shape[1] != len(self.x):
             raise InvalidSamplesError(
@@ -387,18 +393,15 @@ def _noise(values: FloatArray, u_slope: float | None) -> tuple[Quantity, float]:
     repeats, n = values.shape
     if u_slope is not None:
         u_slope = not_negative(u_slope, "u_slope", dimension="angle")
-        text = "standard uncertainty of one slope, as stated"
-        return Quantity(u_slope, "rad", text, symbol="s"), u_slope / math.sqrt(repeats)
+        return as_stated(u_slope, "rad", "slope"), u_slope / math.sqrt(repeats)
     if repeats < 2:
-        text = "standard deviation of one slope; not known"
-        return Quantity(math.nan, "rad", text, symbol="s"), math.nan
+        return not_known("rad", "slope"), math.nan
     rest = values - values.mean(axis=0)
     rest = rest - rest.mean(axis=1, keepdims=True)
     freedom = (repeats - 1) * (n - 1)
     value = math.sqrt(float((rest**2).sum()) / freedom)
     text = f"standard deviation of one slope, pooled from {repeats} repeats (type A)"
-    noise = Quantity(value, "rad", text, u=value / math.sqrt(2.0 * freedom), symbol="s")
-    return noise, value / math.sqrt(repeats)
+    return type_a(value, "rad", text, freedom), value / math.sqrt(repeats)
 
 
 def _unseen(height: FloatArray, degree: int) -> tuple[tuple[Unobservable, ...], list[str]]:

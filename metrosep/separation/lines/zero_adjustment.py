@@ -19,7 +19,7 @@ from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.numbers import flag, not_negative, positive
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import History, RecordedMethod, settle
+from metrosep.separation._methods import History, RecordedMethod, as_stated, settle, type_a
 from metrosep.separation._readings import checked_readings, known_parts
 from metrosep.separation.contract import Separation, Unobservable
 
@@ -167,7 +167,19 @@ def zero_calibration(
             f"pitch (an angle sensor), got {sum(given)}"
         )
     if pitch is not None:
-        return _from_pitch(m, distance, pitch, u_pitch, step, u_reading)
+        from metrosep.separation.lines.three_points import three_point
+
+        found = three_point(
+            m,
+            distance,
+            step=step,
+            method="least_squares",
+            u_reading=u_reading,
+            pitch=pitch,
+            u_pitch=u_pitch,
+        )
+        zero, u = float(found.parts["zero"]), float(found.u["zero"])
+        return ZeroCalibration(zero, u, distances(distance), "pitch", found.audit, found.messages)
     d, w = distances(distance), _weights(distance)
     first, count = _differences(m, w)
     if reversed_m is not None:
@@ -258,12 +270,8 @@ def _mean(
         )
     zero = float(share @ known / share.sum())
     if u_reading is not None:
-        one = (
-            not_negative(u_reading, "u_reading", dimension="length")
-            * float(np.linalg.norm(weights))
-            / n_sets
-        )
-        kind = "stated"
+        stated = not_negative(u_reading, "u_reading", dimension="length")
+        one, kind = stated * float(np.linalg.norm(weights)) / n_sets, "stated"
     elif known.size > 1:
         one = math.sqrt(float(share @ (known - zero) ** 2) / (known.size - 1))
         kind = "scatter of the positions (type A)"
@@ -279,35 +287,6 @@ def _mean(
         )
     audit = {"n_positions": int(known.size), "noise_from": kind, "u_flat_nm": u_more * 1e9}
     return ZeroCalibration(zero, u, d, source, freeze_mapping(audit), messages)
-
-
-def _from_pitch(
-    m: ArrayLike,
-    distance: float | tuple[float, float],
-    pitch: ArrayLike,
-    u_pitch: float | None,
-    step: float | None,
-    u_reading: float | None,
-) -> ZeroCalibration:
-    from metrosep.separation.lines.three_points import three_point
-
-    result = three_point(
-        m,
-        distance,
-        step=step,
-        method="least_squares",
-        u_reading=u_reading,
-        pitch=pitch,
-        u_pitch=u_pitch,
-    )
-    return ZeroCalibration(
-        float(result.parts["zero"]),
-        float(result.u["zero"]),
-        distances(distance),
-        "pitch",
-        result.audit,
-        result.messages,
-    )
 
 
 # ---- `ZeroAdjustment`: the zero difference of three probes separated from the bend of an artefact ----
@@ -390,9 +369,7 @@ class ZeroAdjustment(RecordedMethod):
             return (Unobservable("bend", "term", ("mean",), _FLAT),)
         return (Unobservable("bend", "term", ("change of the zero",), _CHANGES),)
 
-    def _separated(
-        self, readings: ArrayLike, stated: float | None, history: History
-    ) -> Separation:
+    def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
         again = () if self.flat else tuple(f"{p} reversed" for p in _PROBES)
         array = checked_readings(readings, names=(*_PROBES, *again), minimum=1, what=self.name)
         turned = None if self.flat else array[3:]
@@ -420,6 +397,9 @@ class ZeroAdjustment(RecordedMethod):
         n_sets = 1.0 if self.flat else 2.0
         random = math.sqrt(max(found.u**2 - (self.u_flat**2 if self.flat else 0.0), 0.0))
         s = random * math.sqrt(float(own.sum())) * n_sets / w if stated is None else stated
+        n = found.audit["n_positions"]
+        text = f"standard deviation of one reading, from {n} positions (type A)"
+        noise = type_a(s, "m", text, n - 1) if stated is None else as_stated(stated, "m")
         u_bend = np.where(np.isnan(bend), np.nan, s * w * np.sqrt(inverse))
         return Separation(
             self.name,
@@ -428,15 +408,8 @@ class ZeroAdjustment(RecordedMethod):
             {"zero": "m", "bend": "m"},
             {},
             self.null_space(),
-            noise=_noise(s, int(found.audit["n_positions"]), stated),
+            noise=noise,
             audit={**found.audit, "source": found.source, "n_repeats": int(array.shape[1])},
             messages=found.messages,
             history=(*history, Step(self.name, {"distance_m": list(distances(self.distance))})),
         )
-
-
-def _noise(s: float, n_positions: int, stated: float | None) -> Quantity:
-    if stated is not None:
-        return Quantity(stated, "m", "standard uncertainty of one reading, as stated", symbol="s")
-    text = f"standard deviation of one reading, from {n_positions} positions (type A)"
-    return Quantity(s, "m", text, u=s / math.sqrt(2.0 * (n_positions - 1)), symbol="s")
