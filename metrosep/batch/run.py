@@ -13,22 +13,26 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
-from metrosep.batch import marks
-from metrosep.batch.executors import executor, parse_scheduler
-from metrosep.batch.index import build_index, format_error, write_index
-from metrosep.batch.loop import Stop, work_through
-from metrosep.batch.marks import Identity
-from metrosep.batch.names import one_line_name
-from metrosep.batch.report import BatchReport
-from metrosep.batch.rows import STATUSES, exit_code
-from metrosep.batch.titles import title_notes
+from metrosep.batch import units as marks
+from metrosep.batch.index import (
+    STATUSES,
+    BatchReport,
+    build_index,
+    exit_code,
+    format_error,
+    write_index,
+)
+from metrosep.batch.loop import Stop, executor, parse_scheduler, work_through
 from metrosep.batch.units import (
     Found,
+    Identity,
     Unit,
     files_read,
     find_units,
+    one_line_name,
     record_source,
     require_own_source,
+    title_notes,
 )
 from metrosep.batch.work import DISK_FULL, Task, earlier_row, input_hash
 from metrosep.core.errors import DataError, MetrosepError, ReadError, RecipeError, WriteError
