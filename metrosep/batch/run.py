@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
-from metrosep.batch import units as marks
+from metrosep.batch import units
 from metrosep.batch.index import (
     STATUSES,
     BatchReport,
@@ -320,14 +320,14 @@ def _rehearse(task: Task, found: Found, tell: Tell | None) -> BatchReport:
         row: dict[str, Any] = {"unit": unit.name, "key": unit.key, "reason": None}
         try:
             identity = Identity(
-                input_hash(unit), task.recipe_hash, marks.short_version(), unit.name
+                input_hash(unit), task.recipe_hash, units.short_version(), unit.name
             )
         except OSError as exc:
             row |= {"status": "unreadable", "reason": str(exc.strerror or exc), "link": None}
         else:
             place = identity.folder(Path(task.out), unit)
             done = earlier_row(task, unit, identity)
-            link = (place / marks.RESULT).relative_to(task.out).as_posix()
+            link = (place / units.RESULT).relative_to(task.out).as_posix()
             row |= {"status": "to do" if done is None else "done before", "link": link}
             row |= {k: v for k, v in (done or {}).items() if k == "former_title"}
         rows.append({**row, "skipped": row["status"] == "done before", "seconds": 0.0})

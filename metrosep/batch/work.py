@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep._version import __version__
-from metrosep.batch import units as marks
+from metrosep.batch import units
 from metrosep.batch.index import row_of
 from metrosep.batch.units import (
     FAILED,
@@ -75,10 +75,10 @@ def do_unit(task: Task, unit: Unit) -> dict[str, Any]:
     that has it is done.
     """
     began = time.perf_counter()
-    identity = Identity("", task.recipe_hash, marks.short_version(), unit.name)
+    identity = Identity("", task.recipe_hash, units.short_version(), unit.name)
     try:
         before = _stamps(unit)
-        identity = Identity(input_hash(unit), task.recipe_hash, marks.short_version(), unit.name)
+        identity = Identity(input_hash(unit), task.recipe_hash, units.short_version(), unit.name)
         done = earlier_row(task, unit, identity)
         if done is not None:
             return {**done, "seconds": time.perf_counter() - began, "skipped": True}
@@ -106,11 +106,11 @@ def record_failure(
     if identity is None:
         with contextlib.suppress(OSError, MetrosepError):
             identity = Identity(
-                input_hash(unit), task.recipe_hash, marks.short_version(), unit.name
+                input_hash(unit), task.recipe_hash, units.short_version(), unit.name
             )
-    identity = identity or Identity("", task.recipe_hash, marks.short_version(), unit.name)
+    identity = identity or Identity("", task.recipe_hash, units.short_version(), unit.name)
     folder = identity.folder(Path(task.out), unit)
-    document = marks.failed_document(
+    document = units.failed_document(
         unit_record(unit, identity),
         status=status,
         code=exit_code_of(error),
@@ -122,7 +122,7 @@ def record_failure(
     if is_disk_full(error):
         return {**row, "status": DISK_FULL}
     try:
-        marks.write_mark(folder, FAILED, document)
+        units.write_mark(folder, FAILED, document)
     except (WriteError, OSError) as exc:
         if is_disk_full(exc):
             return {**row, "status": DISK_FULL}
@@ -151,7 +151,7 @@ def earlier_row(task: Task, unit: Unit, identity: Identity) -> dict[str, Any] | 
         return None
     folder = identity.folder(Path(task.out), unit)
     for name in (RESULT, FAILED):
-        found = marks.read_mark(folder, name)
+        found = units.read_mark(folder, name)
         if found is None or found["unit"].get("hash") != identity.digest:
             continue
         if name == FAILED and (found.get("again", True) or found.get("metrosep") != __version__):
@@ -209,7 +209,7 @@ def _carry_out(
         (folder / RESULT).unlink(missing_ok=True)
         for file in sorted(stage.iterdir()):
             file.replace(folder / file.name)
-        marks.write_mark(folder, RESULT, document)
+        units.write_mark(folder, RESULT, document)
     finally:
         shutil.rmtree(stage, ignore_errors=True)
     (folder / FAILED).unlink(missing_ok=True)
