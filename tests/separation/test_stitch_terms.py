@@ -53,9 +53,7 @@ def test_products_of_two_axes_are_the_columns(case, degree):
     lay = layout(*CASES[case])
     overlaps = overlaps_of(lay)
     assert len(overlaps) == 1
-    terms = with_polynomials(
-        lay, overlaps, ("piston", "tilt", "power"), degree, line=False
-    ).terms
+    terms = with_polynomials(lay, overlaps, ("piston", "tilt", "power"), degree, line=False).terms
     scale = max(np.abs(lay.placed[0].x).max(), np.abs(lay.placed[0].y).max())
 
     def make(k, box):

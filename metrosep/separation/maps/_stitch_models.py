@@ -97,7 +97,8 @@ def rigid_basis(layout: Layout, freedoms: tuple[str, ...], *, line: bool) -> Flo
     """Return what the freedoms of all sub-apertures together leave open, on the stitched grid."""
     x, y = layout.x - layout.x.mean(), layout.y - layout.y.mean()
     scale = max(float(np.abs(x).max()), float(np.abs(y).max()), np.finfo(float).tiny)
-    return freedom_maps(*np.meshgrid(x / scale, y / scale), freedoms, line=line)
+    u, v = np.meshgrid(x / scale, y / scale)
+    return freedom_maps(u, v, freedoms, line=line)
 
 
 def _spread(problem: Problem, noise: tuple[float, float], settings: Settings) -> float:
@@ -146,9 +147,7 @@ def with_polynomial(
     """Return the stitching with a polynomial that all sub-apertures share."""
     degree = settings.degree or 0
     shape, layout = _one_shape(pieces), problem.layout
-    full = with_polynomials(
-        layout, problem.overlaps, settings.freedoms, degree, line=pieces.line
-    )
+    full = with_polynomials(layout, problem.overlaps, settings.freedoms, degree, line=pieces.line)
     inverse = inverse_of(normal_matrix(full))
     theta, fitted, mean = fitted_to(full, inverse, values)
     noise = noise_of(full, fitted, mean, inverse.rank)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,10 +12,6 @@ from metrosep.core.errors import DataError
 from metrosep.core.surface import Surface
 from metrosep.forms.zernike import ZernikeOrder
 from metrosep.separation.contract import Separation
-from metrosep.separation.maps._map_input import (
-    checked_angles,
-    map_stack,
-)
 from metrosep.separation.maps.flat_setup import FlatMethod, ThreeFlat
 
 __all__ = ["ThreeFlat", "three_flat"]
@@ -130,29 +126,25 @@ def three_flat(
     (4, 8, 12)
     """
     turned_maps = _as_list(rotated)
-    angle_list = checked_angles(angles, len(turned_maps), "three_flat") if turned_maps else ()
     if not turned_maps and np.size(angles):
         raise DataError("three_flat: angles are given without rotated maps")
-    maps: list[ArrayLike | Surface] = [ab, ac, bc, *turned_maps]
-    stack, _, history = map_stack(
-        maps, what="three_flat", one_frame=True, dx=dx, dy=dy, centre=centre
-    )
-    method_object = ThreeFlat(
-        tuple(float(a) for a in angle_list),
+    setup = ThreeFlat(
+        angles,  # type: ignore[arg-type]
         pairs,
         turned,
         flip,
         method,
-        terms if isinstance(terms, int) else _listed(terms),
+        terms,  # type: ignore[arg-type]
         order,
-        ab.dx if isinstance(ab, Surface) else dx,
-        ab.dy if isinstance(ab, Surface) else dy,
+        dx,
+        dy,
         centre,
         radius,
         tuple(removed),
         u_registration,
     )
-    return method_object.separate(stack, u_reading=u_reading, history=history)
+    maps: list[Any] = [ab, ac, bc, *turned_maps]
+    return setup.separate(maps, u_reading=u_reading)
 
 
 def _as_list(
@@ -165,15 +157,4 @@ def _as_list(
     except TypeError:
         raise DataError(
             f"three_flat: rotated must be a map or a list of maps, got {type(rotated).__name__}"
-        ) from None
-
-
-def _listed(terms: Sequence[int]) -> int | tuple[int, ...]:
-    if isinstance(terms, np.integer):
-        return int(terms)
-    try:
-        return tuple(terms)
-    except TypeError:
-        raise DataError(
-            f"three_flat: terms must be a whole number or a list of numbers, got {terms!r}"
         ) from None

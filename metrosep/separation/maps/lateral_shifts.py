@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, DegenerateFitError, NotSeparableError
+from metrosep.core.numbers import count, not_negative, positive, real
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.forms.zernike import term_name
@@ -21,14 +22,16 @@ from metrosep.separation._readings import given_parts
 from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 from metrosep.separation.maps._flat_result import DiscBasis, zernike_terms_of
 from metrosep.separation.maps._map_input import (
-    PIXELS,
     MapGrid,
     checked_angles,
     checked_u,
+    map_separation,
     map_stack,
     noise_of,
+    readings_of,
     require_overlap,
     rigid_terms,
+    stored_in_si,
     unit_doubts,
 )
 
@@ -106,19 +109,9 @@ def shift_rotation(
     >>> [i.indices for i in result.null_space if "defocus" in i.indices]
     [('defocus',), ('defocus',)]
     """
-    stack, grid, history = map_stack(
-        surfaces, what="shift_rotation", least=2, one_frame=True, dx=dx, dy=dy, centre=centre
-    )
-    method = ShiftRotation(
-        tuple(checked_angles(angles, stack.shape[0], "shift_rotation").tolist()),
-        shifts,  # type: ignore[arg-type]
-        terms,
-        grid.dx if grid.calibrated else None,
-        grid.dy if grid.calibrated else None,
-        centre,
-        power,
-    )
-    return method.separate(stack, u_reading=u_reading, history=history)
+    turns, moves, maps = cast(Any, angles), cast(Any, shifts), cast(Any, surfaces)
+    method = ShiftRotation(turns, moves, terms, dx, dy, centre, power)
+    return method.separate(maps, u_reading=u_reading)
 
 
 # ---- `ShiftRotation`: the joint least squares of shifts and turns, with its null space ---------
@@ -191,21 +184,19 @@ class ShiftRotation(SeparationMethod):
                 f"{self.name}: the part was neither turned nor shifted, so part and instrument "
                 "cannot be told apart"
             )
-        if isinstance(self.terms, bool) or not isinstance(self.terms, (int, np.integer)):
-            raise DataError(f"{self.name}: terms must be a whole number, got {self.terms!r}")
-        object.__setattr__(self, "terms", int(self.terms))
+        object.__setattr__(self, "terms", count(self.terms, f"{self.name}: terms"))
+        stored_in_si(self, positive, dx="length", dy="length")
         if self.power is not None:
             try:
-                value, u_value = (float(v) for v in self.power)
+                value, u_value = self.power
             except (TypeError, ValueError):
                 raise DataError(
                     f"{self.name}: power must be the known value and its standard uncertainty, both "
                     f"in m, got {self.power!r}"
                 ) from None
+            value = real(value, f"{self.name}: the known power", dimension="length")
+            u_value = not_negative(u_value, "power[1]", dimension="length")
             object.__setattr__(self, "power", (value, u_value))
-            if not math.isfinite(self.power[0]):
-                raise DataError(f"{self.name}: the known power is {self.power[0]} m")
-            checked_u(self.power[1], "power[1]")
 
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
@@ -289,15 +280,12 @@ class ShiftRotation(SeparationMethod):
         DegenerateFitError
             If the pixels do not determine the Zernike terms.
         """
-        n = len(self.angles)
-        stack, grid, _ = map_stack(
-            readings, what=self.name, names=[f"map {i + 1}" for i in range(n)],
-            one_frame=True, dx=self.dx, dy=self.dy, centre=self.centre,
-        )  # fmt: skip
+        names = [f"map {i + 1}" for i in range(len(self.angles))]
+        stack, grid, own = readings_of(self, readings, names)
         u_reading = checked_u(u_reading, "u_reading")
         basis = self._basis(grid, require_overlap(stack, self.name))
         with one_blas_thread():
-            return self._separated(stack, basis, grid, u_reading, history)
+            return self._separated(stack, basis, grid, u_reading, (*own, *history))
 
     def _basis(self, grid: MapGrid, mask: NDArray[np.bool_]) -> DiscBasis:
         return DiscBasis(grid, mask, zernike_terms_of(self.terms, "ansi"))
@@ -372,7 +360,6 @@ class ShiftRotation(SeparationMethod):
                 if not ok
             ]
         messages = unit_doubts(stack, grid, np.array(self.angles))
-        messages = messages if grid.calibrated else (*messages, PIXELS)
         weak = {k: [t for t, _ in v if t != "defocus"] for k, v in hidden.items()}
         if any(weak.values()):
             text = "; ".join(f"{k}: {', '.join(v)}" for k, v in weak.items() if v)
@@ -382,30 +369,19 @@ class ShiftRotation(SeparationMethod):
             for name, terms in hidden.items()
             if terms
         )
-        return Separation(
-            self.name,
-            parts,
-            u,
-            dict.fromkeys(parts, "m"),
-            {
-                "x": grid.x,
-                "y": grid.y,
-                "zernike_n": np.array([a for a, _ in basis.nm], dtype=np.float64),
-                "zernike_m": np.array([b for _, b in basis.nm], dtype=np.float64),
-            },
+        audit = {
+            "angles_deg": [math.degrees(a) for a in self.angles],
+            "shifts_mm": [[a * 1e3, b * 1e3] for a, b in self.shifts],
+            "terms": p,
+            "radius_mm": basis.radius * 1e3,
+            "condition": solution.condition,
+            "power_nm": None if self.power is None else self.power[0] * 1e9,
+        }
+        return map_separation(
+            self.name, grid, parts, u,
             self.null_space() if _same(null, self.null_space()) else null,
-            noise=noise,
-            audit={
-                "angles_deg": [math.degrees(a) for a in self.angles],
-                "shifts_mm": [[a * 1e3, b * 1e3] for a, b in self.shifts],
-                "terms": p,
-                "radius_mm": basis.radius * 1e3,
-                "condition": solution.condition,
-                "power_nm": None if self.power is None else self.power[0] * 1e9,
-            },
-            messages=messages,
-            history=(*history, Step(self.name, {"terms": self.terms})),
-        )
+            noise, audit, messages, history, {"terms": self.terms}, basis.coordinates,
+        )  # fmt: skip
 
 
 class _Solution:
