@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from metrosep._version import __version__
 from metrosep.core._lazy import lazy_names
+from metrosep.core.methods import METHODS
 
 if TYPE_CHECKING:
     from metrosep import (
@@ -73,6 +74,9 @@ __all__ = [  # noqa: PLE0604
 ]
 
 __getattr__ = lazy_names(__name__, _HOMES)
+
+METHODS.packages = ("metrosep.separation", "metrosep.recipe")
+"""Packages whose methods recipes, the command line and `separate` know by name."""
 
 
 def __dir__() -> list[str]:

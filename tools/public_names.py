@@ -44,8 +44,14 @@ def public_objects() -> dict[str, object]:
     return dict(sorted(found.items()))
 
 
+_OF_THE_CONTRACT = {"from_inputs"}
+"""Methods whose page stands once, at the base class."""
+
+
 def _members(path: str, owner: type) -> Iterator[tuple[str, object]]:
     for name, value in vars(owner).items():
         is_member = isinstance(value, classmethod | staticmethod | property)
+        if name in _OF_THE_CONTRACT:
+            continue
         if not name.startswith("_") and (inspect.isfunction(value) or is_member):
             yield f"{path}.{name}", value

@@ -11,7 +11,7 @@ from metrosep.app.documents import Edit, RecipeDocument, refuse_open, refuse_oth
 from metrosep.app.messages import Answer, Cancel, Message, Tell, text_of
 from metrosep.app.sessions import Session
 from metrosep.core.errors import DataError, UnsupportedFeatureError
-from metrosep.recipe.methods import METHODS
+from metrosep.core.methods import METHODS
 
 __all__ = ["export"]
 

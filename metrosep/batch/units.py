@@ -18,8 +18,8 @@ from metrosep.batch.left_out import CLOSED, LeftOut, sentences
 from metrosep.batch.names import safe_name, utf8_name
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import ReadError, RecipeError, WriteError
+from metrosep.core.methods import METHODS
 from metrosep.io.registry import FOLDERS_VARIABLE, formats
-from metrosep.recipe.methods import METHODS
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
@@ -216,10 +216,10 @@ def one_file_each(recipe: Recipe) -> bool:
         return False
     method = METHODS[recipe.steps[0]["op"]]
     if method.reads == "maps":
-        return len(method.names) == 1
+        return len(method.readings) == 1
     if method.reads == "curves":
         n = len(recipe.input["readings"])
-        return n >= len(method.names) if method.names else n > 1 or "repeat" in recipe.input
+        return n >= len(method.readings) if method.readings else n > 1 or "repeat" in recipe.input
     return method.reads == "table"
 
 

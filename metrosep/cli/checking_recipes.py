@@ -128,15 +128,14 @@ def _of_tables(layers: Any, name: str) -> Iterator[Exception]:
     """Yield the mistakes of each table, key by key."""
     from metrosep.core.errors import RecipeError
     from metrosep.recipe.extends import LayeredPlace
-    from metrosep.recipe.methods import METHODS
     from metrosep.recipe.overrides import input_fields_of
     from metrosep.recipe.schema import batch_table
     from metrosep.recipe.steps import (
+        ALL_STEPS,
         CHECK,
         METHOD_CHECK,
         METHOD_OUTPUTS,
         OUTPUTS,
-        STEPS,
         TOP,
     )
 
@@ -145,7 +144,7 @@ def _of_tables(layers: Any, name: str) -> Iterator[Exception]:
 
     data = layers.data
     yield from _of_table(data, TOP, place(), "the recipe")
-    ops = {**STEPS, **{op: method.fields for op, method in METHODS.items()}}
+    ops = ALL_STEPS
     first = next((s.get("op") for s in _tables(data, "step")), None)
     fields = input_fields_of(first)
     if fields is not None and isinstance(data.get("input"), Mapping):

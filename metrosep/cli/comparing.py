@@ -189,7 +189,7 @@ def _printable(text: str) -> str:
 
 def _line(row: Row) -> str:
     """Return a row in one line: mark, values, difference with its uncertainty, reason."""
-    from metrosep.recipe.readable import value_text
+    from metrosep.core.readable import value_text
 
     parts = [f"{'=' if row.equal else '!'} {row.metric}"]
     if (row.value_a, row.value_b) != (None, None):

@@ -144,7 +144,7 @@ def separate(
     from metrosep.cli.named import named_recipe, require_columns
     from metrosep.cli.shortcut import option_error, recipe_text
     from metrosep.core.errors import RecipeError
-    from metrosep.recipe.methods import METHODS
+    from metrosep.core.methods import METHODS
     from metrosep.recipe.recipe import Recipe
 
     if flexure:

@@ -2,31 +2,73 @@
 
 from __future__ import annotations
 
+import difflib
+import importlib
 import os
 import sys
+from pathlib import Path
 from typing import Any
 
 import click
 
 from metrosep._version import __version__
-from metrosep.cli.batches import batch
-from metrosep.cli.carriers import controllers
-from metrosep.cli.comparing import diff
-from metrosep.cli.files import check, convert, formats, info
-from metrosep.cli.jobs import demo, run, separate
-from metrosep.cli.measuring import form, measure, verify_softgauge
-from metrosep.cli.modelling import predict, rank
-from metrosep.cli.ops import ops
-from metrosep.cli.paths import path
-from metrosep.cli.planning import plan
-from metrosep.cli.reporting import report
-from metrosep.cli.tables import table, verify
-from metrosep.cli.workbench import ui
 
 __all__ = ["cli", "main"]
 
+_HOMES = {
+    "demo": "jobs", "info": "files", "check": "files", "convert": "files", "measure": "measuring",
+    "form": "measuring", "separate": "jobs", "table": "tables", "path": "paths",
+    "report": "reporting", "diff": "comparing", "verify": "tables",
+    "verify-softgauge": "softgauge", "run": "jobs", "batch": "batches", "plan": "planning",
+    "rank": "modelling", "predict": "modelling", "formats": "files", "controllers": "carriers",
+    "ops": "ops", "ui": "workbench",
+}  # fmt: skip
+"""The module of each command, which is loaded when the command is called."""
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+
+class _Commands(click.Group):
+    """A group that lists its commands without loading them."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names, in alphabetical order."""
+        return sorted(_HOMES)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Return a command, from its module."""
+        if cmd_name not in _HOMES:
+            return None
+        module = importlib.import_module(f"metrosep.cli.{_HOMES[cmd_name]}")
+        command: click.Command = getattr(module, cmd_name.replace("-", "_"))
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command that is called; of a name that is none, say which one is near."""
+        near = difflib.get_close_matches(args[0], list(_HOMES), n=1)
+        if args[0] in _HOMES or not near or args[0].startswith("-"):
+            return super().resolve_command(ctx, args)
+        return ctx.fail(f"No such command {args[0]!r}. Did you mean {near[0]!r}?")
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the list of commands with the first sentence of the docstring of each."""
+        width = formatter.width - 6 - max(map(len, _HOMES))
+        with formatter.section("Commands"):
+            rows = [(n, click.Command(n, help=_docstring(n))) for n in sorted(_HOMES)]
+            formatter.write_dl([(n, c.get_short_help_str(width)) for n, c in rows])
+
+
+def _docstring(command: str) -> str:
+    """Return the docstring of a command as its source has it: the module is not loaded for it."""
+    source = Path(__file__).with_name(f"{_HOMES[command]}.py").read_text(encoding="utf-8")
+    name = command.replace("-", "_")
+    return source.partition(f"\ndef {name}(")[2].partition('"""')[2].partition('"""')[0]
+
+
+@click.group(
+    cls=_Commands,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
 @click.version_option(__version__, prog_name="metrosep")
 @click.option("-v", "--verbose", count=True, help="More words; twice for a traceback.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress on standard error.")
@@ -41,33 +83,6 @@ def cli(context: click.Context, verbose: int, quiet: bool) -> None:
     """
     context.obj = {} if context.obj is None else context.obj
     context.obj |= {"verbose": verbose, "quiet": quiet}
-
-
-for _command in (
-    demo,
-    info,
-    check,
-    convert,
-    measure,
-    form,
-    separate,
-    table,
-    path,
-    report,
-    diff,
-    verify,
-    verify_softgauge,
-    run,
-    batch,
-    plan,
-    rank,
-    predict,
-    formats,
-    controllers,
-    ops,
-    ui,
-):
-    cli.add_command(_command)
 
 
 def _global_first(words: list[str]) -> list[str]:
@@ -95,7 +110,8 @@ def _verbosity(arguments: list[str]) -> int:
 
 def _parameters(words: list[str]) -> set[str]:
     """Names of the parameters of the command that was called."""
-    command = next((cli.commands[w] for w in words if w in cli.commands), None)
+    name = next((w for w in words if w in _HOMES), None)
+    command = None if name is None else cli.get_command(click.Context(cli), name)
     return {p.name for p in command.params if p.name} if command is not None else set()
 
 

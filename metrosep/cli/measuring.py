@@ -3,14 +3,27 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from metrosep.cli.options import file_options, json_option, name_values, read_aloud, say
+from metrosep.cli.shortcut import input_lines, option_error, quoted
 from metrosep.cli.softgauge import verify_softgauge
 from metrosep.core.text_options import TEXT_OPTIONS
 
+if TYPE_CHECKING:
+    from metrosep.core.errors import RecipeError
+    from metrosep.recipe.recipe import Recipe
+
+_CALL = "command line"
+_INPUT = ("unit", "lateral_step", "channel", "format", *TEXT_OPTIONS)
+"""Options of readers that a recipe has keys for."""
+_PLAIN = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:SI)?\s*")
+_USUAL = {"line": "lsq", "reference": "MZ"}
 _WORST_FIRST = (4, 2, 1, 3)
 """Exit codes: a file that was not measured, then reject, then inconclusive."""
 
@@ -28,12 +41,6 @@ def _pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
 
 def _names(text: str | None) -> tuple[str, ...]:
     return tuple(n.strip() for n in (text or "").split(",") if n.strip())
-
-
-def _length(text: str | None, name: str) -> float | None:
-    from metrosep.core.units import parse_quantity
-
-    return None if text is None else parse_quantity(text, dimension="length", name=name)
 
 
 def flat_values(quantities: Any) -> dict[str, float | None]:
@@ -132,43 +139,29 @@ def measure(
     The exit code is the worst of all files: 4 unreadable or 2 not to be measured so, 1 rejected,
     3 inconclusive, 0 accepted or no limit.
     """
-    from pathlib import Path
-
     from metrosep.cli.errors import exit_code_of, report_error, verdict_code
-    from metrosep.cli.evaluation import Limits, Settings, evaluate
     from metrosep.core.errors import MetrosepError
 
-    how = Settings(
-        form=form_text,
-        lambda_s=_length(lambda_s, "lambda_s"),
-        lambda_c=_length(lambda_c, "lambda_c"),
-        end=end,
-        kind=kind,
-        edition=edition,
-        sections=sections,
-        centre=centre,
-        line=line,
-        names=_names(params),
-        reference=reference,
-    )
-    limits = Limits(
-        lower=_pairs(lower, "--lower"),
-        upper=_pairs(upper, "--upper"),
-        U=_pairs(expanded, "--U"),
-        guard_factor=guard_factor,
-    )
-    recipe: Any = None
+    options: dict[str, Any] = {
+        "form": form_text, "lambda_s": lambda_s, "lambda_c": lambda_c, "end": end, "kind": kind,
+        "edition": edition, "sections": sections, "centre": centre, "line": line,
+        "names": _names(params), "reference": reference, "guard_factor": guard_factor,
+        "lower": _pairs(lower, "--lower"), "upper": _pairs(upper, "--upper"), "U": _pairs(expanded, "--U"),
+    }  # fmt: skip
+    idle = [s for s in options["U"] if s not in {**options["lower"], **options["upper"]}]
+    if idle:
+        raise click.UsageError(f"--U is given for {', '.join(idle)}, which has no limit")
     if print_recipe or out is not None:
-        lengths = {"lambda_s": lambda_s, "lambda_c": lambda_c}
-        recipe = _recipe(files, how, limits, reading, lengths)
-        if print_recipe:
-            click.echo(recipe.text, nl=False)
-            return 0
+        _require_recipe_of_one(files, reading)
+    recipe = _recipe(files[0] if print_recipe or out is not None else None, options, reading)
+    if print_recipe:
+        click.echo(recipe.text, nl=False)
+        return 0
     results: list[dict[str, Any]] = []
     codes = []
     for name in files:
         try:
-            found = evaluate(read_aloud(name, reading), how, limits)
+            found = _measured(name, recipe, reading)
         except MetrosepError as error:
             if len(files) == 1:
                 raise
@@ -176,8 +169,8 @@ def measure(
             codes.append(exit_code_of(error))
             results.append({"file": Path(name).name, "error": str(error)})
             continue
-        codes.append(0 if found.verdict is None else verdict_code(found.verdict))
-        results.append(_measured(name, found))
+        codes.append(verdict_code(found["verdict"]))
+        results.append({k: v for k, v in found.items() if k != "measured"})
         if not as_json:
             _print_measured(name, found)
     if as_json:
@@ -189,71 +182,166 @@ def measure(
     return next((c for c in _WORST_FIRST if c in codes), 0)
 
 
-def _recipe(
-    files: tuple[str, ...],
-    how: Any,
-    limits: Any,
-    reading: dict[str, Any],
-    lengths: dict[str, str | None],
-) -> Any:
-    """Return the recipe of this call, checked."""
-    from metrosep.cli.measure_recipe import measure_recipe
-    from metrosep.cli.shortcut import option_error
-    from metrosep.core.errors import RecipeError
-    from metrosep.recipe.recipe import Recipe
-
+def _require_recipe_of_one(files: Sequence[str], reading: Mapping[str, Any]) -> None:
+    """Refuse a recipe of several files, or with options of readers that recipes do not have."""
     if len(files) != 1:
         raise click.UsageError("a recipe, a report and result.json are of one FILE: name one")
-    known = ("unit", "lateral_step", "channel", "format", *TEXT_OPTIONS)
-    stray = [k for k in reading if k not in known]
+    stray = [k for k in reading if k not in _INPUT]
     if stray:
         raise click.UsageError(f"--set {stray[0]} has no key in a recipe that measures")
-    text = measure_recipe(files[0], how, limits, reading, lengths)
+
+
+def _recipe(file: str | None, options: Mapping[str, Any], reading: Mapping[str, Any]) -> Recipe:
+    """Return the recipe of a call, checked."""
+    from metrosep.core.errors import RecipeError
+    from metrosep.recipe.preflight import require_limits
+    from metrosep.recipe.recipe import Recipe
+
+    text = _recipe_text(file, options, reading)
     try:
-        return Recipe.parse(text, name="command line")
+        recipe = Recipe.parse(text, name=_CALL)
+        require_limits(recipe)
     except RecipeError as error:
-        raise RecipeError(option_error(error)) from None
+        raise _as_typed(error, text) from None
+    return recipe
 
 
-def _measured(name: str, found: Any) -> dict[str, Any]:
-    from pathlib import Path
+def _recipe_text(file: str | None, given: Mapping[str, Any], reading: Mapping[str, Any]) -> str:
+    """Return the recipe of a call as TOML."""
+    cuts = [k for k in ("lambda_s", "lambda_c") if given[k] is not None]
+    if given["end"] != "moment" and not cuts:
+        raise click.UsageError(
+            "--end says what a filter does at the ends; give --lambda-s or --lambda-c"
+        )
+    lines = ["metrosep = 1", "", "[input]"]
+    if file is not None:
+        lines += [f"files = [{quoted(file)}]", *input_lines(reading, _INPUT)]
+    if given["form"].strip().lower() != "none":
+        lines += ["", "[[step]]", 'op = "form"', f"form = {quoted(given['form'])}"]
+    if cuts:
+        lines += ["", "[[step]]", 'op = "filter"', *(f"{k} = {quoted(given[k])}" for k in cuts)]
+        if "lambda_c" in cuts and given["kind"] == "W":
+            lines.append('profile = "W"')
+        elif "lambda_c" in cuts and given["sections"] is not None:
+            lines.append(f"sections = {given['sections']}")
+        if given["end"] != "moment":
+            lines.append(f"end = {quoted(given['end'])}")
+    names = ", ".join(quoted(n) for n in given["names"] or ("all",))
+    lines += ["", "[[step]]", 'op = "parameters"', f"names = [{names}]"]
+    edition = given["edition"] and _edition(given["edition"])
+    texts = {
+        "kind": given["kind"],
+        "edition": edition,
+        "line": given["line"],
+        "reference": given["reference"],
+    }
+    lines += [f"{k} = {quoted(v)}" for k, v in texts.items() if v not in (None, _USUAL.get(k))]
+    if given["sections"] is not None:
+        lines.append(f"sections = {given['sections']}")
+    if given["centre"]:
+        lines.append("centre = true")
+    for symbol in {**given["lower"], **given["upper"]}:
+        lines += ["", "[[check]]", f"metric = {quoted(symbol)}"]
+        limits = ((k, given[k].get(symbol)) for k in ("lower", "upper", "U"))
+        lines += [f"{k} = {_limit(text)}" for k, text in limits if text is not None]
+        if given["guard_factor"] != 1.0:
+            lines.append(f"guard_factor = {given['guard_factor']!r}")
+    return "\n".join([*lines, "", "[[output]]", 'kind = "report"', ""])
 
-    tables = [t.to_dict() for t in found.tables]
-    parameters = {s: q for t in tables for s, q in t["parameters"].items()}
-    unavailable = {s: why for t in tables for s, why in t["unavailable"].items()}
-    contexts = [
-        {k: v for k, v in t.items() if k not in ("parameters", "unavailable")} for t in tables
-    ]
+
+def _edition(text: str) -> str:
+    """Return an edition as recipes spell it; spaces and case do not count."""
+    plain = "".join(text.lower().split())
+    known = ("ISO 21920-2:2021", "ISO 4287:1997")
+    return next((e for e in known if "".join(e.lower().split()) == plain), text)
+
+
+def _limit(text: str) -> str:
+    """Return a limit as TOML has it: with its unit in quotes, a pure number or SI without."""
+    number = _PLAIN.fullmatch(text)
+    return quoted(text) if number is None else repr(float(number[1]))
+
+
+def _as_typed(error: RecipeError, text: str) -> RecipeError:
+    """Return an error in the recipe of a call in terms of its options."""
+    from metrosep.core.errors import RecipeError
+
+    message = re.sub(r"\b(names|kind|edition|form) = ", r"--\1 ", option_error(error))
+    message = re.sub(r"step \d+ \(\w+\): ", "", message.replace("--names", "--params"))
+    before = text.splitlines()[: error.line or 0]
+    headers = [line for line in before if line.startswith("[")]
+    if headers[-1:] != ["[[check]]"]:
+        return RecipeError(message)
+    symbol = json.loads(
+        next(x for x in reversed(before) if x.startswith("metric")).split(" = ")[1]
+    )
+
+    def option(found: re.Match[str]) -> str:
+        value = found[2].strip('"')
+        quote = "'" if " " in value or "=" in value else ""
+        return f"--{found[1]} {quote}{symbol}={value}{quote}"
+
+    message = re.sub(r"^--metric:? ", "", message)
+    message = re.sub(rf'^metric = "{symbol}"|^"{symbol}" (?=is )', f"{symbol} ", message)
+    message = message.replace("is made by no step", "has a limit but is not among --params")
+    message = re.sub(r"^--(lower|upper|U):? ", rf"--\1 of {symbol}: ", message)
+    message = re.sub(r'\b(lower|upper|U) = ("[^"]*"|[\d.]+)', option, message)
+    return RecipeError(" ".join(message.split()))
+
+
+def _measured(name: str, recipe: Recipe, reading: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the steps of a recipe find in a file, as it is printed, and the `Measurement`."""
+    from metrosep.core.errors import RecipeError
+    from metrosep.recipe.pipeline_run import judge_measurement, measure_object
+
+    obj = read_aloud(name, reading)
+    try:
+        measured = measure_object(recipe, obj)
+        judged = judge_measurement(recipe, measured)
+    except RecipeError as error:
+        raise _as_typed(error, recipe.text) from None
+    tables = [t.to_dict() for t in measured.stages[-1].detail]
+    limits = ("verdict", "lower", "upper", "U")
     return {
+        "measured": measured,
         "file": Path(name).name,
-        "parameters": parameters,
-        "unavailable": unavailable,
-        "evaluations": contexts,
-        "verdicts": found.verdicts,
-        "verdict": found.verdict,
-        **flat_values(found.quantities),
+        "parameters": {s: q for t in tables for s, q in t["parameters"].items()},
+        "unavailable": {s: why for t in tables for s, why in t["unavailable"].items()},
+        "evaluations": [
+            {k: v for k, v in t.items() if k not in ("parameters", "unavailable")} for t in tables
+        ],
+        "verdicts": {
+            c["metric"]: {k: c[k] for k in limits}
+            for c in judged["characteristics"]
+            if c["verdict"] is not None
+        },
+        "verdict": judged["verdict"],
+        **flat_values(measured.stages[-1].found),
     }
 
 
-def _print_measured(name: str, found: Any) -> None:
+def _print_measured(name: str, found: Mapping[str, Any]) -> None:
     click.echo(name)
-    for line in found.removed.splitlines():
+    stages = found["measured"].stages
+    for line in (
+        line for s in stages if s.op == "form" for line in s.detail.report().splitlines()
+    ):
         click.echo(f"  form  {line}")
-    for table in found.tables:
+    for table in stages[-1].detail:
         context = table.context
         click.echo(
             f"  {context.edition}; {context.chain}; {context.n_valid} of {context.n_total} valid"
         )
         for symbol, quantity in table.items():
-            verdict = found.verdicts.get(symbol)
+            verdict = found["verdicts"].get(symbol)
             mark = f"   {verdict['verdict'].upper()}" if verdict else ""
             click.echo(f"    {symbol:<7} {quantity!s:<22} {quantity.definition}{mark}")
         for symbol, why in table.unavailable.items():
             click.echo(f"    {symbol:<7} not available: {why}")
         for note in context.notes:
             click.echo(f"    note: {note}")
-    if found.verdict is not None:
-        click.echo(f"  verdict: {found.verdict}")
+    if found["verdict"] is not None:
+        click.echo(f"  verdict: {found['verdict']}")
 
 
 @click.command()
@@ -325,36 +413,28 @@ def form(
     for name, value in (("terms", terms), ("radius", radius), ("out", out)):
         if value is not None:
             raise click.UsageError(f"--{name} goes with --identify MACHINE")
-    from pathlib import Path
-
-    from metrosep.core.errors import InvalidSamplesError
-    from metrosep.core.profile import Profile
-    from metrosep.core.surface import Surface
-    from metrosep.forms.catalogue import form_from_text
-    from metrosep.forms.fit import fit
     from metrosep.io.write import write
+    from metrosep.recipe.pipeline import StepError, run_step
 
-    ideal = form_from_text(form_text)
+    step = {
+        "form": form_text,
+        "free": None if free is None else list(_names(free)),
+        "fix": _pairs(fix, "--fix") or None,
+        "start": _pairs(start, "--start") or None,
+        "robust": robust,
+        "tilt": tilt,
+        "direction": direction,
+        "centre": None if centre is None else [c.strip() for c in centre.split(",")],
+    }
     obj = read_aloud(file, reading)
-    if not isinstance(obj, Surface | Profile):
-        raise InvalidSamplesError(
-            f"{file}: a form needs a profile or a map; this is a {type(obj).__name__}"
-        )
-    result = fit(
-        obj,
-        ideal,
-        free=_names(free) if free is not None else None,
-        fixed=_numbers(fix, "--fix", ideal),
-        start=_numbers(start, "--start", ideal),
-        robust=robust,
-        tilt=tilt,
-        direction=direction,
-        centre=_centre(centre),
-    )
+    try:
+        given = {k: v for k, v in step.items() if v is not None}
+        result = run_step(obj, {"op": "form", **given}).detail
+    except StepError as error:
+        text = str(error).removeprefix(f"{error.key}: ")
+        raise click.UsageError(f"--{error.key}: {text}") from None
     if residual is not None:
-        left = result.residual
-        assert isinstance(left, Surface | Profile)  # noqa: S101
-        write(left, residual)
+        write(result.residual, residual)
         say(f"residual -> {residual}")
     if as_json:
         content = {"file": Path(file).name, **result.to_dict()}
@@ -405,31 +485,3 @@ def _identify(
         "centre": None if centre is None else [c.strip() for c in centre.split(",")],
     }
     return identified(context, file, machine, form_text, options=options, out=out, as_json=as_json)
-
-
-def _centre(text: str | None) -> tuple[float, float] | None:
-    from metrosep.core.units import parse_quantity
-
-    if text is None:
-        return None
-    parts = text.split(",")
-    if len(parts) > 2:
-        raise click.UsageError(f"--centre takes X,Y with units, found {text!r}")
-    x, y = (*parts, "0 m")[:2]
-    return (
-        parse_quantity(x.strip(), dimension="length", name="centre x"),
-        parse_quantity(y.strip(), dimension="length", name="centre y"),
-    )
-
-
-def _numbers(texts: tuple[str, ...], option: str, ideal: Any) -> dict[str, float]:
-    from metrosep.forms.base import RIGID
-    from metrosep.forms.catalogue import parameter_value
-
-    units = {**RIGID, **ideal.units_of()}
-    found = {}
-    for name, text in _pairs(texts, option).items():
-        if name not in units:
-            raise click.UsageError(f"{option}: {name} is none of {', '.join(units)}")
-        found[name] = parameter_value(text, units[name], name)
-    return found

@@ -10,10 +10,11 @@ import click
 
 from metrosep.cli.options import name_values
 from metrosep.cli.shortcut import input_lines, quoted
+from metrosep.core.options import KINDS
 from metrosep.core.text_options import TEXT_OPTIONS
 
 if TYPE_CHECKING:
-    from metrosep.recipe.methods import Method
+    from metrosep.core.methods import Method
     from metrosep.recipe.schema import Field
 
 __all__ = ["COLUMN_OPTIONS", "named_recipe", "require_columns"]
@@ -32,7 +33,7 @@ _OF_RUNS = (
 
 def require_columns(options: Mapping[str, Any]) -> None:
     """Refuse a call for repeated runs without their columns."""
-    from metrosep.recipe.methods import METHODS
+    from metrosep.core.methods import METHODS
 
     known = ["joint", "kono", "mean", *METHODS]
     if options["method"] not in known:
@@ -60,7 +61,8 @@ def require_columns(options: Mapping[str, Any]) -> None:
 
 def named_recipe(name: str, options: Mapping[str, Any], *, report: bool) -> str:
     """Return the recipe of a call with a named separation, as TOML."""
-    from metrosep.recipe.methods import METHODS, input_fields
+    from metrosep.core.methods import METHODS
+    from metrosep.recipe.method import input_fields
 
     method = METHODS[name]
     known = input_fields(method)
@@ -91,7 +93,7 @@ def named_recipe(name: str, options: Mapping[str, Any], *, report: bool) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _takes(method: Method) -> str:
+def _takes(method: type[Method]) -> str:
     """Return the options of a method, for the message on one that it does not have."""
     if method.reads == "curves":
         place = {"x": "--x", "angle": "--angle"}.get(method.over, "--x or --angle")
@@ -100,23 +102,20 @@ def _takes(method: Method) -> str:
     return f"--column ({roles}) and --set" if roles else "--set"
 
 
-def _typed(key: str, value: str, method: Method) -> str:
+def _typed(key: str, value: str, method: type[Method]) -> str:
     """Return a value as TOML writes it, after the kind of its key."""
     field: Field | None = method.fields.get(key)
-    kind = "text" if field is None else field.kind
-    if kind in ("number", "integer", "flag"):
+    kind = KINDS["text" if field is None else field.kind]
+    if (kind is KINDS["frequencies"] and value == "auto") or kind.written == "text":
+        number = field is not None and field.kind in ("degree", "spacing") and value.isdecimal()
+        return value if number else quoted(value)
+    if kind.written == "plain" or (kind is KINDS["waves"] and value.isdecimal()):
         return _plain(key, value)
-    if kind == "frequencies" and value == "auto":
-        return quoted(value)
-    if kind in ("waves", "degree", "spacing") and value.isdecimal():
-        return value
-    if kind in ("numbers", "integers"):
+    if kind.written == "plain list":
         return "[" + ", ".join(_plain(key, v.strip()) for v in value.split(",")) + "]"
-    if kind in ("windows", "places", "pairs"):
-        return _nested(value, numbers=kind == "pairs")
-    if kind in _LISTS:
-        return _listed(value)
-    return quoted(value)
+    if kind.written in ("pairs", "plain pairs"):
+        return _nested(value, numbers=kind.written == "plain pairs")
+    return _listed(value)
 
 
 def _plain(key: str, value: str) -> str:
@@ -130,9 +129,6 @@ def _plain(key: str, value: str) -> str:
             f"--set {key}: a number, true or false is needed, found {value!r}"
         ) from None
     return value
-
-
-_LISTS = ("angles", "lengths", "texts", "times", "speeds", "frequencies", "waves", "range")
 
 
 def _nested(value: str, *, numbers: bool) -> str:

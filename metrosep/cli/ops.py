@@ -17,7 +17,7 @@ from metrosep.cli.named import COLUMN_OPTIONS
 from metrosep.cli.options import json_option
 
 if TYPE_CHECKING:
-    from metrosep.recipe.method import Method
+    from metrosep.core.methods import Method
     from metrosep.recipe.schema import Field
 
 __all__ = ["data_words", "ops"]
@@ -30,7 +30,7 @@ _WIDTH = 100
 @json_option
 def ops(name: str | None, as_json: bool) -> int:
     """List the steps of recipes, with the readings and the keys of each; or explain NAME."""
-    from metrosep.recipe.methods import METHODS
+    from metrosep.core.methods import METHODS
     from metrosep.recipe.steps import MEASURING, STEPS, WHAT
 
     rows: list[dict[str, Any]] = [
@@ -48,7 +48,7 @@ def ops(name: str | None, as_json: bool) -> int:
             "op": name,
             "what": method.what,
             "reads": method.reads,
-            "readings": list(method.names),
+            "readings": list(method.readings),
             "columns": dict(method.roles),
             "keys": {k: f.kind for k, f in method.fields.items() if k != "op"},
         }
@@ -81,7 +81,7 @@ def _indented(text: str) -> str:
 
 def _explain(row: Mapping[str, Any], fields: Mapping[str, Field]) -> None:
     """Print one step: how its data are given, a line for each key, a command to copy."""
-    from metrosep.recipe.methods import METHODS
+    from metrosep.core.methods import METHODS
     from metrosep.recipe.step_help import key_words, kind_words
     from metrosep.recipe.steps import MEASURING
 
@@ -103,20 +103,15 @@ def _explain(row: Mapping[str, Any], fields: Mapping[str, Field]) -> None:
     for key, field in fields.items():
         if key == "op":
             continue
-        words = key_words(str(row["op"]), key) or kind_words(field.kind)
-        text = f"    {key}: {words}"
-        if row["op"] in MEASURING:
-            text = f"    {key}: {MEASURING[str(row['op'])].help[key]}"
-            if field.choices:
-                text += f"; one of {', '.join(str(c) for c in field.choices)}"
-        elif field.choices:
-            text = f"    {key}: one of {', '.join(str(c) for c in field.choices)}"
-            about = key_words(str(row["op"]), key)
-            text += f"; {about}" if about else ""
+        about = key_words(str(row["op"]), key)
+        kind = "" if '"' in about else kind_words(field.kind)
+        if field.choices:
+            kind = f"one of {', '.join(str(c) for c in field.choices)}"
+        text = f"    {key}: " + "; ".join(part for part in (about, kind) if part)
         text += ", needed" if field.required else ""
         click.echo(textwrap.fill(text, _WIDTH, subsequent_indent="        "))
         for name, inner in _inner_keys(str(row["op"]), key).items():
-            choices = ", ".join(str(c) for c in inner.field.choices)
+            choices = ", ".join(str(c) for c in inner.choices)
             line = f"        {name}: {inner.help}" + (f"; one of {choices}" if choices else "")
             click.echo(textwrap.fill(line, _WIDTH, subsequent_indent="            "))
     if method is not None:
@@ -142,24 +137,26 @@ def _wrapped(words: Iterable[str]) -> str:
     return " \\\n".join(f"    {'' if i == 0 else '  '}{line}" for i, line in enumerate(lines))
 
 
-def data_words(method: Method) -> list[str]:
+def data_words(method: type[Method]) -> list[str]:
     """Return how files, columns and repeats of a method are given."""
     if method.reads == "nothing":
         return ["no file: the keys of the step say all"]
     if method.reads == "maps":
-        names = ", ".join(method.names)
+        names = ", ".join(method.readings)
         order = (
             f"in this order: {names}"
             if names
             else "as many as there are, in the order of the keys"
         )
-        more = "; further files follow them" if method.names and "angles" in method.fields else ""
+        more = (
+            "; further files follow them" if method.readings and "angles" in method.fields else ""
+        )
         return [
             f"one file for each map, {order}{more}",
             "what was not measured is empty (NaN) in a map and stays so",
         ]
     if method.reads == "results":
-        names = ", ".join(method.names) or "as many as there are"
+        names = ", ".join(method.readings) or "as many as there are"
         return [f"result.json of 'metrosep separate -o DIR', one for each: {names}"]
     lines = _curves(method) if method.reads == "curves" else _rows(method)
     lines += [
@@ -181,10 +178,10 @@ def data_words(method: Method) -> list[str]:
     return lines
 
 
-def _curves(method: Method) -> list[str]:
+def _curves(method: type[Method]) -> list[str]:
     quantity = "an angle" if method.dimension == "angle" else "a length"
-    if method.names:
-        names = ", ".join(method.names)
+    if method.readings:
+        names = ", ".join(method.readings)
         first = f"--readings COLUMN,...: one column for each reading, {quantity}, in this order: {names}"
         if method.spare:
             first += f"; {method.spare} more may follow"
@@ -213,7 +210,7 @@ _ORDERS = ("angles", "steps", "positions", "offsets", "distance", "labels", "ord
 """Keys that say where the readings of a free number were taken."""
 
 
-def _rows(method: Method) -> list[str]:
+def _rows(method: type[Method]) -> list[str]:
     if method.reads == "tables":
         return ["one table for each test, or one table with a column that tells them apart"]
     lines = ["one table; what each of its columns is, is named:"]
@@ -254,17 +251,9 @@ _UNITS = {
     "length": "um", "angle": "urad", "time": "s", "position": "um", "frequency": "hz",
 }  # fmt: skip
 _PLACES = ("x", "y", "target", "position")
-_VALUES = {
-    "length": "1 mm", "size": "25 mm", "uncertainty": "2 nm", "lengths": "10 mm", "angle": "1 deg",
-    "angles": "0 deg,30 deg,75 deg", "time": "2 s", "times": "0 s,30 s", "frequency": "1 kHz",
-    "frequencies": "50 Hz", "speed": "4800 mm/min", "speeds": "4800 mm/min", "integer": "30",
-    "integers": "8,7", "number": "1", "numbers": "1,2", "flag": "true", "limit": "2 nm", "expanded": "2 nm",
-    "places": "0 mm..0 mm,4 mm..0 mm,0 mm..4 mm", "pairs": "0..0,1..0", "range": "10 mm,5 mm",
-    "waves": "3", "windows": "0 min..60 min", "lag": "2 ms", "spacing": "1 mm", "degree": "2",
-}  # fmt: skip
 
 
-def example_call(op: str, method: Method, folder: Path | None = None) -> list[str]:
+def example_call(op: str, method: type[Method], folder: Path | None = None) -> list[str]:
     """Return the words of a command for a named separation."""
     folder = folder or Path(__file__).resolve().parents[2] / "examples"
     if method.reads == "nothing":
@@ -329,19 +318,19 @@ def _is_table(value: Any) -> bool:
     return isinstance(value, Mapping)
 
 
-def _made_up(method: Method) -> tuple[dict[str, Any], dict[str, Any], list[str]]:
+def _made_up(method: type[Method]) -> tuple[dict[str, Any], dict[str, Any], list[str]]:
     """Return input, keys and files with names to be replaced."""
     source: dict[str, Any] = {}
     if method.reads == "maps":
-        files = [f"{n.lower()}.csv" for n in method.names] or ["map_1.csv", "map_2.csv"]
+        files = [f"{n.lower()}.csv" for n in method.readings] or ["map_1.csv", "map_2.csv"]
     elif method.reads == "results":
-        names = [n.replace(" ", "_") for n in method.names] or ["first", "second"]
+        names = [n.replace(" ", "_") for n in method.readings] or ["first", "second"]
         files = [f"{n}/result.json" for n in names]
     else:
         files = [_ONE_FILE[method.reads]]
     if method.reads == "curves":
         unit = "urad" if method.dimension == "angle" else "um"
-        names = list(method.names) or [f"reading_{i}" for i in (1, 2, 3)]
+        names = list(method.readings) or [f"reading_{i}" for i in (1, 2, 3)]
         source["readings"] = [f"{n}_{unit}" for n in names]
         source |= {"angle": "angle_deg"} if method.over == "angle" else {"x": "x_mm"}
     for name, kind in method.roles.items():
@@ -365,7 +354,9 @@ def _column(name: str, kind: str) -> Any:
 
 
 def _value(field: Field) -> str:
-    return str(field.choices[0]) if field.choices else _VALUES.get(field.kind, "...")
+    from metrosep.core.options import KINDS
+
+    return str(field.choices[0]) if field.choices else KINDS[field.kind].example
 
 
 def _typed(value: Any) -> str:

@@ -85,7 +85,7 @@ def plan(
 
 def _words(message: str) -> str:
     """Return a message of the planner with the options of this command."""
-    from metrosep.recipe.readable import readable_text
+    from metrosep.core.readable import readable_text
 
     def option(found: re.Match[str]) -> str:
         name = {"n_runs": "runs"}.get(found.group(1), found.group(1)).replace("_", "-")

@@ -62,7 +62,7 @@ def print_named(recipe: Recipe, result: Result, *, as_json: bool, command: bool 
 
 def _values(entries: Iterable[Mapping[str, Any]]) -> list[str]:
     """Return a line for each value; P-V and RMS of one part share theirs."""
-    from metrosep.recipe.readable import value_text
+    from metrosep.core.readable import value_text
 
     lines: dict[str, list[str]] = {}
     for entry in entries:

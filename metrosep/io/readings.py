@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -17,49 +16,18 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import FormatMismatchError, InvalidSamplesError
+from metrosep.core.inputs import Readings
 from metrosep.core.provenance import Step
 from metrosep.io.runs import Role, columns_of, role_values
-from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.source import RawFile, open_file
-from metrosep.io.table import Table
+from metrosep.io.text.table import ColumnSpec, Table, pick, sensitivity, to_si
 
-__all__ = ["Readings", "read_readings"]
+__all__ = ["read_readings"]
 
 Dimension = Literal["length", "angle"]
 
 _SAME_POSITION = 1e-3
 """Positions of repeats and readings may differ by this share of the mean step: rounding of text."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Readings:
-    """Curves over common positions.
-
-    Parameters
-    ----------
-    values : ndarray, shape (n_readings, n_repeats, n)
-        SI, NaN = not measured.
-    names : tuple of str
-        Column (and file, where there are several) of each reading.
-    position : ndarray, shape (n,), or None
-        In m or rad; None where no column was named.
-    history : tuple of Step
-        One step ``read`` for each file.
-    warnings : tuple of str
-        What is odd about the files.
-    extra : mapping of str to ndarray, shape (n_repeats, n)
-        Further columns by their role: numbers in SI, or texts.
-    position_unit : {"m", "rad"}
-        Of `position`.
-    """
-
-    values: FloatArray
-    names: tuple[str, ...]
-    position: FloatArray | None
-    history: tuple[Step, ...]
-    warnings: tuple[str, ...] = ()
-    extra: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    position_unit: str = "m"
 
 
 def read_readings(

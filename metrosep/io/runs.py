@@ -11,7 +11,7 @@ import math
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -27,6 +27,7 @@ from metrosep.core.errors import (
     UnitError,
     UnknownFormatError,
 )
+from metrosep.core.inputs import RoleColumns
 from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.core.runset import Run, RunSet
@@ -34,15 +35,22 @@ from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import parse_quantity, parse_unit
 from metrosep.io import registry
 from metrosep.io._roles import BLOCKS, jumps_back, runs_in
-from metrosep.io.dialect import Dialect, decode
-from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.source import RawFile, open_file
-from metrosep.io.table import Column, Table, interruption, read_table
+from metrosep.io.text.dialect import Dialect, decode
+from metrosep.io.text.table import (
+    Column,
+    ColumnSpec,
+    Table,
+    interruption,
+    pick,
+    read_table,
+    sensitivity,
+    to_si,
+)
 
 __all__ = [
     "FeedSpec",
     "Role",
-    "RoleColumns",
     "columns_of",
     "read_roles",
     "read_runs",
@@ -418,7 +426,7 @@ def stored_runs(file: RawFile) -> RunSet | None:
     """Return the runs of a file that metrosep wrote as a whole, else ``None``."""
     if _format(file) != _OWN:
         return None
-    from metrosep.io.native import read
+    from metrosep.io.containers.native import read
 
     obj = read(file)
     if isinstance(obj, RunSet):
@@ -479,21 +487,6 @@ class Role:
     # those of the cells where they are numbers
     dimension: str
     scale: str | None = None  # sensitivity where the column is a voltage and a length is meant
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RoleColumns:
-    """Columns of one or more files by their role."""
-
-    # mapping of str to ndarray: each role: shape (n,), or (k, n) where it is a list of columns
-    values: Mapping[str, NDArray[Any]]
-    name: str  # of the file, without its extension; of the first where there are several
-    history: tuple[Step, ...]  # one step ``read`` for each file
-    warnings: tuple[str, ...] = ()  # what is odd about the files
-    # mapping of str to tuple of str: names of the columns of each role, without their unit
-    columns: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    # mapping of str to str: ``"m"`` or ``"rad"`` of each role that may be either
-    units: Mapping[str, str] = field(default_factory=dict)
 
 
 def read_roles(

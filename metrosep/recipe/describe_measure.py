@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from metrosep.core.profile import Profile
+from metrosep.core.readable import readable_unit
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.recipe.charts import curve, curve_chart, map_chart, panel, plain
 from metrosep.recipe.description import Description
 from metrosep.recipe.pipeline_mask import Measured, middle_of
-from metrosep.recipe.readable import readable_unit
 
 if TYPE_CHECKING:
     from metrosep.recipe.pipeline import Stage

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from metrosep.core.methods import METHODS
 from metrosep.recipe.key_values import DIMENSIONS
-from metrosep.recipe.methods import METHODS
 from metrosep.recipe.pipeline import schema
 from metrosep.recipe.schema import Field
 from metrosep.recipe.step_help import DEFAULTS, key_words, kind_words

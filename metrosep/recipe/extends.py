@@ -241,7 +241,7 @@ def _base_of(target: Path, text: str, folder: Path) -> _Base:
 
 def _file_keys(data: Mapping[str, Any]) -> Iterator[tuple[dict[str, Any], str]]:
     """Give each step and key that may name a file."""
-    from metrosep.recipe.methods import METHODS
+    from metrosep.core.methods import METHODS
 
     steps = data.get("step")
     for step in steps if isinstance(steps, list) else ():

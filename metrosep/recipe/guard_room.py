@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from metrosep.core.errors import RecipeError
+from metrosep.core.limits import Limit
 from metrosep.parameters.decision import decide
 from metrosep.recipe.key_values import typed_number
-from metrosep.recipe.limits import Limit
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe

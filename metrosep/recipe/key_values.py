@@ -10,37 +10,17 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from metrosep.core.options import KINDS
 from metrosep.core.units import format_length
 from metrosep.recipe.schema import Field
 
 __all__ = ["DIMENSIONS", "placeholder", "shown", "typed_number"]
 
 DIMENSIONS: Mapping[str, str] = {
-    "length": "length",
-    "size": "length",
-    "uncertainty": "length",
-    "lengths": "length",
-    "places": "length",
-    "range": "length",
-    "waves": "length",
-    "spacing": "length",
-    "angle": "angle",
-    "angles": "angle",
-    "time": "time",
-    "times": "time",
-    "windows": "time",
-    "lag": "time",
-    "speed": "speed",
-    "speeds": "speed",
-    "frequency": "frequency",
-    "frequencies": "frequency",
+    name: kind.dimension for name, kind in KINDS.items() if kind.dimension is not None
 }
 """What the kinds of keys measure; kinds without a dimension are left out."""
 
-_LISTS = (
-    "lengths", "places", "angles", "times", "windows", "speeds", "frequencies", "range", "texts",
-    "numbers", "integers", "pairs",
-)  # fmt: skip
 _DEGREE = math.pi / 180.0
 _STEPS = {
     "angle": ((_DEGREE, "deg"), (1e-6, "urad"), (1e-9, "nrad")),
@@ -130,4 +110,8 @@ def placeholder(key: str, field: Field) -> str:
     one = f"... {unit}".strip()
     if field.kind == "flag":
         return "true"
-    return f"{one}, {one}" if field.kind in _LISTS and dimension is not None else one
+    return (
+        f"{one}, {one}"
+        if KINDS[field.kind].is_list and field.kind != "waves" and dimension is not None
+        else one
+    )

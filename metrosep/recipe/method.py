@@ -54,11 +54,11 @@ class Method:
     # where the keys of the step say all
     reads: Reads
     # what the readings are, in their order; empty where their number is free
-    names: tuple[str, ...]
+    readings: tuple[str, ...]
     fields: Mapping[str, Field]  # mapping of str to Field: keys of its step
-    # ``call(inputs, options)``: inputs are `Readings`, `RoleColumns`, a tuple of them, a tuple of
+    # ``from_inputs(inputs, options)``: inputs are `Readings`, `RoleColumns`, a tuple of them, a tuple of
     # `Surface`, or `StoredResults`
-    call: Callable[[Any, Mapping[str, Any]], Any]
+    from_inputs: Callable[[Any, Mapping[str, Any]], Any]
     # {"length", "angle"}: what the readings of curves are
     dimension: Literal["length", "angle"] = "length"
     # mapping of str to str: further columns of ``[input]`` and their dimension: ``"time"``,
@@ -71,7 +71,7 @@ class Method:
     over: Literal["any", "x", "angle"] = "any"
 
 
-def input_fields(method: Method) -> Mapping[str, Field]:
+def input_fields(method: Any) -> Mapping[str, Field]:
     """Return the keys of ``[input]`` for a method."""
     if method.reads == "maps":
         return MAPS

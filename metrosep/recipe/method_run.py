@@ -8,27 +8,28 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep._version import __version__
-from metrosep.core.errors import FormatMismatchError, InvalidSamplesError
+from metrosep.core.errors import DataError, FormatMismatchError, InvalidSamplesError
+from metrosep.core.inputs import Readings, Results, RoleColumns
+from metrosep.core.limits import FROM_FIT, limit_problem
+from metrosep.core.methods import METHODS, Method
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.forms.conic import curvature_name
-from metrosep.io.readings import Readings, read_readings
-from metrosep.io.runs import Role, RoleColumns, read_roles
+from metrosep.io.readings import read_readings
+from metrosep.io.runs import Role, read_roles
+from metrosep.io.source import open_file
 from metrosep.parameters.decision import Verdict, decide, worst
 from metrosep.recipe.characteristics import DECISION_RULE
 from metrosep.recipe.described import describe
 from metrosep.recipe.description import Description
 from metrosep.recipe.inputs_read import input_records, named_files
-from metrosep.recipe.limits import FROM_FIT, limit_problem
-from metrosep.recipe.method import Method
-from metrosep.recipe.methods import METHODS
-from metrosep.recipe.ops_quality import StoredResults, load_results
 from metrosep.recipe.outputs import staged, write_reports
 from metrosep.recipe.parts import write_parts
 from metrosep.recipe.preflight import RESULT_NAME
-from metrosep.recipe.result import SCHEMA, Result, clean
+from metrosep.recipe.result import SCHEMA, Result, clean, load_document, stored_estimate
+from metrosep.separation.contract import Separation
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
@@ -58,7 +59,7 @@ def run_method(
     tell(f"{'computing' if method.reads == 'nothing' else 'separating'}: {method.what}")
     options = _options(method, step, recipe.folder)
     named = named_files(options, method.fields)
-    produced = method.call(inputs, options)
+    produced = method.from_inputs(inputs, options)
     history, warnings = sources(inputs)
     history = (*history, *getattr(produced, "beside", ()))
     described = describe(produced, inputs)
@@ -94,7 +95,7 @@ def _require_kind(recipe: Recipe, inputs: Any) -> None:
             raise recipe.place("[[step]]", 0).error(problem, key)
 
 
-def _options(method: Method, step: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+def _options(method: type[Method], step: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Return the keys of a step; names of files are looked for beside the recipe."""
     options = {k: v for k, v in step.items() if k != "op"}
     for key, value in options.items():
@@ -174,7 +175,10 @@ def judged(
         else:
             if given is None and quantity.u is None:
                 raise place.error(
-                    f'the uncertainty of {metric} is not known; state it: U = "10 nm"', "metric"
+                    f"the uncertainty of {metric} is not known; state it: U = "
+                    + ('"10 nm", or U = "0 nm"' if quantity.unit == "m" else "0.001, or U = 0")
+                    + " for simple acceptance",
+                    "metric",
                 )
             if given is None:
                 more = {"u_source": "of the method"}
@@ -268,23 +272,17 @@ def _bent(
 
 # ---- inputs of the separations that recipes name: curves and columns from tables, maps from files ----
 
-Inputs = (
-    Readings
-    | RoleColumns
-    | StoredResults
-    | tuple[RoleColumns, ...]
-    | tuple[Surface | Profile, ...]
-)
+Inputs = Readings | RoleColumns | Results | tuple[RoleColumns, ...] | tuple[Surface | Profile, ...]
 
 _POSITIONS = ("target", "direction", "readings")
 
 
-def load_inputs(method: Method, files: Sequence[Path], options: Mapping[str, Any]) -> Inputs:
+def load_inputs(method: type[Method], files: Sequence[Path], options: Mapping[str, Any]) -> Inputs:
     """Return what a method reads."""
     if method.reads == "nothing":
         return ()
     if method.reads == "results":
-        return load_results(files)
+        return _results(method, files)
     if method.reads == "maps":
         return _maps(method, files, options)
     roles, rest = _roles(method, options)
@@ -307,7 +305,29 @@ def load_inputs(method: Method, files: Sequence[Path], options: Mapping[str, Any
     return read_roles(files, roles, **rest)
 
 
-def _roles(method: Method, options: Mapping[str, Any]) -> tuple[dict[str, Role], dict[str, Any]]:
+def _results(method: type[Method], files: Sequence[Path]) -> Results:
+    """Return what a method goes on from: the separations or the estimates of result documents."""
+    items: list[Any] = []
+    history: list[Step] = []
+    for file in files:
+        document = load_document(file)
+        if "Separation" not in method.accepts:
+            items.append(stored_estimate(document))
+        else:
+            stored = document.get("separation") or {}
+            if not stored.get("parts"):
+                raise DataError(
+                    f"{file.name}: holds no parts over a revolution; give results of donaldson, "
+                    "multiprobe, multistep or another separation of roundness"
+                )
+            items.append(Separation.from_dict(stored))
+        history += open_file(file).history("metrosep-result", {})
+    return Results(tuple(items), tuple(history))
+
+
+def _roles(
+    method: type[Method], options: Mapping[str, Any]
+) -> tuple[dict[str, Role], dict[str, Any]]:
     """Return the columns by role, and the other options of the reader."""
     roles = {
         name: Role(options[name], kind.strip("*?"))
@@ -317,7 +337,7 @@ def _roles(method: Method, options: Mapping[str, Any]) -> tuple[dict[str, Role],
     return roles, {k: v for k, v in options.items() if k not in roles}
 
 
-def _require_all(method: Method, roles: Mapping[str, Role]) -> None:
+def _require_all(method: type[Method], roles: Mapping[str, Role]) -> None:
     """Refuse a positioning test without one of its columns."""
     if "direction" not in method.roles:
         return
@@ -331,9 +351,9 @@ def _require_all(method: Method, roles: Mapping[str, Role]) -> None:
 
 def _listed_test(file: Path, layout: Mapping[str, Any]) -> RoleColumns:
     """Return targets and positions of a list of a positioning test (format iso230-2)."""
-    from metrosep.io.iso230_2_list import FORMAT, read_targets, sniff
     from metrosep.io.registry import Match
     from metrosep.io.source import open_file
+    from metrosep.io.text.iso230_2_list import FORMAT, read_targets, sniff
 
     source = open_file(file)
     if sniff(source) is Match.NO:
@@ -347,7 +367,7 @@ def _listed_test(file: Path, layout: Mapping[str, Any]) -> RoleColumns:
 
 
 def _maps(
-    method: Method, files: Sequence[Path], options: Mapping[str, Any]
+    method: type[Method], files: Sequence[Path], options: Mapping[str, Any]
 ) -> tuple[Surface | Profile, ...]:
     from metrosep.io.read import read
 
@@ -363,17 +383,17 @@ def _maps(
     return tuple(objects)
 
 
-def require_count(method: Method, n: int, names: Sequence[str]) -> None:
+def require_count(method: type[Method], n: int, names: Sequence[str]) -> None:
     """Refuse another number of readings than the method has."""
-    most = len(method.names) + method.spare
-    if method.reads == "curves" and method.names and n > most:
+    most = len(method.readings) + method.spare
+    if method.reads == "curves" and method.readings and n > most:
         raise InvalidSamplesError(
-            f"{most} readings are read ({', '.join(method.names)}), got {n} ({', '.join(names)}); "
+            f"{most} readings are read ({', '.join(method.readings)}), got {n} ({', '.join(names)}); "
             "leave the others out"
         )
-    if method.names and n < len(method.names):
+    if method.readings and n < len(method.readings):
         raise InvalidSamplesError(
-            f"{len(method.names)} readings are needed ({', '.join(method.names)}), got {n} "
+            f"{len(method.readings)} readings are needed ({', '.join(method.readings)}), got {n} "
             f"({', '.join(names)}); name their columns in this order, or give one file for each"
         )
 

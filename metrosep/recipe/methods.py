@@ -24,19 +24,18 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
+from metrosep.core.inputs import Readings, RoleColumns
+from metrosep.core.methods import METHODS
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
-from metrosep.io.readings import Readings
-from metrosep.io.runs import RoleColumns
 from metrosep.recipe.key_values import typed_number
-from metrosep.recipe.method import CURVES, MAPS, OP, Method, as_rows, input_fields, toolbox
-from metrosep.recipe.ops_circle import CIRCLE, require_angles
+from metrosep.recipe.method import CURVES, MAPS, OP, Method, input_fields, toolbox
 from metrosep.recipe.ops_lines import LINES
 from metrosep.recipe.ops_machine import MACHINES
 from metrosep.recipe.ops_planes import MAPS_OF, PLANES
 from metrosep.recipe.ops_process import PROCESSES
-from metrosep.recipe.ops_quality import QUALITY, RESULTS
+from metrosep.recipe.ops_quality import QUALITY
 from metrosep.recipe.plan import PLANS
 from metrosep.recipe.schema import Field
 
@@ -433,22 +432,8 @@ DUAL_SERVO: Mapping[str, Method] = {
 
 # ---- steps of recipes around a separation: check and choose probes, evidence, fiducials, sweeps ----
 
-_PER_SECOND = {"rev/s": 1.0, "Hz": 1.0, "rev/min": 1.0 / 60.0}
-
 _SAME_FEED = 1e-6
 """Feeds of one run may differ by this relative share: rounding of text."""
-
-
-def _check(data: Readings, options: Mapping[str, Any]) -> Any:
-    require_angles(data)
-    return toolbox("check_probes")(as_rows(data.values), **options)
-
-
-def _choose(data: RoleColumns, options: Mapping[str, Any]) -> Any:
-    """Choose the angles of the probes that are not placed yet; the table holds the placed ones."""
-    rest, placed = dict(options), data.values["angle"]
-    count, kmax = rest.pop("n"), rest.pop("kmax")
-    return toolbox("optimise_probe_angles")(count, kmax, fixed=placed, **rest)
 
 
 def _evidence(data: RoleColumns, options: Mapping[str, Any]) -> Any:
@@ -501,62 +486,7 @@ def _fiducials(data: RoleColumns, options: Mapping[str, Any]) -> Any:
     return toolbox("register_points")(*pairs)
 
 
-def _sweep(data: RoleColumns, options: Mapping[str, Any]) -> Any:
-    rest, values = dict(options), data.values
-    names = rest.pop("names", None) or data.columns["readings"]
-    columns = values["readings"]
-    if len(names) != len(columns) or len(set(names)) != len(names):
-        raise DataError(
-            f"{len(columns)} columns of values need as many different names, got {', '.join(names)}"
-        )
-    rest["u"] = _uncertainties(values.get("u"), names)
-    per_second = values["speed"] * _PER_SECOND[rest.pop("speed_unit")]
-    return toolbox("fit_speed_sweep")(per_second, dict(zip(names, columns, strict=True)), **rest)
-
-
-def _uncertainties(columns: Any, names: Any) -> dict[str, Any] | None:
-    if columns is None:
-        return None
-    if len(columns) != len(names):
-        raise DataError(
-            f"{len(columns)} columns of uncertainties for {len(names)} of values; name one for "
-            "each, in the same order"
-        )
-    return dict(zip(names, columns, strict=True))
-
-
 CHECKS: Mapping[str, Method] = {
-    "check_probes": Method(
-        "whether four or more probes agree, and which angle or sensitivity is wrong if not",
-        "curves",
-        (),
-        {
-            **OP,
-            "angles": Field("angles", required=True),
-            "kmax": Field("integer", required=True),
-            "u_reading": Field("size", required=True),
-            "turn": Field("integer", choices=(1, -1)),
-        },
-        _check,
-        over="angle",
-    ),
-    "optimise_probe_angles": Method(
-        "angles of further probes of least noise; the table holds those that stand",
-        "table",
-        (),
-        {
-            **OP,
-            "n": Field("integer", required=True),
-            "kmax": Field("integer", required=True),
-            "min_separation": Field("angle"),
-            "tolerance": Field("angle"),
-            "criterion": Field("text", choices=("rms", "worst")),
-            "resolution": Field("angle"),
-            "seed": Field("integer"),
-        },
-        _choose,
-        roles={"angle": "angle"},
-    ),
     "evidence_table": Method(
         "how surely each wavelength of an error repeats over runs of several feedrates",
         "table",
@@ -581,21 +511,6 @@ CHECKS: Mapping[str, Method] = {
         _fiducials,
         roles={"x_fixed": "length", "y_fixed": "length", "x_moved": "length", "y_moved": "length"},
     ),
-    "fit_speed_sweep": Method(
-        "how values of spindle tests depend on speed, and which speeds stand out",
-        "table",
-        (),
-        {
-            **OP,
-            "speed_unit": Field("text", required=True, choices=tuple(_PER_SECOND)),
-            "powers": Field("integers"),
-            "names": Field("texts"),
-            "natural_frequency": Field("frequency"),
-            "orders": Field("integers"),
-        },
-        _sweep,
-        roles={"speed": "any", "readings": "length*", "u": "length*?"},
-    ),
 }
 
 
@@ -619,11 +534,11 @@ def with_values(method: Method) -> Method:
         rest = dict(options)
         kind = rest.pop("values", "position")
         if isinstance(inputs, tuple):
-            return method.call(tuple(as_positions(i, kind) for i in inputs), rest)
-        return method.call(as_positions(inputs, kind), rest)
+            return method.from_inputs(tuple(as_positions(i, kind) for i in inputs), rest)
+        return method.from_inputs(as_positions(inputs, kind), rest)
 
     fields = {**method.fields, "values": Field("text", choices=_VALUES)}
-    return replace(method, fields=fields, call=call)
+    return replace(method, fields=fields, from_inputs=call)
 
 
 def as_positions(data: RoleColumns, values: str) -> RoleColumns:
@@ -677,13 +592,11 @@ def _range(values: FloatArray) -> float:
 
 # ------------------------------------------------------------------------------------------------
 
-METHODS: Mapping[str, Method] = {
-    **CIRCLE,
+OLD: Mapping[str, Method] = {
     **LINES,
     **{name: with_values(method) for name, method in POSITIONS.items()},
     **MAPS_OF,
     **PLANES,
-    **RESULTS,
     **PLANS,
     **CHECKS,
     **MACHINES,

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from metrosep.core.errors import DataError, FormatMismatchError, InvalidSamplesError
-from metrosep.io.readings import Readings
-from metrosep.io.runs import RoleColumns
+from metrosep.core.inputs import Readings, RoleColumns
 from metrosep.recipe.method import OP, U_READING, Method, as_rows, toolbox
 from metrosep.recipe.schema import Field
 

@@ -15,7 +15,7 @@ from metrosep.core.errors import (
     NotUniformError,
     TooFewSamplesError,
 )
-from metrosep.io.runs import RoleColumns
+from metrosep.core.inputs import RoleColumns
 from metrosep.recipe.method import OP, U_READING, Method, toolbox
 from metrosep.recipe.schema import Field
 

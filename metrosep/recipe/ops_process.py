@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from metrosep.core.errors import DataError
+from metrosep.core.inputs import RoleColumns
 from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.io.runs import RoleColumns
 from metrosep.recipe.method import OP, Method
 from metrosep.recipe.ops_machine import form_of
 from metrosep.recipe.schema import Field

@@ -18,10 +18,10 @@ from metrosep.compensation import CompensationTable, Verification
 from metrosep.compensation.folds import Folds
 from metrosep.controllers.safety import waived_names
 from metrosep.core.errors import CorruptFileError, DataError, MetrosepError, TableError, WriteError
+from metrosep.core.methods import METHODS
 from metrosep.core.provenance import hash_bytes
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length, parse_quantity
-from metrosep.recipe.methods import METHODS
 from metrosep.recipe.pipeline import STEPS as MEASURING, checked_step
 from metrosep.recipe.preflight import RESULT_NAME, machine_limits, output_name, report_formats
 from metrosep.recipe.result import measured_runs, stored_estimate

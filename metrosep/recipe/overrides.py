@@ -17,9 +17,9 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
-from metrosep.core.errors import RecipeError, UnitError
+from metrosep.core.errors import DataError, RecipeError
+from metrosep.core.options import checked
 from metrosep.recipe.extends import Layers, layers_of, texts_of, with_texts
-from metrosep.recipe.kinds import KINDS
 from metrosep.recipe.override_items import NAMED_BY, Override, near, number_of
 from metrosep.recipe.override_marks import (
     holds_mark,
@@ -29,7 +29,6 @@ from metrosep.recipe.override_marks import (
     toml_problem,
 )
 from metrosep.recipe.override_text import put, with_value
-from metrosep.recipe.pipeline_checks import Key
 from metrosep.recipe.schema import BATCH, Field
 from metrosep.recipe.steps import (
     CHECK,
@@ -44,7 +43,7 @@ from metrosep.recipe.steps import (
 
 __all__ = ["input_fields_of", "with_overrides"]
 
-Fields = Mapping[str, Field | Key]
+Fields = Mapping[str, Field]
 
 _TOPS = ("title", "input", "step", "check", "output", "batch")
 _COLUMN: Fields = {name: Field("text") for name in ("column", "unit", "scale")}
@@ -188,7 +187,7 @@ def _first_op(data: Mapping[str, Any]) -> Any:
 
 def _item_fields(top: str, item: Any, data: Mapping[str, Any]) -> Fields | None:
     """Return the keys of a step, check or output; None where that is not known."""
-    from metrosep.recipe.methods import METHODS
+    from metrosep.core.methods import METHODS
 
     if not isinstance(item, dict):
         return None
@@ -206,7 +205,8 @@ def _item_fields(top: str, item: Any, data: Mapping[str, Any]) -> Fields | None:
 
 def input_fields_of(op: Any) -> Mapping[str, Field] | None:
     """Return the keys that ``[input]`` has."""
-    from metrosep.recipe.methods import METHODS, input_fields
+    from metrosep.core.methods import METHODS
+    from metrosep.recipe.method import input_fields
 
     if not isinstance(op, str):
         return None
@@ -228,11 +228,11 @@ def _field(
             f'unknown key "{key}" in {what}; known: {known}.{near(key, list(fields))}'
         )
     found = _ANY if fields is None else fields[key]
-    field = found.field if isinstance(found, Key) else found
+    field = found
     if len(rest) == 1:
         return field
     inner: Fields | None = {"column": _COLUMN, "range": _RANGE}.get(field.kind)
-    if isinstance(found, Key) and found.inner:
+    if found.inner:
         inner = found.inner
     own = held.get(key) if isinstance(held, Mapping) else None
     if inner is None and field.kind not in ("table", "any"):
@@ -277,11 +277,9 @@ def _beyond(value: Any, depth: int = 0) -> str | None:
 
 
 def _suits(value: Any, field: Field) -> bool:
-    if field.choices and (value not in field.choices or isinstance(value, bool)):
-        return False
     try:
-        KINDS[field.kind](value)
-    except (TypeError, ValueError, OverflowError, UnitError):
+        checked(field, value, "value", bare=False)
+    except (DataError, OverflowError):
         return False
     return True
 

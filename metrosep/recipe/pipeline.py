@@ -12,15 +12,16 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from metrosep.core.errors import InvalidSamplesError, MetrosepError
+from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.recipe import pipeline_checks as keys
-from metrosep.recipe.pipeline_checks import CHECKS, Key, StepError, described_keys, normal_values
+from metrosep.recipe.pipeline_checks import CHECKS, StepError, described_keys, normal_values
 from metrosep.recipe.pipeline_mask import Measured
 from metrosep.recipe.pipeline_steps import APPLY, Done
-from metrosep.recipe.schema import Field, Place
+from metrosep.recipe.schema import Place
 
 __all__ = [
     "STEPS",
@@ -48,17 +49,17 @@ class PipelineOp:
 
     op: str  # its name in a recipe
     what: str  # what it does, in plain words
-    # mapping of str to Key: without ``op`` and ``enabled``, which all steps have
-    keys: Mapping[str, Key]
+    # mapping of str to Option: without ``op`` and ``enabled``, which all steps have
+    keys: Mapping[str, Option]
     applies: tuple[str, ...] = ("Surface", "Profile")  # kinds of objects it takes
 
     @property
-    def fields(self) -> dict[str, Field]:
+    def fields(self) -> dict[str, Option]:
         """Every key that a recipe may hold, as `metrosep.recipe.schema` checks them."""
         return {
-            "op": Field("text", required=True),
-            **{name: key.field for name, key in self.keys.items()},
-            "enabled": Field("flag"),
+            "op": Option("text", required=True),
+            **self.keys,
+            "enabled": _ENABLED,
         }
 
     @property
@@ -67,12 +68,12 @@ class PipelineOp:
         return {name: key.help for name, key in self.all_keys.items()}
 
     @property
-    def all_keys(self) -> dict[str, Key]:
+    def all_keys(self) -> dict[str, Option]:
         """Its keys and ``enabled``."""
         return {**self.keys, "enabled": _ENABLED}
 
 
-_ENABLED = Key(Field("flag"), "false: the step is skipped", True)
+_ENABLED = Option("flag", help="false: the step is skipped", default=True)
 
 STEPS: Mapping[str, PipelineOp] = {
     op.op: op

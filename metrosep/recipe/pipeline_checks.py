@@ -4,32 +4,27 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field as new_field
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from metrosep.core.errors import DataError
+from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.recipe.key_values import DIMENSIONS
-from metrosep.recipe.kinds import KINDS
-from metrosep.recipe.schema import Field
 
 if TYPE_CHECKING:
-    from metrosep.core.quantity import Quantity
     from metrosep.parameters.table import ParameterTable
 
 __all__ = [
     "CHECKS",
     "Evaluating",
-    "Key",
     "StepError",
     "described_keys",
-    "find_parameter",
     "form_options",
     "iso_filtered",
     "known_unit",
-    "limit_values",
     "makes_metric",
     "normal_values",
     "parameter_tables",
@@ -46,7 +41,9 @@ class StepError(DataError):
         self.key = key
 
 
-def normal_values(given: Mapping[str, Any], keys: Mapping[str, Key], what: str) -> dict[str, Any]:
+def normal_values(
+    given: Mapping[str, Any], keys: Mapping[str, Option], what: str
+) -> dict[str, Any]:
     """Return the values of a step in SI."""
     values: dict[str, Any] = {}
     for name, value in given.items():
@@ -57,11 +54,11 @@ def normal_values(given: Mapping[str, Any], keys: Mapping[str, Key], what: str) 
                 f'unknown key "{name}" in {what}; known: {", ".join(keys)}.{hint}', str(name)
             )
         key = keys[name]
-        choices = key.field.choices
+        choices = key.choices
         if choices and (value not in choices or isinstance(value, bool)):
             known = ", ".join(str(c) for c in choices)
             raise StepError(f"{name} = {value!r} is not one of {known}", name)
-        if name == "centre" and not key.field.required and key.field.kind == "any":
+        if name == "centre" and not key.required and key.kind == "any":
             values[name] = _centre(value)
         elif key.inner:
             if not isinstance(value, Mapping):
@@ -75,33 +72,16 @@ def normal_values(given: Mapping[str, Any], keys: Mapping[str, Key], what: str) 
         else:
             values[name] = _normal(value, key, name)
     for name, key in keys.items():
-        if key.field.required and name not in given:
+        if key.required and name not in given:
             raise StepError(f'{what} needs the key "{name}"')
     return values
 
 
-def _normal(value: Any, key: Key, name: str) -> Any:
-    kind = key.field.kind
+def _normal(value: Any, key: Option, name: str) -> Any:
     try:
-        if kind in DIMENSIONS and not isinstance(value, str):
-            if isinstance(value, list | tuple):
-                one = KINDS["length" if kind == "lengths" else kind]
-                return tuple(one(v) if isinstance(v, str) else _number(v, kind) for v in value)
-            return _number(value, kind)
-        if kind == "texts" and isinstance(value, tuple):
-            value = list(value)
-        if kind == "table":
-            value = dict(value)
-        return KINDS[kind](value)
-    except (TypeError, ValueError) as exc:
+        return checked(replace(key, choices=()), value, "value")
+    except DataError as exc:
         raise StepError(f"{name} = {value!r}: {exc}", name) from None
-
-
-def _number(value: Any, kind: str) -> float:
-    number: float = KINDS["number"](value)
-    if kind == "size" and number <= 0.0:
-        raise ValueError("it must be more than zero")
-    return number
 
 
 def _centre(value: Any) -> Any:
@@ -113,10 +93,8 @@ def _centre(value: Any) -> Any:
             "centre",
         )
     try:
-        return tuple(
-            KINDS["length"](v) if isinstance(v, str) else _number(v, "length") for v in value
-        )
-    except (TypeError, ValueError) as exc:
+        return tuple(KINDS["length"].check(v, "value", True) for v in value)
+    except DataError as exc:
         raise StepError(f"centre = {list(value)!r}: {exc}", "centre") from None
 
 
@@ -354,28 +332,16 @@ def _units_of_form(step: Mapping[str, Any]) -> dict[str, str]:
 # ---- the keys of steps that measure: kind, default and plain words, from which a form can be made ----
 
 
-@dataclass(frozen=True, slots=True)
-class Key:
-    """One key of a step, with everything that a form needs."""
-
-    field: Field  # kind, choices, whether it must be there
-    help: str  # what it does, in plain words
-    # what counts where it is left out, as it is typed; None where nothing does
-    default: Any = None
-    # mapping of str to Key: keys of a table
-    inner: Mapping[str, Key] = new_field(default_factory=dict)
-
-
-def described_keys(keys: Mapping[str, Key]) -> list[dict[str, Any]]:
+def described_keys(keys: Mapping[str, Option]) -> list[dict[str, Any]]:
     """Return keys as plain values for JSON."""
     return [
         {
             "name": name,
-            "kind": key.field.kind,
-            "required": key.field.required,
-            "choices": list(key.field.choices),
+            "kind": key.kind,
+            "required": key.required,
+            "choices": list(key.choices),
             "default": key.default,
-            "dimension": DIMENSIONS.get(key.field.kind),
+            "dimension": DIMENSIONS.get(key.kind),
             "help": key.help,
             "keys": described_keys(key.inner),
         }
@@ -383,138 +349,146 @@ def described_keys(keys: Mapping[str, Key]) -> list[dict[str, Any]]:
     ]
 
 
-def _text(help: str, *choices: str, default: Any = None, required: bool = False) -> Key:  # noqa: A002
-    return Key(Field("text", required=required, choices=choices), help, default)
-
-
-APERTURE: Mapping[str, Key] = {
-    "shape": _text("of the aperture", "circle", "ring", "rectangle", required=True),
-    "diameter": Key(Field("size"), "outer diameter of a circle or a ring"),
-    "inner_diameter": Key(Field("size"), "hole of a ring"),
-    "width": Key(Field("size"), "of a rectangle along x; the length of a piece of a profile"),
-    "height": Key(Field("size"), "of a rectangle along y"),
-    "centre": Key(
-        Field("any"),
-        'x and y in the coordinates of the map, ["5 mm", "5 mm"]; fit: the middle of what was '
-        "measured",
-        "fit",
+APERTURE: Mapping[str, Option] = {
+    "shape": Option(
+        "text", required=True, choices=("circle", "ring", "rectangle"), help="of the aperture"
+    ),
+    "diameter": Option("size", help="outer diameter of a circle or a ring"),
+    "inner_diameter": Option("size", help="hole of a ring"),
+    "width": Option("size", help="of a rectangle along x; the length of a piece of a profile"),
+    "height": Option("size", help="of a rectangle along y"),
+    "centre": Option(
+        "any",
+        help='x and y in the coordinates of the map, ["5 mm", "5 mm"]; fit: the middle of what was measured',
+        default="fit",
     ),
 }
 
-MASK: Mapping[str, Key] = {
-    "aperture": Key(Field("table", required=True), "what is kept", None, APERTURE),
-    "outside": Key(
-        Field("flag"), "true: what lies outside is taken out; false: what lies inside", True
+MASK: Mapping[str, Option] = {
+    "aperture": Option("table", required=True, help="what is kept", inner=APERTURE),
+    "outside": Option(
+        "flag", help="true: what lies outside is taken out; false: what lies inside", default=True
     ),
 }
 
-OUTLIERS: Mapping[str, Key] = {
-    "threshold": Key(
-        Field("number"), "largest distance from the neighbours, in robust standard deviations", 6.0
+OUTLIERS: Mapping[str, Option] = {
+    "threshold": Option(
+        "number",
+        help="largest distance from the neighbours, in robust standard deviations",
+        default=6.0,
     ),
-    "window": Key(
-        Field("integer"), "samples across the neighbourhood, odd: 5 for a map, 11 for a profile"
+    "window": Option(
+        "integer", help="samples across the neighbourhood, odd: 5 for a map, 11 for a profile"
     ),
-    "form": _text(
-        "taken off for judging only: smooth, a polynomial of degree 8, or a form such as sphere",
+    "form": Option(
+        "text",
+        help="taken off for judging only: smooth, a polynomial of degree 8, or a form such as sphere",
         default="smooth",
     ),
 }
 
-FORM: Mapping[str, Key] = {
-    "form": _text(
-        'plane, sphere, "conic: R=50 mm, k=-1", "polynomial: degree=5", "zernike: terms=36"; '
-        "what has no value is fitted",
+FORM: Mapping[str, Option] = {
+    "form": Option(
+        "text",
         required=True,
+        help='plane, sphere, "conic: R=50 mm, k=-1", "polynomial: degree=5", "zernike: terms=36"; what has no value is fitted',
     ),
-    "free": Key(
-        Field("texts"),
-        "what may move: piston, tilt_x, tilt_y, shift_x, shift_y, rotation_z, and parameters of "
-        "the form; piston and tilts if left out",
+    "free": Option(
+        "texts",
+        help="what may move: piston, tilt_x, tilt_y, shift_x, shift_y, rotation_z, and parameters of the form; piston and tilts if left out",
     ),
-    "fix": Key(Field("table"), 'held at a value: { R = "50 mm" }'),
-    "start": Key(Field("table"), 'where the fit begins: { R = "50 mm" }'),
-    "robust": _text("weigh outliers down", "tukey", "huber"),
-    "tilt": _text("add a plane, or turn the form as a body", "plane", "rotation", default="plane"),
-    "direction": _text("of the deviation", "vertical", "normal", default="vertical"),
-    "centre": Key(
-        Field("lengths"),
-        'origin of the form in the data, ["1.5 mm", "2 mm"]; the middle of what was measured on a map without origin',
+    "fix": Option("table", help='held at a value: { R = "50 mm" }'),
+    "start": Option("table", help='where the fit begins: { R = "50 mm" }'),
+    "robust": Option("text", choices=("tukey", "huber"), help="weigh outliers down"),
+    "tilt": Option(
+        "text",
+        choices=("plane", "rotation"),
+        help="add a plane, or turn the form as a body",
+        default="plane",
+    ),
+    "direction": Option(
+        "text", choices=("vertical", "normal"), help="of the deviation", default="vertical"
+    ),
+    "centre": Option(
+        "lengths",
+        help='origin of the form in the data, ["1.5 mm", "2 mm"]; the middle of what was measured on a map without origin',
     ),
 }
 
-FILTER: Mapping[str, Key] = {
-    "kind": _text(
-        "of the filter; closing and opening are morphological",
-        "gaussian",
-        "spline",
-        "robust",
-        "closing",
-        "opening",
+FILTER: Mapping[str, Option] = {
+    "kind": Option(
+        "text",
+        choices=("gaussian", "spline", "robust", "closing", "opening"),
+        help="of the filter; closing and opening are morphological",
         default="gaussian",
     ),
-    "lambda_s": Key(Field("size"), "S-filter: shorter waves go (gaussian)"),
-    "lambda_c": Key(
-        Field("size"),
-        "L-filter: longer waves go (gaussian); a profile becomes its roughness, of kind R",
+    "lambda_s": Option("size", help="S-filter: shorter waves go (gaussian)"),
+    "lambda_c": Option(
+        "size",
+        help="L-filter: longer waves go (gaussian); a profile becomes its roughness, of kind R",
     ),
-    "profile": _text(
-        "what lambda_c leaves of a profile: R roughness, W waviness", "R", "W", default="R"
+    "profile": Option(
+        "text",
+        choices=("R", "W"),
+        help="what lambda_c leaves of a profile: R roughness, W waviness",
+        default="R",
     ),
-    "cutoff": Key(Field("size"), "one cut-off wavelength, in place of lambda_s and lambda_c"),
-    "band": _text(
-        "what stays with cutoff: waves longer, or shorter than it", "long", "short", default="long"
+    "cutoff": Option("size", help="one cut-off wavelength, in place of lambda_s and lambda_c"),
+    "band": Option(
+        "text",
+        choices=("long", "short"),
+        help="what stays with cutoff: waves longer, or shorter than it",
+        default="long",
     ),
-    "end": _text(
-        "at ends and gaps (gaussian; natural or closed: spline)",
-        "moment",
-        "renormalise",
-        "cut",
-        "closed",
-        "natural",
+    "end": Option(
+        "text",
+        choices=("moment", "renormalise", "cut", "closed", "natural"),
+        help="at ends and gaps (gaussian; natural or closed: spline)",
     ),
-    "order": Key(
-        Field("integer", choices=(0, 1, 2)), "degree of the local polynomial (robust)", 2
+    "order": Option(
+        "integer", choices=(0, 1, 2), help="degree of the local polynomial (robust)", default=2
     ),
-    "tension": Key(Field("number"), "0 to 1 (spline)", 0.0),
-    "radius": Key(Field("size"), "of the ball or disc (closing, opening)"),
-    "length": Key(Field("size"), "of the flat element (closing, opening)"),
-    "sections": Key(
-        Field("integer"), "section lengths of lambda_c that a roughness profile keeps"
+    "tension": Option("number", help="0 to 1 (spline)", default=0.0),
+    "radius": Option("size", help="of the ball or disc (closing, opening)"),
+    "length": Option("size", help="of the flat element (closing, opening)"),
+    "sections": Option(
+        "integer", help="section lengths of lambda_c that a roughness profile keeps"
     ),
-    "refilter": Key(Field("flag"), "filter once more what was filtered already", False),
+    "refilter": Option("flag", help="filter once more what was filtered already", default=False),
 }
 
-PARAMETERS: Mapping[str, Key] = {
-    "names": Key(
-        Field("texts"),
-        'symbols such as "Sa", "PV", "Ra", "FLTt"; "all"; a usual set for a map or a profile if '
-        "left out",
+PARAMETERS: Mapping[str, Option] = {
+    "names": Option(
+        "texts",
+        help='symbols such as "Sa", "PV", "Ra", "FLTt"; "all"; a usual set for a map or a profile if left out',
     ),
-    "kind": _text("which profile it is; else as the file or the filter says", "P", "W", "R"),
-    "edition": _text(
-        "whose definitions of profile parameters",
-        "ISO 21920-2:2021",
-        "ISO 4287:1997",
+    "kind": Option(
+        "text",
+        choices=("P", "W", "R"),
+        help="which profile it is; else as the file or the filter says",
+    ),
+    "edition": Option(
+        "text",
+        choices=("ISO 21920-2:2021", "ISO 4287:1997"),
+        help="whose definitions of profile parameters",
         default="ISO 21920-2:2021",
     ),
-    "intermediate": Key(
-        Field("flag"),
-        "true: later steps change the map or profile, and this is what it was before them",
-        False,
+    "intermediate": Option(
+        "flag",
+        help="true: later steps change the map or profile, and this is what it was before them",
+        default=False,
     ),
-    "sections": Key(
-        Field("integer"), "section lengths of a profile; as many as there are cut-offs, else 5"
+    "sections": Option(
+        "integer", help="section lengths of a profile; as many as there are cut-offs, else 5"
     ),
-    "centre": Key(Field("flag"), "subtract the mean of a profile again", False),
-    "line": _text("core line of the Rk and Sk family", "lsq", "secant", default="lsq"),
-    "reference": _text(
-        "of straightness STRt, flatness FLTt, roundness RONt",
-        "MZ",
-        "LS",
-        "EP",
-        "MC",
-        "MI",
+    "centre": Option("flag", help="subtract the mean of a profile again", default=False),
+    "line": Option(
+        "text", choices=("lsq", "secant"), help="core line of the Rk and Sk family", default="lsq"
+    ),
+    "reference": Option(
+        "text",
+        choices=("MZ", "LS", "EP", "MC", "MI"),
+        help="of straightness STRt, flatness FLTt, roundness RONt",
         default="MZ",
     ),
 }
@@ -586,24 +560,6 @@ def parameter_tables(obj: Surface | Profile, how: Evaluating) -> tuple[Parameter
         else:
             tables.append(_profile(obj, family, names, how))
     return tuple(tables)
-
-
-def find_parameter(tables: Sequence[ParameterTable], symbol: str) -> Quantity:
-    """Return a parameter by its symbol or the spelling of the other edition."""
-    for table in tables:
-        if symbol in table:
-            return table[symbol]
-        if (own := table.own_symbol(symbol)) in table.unavailable:
-            raise DataError(f"no verdict on {symbol}: {table.unavailable[own]}")
-    raise DataError(f"a limit is set for {symbol}, which was not measured")
-
-
-def limit_values(given: Mapping[str, str], symbol: str, unit: str) -> float | None:
-    """Return a limit in the unit of its parameter."""
-    from metrosep.forms.catalogue import parameter_value
-
-    text = given.get(symbol)
-    return None if text is None else parameter_value(text, unit, f"the limit of {symbol}")
 
 
 def _families(obj: Surface | Profile, names: Sequence[str]) -> dict[str, list[str] | None]:

@@ -15,7 +15,7 @@ from metrosep.recipe.method import OP, Method, toolbox
 from metrosep.recipe.schema import Field
 
 if TYPE_CHECKING:
-    from metrosep.io.runs import RoleColumns
+    from metrosep.core.inputs import RoleColumns
     from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = ["PLAN", "PLANS", "feed_plan_of", "plan_after", "plan_document"]

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep.core.errors import DataError, RecipeError
+from metrosep.core.limits import FROM_FIT, limit_problem, order_problem
 from metrosep.parameters.decision import decide
-from metrosep.recipe.limits import FROM_FIT, limit_problem, order_problem
 from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.pipeline_checks import known_unit, makes_metric
 from metrosep.recipe.schema import Place

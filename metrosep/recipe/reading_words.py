@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from metrosep.core.errors import MetrosepError
+from metrosep.core.readable import readable_text
 from metrosep.core.text_options import TEXT_OPTIONS
-from metrosep.recipe.readable import readable_text
 from metrosep.recipe.step_help import StepKeys, in_words, keys_of_step, step_words
 
 if TYPE_CHECKING:

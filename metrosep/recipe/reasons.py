@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from metrosep.recipe.readable import digits_of, readable_unit
+from metrosep.core.readable import digits_of, readable_unit
 
 __all__ = ["reason_of"]
 

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from metrosep.core.errors import RecipeError, UnsupportedFeatureError
+from metrosep.core.methods import METHODS, Method
 from metrosep.core.plain_files import MACHINE_BYTES, RECIPE_BYTES, read_plain_text, require_plain
 from metrosep.core.provenance import freeze_mapping
 from metrosep.recipe.extends import Admits, LayeredPlace, layers_of
-from metrosep.recipe.method import Method
-from metrosep.recipe.methods import METHODS, input_fields
+from metrosep.recipe.method import input_fields
 from metrosep.recipe.override_marks import overrides_in
 from metrosep.recipe.overrides import with_overrides
 from metrosep.recipe.pipeline import measuring_steps
@@ -22,6 +22,7 @@ from metrosep.recipe.preflight import check_recipe, require_limits
 from metrosep.recipe.result import Result
 from metrosep.recipe.schema import Place, batch_table, checked_table
 from metrosep.recipe.steps import (
+    ALL_STEPS,
     CHECK,
     INPUT,
     MEASURING,
@@ -29,7 +30,6 @@ from metrosep.recipe.steps import (
     METHOD_CHECK,
     METHOD_OUTPUTS,
     OUTPUTS,
-    STEPS,
     TOP,
 )
 from metrosep.recipe.table_lists import several_tables
@@ -198,7 +198,7 @@ class Recipe:
                 f"metrosep = {data['metrosep']}: this version reads recipes of version 1",
                 "metrosep",
             )
-        ops = {**STEPS, **{op: method.fields for op, method in METHODS.items()}}
+        ops = ALL_STEPS
         steps = several_tables(data.get("step"), ops, "op", "[[step]]", top)
         named = [s["op"] for s in steps]
         method = METHODS.get(named[0]) if named else None
@@ -361,7 +361,7 @@ class Recipe:
 
 
 def _require_files(
-    method: Method,
+    method: type[Method],
     steps: Sequence[Mapping[str, Any]],
     folder: Path,
     place: Callable[[int], Place],

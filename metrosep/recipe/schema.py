@@ -10,11 +10,11 @@ import difflib
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
-from metrosep.core.errors import RecipeError, UnitError
+from metrosep.core.errors import DataError, RecipeError
+from metrosep.core.options import Option, checked, not_one_of
 from metrosep.core.text_options import TEXT_OPTIONS
-from metrosep.recipe.kinds import KINDS
 
 __all__ = [
     "BATCH",
@@ -25,42 +25,6 @@ __all__ = [
     "blanked_texts",
     "checked_table",
     "reading_options",
-]
-
-Kind = Literal[
-    "text",
-    "flag",
-    "number",
-    "integer",
-    "length",
-    "size",
-    "uncertainty",
-    "time",
-    "frequency",
-    "speed",
-    "column",
-    "texts",
-    "any",
-    "lag",
-    "degree",
-    "spacing",
-    "table",
-    "angle",
-    "angles",
-    "lengths",
-    "numbers",
-    "limit",
-    "expanded",
-    "integers",
-    "times",
-    "speeds",
-    "windows",
-    "frequencies",
-    "range",
-    "places",
-    "pairs",
-    "waves",
-    "file",
 ]
 
 
@@ -142,14 +106,8 @@ class Place:
         return RecipeError(f"{where}: {problem}", key=key, line=line)
 
 
-@dataclass(frozen=True, slots=True)
-class Field:
-    """One key of a table."""
-
-    kind: Kind  # kind of value
-    required: bool = False  # whether it must be there
-    choices: tuple[str | int, ...] = ()  # or int: allowed values; any if empty
-
+Field = Option
+"""One key of a table."""
 
 LAYOUT = {n: Field("integer" if n == "skip_rows" else "text") for n in TEXT_OPTIONS}
 """Keys of ``[input]`` that say how a text is written."""
@@ -174,13 +132,10 @@ def checked_table(
 
 def _value(value: Any, field: Field, place: Place, key: str) -> Any:
     if field.choices and (value not in field.choices or isinstance(value, bool)):
-        near = difflib.get_close_matches(str(value), [str(c) for c in field.choices], n=1)
-        hint = f' Did you mean "{near[0]}"?' if near else ""
-        known = ", ".join(str(c) for c in field.choices)
-        raise place.error(f"{key} = {value!r} is not one of {known}.{hint}", key)
+        raise place.error(not_one_of(key, value, field.choices), key)
     try:
-        return KINDS[field.kind](value)
-    except (TypeError, ValueError, OverflowError, UnitError) as exc:
+        return checked(field, value, "value", bare=False)
+    except (DataError, OverflowError) as exc:
         raise place.error(f"{key} = {value!r}: {exc}", key) from None
 
 

@@ -7,10 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from metrosep.core.options import KINDS
+from metrosep.core.readable import readable_text
 from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.recipe.key_values import DIMENSIONS, placeholder, typed_number
-from metrosep.recipe.readable import readable_text
 from metrosep.recipe.schema import Field
+from metrosep.recipe.steps import ALL_STEPS
 
 __all__ = [
     "DEFAULTS",
@@ -127,43 +129,6 @@ DEFAULTS: Mapping[str, Mapping[str, Any]] = {
 }
 """By step and key, as it is typed; left out where what counts follows from the data."""
 
-_KIND_WORDS = {
-    "size": 'a length above zero with its unit, "25 mm"',
-    "length": 'a length with its unit, "-5 mm"',
-    "uncertainty": 'a length from zero with its unit, "2 nm"',
-    "angle": 'an angle with its unit, "0.1 deg"',
-    "angles": 'angles with their units, "0 deg, 45 deg"',
-    "lengths": 'lengths with their units, "0 mm, 10 mm"',
-    "time": 'a time with its unit, "2 ms"',
-    "speed": 'a feedrate with its unit, "4800 mm/min"',
-    "frequency": 'a frequency with its unit, "1 kHz"',
-    "integer": "a whole number",
-    "number": "a number",
-    "flag": "true or false",
-    "expanded": 'as a limit, or "from fit" for a parameter of a fitted form',
-    "limit": "a length or an angle with its unit, or a plain number",
-    "text": "a text",
-    "file": "a file",
-    "table": "a table of TOML",
-    "texts": "texts, first,second",
-    "any": "numbers",
-    "numbers": "numbers, 1,2.5",
-    "integers": "whole numbers, 8,7",
-    "times": 'times with their units, "0 s, 30 s"',
-    "speeds": 'feedrates with their units, "4800 mm/min, 7200 mm/min"',
-    "frequencies": 'auto, or frequencies with their units, "50 Hz, 100 Hz"',
-    "windows": 'windows of time, "0 min..60 min, 180 min..240 min"',
-    "places": 'positions along a line, "0 mm, 10 mm", or in a plane, "0 mm..0 mm, 10 mm..0 mm"',
-    "pairs": "pairs of whole numbers, 0..0,1..0",
-    "range": 'lengths with their units, "10 mm, 5 mm"',
-    "waves": 'a number of waves, or their lengths with units, "10 mm"',
-    "lag": 'a time with its unit, "1 ms", auto or fit',
-    "degree": "a whole number, or auto",
-    "spacing": 'a length with its unit, "1 mm", or a number of points',
-    "column": 'a column: its name, "name:unit", or { column = "X", unit = "mm" }',
-}
-
-
 _KEY_WORDS: Mapping[tuple[str, str], str] = {
     ("", "machine"): "a preset (five_axis, fts_lathe, mill_xyz, sts_lathe) or a file of TOML "
     "(docs/how-to/describe-a-machine.md)",
@@ -234,11 +199,14 @@ def kind_words(kind: str) -> str:
     >>> kind_words("size")
     'a length above zero with its unit, "25 mm"'
     """
-    return _KIND_WORDS.get(kind, kind)
+    return KINDS[kind].words
 
 
 def key_words(op: str, key: str) -> str:
     """Return what a key of a step does."""
+    declared = ALL_STEPS[op].get(key) if op in ALL_STEPS else None
+    if declared is not None and declared.help:
+        return declared.help
     own = HELP.get(op, {}).get(key) or _KEY_WORDS.get((op, key))
     return own or _KEY_WORDS.get(("", key), "")
 
@@ -296,7 +264,8 @@ class StepKeys:
 
 def keys_of_step(op: str) -> StepKeys | None:
     """Return the keys of a step."""
-    from metrosep.recipe.methods import METHODS, input_fields
+    from metrosep.core.methods import METHODS
+    from metrosep.recipe.method import input_fields
     from metrosep.recipe.steps import INPUT, STEPS
 
     if op in STEPS:
@@ -467,16 +436,13 @@ def _converted(value: str | None, unit: str, field: Field) -> str:
     return re.sub(_NUMBER, with_unit, text.strip("()[]"))
 
 
-_BARE = ("number", "integer", "flag", "numbers", "integers")
-_LISTS = ("angles", "lengths", "texts", "times", "speeds", "frequencies", "places", "windows")
-
-
 def _key(name: str, text: str, field: Field) -> str:
-    if field.kind in _BARE or (
+    written = KINDS[field.kind].written
+    if written.startswith("plain") or (
         field.kind in ("degree", "waves") and re.fullmatch(r"[\d.]+", text)
     ):
-        return f"{name} = [{text}]" if field.kind.endswith("s") else f"{name} = {text}"
-    if field.kind in _LISTS:
+        return f"{name} = [{text}]" if "list" in written else f"{name} = {text}"
+    if KINDS[field.kind].is_list:
         return f"{name} = [" + ", ".join(f'"{t.strip()}"' for t in text.split(",")) + "]"
     return f'{name} = "{text}"'
 

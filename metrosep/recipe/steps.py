@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+
+from metrosep.core.methods import METHODS
 from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.plan import PLAN
 from metrosep.recipe.schema import LAYOUT, Field
 
 __all__ = [
+    "ALL_STEPS",
     "CHECK",
     "INPUT",
     "MEASURING",
@@ -109,6 +113,26 @@ WHAT = {
     "plan_feedrates": "feedrates for the next runs from the disturbance, after separate",
     **{name: op.what for name, op in MEASURING.items()},
 }
+
+
+class _Steps(Mapping[str, Mapping[str, Field]]):
+    """The keys of every step; a method is loaded when it is asked for."""
+
+    def __getitem__(self, op: str) -> Mapping[str, Field]:
+        return STEPS[op] if op in STEPS else METHODS[op].fields
+
+    def __contains__(self, op: object) -> bool:
+        return op in STEPS or op in METHODS
+
+    def __iter__(self) -> Iterator[str]:
+        yield from STEPS
+        yield from METHODS
+
+    def __len__(self) -> int:
+        return len(STEPS) + len(METHODS)
+
+
+ALL_STEPS = _Steps()
 
 METRICS = {
     "pv": "P-V of the separated error over the evaluation range",

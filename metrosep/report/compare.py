@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import Any
 
 from metrosep.core.errors import DataError
-from metrosep.recipe.readable import readable_unit
+from metrosep.core.readable import readable_unit
 from metrosep.recipe.result import SCHEMA
 from metrosep.report.comparison import (
     Comparison,

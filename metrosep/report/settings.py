@@ -11,9 +11,9 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from metrosep.core.readable import digits_of, readable_unit
 from metrosep.core.units import parse_unit
 from metrosep.recipe.key_values import shown
-from metrosep.recipe.readable import digits_of, readable_unit
 from metrosep.recipe.schema import Field
 
 __all__ = ["in_words", "setting", "settings", "step_parameters", "typeset"]

@@ -10,9 +10,9 @@ import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from metrosep.core import readable
 from metrosep.core.errors import DataError
 from metrosep.core.units import format_length
-from metrosep.recipe import readable
 
 __all__ = ["Stamp", "decimals_for", "length", "number", "readable_unit", "size", "span", "stamp"]
 

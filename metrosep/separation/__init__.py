@@ -459,6 +459,22 @@ _HOMES = {
     ),
 }
 
+METHODS = {
+    "donaldson": "circles.roundness_reversal:DonaldsonReversal",
+    "face_reversal": "circles.roundness_reversal:FaceReversal",
+    "multiprobe": "circles.probes:MultiprobeRoundness",
+    "orthogonal_mixed": "circles.mixed:OrthogonalMixed",
+    "multistep": "circles.steps:MultistepRoundness",
+    "closure": "circles.circle_closure:CircleClosure",
+    "iso230_7": "circles.spindle:SpindleTest",
+    "plane_map": "planes.plane_model:AxesCombined",
+    "combine_harmonics": "circles.roundness_reversal:Combination",
+    "check_probes": "circles.probe_check:ProbesChecked",
+    "optimise_probe_angles": "circles.probe_angles:ProbesChosen",
+    "fit_speed_sweep": "circles.speed_sweep:SpeedTest",
+}
+"""Module and class of each method that has a name, in the order in which they are listed."""
+
 __all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605
 
 __getattr__ = lazy_names(__name__, _HOMES)

@@ -8,6 +8,7 @@ the machine's share out of readings (`correct`). What it cannot see is listed by
 from __future__ import annotations
 
 import math
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -18,17 +19,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import ComplexArray, FloatArray, as_float
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, FormatMismatchError
+from metrosep.core.inputs import Readings
+from metrosep.core.methods import Method
+from metrosep.core.options import Option
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_engineering, format_length
-from metrosep.separation._readings import plain
+from metrosep.separation._readings import plain, require_turn
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Separation", "SeparationMethod", "Unobservable", "suppressed_harmonics"]
+__all__ = [
+    "U_READING", "NamedMethod", "Separation", "SeparationMethod", "Unobservable", "as_rows",
+    "over_turn", "suppressed_harmonics",
+]  # fmt: skip
 
 _COORDINATE_UNITS = {"angle": "rad", "time": "s"}
 """All other coordinates are lengths in m."""
@@ -316,11 +323,45 @@ class Separation:
         return html_table(f"Separation: {self.method}", rows)
 
 
-class SeparationMethod(ABC):
-    """A way to separate readings of one set-up; frozen dataclasses implement it."""
+U_READING: Mapping[str, Option] = {
+    "u_reading": Option("uncertainty", help="standard uncertainty of one reading")
+}
+"""What most methods are told of their readings, where repeats do not show it."""
 
-    name: ClassVar[str]
-    """Name of the method in results and recipes."""
+
+class NamedMethod(Method):
+    """A method of this package; it makes what the plain function of its name makes."""
+
+    @classmethod
+    def from_inputs(cls, data: Any, options: Mapping[str, Any]) -> Any:
+        """Return what the plain function makes of readings over a position, or of maps."""
+        function = getattr(sys.modules[cls.__module__], cls.name)
+        if cls.reads == "maps":
+            maps = tuple(data)
+            return function(*maps, **options) if cls.readings else function(list(maps), **options)
+        place = {} if cls.over == "any" else {cls.over: data.position}
+        if cls.over == "angle":
+            over_turn(data)
+        values = data.values if cls.readings else [as_rows(data.values)]
+        return function(*values, **place, **options)
+
+
+def over_turn(data: Readings) -> None:
+    """Refuse readings that do not lie at equal angles over one revolution."""
+    if data.position is None:
+        raise FormatMismatchError(
+            'the angle of each sample is needed: name its column, angle = "angle_deg"'
+        )
+    require_turn(data.position)
+
+
+def as_rows(values: Any) -> Any:
+    """Return readings without the axis of repeats where there is one repeat only."""
+    return values[:, 0] if values.shape[1] == 1 else values
+
+
+class SeparationMethod(NamedMethod, ABC):
+    """A way to separate readings of one set-up; frozen dataclasses implement it."""
 
     truth_parts: ClassVar[tuple[str, ...]]
     """Parts that belong to what is measured: artefact, part, surface."""

@@ -160,10 +160,12 @@ def test_every_control_is_reached_by_tab_in_order_and_has_a_name(
     page = opened(files(kind, tmp_path, repository, map_file))
     for tab in page.run("[...document.querySelectorAll('#tabs button')].map((b) => b.id)"):
         page.run(f"document.getElementById('{tab}').click()")
-        page.run("new Promise((done) => setTimeout(done, 500))")
+        names: list[str] | None = None
+        while (now := page.run(NAMED)) != names:  # the tab may still be drawing
+            names = now
+            page.run("new Promise((done) => setTimeout(done, 500))")
         page.run("document.activeElement.blur()")
         page.run("document.querySelector('#open').focus()")
-        names = page.run(NAMED)
         reached, places, radios = [], [], set()
         for _ in range(MOST_STOPS):
             stop, place, radio = page.run(PLACE)

@@ -116,7 +116,7 @@ def test_the_table_is_written_after_the_view_was_stored(opened: Opened, tmp_path
     recipe.write_text(
         'metrosep = 1\n[input]\nfiles = ["runs.csv"]\nx = "x_mm"\nz = "z_um"\nrun = "run"\n'
         '[[step]]\nop = "separate"\nmethod = "mean"\n[[output]]\nkind = "table"\n'
-        'controller = "csv"\naxis = "X"\ncompensates = "Z"\ncompensates = "Z"\nspacing = "0.5 mm"\npath = "slide.txt"\n'
+        'controller = "csv"\naxis = "X"\ncompensates = "Z"\nspacing = "0.5 mm"\npath = "slide.txt"\n'
     )
     page = opened(recipe)
     session = autosave_path(recipe)

@@ -407,3 +407,24 @@ def test_convert_names_the_formats_that_lose_the_history(metrosep, tmp_path):
 
     loud = {key for key, err in said.items() if "holds no history" in err}
     assert loud == {("a", "sdf"), ("a", "sur"), ("a", "int")}
+
+
+def test_the_list_of_commands_says_the_first_sentence_of_each_and_loads_none(capfd):
+    import click
+
+    from metrosep.cli.main import cli
+
+    context = click.Context(cli, info_name="metrosep")
+    listed = cli.get_help(context)
+    for name in cli.list_commands(context):
+        command = cli.get_command(context, name)
+        assert command is not None
+        first = " ".join(command.get_short_help_str(60).rstrip(".").split()[:4])
+        assert f"  {name} " in listed
+        assert first in " ".join(listed.split()), name
+
+
+def test_a_command_that_is_nearly_one_is_named(metrosep):
+    code, _, err = metrosep("measur", "x.h5")
+    assert code == 2
+    assert "Did you mean 'measure'?" in err

@@ -7,7 +7,7 @@ import pytest
 
 from metrosep.cli.main import main
 from metrosep.core.errors import InvalidSamplesError
-from metrosep.io.runs import RoleColumns
+from metrosep.core.inputs import RoleColumns
 from metrosep.recipe.methods import METHODS, as_positions, with_values
 
 SAME = 1e-12  # m: what the sum of target and deviation rounds

@@ -93,7 +93,7 @@ def test_codes_of_the_error_tree(error, code):
     ("options", "words"),
     [
         (("--length", "45"), "--length '45': value '45' has no unit"),
-        (("--length", "0 mm"), "--length '0 mm': it must be more than zero"),
+        (("--length", "0 mm"), "--length '0 mm': it must be positive and finite, got 0.0 m"),
         (("--method", "fourrier"), "--method 'fourrier' is not one of joint, kono, mean"),
         (("--lag", "often"), "--lag 'often'"),
         (("--poly", "2.5"), "--poly '2.5': a whole number"),

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from metrosep.recipe.methods import METHODS
+from metrosep.core.methods import METHODS
 from metrosep.recipe.pipeline import STEPS as PIPELINE
 
 N = 24

@@ -5,7 +5,7 @@ import tomllib
 
 import pytest
 
-from metrosep.recipe.methods import METHODS
+from metrosep.core.methods import METHODS
 
 REV = 'repeat = "revolution"'
 

@@ -8,7 +8,7 @@ import pytest
 
 from metrosep.cli.main import main
 from metrosep.cli.ops import data_words, example_call
-from metrosep.recipe.methods import METHODS
+from metrosep.core.methods import METHODS
 from metrosep.recipe.recipe import Recipe
 
 WIDTH = 100

@@ -4,8 +4,8 @@ import tomllib
 
 import pytest
 
-from metrosep.recipe.kinds import KINDS
-from metrosep.recipe.methods import METHODS
+from metrosep.core.methods import METHODS
+from metrosep.core.options import KINDS
 from metrosep.recipe.step_help import step_words
 
 SINGLE = ("length", "size", "uncertainty", "angle", "time", "speed", "frequency")
@@ -25,7 +25,7 @@ def test_every_key_is_written_as_its_recipe_takes_it(op, key):
     value = tomllib.loads(toml)[key]
     if field.kind == "spacing":
         value = "1 mm"
-    KINDS[field.kind](value)  # refuses a wrong unit or kind
+    KINDS[field.kind].check(value, "value", False)  # refuses a wrong unit or kind
 
     option = step_words(f"no {key}= was given", op, command=True)
     assert option.startswith(f"no --set {key}=")
@@ -37,7 +37,7 @@ def test_every_key_is_written_as_its_recipe_takes_it(op, key):
 def test_a_number_in_si_keeps_its_value(op, key):
     words = step_words(f"pass {key}=0.00123456 here", op)
     typed = tomllib.loads(words.removeprefix("pass ").removesuffix(" here"))[key]
-    value = KINDS[METHODS[op].fields[key].kind](typed)
+    value = KINDS[METHODS[op].fields[key].kind].check(typed, "value", False)
     assert value == pytest.approx(0.00123456, abs=0.00123456 * ROUNDING)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.core.errors import InvalidSamplesError, MetrosepError, RecipeError
-from metrosep.recipe.methods import METHODS
+from metrosep.core.methods import METHODS
 from metrosep.recipe.result import load_document
 from metrosep.separation import donaldson
 from metrosep.separation.contract import Separation

@@ -36,10 +36,10 @@ POLYNOMIAL = '[[step]]\nop = "polynomial"\nquantity = "error"\n'
         ('upper = "5 um"', 'upper = "1 um"\nlower = "2 um"', r"r.toml:11: the limits .*in order"),
         ('upper = "5 um"', 'upper = "1 um"\nU = "-1 nm"', r"r.toml:12: U = .*zero or more"),
         ('upper = "5 um"', 'upper = "1 um"\nguard_factor = nan', r"r.toml:12: .*finite number"),
-        ('length = "30 mm"', 'length = "0 mm"', r"r.toml:8: length = .*more than zero"),
-        ('length = "30 mm"', 'shortest = "-1 mm"', r"r.toml:8: shortest = .*more than zero"),
+        ('length = "30 mm"', 'length = "0 mm"', r"r.toml:8: length = .*positive"),
+        ('length = "30 mm"', 'shortest = "-1 mm"', r"r.toml:8: shortest = .*positive"),
         ('length = "30 mm"', "false_discovery_rate = inf", r"r.toml:8: .*finite number"),
-        ('spacing = "0.5 mm"', 'spacing = "0 mm"', r"r.toml:16: spacing = .*more than zero"),
+        ('spacing = "0.5 mm"', 'spacing = "0 mm"', r"r.toml:16: spacing = .*positive"),
         ('spacing = "0.5 mm"', "spacing = 1", r"r.toml:16: spacing = 1: .*at least 2 points"),
         (
             '"linuxcnc"',

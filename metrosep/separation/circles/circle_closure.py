@@ -29,6 +29,8 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
+from metrosep.core.inputs import Readings
+from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.separation.circles._circle import (
@@ -80,12 +82,39 @@ class CircleClosure(SeparationMethod):
     """
 
     n: int
-    positions: Any = None
-    table_sign: Literal[-1, 1] = -1
+    positions: Any = option(
+        None,
+        kind="integers",
+        help="divisions by which the artefact was turned on in each set-up, in the order of the "
+        "readings; 0, 1, 2 ... if left out",
+    )
+    table_sign: Literal[-1, 1] = option(
+        -1,
+        kind="integer",
+        choices=(-1, 1),
+        help="-1: reading = artefact minus table; 1: the errors add",
+    )
 
     name: ClassVar[str] = "closure"
+    what: ClassVar[str] = (
+        "angle errors of a polygon and of the table that carries it; one column a set-up"
+    )
+    dimension: ClassVar = "angle"
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "u_reading": Option("angle", help="standard uncertainty of one reading")
+    }
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("machine",)
+
+    @classmethod
+    def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> Separation:
+        """Return the errors of both circles; a row of the table is an index."""
+        if data.values.shape[1] > 1:
+            raise InvalidSamplesError(
+                "closure takes one reading for each table index; average repeats first, and leave "
+                "repeat out"
+            )
+        return closure(data.values[:, 0], **options)
 
     def __post_init__(self) -> None:
         n = check_whole(self.n, "the number of divisions n", least=0)

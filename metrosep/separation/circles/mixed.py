@@ -18,13 +18,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import ComplexArray, FloatArray
-from metrosep.core.errors import DataError, UnitError
+from metrosep.core.errors import DataError, InvalidSamplesError, UnitError
+from metrosep.core.inputs import Readings
+from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -47,7 +49,13 @@ from metrosep.separation.circles._circle import (
     revolutions,
     with_messages,
 )
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import (
+    U_READING,
+    Separation,
+    SeparationMethod,
+    Unobservable,
+    over_turn,
+)
 
 __all__ = ["OrthogonalMixed", "mixed_transfer", "orthogonal_mixed"]
 
@@ -80,16 +88,46 @@ class OrthogonalMixed(SeparationMethod):
         If `radius` looks like mm or `u_angle` like degrees.
     """
 
-    kmax: int
-    radius: float
-    u_slope: float | None = None
-    u_angle: float = 0.0
-    u_radius: float = 0.0
-    turn: Literal[1, -1] = 1
+    kmax: int = option(
+        kind="integer", help="highest undulation that is separated, below half the samples"
+    )
+    radius: float = option(kind="size", help="of the artefact where the slope is read")
+    u_slope: float | None = option(
+        None, kind="angle", help="standard deviation of one reading of the slope"
+    )
+    u_angle: float = option(
+        0.0, kind="angle", help="standard uncertainty of the quarter turn between the probes"
+    )
+    u_radius: float = option(0.0, kind="uncertainty", help="standard uncertainty of the radius")
+    turn: Literal[1, -1] = option(
+        1,
+        kind="integer",
+        choices=(1, -1),
+        help="1: the part turns against the count of the probe angles; -1: with it",
+    )
 
     name: ClassVar[str] = "orthogonal_mixed"
+    what: ClassVar[str] = "roundness and spindle motion from a displacement and a slope probe"
+    readings: ClassVar[tuple[str, ...]] = ("displacement",)
+    over: ClassVar = "angle"
+    roles: ClassVar[Mapping[str, str]] = {"slope": "angle"}
+    arguments: ClassVar[Mapping[str, Option]] = U_READING
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("x",)
+
+    @classmethod
+    def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> Separation:
+        """Return the parts from the displacement and the column of the slope."""
+        over_turn(data)
+        if len(data.values) != 1:
+            raise InvalidSamplesError(
+                f"readings names one displacement probe, got {len(data.values)}; the slope probe is "
+                'slope = "s_urad"'
+            )
+        displacement, slope = data.values[0], data.extra["slope"]
+        if len(displacement) == 1:
+            displacement, slope = displacement[0], slope[0]
+        return orthogonal_mixed(displacement, slope, angle=data.position, **options)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "kmax", check_kmax(self.kmax))

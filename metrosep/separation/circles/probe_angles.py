@@ -14,13 +14,15 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
+from metrosep.core.inputs import RoleColumns
+from metrosep.core.options import Option
 from metrosep.core.profile import html_table
 from metrosep.separation.circles._circle import (
     angle_tuple,
@@ -29,6 +31,7 @@ from metrosep.separation.circles._circle import (
     check_whole,
     probe_geometry,
 )
+from metrosep.separation.contract import NamedMethod
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -234,6 +237,38 @@ def optimise_probe_angles(
             "seed": seed,
         },
     )
+
+
+class ProbesChosen(NamedMethod):
+    """`optimise_probe_angles` by its name; the table holds the probes that stand already."""
+
+    name: ClassVar[str] = "optimise_probe_angles"
+    what: ClassVar[str] = (
+        "angles of further probes of least noise; the table holds those that stand"
+    )
+    reads: ClassVar = "table"
+    roles: ClassVar[Mapping[str, str]] = {"angle": "angle"}
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "n": Option("integer", required=True, help="number of probes, with those that stand"),
+        "kmax": Option("integer", required=True, help="highest undulation that must become known"),
+        "min_separation": Option("angle", help="least angle between two probes"),
+        "tolerance": Option("angle", help="standard deviation by which a probe misses its angle"),
+        "criterion": Option(
+            "text",
+            choices=("rms", "worst"),
+            help="noise gain over all undulations, or at its worst",
+        ),
+        "resolution": Option("angle", help="to which angles are sought"),
+        "seed": Option("integer", help="of the search"),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> ProbeAngles:
+        """Return the angles of all probes, those of the table first."""
+        rest = dict(options)
+        return optimise_probe_angles(
+            rest.pop("n"), rest.pop("kmax"), fixed=data.values["angle"], **rest
+        )
 
 
 def probe_gain(angles: ArrayLike, kmax: int) -> FloatArray:

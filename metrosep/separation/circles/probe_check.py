@@ -10,14 +10,17 @@ it explains them clearly better than the next.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import TooFewSamplesError
+from metrosep.core.inputs import Readings
+from metrosep.core.options import Option
 from metrosep.core.profile import html_table
 from metrosep.separation.circles._circle import (
     ProbeGeometry,
@@ -28,8 +31,31 @@ from metrosep.separation.circles._circle import (
     revolutions,
 )
 from metrosep.separation.circles.probes import MultiprobeRoundness
+from metrosep.separation.contract import NamedMethod, as_rows, over_turn
 
 __all__ = ["ProbeCheck", "Suspect", "check_probes"]
+
+
+class ProbesChecked(NamedMethod):
+    """`check_probes` by its name."""
+
+    name: ClassVar[str] = "check_probes"
+    what: ClassVar[str] = (
+        "whether four or more probes agree, and which angle or sensitivity is wrong if not"
+    )
+    over: ClassVar = "angle"
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "angles": MultiprobeRoundness.fields["angles"],
+        "kmax": Option("integer", required=True, help="highest undulation that is looked at"),
+        "u_reading": Option("size", required=True, help="standard uncertainty of one reading"),
+        "turn": MultiprobeRoundness.fields["turn"],
+    }
+
+    @classmethod
+    def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> ProbeCheck:
+        """Return what the probes disagree by."""
+        over_turn(data)
+        return check_probes(as_rows(data.values), **options)
 
 
 _CHANCE = 0.002

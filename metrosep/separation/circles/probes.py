@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError, UnitError
+from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.separation._readings import size_doubts
@@ -55,6 +56,7 @@ from metrosep.separation.circles._circle import (
     with_messages,
 )
 from metrosep.separation.contract import (
+    U_READING,
     Separation,
     SeparationMethod,
     Unobservable,
@@ -107,16 +109,38 @@ class MultiprobeRoundness(SeparationMethod):
     [7, 9, 15, 17]
     """
 
-    angles: Any
-    kmax: int
+    angles: Any = option(
+        kind="angles", help="where the probes stand, in the order of the readings"
+    )
+    kmax: int = option(
+        kind="integer", help="highest undulation that is separated, below half the samples"
+    )
     cov: Any = None
-    u_angles: Any = 0.0
-    u_sensitivity: Any = 0.0
-    max_gain: float = 50.0
-    turn: Literal[1, -1] = 1
-    radius: float | None = None
+    u_angles: Any = option(0.0, kind="angle", help="standard uncertainty of each probe angle")
+    u_sensitivity: Any = option(
+        0.0, kind="number", help="relative standard uncertainty of the sensitivity of each probe"
+    )
+    max_gain: float = option(
+        50.0,
+        kind="number",
+        help="an undulation whose noise is magnified more is called suppressed",
+    )
+    turn: Literal[1, -1] = option(
+        1,
+        kind="integer",
+        choices=(1, -1),
+        help="1: the part turns against the count of the probe angles; -1: with it",
+    )
+    radius: float | None = option(
+        None, kind="size", help="of the artefact: tells the undulation that the eccentricity makes"
+    )
 
     name: ClassVar[str] = "multiprobe"
+    what: ClassVar[str] = (
+        "roundness of an artefact and motion of a spindle in x and y, from 3 or more probes"
+    )
+    over: ClassVar = "angle"
+    arguments: ClassVar[Mapping[str, Option]] = U_READING
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("x", "y")
 

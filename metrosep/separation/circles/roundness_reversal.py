@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.inputs import Readings, Results
+from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.separation._readings import (
@@ -32,9 +34,12 @@ from metrosep.separation._readings import (
 )
 from metrosep.separation.circles._circle import check_kmax, curve, grid, names_of_k
 from metrosep.separation.contract import (
+    U_READING,
+    NamedMethod,
     Separation,
     SeparationMethod,
     Unobservable,
+    over_turn,
     suppressed_harmonics,
 )
 from metrosep.separation.lines.reversals import reverse_pair, simulated_pair, with_type_b_curve
@@ -61,10 +66,18 @@ class DonaldsonReversal(SeparationMethod):
         Angle of the first sample.
     """
 
-    u_index: float = 0.0
+    u_index: float = option(
+        0.0, kind="angle", help="standard uncertainty of the half turn of the artefact"
+    )
     start: float = 0.0
 
     name: ClassVar[str] = "donaldson"
+    what: ClassVar[str] = (
+        "roundness of an artefact and radial error motion of a spindle, by reversal"
+    )
+    readings: ClassVar[tuple[str, ...]] = ("m1", "m2")
+    over: ClassVar = "angle"
+    arguments: ClassVar[Mapping[str, Option]] = U_READING
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("spindle",)
 
@@ -319,12 +332,29 @@ class FaceReversal(SeparationMethod):
         If the radius is not positive or above 5 m.
     """
 
-    radius: float
+    radius: float = option(kind="size", help="distance of the face probe from the axis")
     start: float = 0.0
 
     name: ClassVar[str] = "face_reversal"
+    what: ClassVar[str] = (
+        "flatness of a plate, axial and tilt error motion of a spindle, by reversal"
+    )
+    readings: ClassVar[tuple[str, ...]] = ("F1", "F2", "A")
+    spare: ClassVar[int] = 1
+    over: ClassVar = "angle"
+    arguments: ClassVar[Mapping[str, Option]] = U_READING
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("axial", "tilt")
+
+    @classmethod
+    def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> Separation:
+        """Return the parts; a fourth reading is A measured again in the second set-up."""
+        over_turn(data)
+        rest, (f1, f2, axial, *second) = dict(options), data.values
+        axial2 = second[0] if second else None
+        return face_reversal(
+            f1, f2, axial, rest.pop("radius"), axial2=axial2, angle=data.position, **rest
+        )
 
     def __post_init__(self) -> None:
         radius = real_number(self.radius, "radius", "a distance in m, 25 mm is 25e-3")
@@ -569,6 +599,27 @@ def _weights(radius: float, n_readings: int) -> dict[str, FloatArray]:
 # A reversal sees every undulation, a multi-probe set-up sees most of them with less noise, a second
 # set of angles sees others. Harmonic by harmonic the mean weighted with 1/u^2 takes the best of each;
 # what only one sees is taken from it, what none sees stays NaN.
+
+
+class Combination(NamedMethod):
+    """`combine_harmonics` by its name, from stored results."""
+
+    name: ClassVar[str] = "combine_harmonics"
+    what: ClassVar[str] = "one artefact from the results of several methods, harmonic by harmonic"
+    reads: ClassVar = "results"
+    accepts: ClassVar[tuple[str, ...]] = ("Separation",)
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "parts": Option("texts", help="parts to combine"),
+        "kmax": Option(
+            "integer", help="highest harmonic; the highest that any result has if left out"
+        ),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: Results, options: Mapping[str, Any]) -> Separation:
+        """Return the combination of all results."""
+        return combine_harmonics(*data.items, **options)
+
 
 _DISAGREE = 5.0
 """Excess of chi-square, in its standard deviations, at which the methods are said to disagree."""

@@ -17,6 +17,8 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
+from metrosep.core.inputs import RoleColumns
+from metrosep.core.options import Option
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -32,7 +34,12 @@ from metrosep.separation._readings import (
 )
 from metrosep.separation.circles.speed_fit import SpeedFit, fit_values
 from metrosep.separation.circles.spindle_result import SpindleMotion
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import (
+    NamedMethod,
+    Separation,
+    SeparationMethod,
+    Unobservable,
+)
 
 __all__ = ["SpeedGrowth", "SpeedSweep", "fit_speed_sweep"]
 
@@ -350,6 +357,51 @@ _LEVEL = "what is the same at every speed is counted as at_rest: growth is zero 
 _ARTEFACT = "the form of the artefact is the same at every speed; take it out by a reversal"
 _LAW = "a law of other powers, or a resonance, is shared out over the powers of the fit"
 _NO_LEVEL = "the powers have no 0: nothing is taken to stay at rest; add 0 to the powers"
+
+
+_PER_SECOND = {"rev/s": 1.0, "Hz": 1.0, "rev/min": 1.0 / 60.0}
+
+
+class SpeedTest(NamedMethod):
+    """`fit_speed_sweep` by its name."""
+
+    name: ClassVar[str] = "fit_speed_sweep"
+    what: ClassVar[str] = "how values of spindle tests depend on speed, and which speeds stand out"
+    reads: ClassVar = "table"
+    roles: ClassVar[Mapping[str, str]] = {"speed": "any", "readings": "length*", "u": "length*?"}
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "speed_unit": Option(
+            "text", required=True, choices=tuple(_PER_SECOND), help="of the column of speeds"
+        ),
+        "powers": Option("integers", help="of the speed: 0,2 is a constant and unbalance"),
+        "names": Option("texts", help="of the values; those of the columns if left out"),
+        "natural_frequency": Option(
+            "frequency", help="of the structure: the speeds that meet it are named"
+        ),
+        "orders": Option("integers", help="multiples of the speed that may meet it"),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> SpeedSweep:
+        """Return the fits of the columns of values over the speed."""
+        rest, values = dict(options), data.values
+        names = rest.pop("names", None) or data.columns["readings"]
+        columns, u = values["readings"], values.get("u")
+        if len(names) != len(columns) or len(set(names)) != len(names):
+            raise DataError(
+                f"{len(columns)} columns of values need as many different names, got "
+                f"{', '.join(names)}"
+            )
+        if u is not None and len(u) != len(names):
+            raise DataError(
+                f"{len(u)} columns of uncertainties for {len(names)} of values; name one for each, "
+                "in the same order"
+            )
+        spread = None if u is None else dict(zip(names, u, strict=True))
+        per_second = values["speed"] * _PER_SECOND[rest.pop("speed_unit")]
+        return fit_speed_sweep(
+            per_second, dict(zip(names, columns, strict=True)), u=spread, **rest
+        )
 
 
 @dataclass(frozen=True, slots=True)

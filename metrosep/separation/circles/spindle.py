@@ -14,13 +14,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from metrosep.core import inputs
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, FormatMismatchError, InvalidSamplesError
+from metrosep.core.options import Option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
@@ -48,8 +50,13 @@ from metrosep.separation.circles._spindle_input import (
     u_of_total,
     width_about,
 )
-from metrosep.separation.circles.resampling import AngleSynchronous
+from metrosep.separation.circles.resampling import (
+    AngleSynchronous,
+    index_pulses,
+    resample_by_index,
+)
 from metrosep.separation.circles.spindle_result import SpindleMotion
+from metrosep.separation.contract import NamedMethod, over_turn
 
 __all__ = ["iso230_7"]
 
@@ -186,6 +193,119 @@ def iso230_7(
         direction, sensitive, _CENTERS[center], distance, kmax, drift, artefact_radius, seed
     )
     return _evaluate(readings, options)
+
+
+class SpindleTest(NamedMethod):
+    """`iso230_7` by its name: by revolution at fixed angles, with an angle, or with an index."""
+
+    name: ClassVar[str] = "iso230_7"
+    what: ClassVar[str] = (
+        "synchronous, asynchronous and total error motion of a spindle, ISO 230-7"
+    )
+    over: ClassVar = "angle"
+    roles: ClassVar[Mapping[str, str]] = {"index": "any?", "time": "time?"}
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "direction": Option(
+            "text", choices=("radial", "axial", "tilt", "face"), help="what the sensors measure"
+        ),
+        "sensitive": Option(
+            "text",
+            choices=("fixed", "rotating"),
+            help="sensitive direction: fixed as of a lathe, rotating as of a boring head",
+        ),
+        "center": Option(
+            "text",
+            choices=("LSC", "MZC", "MRS", "MIC", "MCC"),
+            help="centre about which radial and tilt motion are judged",
+        ),
+        "distance": Option("size", help="of the two sensors of a tilt along the axis"),
+        "kmax": Option("integer", help="highest undulation that is kept; all if left out"),
+        "drift": Option(
+            "text",
+            choices=("keep", "linear"),
+            help="linear: a drift of the level is taken off first",
+        ),
+        "artefact_radius": Option(
+            "size", help="tells the undulation that the eccentricity itself makes"
+        ),
+        "n": Option(
+            "integer", help="samples per revolution after resampling by an index or an angle"
+        ),
+        "seed": Option("integer", help="of the draws that tell the uncertainty"),
+        "sampling_rate": Option("frequency", help="of the signals beside an index channel"),
+        "threshold": Option("number", help="level of the index channel at which a pulse begins"),
+        "edge": Option(
+            "text", choices=("rising", "falling"), help="edge of the index pulse that counts"
+        ),
+        "faults": Option(
+            "text",
+            choices=("refuse", "drop"),
+            help="drop: revolutions between missing or extra pulses are left out",
+        ),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: inputs.Readings, options: Mapping[str, Any]) -> SpindleMotion:
+        """Return the error motion of signals by revolution, over an angle, or with an index."""
+        rest = dict(options)
+        resampling: dict[str, Any] = {
+            k: rest.pop(k) for k in ("threshold", "edge", "faults") if k in rest
+        }
+        index = data.extra.get("index")
+        if index is not None:
+            return iso230_7(_by_index(data, index[0], rest, resampling), **rest)
+        if resampling:
+            key = next(iter(resampling))
+            raise DataError(f'{key} is for an index channel; name its column, index = "index_V"')
+        if "sampling_rate" in rest:
+            raise DataError(
+                "sampling_rate is for an index channel; with an angle it is not needed"
+            )
+        fixed = data.values.shape[1] > 1  # revolutions at fixed angles
+        if data.position is None and not fixed:
+            raise FormatMismatchError(
+                'the angle of the spindle is needed: angle = "angle_deg" (accumulated or wrapped), '
+                'index = "index_V" with time or sampling_rate, or repeat = "revolution" at fixed '
+                "angles"
+            )
+        if data.position is not None and fixed:
+            over_turn(data)
+        signals = data.values if fixed else data.values[:, 0]
+        return iso230_7(signals[0] if len(signals) == 1 else signals, data.position, **rest)
+
+
+def _by_index(
+    data: inputs.Readings, index: FloatArray, options: dict[str, Any], resampling: dict[str, Any]
+) -> AngleSynchronous:
+    """Return signals at equal angles between the pulses of an index channel."""
+    if data.position is not None or data.values.shape[1] > 1:
+        raise FormatMismatchError(
+            "an index channel gives the angle: leave angle, x and repeat out, or leave index out"
+        )
+    faults = resampling.pop("faults", "refuse")
+    signals = data.values[:, 0]
+    return resample_by_index(
+        signals[0] if len(signals) == 1 else signals,
+        index_pulses(index, **resampling),
+        n=options.pop("n", None),
+        faults=faults,
+        sampling_rate=_rate(data, options.pop("sampling_rate", None)),
+    )
+
+
+def _rate(data: inputs.Readings, given: float | None) -> float | None:
+    """Return the sampling rate: as given, or from a column of time, which must be uniform."""
+    time = data.extra.get("time")
+    if time is None or given is not None:
+        return given
+    steps = np.diff(time[0])
+    middle = float(np.median(steps)) if steps.size else 0.0
+    if middle <= 0.0 or float(np.abs(steps - middle).max()) > 0.01 * middle:
+        raise InvalidSamplesError(
+            "the samples are not uniform in time; an index channel needs uniform sampling: record "
+            "so, or use an encoder angle"
+        )
+    return (len(time[0]) - 1) / float(time[0][-1] - time[0][0])
 
 
 @dataclass(frozen=True, slots=True)

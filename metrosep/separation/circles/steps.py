@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError, UnitError
+from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.separation._readings import size_doubts
@@ -48,6 +49,7 @@ from metrosep.separation.circles._circle import (
     with_messages,
 )
 from metrosep.separation.contract import (
+    U_READING,
     Separation,
     SeparationMethod,
     Unobservable,
@@ -103,16 +105,49 @@ class MultistepRoundness(SeparationMethod):
     (8, 16, 24)
     """
 
-    angles: Any
-    kmax: int
-    u_index: float = 0.0
-    eccentricity: Literal["fixed", "free"] = "fixed"
-    drift: Literal["none", "linear"] = "none"
-    step_revolutions: float | None = None
+    angles: Any = option(
+        kind="angles", required=False, help="index positions where they are not equal steps"
+    )
+    kmax: int = option(
+        kind="integer", required=False, help="highest undulation; all below N/2 if left out"
+    )
+    u_index: float = option(0.0, kind="angle", help="standard uncertainty of each index position")
+    eccentricity: Literal["fixed", "free"] = option(
+        "fixed",
+        kind="text",
+        choices=("fixed", "free"),
+        help="free: the artefact was centred anew at each step, and k = 1 is left out",
+    )
+    drift: Literal["none", "linear"] = option(
+        "none",
+        kind="text",
+        choices=("none", "linear"),
+        help="linear: a drift of the level in proportion to time is taken off first",
+    )
+    step_revolutions: float | None = option(
+        None, kind="number", help="time from step to step in revolutions, for the drift"
+    )
     max_gain: float = 50.0
-    turn: Literal[1, -1] = 1
+    turn: Literal[1, -1] = option(
+        1,
+        kind="integer",
+        choices=(1, -1),
+        help="1: a step brings points of larger artefact angle to the probe",
+    )
 
     name: ClassVar[str] = "multistep"
+    what: ClassVar[str] = (
+        "roundness of an artefact and error motion of a spindle from indexed set-ups"
+    )
+    over: ClassVar = "angle"
+    arguments: ClassVar[Mapping[str, Option]] = {
+        **U_READING,
+        "steps": Option(
+            "integers",
+            help="number of equal steps, several where runs follow one another; as many as there are "
+            "readings if left out",
+        ),
+    }
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("spindle",)
 

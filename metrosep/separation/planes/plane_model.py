@@ -10,22 +10,64 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
+from metrosep.core.inputs import Results
+from metrosep.core.options import Option
 from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.separation._readings import plain, real_numbers, reduced
+from metrosep.separation.contract import NamedMethod
 from metrosep.separation.planes.plane_fit import described, plane_origin, plane_steps
 from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = ["PlaneMap", "plane_map"]
+
+
+class AxesCombined(NamedMethod):
+    """`plane_map` by its name, from the stored results of two axes."""
+
+    name: ClassVar[str] = "plane_map"
+    what: ClassVar[str] = (
+        "error of an XY plane from the results of its two axes (result.json of X, of Y)"
+    )
+    reads: ClassVar = "results"
+    readings: ClassVar[tuple[str, ...]] = ("along x", "along y")
+    accepts: ClassVar[tuple[str, ...]] = ("ErrorEstimate",)
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "dx": Option("size", required=True, help="step of the map along x"),
+        "dy": Option("size", required=True, help="step of the map along y"),
+        "alpha": Option("angle", help="alignment of the axis along y"),
+        "beta": Option("angle", help="alignment of the axis along x"),
+        "u_alpha": Option("angle", help="standard uncertainty of alpha"),
+        "u_beta": Option("angle", help="standard uncertainty of beta"),
+        "origin": Option("lengths", help="x and y where both alignments are zero"),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: Results, options: Mapping[str, Any]) -> PlaneMap:
+        """Return the sum of the errors of two axes."""
+        if len(data.items) != 2:
+            raise DataError(
+                f"two results are needed, of the axis along x and of that along y; got "
+                f"{len(data.items)}"
+            )
+        rest = dict(options)
+        for name in ("alpha", "beta"):
+            u = rest.pop(f"u_{name}", None)
+            if u is not None:
+                value = rest.get(name, 0.0)
+                rest[name] = Quantity(value, "rad", f"{name}, as stated", u=u, symbol=name)
+        if "origin" in rest and len(rest["origin"]) != 2:
+            raise DataError('origin is x and y: origin = ["0 mm", "0 mm"]')
+        return plane_map(*data.items, **rest)
 
 
 _LARGEST_SLOPE = 0.02

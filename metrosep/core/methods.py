@@ -1,0 +1,126 @@
+"""What recipes, the command line and `separate` know by name: each method says itself what it reads.
+
+A method is a class with `metrosep.core.options.option` fields: how its set-up is built. Its class
+variables say what it reads. Packages list theirs in ``METHODS`` of their ``__init__``; the module of
+a method is loaded when the method is asked for.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterator, Mapping
+from typing import Any, ClassVar, Literal
+
+from metrosep.core.options import Option, options_of
+
+__all__ = ["METHODS", "Method", "Methods"]
+
+Reads = Literal["curves", "table", "tables", "maps", "results", "nothing"]
+
+
+class _Keys:
+    """The keys of the step of a recipe, made from the options of the class."""
+
+    def __get__(self, obj: object, cls: type[Method]) -> dict[str, Option]:
+        return {"op": Option("text", required=True), **cls.arguments, **options_of(cls)}
+
+
+class Method:
+    """Something that makes a result of readings and has a name."""
+
+    name: ClassVar[str]
+    """Name of the method in results and recipes."""
+
+    what: ClassVar[str]
+    """What it separates, for the list of methods."""
+
+    reads: ClassVar[Reads] = "curves"
+    """Columns over positions; columns by their role, of all files together or file by file; maps;
+    documents of results; nothing where the options say all."""
+
+    readings: ClassVar[tuple[str, ...]] = ()
+    """What the readings are, in their order; empty where their number is free."""
+
+    spare: ClassVar[int] = 0
+    """How many further readings of curves may follow the named ones."""
+
+    over: ClassVar[Literal["any", "x", "angle"]] = "any"
+    """Which position curves may have."""
+
+    dimension: ClassVar[Literal["length", "angle"]] = "length"
+    """What the readings of curves are."""
+
+    roles: ClassVar[Mapping[str, str]] = {}
+    """Further columns and their dimension: ``"time"``, ``"angle"``, ``"position"`` (a length or an
+    angle), ``"any"``, ``"label"``; a ``*`` after it: several columns; a ``?``: may be left out."""
+
+    accepts: ClassVar[tuple[str, ...]] = ("Surface",)
+    """Objects that files of maps may hold, or that results are."""
+
+    arguments: ClassVar[Mapping[str, Option]] = {}
+    """Options of the call, beside the fields: what is known of the readings."""
+
+    fields: ClassVar[Mapping[str, Option]] = _Keys()  # type: ignore[assignment]
+    """Keys of its step in a recipe, ``op`` first."""
+
+    @classmethod
+    def from_inputs(cls, data: Any, options: Mapping[str, Any]) -> Any:
+        """Return the result of what was read, with the options that were given, in SI.
+
+        Parameters
+        ----------
+        data : Readings, RoleColumns, tuple of these, of maps or of results
+            As `reads` says.
+        options : mapping
+            By name, without those that were left out.
+
+        Returns
+        -------
+        object
+            Of the kind that the method makes.
+
+        Raises
+        ------
+        MetrosepError
+            If the columns, their number or the options do not go together.
+        """
+        raise NotImplementedError
+
+
+class Methods(Mapping[str, type[Method]]):
+    """The methods of some packages by name; a module is loaded when one of its methods is asked for."""
+
+    def __init__(self) -> None:
+        # of str: their ``METHODS`` map names to "module:Class"; named by what assembles the house
+        self.packages: tuple[str, ...] = ()
+
+    def _places(self) -> dict[str, tuple[str, str]]:
+        return {
+            name: (package, place)
+            for package in self.packages
+            for name, place in importlib.import_module(package).METHODS.items()
+        }
+
+    def __getitem__(self, name: str) -> type[Method]:
+        """Return a method by its name."""
+        package, place = self._places()[name]
+        module, _, own = place.partition(":")
+        made = importlib.import_module(f"{package}.{module}")
+        holder, _, key = own.partition("/")
+        found: type[Method] = getattr(made, holder)[key] if key else getattr(made, own)
+        return found
+
+    def __contains__(self, name: object) -> bool:
+        """Whether there is a method of that name; nothing is loaded."""
+        return name in self._places()
+
+    def __iter__(self) -> Iterator[str]:
+        """Names, in the order in which they are listed."""
+        return iter(self._places())
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self._places())
+
+
+METHODS = Methods()

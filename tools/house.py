@@ -1,0 +1,206 @@
+"""The measures of the house, before one number of it is believed: ``make house`` prints them.
+
+Lines, files and folders of the package, circles of imports, strings that name an upper layer,
+modules that a command loads, and the time of ``metrosep --help``. The exit code is the number of
+measures that are missed.
+"""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import statistics
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "metrosep"
+MOST_LINES, MOST_FILES = 130_000, 450
+MOST_IN_FOLDER, LONGEST = 30, 900
+MOST_OF_MEASURE, MOST_OF_SEPARATE = 120, 150
+HELP_MS = 60.0
+
+MEASURE = ["measure", "data_formats/metropro/samples/format1.dat", "--form", "plane", "--params", "PV,Sq"]  # fmt: skip
+SEPARATE = [
+    "separate", "examples/straightness/runs.csv", "--x", "x_mm", "--z", "z_um", "--feed",
+    "feed_mm_min", "--run", "run",
+]  # fmt: skip
+LOADED = """
+import contextlib, io, json, sys
+from metrosep.cli.main import main
+sys.argv[1:] = json.loads(sys.argv[1])
+with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+    try:
+        code = main()
+    except SystemExit as end:
+        code = end.code
+names = [name for name in sys.modules if name.partition(".")[0] == "metrosep"]
+print(json.dumps([code, len(names)]))
+"""
+
+
+def modules() -> dict[str, Path]:
+    """Return the files of the package by the name of their module."""
+    found = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def _run_time_imports(tree: ast.AST) -> Iterator[ast.Import | ast.ImportFrom]:
+    """Yield the imports of a module, also those inside functions, without those of type checkers."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test):
+            continue
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            yield node
+        else:
+            yield from _run_time_imports(node)
+
+
+def imports(known: dict[str, Path]) -> dict[str, set[str]]:
+    """Return the modules of metrosep that each module imports while it runs, lazily or not."""
+    found: dict[str, set[str]] = {}
+    for name, path in known.items():
+        targets = set()
+        for node in _run_time_imports(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                targets |= {alias.name for alias in node.names if alias.name in known}
+            elif node.module and node.module.partition(".")[0] == "metrosep":
+                full = [f"{node.module}.{alias.name}" for alias in node.names]
+                targets |= {f if f in known else node.module for f in full}
+        # what a package exports is no arrow of its own: its modules are asked in their stead
+        found[name] = {t for t in targets - {name} if known[t].name != "__init__.py"}
+    return found
+
+
+def circles(arrows: dict[str, set[str]]) -> list[list[str]]:
+    """Return the groups of modules that import each other (Tarjan's strong components)."""
+    order: dict[str, int] = {}
+    low: dict[str, int] = {}
+    open_: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(name: str) -> None:
+        order[name] = low[name] = len(order)
+        open_.append(name)
+        for target in sorted(arrows[name]):
+            if target not in order:
+                visit(target)
+                low[name] = min(low[name], low[target])
+            elif target in open_:
+                low[name] = min(low[name], order[target])
+        if low[name] == order[name]:
+            group = open_[open_.index(name) :]
+            del open_[-len(group) :]
+            if len(group) > 1:
+                found.append(sorted(group))
+
+    sys.setrecursionlimit(10_000)
+    for name in sorted(arrows):
+        if name not in order:
+            visit(name)
+    return found
+
+
+def strings_upwards(known: dict[str, Path]) -> list[str]:
+    """Return where a text names a module of a layer above the one it stands in."""
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][
+        "contracts"
+    ]
+    rows = next(c["layers"] for c in contracts if c.get("containers") == ["metrosep"])
+    height = {layer.strip(" ()"): -k for k, row in enumerate(rows) for layer in row.split("|")}
+    found = []
+    for name, path in known.items():
+        own = name.split(".")[1] if "." in name else ""
+        if own not in height:
+            continue
+        documented = set()
+        for node in ast.walk(tree := ast.parse(path.read_text())):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and node.body:
+                documented.add(id(getattr(node.body[0], "value", None)))
+        for node in ast.walk(tree):
+            if not isinstance(node, ast.Constant) or id(node) in documented:
+                continue
+            text = node.value if isinstance(node.value, str) else ""
+            match = re.match(r"metrosep\.(\w+)(\.\w+)*(:\w+)?$", text)
+            if match and height.get(match[1], -99) > height[own]:
+                found.append(f"{path.relative_to(ROOT)}:{node.lineno} {text!r}")
+    return found
+
+
+def loaded(arguments: list[str]) -> int:
+    """Return how many modules of metrosep a command loads."""
+    call = [sys.executable, "-c", LOADED, json.dumps(arguments)]
+    done = subprocess.run(call, cwd=ROOT, capture_output=True, text=True, check=True)
+    code, count = json.loads(done.stdout.splitlines()[-1])
+    if code not in (0, None):
+        raise SystemExit(f"metrosep {' '.join(arguments)} ended with {code}")
+    return int(count)
+
+
+def help_ms(times: int = 11) -> float:
+    """Return the median time of ``metrosep --help`` over that of Python alone, in ms."""
+
+    def took(call: list[str]) -> float:
+        began = time.perf_counter()
+        subprocess.run(call, cwd=ROOT, capture_output=True, check=True)
+        return 1e3 * (time.perf_counter() - began)
+
+    ours = [sys.executable, "-c", "from metrosep.cli.main import main; main(['--help'])"]
+    bare = [sys.executable, "-c", "pass"]
+    pairs = [(took(ours), took(bare)) for _ in range(times)]
+    return statistics.median(a - b for a, b in pairs)
+
+
+def main() -> int:
+    """Print the measures, and return how many are missed."""
+    known = modules()
+    lengths = {n: len(p.read_text().splitlines()) for n, p in known.items()}
+    folders: dict[Path, int] = {}
+    for path in known.values():
+        folders[path.parent] = folders.get(path.parent, 0) + 1
+    full = {f.relative_to(ROOT).as_posix(): n for f, n in folders.items() if n > MOST_IN_FOLDER}
+    long_ = {n: k for n, k in lengths.items() if k > LONGEST}
+    rings, upwards = circles(imports(known)), strings_upwards(known)
+    measures: list[tuple[str, object, object, bool]] = [
+        ("lines", sum(lengths.values()), MOST_LINES, sum(lengths.values()) <= MOST_LINES),
+        ("files", len(known), MOST_FILES, len(known) <= MOST_FILES),
+        ("folders with too many modules", full or 0, f"{MOST_IN_FOLDER} each", not full),
+        ("modules that are too long", long_ or 0, f"{LONGEST} lines", not long_),
+        ("circles of imports", [len(r) for r in rings] or 0, 0, not rings),
+        ("texts that name an upper layer", len(upwards), 0, not upwards),
+    ]
+    for title, call, most in (
+        ("modules of `measure`", MEASURE, MOST_OF_MEASURE),
+        ("modules of `separate`", SEPARATE, MOST_OF_SEPARATE),
+    ):
+        count = loaded(call)
+        measures.append((title, count, most, count <= most))
+    ms = help_ms()
+    measures.append(("`--help` over bare Python / ms", round(ms), HELP_MS, ms <= HELP_MS))
+    for title, value, limit, kept in measures:
+        print(f"{'ok    ' if kept else 'MISSED'}  {title:<32} {value}   (at most {limit})")
+    for ring in rings:
+        print("circle:", ", ".join(r.removeprefix("metrosep.") for r in ring))
+    for text in upwards:
+        print("upwards:", text)
+    folder_lines: dict[str, int] = {}
+    for name, count in lengths.items():
+        part = name.split(".")[1] if "." in name else "metrosep"
+        folder_lines[part] = folder_lines.get(part, 0) + count
+    print(
+        "lines:",
+        ", ".join(f"{k} {n}" for k, n in sorted(folder_lines.items(), key=lambda i: -i[1])),
+    )
+    return sum(not kept for *_, kept in measures)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
