@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +17,8 @@ from metrosep.core.numbers import not_negative, positive, real
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation._readings import given_parts
+from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 
 PIXELS = "no lateral step is known: positions x and y are in pixels, square ones"
 
@@ -47,14 +48,64 @@ class MapGrid:
         return np.asarray(np.arange(self.shape[0]) * self.dy - self.centre[1], dtype=np.float64)
 
 
-def readings_of(
-    method: Any, readings: Sequence[ArrayLike | Surface] | ArrayLike, names: Sequence[str]
-) -> tuple[FloatArray, MapGrid, tuple[Step, ...]]:
-    """Return the readings of a method as one array with their grid."""
-    return map_stack(
-        readings, what=method.name, names=names, one_frame=True,
-        dx=method.dx, dy=method.dy, centre=getattr(method, "centre", None),
-    )  # fmt: skip
+class MapMethod(SeparationMethod):
+    """A method whose readings are maps on one grid; its results carry their history."""
+
+    dx: float | None
+    dy: float | None
+
+    @abstractmethod
+    def separate(
+        self,
+        readings: ArrayLike,
+        *,
+        u_reading: float | None = None,
+        history: tuple[Step, ...] = (),
+    ) -> Separation:
+        """Return the parts that maps consist of, as far as they are determined.
+
+        Parameters
+        ----------
+        readings : array_like, shape (n, n_y, n_x), m, or sequence of Surface
+            One map for each set-up, in the order of `simulate`; NaN = not measured. Surfaces bring
+            the lateral steps and their history.
+        u_reading : float, m, optional
+            Standard uncertainty of one pixel of one reading; from redundancy if omitted.
+        history : tuple of Step, optional
+            Where the readings came from.
+
+        Returns
+        -------
+        Separation
+            Parts, each (n_y, n_x) in m, with uncertainties, null space and audit.
+
+        Raises
+        ------
+        DataError
+            If maps or options cannot be used: other shapes or steps, no common measured pixels.
+        InvalidSamplesError, TooFewSamplesError
+            If the maps hold no numbers, or are too few or too small.
+        DegenerateFitError
+            If the pixels do not determine the Zernike terms of a method that uses them.
+        """
+
+    def _read(
+        self, readings: Sequence[ArrayLike | Surface] | ArrayLike, names: Sequence[str]
+    ) -> tuple[FloatArray, MapGrid, tuple[Step, ...]]:
+        """Return the readings as one array with their grid and history."""
+        return map_stack(
+            readings, what=self.name, names=names, one_frame=True,
+            dx=self.dx, dy=self.dy, centre=getattr(self, "centre", None),
+        )  # fmt: skip
+
+    def _given(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> tuple[FloatArray, MapGrid]:
+        """Return all parts of a simulation as one array with their grid."""
+        parts = given_parts(
+            self.name, truth, errors, truth_parts=self.truth_parts, error_parts=self.error_parts
+        )
+        return self._read(list(parts.values()), list(parts))[:2]
 
 
 def map_separation(

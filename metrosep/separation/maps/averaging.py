@@ -16,15 +16,15 @@ from metrosep.core.numbers import positive
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.separation._readings import given_parts
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation._methods import described_by
+from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.maps._map_input import (
+    MapMethod,
     checked_removed,
     checked_u,
     map_separation,
     map_stack,
     noise_of,
-    readings_of,
     require_overlap,
     rigid_terms,
     stored_in_si,
@@ -150,12 +150,13 @@ def ball_average(
 
 
 @dataclass(frozen=True, slots=True)
-class ThreePositions(SeparationMethod):
+class ThreePositions(MapMethod):
     """Sphere at the confocal position, turned by 180 degrees there, and at the cat's eye.
 
     ``W0 = I + S``, ``W180 = I + S(-x, -y)``, ``Wc = I - D_o``: I is the whole instrument
     (reference arm and diverger), D_o the share of the diverger that is odd under half a turn, which
-    the cat's eye loses because rays come back on the other side.
+    the cat's eye loses because rays come back on the other side. Maps: at 0 degrees, at 180 degrees,
+    at the cat's eye. Parts: ``part``, ``instrument`` and ``diverger_odd``, only whose odd share counts.
 
     Parameters
     ----------
@@ -180,39 +181,11 @@ class ThreePositions(SeparationMethod):
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return the three readings of given parts.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n_y, n_x), m
-            ``part``.
-        errors : mapping of str to array_like, shape (n_y, n_x), m
-            ``instrument``, ``diverger_odd`` (only its odd share counts).
-
-        Returns
-        -------
-        ndarray, shape (3, n_y, n_x), m
-            At 0, at 180 degrees, at the cat's eye.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown or none is given.
-        """
-        part, instrument, diverger = given_parts(
-            self.name, truth, errors, truth_parts=self.truth_parts, error_parts=self.error_parts
-        ).values()
+        part, instrument, diverger = self._given(truth, errors)[0]
         odd = (diverger - _half_turn(diverger)) / 2.0
         return np.stack([instrument + part, instrument + _half_turn(part), instrument - odd])
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return the alignment, and the even share of the diverger.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Terms of all parts.
-        """
         even = Unobservable(
             "instrument", "term", ("share of the diverger that half a turn does not change",),
             "reference arm and diverger act together there; their sum is in the instrument",
@@ -226,28 +199,7 @@ class ThreePositions(SeparationMethod):
         u_reading: float | None = None,
         history: tuple[Step, ...] = (),
     ) -> Separation:
-        """Return sphere and instrument.
-
-        Parameters
-        ----------
-        readings : array_like, shape (3, n_y, n_x), m
-            At 0, at 180 degrees, at the cat's eye.
-        u_reading : float, m, optional
-            Standard uncertainty of one pixel; from redundancy if omitted.
-        history : tuple of Step, optional
-            Where the readings came from.
-
-        Returns
-        -------
-        Separation
-            ``part``, ``instrument``, ``diverger_odd``.
-
-        Raises
-        ------
-        DataError, InvalidSamplesError, TooFewSamplesError
-            If the maps cannot be used.
-        """
-        stack, grid, own = readings_of(self, readings, ("0 deg", "180 deg", "cat's eye"))
+        stack, grid, own = self._read(readings, ("0 deg", "180 deg", "cat's eye"))
         u_reading = checked_u(u_reading, "u_reading")
         common = require_overlap(stack, self.name)
         units = unit_doubts(stack, grid)
@@ -285,6 +237,7 @@ class ThreePositions(SeparationMethod):
         )  # fmt: skip
 
 
+@described_by(ThreePositions, ThreePositions.separate)
 def three_positions(
     confocal: ArrayLike | Surface,
     confocal_180: ArrayLike | Surface,
@@ -303,22 +256,11 @@ def three_positions(
         Sphere at the confocal position, and turned by half a turn about the optical axis.
     cats_eye : Surface or array_like, shape (n_y, n_x), m
         Its vertex at the focus.
-    dx, dy : float, m, optional
-        Steps of plain arrays; pixels if omitted.
-    removed : tuple of str, optional
-        What alignment decides in each map.
-    u_reading : float, m, optional
-        Standard uncertainty of one pixel; from redundancy if omitted.
 
     Returns
     -------
     Separation
         ``.part`` (as at 0 degrees), ``.instrument`` (reference arm and diverger), ``.diverger_odd``.
-
-    Raises
-    ------
-    DataError, InvalidSamplesError, TooFewSamplesError
-        If the maps cannot be used.
 
     Notes
     -----

@@ -16,8 +16,7 @@ from metrosep.core.errors import DataError, DegenerateFitError, NotSeparableErro
 from metrosep.core.numbers import choice, count, not_negative, positive
 from metrosep.core.provenance import Step
 from metrosep.forms.zernike import ZernikeOrder
-from metrosep.separation._readings import given_parts
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.maps._flat_result import (
     FLATS,
     ODD_REASON,
@@ -37,14 +36,13 @@ from metrosep.separation.maps._flat_result import (
 from metrosep.separation.maps._map_input import (
     MOST_POSITIONS,
     MapGrid,
+    MapMethod,
     checked_angles,
     checked_removed,
     checked_u,
     common_step,
     map_separation,
-    map_stack,
     mirror,
-    readings_of,
     require_overlap,
     require_scale,
     rigid_terms,
@@ -61,11 +59,13 @@ _ALIGNED = {"piston": ((0, 0),), "tilt": ((1, 1), (1, -1)), "power": ((2, 0),)}
 
 
 @dataclass(frozen=True, slots=True)
-class ThreeFlat(SeparationMethod):
+class ThreeFlat(MapMethod):
     """Three flats that face each other two by two, and again with one of them turned.
 
     ``AB = A(x, y) + B(-x, y)``, ``AC`` and ``BC`` likewise: each flat as seen from its front, the
-    second of a pair mirrored because it faces the first (``flip="x"``; ``"y"``: ``B(x, -y)``).
+    second of a pair mirrored because it faces the first (``flip="x"``; ``"y"``: ``B(x, -y)``). Maps:
+    AB, AC, BC and the turned ones. Parts: ``A``, ``B``, ``C`` and more (see `three_flat`); there is no
+    machine part, so `correct` returns the readings as they are.
 
     Parameters
     ----------
@@ -155,51 +155,10 @@ class ThreeFlat(SeparationMethod):
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return the readings of given flats.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n_y, n_x), m
-            ``A``, ``B``, ``C``, each as seen from its front.
-        errors : mapping of str to array_like
-            Empty: there is no machine part.
-
-        Returns
-        -------
-        ndarray, shape (3 + n, n_y, n_x), m
-            AB, AC, BC and the turned ones.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown or none is given.
-        """
-        flats = given_parts(
-            self.name, truth, errors, truth_parts=self.truth_parts, error_parts=self.error_parts
-        )
-        maps, grid, _ = map_stack(
-            list(flats.values()), what=self.name, dx=self.dx, dy=self.dy, centre=self.centre
-        )
+        maps, grid = self._given(truth, errors)
         return np.stack([sum(facing(maps, s, grid, self.flip)) for s in self.setups()])
 
     def correct(self, readings: ArrayLike) -> FloatArray:
-        """Return the readings as they are: all their parts are flats, there is no machine part.
-
-        Parameters
-        ----------
-        readings : array_like, shape (3 + n, n_y, n_x), m
-            As for `separate`.
-
-        Returns
-        -------
-        ndarray, shape (3 + n, n_y, n_x), m
-            A copy.
-
-        Raises
-        ------
-        DataError
-            If the maps cannot be used.
-        """
         return self._stack(readings)[0]
 
     def setups(self) -> tuple[FlatSetup, ...]:
@@ -218,13 +177,6 @@ class ThreeFlat(SeparationMethod):
         )
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what the set-ups leave unknown of each flat.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Angular orders (pixels) or terms (Zernike), and the alignment.
-        """
         aligned = rigid_terms(FLATS, self.removed)
         if self._chosen() == "pixel":
             return hidden_orders(self._pixels()) + aligned
@@ -244,31 +196,6 @@ class ThreeFlat(SeparationMethod):
         u_reading: float | None = None,
         history: tuple[Step, ...] = (),
     ) -> Separation:
-        """Return the three flats as far as the set-ups determine them.
-
-        Parameters
-        ----------
-        readings : array_like, shape (3 + n, n_y, n_x), m
-            AB, AC, BC and the turned readings.
-        u_reading : float, m, optional
-            Standard uncertainty of one pixel of one reading; from redundancy if omitted.
-        history : tuple of Step, optional
-            Where the readings came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``A``, ``B``, ``C``, each (n_y, n_x) in m, and more (see `three_flat`).
-
-        Raises
-        ------
-        DataError
-            If the maps do not fit or their masks do not overlap.
-        InvalidSamplesError, TooFewSamplesError
-            If the maps hold no numbers, or are too few or too small.
-        DegenerateFitError
-            If the pixels do not determine the Zernike terms.
-        """
         stack, grid, own = self._stack(readings)
         u_reading = checked_u(u_reading, "u_reading")
         require_scale(grid, self._shifts(), self.name)
@@ -308,7 +235,7 @@ class ThreeFlat(SeparationMethod):
 
     def _stack(self, readings: ArrayLike) -> tuple[FloatArray, MapGrid, tuple[Step, ...]]:
         names = [s.pair + " turned" * (i > 2) for i, s in enumerate(self.setups())]
-        stack, grid, history = readings_of(self, readings, names)
+        stack, grid, history = self._read(readings, names)
         middle = (grid.x[0] + grid.x[-1], grid.y[0] + grid.y[-1])
         across, step = (middle[0], grid.dx) if self.flip == "x" else (middle[1], grid.dy)
         if abs(across) > 1e-6 * step:

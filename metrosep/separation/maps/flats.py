@@ -11,12 +11,14 @@ from numpy.typing import ArrayLike
 from metrosep.core.errors import DataError
 from metrosep.core.surface import Surface
 from metrosep.forms.zernike import ZernikeOrder
+from metrosep.separation._methods import described_by
 from metrosep.separation.contract import Separation
 from metrosep.separation.maps.flat_setup import FlatMethod, ThreeFlat
 
 __all__ = ["ThreeFlat", "three_flat"]
 
 
+@described_by(ThreeFlat, ThreeFlat.separate)
 def three_flat(
     ab: ArrayLike | Surface,
     ac: ArrayLike | Surface,
@@ -46,29 +48,9 @@ def three_flat(
         Sum of two flats; the second one is seen mirrored. NaN = not measured.
     rotated : Surface or array_like, or sequence of them, optional
         Further readings with a flat turned.
-    angles : float or array_like, rad, optional
-        Turn in each of them, counter-clockwise in the map (from +x, columns, to +y, rows).
-    pairs : str or sequence of str, optional
-        Pair of each further reading.
-    turned : {"first", "second"}, optional
-        Which flat of the pair was turned.
-    flip : {"x", "y"}, optional
-        Coordinate that the mirror reverses: ``"x"`` means ``AB = A(x, y) + B(-x, y)``.
     method : {"auto", "pixel", "zernike", "iterative"}, optional
         By pixels (even and odd shares) or by Zernike terms, at once on the pixels that all readings
         have, or iterated on the pixels of each; see Notes.
-    terms, order : int or sequence of int, {"ansi", "noll", "fringe"}, optional
-        Zernike terms; 66 hold all up to the radial order 10.
-    dx, dy : float, m, optional
-        Steps of plain arrays; pixels if omitted.
-    centre : tuple of (float, float), m, optional
-        Axis from pixel [0, 0]; the middle of the map if omitted.
-    radius : float, m, optional
-        Of the Zernike disc; the farthest common pixel if omitted.
-    removed : tuple of str, optional
-        What alignment decides in each reading: ``"piston"``, ``"tilt"``, also ``"power"``.
-    u_reading : float, m, optional
-        Standard uncertainty of one pixel; from redundancy if omitted.
     u_registration : float or array_like, shape (3 + n,) or (3 + n, 2), m, optional
         Standard uncertainty of the position of the flats to each other, for each reading, along x
         and y; it adds gradient times shift to `u`.
@@ -80,15 +62,6 @@ def three_flat(
         space lists. Nothing turned: NaN beside the diameter, with ``.diameter_A`` (n_y,) and the
         mirror-even shares ``.even_A``. By Zernike terms: ``.zernike_A`` with NaN for terms that
         are not determined, over ``coordinates["zernike_n"]`` and ``["zernike_m"]``.
-
-    Raises
-    ------
-    DataError, InvalidSamplesError, TooFewSamplesError
-        If maps, angles or options cannot be used: other shapes or steps, degrees, no overlap.
-    NotSeparableError
-        If a turned reading has the angle 0.
-    DegenerateFitError
-        If the pixels do not determine the Zernike terms.
 
     Notes
     -----

@@ -18,17 +18,16 @@ from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.forms.zernike import term_name
 from metrosep.forms.zernike_fit import zernike_values
-from metrosep.separation._readings import given_parts
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation._methods import described_by
+from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.maps._flat_result import DiscBasis, zernike_terms_of
 from metrosep.separation.maps._map_input import (
     MapGrid,
+    MapMethod,
     checked_angles,
     checked_u,
     map_separation,
-    map_stack,
     noise_of,
-    readings_of,
     require_overlap,
     rigid_terms,
     stored_in_si,
@@ -38,84 +37,6 @@ from metrosep.separation.maps._map_input import (
 __all__ = ["ShiftRotation", "shift_rotation"]
 
 
-def shift_rotation(
-    surfaces: Sequence[ArrayLike | Surface],
-    angles: ArrayLike,
-    shifts: ArrayLike,
-    *,
-    terms: int = 28,
-    dx: float | None = None,
-    dy: float | None = None,
-    centre: tuple[float, float] | None = None,
-    power: tuple[float, float] | None = None,
-    u_reading: float | None = None,
-) -> Separation:
-    """Return part and instrument from maps of the part shifted and turned.
-
-    Parameters
-    ----------
-    surfaces : sequence of Surface or array_like, shape (n_y, n_x), m
-        One map for each position.
-    angles : array_like, shape (n,), rad
-        Turn of the part, counter-clockwise in the map.
-    shifts : array_like, shape (n, 2), m
-        Shift of the part along x and y, after the turn.
-    terms : int, optional
-        ANSI Zernike terms of each part; 28 hold all up to the radial order 6.
-    dx, dy : float, m, optional
-        Steps of plain arrays; pixels if omitted.
-    centre : tuple of (float, float), m, optional
-        Axis of rotation from pixel [0, 0].
-    power : tuple of (float, float), m, optional
-        Known power of the part (coefficient of ``2 r**2 - 1``) and its standard uncertainty.
-    u_reading : float, m, optional
-        Standard uncertainty of one pixel; from redundancy if omitted.
-
-    Returns
-    -------
-    Separation
-        ``.part``, ``.instrument`` over the common pixels without the terms of the null space, and
-        ``.zernike_part``, ``.zernike_instrument`` with NaN for those.
-
-    Raises
-    ------
-    DataError, InvalidSamplesError, TooFewSamplesError
-        If maps, angles or shifts cannot be used.
-    NotSeparableError
-        If the part was neither turned nor shifted.
-    DegenerateFitError
-        If the pixels do not determine the Zernike terms.
-
-    Notes
-    -----
-    All terms of part and instrument and a plane for each reading are fitted at once. Tilt is free in
-    each reading, so all second-order terms of a merely shifted part are seen by nothing but planes:
-    power and astigmatism are lost with shifts alone; turns bring back the astigmatism (unless all
-    are by 180 degrees), power never: state it. Noise grows as radius/shift for third order, and its
-    square for higher ones that turns do not show; ``audit["condition"]`` and `u` show it.
-
-    References
-    ----------
-    D. Su, E. Miyashiro, R. E. Parks, Opt. Eng. 51 (2012) 013604 (shift-rotation absolute testing).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> x = np.linspace(-1, 1, 41)
-    >>> P, I = (lambda x, y: 9e-9 * x**3), (lambda x, y: 5e-9 * x * y**2)
-    >>> y = x[:, None]
-    >>> maps = [I(x, y) + P(x, y), I(x, y) + P(x - 0.2, y), I(x, y) + P(y, -x)]
-    >>> result = shift_rotation(maps, [0, 0, np.pi / 2], [[0, 0], [0.2, 0], [0, 0]], dx=0.05)
-    >>> [i.indices for i in result.null_space if "defocus" in i.indices]
-    [('defocus',), ('defocus',)]
-    """
-    turns, moves, maps = cast(Any, angles), cast(Any, shifts), cast(Any, surfaces)
-    method = ShiftRotation(turns, moves, terms, dx, dy, centre, power)
-    return method.separate(maps, u_reading=u_reading)
-
-
-# ---- `ShiftRotation`: the joint least squares of shifts and turns, with its null space ---------
-
 _NULL = 1e-11
 _TOUCHED = 1e-5
 _BLOCK = 16384
@@ -123,8 +44,13 @@ _RIGID = ((0, 0), (1, -1), (1, 1))
 
 
 @dataclass(frozen=True, slots=True)
-class ShiftRotation(SeparationMethod):
+class ShiftRotation(MapMethod):
     """Part turned and shifted: ``M_i(p) = I(p) + P(R(-angle_i)(p - shift_i))`` and a plane each.
+
+    One map for each position. Parts: ``part``, as it lies unturned and not shifted, and
+    ``instrument``, with their coefficients ``zernike_part`` and ``zernike_instrument``, NaN for
+    terms that are not determined. Parts are simulated as sums of the Zernike terms. The null space
+    of a result also lists what its own shifts and turns leave unknown.
 
     Parameters
     ----------
@@ -201,31 +127,7 @@ class ShiftRotation(SeparationMethod):
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return the readings of parts, taken as sums of the Zernike terms.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n_y, n_x), m
-            ``part``, as it lies unturned and not shifted.
-        errors : mapping of str to array_like, shape (n_y, n_x), m
-            ``instrument``.
-
-        Returns
-        -------
-        ndarray, shape (n, n_y, n_x), m
-            NaN beside the measured pixels.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown or none is given.
-        """
-        given = given_parts(
-            self.name, truth, errors, truth_parts=self.truth_parts, error_parts=self.error_parts
-        )
-        stack, grid, _ = map_stack(
-            list(given.values()), what=self.name, dx=self.dx, dy=self.dy, centre=self.centre
-        )
+        stack, grid = self._given(truth, errors)
         basis = self._basis(grid, require_overlap(stack, self.name))
         part, instrument = basis.fit(stack)
         out = np.full((len(self.angles), *grid.shape), np.nan)
@@ -237,13 +139,6 @@ class ShiftRotation(SeparationMethod):
         return out
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what no shifts and turns determine; a result lists what its own ones leave besides.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Alignment, and power unless it is known.
-        """
         aligned = rigid_terms(("part", "instrument"), ("piston", "tilt"))
         if self.power is not None:
             return aligned
@@ -257,31 +152,8 @@ class ShiftRotation(SeparationMethod):
         u_reading: float | None = None,
         history: tuple[Step, ...] = (),
     ) -> Separation:
-        """Return part and instrument as far as shifts and turns determine them.
-
-        Parameters
-        ----------
-        readings : array_like, shape (n, n_y, n_x), m
-            One map for each position.
-        u_reading : float, m, optional
-            Standard uncertainty of one pixel; from redundancy if omitted.
-        history : tuple of Step, optional
-            Where the readings came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``part``, ``instrument`` (maps), ``zernike_part``, ``zernike_instrument``.
-
-        Raises
-        ------
-        DataError, InvalidSamplesError, TooFewSamplesError
-            If the maps cannot be used.
-        DegenerateFitError
-            If the pixels do not determine the Zernike terms.
-        """
         names = [f"map {i + 1}" for i in range(len(self.angles))]
-        stack, grid, own = readings_of(self, readings, names)
+        stack, grid, own = self._read(readings, names)
         u_reading = checked_u(u_reading, "u_reading")
         basis = self._basis(grid, require_overlap(stack, self.name))
         with one_blas_thread():
@@ -382,6 +254,62 @@ class ShiftRotation(SeparationMethod):
             self.null_space() if _same(null, self.null_space()) else null,
             noise, audit, messages, history, {"terms": self.terms}, basis.coordinates,
         )  # fmt: skip
+
+
+@described_by(ShiftRotation, ShiftRotation.separate)
+def shift_rotation(
+    surfaces: Sequence[ArrayLike | Surface],
+    angles: ArrayLike,
+    shifts: ArrayLike,
+    *,
+    terms: int = 28,
+    dx: float | None = None,
+    dy: float | None = None,
+    centre: tuple[float, float] | None = None,
+    power: tuple[float, float] | None = None,
+    u_reading: float | None = None,
+) -> Separation:
+    """Return part and instrument from maps of the part shifted and turned.
+
+    Parameters
+    ----------
+    surfaces : sequence of Surface or array_like, shape (n_y, n_x), m
+        One map for each position.
+    terms : int, optional
+        ANSI Zernike terms of each part; 28 hold all up to the radial order 6.
+
+    Returns
+    -------
+    Separation
+        ``.part``, ``.instrument`` over the common pixels without the terms of the null space, and
+        ``.zernike_part``, ``.zernike_instrument`` with NaN for those.
+
+    Notes
+    -----
+    All terms of part and instrument and a plane for each reading are fitted at once. Tilt is free in
+    each reading, so all second-order terms of a merely shifted part are seen by nothing but planes:
+    power and astigmatism are lost with shifts alone; turns bring back the astigmatism (unless all
+    are by 180 degrees), power never: state it. Noise grows as radius/shift for third order, and its
+    square for higher ones that turns do not show; ``audit["condition"]`` and `u` show it.
+
+    References
+    ----------
+    D. Su, E. Miyashiro, R. E. Parks, Opt. Eng. 51 (2012) 013604 (shift-rotation absolute testing).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.linspace(-1, 1, 41)
+    >>> P, I = (lambda x, y: 9e-9 * x**3), (lambda x, y: 5e-9 * x * y**2)
+    >>> y = x[:, None]
+    >>> maps = [I(x, y) + P(x, y), I(x, y) + P(x - 0.2, y), I(x, y) + P(y, -x)]
+    >>> result = shift_rotation(maps, [0, 0, np.pi / 2], [[0, 0], [0.2, 0], [0, 0]], dx=0.05)
+    >>> [i.indices for i in result.null_space if "defocus" in i.indices]
+    [('defocus',), ('defocus',)]
+    """
+    turns, moves, maps = cast(Any, angles), cast(Any, shifts), cast(Any, surfaces)
+    method = ShiftRotation(turns, moves, terms, dx, dy, centre, power)
+    return method.separate(maps, u_reading=u_reading)
 
 
 class _Solution:

@@ -17,12 +17,13 @@ from metrosep.core.errors import DataError, NotSeparableError
 from metrosep.core.numbers import not_negative, positive
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
-from metrosep.separation._readings import given_parts
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation._methods import described_by
+from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.maps._map_input import (
     LISTED_ORDERS,
     RIGID,
     MapGrid,
+    MapMethod,
     TurnedNoise,
     checked_angles,
     checked_removed,
@@ -33,11 +34,9 @@ from metrosep.separation.maps._map_input import (
     common_step,
     interpolated,
     map_separation,
-    map_stack,
     mirrored_trials,
     noise_of,
     orders_of,
-    readings_of,
     require_overlap,
     require_scale,
     residual_doubts,
@@ -55,8 +54,12 @@ __all__ = ["RotationTest", "rotation_average"]
 
 
 @dataclass(frozen=True, slots=True)
-class RotationTest(SeparationMethod):
+class RotationTest(MapMethod):
     """Part measured in several rotations: ``M_i(p) = I(p) + P(R(-angle_i) p)`` and a plane each.
+
+    One map for each angle. Parts: ``part``, as it lies at angle 0, and ``instrument``, without the
+    angular orders (listed up to 60) and terms of the null space; ``unseparated``, the sum of both in
+    those orders. A simulated map is NaN where the turned part would need pixels that are missing.
 
     Parameters
     ----------
@@ -113,41 +116,10 @@ class RotationTest(SeparationMethod):
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return the readings of given parts.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n_y, n_x), m
-            ``part``, as it lies at angle 0.
-        errors : mapping of str to array_like, shape (n_y, n_x), m
-            ``instrument``.
-
-        Returns
-        -------
-        ndarray, shape (n, n_y, n_x), m
-            One for each angle; NaN where a turned map would need pixels that are missing.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown or none is given.
-        """
-        part, instrument = given_parts(
-            self.name, truth, errors, truth_parts=self.truth_parts, error_parts=self.error_parts
-        ).values()
-        stack, grid, _ = map_stack(
-            [part], what=self.name, dx=self.dx, dy=self.dy, centre=self.centre
-        )
-        return np.stack([instrument + turned(stack, a, grid)[0][0] for a in self.angles])
+        (part, instrument), grid = self._given(truth, errors)
+        return np.stack([instrument + turned(part[None], a, grid)[0][0] for a in self.angles])
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return the angular orders that look the same at all angles, and the alignment.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Angular orders (up to 60) and terms of part and instrument.
-        """
         hidden = RotationSolver(np.array(self.angles), self.largest_gain).hidden
         n = common_step(np.array(self.angles) - self.angles[0])
         further = (
@@ -171,31 +143,8 @@ class RotationTest(SeparationMethod):
         u_reading: float | None = None,
         history: tuple[Step, ...] = (),
     ) -> Separation:
-        """Return part and instrument without the angular orders that cannot be told apart.
-
-        Parameters
-        ----------
-        readings : array_like, shape (n, n_y, n_x), m
-            One map for each angle.
-        u_reading : float, m, optional
-            Standard uncertainty of one pixel of one reading; found from redundancy if omitted.
-        history : tuple of Step, optional
-            Where the readings came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``part``, ``instrument`` and ``unseparated``, each (n_y, n_x) in m.
-
-        Raises
-        ------
-        DataError
-            If the maps do not fit, or the masks do not overlap.
-        InvalidSamplesError, TooFewSamplesError
-            If the maps hold no numbers, or are too few or too small.
-        """
         names = [f"map {i + 1}" for i in range(len(self.angles))]
-        stack, grid, own = readings_of(self, readings, names)
+        stack, grid, own = self._read(readings, names)
         u_reading = checked_u(u_reading, "u_reading")
         require_scale(grid, self.u_registration, self.name)
         common = require_overlap(stack, self.name)
@@ -257,6 +206,7 @@ class RotationTest(SeparationMethod):
         )  # fmt: skip
 
 
+@described_by(RotationTest, RotationTest.separate)
 def rotation_average(
     surfaces: Sequence[ArrayLike | Surface],
     angles: ArrayLike,
@@ -275,34 +225,15 @@ def rotation_average(
     ----------
     surfaces : sequence of Surface or array_like, shape (n_y, n_x), m
         One map for each angle; NaN = not measured.
-    angles : array_like, shape (n,), rad
-        Turn of the part, counter-clockwise in the map (from +x, columns, towards +y, rows).
-    dx, dy : float, m, optional
-        Steps of plain arrays; pixels if omitted.
-    centre : tuple of (float, float), m, optional
-        Axis of rotation from pixel [0, 0]; the middle of the map if omitted.
-    removed : tuple of str, optional
-        What alignment decides in each map: ``"piston"``, ``"tilt"``, also ``"power"``.
-    u_reading : float, m, optional
-        Standard uncertainty of one pixel; found from redundancy if omitted.
     u_registration : float, m, optional
         Standard uncertainty of the centring of each map along x and along y. It enters by the slopes
         of ``part + unseparated``: an upper bound, as if the unseparated sum were all of the part.
-    u_angle : float, rad, optional
-        Standard uncertainty of each angle.
 
     Returns
     -------
     Separation
         ``.part`` (as it lies at angle 0) and ``.instrument`` without the orders of the null space;
         ``.unseparated``, the sum of both in those orders.
-
-    Raises
-    ------
-    DataError, InvalidSamplesError, TooFewSamplesError
-        If maps or angles cannot be used: other shapes or steps, degrees, no common pixels.
-    NotSeparableError
-        If the part was not turned.
 
     Notes
     -----
