@@ -8,9 +8,8 @@ its own steps stay in the metadata.
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +28,9 @@ __all__ = [
     "lateral_or_none",
     "make_profile",
     "make_surface",
-    "need_bytes",
     "only_channels",
     "scaled",
     "scaled_file",
-    "unpack_fields",
 ]
 
 ROW_ORDERS = ("smallest y first", "top row first")
@@ -246,44 +243,6 @@ def _measured(file: RawFile, z: FloatArray) -> tuple[FloatArray, tuple[str, ...]
     if low == high:
         notes += (f"every valid height is the same, {low:g} m: no relief was stored",)
     return z, notes
-
-
-# ---- binary headers as data: read the fields of a layout, and refuse sizes before they are allocated ----
-# A layout is a tuple of (offset, `struct` code, name), as in the description of the format. Every
-# reader of binary maps uses the same checks, so that a damaged header gives the same sentence.
-
-Layout: TypeAlias = Sequence[tuple[int, str, str]]
-"""Offset in bytes, `struct` code without byte order, and name of each field."""
-
-
-def unpack_fields(
-    file: RawFile, layout: Layout, *, order: str, start: int = 0, what: str = "the header"
-) -> dict[str, Any]:
-    """Return the fields of a header; text is cut at its first zero byte and stripped."""
-    end = max(offset + struct.calcsize(order + code) for offset, code, _ in layout)
-    need_bytes(file, start, end, what)
-    data = file.head if start + end <= len(file.head) else file.data
-    fields: dict[str, Any] = {}
-    for offset, code, name in layout:
-        values = struct.unpack_from(order + code, data, start + offset)
-        value = values[0] if len(values) == 1 else values
-        if isinstance(value, bytes):
-            value = value.split(b"\0")[0].decode("latin-1").strip()
-        fields[name] = value
-    return fields
-
-
-def need_bytes(file: RawFile, offset: int, count: int, what: str, *, name: str = "size") -> None:
-    """Refuse a file that ends before something that its header promises."""
-    if count < 0 or offset < 0 or offset + count > file.size:
-        raise CorruptFileError(
-            file.path,
-            f"{what} does not fit into the file",
-            field=name,
-            offset=max(min(offset, file.size), 0),
-            expected=f"{count} bytes",
-            found=f"{max(file.size - offset, 0)} bytes",
-        )
 
 
 def check_area(

@@ -119,6 +119,14 @@ class RawFile:
         with self.stream() as handle:
             return handle.read(HEAD_BYTES)
 
+    @cached_property
+    def head_lines(self) -> bytes:
+        """The whole lines in the first `HEAD_BYTES` bytes; of one longer line, as much as there is."""
+        head = self.head
+        if len(head) == self.size or b"\0" in head[:64]:  # UTF-16 has a mark of its own for lines
+            return head
+        return head[: head.rfind(b"\n") + 1] or head
+
     def stream(self) -> io.BufferedReader | io.BytesIO:
         """Return an open binary file at its start; the caller closes it."""
         if self._given is not None:

@@ -38,8 +38,7 @@ def test_suffix_alone_is_never_enough(put):
 
 def test_two_sure_readers_are_refused(put, monkeypatch):
     path = put("x_mm,z_um\n0,1\n1,2\n")
-    sure = SimpleNamespace(sniff=lambda file: Match.YES)
-    monkeypatch.setattr(registry.Format, "load_reader", lambda self: sure)
+    monkeypatch.setattr(registry.Format, "recognise", lambda self, file: Match.YES)
 
     with pytest.raises(ms.errors.AmbiguousFormatError, match="format="):
         registry.identify(path)

@@ -14,7 +14,8 @@ from typing import Any
 from metrosep.core.errors import CorruptFileError, UnitError, UnsupportedFeatureError
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_quantity
-from metrosep.io.containers.hdf5_file import Hdf5File, look_into, open_hdf5
+from metrosep.io.containers.hdf5_file import Hdf5File, open_hdf5
+from metrosep.io.declared import sniffer
 from metrosep.io.objects import (
     check_area,
     check_scale,
@@ -23,7 +24,6 @@ from metrosep.io.objects import (
     only_channels,
     scaled,
 )
-from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
 
 __all__ = ["channels", "read", "sniff"]
@@ -42,10 +42,7 @@ _DEFAULT_RTOL = 2e-3
 """The default is written with three to six digits."""
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a 4Sight file."""
-    handle = look_into(file)
-    return Match.YES if handle is not None and _found(handle) else Match.NO
+sniff = sniffer(FORMAT)
 
 
 def channels(file: RawFile) -> tuple[str, ...]:

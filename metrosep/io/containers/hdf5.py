@@ -18,7 +18,8 @@ from metrosep.core.errors import CorruptFileError, FormatMismatchError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
-from metrosep.io.containers.hdf5_file import Hdf5File, has_magic, open_hdf5
+from metrosep.io.containers.hdf5_file import Hdf5File, open_hdf5
+from metrosep.io.declared import sniffer
 from metrosep.io.registry import Match, get
 from metrosep.io.source import RawFile
 from metrosep.io.text.measurement import columns_as_object, map_as_surface, unit_label, unit_of
@@ -31,9 +32,7 @@ FORMAT = "hdf5"
 _FIRST_INVALID = 1e38
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is an HDF5 file."""
-    return Match.MAYBE if has_magic(file) else Match.NO
+sniff = sniffer(FORMAT)
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -150,7 +149,7 @@ def _values(file: RawFile, handle: Hdf5File, name: str, max_pixels: int | None) 
 def _refuse_special(file: RawFile) -> None:
     """Name the reader of a special format for a file that was declared to be plain HDF5."""
     for found in ("metrosep-h5", "fourd", "datx"):
-        if get(found).load_reader().sniff(file) is not Match.YES:
+        if get(found).recognise(file) is not Match.YES:
             continue
         raise FormatMismatchError(
             f"{file.path}: is laid out as {found}; read it with format={found!r}, or name one dataset "

@@ -22,8 +22,8 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit
-from metrosep.io.containers.hdf5_file import MAGIC, Hdf5File, open_hdf5
-from metrosep.io.registry import Match
+from metrosep.io.containers.hdf5_file import Hdf5File, open_hdf5
+from metrosep.io.declared import HDF5_MAGIC, mismatch, sniffer
 from metrosep.io.source import MAX_PIXELS, RawFile, refuse_options
 from metrosep.io.text.logger import Channels
 from metrosep.io.text.measurement import columns_as_object, map_as_surface
@@ -36,9 +36,7 @@ FORMAT = "matlab"
 _TIMES = ("t", "time")
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a MATLAB file."""
-    return Match.NO if version_of(file.head) is None else Match.YES
+sniff = sniffer(FORMAT)
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -330,7 +328,7 @@ def version_of(head: bytes) -> str | None:
     """Return the version of a MATLAB file."""
     if head.startswith(_MARKS[V5]) and head[126:128] in (b"IM", b"MI"):
         return V5
-    if head.startswith(_MARKS[V73]) and head.startswith(MAGIC, _HDF5_START):
+    if head.startswith(_MARKS[V73]) and head.startswith(HDF5_MAGIC, _HDF5_START):
         return V73
     return None
 
@@ -339,10 +337,7 @@ def load(file: RawFile, max_pixels: int | None = None) -> Values:
     """Return the values of all variables."""
     version = version_of(file.head)
     if version is None:
-        raise FormatMismatchError(
-            f"{file.path}: is no MATLAB file of version 5 or 7.3: expected 'MATLAB 5.0 MAT-file' at offset "
-            f"0 and IM or MI at 126, found {file.head[:20]!r}; in MATLAB save it with -v7"
-        )
+        raise mismatch(file, FORMAT)
     text = file.head[: HEADER_BYTES - 12].split(b"\0")[0].decode("latin-1").strip()
     values = Values(header={"text": text, "version": version})
     if version == V5:

@@ -19,7 +19,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
     DataError,
-    FormatMismatchError,
     ReadError,
     UnsupportedFeatureError,
     WriteError,
@@ -30,18 +29,16 @@ from metrosep.core.recording import Recording
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.surface import Surface
 from metrosep.core.units import column_unit
-from metrosep.io.containers.hdf5_file import Hdf5File, look_into, open_hdf5
+from metrosep.io.containers.hdf5_file import Hdf5File, open_hdf5
+from metrosep.io.declared import mismatch, sniffer
 from metrosep.io.objects import only_channels
-from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
 
 __all__ = ["channels", "decode_history", "encode_history", "read", "sniff", "table_bytes"]
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a file of metrosep."""
-    handle = look_into(file)
-    return Match.YES if handle is not None and _is_own(handle) else Match.NO
+FORMAT = "metrosep-h5"
+sniff = sniffer(FORMAT)
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -88,9 +85,7 @@ def _is_own(handle: Hdf5File) -> bool:
 def _kind(file: RawFile, handle: Hdf5File) -> str:
     attributes = handle.attributes("/")
     if not _is_own(handle):
-        raise FormatMismatchError(
-            f"{file.path}: is no HDF5 file of metrosep; leave out format= to have it recognised"
-        )
+        raise mismatch(file, FORMAT)
     version = attributes.get("layout_version")
     if version != LAYOUT_VERSION:
         raise UnsupportedFeatureError(
@@ -266,7 +261,6 @@ _READ: dict[str, Callable[..., Surface | Profile | Recording | RunSet]] = {
 # Layout version 1: attributes of the root say what it is; numbers are contiguous float64 datasets in
 # SI; history and metadata are UTF-8 JSON in datasets of bytes. See ``data_formats/metrosep-h5``.
 
-FORMAT = "metrosep-h5"
 LAYOUT_VERSION = 1
 
 

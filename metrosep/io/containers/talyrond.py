@@ -18,7 +18,8 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, ReadError, UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, format_length, parse_quantity, parse_unit
-from metrosep.io.containers.workbook import Workbook, zip_members
+from metrosep.io.containers.workbook import Workbook
+from metrosep.io.declared import mismatch, zip_members
 from metrosep.io.objects import make_profile, only_channels
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
@@ -140,10 +141,7 @@ def _numbers(file: RawFile) -> tuple[str, FloatArray]:
             table[k, j] = value
     whole = table[np.isfinite(table).all(axis=1)]
     if len(whole) == 0 or not _is_polar(whole):
-        raise FormatMismatchError(
-            f"{file.path}: worksheet {sheet} is no roundness trace: expected angle in degrees, r, "
-            "r cos(angle) and r sin(angle) in columns A to D; export other tables as CSV"
-        )
+        raise mismatch(file, FORMAT, f"other numbers in worksheet {sheet}")
     return sheet, table
 
 

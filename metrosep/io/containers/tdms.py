@@ -28,12 +28,11 @@ from metrosep.core.recording import Recording
 from metrosep.core.units import parse_quantity
 from metrosep.io.containers.tdms_segments import (
     DAQMX_RAW,
-    MAGIC,
     TdmsChannel,
     TdmsFile,
     read_structure,
 )
-from metrosep.io.registry import Match
+from metrosep.io.declared import sniffer
 from metrosep.io.source import MAX_PIXELS, RawFile, refuse_options
 from metrosep.io.text.logger import Channels, with_units
 
@@ -50,9 +49,7 @@ _SAME_STEP = 1e-4
 _UNIT_KEYS = ("unit_string", "NI_UnitDescription")
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a TDMS file."""
-    return Match.YES if file.head[:4] in (MAGIC, _INDEX_MAGIC) else Match.NO
+sniff = sniffer(FORMAT)
 
 
 def channels(file: RawFile) -> tuple[str, ...]:

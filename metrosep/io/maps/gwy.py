@@ -24,6 +24,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_unit
+from metrosep.io.declared import demand, sniffer
 from metrosep.io.objects import (
     ROW_ORDERS,
     check_area,
@@ -31,7 +32,6 @@ from metrosep.io.objects import (
     make_surface,
     only_channels,
 )
-from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps
 
 __all__ = ["channels", "read", "sniff"]
@@ -44,11 +44,7 @@ _FIELD = "GwyDataField"
 _AXES = ("xy", "z")
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a Gwyddion file."""
-    if not file.head.startswith(_MAGIC):
-        return Match.NO
-    return Match.YES if file.head[4:].startswith(_CONTAINER.encode() + b"\0") else Match.MAYBE
+sniff = sniffer(FORMAT)
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -95,11 +91,7 @@ def read(
 
 
 def _container(file: RawFile, warnings: list[str]) -> GwyObject:
-    if not file.head.startswith(_MAGIC):
-        raise FormatMismatchError(
-            f"{file.path}: is no Gwyddion file: expected 'GWYP' at offset 0, found "
-            f"{file.head[:4].hex(' ')}; leave out format= to have it recognised"
-        )
+    demand(file, FORMAT)
     root, end = read_object(file, len(_MAGIC))
     if root.type != _CONTAINER:
         raise CorruptFileError(

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
-    FormatMismatchError,
     UnitError,
     UnsupportedFeatureError,
 )
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_unit
+from metrosep.io.declared import mismatch, sniffer
 from metrosep.io.objects import (
     ROW_ORDERS,
     check_area,
@@ -41,7 +41,7 @@ __all__ = ["channels", "read", "sniff"]
 
 FORMAT = "opdx"
 
-_MAGIC = b"VCA DATA\x01\0\0\x55"
+_MAGIC_BYTES = 12
 _GROUPS = {"/2D_Data/": "/Matrix", "/1D_Data/": "/Array"}
 _ARRAY_ITEMS = {b"\x0d\x08\0\0\0": "<f8", b"\x0c\x04\0\0\0": "<f4"}
 """First bytes of an array: type and size of its numbers."""
@@ -54,11 +54,7 @@ _UNIT_RTOL = 1e-6
 """Agreement of the symbol of a unit with its factor, which the file keeps in double precision."""
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a Vision64 file."""
-    if file.head.startswith(_MAGIC):
-        return Match.YES
-    return Match.MAYBE if file.head.startswith(_MAGIC[:9]) else Match.NO
+sniff = sniffer(FORMAT)
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -187,12 +183,9 @@ def _surface(
 
 
 def _tree(file: RawFile) -> VcaTree:
-    if not file.head.startswith(_MAGIC):
-        raise FormatMismatchError(
-            f"{file.path}: is no Vision64 file: expected 'VCA DATA' 01 00 00 55 at offset 0, found "
-            f"{file.head[:12].hex(' ')}; leave out format= to have it recognised"
-        )
-    return read_tree(file, len(_MAGIC))
+    if sniff(file) is not Match.YES:
+        raise mismatch(file, FORMAT)
+    return read_tree(file, _MAGIC_BYTES)
 
 
 def _heights(file: RawFile, tree: VcaTree) -> tuple[str, ...]:

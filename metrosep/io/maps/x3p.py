@@ -31,10 +31,9 @@ from metrosep.core.errors import (
 )
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
-from metrosep.io.containers.workbook import zip_members
+from metrosep.io.declared import mismatch, sniffer
 from metrosep.io.objects import height_only as channels
 from metrosep.io.own_notes import OwnNotes, comment_notes, comment_text
-from metrosep.io.registry import Match
 from metrosep.io.source import MAX_PIXELS, RawFile, flat_map, lateral_steps, refuse_options
 from metrosep.io.text.delimited_maps import to_grid
 
@@ -46,14 +45,7 @@ __all__ = ["channels", "read", "sniff"]
 FORMAT = "x3p"
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is an X3P file."""
-    if not file.head.startswith(b"PK\x03\x04"):
-        return Match.NO
-    members = zip_members(file)
-    if any(n.endswith(("main.xml", "md5checksum.hex")) or "bindata/" in n for n in members):
-        return Match.YES
-    return Match.MAYBE if file.name.lower().endswith(".x3p") else Match.NO
+sniff = sniffer(FORMAT)
 
 
 def read(
@@ -77,11 +69,8 @@ def read(
             f"{file.path}: X3P channel {channel!r} cannot be read; the only one is 'height'"
         )
     override = lateral_steps(lateral_step)
-    if not file.data.startswith(b"PK"):
-        raise FormatMismatchError(
-            f"{file.path}: is not an X3P file: expected a zip archive, found "
-            f"{file.data[:4].hex(' ')}; leave out format= to have it recognised"
-        )
+    if not file.head.startswith(b"PK"):
+        raise mismatch(file, FORMAT)
     container = Container(file)
     document = container.read("main.xml")
     root = parse_xml(file, document)

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import CorruptFileError, FormatMismatchError
+from metrosep.core.errors import CorruptFileError
 from metrosep.core.recording import Recording
+from metrosep.io.declared import mismatch
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.dialect import MISSING, is_number
@@ -64,9 +65,7 @@ def read(
     lines = text_lines(file)
     variables, notes = _variables(file, lines)
     if not variables:
-        raise FormatMismatchError(
-            f"{file.path}: is no text of camonitor: no line holds a name, a date, a time and a value"
-        )
+        raise mismatch(file, FORMAT)
     data = Channels(file)
     start = min(v.ns[0] for v in variables.values())
     invalid = 0

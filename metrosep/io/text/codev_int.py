@@ -17,12 +17,12 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
-    FormatMismatchError,
     UnsupportedFeatureError,
     WriteError,
 )
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
+from metrosep.io.declared import mismatch
 from metrosep.io.objects import (
     check_area,
     height_only as channels,
@@ -110,10 +110,7 @@ def _header(file: RawFile) -> _Header:
     """Return the header: comments, the title, and the line of keywords."""
     comments, title, text, number = _top(file)
     if number is None:
-        raise FormatMismatchError(
-            f"{file.path}: is not a Code V interferogram: expected 'GRD nx ny SUR WVL ... SSZ ...' below "
-            f"the title, found {text[:40]!r}; leave out format= to have it recognised"
-        )
+        raise mismatch(file, FORMAT)
     ends = (m.end() for m in _LINE_END.finditer(file.data))
     start = next(itertools.islice(ends, number - 1, None), file.size)
     return _Header(title, comments, _keywords(file, text, number), number, start)

@@ -20,12 +20,12 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
-    FormatMismatchError,
     ReadError,
     UnsupportedFeatureError,
 )
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
+from metrosep.io.declared import mismatch
 from metrosep.io.objects import make_profile, only_channels
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
@@ -114,10 +114,7 @@ def read(
 def _header(file: RawFile) -> dict[str, Any]:
     """Return the JSON, refused unless the keys that say how to read the columns are usable."""
     if sniff(file) is Match.NO:
-        raise FormatMismatchError(
-            f"{file.path}: is no DABAM description: expected JSON with FILE_FORMAT, FILE_HEADER_LINES "
-            "and X1_FACTOR; pass the .txt of the entry, not its .dat"
-        )
+        raise mismatch(file, FORMAT)
     try:
         header = json.loads("\n".join(text_lines(file)))
     except (ValueError, RecursionError) as exc:

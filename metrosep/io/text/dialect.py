@@ -17,7 +17,7 @@ from typing import Final
 
 from metrosep.core.errors import FormatMismatchError, ReadError, UnitError
 from metrosep.core.units import Unit, column_unit, parse_unit
-from metrosep.io.source import HEAD_BYTES
+from metrosep.io.source import HEAD_BYTES, RawFile
 
 __all__ = [
     "MARKS",
@@ -28,6 +28,7 @@ __all__ = [
     "bare_unit",
     "decode",
     "find_column",
+    "head_text",
     "header_unit",
     "is_comment",
     "is_number",
@@ -131,6 +132,14 @@ def decode(data: bytes, path: object, encoding: str | None = None) -> tuple[str,
             f"{path}: holds binary data, not text; if it is a text file, name it with encoding="
         )
     return plain_ends(text), name
+
+
+def head_text(file: RawFile) -> str | None:
+    """Return the text of the first whole lines of a file, None where it is no text."""
+    try:
+        return decode(file.head_lines, file.path)[0]
+    except ReadError:
+        return None
 
 
 def plain_ends(text: str) -> str:

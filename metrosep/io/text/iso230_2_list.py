@@ -21,6 +21,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, parse_unit
+from metrosep.io.declared import mismatch
 from metrosep.io.objects import make_profile
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
@@ -139,10 +140,7 @@ def _test(file: RawFile) -> _Test:
             raise _bad(file, "an index does not fit or stands twice", number, text)
         entries[key][index] = to_number(file, value, line=number, name=text.split("=")[0][:40])
     if not entries[_TARGET] or not any(entries[key] for key in _DIRECTIONS):
-        raise FormatMismatchError(
-            f"{file.path}: is no list of a positioning test: {_TARGET}[i] and {' or '.join(_DIRECTIONS)}"
-            "[i,j] are missing"
-        )
+        raise mismatch(file, FORMAT)
     return _arrays(file, header, entries)
 
 

@@ -51,7 +51,7 @@ _LONGEST_TOP = 2**24
 
 def first_lines(file: RawFile, encoding: str | None = None) -> Iterator[str]:
     """Yield whole lines from the top, as `text_lines` gives them, no further than they are asked for."""
-    shown, content = 0, file.head
+    shown, content = 0, file.head_lines
     while True:
         try:
             lines = decode(content, file.path, encoding)[0].split("\n")

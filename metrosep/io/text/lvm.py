@@ -16,6 +16,7 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
 from metrosep.core.recording import Recording
+from metrosep.io.declared import mismatch
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.dialect import is_number
@@ -130,9 +131,7 @@ class _Segment:
 
 def _file_header(file: RawFile, lines: list[str]) -> tuple[_Head, int]:
     if not lines[0].startswith(_MAGIC):
-        raise FormatMismatchError(
-            f"{file.path}: is no LabVIEW measurement file: expected {_MAGIC!r}, found {lines[0][:40]!r}"
-        )
+        raise mismatch(file, FORMAT)
     end = next((i for i, line in enumerate(lines) if line.startswith(_END)), None)
     if end is None:
         raise CorruptFileError(file.path, "the header has no end", expected=_END, found="the end")

@@ -20,6 +20,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
+from metrosep.io.declared import mismatch
 from metrosep.io.objects import ROW_ORDERS, make_profile, make_surface, only_channels
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
@@ -241,10 +242,7 @@ def read_points(file: RawFile) -> Points:
     """Return the points of an MLP file."""
     lines = text_lines(file)
     if not is_mlp(file):
-        raise FormatMismatchError(
-            f"{file.path}: is no MLP file: expected '3D_003,24' or 'MLP-2 3D CSV' in line 1 and lines on "
-            f"the autofocus, found {lines[0][:40]!r}"
-        )
+        raise mismatch(file, FORMAT)
     title = next((i for i, s in enumerate(lines[:_MAX_HEADER]) if s.strip() == _TITLE), None)
     if title is None:
         raise CorruptFileError(file.path, "the header has no end", expected=f"a line {_TITLE}")

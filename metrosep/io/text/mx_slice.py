@@ -17,6 +17,7 @@ import numpy as np
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, parse_unit
+from metrosep.io.declared import mismatch
 from metrosep.io.objects import make_profile
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps
@@ -100,10 +101,7 @@ def _rows(file: RawFile) -> tuple[dict[str, list[tuple[float, float]]], list[str
     """Return position and height of each row by slice, in the unit of the file, and warnings."""
     lines = text_lines(file)
     if not _HEADER.fullmatch(lines[0]):
-        raise FormatMismatchError(
-            f"{file.path}: is not a slice export of Mx: expected 'X ,Y ,Slice' in line 1, found "
-            f"{lines[0][:40]!r}; leave out format= to have it recognised"
-        )
+        raise mismatch(file, FORMAT)
     slices: dict[str, list[tuple[float, float]]] = {}
     for number, line in enumerate(lines[1:], start=2):
         if not line.strip():

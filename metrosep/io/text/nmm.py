@@ -20,6 +20,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
+from metrosep.io.declared import mismatch
 from metrosep.io.objects import make_profile, only_channels
 from metrosep.io.registry import Match
 from metrosep.io.source import MAX_PIXELS, RawFile, refuse_options
@@ -112,10 +113,7 @@ def _names(scan: _Scan) -> tuple[str, ...]:
 
 def _description(file: RawFile) -> _Scan:
     if sniff(file) is Match.NO:
-        raise FormatMismatchError(
-            f"{file.path}: is no NMM scan description: expected {_TITLE!r}; pass the .dsc, not the .dat "
-            "or .pos"
-        )
+        raise mismatch(file, FORMAT)
     header: dict[str, dict[str, str]] = {}
     section = ""
     blocks: list[list[tuple[int, re.Match[str]]]] = []

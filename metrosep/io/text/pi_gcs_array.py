@@ -17,6 +17,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, ReadError
 from metrosep.core.recording import Recording
 from metrosep.core.units import parse_quantity
+from metrosep.io.declared import mismatch
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.logger import Channels, first_lines, plain_block, text_lines, to_number
@@ -99,9 +100,7 @@ def _checked(file: RawFile, lines: list[str]) -> tuple[dict[str, str], int]:
     fields, start = _header(lines)
     missing = _NEEDED - fields.keys()
     if len(missing) == len(_NEEDED):
-        raise FormatMismatchError(
-            f"{file.path}: is no GCS array: expected lines '# TYPE =', '# SEPARATOR =' and '# DIM ='"
-        )
+        raise mismatch(file, FORMAT)
     if missing or not start:
         what = ", ".join(sorted(missing)) or _END
         raise CorruptFileError(file.path, "the header is not complete", expected=what)

@@ -8,7 +8,6 @@ one height per line, record 4 the sum of all bytes before it. Texts end with a z
 
 from __future__ import annotations
 
-import re
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,12 +15,12 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
-    FormatMismatchError,
     UnitError,
     UnsupportedFeatureError,
 )
 from metrosep.core.profile import Profile
 from metrosep.core.units import parse_unit
+from metrosep.io.declared import demand, sniffer
 from metrosep.io.objects import (
     check_area,
     check_scale,
@@ -29,14 +28,12 @@ from metrosep.io.objects import (
     make_profile,
     only_channels,
 )
-from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
 from metrosep.io.text.numbers import one_number, parse_numbers
 
 __all__ = ["channels", "read", "sniff"]
 
 FORMAT = "smd"
-_MAGIC = re.compile(rb"ISO 5436[^\r\n]{0,300}\r?\n(PRF|SUR)[\0 ]")
 _ETX = b"\x03"
 _SUMS = (65536, 65535)
 """Moduli of the checksum that writers use."""
@@ -56,9 +53,7 @@ class _Axis(NamedTuple):
     increment: str
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is an ISO 5436-2 file."""
-    return Match.YES if _MAGIC.match(file.head) else Match.NO
+sniff = sniffer(FORMAT)
 
 
 def read(
@@ -101,13 +96,8 @@ def _plain(line: bytes) -> str:
 
 def _records(file: RawFile) -> list[bytes]:
     """Return the four records without the characters that close them; the last may be missing."""
-    match = _MAGIC.match(file.head)
-    if match is None:
-        raise FormatMismatchError(
-            f"{file.path}: is not an ISO 5436-2 file: expected 'ISO 5436 - 2000' in line 1, found "
-            f"{file.head[:20]!r}; leave out format= to have it recognised"
-        )
-    if match.group(1) != b"PRF":
+    demand(file, FORMAT)
+    if not file.head.split(b"\n", 1)[1].startswith(b"PRF"):
         raise UnsupportedFeatureError(
             f"{file.path}: the ISO 5436-2 file holds a surface, only profiles (PRF) are read; save it "
             "as SDF or X3P"

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.errors import CorruptFileError, UnsupportedFeatureError
 from metrosep.core.recording import Recording
+from metrosep.io.declared import mismatch
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.logger import Channels, first_lines, plain_block, text_lines, to_number
@@ -144,10 +145,7 @@ def _type_row(lines: Iterable[str]) -> tuple[int, str] | None:
 def _layout(file: RawFile, lines: list[str]) -> _Layout:
     found = _type_row(lines)
     if found is None:
-        raise FormatMismatchError(
-            f"{file.path}: is no TwinCAT Scope export: the file must begin with a row Name and have a row "
-            "Data-Type above its numbers"
-        )
+        raise mismatch(file, FORMAT)
     first, separator = found
     while first > 0 and lines[first - 1].strip():
         first -= 1

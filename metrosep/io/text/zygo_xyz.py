@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.errors import CorruptFileError, UnsupportedFeatureError
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_unit
+from metrosep.io.declared import demand, sniffer
 from metrosep.io.objects import (
     check_area,
     height_only as channels,
@@ -25,14 +26,12 @@ from metrosep.io.objects import (
     make_surface,
     only_channels,
 )
-from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps
 from metrosep.io.text.numbers import one_number, parse_numbers
 
 __all__ = ["channels", "read", "sniff"]
 
 FORMAT = "zygo-xyz"
-_MAGIC = "Zygo XYZ Data File"
 _VERSION = "Format 1"
 _MAX_HEADER = 60
 _MAX_GAPS = 64
@@ -77,9 +76,7 @@ _LINES: dict[int, tuple[str, ...]] = {
 _FIELD = re.compile(r'"[^"]*"|\S+')
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a Zygo XYZ file."""
-    return Match.YES if file.head.startswith(_MAGIC.encode()) else Match.NO
+sniff = sniffer(FORMAT)
 
 
 def read(
@@ -137,11 +134,7 @@ def _assumption(z: FloatArray) -> str:
 
 def _header_lines(file: RawFile) -> tuple[list[str], int]:
     """Return the lines before the first ``#``, and the offset of what follows it."""
-    if sniff(file) is Match.NO:
-        raise FormatMismatchError(
-            f"{file.path}: is not a Zygo XYZ file: expected {_MAGIC!r} in line 1, found "
-            f"{file.head[:20]!r}; leave out format= to have it recognised"
-        )
+    demand(file, FORMAT)
     lines: list[str] = []
     start = 0
     for _ in range(_MAX_HEADER):
