@@ -65,7 +65,8 @@ class Marks:
     maybe: str = ""  # pattern of the first bytes, as Latin-1: without it NO
     sure: str = ""  # pattern with which it is YES
     first_line: str | None = None  # of text: pattern of the first line that is not blank
-    text: str = ""  # pattern somewhere in the first 64 KiB; a longer file is for the reader
+    text: str = ""  # pattern somewhere in the head; what lies behind it is for the reader
+    lines: int = 2**31  # lines that the head has at most
     tree: str | None = None  # a path, or /@attribute=value, of an HDF5 file; "" for any such file
     member: str | None = None  # a member of a zip archive
     suffix: str = ""  # end of the name of an archive that is MAYBE without that member
@@ -122,7 +123,8 @@ class Marks:
             top = next((line for line in text.split("\n") if line.strip()), "")
             if re.match(self.first_line, top) is None:
                 return False
-        return file.size > len(file.head) or re.search(self.text, text) is not None
+        open_end = file.size > len(file.head) and text.count("\n") < self.lines
+        return open_end or re.search(self.text, text) is not None
 
 
 def sniffer(format_id: str) -> Callable[[RawFile], Match]:

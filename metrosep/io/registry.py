@@ -14,6 +14,7 @@ from __future__ import annotations
 import functools
 import importlib
 import os
+import re
 import sys
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
@@ -37,6 +38,9 @@ ENTRY_POINTS = "metrosep.readers"
 
 FOLDERS_VARIABLE = "METROSEP_FORMATS"
 """Environment variable with folders (separated as in PATH) of further descriptions of text."""
+
+LAYOUT_LINES = 200
+"""Lines among which a described text has its first mark."""
 
 _PACKED = {
     b"\x1f\x8b": ("gzip", "gunzip"),
@@ -165,6 +169,11 @@ class Format:
     @functools.cached_property
     def marks(self) -> Marks:
         """What the description declares for recognition; the reader decides where it says nothing."""
+        layout = self.facts.get("layout", {})
+        mark = str(next(iter(layout.get("recognise", ())), ""))
+        if mark.isascii() and mark:
+            pattern = rf"(?m)^\s*{re.escape(mark)}"
+            return Marks(text=pattern, lines=LAYOUT_LINES, closer=True)
         return marks_of(self.facts.get("recognise", {"closer": True}), self.folder)
 
     def recognise(self, file: RawFile) -> Match:
@@ -180,7 +189,7 @@ class Format:
         Match
             NO where a declared mark is missing.
         """
-        declared = "recognise" in self.facts
+        declared = self.marks.text or "recognise" in self.facts
         found = self.marks.look(file) if declared else Match.YES
         return self.load_reader().sniff(file) if found and self.marks.closer else found
 

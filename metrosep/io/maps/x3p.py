@@ -32,10 +32,9 @@ from metrosep.core.errors import (
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.io.declared import mismatch, sniffer
-from metrosep.io.objects import height_only as channels
+from metrosep.io.objects import height_only as channels, to_grid
 from metrosep.io.own_notes import OwnNotes, comment_notes, comment_text
 from metrosep.io.source import MAX_PIXELS, RawFile, flat_map, lateral_steps, refuse_options
-from metrosep.io.text.delimited_maps import to_grid
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element

@@ -26,7 +26,7 @@ from metrosep.core.units import (
     parse_sensitivity,
     parse_unit,
 )
-from metrosep.io.registry import Match
+from metrosep.io.registry import LAYOUT_LINES, Match
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.dialect import decode
 from metrosep.io.text.logger import first_lines
@@ -60,7 +60,6 @@ COLUMN_KEYS = {
 """Keys of ``[[layout.columns]]`` and what they mean."""
 
 _ROLES = ("time", "x", "y", "z", "channel", "ignore")
-_HEAD_LINES = 200
 _KINDS = {int: "whole number", list: "list", str: "text"}
 
 
@@ -174,7 +173,7 @@ class LayoutReader:
         """Return how sure the reader is."""
         lines = first_lines(file, self._layout.get("encoding"))
         first, *others = self._marks
-        if not any(s.lstrip().startswith(first) for s in itertools.islice(lines, _HEAD_LINES)):
+        if not any(s.lstrip().startswith(first) for s in itertools.islice(lines, LAYOUT_LINES)):
             return Match.NO
         found = all(any(line.lstrip().startswith(m) for line in lines) for m in others)
         return Match.YES if found else Match.NO

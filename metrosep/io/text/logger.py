@@ -25,9 +25,9 @@ from metrosep.core.errors import (
 from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.core.units import Unit, parse_quantity, parse_unit
+from metrosep.io.objects import SI_NAMES
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.dialect import MISSING, decode, is_number
-from metrosep.io.text.measurement import SI_NAMES
 
 __all__ = [
     "Channels",

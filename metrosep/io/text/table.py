@@ -31,6 +31,7 @@ from metrosep.io.text.dialect import (
     MISSING,
     bare_unit,
     decode,
+    encoding_hint,
     find_column,
     header_unit,
     is_comment,
@@ -392,6 +393,8 @@ class _Preamble:
         found = []
         if self._count is not None and self._count != n_rows:
             found.append(f"the file declares {self._count} rows and holds {n_rows}")
+        if odd := encoding_hint(self.columns()[0]):
+            found.append(odd)
         for name, unit in zip(*self.columns(), strict=True):
             capital = "" if unit is None else unit.name.upper()
             if unit is not None and unit.name not in name and unit.name != capital in name:
