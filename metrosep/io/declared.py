@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = [
     "HDF5_MAGIC",
     "ZIP_DAMAGE",
+    "Cursor",
     "Fields",
     "Marks",
     "Match",
@@ -287,13 +288,8 @@ class Fields(dict[str, Any]):
         self, name: str, expected: object, reason: str = "the header is not usable"
     ) -> CorruptFileError:
         """Return the error about a field, for the caller to raise."""
-        return CorruptFileError(
-            self.file.path,
-            reason,
-            field=name,
-            offset=self.offset(name),
-            expected=expected,
-            found=self[name],
+        return self.file.corrupt(
+            reason, field=name, offset=self.offset(name), expected=expected, found=self[name]
         )
 
     def demand(self, name: str, expected: object) -> None:
@@ -347,13 +343,87 @@ def structure(format_id: str, name: str = "header") -> Structure:
 def need_bytes(file: RawFile, offset: int, count: int, what: str, *, name: str = "size") -> None:
     """Refuse a file that ends before something that its header promises."""
     if count < 0 or offset < 0 or offset + count > file.size:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             f"{what} does not fit into the file",
             field=name,
             offset=max(min(offset, file.size), 0),
             expected=f"{count} bytes",
             found=f"{max(file.size - offset, 0)} bytes",
+        )
+
+
+# ---- trees ---------------------------------------------------------------------------------------
+
+
+class Cursor:
+    """A place in bytes that moves forward as fields are read, never past what encloses them."""
+
+    short = "a value is larger than what encloses it"
+
+    def __init__(
+        self,
+        file: RawFile,
+        data: bytes,
+        place: int = 0,
+        end: int | None = None,
+        *,
+        order: str = "<",
+        start: int = 0,
+    ) -> None:
+        self.file, self.order, self.place = file, order, place
+        self._data, self._start = data, start
+        self._end = len(data) if end is None else end
+
+    @property
+    def left(self) -> int:
+        """Bytes up to the end of what encloses them."""
+        return max(self._end - self.place, 0)
+
+    def take(self, count: int, name: str) -> bytes:
+        """Return the next bytes."""
+        if count > self.left:
+            raise self.wrong(self.short, name, f"{count} bytes", f"{self.left} bytes")
+        self.place += count
+        return self._data[self.place - count : self.place]
+
+    def numbers(self, codes: str, name: str) -> tuple[Any, ...]:
+        """Return the next fields by their `struct` codes."""
+        layout = struct.Struct(self.order + codes)
+        return layout.unpack(self.take(layout.size, name))
+
+    def number(self, code: str, name: str) -> Any:
+        """Return the next field."""
+        return self.numbers(code, name)[0]
+
+    def text(self, name: str) -> str:
+        """Return the next text: its length as u32, then UTF-8."""
+        return self.take(self.number("I", name), name).decode("utf-8", "replace")
+
+    def word(self, name: str) -> str:
+        """Return the next text up to a zero byte."""
+        stop = self._data.find(b"\0", self.place, self._end)
+        if stop < 0:
+            raise self.wrong("a text has no end", name, "a zero byte")
+        return self.take(stop + 1 - self.place, name)[:-1].decode("utf-8", "replace")
+
+    def inside(self, count: int, name: str) -> Cursor:
+        """Return a cursor on the next bytes, and go on behind them."""
+        start = self.place
+        if count > self.left:
+            raise self.wrong(self.short, name, f"at most {self.left} bytes", f"{count} bytes")
+        self.place += count
+        return type(self)(
+            self.file, self._data, start, self.place, order=self.order, start=self._start
+        )
+
+    def wrong(
+        self, reason: str, name: str | None, expected: object = None, found: object = None
+    ) -> CorruptFileError:
+        """Return the error about a field, for the caller to raise."""
+        where = min(self._start + self.place, self.file.size)
+        field_ = name and name[-80:]
+        return self.file.corrupt(
+            reason, offset=where, field=field_, expected=expected, found=found
         )
 
 
@@ -425,8 +495,7 @@ class TextFields:
         text = self.texts.get(name)
         line = self.lines.get(name)
         state = "is missing" if text is None else "is not usable" if self.noun else "is no number"
-        return CorruptFileError(
-            self.file.path,
+        return self.file.corrupt(
             f"{self.noun} {name} {state}".strip(),
             field=f"line {line}, {name}" if line else name,
             offset=self.offsets.get(name),

@@ -8,32 +8,34 @@ its own steps stay in the metadata.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import CheckedArray, FloatArray
 from metrosep.core.errors import (
-    CorruptFileError,
     DataError,
     FormatMismatchError,
     UnsupportedFeatureError,
 )
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
-from metrosep.io.source import MAX_PIXELS, RawFile, refuse_options
+from metrosep.io.source import MAX_PIXELS, RawFile, lateral_steps, refuse_options
 
 __all__ = [
     "ROW_ORDERS",
     "SI_NAMES",
+    "Request",
     "check_area",
     "check_scale",
     "height_only",
     "lateral_or_none",
     "make_profile",
     "make_surface",
+    "map_reader",
     "only_channels",
     "scaled",
     "scaled_file",
@@ -55,6 +57,8 @@ SI_NAMES = {
     "number": "1",
 }
 """SI unit of each dimension that a channel can have."""
+
+_Made = TypeVar("_Made", bound=Surface | Profile)
 
 _BLOCK_VALUES = 2**17
 """Values that are scaled at once: they stay in the cache."""
@@ -99,8 +103,7 @@ def lateral_or_none(
         return None
     step = float(value) * factor
     if not 0.0 < step <= _MAX_LATERAL:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the lateral step is not usable",
             field=name,
             offset=offset,
@@ -157,8 +160,7 @@ def scaled_file(
             block = buffer[: min(step, shape[0] - start)]
             n_bytes = stream.readinto(block.reshape(-1).view(np.uint8).data)
             if n_bytes != block.nbytes:
-                raise CorruptFileError(
-                    file.path,
+                raise file.corrupt(
                     "the map ends early",
                     offset=offset + start * shape[1] * buffer.itemsize + n_bytes,
                     expected=f"{shape[0]} rows",
@@ -202,7 +204,7 @@ def make_surface(
             z.view(CheckedArray), dx, dy, origin=origin, metadata=metadata, history=history
         )
     except DataError as exc:
-        raise CorruptFileError(file.path, f"the map does not fit: {exc}") from None
+        raise file.corrupt(f"the map does not fit: {exc}") from None
 
 
 def make_profile(
@@ -240,7 +242,69 @@ def make_profile(
         history = file.history(format_id, {"lateral_step_m": override})
         return Profile(x, z, metadata=metadata, history=history)
     except DataError as exc:
-        raise CorruptFileError(file.path, f"the profile does not fit: {exc}") from None
+        raise file.corrupt(f"the profile does not fit: {exc}") from None
+
+
+@dataclass
+class Request:
+    """What a caller asked of the reader of a map or profile, checked in one way for all of them."""
+
+    file: RawFile
+    format_id: str
+    title: str
+    channel: str | None
+    override: tuple[float, float] | None
+    unit: Any
+    max_pixels: int | None
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def step(self) -> float | None:
+        """The declared step along x in m."""
+        return self.override[0] if self.override else None
+
+    def choose(self, names: Iterable[str]) -> str:
+        """Return the channel to read, the first if none was named."""
+        return only_channels(self.file, self.title, self.channel, tuple(names))
+
+    def surface(
+        self, z: FloatArray, steps: tuple[float | None, float | None], **facts: Any
+    ) -> Surface:
+        """Return `make_surface` of the heights."""
+        facts["warnings"] = (*self.warnings, *facts.get("warnings", ()))
+        return make_surface(self.file, self.format_id, z, steps, override=self.override, **facts)
+
+    def profile(self, x: FloatArray, z: FloatArray, **facts: Any) -> Profile:
+        """Return `make_profile` of positions and heights."""
+        facts["warnings"] = (*self.warnings, *facts.get("warnings", ()))
+        return make_profile(self.file, self.format_id, x, z, override=self.step, **facts)
+
+
+def map_reader(
+    format_id: str, title: str, own_units: str = "", *, several: bool = False
+) -> Callable[[Callable[[Request], _Made]], Callable[..., _Made]]:
+    """Return what makes ``read`` of a module from a function of a `Request`."""
+
+    def made(build: Callable[[Request], _Made]) -> Callable[..., _Made]:
+        def read(
+            file: RawFile,
+            *,
+            channel: str | None = None,
+            lateral_step: Any = None,
+            unit: Any = None,
+            max_pixels: int | None = None,
+        ) -> _Made:
+            if own_units:
+                refuse_options(file, own_units, unit=unit)
+            if not several:
+                only_channels(file, title, channel)
+            override = lateral_steps(lateral_step)
+            return build(Request(file, format_id, title, channel, override, unit, max_pixels))
+
+        read.__doc__ = build.__doc__
+        return read
+
+    return made
 
 
 def _measured(file: RawFile, z: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
@@ -253,8 +317,7 @@ def _measured(file: RawFile, z: FloatArray) -> tuple[FloatArray, tuple[str, ...]
         notes = (f"{int(infinite.sum())} infinite heights were taken as not measured",)
         low, high = float(np.fmin.reduce(z, axis=None)), float(np.fmax.reduce(z, axis=None))
     if math.isnan(low):
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "no point was measured",
             expected="at least one valid height",
             found=f"{z.size} invalid ones",
@@ -277,8 +340,7 @@ def check_area(
     """Refuse a map without size, or with more pixels than may be allocated."""
     for value, name, offset in zip((columns, rows), names, offsets, strict=True):
         if value < 1:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "the map has no size",
                 field=name,
                 offset=offset,
@@ -304,8 +366,7 @@ def check_scale(
 ) -> float:
     """Return a scale of the heights, or refuse it."""
     if not low <= value <= high:  # also catches NaN
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "a scale of the heights is not usable",
             field=name,
             offset=offset,

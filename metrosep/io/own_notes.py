@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from metrosep._version import __version__
-from metrosep.core.errors import CorruptFileError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.recording import Recording
@@ -164,8 +163,7 @@ def _take_fact(file: RawFile, name: str, text: str, facts: dict[str, Any]) -> li
     if name == _COUNT:
         return [f"{name} of the file, {text[:40]!r}, is damaged or stands there twice: left out"]
     twice = name in facts
-    raise CorruptFileError(
-        file.path,
+    raise file.corrupt(
         f"what metrosep noted of the object {'stands there twice' if twice else 'is damaged'}",
         field=name,
         expected="one line" if twice else _EXPECTED.get(name, "a positive length in m"),

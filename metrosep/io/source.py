@@ -20,7 +20,12 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import FileMissingError, ReadError, UnsupportedFeatureError
+from metrosep.core.errors import (
+    CorruptFileError,
+    FileMissingError,
+    ReadError,
+    UnsupportedFeatureError,
+)
 from metrosep.core.provenance import Step, hash_bytes
 from metrosep.core.units import parse_quantity
 
@@ -133,6 +138,23 @@ class RawFile:
             return io.BytesIO(self._given)
         with _explained(self.path):
             return self.path.open("rb")
+
+    def corrupt(self, reason: str, **facts: Any) -> CorruptFileError:
+        """Return the error about bytes that do not fit their format, for the caller to raise.
+
+        Parameters
+        ----------
+        reason : str
+            One clause that says what is wrong.
+        **facts
+            ``field``, ``offset``, ``expected``, ``found`` and ``hint`` of `CorruptFileError`.
+
+        Returns
+        -------
+        CorruptFileError
+            With the path of this file.
+        """
+        return CorruptFileError(self.path, reason, **facts)
 
     def cut_text(self) -> list[str]:
         """Return a warning where a text ends without a line end, in its last number perhaps."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, FormatMismatchError
+from metrosep.core.errors import FormatMismatchError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
@@ -82,7 +82,7 @@ def read(
         }
     x, z, time = (_as_path(asked, columns) for asked in (x, z, time))
     if not any(np.isfinite(v).any() for v, _ in columns.values()):
-        raise CorruptFileError(file.path, "no dataset holds a number")
+        raise file.corrupt("no dataset holds a number")
     return columns_as_object(
         file,
         FORMAT,
@@ -124,11 +124,8 @@ def physical_values(
             missing |= values == float(attributes[key])
     factors = [attributes.get("scale_factor", 1.0), attributes.get("add_offset", 0.0)]
     if not all(is_number(f) and abs(f) < _FIRST_INVALID for f in factors) or factors[0] == 0:
-        raise CorruptFileError(
-            file.path,
-            "scale_factor or add_offset is not usable",
-            field=name,
-            found=repr(factors)[:60],
+        raise file.corrupt(
+            "scale_factor or add_offset is not usable", field=name, found=repr(factors)[:60]
         )
     if factors != [1.0, 0.0]:
         values = values * float(factors[0]) + float(factors[1])

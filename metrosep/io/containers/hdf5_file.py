@@ -257,8 +257,7 @@ class Hdf5File:
             stream.seek(offset)
             n_bytes = stream.readinto(values.reshape(-1).view(np.uint8).data)
         if n_bytes != values.nbytes:
-            raise CorruptFileError(
-                self._file.path,
+            raise self._file.corrupt(
                 "a dataset lies beyond the end of the file",
                 field=name,
                 offset=offset,
@@ -270,8 +269,7 @@ class Hdf5File:
 
     def _described(self, name: str) -> dict[str, Any]:
         if name not in self._datasets:
-            raise CorruptFileError(
-                self._file.path,
+            raise self._file.corrupt(
                 "a dataset is missing",
                 field=name,
                 found=", ".join(list(self._datasets)[:8]) or "none",
@@ -294,7 +292,7 @@ class Hdf5File:
         item = np.dtype(found["dtype"]).itemsize
         claimed = item * _product(found["shape"])
         if claimed < 1:
-            raise CorruptFileError(self._file.path, "a dataset is empty", field=name)
+            raise self._file.corrupt("a dataset is empty", field=name)
         limit = max_pixels or MAX_PIXELS
         if _product(part) > limit:
             raise UnsupportedFeatureError(
@@ -305,8 +303,7 @@ class Hdf5File:
         allowed = stored * (_MAX_RATIO if packed else 1)
         trusted = packed and stored > 0 and max_pixels is not None
         if (stored > self._file.size or claimed > allowed) and not trusted:
-            raise CorruptFileError(
-                self._file.path,
+            raise self._file.corrupt(
                 "a dataset claims more than is stored",
                 field=name,
                 expected=f"{claimed} bytes",
@@ -337,4 +334,4 @@ def open_hdf5(file: RawFile) -> Iterator[Hdf5File]:
 
 def _damaged(file: RawFile, what: str, answer: Mapping[str, Any]) -> CorruptFileError:
     reason = answer.get("error", "the HDF5 library crashed or hung on it")
-    return CorruptFileError(file.path, f"{what} cannot be read as HDF5 ({reason})")
+    return file.corrupt(f"{what} cannot be read as HDF5 ({reason})")

@@ -262,12 +262,9 @@ def recording_of(
         elif period_s is not None and 0.0 < period_s < np.inf:
             t = period_s * np.arange(samples.size, dtype=np.float64)
         else:
-            raise CorruptFileError(
-                file.path, "the sampling period is not positive", field=clock, found=period_s
-            )
+            raise file.corrupt("the sampling period is not positive", field=clock, found=period_s)
         if t.size != samples.size:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a channel and its times differ in length",
                 field=prefix,
                 expected=f"{t.size} samples",
@@ -401,8 +398,7 @@ def byte_order(file: RawFile) -> str:
     """Return the byte order of a v5 file for `struct`."""
     mark = file.head[126:128]
     if mark not in (b"IM", b"MI"):
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the mark of the byte order is damaged",
             field="endian indicator",
             offset=126,
@@ -417,7 +413,7 @@ def variables(file: RawFile, *, max_bytes: int) -> Iterator[tuple[str, Any]]:
     order, data = byte_order(file), file.data
     position, budget = HEADER_BYTES, max_bytes
     if position >= len(data):
-        raise CorruptFileError(file.path, "holds no variable", offset=HEADER_BYTES)
+        raise file.corrupt("holds no variable", offset=HEADER_BYTES)
     while position < len(data):
         if len(data) - position < 8:
             left = f"{len(data) - position} bytes"
@@ -452,9 +448,7 @@ def _inflated(file: RawFile, packed: bytes, order: str, where: int, budget: int)
         body = inflater.decompress(inflater.unconsumed_tail, size) if size else b""
         surplus = inflater.decompress(inflater.unconsumed_tail, 1)
     except (zlib.error, struct.error) as exc:
-        raise CorruptFileError(
-            file.path, f"{what} cannot be inflated ({exc})", offset=where
-        ) from None
+        raise file.corrupt(f"{what} cannot be inflated ({exc})", offset=where) from None
     if len(body) != size or surplus or not inflater.eof:
         found = f"{len(body) + len(surplus)} bytes or more"
         raise misfit(file, what, where, f"{size} bytes and the end", found)
@@ -527,9 +521,7 @@ def misfit(
     file: RawFile, what: str, offset: int, expected: object, found: object
 ) -> CorruptFileError:
     """Return the error for something whose size or type does not fit."""
-    return CorruptFileError(
-        file.path, f"{what} does not fit", offset=offset, expected=expected, found=found
-    )
+    return file.corrupt(f"{what} does not fit", offset=offset, expected=expected, found=found)
 
 
 @dataclass

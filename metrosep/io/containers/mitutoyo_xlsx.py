@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, UnitError
+from metrosep.core.errors import UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, format_length, parse_quantity, parse_unit
 from metrosep.io.containers.workbook import Cells, Workbook
@@ -153,14 +153,11 @@ def _columns(file: RawFile, rows: Cells) -> tuple[Any, Any]:
     """Return positions and heights as in the file; an empty height is not measured."""
     points = [(number, cells) for number, cells in rows if _X in cells or _Z in cells]
     if len(points) < 2:
-        raise CorruptFileError(
-            file.path, "worksheet DATA holds no profile", expected=f"columns {_X} and {_Z}"
-        )
+        raise file.corrupt("worksheet DATA holds no profile", expected=f"columns {_X} and {_Z}")
     for number, cells in points:
         for column, value in ((_X, cells.get(_X)), (_Z, cells.get(_Z, 0.0))):
             if not isinstance(value, float):
-                raise CorruptFileError(
-                    file.path,
+                raise file.corrupt(
                     "a cell of worksheet DATA is no number",
                     field=f"{column}{number}",
                     expected="a number",

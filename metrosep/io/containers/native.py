@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep._version import __version__
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
-    CorruptFileError,
     DataError,
     ReadError,
     UnsupportedFeatureError,
@@ -62,8 +61,8 @@ def read(
     with open_hdf5(file) as handle:
         kind = _kind(file, handle)
         if kind not in _READ:
-            raise CorruptFileError(
-                file.path, "the kind of object is unknown", field="kind", found=repr(kind[:40])
+            raise file.corrupt(
+                "the kind of object is unknown", field="kind", found=repr(kind[:40])
             )
         try:
             metadata = _metadata(file, _json(file, handle, "/metadata_json"))
@@ -74,7 +73,7 @@ def read(
         except ReadError:
             raise
         except DataError as exc:
-            raise CorruptFileError(file.path, f"the numbers do not fit: {exc}") from None
+            raise file.corrupt(f"the numbers do not fit: {exc}") from None
 
 
 def _kind(file: RawFile, handle: Hdf5File) -> str:
@@ -94,14 +93,14 @@ def _json(file: RawFile, handle: Hdf5File, name: str) -> dict[str, Any]:
     try:
         return decode_mapping(handle.read(name).tobytes())
     except (ValueError, RecursionError) as exc:
-        raise CorruptFileError(file.path, f"{name} is no JSON ({exc})") from None
+        raise file.corrupt(f"{name} is no JSON ({exc})") from None
 
 
 def _history(file: RawFile, handle: Hdf5File) -> tuple[Step, ...]:
     try:
         return decode_history(handle.read("/history_json").tobytes())
     except (ValueError, KeyError, TypeError, RecursionError) as exc:
-        raise CorruptFileError(file.path, f"history_json is no history ({exc})") from None
+        raise file.corrupt(f"history_json is no history ({exc})") from None
 
 
 def _metadata(file: RawFile, stored: dict[str, Any]) -> dict[str, Any]:
@@ -125,8 +124,7 @@ class _Stored(NamedTuple):
         """Return a dataset of float64."""
         values = self.handle.read(name, max_pixels=self.max_pixels)
         if values.dtype != np.float64:
-            raise CorruptFileError(
-                self.file.path,
+            raise self.file.corrupt(
                 "a dataset is of another type",
                 field=name,
                 expected="float64",
@@ -146,7 +144,7 @@ def _surface(stored: _Stored, metadata: dict[str, Any], history: tuple[Step, ...
     z = stored.numbers("/z")
     file = stored.file
     if z.ndim != 2 or np.isnan(z).all():
-        raise CorruptFileError(file.path, "the map has no heights", field="z", found=z.shape)
+        raise file.corrupt("the map has no heights", field="z", found=z.shape)
     attributes = stored.handle.attributes("/z")
     origin = attributes.get("origin_m", [0.0, 0.0])
     own = (attributes.get("dx_m"), attributes.get("dy_m"))
@@ -154,8 +152,8 @@ def _surface(stored: _Stored, metadata: dict[str, Any], history: tuple[Step, ...
         x, y = (float(v) for v in origin)
         steps = tuple(None if s is None else float(s) for s in own)
     except (TypeError, ValueError):
-        raise CorruptFileError(
-            file.path, "steps or origin are no numbers", field="z", found=f"{own}, {origin}"[:80]
+        raise file.corrupt(
+            "steps or origin are no numbers", field="z", found=f"{own}, {origin}"[:80]
         ) from None
     dx, dy = stored.override or steps
     facts = {
@@ -170,7 +168,7 @@ def _profile(stored: _Stored, metadata: dict[str, Any], history: tuple[Step, ...
     stored.demand_one("a profile with its own positions")
     x, z = (stored.numbers(n) for n in ("/x", "/z"))
     if np.isnan(z).all():
-        raise CorruptFileError(stored.file.path, "no point was measured", field="z")
+        raise stored.file.corrupt("no point was measured", field="z")
     return Profile(x, z, metadata=metadata, history=history)
 
 
@@ -184,7 +182,7 @@ def _recording(stored: _Stored, metadata: dict[str, Any], history: tuple[Step, .
     values = {name: stored.numbers(key) for key, name, _ in parts}
     units = {name: unit for _, name, unit in parts if unit is not None}
     if not any(np.isfinite(v).any() for v in values.values()):
-        raise CorruptFileError(file.path, "no channel holds a number", field="channels")
+        raise file.corrupt("no channel holds a number", field="channels")
     t = stored.numbers("/t")
     return Recording(t, values, units=units, metadata=metadata, history=history)
 
@@ -212,11 +210,8 @@ def _run(stored: _Stored, group: str) -> Run:
     try:
         speed = None if feed is None else float(feed)
     except (TypeError, ValueError):
-        raise CorruptFileError(
-            stored.file.path,
-            "the feed is no number",
-            field=f"{group} feed_m_s",
-            found=repr(feed)[:40],
+        raise stored.file.corrupt(
+            "the feed is no number", field=f"{group} feed_m_s", found=repr(feed)[:40]
         ) from None
     return Run(
         stored.numbers(f"{group}/x"),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import CorruptFileError, UnsupportedFeatureError
+from metrosep.core.errors import UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
@@ -50,7 +50,7 @@ def read(
     only_channels(file, "NumPy", channel, ("array",))
     values, header = _array(file, max_pixels)
     if not np.isfinite(values).any():
-        raise CorruptFileError(file.path, "the array holds no number")
+        raise file.corrupt("the array holds no number")
     if values.ndim == 2 and sampling_rate is None and x is None and z is None:
         return map_as_surface(
             file,
@@ -87,8 +87,7 @@ def _array(file: RawFile, max_pixels: int | None) -> tuple[NDArray[Any], dict[st
         )
     offset = start + length
     if size < 1 or file.size - offset != size * dtype.itemsize:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "header and size of the file do not agree",
             field="shape",
             offset=offset,
@@ -109,11 +108,8 @@ def _fields(file: RawFile, text: bytes) -> dict[str, Any]:
         shape = tuple(int(n) for n in found["shape"])
         fortran = bool(found["fortran_order"])
     except (ValueError, SyntaxError, TypeError, KeyError, MemoryError, RecursionError) as exc:
-        raise CorruptFileError(
-            file.path,
-            "the header is no description of an array",
-            offset=10,
-            found=str(exc)[:60],
+        raise file.corrupt(
+            "the header is no description of an array", offset=10, found=str(exc)[:60]
         ) from None
     if dtype.kind not in "iuf" or dtype.itemsize < 1 or dtype.hasobject:
         raise UnsupportedFeatureError(

@@ -142,8 +142,7 @@ class Workbook:
                     yield element
                     element.clear()
         except DefusedXmlException as exc:
-            raise CorruptFileError(
-                self._file.path,
+            raise self._file.corrupt(
                 f"{member} declares a document type or entities ({type(exc).__name__})",
                 field=member,
                 hint="do not trust this file; ask its sender",
@@ -164,8 +163,7 @@ class Workbook:
             )
         ratio = info.file_size / max(info.compress_size, 1)
         if info.file_size > _MAX_MEMBER or (ratio > _MAX_RATIO and info.file_size > 2**20):
-            raise CorruptFileError(
-                self._file.path,
+            raise self._file.corrupt(
                 "a member of the workbook is larger than it may be",
                 field=member,
                 expected=f"at most {_MAX_MEMBER} bytes, packed no more than {_MAX_RATIO}:1",
@@ -181,11 +179,8 @@ class Workbook:
         return data
 
     def _corrupt(self, reason: str, member: str | None = None) -> CorruptFileError:
-        return CorruptFileError(
-            self._file.path,
-            f"the workbook {reason}",
-            field=member,
-            hint="save it again as .xlsx",
+        return self._file.corrupt(
+            f"the workbook {reason}", field=member, hint="save it again as .xlsx"
         )
 
 

@@ -15,18 +15,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import CorruptFileError, UnsupportedFeatureError
+from metrosep.core.errors import UnsupportedFeatureError
 from metrosep.core.surface import Surface
 from metrosep.io.declared import TextFields, demand, need_bytes, sniffer, structure
 from metrosep.io.objects import (
+    Request,
     check_area,
     height_only as channels,
     lateral_or_none,
-    make_surface,
-    only_channels,
+    map_reader,
     scaled,
 )
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -52,20 +52,12 @@ _PICTURES = ("TextureImageOffset", "IconOffset")
 sniff = sniffer(FORMAT)
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Surface:
+@map_reader(FORMAT, "Alicona", "an Alicona file with its own units")
+def read(asked: Request) -> Surface:
     """Return the depth image of an Alicona file."""
-    refuse_options(file, "an Alicona file with its own units", unit=unit)
-    only_channels(file, "Alicona", channel)
-    override = lateral_steps(lateral_step)
+    file = asked.file
     tags = _tags(file)
-    raw = _depth(file, tags, max_pixels)
+    raw = _depth(file, tags, asked.max_pixels)
     marker = tags.number("InvalidPixelValue", math.nan)
     z = scaled(raw, 1.0, lambda block: _is_marked(block, marker), turned=True)
     warnings = _gap_notes(tags, raw)
@@ -77,15 +69,12 @@ def read(
     if largest > _LARGEST:
         expected = f"the number of the points that were not measured, heights up to {_LARGEST:g} m"
         raise tags.error("InvalidPixelValue", f"{expected} (there is {largest:g} m)")
-    return make_surface(
-        file,
-        FORMAT,
+    return asked.surface(
         z,
         (own[0], own[1]),
         row_order="top row first",
         turned=True,
         header=tags.texts,
-        override=override,
         warnings=warnings,
         height_per_count_m=1.0,
         height_rounding_m=float(np.spacing(largest)) if np.isfinite(largest) else None,
@@ -113,8 +102,7 @@ def _add_tags(tags: TextFields, place: int, count: int) -> int:
         tag = _TAG.read(file, place)
         end = file.data[place + _TAG_BYTES - 2 : place + _TAG_BYTES]
         if end != _LINE_END or not tag["key"]:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a tag is damaged",
                 field=tag["key"] or "key",
                 offset=place,

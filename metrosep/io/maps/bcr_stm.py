@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import (
-    CorruptFileError,
     FormatMismatchError,
     UnitError,
     UnsupportedFeatureError,
@@ -24,16 +23,16 @@ from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, parse_unit
 from metrosep.io.declared import TextFields, mismatch, need_bytes
 from metrosep.io.objects import (
+    Request,
     check_area,
     check_scale,
     height_only as channels,
     lateral_or_none,
-    make_surface,
-    only_channels,
+    map_reader,
     scaled,
 )
 from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps
+from metrosep.io.source import RawFile
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -73,42 +72,31 @@ def _encoding(head: bytes) -> tuple[str, int] | None:
     return None
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Surface:
+@map_reader(FORMAT, "BCR-STM")
+def read(asked: Request) -> Surface:
     """Return the height map of a BCR-STM file."""
-    only_channels(file, "BCR-STM", channel)
-    override = lateral_steps(lateral_step)
+    file = asked.file
     header = _header(file)
     fields = header.fields
     if fields.texts.get("forcecurve", "0") not in ("0", ""):
         raise UnsupportedFeatureError(f"{file.path}: holds force curves, no map of heights")
     columns, rows = (fields.integer(n) for n in ("xpixels", "ypixels"))
-    check_area(file, columns, rows, max_pixels=max_pixels, names=("xpixels", "ypixels"))
-    warnings: list[str] = []
+    check_area(file, columns, rows, max_pixels=asked.max_pixels, names=("xpixels", "ypixels"))
+    warnings = asked.warnings
     own = (
         _step(file, fields, "x", columns, warnings),
         _step(file, fields, "y", rows, warnings),
     )
-    scale_unit = _height_unit(file, header, unit)
+    scale_unit = _height_unit(file, header, asked.unit)
     counts = 1.0 if header.is_float else fields.number("bit2nm")
     scale = scale_unit.factor * check_scale(file, "bit2nm", counts, low=1e-12, high=1e6)
     raw = _raw(file, header, (rows, columns), warnings)
     invalid = raw > _VOID_FLOAT if header.is_float else raw == _VOID_COUNT
-    return make_surface(
-        file,
-        FORMAT,
+    return asked.surface(
         scaled(raw, scale, invalid),
         own,
         row_order="top row first",
         header=fields.texts,
-        override=override,
-        warnings=warnings,
         height_unit=scale_unit.name,
         height_per_unit_m=scale,
     )
@@ -124,8 +112,7 @@ def _header(file: RawFile) -> _Header:
     first.texts.setdefault("headersize", str(_CHARACTERS))
     n_characters = first.integer("headersize")
     if not _CHARACTERS // 4 <= n_characters <= _MAX_CHARACTERS:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the size of the header is not usable",
             field="headersize",
             expected=f"{_CHARACTERS // 4} to {_MAX_CHARACTERS} characters",

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
-    CorruptFileError,
     UnitError,
     UnsupportedFeatureError,
     WriteError,
@@ -28,12 +27,11 @@ from metrosep.core.surface import Surface
 from metrosep.core.units import parse_unit
 from metrosep.io.declared import Fields, Structure, demand, need_bytes, sniffer, structure
 from metrosep.io.objects import (
-    make_profile,
-    make_surface,
-    only_channels,
+    Request,
+    map_reader,
     scaled,
 )
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -52,39 +50,29 @@ def channels(file: RawFile) -> tuple[str, ...]:
     return tuple(_named(read_objects(file)))
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Surface | Profile:
+@map_reader(FORMAT, "Digital Surf", "a Digital Surf file with its own units", several=True)
+def read(asked: Request) -> Surface | Profile:
     """Return a surface or a profile of a Digital Surf file."""
-    refuse_options(file, "a Digital Surf file with its own units", unit=unit)
-    override = lateral_steps(lateral_step)
+    file = asked.file
     objects = read_objects(file)
     names = _named(objects)
-    name = only_channels(file, "Digital Surf", channel, tuple(names))
+    name = asked.choose(names)
     chosen = names[name]
     header = chosen.header
-    is_profile = _check_header(file, chosen, max_pixels)
+    is_profile = _check_header(file, chosen, asked.max_pixels)
     warnings = _warnings(file, objects, header)
     facts = {"channel": name, "object_name": header["object_name"], **_scale(file, chosen)}
     z = _heights(read_points(file, chosen), header, facts, warnings)
     if is_profile:
-        return _profile(file, chosen, z[0], override, warnings, facts)
-    steps = _step(file, chosen, "x", warnings), _step(file, chosen, "y", warnings)
-    origin = _origin(file, chosen, "x"), _origin(file, chosen, "y")
-    return make_surface(
-        file,
-        FORMAT,
+        return _profile(asked, chosen, z[0], warnings, facts)
+    steps = _step(chosen, "x", warnings), _step(chosen, "y", warnings)
+    origin = _origin(chosen, "x"), _origin(chosen, "y")
+    return asked.surface(
         z,
         steps,
         row_order="top row first",
         turned=True,
         header=header,
-        override=override,
         origin=origin,
         warnings=warnings,
         **facts,
@@ -152,25 +140,17 @@ def _heights(
 
 
 def _profile(
-    file: RawFile,
-    item: SurfObject,
-    z: FloatArray,
-    override: tuple[float, float] | None,
-    warnings: list[str],
-    facts: dict[str, Any],
+    asked: Request, item: SurfObject, z: FloatArray, warnings: list[str], facts: dict[str, Any]
 ) -> Profile:
-    own, step = _step(file, item, "x", warnings), override[0] if override else None
-    dx = own or step
+    file = asked.file
+    dx = _step(item, "x", warnings) or asked.step
     if dx is None:
         raise UnitError(
             f"{file.path}: the profile is not calibrated (x_spacing {item.header['x_spacing']:g}, "
             f"x_step_unit {item.header['x_step_unit']!r}); declare its step with lateral_step="
         )
-    x = _origin(file, item, "x") + dx * np.arange(z.size, dtype=np.float64)
-    header = item.header
-    return make_profile(
-        file, FORMAT, x, z, header=header, override=step, warnings=warnings, **facts
-    )
+    x = _origin(item, "x") + dx * np.arange(z.size, dtype=np.float64)
+    return asked.profile(x, z, header=item.header, warnings=warnings, **facts)
 
 
 def _scale(file: RawFile, item: SurfObject) -> dict[str, float]:
@@ -196,7 +176,7 @@ def _factor(unit: str) -> float | None:
         return None
 
 
-def _step(file: RawFile, item: SurfObject, axis: str, warnings: list[str]) -> float | None:
+def _step(item: SurfObject, axis: str, warnings: list[str]) -> float | None:
     name, unit = f"{axis}_spacing", item.header[f"{axis}_step_unit"]
     factor = _factor(unit)
     if factor is None:
@@ -205,7 +185,7 @@ def _step(file: RawFile, item: SurfObject, axis: str, warnings: list[str]) -> fl
     return item.header.step(name, warnings, factor)
 
 
-def _origin(file: RawFile, item: SurfObject, axis: str) -> float:
+def _origin(item: SurfObject, axis: str) -> float:
     name = f"{axis}_offset"
     value = item.header[name] * (_factor(item.header[f"{axis}_step_unit"]) or 0.0)
     if not math.isfinite(value) or abs(value) > _MAX_OFFSET:
@@ -253,8 +233,7 @@ def read_objects(file: RawFile) -> list[SurfObject]:
         objects.append(_object(file, end))
     claimed = max(objects[0].header["n_objects"], 1)
     if len(objects) < claimed:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "an object is missing",
             field="n_objects",
             offset=14,
@@ -292,8 +271,7 @@ def _streams(file: RawFile, place: int) -> tuple[int, list[tuple[int, int]]]:
     """Return the bytes of the list of streams, and the plain and packed size of each."""
     count = _COUNT.read(file, place)["streams"]
     if not 1 <= count <= _MAX_STREAMS:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the number of compressed streams is not usable",
             field="streams",
             offset=place,
@@ -317,8 +295,7 @@ def read_points(file: RawFile, item: SurfObject) -> NDArray[Any]:
     skip, sizes = _streams(file, item.points)
     plain = sum(size for size, _ in sizes)
     if plain != count * dtype.itemsize:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the compressed streams do not make the map",
             field="plain_bytes",
             offset=item.points + 4,
@@ -344,8 +321,7 @@ def _inflate(file: RawFile, place: int, size: int, packed: int) -> bytes:
             if len(content) == size and inflater.eof:
                 return content
             found = f"{len(content)} bytes or more"
-    raise CorruptFileError(
-        file.path,
+    raise file.corrupt(
         "a compressed stream is damaged",
         field="plain_bytes",
         offset=place,

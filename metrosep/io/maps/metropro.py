@@ -9,18 +9,16 @@ are in ``data_formats/metropro/SPEC.md``.
 
 from __future__ import annotations
 
-from typing import Any
-
-from metrosep.core.errors import CorruptFileError, UnsupportedFeatureError
+from metrosep.core.errors import UnsupportedFeatureError
 from metrosep.core.surface import Surface
 from metrosep.io.declared import Fields, demand, sniffer, structure
 from metrosep.io.objects import (
+    Request,
     height_only as channels,
-    make_surface,
-    only_channels,
+    map_reader,
     scaled_file,
 )
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -37,21 +35,13 @@ _HEADER = structure(FORMAT)
 sniff = sniffer(FORMAT)
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Surface:
+@map_reader(FORMAT, "MetroPro", "a MetroPro map with its own units")
+def read(asked: Request) -> Surface:
     """Return the height map of a MetroPro file."""
-    refuse_options(file, "a MetroPro map with its own units", unit=unit)
-    only_channels(file, "MetroPro", channel)
-    override = lateral_steps(lateral_step)
+    file = asked.file
     demand(file, FORMAT)
     header = _HEADER.read(file)
-    warnings = _check_sizes(file, header, max_pixels)
+    warnings = _check_sizes(file, header, asked.max_pixels)
     scale = _scale(header)
     z = scaled_file(
         file,
@@ -75,15 +65,12 @@ def read(
         "camera_px": (header["camera_width"], header["camera_height"]),
         "unix_time_s": header["time_stamp"],
     }
-    return make_surface(
-        file,
-        FORMAT,
+    return asked.surface(
         z,
         (own, own),
         row_order="top row first",
         turned=True,
         header=header,
-        override=override,
         warnings=warnings,
         **facts,
     )
@@ -107,8 +94,7 @@ def _check_sizes(file: RawFile, header: Fields, max_pixels: int | None) -> list[
         2 * header["intensity_width"] * header["intensity_height"] * max(header["n_buckets"], 1)
     )
     if intensity < 0 or total > file.size or (total < file.size and intensity != image):
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "header, intensity and phase do not add up to the file",
             field="intensity_bytes",
             offset=header.offset("intensity_bytes"),

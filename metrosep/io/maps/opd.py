@@ -14,17 +14,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import CorruptFileError, UnsupportedFeatureError
+from metrosep.core.errors import UnsupportedFeatureError
 from metrosep.core.surface import Surface
 from metrosep.io.declared import demand, need_bytes, sniffer, structure
 from metrosep.io.objects import (
+    Request,
     check_scale,
     lateral_or_none,
-    make_surface,
-    only_channels,
+    map_reader,
     scaled,
 )
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -68,22 +68,15 @@ def channels(file: RawFile) -> tuple[str, ...]:
     return tuple(_maps(file, _blocks(file)))
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Surface:
+@map_reader(FORMAT, "OPD", "an OPD map with its own units", several=True)
+def read(asked: Request) -> Surface:
     """Return a height map of an OPD file."""
-    refuse_options(file, "an OPD map with its own units", unit=unit)
-    override = lateral_steps(lateral_step)
+    file = asked.file
     blocks = _blocks(file)
     maps = _maps(file, blocks)
-    name = only_channels(file, "OPD", channel, tuple(maps))
-    warnings: list[str] = []
-    raw = _raw(file, maps[name], max_pixels, warnings)
+    name = asked.choose(maps)
+    warnings = asked.warnings
+    raw = _raw(file, maps[name], asked.max_pixels, warnings)
     first = _FIRST_INVALID[raw.dtype.itemsize]
     numbers = _numbers(file, blocks)
     scale = _scale(file, numbers, name, raw.dtype)
@@ -92,15 +85,11 @@ def read(
     if left:
         warnings.append(f"{left} bytes follow the last block; they were not read")
     z = scaled(raw.T, scale, lambda block: ~(block < first))  # NaN is not smaller either
-    return make_surface(
-        file,
-        FORMAT,
+    return asked.surface(
         z,
         own,
         row_order="smallest y first",
         header=_plain(blocks),
-        override=override,
-        warnings=warnings,
         channel=name,
         wavelength_m=float(numbers["Wavelength"].value) * 1e-9,
         mult=numbers["Mult"].value if "Mult" in numbers else 1,
@@ -115,8 +104,7 @@ def _blocks(file: RawFile) -> list[_Block]:
     directory = _ENTRY.read(file, _START)
     n_entries, rest = divmod(directory["bytes"], _ENTRY_BYTES)
     if directory["type"] != _DIRECTORY or rest or not 1 < n_entries <= _MAX_ENTRIES:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the directory is not usable",
             field="bytes of Directory",
             offset=_START + 18,
@@ -135,7 +123,7 @@ def _blocks(file: RawFile) -> list[_Block]:
         blocks.append(_Block(entry["name"], entry["type"], entry["bytes"], place, value))
         place += entry["bytes"]
     if not blocks:
-        raise CorruptFileError(file.path, "the directory has no block with content", offset=_START)
+        raise file.corrupt("the directory has no block with content", offset=_START)
     return blocks
 
 
@@ -172,8 +160,7 @@ def _raw(
 ) -> NDArray[Any]:
     """Return the stored values, x as the first index; sizes are checked before."""
     if block.value is None:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "a map has no header",
             field=f"bytes of {block.name!r}",
             offset=block.offset,
@@ -189,8 +176,7 @@ def _raw(
     columns, rows = block.value.area("columns", "rows", max_pixels)
     size = _ARRAY_HEADER_BYTES + columns * rows * item
     if item not in _ITEMS or size > block.size:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the map does not fit into its block",
             field=f"columns, rows, item_bytes of {block.name!r}",
             offset=block.offset,
@@ -211,8 +197,7 @@ def _numbers(file: RawFile, blocks: list[_Block]) -> dict[str, _Block]:
         if block.name not in _SCALES:
             continue
         if not isinstance(block.value, (int, float)):
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a scale is not stored as a number",
                 field=block.name,
                 offset=block.offset,
@@ -227,8 +212,7 @@ def _scale(file: RawFile, numbers: dict[str, _Block], channel: str, dtype: np.dt
     """Return the height of one raw unit in m: Wavelength / Mult."""
     for name in ("Wavelength", "Mult") if dtype.kind == "i" else ("Wavelength",):
         if name not in numbers:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 f"the scale of the heights of {channel} is missing",
                 field=name,
                 expected="a block of that name with a number",

@@ -18,12 +18,11 @@ from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.io.declared import Fields, demand, need_bytes, sniffer, structure
 from metrosep.io.objects import (
-    make_profile,
-    make_surface,
-    only_channels,
+    Request,
+    map_reader,
     scaled,
 )
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -61,20 +60,13 @@ def channels(file: RawFile) -> tuple[str, ...]:
     return tuple(_layers(file, _header(file)))
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Surface | Profile:
+@map_reader(FORMAT, "PLu", "a PLu file with its own units", several=True)
+def read(asked: Request) -> Surface | Profile:
     """Return the height map or the profile of a PLu file."""
-    refuse_options(file, "a PLu file with its own units", unit=unit)
-    override = lateral_steps(lateral_step)
+    file = asked.file
     header = _header(file)
-    layers = _layers(file, header, max_pixels)
-    name = only_channels(file, "PLu", channel, tuple(layers))
+    layers = _layers(file, header, asked.max_pixels)
+    name = asked.choose(layers)
     layer = layers[name]
     z = scaled(_raw(file, layer), _UM, lambda block: block == _NOT_MEASURED, turned=True)
     facts = {
@@ -86,7 +78,7 @@ def read(
     header.update(_LAYER.read(file, layer.start - _LAYER_BYTES))
     if layer.start + 4 * z.size + _LIMIT_BYTES <= file.size:
         header.update(_LIMITS.read(file, layer.start + 4 * z.size))
-    warnings: list[str] = []
+    warnings = asked.warnings
     claimed = header["calibration_rows"], header["calibration_columns"]
     if (layer.rows, layer.columns) != claimed:
         warnings.append(
@@ -95,27 +87,21 @@ def read(
         )
     dx = header.step("um_per_pixel_x", warnings)
     if header["type"] == _PROFILE:
-        step = override[0] if override else None
+        step = asked.step
         if dx is None and step is None:
             raise UnitError(
                 f"{file.path}: um_per_pixel_x of the profile is {header['um_per_pixel_x']}, so it is "
                 "not calibrated; declare its step with lateral_step="
             )
         x = (dx or step or 0.0) * np.arange(z.size, dtype=np.float64)
-        return make_profile(
-            file, FORMAT, x, z[0], header=header, override=step, warnings=warnings, **facts
-        )
+        return asked.profile(x, z[0], header=header, **facts)
     dy = header.step("um_per_pixel_y", warnings)
-    return make_surface(
-        file,
-        FORMAT,
+    return asked.surface(
         z,
         (dx, dy),
         row_order="top row first",
         turned=True,
         header=header,
-        override=override,
-        warnings=warnings,
         **facts,
     )
 

@@ -15,7 +15,6 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
-    CorruptFileError,
     UnsupportedFeatureError,
     WriteError,
 )
@@ -23,16 +22,15 @@ from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.io.declared import Structure, TextFields, demand, need_bytes, sniffer, structure
 from metrosep.io.objects import (
+    Request,
     check_area,
     check_scale,
     height_only as channels,
     lateral_or_none,
-    make_profile,
-    make_surface,
-    only_channels,
+    map_reader,
     scaled,
 )
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile
 from metrosep.io.text.numbers import parse_numbers
 
 __all__ = ["channels", "read", "sniff"]
@@ -67,20 +65,12 @@ class _Content(NamedTuple):
 sniff = sniffer(FORMAT)
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Surface | Profile:
+@map_reader(FORMAT, "SDF", "a surface data file in metres")
+def read(asked: Request) -> Surface | Profile:
     """Return the surface, or the one profile, of a surface data file."""
-    refuse_options(file, "a surface data file in metres", unit=unit)
-    only_channels(file, "SDF", channel)
-    override = lateral_steps(lateral_step)
+    file = asked.file
     demand(file, FORMAT)
-    content = (_text if file.head[:1] == b"a" else _binary)(file, max_pixels)
+    content = (_text if file.head[:1] == b"a" else _binary)(file, asked.max_pixels)
     header, warnings = content.header, content.warnings
     scale = check_scale(file, "Zscale", header["Zscale"], low=1e-18, high=1e6)
     own = [lateral_or_none(file, n, header[n], warnings) for n in ("Xscale", "Yscale")]
@@ -88,29 +78,23 @@ def read(
     with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
         z = scaled(content.raw, scale, content.invalid).reshape(shape)
     if shape[0] > 1:
-        return make_surface(
-            file,
-            FORMAT,
+        return asked.surface(
             z,
             (own[0], own[1]),
             row_order="smallest y first",
             header=header,
-            override=override,
             warnings=warnings,
             height_per_unit_m=scale,
         )
-    step = own[0] or (override[0] if override else None)
+    step = own[0] or asked.step
     if step is None:
         raise UnsupportedFeatureError(
             f"{file.path}: its one profile has no step (Xscale 0); pass lateral_step="
         )
-    return make_profile(
-        file,
-        FORMAT,
+    return asked.profile(
         step * np.arange(shape[1], dtype=np.float64),
         z[0],
         header=header,
-        override=override[0] if override else None,
         warnings=warnings,
         height_per_unit_m=scale,
     )
@@ -168,8 +152,7 @@ def _trailer(file: RawFile, start: int) -> str:
     """Return the text after the heights; other bytes show that sizes or type are wrong."""
     trailer = file.data[start : start + _MAX_TRAILER].strip(b"\0 \r\n*")
     if not trailer.isascii() or b"\0" in trailer:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "what follows the heights is no text",
             offset=start,
             field="NumPoints, NumProfiles, DataType",
@@ -194,8 +177,7 @@ def _text(file: RawFile, max_pixels: int | None) -> _Content:
             warnings = _type_notes(header)
             if star < 0:
                 if not bytes(body[-1:]).isspace():
-                    raise CorruptFileError(
-                        file.path,
+                    raise file.corrupt(
                         "the file ends within its last height",
                         field="heights",
                         expected="the '*' after them, or a line end",
@@ -205,8 +187,7 @@ def _text(file: RawFile, max_pixels: int | None) -> _Content:
                 warnings.append("the '*' after the heights is missing")
             header["trailer"] = _trailer(file, star + 1 if star >= 0 else file.size)
             return _Content(header, raw, None, warnings)
-    raise CorruptFileError(
-        file.path,
+    raise file.corrupt(
         "the heights do not fill the map",
         offset=start,
         field="NumPoints, NumProfiles",
@@ -231,8 +212,8 @@ def _text_header(file: RawFile) -> tuple[dict[str, Any], int]:
         texts.take(
             line, comments=(";",), line=number, name=lambda key: _KEYS.get(key.lower(), key)
         )
-    raise CorruptFileError(
-        file.path, "the header has no end", offset=start, expected="a line '*' before the heights"
+    raise file.corrupt(
+        "the header has no end", offset=start, expected="a line '*' before the heights"
     )
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import CorruptFileError, UnitError
+from metrosep.core.errors import UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, parse_unit
 from metrosep.io.declared import mismatch
@@ -58,8 +58,7 @@ def read(
     points = np.empty((2, len(rows)))
     for k, (line, fields) in enumerate(rows):
         if len(fields) != 2:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a row does not hold a position and a height",
                 field=f"line {line}",
                 expected=2,

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
-    CorruptFileError,
     FormatMismatchError,
     ReadError,
     UnsupportedFeatureError,
@@ -263,9 +262,7 @@ class TextSource:
             return plain_ends(raw.decode(self._encoding))
         except UnicodeDecodeError as exc:
             at = line + raw[: exc.start].count(b"\n")
-            raise CorruptFileError(
-                self._file.path, f"is not {self._encoding} text", field=f"line {at}"
-            ) from None
+            raise self._file.corrupt(f"is not {self._encoding} text", field=f"line {at}") from None
 
 
 def _sample(rows: FloatArray, lines: NDArray[np.int64]) -> tuple[FloatArray, NDArray[np.int64]]:

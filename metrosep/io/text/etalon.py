@@ -180,11 +180,8 @@ def _sections(file: RawFile) -> tuple[dict[str, list[list[float]]], dict[str, st
             rest = key.group(2)[1:].strip()
             rows = _row(file, number, rest, section, rows) if rest else rows
     if rows is not None:
-        raise CorruptFileError(
-            file.path,
-            f"the table of {section} has no end",
-            expected="}",
-            found="the end of the file",
+        raise file.corrupt(
+            f"the table of {section} has no end", expected="}", found="the end of the file"
         )
     return tables, others
 
@@ -216,10 +213,6 @@ def _number(file: RawFile, number: int, text: str, section: str) -> float:
 
 
 def _bad(file: RawFile, number: int, text: str, expected: str) -> CorruptFileError:
-    return CorruptFileError(
-        file.path,
-        "a line does not fit",
-        field=f"line {number}",
-        expected=expected,
-        found=repr(text[:40]),
+    return file.corrupt(
+        "a line does not fit", field=f"line {number}", expected=expected, found=repr(text[:40])
     )

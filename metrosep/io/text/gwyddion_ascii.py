@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, UnitError
+from metrosep.core.errors import UnitError
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, parse_unit
 from metrosep.io.declared import mismatch
@@ -131,8 +131,7 @@ def _matrix(file: RawFile, lines: list[str]) -> FloatArray:
     z = np.empty((len(rows), width))
     for k, (line, fields) in enumerate(rows):
         if len(fields) != width:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a row has another length than the first",
                 field=f"line {line}",
                 expected=width,

@@ -145,8 +145,7 @@ def _test(file: RawFile) -> _Test:
 
 
 def _bad(file: RawFile, reason: str, number: int, text: str) -> CorruptFileError:
-    return CorruptFileError(
-        file.path,
+    return file.corrupt(
         reason,
         field=f"line {number}",
         expected=f"KEY=VALUE, {_TARGET}[i] or REF_DATA_...[i,j], each once and from 1",
@@ -160,8 +159,7 @@ def _arrays(
     m = len(entries[_TARGET])
     _demand(file, "POSITIONS", header, m)
     if max(entries[_TARGET])[0] != m:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "a target is missing",
             field=_TARGET,
             expected=f"{m} targets counted from 1",
@@ -169,14 +167,13 @@ def _arrays(
         )
     targets = np.array([entries[_TARGET][(i + 1,)] for i in range(m)])
     if not np.isfinite(targets).all():
-        raise CorruptFileError(file.path, "a target is no number", field=_TARGET)
+        raise file.corrupt("a target is no number", field=_TARGET)
     reached = {}
     for key, direction in _DIRECTIONS.items():
         found = entries[key]
         n = max((j for _, j in found), default=0)
         if len(found) != m * n or any(i > m for i, _ in found):
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a position is missing or has no target",
                 field=key,
                 expected=f"{m} targets x {n} cycles",
@@ -193,8 +190,8 @@ def _demand(file: RawFile, key: str, header: dict[str, str], count: int) -> None
     """Refuse a file that declares another count than it holds: it was cut off."""
     text = header.get(key)
     if text is not None and text != str(count):
-        raise CorruptFileError(
-            file.path, "the declared count is wrong", field=key, expected=text[:20], found=count
+        raise file.corrupt(
+            "the declared count is wrong", field=key, expected=text[:20], found=count
         )
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, ReadError, UnitError
+from metrosep.core.errors import FormatMismatchError, ReadError, UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
@@ -257,8 +257,7 @@ class LayoutReader:
         self, file: RawFile, table: Table, head: Sequence[str], fields: Mapping[str, str]
     ) -> Table:
         if len(table.columns) != len(self._columns):
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 f"the table is not that of {self._title}",
                 field="columns",
                 expected=f"{len(self._columns)} columns",
@@ -284,8 +283,7 @@ class LayoutReader:
                 continue
             found = [k for k in fields if _bare_key(k) == _bare_key(str(wanted))]
             if len(found) > 1:
-                raise CorruptFileError(
-                    file.path,
+                raise file.corrupt(
                     "the head says twice how fast it was sampled",
                     field=str(wanted),
                     found=" and ".join(found),
@@ -296,8 +294,7 @@ class LayoutReader:
                 mark = str(self._layout.get("decimal", table_decimal))
                 value = _si(f"{fields[name]} {_bracketed(name)}", dimension, mark)
             if not (np.isfinite(value) and value > 0.0):
-                raise CorruptFileError(
-                    file.path,
+                raise file.corrupt(
                     "the head does not say how fast it was sampled",
                     field=str(wanted),
                     expected=f"a positive {dimension} with its unit",

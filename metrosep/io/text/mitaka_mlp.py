@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, ReadError
+from metrosep.core.errors import FormatMismatchError, ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.io.declared import mismatch
@@ -245,7 +245,7 @@ def read_points(file: RawFile) -> Points:
         raise mismatch(file, FORMAT)
     title = next((i for i, s in enumerate(lines[:_MAX_HEADER]) if s.strip() == _TITLE), None)
     if title is None:
-        raise CorruptFileError(file.path, "the header has no end", expected=f"a line {_TITLE}")
+        raise file.corrupt("the header has no end", expected=f"a line {_TITLE}")
     header: dict[str, list[str]] = {}
     for line in filter(str.strip, lines[:title]):
         key, *values = (f.strip() for f in line.split(","))
@@ -271,14 +271,11 @@ def read_points(file: RawFile) -> Points:
 def _numbers(file: RawFile, lines: list[str], start: int) -> FloatArray:
     rows = [(n, s.split(",")) for n, s in enumerate(lines[start:], start=start + 1) if s.strip()]
     if len(rows) < 2:
-        raise CorruptFileError(
-            file.path, "has no points", field=f"line {start + 1}", expected="2 rows or more"
-        )
+        raise file.corrupt("has no points", field=f"line {start + 1}", expected="2 rows or more")
     xyz = np.empty((len(rows), 3))
     for k, (line, fields) in enumerate(rows):
         if len(fields) != 3:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a point has another number of coordinates",
                 field=f"line {line}",
                 expected=3,
@@ -288,7 +285,7 @@ def _numbers(file: RawFile, lines: list[str], start: int) -> FloatArray:
             xyz[k, j] = to_number(file, fields[j], line=line, name=AXES[j])
     if np.isnan(xyz).any():
         line = rows[int(np.flatnonzero(np.isnan(xyz).any(axis=1))[0])][0]
-        raise CorruptFileError(file.path, "a coordinate is missing", field=f"line {line}")
+        raise file.corrupt("a coordinate is missing", field=f"line {line}")
     return xyz * _MM
 
 

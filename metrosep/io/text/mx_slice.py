@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, ReadError
+from metrosep.core.errors import FormatMismatchError, ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, parse_unit
 from metrosep.io.declared import mismatch
@@ -108,8 +108,7 @@ def _rows(file: RawFile) -> tuple[dict[str, list[tuple[float, float]]], list[str
             continue
         fields = line.split(",")
         if len(fields) != 3 or not fields[2].strip():
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a row does not fit",
                 field=f"line {number}",
                 expected="position, height and slice",
@@ -117,11 +116,11 @@ def _rows(file: RawFile) -> tuple[dict[str, list[tuple[float, float]]], list[str
             )
         x = to_number(file, fields[0], line=number, name="X")
         if np.isnan(x):
-            raise CorruptFileError(file.path, "a row has no position", field=f"line {number}")
+            raise file.corrupt("a row has no position", field=f"line {number}")
         z = to_number(file, fields[1], line=number, name="Y")
         slices.setdefault(fields[2].strip(), []).append((x, z))
     if not slices:
-        raise CorruptFileError(file.path, "holds no row", field="line 2")
+        raise file.corrupt("holds no row", field="line 2")
     cut = "the file does not end with a line end; its last row may be cut off"
     return slices, [cut] if lines[-1] else []
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.errors import FormatMismatchError, UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.io.declared import mismatch
@@ -130,10 +130,8 @@ def _description(file: RawFile) -> _Scan:
             header.setdefault(section, {})[key.strip()] = value.strip()
     lines = [block for block in blocks if block]
     if not lines:
-        raise CorruptFileError(
-            file.path,
-            "the description lists no columns",
-            expected="0 : date : symbol : count : title",
+        raise file.corrupt(
+            "the description lists no columns", expected="0 : date : symbol : count : title"
         )
     symbols = tuple(m[6].strip() for _, m in lines[0])
     for block in lines:
@@ -142,8 +140,7 @@ def _description(file: RawFile) -> _Scan:
             tuple(m[6].strip() for _, m in block) == symbols and len({m[7] for _, m in block}) == 1
         )
         if not same or [int(m[1]) for _, m in block] != list(range(len(symbols))):
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "the lists of columns contradict each other",
                 field=f"line {number}",
                 expected=f"columns 0 to {len(symbols) - 1} of one length",
@@ -166,8 +163,7 @@ def _seconds(file: RawFile, firsts: list[tuple[int, re.Match[str]]]) -> tuple[fl
             hours = datetime.strptime(match[5], "%H:%M:%S")
             moments.append(hours.replace(year=int(match[4]), month=month, day=int(match[2])))
         except (KeyError, ValueError):
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a time is not usable",
                 field=f"line {number}",
                 expected="day-month-year time",
@@ -194,7 +190,7 @@ def _line(file: RawFile, scan: _Scan, index: int) -> Profile:
     rows = table[start : start + scan.counts[index]]
     x, z = rows[:, where[_ALONG]], rows[:, where[_HEIGHT]]
     if np.isnan(x).any():
-        raise CorruptFileError(file.path, f"a point of {data.name} has no position")
+        raise file.corrupt(f"a point of {data.name} has no position")
     profile = make_profile(
         file,
         FORMAT,
@@ -225,8 +221,7 @@ def _table(file: RawFile, data: RawFile, n_rows: int, widths: tuple[int, ...]) -
         ("columns", widths, table.shape[1]),
     ):
         if found not in expected:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 f"{data.name} does not fit the description",
                 field=name,
                 expected=" or ".join(map(str, expected)),
