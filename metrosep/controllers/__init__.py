@@ -43,7 +43,7 @@ _HOMES = {
         "as_path_correction",
         "error_correction",
         "nose_correction",
-    ],  # fmt: skip
+    ],
     "gcode.paths": ["PathResult", "rewrite_path"],
     "gcode.lists": ["PointResult", "rewrite_points"],
     "registry": ["describe", "find", "names"],
