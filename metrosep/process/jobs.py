@@ -557,7 +557,7 @@ def _check_causes(tool: object, follow_up: object, *, float_too: bool) -> None:
             "follow_up must be a log placed on the part, from follow_up(...): a "
             f"{type(follow_up).__name__} has no shape that could be made up for"
         )
-    if not isinstance(follow_up, int | float | np.number) or isinstance(follow_up, bool):
+    if not isinstance(follow_up, str) and not numbers.is_real(follow_up):
         raise DataError(
             "follow_up must be a log placed on the part, from follow_up(...), or a P-V in m, got "
             f"{type(follow_up).__name__}"
