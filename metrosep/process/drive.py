@@ -84,9 +84,10 @@ class DriveTable(Frozen):
         """
         columns = {"x": self.x, "displacement_m": self.displacement, "voltage_V": self.voltage}
         columns["residual_m"] = self.residual
-        return plain(
+        table: dict[str, Any] = plain(
             {**columns, "is_ok": self.is_ok, "violations": self.violations, "audit": self.audit}
         )
+        return table
 
 
 def stage_displacement(
@@ -230,7 +231,8 @@ def drive_table(
     ):
         raise DataError("a sensitivity of 0 m/V is of no use")
     stroke = (-travel, 0.0) if _moves_down(calibration) else (0.0, travel)
-    violations = _beyond_stroke(d, given, quantity, offset, stroke)
+    finite = math.isfinite(travel)
+    violations = _beyond_stroke(d, given, quantity, offset, stroke) if finite else []
     wanted, beyond = _voltages(d, calibration)
     violations += [*beyond, *_beyond_range(wanted, positions, low, high)]
     too_fast = _too_fast(wanted, positions, times, slew)
@@ -305,11 +307,12 @@ def _beyond_stroke(
         low, high = -high, -low
     beyond = max(below - d[i], d[i] - above)
     article = "an" if quantity == "error" else "a"
-    return [
+    message = (
         f"{quantity} {values[i] * 1e6:.6g} um needs a {sign}displacement of {d[i] * 1e6:.6g} um, "
         f"{beyond * 1e6:.3g} um beyond the stroke {_span(below, above, 1e6)} um; with an offset of "
         f"{offset * 1e6:.6g} um {article} {quantity} of {_span(low, high, 1e6)} um is admissible"
-    ]
+    )
+    return [message]
 
 
 def _span(low: float, high: float, factor: float = 1.0) -> str:
@@ -341,11 +344,12 @@ def _beyond_range(v: FloatArray, x: FloatArray, low: float, high: float) -> list
     if i is None:
         return []
     negative = "negative " if v[i] < 0.0 <= low else ""
-    return [
+    message = (
         f"{negative}voltage {v[i]:.6g} V at x = {format_length(float(x[i]))} lies outside "
         f"{_span(low, high)} V by {max(low - v[i], v[i] - high):.3g} V (the table needs "
         f"{np.nanmin(v):.6g} ... {np.nanmax(v):.6g} V); change the offset"
-    ]
+    )
+    return [message]
 
 
 def _too_fast(v: FloatArray, x: FloatArray, times: FloatArray | None, slew: float) -> list[str]:
@@ -357,10 +361,11 @@ def _too_fast(v: FloatArray, x: FloatArray, times: FloatArray | None, slew: floa
     i = 0 if np.isnan(rate).all() else int(np.nanargmax(rate))
     if not rate[i] > slew * (1.0 + _SLACK):
         return []
-    return [
+    message = (
         f"the voltage changes by {rate[i]:.6g} V/s at x = {format_length(float(x[i]))}, the amplifier "
         f"makes {slew:.6g} V/s, {100.0 * (rate[i] / slew - 1.0):.2g} % less; lower the feed"
-    ]
+    )
+    return [message]
 
 
 def _largest_slew(v: FloatArray, times: FloatArray | None) -> float | None:
