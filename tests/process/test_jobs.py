@@ -404,7 +404,7 @@ def test_budget_of_a_job_weighs_by_area():
         (
             lambda: SMALL.predict(SMALL.path(step=0.1), follow_up="log"),
             DataError,
-            "or a P-V in m, got str",
+            "P-V of 'follow-up' 'log' is not a number",
         ),
         (
             lambda: SMALL.predict(SMALL.path(step=0.1), follow_up=-1e-9),
