@@ -20,8 +20,67 @@ from metrosep.forms.base import Shape, checked, positive_root, root
 __all__ = ["Asphere", "Conic"]
 
 
+class _Revolution(Shape):
+    """A conic of revolution in R and k; `k` of a class is 0 where it is no parameter."""
+
+    R: Any
+    k: Any
+    radii = ("R",)
+
+    def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
+        # R by algebraic regression with tilt and piston, finite also for a flat part; an unknown k
+        # is 0, or -1 where a sphere of that R would end before the data do.
+        extent = float(np.sqrt((x * x + y * y).max())) if x.size else 0.0
+        values: dict[str, float] = {}
+        k = self.k
+        if k is None:
+            k = 0.0
+            if self.R is None or abs(self.R) <= EQUATOR * extent:
+                parabola = radius_of(mean_curvature(x, y, z, name=self.name, k=-1.0))
+                k = 0.0 if abs(self.R or parabola) > EQUATOR * extent else -1.0
+            values["k"] = k
+        if self.R is None:
+            R = radius_of(mean_curvature(x, y, z, name=self.name, k=k))
+            values["R"] = inside(R, extent * math.sqrt(max(1.0 + k, 0.0)))
+        return self.with_parameters(**values) if values else self
+
+    def _parts(self, x: FloatArray, y: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Return R, r^2, and the square of the root."""
+        R, k = (*self._known(*self.units), 0.0)[:2]
+        square = x * x + y * y
+        return R, square, 1.0 - ((1.0 + k) / R / R) * square
+
+    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        R, square, w = self._parts(x, y)
+        return square / (R * (1.0 + root(w)))
+
+    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        R, _, w = self._parts(x, y)
+        rate = 1.0 / (R * positive_root(w))
+        return x * rate, y * rate
+
+    def _derivatives(self, x: FloatArray, y: FloatArray, names: Sequence[str]) -> list[FloatArray]:
+        return self.expansion(x, y, names, slopes=False)[2]
+
+    def expansion(
+        self, x: FloatArray, y: FloatArray, names: Sequence[str], *, slopes: bool
+    ) -> tuple[FloatArray, tuple[FloatArray, FloatArray] | None, list[FloatArray]]:
+        # From one square root; heights are NaN also on the equator, where slopes are infinite.
+        self._check_names(names)
+        R, square, w = self._parts(x, y)
+        w = positive_root(w)
+        height = square / (R * (1.0 + w))
+        found = None
+        if slopes:
+            rate = 1.0 / (R * w)
+            found = x * rate, y * rate
+        common = height / (R * w) if names else w
+        derived = [-common if n == "R" else 0.5 * common * height for n in names]
+        return height, found, derived
+
+
 @dataclass(frozen=True, repr=False)
-class Conic(Shape):
+class Conic(_Revolution):
     """A conic of revolution about z with its vertex at the origin.
 
     Parameters
@@ -61,65 +120,7 @@ class Conic(Shape):
 
     name = "conic"
     units = {"R": "m", "k": "1"}  # noqa: RUF012
-    radii = ("R",)
     weak = ("k",)
-
-    def __post_init__(self) -> None:
-        self._set(R=checked(self.R, "R", zero=False, dimension="length"), k=checked(self.k, "k"))
-
-    def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
-        # R by algebraic regression with tilt and piston; an unknown k is 0, or -1 where a sphere of
-        # that R would end before the data do.
-        extent = float(np.sqrt((x * x + y * y).max())) if x.size else 0.0
-        values: dict[str, float] = {}
-        k = self.k
-        if k is None:
-            k = 0.0
-            if self.R is None or abs(self.R) <= EQUATOR * extent:
-                parabola = radius_of(mean_curvature(x, y, z, name=self.name, k=-1.0))
-                k = 0.0 if abs(self.R or parabola) > EQUATOR * extent else -1.0
-            values["k"] = k
-        if self.R is None:
-            R = radius_of(mean_curvature(x, y, z, name=self.name, k=k))
-            least = EQUATOR * extent * math.sqrt(max(1.0 + k, 0.0))
-            values["R"] = math.copysign(max(abs(R), least), R)
-        return self.with_parameters(**values) if values else self
-
-    def _parts(self, x: FloatArray, y: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        R, k = self._known("R", "k")
-        square = x * x + y * y
-        return R, square, 1.0 - ((1.0 + k) / R / R) * square
-
-    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        R, square, w = self._parts(x, y)
-        return square / (R * (1.0 + root(w)))
-
-    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        R, _, w = self._parts(x, y)
-        rate = 1.0 / (R * positive_root(w))
-        return x * rate, y * rate
-
-    def _derivatives(self, x: FloatArray, y: FloatArray, names: Sequence[str]) -> list[FloatArray]:
-        R, square, w = self._parts(x, y)
-        w = positive_root(w)
-        common = square / (R * R * w * (1.0 + w))
-        return [-common if n == "R" else common * square / (2.0 * R * (1.0 + w)) for n in names]
-
-    def expansion(
-        self, x: FloatArray, y: FloatArray, names: Sequence[str], *, slopes: bool
-    ) -> tuple[FloatArray, tuple[FloatArray, FloatArray] | None, list[FloatArray]]:
-        # From one square root; heights are NaN also on the equator, where slopes are infinite.
-        self._check_names(names)
-        R, square, w = self._parts(x, y)
-        w = positive_root(w)
-        height = square / (R * (1.0 + w))
-        found = None
-        if slopes:
-            rate = 1.0 / (R * w)
-            found = x * rate, y * rate
-        common = height / (R * w) if names else w
-        derived = [-common if n == "R" else 0.5 * common * height for n in names]
-        return height, found, derived
 
 
 # ---- curvature of points, to start the fit of a curved form ------------------------------------

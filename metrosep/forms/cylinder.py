@@ -11,7 +11,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DegenerateFitError
-from metrosep.forms.base import Shape, checked, positive_root, root
+from metrosep.forms.base import Shape, positive_root, root
 from metrosep.forms.conic import inside, mean_curvature, radius_of, scaled
 
 __all__ = ["Cylinder"]
@@ -54,12 +54,6 @@ class Cylinder(Shape):
     units = {"R": "m", "angle": "rad"}  # noqa: RUF012
     radii = ("R",)
     weak = ("angle",)
-
-    def __post_init__(self) -> None:
-        self._set(
-            R=checked(self.R, "R", zero=False, dimension="length"),
-            angle=checked(self.angle, "angle", dimension="angle"),
-        )
 
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
         # The axis, -pi/2 < angle <= pi/2, in which a parabolic cylinder with tilt and piston leaves

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
 
-from metrosep.core._arrays import FloatArray
-from metrosep.forms.base import Shape, checked, positive_root, root
-from metrosep.forms.conic import inside, mean_curvature, radius_of
+from metrosep.forms.conic import _Revolution
 
 __all__ = ["Sphere"]
 
 
 @dataclass(frozen=True, repr=False)
-class Sphere(Shape):
+class Sphere(_Revolution):
     """A sphere that touches the plane z = 0 at the origin.
 
     Parameters
@@ -45,35 +40,6 @@ class Sphere(Shape):
     R: float | None = None
 
     name = "sphere"
+    k = 0.0
     units = {"R": "m"}  # noqa: RUF012
-    radii = ("R",)
 
-    def __post_init__(self) -> None:
-        self._set(R=checked(self.R, "R", zero=False, dimension="length"))
-
-    def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
-        # R by algebraic regression with tilt and piston; finite also for a flat part.
-        if self.R is not None:
-            return self
-        R = radius_of(mean_curvature(x, y, z, name=self.name))
-        return self.with_parameters(R=inside(R, math.sqrt((x * x + y * y).max())))
-
-    def _parts(self, x: FloatArray, y: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        (R,) = self._known("R")
-        u, v = x / R, y / R
-        square = u * u + v * v
-        return R, square, 1.0 - square
-
-    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        R, square, w = self._parts(x, y)
-        return R * square / (1.0 + root(w))
-
-    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        R, _, w = self._parts(x, y)
-        rate = 1.0 / (R * positive_root(w))
-        return x * rate, y * rate
-
-    def _derivatives(self, x: FloatArray, y: FloatArray, names: Sequence[str]) -> list[FloatArray]:
-        _, square, w = self._parts(x, y)
-        w = positive_root(w)
-        return [-square / (w * (1.0 + w)) for _ in names]
