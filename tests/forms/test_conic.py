@@ -7,8 +7,8 @@ import pytest
 
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
 from metrosep.forms.conic import Asphere, Conic
-from metrosep.forms.cylinder import Cylinder
-from metrosep.forms.sphere import Sphere
+from metrosep.forms.conic import Cylinder
+from metrosep.forms.conic import Sphere
 
 ROUNDING = 4e-16
 """Two units in the last place."""

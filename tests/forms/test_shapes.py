@@ -13,11 +13,11 @@ import pytest
 
 from metrosep.core.errors import DataError
 from metrosep.forms.conic import Asphere, Conic
-from metrosep.forms.cylinder import Cylinder
+from metrosep.forms.conic import Cylinder
 from metrosep.forms.expression import Expression
-from metrosep.forms.plane import Plane
+from metrosep.forms.conic import Plane
 from metrosep.forms.sine_grid import SineGrid
-from metrosep.forms.sphere import Sphere
+from metrosep.forms.conic import Sphere
 from metrosep.forms.toric import Biconic, Toric
 
 STEP = 1e-30

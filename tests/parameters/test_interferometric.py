@@ -167,7 +167,7 @@ def test_bad_input_is_named():
 
 def test_metropro_file(corpus):
     from metrosep.forms.fit import fit
-    from metrosep.forms.plane import Plane
+    from metrosep.forms.conic import Plane
 
     surface = ms.read(corpus / "st" / "metropro-1.dat")
     raw = interferometric_parameters(surface, names=["PV", "RMS"])
