@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from metrosep import _assembly as _assembly
 from metrosep._version import __version__ as __version__
 from metrosep.core._lazy import lazy_package
-from metrosep.core.methods import METHODS as _METHODS
 
 if TYPE_CHECKING:
     from metrosep import (
@@ -41,6 +40,3 @@ if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe as Recipe
 
 __getattr__, __dir__ = lazy_package(__name__)
-
-_METHODS.packages = ("metrosep.separation", "metrosep.recipe")
-"""Packages whose methods recipes, the command line and `separate` know by name."""

@@ -19,3 +19,4 @@ def _explore(obj: Any, /, **options: Any) -> Any:
 
 
 attached.explore = _explore
+attached.method_packages = ("metrosep.separation", "metrosep.recipe")

@@ -20,6 +20,8 @@ class Explore(Protocol):
 
 class _Attached:
     explore: Explore
+    # packages whose ``METHODS`` recipes, the command line and `separate` know by name
+    method_packages: tuple[str, ...]
 
 
 attached = _Attached()
