@@ -6,6 +6,7 @@
 #   make test-clients     files against other makers' clients (mecode, PIPython), likewise
 #   make test-browser     the workbench in headless Chromium (skipped by name where there is none)
 #   make test-notebook    its widgets in JupyterLab and marimo, driven by Chromium
+#   make house           lines, files, circles of imports, modules that commands load
 #   make docs | bench | constraints | clean
 # Another interpreter: make PYTHON=python3.12 test
 
@@ -28,7 +29,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 
 .DELETE_ON_ERROR:
-.PHONY: help install groups demo test test-slow test-controller test-clients test-browser test-notebook check lint lint-quick docs bench constraints clean
+.PHONY: help install groups demo test test-slow test-controller test-clients test-browser test-notebook check lint lint-quick house docs bench constraints clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -133,6 +134,10 @@ check: lint docs
 lint: lint-quick
 	$(BIN)/mypy
 	$(BIN)/python tools/check_docstrings.py
+
+# The measures of the house; the exit code of the tool is the number of those that are missed.
+house: $(VENV)/.installed
+	-@$(BIN)/python tools/house.py
 
 # What CI has time for.
 lint-quick: $(VENV)/.installed-test $(VENV)/.installed-lint

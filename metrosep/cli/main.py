@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import os
 import sys
@@ -18,9 +17,9 @@ __all__ = ["cli", "main"]
 _HOMES = {
     "demo": "jobs", "info": "files", "check": "files", "convert": "files", "measure": "measuring",
     "form": "measuring", "separate": "jobs", "table": "tables", "path": "paths",
-    "report": "reporting", "diff": "comparing", "verify": "tables",
-    "verify-softgauge": "softgauge", "run": "jobs", "batch": "batches", "plan": "planning",
-    "rank": "modelling", "predict": "modelling", "formats": "files", "controllers": "carriers",
+    "report": "reporting", "diff": "reporting", "verify": "tables",
+    "verify-softgauge": "measuring", "run": "jobs", "batch": "batches", "plan": "planning",
+    "rank": "modelling", "predict": "modelling", "formats": "files", "controllers": "files",
     "ops": "ops", "ui": "workbench",
 }  # fmt: skip
 """The module of each command, which is loaded when the command is called."""
@@ -45,6 +44,8 @@ class _Commands(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the command that is called; of a name that is none, say which one is near."""
+        import difflib
+
         near = difflib.get_close_matches(args[0], list(_HOMES), n=1)
         if args[0] in _HOMES or not near or args[0].startswith("-"):
             return super().resolve_command(ctx, args)

@@ -189,8 +189,8 @@ def test_bad_input():
         ({"power": (1e-9,)}, "power must be the known value and"),
         ({"terms": 36.0}, "terms must be a whole number"),
         ({"terms": 100000}, "terms go up to"),
-        ({"u_reading": "1 nm"}, "u_reading must be one number"),
-        ({"dx": "1e-4"}, "dx must be a number"),
+        ({"u_reading": "1 V"}, "a length is needed"),
+        ({"dx": "1e-4"}, "dx '1e-4' has no unit"),
     ],
 )
 def test_refused_by_name(options, match):

@@ -22,6 +22,7 @@ from metrosep.separation.maps._map_input import (
     coarse,
     combined,
     mirror,
+    mirrored_trials,
     noise_of,
     orders_of,
     residual_doubts,
@@ -93,54 +94,69 @@ def by_terms(
     basis: DiscBasis,
     stack: FloatArray,
     grid: MapGrid,
-    setups: Sequence[FlatSetup],
-    flip: str,
     *,
     u_reading: float | None,
     u_shift: FloatArray,
 ) -> FlatResult:
-    """Return coefficients and maps of Zernike terms."""
+    """Return coefficients and maps of Zernike terms on the pixels that all readings have."""
     p, s = len(basis.nm), stack.shape[0]
-    shown = solver.seen.ravel()
-
-    def coefficients(maps: FloatArray) -> FloatArray:
-        return np.asarray((solver.operator @ basis.fit(maps).ravel()).reshape(3, p))
-
     read = basis.fit(stack)
     least = solver.operator @ read.ravel()
     aligned_or_fitted = (solver.model @ least).reshape(s, p)
     hidden_rows = [i for i, nm in enumerate(basis.nm) if nm in ((0, 0), (1, 1), (1, -1))]
     aligned_or_fitted[:, hidden_rows] = read[:, hidden_rows]
-    residual = stack[:, basis.mask] - basis.maps(aligned_or_fitted)[:, basis.mask]
-    noise = noise_of(residual, float(residual.size - solver.rank), u_reading)
-    kept = np.where(shown, least, 0.0).reshape(3, p)
-    found = basis.maps(kept)
+    residual = np.where(basis.mask, stack, np.nan) - basis.maps(aligned_or_fitted)
     blocks = solver.operator.reshape(3, p, s, p) * solver.seen[:, :, None, None]
     covariance = np.einsum("aisk,kl,ajsl->aij", blocks, basis.inverse, blocks, optimize=True)
 
-    def linear(one: FloatArray) -> FloatArray:
-        return basis.maps(coefficients(one) * solver.seen)
+    def coefficients(one: FloatArray) -> FloatArray:
+        return np.asarray(solver.operator @ basis.fit(one).ravel())
 
-    share = registration_of_flats(linear, found, setups, grid, flip, u_shift)
+    return of_terms(
+        solver, basis, stack, grid, least, solver.seen, covariance, coefficients, residual,
+        solver.rank, u_reading, u_shift,
+    )  # fmt: skip
+
+
+def of_terms(
+    solver: FlatZernikeSolver,
+    basis: DiscBasis,
+    stack: FloatArray,
+    grid: MapGrid,
+    found: FloatArray,
+    seen: NDArray[np.bool_],
+    covariance: FloatArray,
+    coefficients: Callable[[FloatArray], FloatArray],
+    residual: FloatArray,
+    rank: int,
+    u_reading: float | None,
+    u_shift: FloatArray,
+) -> FlatResult:
+    """Return maps of coefficients with their uncertainty, NaN for terms that are not seen."""
+    known = residual[np.isfinite(residual)]
+    noise = noise_of(known[None], float(known.size - rank), u_reading)
+    kept = np.where(seen, found.reshape(seen.shape), 0.0)
+    maps = basis.maps(kept)
+
+    def linear(one: FloatArray) -> FloatArray:
+        return basis.maps(np.where(seen, coefficients(one).reshape(seen.shape), 0.0))
+
+    share = registration_of_flats(linear, maps, solver.setups, grid, solver.flip, u_shift)
     u = np.sqrt((noise.value * basis.deviations(covariance)) ** 2 + share**2)
     spread = noise.value * np.sqrt(np.einsum("aii->ai", covariance))
-    parts = dict(zip(FLATS, found, strict=True))
-    u_parts = dict(zip(FLATS, u, strict=True))
+    parts, u_parts = dict(zip(FLATS, maps, strict=True)), dict(zip(FLATS, u, strict=True))
     for k, flat in enumerate(FLATS):
-        parts[f"zernike_{flat}"] = np.where(solver.seen[k], kept[k], np.nan)
-        u_parts[f"zernike_{flat}"] = np.where(solver.seen[k], spread[k], np.nan)
-    coordinates = {
-        "zernike_n": np.array([n for n, _ in basis.nm], dtype=np.float64),
-        "zernike_m": np.array([m for _, m in basis.nm], dtype=np.float64),
-    }
+        parts[f"zernike_{flat}"] = np.where(seen[k], kept[k], np.nan)
+        u_parts[f"zernike_{flat}"] = np.where(seen[k], spread[k], np.nan)
     audit: dict[str, object] = {
-        "terms": p,
+        "terms": len(basis.nm),
         "radius_mm": basis.radius * 1e3,
-        "residual_rms_nm": float(np.sqrt(np.mean(residual**2))) * 1e9,
+        "residual_rms_nm": float(np.sqrt(np.mean(known**2))) * 1e9,
     }
-    left = np.full(stack.shape, np.nan)
-    left[:, basis.mask] = residual
-    return FlatResult(parts, u_parts, noise, coordinates, undescribed(left, stack), audit)
+    coordinates = basis.coordinates
+    return FlatResult(
+        parts, u_parts, noise, coordinates, audit=audit, unexplained=undescribed(residual, stack)
+    )
 
 
 def registration_of_flats(
@@ -178,13 +194,9 @@ def doubts_of_flats(solver: FlatPixelSolver, stack: FloatArray, grid: MapGrid) -
     if not given > 1e-6 * float(np.sqrt(np.nanmean(small**2))):
         return ()
     trials = []
-    for i, item in enumerate(solver.setups):
-        name = f"{item.first}{item.second}" + (" turned" if i > 2 else "")
-        for axis in ("x", "y"):
-            flipped = small.copy()
-            flipped[i] = mirror(small[i], axis)
-            text = f"reading {i + 1} ({name}) looks mirrored: with {axis} reversed"
-            trials.append((left(solver, flipped), text))
+    for rest, i, axis in mirrored_trials(small, lambda maps: left(solver, maps)):
+        name = solver.setups[i].pair + (" turned" if i > 2 else "")
+        trials.append((rest, f"reading {i + 1} ({name}) looks mirrored: with {axis} reversed"))
     other = "y" if solver.flip == "x" else "x"
     across = FlatPixelSolver(solver.setups, solver.n, other, 50.0)
     trials.append(
@@ -210,19 +222,13 @@ def hidden_orders(solver: FlatPixelSolver) -> tuple[Unobservable, ...]:
         f"steps of {solver.n}; add another angle"
     )
     reason = ODD_REASON.format(axis=solver.flip, what=what)
-    out = [
-        Unobservable(flat, "angular order", solver.odd_lost[k], reason)
+    both = ((solver.odd_lost, reason), (solver.even_lost, "the set-ups do not determine them"))
+    return tuple(
+        Unobservable(flat, "angular order", lost[k], why)
+        for lost, why in both
         for k, flat in enumerate(FLATS)
-        if solver.odd_lost[k]
-    ]
-    out += [
-        Unobservable(
-            flat, "angular order", solver.even_lost[k], "the set-ups do not determine them"
-        )
-        for k, flat in enumerate(FLATS)
-        if solver.even_lost[k]
-    ]
-    return tuple(out)
+        if lost[k]
+    )
 
 
 def _diameter(found: FloatArray, u: FloatArray, noise: Quantity, flip: str) -> FlatResult:
@@ -285,36 +291,17 @@ FLATS = ("A", "B", "C")
 
 @dataclass(frozen=True, slots=True)
 class FlatSetup:
-    """One reading: ``R(turn_first) first + R(turn_second) F second``, F the mirror.
+    """One reading: ``R(turn_first) first + R(turn_second) F second``, F the mirror."""
 
-    Parameters
-    ----------
-    first, second : {"A", "B", "C"}
-        The second one faces the first and is seen mirrored.
-    turn_first, turn_second : float, rad
-        Counter-clockwise in the map.
-    """
-
-    first: str
-    second: str
-    turn_first: float = 0.0
+    first: str  # "A", "B" or "C"
+    second: str  # faces the first and is seen mirrored
+    turn_first: float = 0.0  # rad, counter-clockwise in the map
     turn_second: float = 0.0
 
     @property
-    def moved_first(self) -> bool:
-        """Whether it is the first flat that was placed anew for this reading."""
-        return self.turn_first != 0.0 or (self.turn_second == 0.0 and self.first == "B")
-
-
-def flat_setups(
-    angles: Sequence[float], pairs: Sequence[str], turned_flat: str
-) -> tuple[FlatSetup, ...]:
-    """Return AB, AC, BC and the turned readings."""
-    basic = [FlatSetup("A", "B"), FlatSetup("A", "C"), FlatSetup("B", "C")]
-    for angle, pair in zip(angles, pairs, strict=True):
-        turns = (angle, 0.0) if turned_flat == "first" else (0.0, angle)
-        basic.append(FlatSetup(pair[0], pair[1], *turns))
-    return tuple(basic)
+    def pair(self) -> str:
+        """Names of both flats."""
+        return self.first + self.second
 
 
 def order_design(setups: Sequence[FlatSetup], order: int, mirror_sign: FloatArray) -> FloatArray:
@@ -476,6 +463,12 @@ class DiscBasis:
             raise DegenerateFitError(self._undetermined())
         self.inverse = np.linalg.inv(normal)
 
+    @property
+    def coordinates(self) -> dict[str, FloatArray]:
+        """Orders n and m of the terms."""
+        n, m = np.array(self.nm, dtype=np.float64).T
+        return {"zernike_n": n, "zernike_m": m}
+
     def _undetermined(self) -> str:
         return (
             f"{len(self.nm)} Zernike terms are not determined by the {self.x.size} pixels of the "
@@ -527,7 +520,7 @@ class FlatZernikeSolver:
         aligned: Sequence[tuple[int, int]],
         largest_gain: float,
     ) -> None:
-        self.nm = tuple(nm)
+        self.nm, self.setups, self.flip, self.aligned = tuple(nm), setups, flip, aligned
         place = {term: i for i, term in enumerate(self.nm)}
         p, s = len(self.nm), len(setups)
         self.seen = np.zeros((3, p), dtype=bool)
@@ -552,16 +545,13 @@ class FlatZernikeSolver:
             self.rank += solved.rank
             self.seen[rows // p, rows % p] = solved.seen & (solved.gain <= largest_gain)
 
-    def hidden_terms(self, aligned: Sequence[tuple[int, int]]) -> dict[int, tuple[str, ...]]:
-        """Return the names of the terms that turns and mirror leave unknown, for each flat."""
-        return {
-            part: tuple(
-                f"{term_name(n, m)} [Z({n}, {m})]"
-                for i, (n, m) in enumerate(self.nm)
-                if not self.seen[part, i] and (n, m) not in aligned
-            )
-            for part in range(3)
-        }
+    def hidden_terms(self, part: int) -> tuple[str, ...]:
+        """Return the names of the terms of one flat that turns and mirror leave unknown."""
+        return tuple(
+            f"{term_name(n, m)} [Z({n}, {m})]"
+            for i, (n, m) in enumerate(self.nm)
+            if not self.seen[part, i] and (n, m) not in self.aligned
+        )
 
 
 def _mirror_signs(m: int, flip: str) -> FloatArray:

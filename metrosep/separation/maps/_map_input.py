@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import ComplexArray, FloatArray, IntArray, as_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import not_negative, positive, real
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.separation.contract import Unobservable
+from metrosep.separation._readings import given_parts
+from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 
 PIXELS = "no lateral step is known: positions x and y are in pixels, square ones"
 
 _LEAST = 8
+_DIMENSIONS = {"m": "length", "rad": "angle"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +46,94 @@ class MapGrid:
     def y(self) -> FloatArray:
         """Rows from the centre, shape (n_y,)."""
         return np.asarray(np.arange(self.shape[0]) * self.dy - self.centre[1], dtype=np.float64)
+
+
+class MapMethod(SeparationMethod):
+    """A method whose readings are maps on one grid; its results carry their history."""
+
+    dx: float | None
+    dy: float | None
+
+    @abstractmethod
+    def separate(
+        self,
+        readings: ArrayLike,
+        *,
+        u_reading: float | None = None,
+        history: tuple[Step, ...] = (),
+    ) -> Separation:
+        """Return the parts that maps consist of, as far as they are determined.
+
+        Parameters
+        ----------
+        readings : array_like, shape (n, n_y, n_x), m, or sequence of Surface
+            One map for each set-up, in the order of `simulate`; NaN = not measured. Surfaces bring
+            the lateral steps and their history.
+        u_reading : float, m, optional
+            Standard uncertainty of one pixel of one reading; from redundancy if omitted.
+        history : tuple of Step, optional
+            Where the readings came from.
+
+        Returns
+        -------
+        Separation
+            Parts, each (n_y, n_x) in m, with uncertainties, null space and audit.
+
+        Raises
+        ------
+        DataError
+            If maps or options cannot be used: other shapes or steps, no common measured pixels.
+        InvalidSamplesError, TooFewSamplesError
+            If the maps hold no numbers, or are too few or too small.
+        DegenerateFitError
+            If the pixels do not determine the Zernike terms of a method that uses them.
+        """
+
+    def _read(
+        self, readings: Sequence[ArrayLike | Surface] | ArrayLike, names: Sequence[str]
+    ) -> tuple[FloatArray, MapGrid, tuple[Step, ...]]:
+        """Return the readings as one array with their grid and history."""
+        return map_stack(
+            readings, what=self.name, names=names, one_frame=True,
+            dx=self.dx, dy=self.dy, centre=getattr(self, "centre", None),
+        )  # fmt: skip
+
+    def _given(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> tuple[FloatArray, MapGrid]:
+        """Return all parts of a simulation as one array with their grid."""
+        parts = given_parts(
+            self.name, truth, errors, truth_parts=self.truth_parts, error_parts=self.error_parts
+        )
+        return self._read(list(parts.values()), list(parts))[:2]
+
+
+def map_separation(
+    method: str,
+    grid: MapGrid,
+    parts: dict[str, FloatArray],
+    u: dict[str, FloatArray],
+    null_space: tuple[Unobservable, ...],
+    noise: Quantity,
+    audit: Mapping[str, object],
+    messages: Sequence[str],
+    history: tuple[Step, ...],
+    settings: Mapping[str, object],
+    coordinates: Mapping[str, FloatArray] = MappingProxyType({}),
+) -> Separation:
+    """Return the result of a separation of maps; all parts are heights."""
+    return Separation(
+        method,
+        parts,
+        u,
+        dict.fromkeys(parts, "m"),
+        {"x": grid.x, "y": grid.y, **coordinates},
+        null_space,
+        noise=noise,
+        audit=audit,
+        messages=(*messages, *(() if grid.calibrated else (PIXELS,))),
+        history=(*history, Step(method, settings)),
+    )
 
 
 def map_stack(
@@ -105,18 +198,23 @@ def require_scale(grid: MapGrid, u_registration: ArrayLike, what: str) -> None:
 
 
 def checked_u(value: object, name: str, unit: str = "m") -> float | None:
-    """Return a stated uncertainty, or refuse it."""
-    if value is None:
-        return None
-    if isinstance(value, np.ndarray) and value.ndim == 0:
-        value = value.item()
-    if not isinstance(value, (int, float, np.integer, np.floating)):
-        raise DataError(
-            f"{name} must be one number, a standard uncertainty in {unit}, got {value!r}"
-        )
-    if not (math.isfinite(value) and value >= 0.0):
-        raise DataError(f"{name} is {value}; it must be a standard uncertainty >= 0 in {unit}")
-    return float(value)
+    """Return a stated uncertainty in SI, or None."""
+    return None if value is None else not_negative(value, name, dimension=_DIMENSIONS.get(unit))
+
+
+def stored_in_si(method: object, check: Callable[..., float], **dimensions: str) -> None:
+    """Check fields of a frozen method that are stated, and store them in SI."""
+    for name, dimension in dimensions.items():
+        value = getattr(method, name)
+        if value is not None:
+            object.__setattr__(method, name, check(value, name, dimension=dimension))
+
+
+def checked_removed(removed: Sequence[str]) -> None:
+    """Refuse what alignment cannot decide."""
+    for item in removed:
+        if item not in REMOVABLE:
+            raise DataError(f"removed may hold {', '.join(REMOVABLE)}, got {item!r}")
 
 
 def checked_angles(angles: ArrayLike, n: int, what: str) -> FloatArray:
@@ -203,10 +301,6 @@ def _common_steps(surfaces: list[Surface], what: str) -> tuple[float | None, flo
     return first.dx, first.dy
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
-
-
 def _grid(
     shape: tuple[int, int],
     dx: float | None,
@@ -214,22 +308,16 @@ def _grid(
     centre: tuple[float, float] | None,
     what: str,
 ) -> MapGrid:
-    for name, step in (("dx", dx), ("dy", dy)):
-        if step is None:
-            continue
-        if not _is_number(step):
-            raise DataError(f"{what}: {name} must be a number in m, got {step!r}")
-        if not (math.isfinite(step) and step > 0.0):
-            raise DataError(f"{what}: {name} is {step} m; a lateral step must be positive")
     calibrated = dx is not None or dy is not None
-    dx = dy if dx is None else dx
-    step_x = 1.0 if dx is None else float(dx)
-    step_y = step_x if dy is None else float(dy)
+    step_x, step_y = (
+        1.0 if step is None else positive(step, f"{what}: {name}", dimension="length")
+        for name, step in (("dx", dy if dx is None else dx), ("dy", dx if dy is None else dy))
+    )
     middle = ((shape[1] - 1) / 2.0 * step_x, (shape[0] - 1) / 2.0 * step_y)
     if centre is None:
         return MapGrid(shape, step_x, step_y, middle, calibrated)
     try:
-        cx, cy = (float(v) for v in centre)
+        cx, cy = (real(v, f"{what}: centre", dimension="length") for v in centre)
     except (TypeError, ValueError):
         raise DataError(
             f"{what}: centre must be two numbers (x, y) in m, got {centre!r}"
@@ -402,62 +490,12 @@ def without_plane(
 # ---- turned, shifted and mirrored maps: exact by index where possible, else by polynomials -----
 # Interpolation is by Lagrange polynomials through the 6 x 6 pixels around each position (exact for
 # polynomials up to degree 5), without a global prefilter: a missing pixel costs its neighbours only.
+# The error of a wave with L pixels per period is below ``0.005 (2 pi / L)**6`` of its amplitude: 1e-7 at
+# L = 40, 1e-3 at L = 8.
 
 _NODES = np.arange(-2.0, 4.0)
 _BLOCK = 65536
 _SNAP = 1e-9
-
-
-def turn_map(
-    z: ArrayLike | Surface,
-    angle: float,
-    *,
-    shift: tuple[float, float] = (0.0, 0.0),
-    dx: float | None = None,
-    dy: float | None = None,
-    centre: tuple[float, float] | None = None,
-) -> FloatArray:
-    """Return a map turned counter-clockwise about its centre and then shifted.
-
-    Notes
-    -----
-    Turns by a multiple of 90 degrees about the middle of a square grid, and shifts by whole
-    pixels, only move indices and are exact. Else the error of a wave with L pixels per period is
-    below ``0.005 (2 pi / L)**6`` of its amplitude: 1e-7 at L = 40, 1e-3 at L = 8. White noise is
-    smoothed by the interpolation.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> z = np.zeros((9, 9)); z[4, 6] = 1.0
-    >>> int(turn_map(z, np.pi / 2)[6, 4])
-    1
-    """
-    stack, grid, _ = map_stack([z], what="turn_map", dx=dx, dy=dy, centre=centre)
-    if not (math.isfinite(angle) and abs(angle) <= 4.0 * np.pi + 1e-9):
-        raise DataError(
-            f"angle is {angle} rad; a finite angle of at most two turns is needed (if it is in "
-            "degrees, give numpy.radians(angle))"
-        )
-    if not all(math.isfinite(s) for s in shift):
-        raise DataError(f"shift is {shift}; it must be finite, in m")
-    return np.asarray(turned(stack, angle, grid, shift=shift)[0][0])
-
-
-def mirror_map(z: ArrayLike | Surface, axis: str = "x") -> FloatArray:
-    """Return a map with one axis reversed about the middle of the array.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> z = np.zeros((8, 8)); z[0, 1] = 1.0
-    >>> int(mirror_map(z)[0, 6])
-    1
-    """
-    stack, _, _ = map_stack([z], what="mirror_map")
-    if axis not in ("x", "y"):
-        raise DataError(f"axis must be 'x' or 'y', got {axis!r}")
-    return stack[0, :, ::-1].copy() if axis == "x" else stack[0, ::-1].copy()
 
 
 def turned(
@@ -524,11 +562,13 @@ def _sum_of_36(
 def quarters_by_index(grid: MapGrid) -> bool:
     """Return whether turns by 90 degrees only move indices."""
     ny, nx = grid.shape
-    middle = ((nx - 1) / 2.0 * grid.dx, (ny - 1) / 2.0 * grid.dy)
-    away = max(
-        abs(grid.centre[0] - middle[0]) / grid.dx, abs(grid.centre[1] - middle[1]) / grid.dy
-    )
-    return away <= _SNAP and ny == nx and abs(grid.dx / grid.dy - 1.0) <= _SNAP
+    return _about_middle(grid) and ny == nx and abs(grid.dx / grid.dy - 1.0) <= _SNAP
+
+
+def _about_middle(grid: MapGrid) -> bool:
+    ny, nx = grid.shape
+    x, y = grid.centre[0] / grid.dx - (nx - 1) / 2.0, grid.centre[1] / grid.dy - (ny - 1) / 2.0
+    return max(abs(x), abs(y)) <= _SNAP
 
 
 def _by_index(
@@ -545,33 +585,19 @@ def _by_index(
     turns = round(quarter)
     if abs(quarter - turns) > _SNAP:
         return None
-    ny, nx = grid.shape
-    middle = ((nx - 1) / 2.0 * grid.dx, (ny - 1) / 2.0 * grid.dy)
-    away = max(
-        abs(grid.centre[0] - middle[0]) / grid.dx, abs(grid.centre[1] - middle[1]) / grid.dy
-    )
     if turns % 4 == 0:
         return stack.copy()
-    if away > _SNAP or (turns % 2 and (ny != nx or abs(grid.dx / grid.dy - 1.0) > _SNAP)):
+    if not (quarters_by_index(grid) if turns % 2 else _about_middle(grid)):
         return None
     return np.rot90(stack, -turns, axes=(1, 2)).copy()  # rows grow with y: counter-clockwise
 
 
 def _moved(stack: FloatArray, columns: int, rows: int) -> FloatArray:
-    out = np.full(stack.shape, np.nan)
     ny, nx = stack.shape[1:]
-    if abs(columns) >= nx or abs(rows) >= ny:
-        return out
-    to_y, from_y = _slices(rows, ny)
-    to_x, from_x = _slices(columns, nx)
-    out[:, to_y, to_x] = stack[:, from_y, from_x]
-    return out
-
-
-def _slices(shift: int, n: int) -> tuple[slice, slice]:
-    if shift >= 0:
-        return slice(shift, n), slice(0, n - shift)
-    return slice(0, n + shift), slice(-shift, n)
+    y, x = np.arange(ny) - rows, np.arange(nx) - columns
+    inside = np.outer((y >= 0) & (y < ny), (x >= 0) & (x < nx))
+    taken = stack[:, np.clip(y, 0, ny - 1)][:, :, np.clip(x, 0, nx - 1)]
+    return np.where(inside, taken, np.nan)
 
 
 def lagrange_weights(position: FloatArray) -> FloatArray:
@@ -766,6 +792,17 @@ _SMOOTHER = 1.2
 _NEGLIGIBLE = 1e-3
 _HIGHEST = 1e-3
 _COARSEST = 0.1
+
+
+def mirrored_trials(
+    stack: FloatArray, left: Callable[[FloatArray], float]
+) -> Iterator[tuple[float, int, str]]:
+    """Yield what is left of the readings with one of them mirrored, which one, and how."""
+    for i in range(stack.shape[0]):
+        for axis in ("x", "y"):
+            flipped = stack.copy()
+            flipped[i] = mirror(stack[i], axis)
+            yield left(flipped), i, axis
 
 
 def smoothness(residual: FloatArray) -> float:

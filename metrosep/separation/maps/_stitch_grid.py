@@ -17,11 +17,11 @@ from metrosep.core.errors import (
     NotSeparableError,
     TooFewSamplesError,
 )
+from metrosep.core.numbers import positive
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.separation._readings import as_numbers
-from metrosep.spectral.dft import real_number
 
 _ON_PIXEL = 1e-6
 """Positions closer to a pixel than this share of a step count as on it."""
@@ -116,15 +116,14 @@ def centre_of(pieces: Pieces, k: int) -> tuple[float, float]:
     return float(cx + (n_x - 1) / 2 * pieces.dx), float(cy + (n_y - 1) / 2 * pieces.dy)
 
 
-def _extent(pieces: Pieces, k: int) -> tuple[float, float, float, float]:
+def _extent(pieces: Pieces, k: int) -> FloatArray:
     n_y, n_x = pieces.values[k].shape
     half = np.array([(n_x - 1) / 2 * pieces.dx, (n_y - 1) / 2 * pieces.dy])
     centre = np.array(centre_of(pieces, k))
-    c, s = abs(np.cos(pieces.turns[k])), abs(np.sin(pieces.turns[k]))
     if pieces.turns[k] != 0.0:
+        c, s = abs(np.cos(pieces.turns[k])), abs(np.sin(pieces.turns[k]))
         half = np.array([c * half[0] + s * half[1], s * half[0] + c * half[1]])
-    low, high = centre - half, centre + half
-    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+    return np.concatenate([centre - half, centre + half])
 
 
 def _place(
@@ -276,7 +275,7 @@ def pieces_of(
             f"stitch needs maps (2-D) or profiles (1-D), got shapes {shapes}"
         )
     step_x, step_y, calibrated = _steps(items, kind, dx, dy, line)
-    corners = _corners(items, kind, positions, line, step_x, step_y)
+    corners = _corners(items, kind, positions, line)
     turns = _turns(rotations, len(items), line)
     _sane(corners, turns, arrays, step_x, step_y, calibrated=calibrated)
     history = tuple(s for i in items if own_steps for s in i.history)
@@ -320,16 +319,11 @@ def _steps(
             raise DataError("stitch: a surface has no lateral step; positions need dx and dy in m")
         steps = [(s.dx, s.dy) for s in items]
     else:
-        calibrated = dx is not None
         if dx is None and dy is not None:
             raise DataError("stitch: dy is given without dx; give dx, or both, in m")
-        first = 1.0 if dx is None else real_number(dx, "stitch: dx", "a step in m")
-        second = first if dy is None else real_number(dy, "stitch: dy", "a step in m")
-        steps = [(first, second)]
-        for name, value in zip(("dx", "dy"), steps[0], strict=True):
-            if not (math.isfinite(value) and value > 0.0):
-                raise DataError(f"stitch: {name} is {value} m; a lateral step must be positive")
-        return steps[0][0], steps[0][1], calibrated
+        first = 1.0 if dx is None else positive(dx, "stitch: dx", dimension="length")
+        second = first if dy is None else positive(dy, "stitch: dy", dimension="length")
+        return first, second, dx is not None
     for k, (sx, sy) in enumerate(steps[1:], start=2):
         for name, value, first in (("dx", sx, steps[0][0]), ("dy", sy, steps[0][1])):
             if abs(value - first) > 1e-6 * first and not (line and name == "dy"):
@@ -340,9 +334,7 @@ def _steps(
     return steps[0][0], steps[0][1], True
 
 
-def _corners(
-    items: list[Any], kind: type, positions: ArrayLike | None, line: bool, dx: float, dy: float
-) -> FloatArray:
+def _corners(items: list[Any], kind: type, positions: ArrayLike | None, line: bool) -> FloatArray:
     n = len(items)
     if positions is None:
         if kind is Profile:

@@ -97,7 +97,8 @@ def rigid_basis(layout: Layout, freedoms: tuple[str, ...], *, line: bool) -> Flo
     """Return what the freedoms of all sub-apertures together leave open, on the stitched grid."""
     x, y = layout.x - layout.x.mean(), layout.y - layout.y.mean()
     scale = max(float(np.abs(x).max()), float(np.abs(y).max()), np.finfo(float).tiny)
-    return freedom_maps(*np.meshgrid(x / scale, y / scale), freedoms, line=line)
+    u, v = np.meshgrid(x / scale, y / scale)
+    return freedom_maps(u, v, freedoms, line=line)
 
 
 def _spread(problem: Problem, noise: tuple[float, float], settings: Settings) -> float:

@@ -5,27 +5,29 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
+from metrosep.core.numbers import positive
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.separation._readings import given_parts
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation._methods import described_by
+from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.maps._map_input import (
-    PIXELS,
-    REMOVABLE,
-    MapGrid,
+    MapMethod,
+    checked_removed,
     checked_u,
+    map_separation,
     map_stack,
     noise_of,
     require_overlap,
     rigid_terms,
+    stored_in_si,
     unit_doubts,
     without_plane,
 )
@@ -96,7 +98,7 @@ def ball_average(
     stack, grid, history = map_stack(
         surfaces, what="ball_average", least=_LEAST_PATCHES, dx=dx, dy=dy
     )
-    _check_removed(removed)
+    checked_removed(removed)
     common = require_overlap(stack, "ball_average")
     units = unit_doubts(stack, grid)
     stack = np.stack([without_plane(z, grid, removed=removed, mask=common) for z in stack])
@@ -117,13 +119,13 @@ def ball_average(
         pooled, "m", "standard deviation of one patch about the mean (type A)",
         u=pooled / math.sqrt(2.0 * (n / tau - 1.0)), symbol="s",
     )  # fmt: skip
-    messages = (*units, *(() if grid.calibrated else (PIXELS,)))
+    messages = list(units)
     if tau > 1.0:
         text = (
             f"neighbouring patches resemble each other: the {n} maps are worth "
             f"{n / tau:.1f} independent ones"
         )
-        messages = (text, *messages)
+        messages.insert(0, text)
     shared = (
         "what all patches of the ball share (its radius, a zonal error seen the same each time)"
     )
@@ -132,33 +134,29 @@ def ball_average(
                      f"{shared} stays in the mean; turn the ball about all axes"),
         *rigid_terms(("instrument",), removed),
     )  # fmt: skip
-    return Separation(
-        "ball_average",
-        {"instrument": mean, "patch_sd": np.where(common, sd, np.nan)},
-        {"instrument": u, "patch_sd": sd / math.sqrt(2.0 * (n / tau - 1.0))},
-        {"instrument": "m", "patch_sd": "m"},
-        {"x": grid.x, "y": grid.y},
-        null,
-        noise=noise,
-        audit={
-            "n_maps": n,
-            "n_effective": n / tau,
-            "lags_summed": lags,
-            "removed": ", ".join(removed),
-            "n_pixels": int(common.sum()),
-        },
-        messages=messages,
-        history=(*history, Step("ball_average", {"removed": list(removed)})),
-    )
+    audit = {
+        "n_maps": n,
+        "n_effective": n / tau,
+        "lags_summed": lags,
+        "removed": ", ".join(removed),
+        "n_pixels": int(common.sum()),
+    }
+    parts = {"instrument": mean, "patch_sd": np.where(common, sd, np.nan)}
+    u_parts = {"instrument": u, "patch_sd": sd / math.sqrt(2.0 * (n / tau - 1.0))}
+    return map_separation(
+        "ball_average", grid, parts, u_parts, null, noise, audit, messages, history,
+        {"removed": list(removed)},
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
-class ThreePositions(SeparationMethod):
+class ThreePositions(MapMethod):
     """Sphere at the confocal position, turned by 180 degrees there, and at the cat's eye.
 
     ``W0 = I + S``, ``W180 = I + S(-x, -y)``, ``Wc = I - D_o``: I is the whole instrument
     (reference arm and diverger), D_o the share of the diverger that is odd under half a turn, which
-    the cat's eye loses because rays come back on the other side.
+    the cat's eye loses because rays come back on the other side. Maps: at 0 degrees, at 180 degrees,
+    at the cat's eye. Parts: ``part``, ``instrument`` and ``diverger_odd``, only whose odd share counts.
 
     Parameters
     ----------
@@ -177,44 +175,17 @@ class ThreePositions(SeparationMethod):
     error_parts: ClassVar[tuple[str, ...]] = ("instrument", "diverger_odd")
 
     def __post_init__(self) -> None:
-        _check_removed(self.removed)
+        checked_removed(self.removed)
+        stored_in_si(self, positive, dx="length", dy="length")
 
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return the three readings of given parts.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n_y, n_x), m
-            ``part``.
-        errors : mapping of str to array_like, shape (n_y, n_x), m
-            ``instrument``, ``diverger_odd`` (only its odd share counts).
-
-        Returns
-        -------
-        ndarray, shape (3, n_y, n_x), m
-            At 0, at 180 degrees, at the cat's eye.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown or none is given.
-        """
-        part, instrument, diverger = given_parts(
-            self.name, truth, errors, truth_parts=self.truth_parts, error_parts=self.error_parts
-        ).values()
+        part, instrument, diverger = self._given(truth, errors)[0]
         odd = (diverger - _half_turn(diverger)) / 2.0
         return np.stack([instrument + part, instrument + _half_turn(part), instrument - odd])
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return the alignment, and the even share of the diverger.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Terms of all parts.
-        """
         even = Unobservable(
             "instrument", "term", ("share of the diverger that half a turn does not change",),
             "reference arm and diverger act together there; their sum is in the instrument",
@@ -228,35 +199,7 @@ class ThreePositions(SeparationMethod):
         u_reading: float | None = None,
         history: tuple[Step, ...] = (),
     ) -> Separation:
-        """Return sphere and instrument.
-
-        Parameters
-        ----------
-        readings : array_like, shape (3, n_y, n_x), m
-            At 0, at 180 degrees, at the cat's eye.
-        u_reading : float, m, optional
-            Standard uncertainty of one pixel; from redundancy if omitted.
-        history : tuple of Step, optional
-            Where the readings came from.
-
-        Returns
-        -------
-        Separation
-            ``part``, ``instrument``, ``diverger_odd``.
-
-        Raises
-        ------
-        DataError, InvalidSamplesError, TooFewSamplesError
-            If the maps cannot be used.
-        """
-        stack, grid, _ = map_stack(
-            readings,
-            what=self.name,
-            names=("0 deg", "180 deg", "cat's eye"),
-            one_frame=True,
-            dx=self.dx,
-            dy=self.dy,
-        )
+        stack, grid, own = self._read(readings, ("0 deg", "180 deg", "cat's eye"))
         u_reading = checked_u(u_reading, "u_reading")
         common = require_overlap(stack, self.name)
         units = unit_doubts(stack, grid)
@@ -270,17 +213,6 @@ class ThreePositions(SeparationMethod):
             [without_plane(z, grid, removed=self.removed, mask=common) for z in stack]
         )
         stack[:, ~common] = np.nan
-        return self._separated(stack, grid, common, u_reading, history, units)
-
-    def _separated(
-        self,
-        stack: FloatArray,
-        grid: MapGrid,
-        common: NDArray[np.bool_],
-        u_reading: float | None,
-        history: tuple[Step, ...],
-        units: tuple[str, ...],
-    ) -> Separation:
         turned = _half_turn(stack)
         even, odd = (stack + turned) / 2.0, (stack - turned) / 2.0
         part = (even[0] + even[1]) / 2.0 - even[2] + (odd[0] - odd[1]) / 2.0
@@ -294,24 +226,18 @@ class ThreePositions(SeparationMethod):
             name: np.where(common, noise.value * math.sqrt(factor), np.nan)
             for name, factor in (("part", 1.0), ("instrument", 0.75), ("diverger_odd", 0.75))
         }
-        return Separation(
-            self.name,
-            parts,
-            u,
-            dict.fromkeys(parts, "m"),
-            {"x": grid.x, "y": grid.y},
-            self.null_space(),
-            noise=noise,
-            audit={
-                "removed": ", ".join(self.removed),
-                "n_pixels": int(common.sum()),
-                "closure_rms_nm": float(np.sqrt(np.mean(closure[0][common] ** 2))) * 1e9,
-            },
-            messages=(*units, *_doubts(stack, common), *(() if grid.calibrated else (PIXELS,))),
-            history=(*history, Step(self.name, {"removed": list(self.removed)})),
-        )
+        audit = {
+            "removed": ", ".join(self.removed),
+            "n_pixels": int(common.sum()),
+            "closure_rms_nm": float(np.sqrt(np.mean(closure[0][common] ** 2))) * 1e9,
+        }
+        return map_separation(
+            self.name, grid, parts, u, self.null_space(), noise, audit,
+            (*units, *_doubts(stack, common)), (*own, *history), {"removed": list(self.removed)},
+        )  # fmt: skip
 
 
+@described_by(ThreePositions, ThreePositions.separate)
 def three_positions(
     confocal: ArrayLike | Surface,
     confocal_180: ArrayLike | Surface,
@@ -330,22 +256,11 @@ def three_positions(
         Sphere at the confocal position, and turned by half a turn about the optical axis.
     cats_eye : Surface or array_like, shape (n_y, n_x), m
         Its vertex at the focus.
-    dx, dy : float, m, optional
-        Steps of plain arrays; pixels if omitted.
-    removed : tuple of str, optional
-        What alignment decides in each map.
-    u_reading : float, m, optional
-        Standard uncertainty of one pixel; from redundancy if omitted.
 
     Returns
     -------
     Separation
         ``.part`` (as at 0 degrees), ``.instrument`` (reference arm and diverger), ``.diverger_odd``.
-
-    Raises
-    ------
-    DataError, InvalidSamplesError, TooFewSamplesError
-        If the maps cannot be used.
 
     Notes
     -----
@@ -369,30 +284,12 @@ def three_positions(
     >>> bool(abs(result.part - S).max() < 1e-20)
     True
     """
-    maps = [confocal, confocal_180, cats_eye]
-    stack, _, history = map_stack(
-        maps,
-        what="three_positions",
-        names=("0 deg", "180 deg", "cat's eye"),
-        one_frame=True,
-        dx=dx,
-        dy=dy,
-    )
-    first = confocal if isinstance(confocal, Surface) else None
-    method = ThreePositions(
-        dx if first is None else first.dx, dy if first is None else first.dy, tuple(removed)
-    )
-    return method.separate(stack, u_reading=u_reading, history=history)
+    maps: list[Any] = [confocal, confocal_180, cats_eye]
+    return ThreePositions(dx, dy, tuple(removed)).separate(maps, u_reading=u_reading)
 
 
 def _half_turn(z: FloatArray) -> FloatArray:
     return z[..., ::-1, ::-1]
-
-
-def _check_removed(removed: Sequence[str]) -> None:
-    for item in removed:
-        if item not in REMOVABLE:
-            raise DataError(f"removed may hold {', '.join(REMOVABLE)}, got {item!r}")
 
 
 def _repetition(values: FloatArray) -> tuple[float, int]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import ClassVar, Literal
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, DegenerateFitError, NotSeparableError
+from metrosep.core.numbers import choice, count, not_negative, positive
 from metrosep.core.provenance import Step
 from metrosep.forms.zernike import ZernikeOrder
-from metrosep.separation._readings import given_parts
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.maps._flat_result import (
     FLATS,
     ODD_REASON,
@@ -29,26 +29,24 @@ from metrosep.separation.maps._flat_result import (
     by_terms,
     doubts_of_flats,
     facing,
-    flat_setups,
     hidden_orders,
-    registration_of_flats,
-    undescribed,
+    of_terms,
     zernike_terms_of,
 )
 from metrosep.separation.maps._map_input import (
     MOST_POSITIONS,
-    PIXELS,
-    REMOVABLE,
     MapGrid,
+    MapMethod,
     checked_angles,
+    checked_removed,
     checked_u,
     common_step,
-    map_stack,
+    map_separation,
     mirror,
-    noise_of,
     require_overlap,
     require_scale,
     rigid_terms,
+    stored_in_si,
     unit_doubts,
     without_plane,
 )
@@ -61,11 +59,13 @@ _ALIGNED = {"piston": ((0, 0),), "tilt": ((1, 1), (1, -1)), "power": ((2, 0),)}
 
 
 @dataclass(frozen=True, slots=True)
-class ThreeFlat(SeparationMethod):
+class ThreeFlat(MapMethod):
     """Three flats that face each other two by two, and again with one of them turned.
 
     ``AB = A(x, y) + B(-x, y)``, ``AC`` and ``BC`` likewise: each flat as seen from its front, the
-    second of a pair mirrored because it faces the first (``flip="x"``; ``"y"``: ``B(x, -y)``).
+    second of a pair mirrored because it faces the first (``flip="x"``; ``"y"``: ``B(x, -y)``). Maps:
+    AB, AC, BC and the turned ones. Parts: ``A``, ``B``, ``C`` and more (see `three_flat`); there is no
+    machine part, so `correct` returns the readings as they are.
 
     Parameters
     ----------
@@ -141,65 +141,24 @@ class ThreeFlat(SeparationMethod):
                 f"angles, got {self.pairs!r}"
             )
         object.__setattr__(self, "pairs", tuple(pairs))
-        for label, value, known in (
-            ("turned", self.turned, ("first", "second")),
-            ("flip", self.flip, ("x", "y")),
-            ("method", self.method, ("auto", "pixel", "zernike", "iterative")),
-            *(("removed", item, tuple(REMOVABLE)) for item in self.removed),
-        ):
-            if value not in known:
-                raise DataError(f"{self.name}: {label} must be of {known}, got {value!r}")
+        choice(self.turned, f"{self.name}: turned", ("first", "second"))
+        choice(self.flip, f"{self.name}: flip", ("x", "y"))
+        choice(self.method, f"{self.name}: method", get_args(FlatMethod))
+        whole = not isinstance(self.terms, Iterable)
+        terms = count(self.terms, f"{self.name}: terms") if whole else tuple(self.terms)  # type: ignore[arg-type]
+        object.__setattr__(self, "terms", terms)
+        checked_removed(self.removed)
+        stored_in_si(self, positive, dx="length", dy="length", radius="length")
         self._shifts()
         self._chosen()
 
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return the readings of given flats.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n_y, n_x), m
-            ``A``, ``B``, ``C``, each as seen from its front.
-        errors : mapping of str to array_like
-            Empty: there is no machine part.
-
-        Returns
-        -------
-        ndarray, shape (3 + n, n_y, n_x), m
-            AB, AC, BC and the turned ones.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown or none is given.
-        """
-        flats = given_parts(
-            self.name, truth, errors, truth_parts=self.truth_parts, error_parts=self.error_parts
-        )
-        maps, grid, _ = map_stack(
-            list(flats.values()), what=self.name, dx=self.dx, dy=self.dy, centre=self.centre
-        )
+        maps, grid = self._given(truth, errors)
         return np.stack([sum(facing(maps, s, grid, self.flip)) for s in self.setups()])
 
     def correct(self, readings: ArrayLike) -> FloatArray:
-        """Return the readings as they are: all their parts are flats, there is no machine part.
-
-        Parameters
-        ----------
-        readings : array_like, shape (3 + n, n_y, n_x), m
-            As for `separate`.
-
-        Returns
-        -------
-        ndarray, shape (3 + n, n_y, n_x), m
-            A copy.
-
-        Raises
-        ------
-        DataError
-            If the maps cannot be used.
-        """
         return self._stack(readings)[0]
 
     def setups(self) -> tuple[FlatSetup, ...]:
@@ -210,24 +169,23 @@ class ThreeFlat(SeparationMethod):
         tuple of FlatSetup
             AB, AC, BC and the turned ones.
         """
-        return flat_setups(self.angles, list(self.pairs), self.turned)
+        pairs = ("AB", "AC", "BC", *self.pairs)
+        first, second = (1.0, 0.0) if self.turned == "first" else (0.0, 1.0)
+        return tuple(
+            FlatSetup(pair[0], pair[1], first * angle, second * angle)
+            for pair, angle in zip(pairs, (0.0, 0.0, 0.0, *self.angles), strict=True)
+        )
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what the set-ups leave unknown of each flat.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Angular orders (pixels) or terms (Zernike), and the alignment.
-        """
         aligned = rigid_terms(FLATS, self.removed)
         if self._chosen() == "pixel":
             return hidden_orders(self._pixels()) + aligned
-        hidden = self._zernike().hidden_terms(self._aligned())
+        solver = self._zernike()
+        hidden = {flat: solver.hidden_terms(k) for k, flat in enumerate(FLATS)}
         what = "turn a flat" if not self.angles else "the turns do not change it; add an angle"
         reason = ODD_REASON.format(axis=self.flip, what=what)
         terms = tuple(
-            Unobservable(FLATS[k], "term", names, reason) for k, names in hidden.items() if names
+            Unobservable(flat, "term", names, reason) for flat, names in hidden.items() if names
         )
         return terms + aligned
 
@@ -238,32 +196,7 @@ class ThreeFlat(SeparationMethod):
         u_reading: float | None = None,
         history: tuple[Step, ...] = (),
     ) -> Separation:
-        """Return the three flats as far as the set-ups determine them.
-
-        Parameters
-        ----------
-        readings : array_like, shape (3 + n, n_y, n_x), m
-            AB, AC, BC and the turned readings.
-        u_reading : float, m, optional
-            Standard uncertainty of one pixel of one reading; from redundancy if omitted.
-        history : tuple of Step, optional
-            Where the readings came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``A``, ``B``, ``C``, each (n_y, n_x) in m, and more (see `three_flat`).
-
-        Raises
-        ------
-        DataError
-            If the maps do not fit or their masks do not overlap.
-        InvalidSamplesError, TooFewSamplesError
-            If the maps hold no numbers, or are too few or too small.
-        DegenerateFitError
-            If the pixels do not determine the Zernike terms.
-        """
-        stack, grid = self._stack(readings)
+        stack, grid, own = self._stack(readings)
         u_reading = checked_u(u_reading, "u_reading")
         require_scale(grid, self._shifts(), self.name)
         common = require_overlap(stack, self.name)
@@ -271,28 +204,20 @@ class ThreeFlat(SeparationMethod):
             [without_plane(z, grid, removed=self.removed, mask=common) for z in stack]
         )
         with one_blas_thread():
+            known: dict[str, Any] = {"u_reading": u_reading, "u_shift": self._shifts()}
             if self._chosen() == "pixel":
-                result = by_pixels(
-                    self._pixels(), planar, grid, removed=self.removed, u_reading=u_reading,
-                    u_shift=self._shifts(),
-                )  # fmt: skip
+                found = by_pixels(self._pixels(), planar, grid, removed=self.removed, **known)
+            elif self.method == "iterative":
+                found = by_iteration(self._zernike(), planar, grid, radius=self.radius, **known)
             else:
-                result = self._by_terms(planar, grid, common, u_reading)
-            doubts = self._doubts(planar, grid) or result.unexplained
-            doubts = (*unit_doubts(stack, grid, np.array(self.angles)), *doubts)
-        return self._result(result, grid, common, doubts, history)
-
-    def _result(
-        self,
-        found: FlatResult,
-        grid: MapGrid,
-        common: NDArray[np.bool_],
-        doubts: tuple[str, ...],
-        history: tuple[Step, ...],
-    ) -> Separation:
+                solver = self._zernike()
+                basis = DiscBasis(grid, common, solver.nm, self.radius)
+                found = by_terms(solver, basis, planar, grid, **known)
+            on_pixels = self._n() is not None
+            doubts = doubts_of_flats(self._pixels(), planar, grid) if on_pixels else ()
         audit = {
             "method": self._chosen(),
-            "readings": [f"{s.first}{s.second}" for s in self.setups()],
+            "readings": [s.pair for s in self.setups()],
             "angles_deg": [math.degrees(a) for a in self.angles],
             "turned": self.turned,
             "mirrored_coordinate": self.flip,
@@ -301,31 +226,16 @@ class ThreeFlat(SeparationMethod):
             "u_registration_um": (self._shifts() * 1e6).tolist(),
             **found.audit,
         }
-        messages = (*found.messages, *doubts, *(() if grid.calibrated else (PIXELS,)))
-        return Separation(
-            self.name,
-            found.parts,
-            found.u,
-            dict.fromkeys(found.parts, "m"),
-            {"x": grid.x, "y": grid.y, **found.coordinates},
-            self.null_space(),
-            noise=found.noise,
-            audit=audit,
-            messages=messages,
-            history=(*history, Step(self.name, {"angles_rad": list(self.angles)})),
-        )
+        units = unit_doubts(stack, grid, np.array(self.angles))
+        return map_separation(
+            self.name, grid, found.parts, found.u, self.null_space(), found.noise, audit,
+            (*found.messages, *units, *(doubts or found.unexplained)), (*own, *history),
+            {"angles_rad": list(self.angles)}, found.coordinates,
+        )  # fmt: skip
 
-    def _stack(self, readings: ArrayLike) -> tuple[FloatArray, MapGrid]:
-        names = [f"{s.first}{s.second}" for s in self.setups()]
-        stack, grid, _ = map_stack(
-            readings,
-            what=self.name,
-            names=names[:3] + [f"{n} turned" for n in names[3:]],
-            one_frame=True,
-            dx=self.dx,
-            dy=self.dy,
-            centre=self.centre,
-        )
+    def _stack(self, readings: ArrayLike) -> tuple[FloatArray, MapGrid, tuple[Step, ...]]:
+        names = [s.pair + " turned" * (i > 2) for i, s in enumerate(self.setups())]
+        stack, grid, history = self._read(readings, names)
         middle = (grid.x[0] + grid.x[-1], grid.y[0] + grid.y[-1])
         across, step = (middle[0], grid.dx) if self.flip == "x" else (middle[1], grid.dy)
         if abs(across) > 1e-6 * step:
@@ -333,7 +243,7 @@ class ThreeFlat(SeparationMethod):
                 f"{self.name}: the centre must lie in the middle of the map along {self.flip}, the "
                 f"mirrored coordinate; crop the maps by {abs(across) / step:.3g} pixels"
             )
-        return stack, grid
+        return stack, grid, history
 
     def _n(self) -> int | None:
         return common_step(np.array([0.0, *self.angles]))
@@ -360,45 +270,24 @@ class ThreeFlat(SeparationMethod):
         nm = zernike_terms_of(self.terms, self.order)
         return FlatZernikeSolver(self.setups(), nm, self.flip, self._aligned(), self.largest_gain)
 
-    def _by_terms(
-        self,
-        stack: FloatArray,
-        grid: MapGrid,
-        common: NDArray[np.bool_],
-        u_reading: float | None,
-    ) -> FlatResult:
-        solver = self._zernike()
-        if self.method == "iterative":
-            return by_iteration(
-                solver, stack, grid, self.setups(), self.flip, radius=self.radius,
-                aligned=self._aligned(), u_reading=u_reading, u_shift=self._shifts(),
-            )  # fmt: skip
-        basis = DiscBasis(grid, common, solver.nm, self.radius)
-        return by_terms(
-            solver, basis, stack, grid, self.setups(), self.flip,
-            u_reading=u_reading, u_shift=self._shifts(),
-        )  # fmt: skip
-
-    def _doubts(self, stack: FloatArray, grid: MapGrid) -> tuple[str, ...]:
-        return () if self._n() is None else doubts_of_flats(self._pixels(), stack, grid)
-
     def _shifts(self) -> FloatArray:
         n = 3 + len(self.angles)
+        given: Any = self.u_registration
+        if isinstance(given, str) or np.ndim(given) == 0:
+            return np.full((n, 2), not_negative(given, "u_registration", dimension="length"))
         try:
-            shifts = np.array(self.u_registration, dtype=np.float64)
+            shifts = np.array(given, dtype=np.float64)
         except (TypeError, ValueError):
             raise DataError(
                 f"{self.name}: u_registration must be numbers in m, got {self.u_registration!r}"
             ) from None
-        if shifts.ndim == 0:
-            shifts = np.full(n, float(shifts))
         if shifts.shape not in ((n,), (n, 2)):
             raise DataError(
                 f"{self.name}: u_registration needs one value, or one for each of {n} readings, or "
                 f"({n}, 2) along x and y, got the shape {shifts.shape}"
             )
         for value in shifts.ravel():
-            checked_u(float(value), "u_registration")
+            not_negative(value, "u_registration", dimension="length")
         return shifts if shifts.ndim == 2 else np.stack([shifts, shifts], axis=1)
 
 
@@ -409,64 +298,42 @@ def by_iteration(
     solver: FlatZernikeSolver,
     stack: FloatArray,
     grid: MapGrid,
-    setups: Sequence[FlatSetup],
-    flip: str,
     *,
     radius: float | None,
-    aligned: Sequence[tuple[int, int]],
     u_reading: float | None,
     u_shift: FloatArray,
 ) -> FlatResult:
     """Return coefficients and maps of Zernike terms from all pixels that each reading has."""
     measured = np.isfinite(stack)
     anywhere = np.logical_or.reduce(measured, axis=0)
-    basis = DiscBasis(grid, anywhere | mirror(anywhere, flip), solver.nm, radius)
-    system = OwnMasks(basis, solver, measured, aligned)
+    basis = DiscBasis(grid, anywhere | mirror(anywhere, solver.flip), solver.nm, radius)
+    system = OwnMasks(basis, solver, measured)
     p = len(basis.nm)
-    iterated = system.iterate(system.right_side(stack))
-    residual = system.residual(stack, iterated.coefficients)
-    known = residual[np.isfinite(residual)]
-    freedom = float(known.size - system.rank - len(setups) * system.rigid.size)
-    noise = noise_of(known[None], freedom, u_reading)
+    coefficients, left = system.iterate(system.right_side(stack))
     seen = solver.seen & np.isin(np.arange(p), system.free)
-    kept = np.where(seen, iterated.coefficients.reshape(3, p), 0.0)
-    shown = _faces(measured, setups, flip)
     blocks = system.inverse.reshape(3, p, 3, p)
     covariance = np.stack(
         [blocks[k, :, k, :] * np.outer(seen[k], seen[k]) for k in range(3)]
     )  # of the pixels' least squares, to which the steps converge
-
-    def linear(one: FloatArray) -> FloatArray:
-        found = (system.inverse @ system.right_side(one)).reshape(3, p)
-        return basis.maps(np.where(seen, found, 0.0))
-
-    share = registration_of_flats(
-        linear, basis.maps(kept), setups, grid, flip, u_shift
+    result = of_terms(
+        solver, basis, stack, grid, coefficients, seen, covariance,
+        lambda one: system.inverse @ system.right_side(one),
+        system.residual(stack, coefficients),
+        system.rank + len(solver.setups) * system.rigid.size, u_reading, u_shift,
     )  # fmt: skip
-    u = np.sqrt((noise.value * basis.deviations(covariance)) ** 2 + share**2)
-    spread = noise.value * np.sqrt(np.einsum("aii->ai", covariance))
-    maps = np.where(shown, basis.maps(kept), np.nan)
-    parts = dict(zip(FLATS, maps, strict=True))
-    u_parts = dict(zip(FLATS, np.where(shown, u, np.nan), strict=True))
-    for k, flat in enumerate(FLATS):
-        parts[f"zernike_{flat}"] = np.where(seen[k], kept[k], np.nan)
-        u_parts[f"zernike_{flat}"] = np.where(seen[k], spread[k], np.nan)
-    coordinates = {
-        "zernike_n": np.array([n for n, _ in basis.nm], dtype=np.float64),
-        "zernike_m": np.array([m for _, m in basis.nm], dtype=np.float64),
-    }
-    audit: dict[str, object] = {
-        "terms": p,
-        "radius_mm": basis.radius * 1e3,
-        "residual_rms_nm": float(np.sqrt(np.mean(known**2))) * 1e9,
-        "iterations": len(iterated.left),
-        "left_of_the_difference": iterated.left[-1] if iterated.left else 0.0,
-        "n_pixels_of_all_readings": int(known.size),
-    }
-    messages = () if iterated.settled else (_unsettled(iterated.left),)
-    return FlatResult(
-        parts, u_parts, noise, coordinates, messages, audit, undescribed(residual, stack)
+    shown = dict(zip(FLATS, _faces(measured, solver.setups, solver.flip), strict=True))
+    parts, u = (
+        {k: np.where(shown[k], v, np.nan) if k in shown else v for k, v in values.items()}
+        for values in (result.parts, result.u)
     )
+    audit = {
+        **result.audit,
+        "iterations": len(left),
+        "left_of_the_difference": left[-1] if left else 0.0,
+        "n_pixels_of_all_readings": int(measured[:, basis.mask].sum()),
+    }
+    messages = (_unsettled(left),) if left and left[-1] > _SETTLED else ()
+    return replace(result, parts=parts, u=u, audit=audit, messages=messages)
 
 
 def _faces(measured: NDArray[np.bool_], setups: Sequence[FlatSetup], flip: str) -> FloatArray:
@@ -500,31 +367,16 @@ _RANK_TOLERANCE = 1e-9
 _LEAST_INFORMATION = 1e-6
 
 
-@dataclass(frozen=True, slots=True)
-class Iterated:
-    """Coefficients found by iteration."""
-
-    # shape (3 p,): of A, B, C, one after the other; the share that nothing shows is zero
-    coefficients: FloatArray
-    # size of the normal equations' residual at each step, relative to the start
-    left: tuple[float, ...]
-    settled: bool  # whether the last one is round-off
-
-
 class OwnMasks:
     """Least squares of all measured pixels of all readings over the terms of A, B, C."""
 
     def __init__(
-        self,
-        basis: DiscBasis,
-        solver: FlatZernikeSolver,
-        measured: NDArray[np.bool_],
-        aligned: Sequence[tuple[int, int]],
+        self, basis: DiscBasis, solver: FlatZernikeSolver, measured: NDArray[np.bool_]
     ) -> None:
         self.basis, self.solver = basis, solver
         self.measured = measured[:, basis.mask]
         p, s = len(basis.nm), measured.shape[0]
-        free = np.array([nm not in aligned for nm in basis.nm])
+        free = np.array([nm not in solver.aligned for nm in basis.nm])
         self.free, self.rigid = np.flatnonzero(free), np.flatnonzero(~free)
         self.grams = np.repeat(basis.normal[None], s, axis=0)
         for block, piece in basis.blocks():
@@ -580,8 +432,8 @@ class OwnMasks:
             out += design.T @ own
         return out
 
-    def iterate(self, right: FloatArray) -> Iterated:
-        """Return the coefficients, step by step from zero."""
+    def iterate(self, right: FloatArray) -> tuple[FloatArray, list[float]]:
+        """Return the coefficients of A, B, C, and what was left of the residual at each step."""
         found, rest = np.zeros_like(right), right.copy()
         start = float(np.sqrt(rest @ rest))
         left: list[float] = []
@@ -595,7 +447,7 @@ class OwnMasks:
             if left[-1] <= _SETTLED:
                 break
             along, size = rest + new / size * along, new
-        return Iterated(found, tuple(left), not left or left[-1] <= _SETTLED)
+        return found, left
 
     def residual(self, stack: FloatArray, coefficients: FloatArray) -> FloatArray:
         """Return what the model leaves of each reading on its own pixels, alignment taken out."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,16 +11,14 @@ from numpy.typing import ArrayLike
 from metrosep.core.errors import DataError
 from metrosep.core.surface import Surface
 from metrosep.forms.zernike import ZernikeOrder
+from metrosep.separation._methods import described_by
 from metrosep.separation.contract import Separation
-from metrosep.separation.maps._map_input import (
-    checked_angles,
-    map_stack,
-)
 from metrosep.separation.maps.flat_setup import FlatMethod, ThreeFlat
 
 __all__ = ["ThreeFlat", "three_flat"]
 
 
+@described_by(ThreeFlat, ThreeFlat.separate)
 def three_flat(
     ab: ArrayLike | Surface,
     ac: ArrayLike | Surface,
@@ -50,29 +48,9 @@ def three_flat(
         Sum of two flats; the second one is seen mirrored. NaN = not measured.
     rotated : Surface or array_like, or sequence of them, optional
         Further readings with a flat turned.
-    angles : float or array_like, rad, optional
-        Turn in each of them, counter-clockwise in the map (from +x, columns, to +y, rows).
-    pairs : str or sequence of str, optional
-        Pair of each further reading.
-    turned : {"first", "second"}, optional
-        Which flat of the pair was turned.
-    flip : {"x", "y"}, optional
-        Coordinate that the mirror reverses: ``"x"`` means ``AB = A(x, y) + B(-x, y)``.
     method : {"auto", "pixel", "zernike", "iterative"}, optional
         By pixels (even and odd shares) or by Zernike terms, at once on the pixels that all readings
         have, or iterated on the pixels of each; see Notes.
-    terms, order : int or sequence of int, {"ansi", "noll", "fringe"}, optional
-        Zernike terms; 66 hold all up to the radial order 10.
-    dx, dy : float, m, optional
-        Steps of plain arrays; pixels if omitted.
-    centre : tuple of (float, float), m, optional
-        Axis from pixel [0, 0]; the middle of the map if omitted.
-    radius : float, m, optional
-        Of the Zernike disc; the farthest common pixel if omitted.
-    removed : tuple of str, optional
-        What alignment decides in each reading: ``"piston"``, ``"tilt"``, also ``"power"``.
-    u_reading : float, m, optional
-        Standard uncertainty of one pixel; from redundancy if omitted.
     u_registration : float or array_like, shape (3 + n,) or (3 + n, 2), m, optional
         Standard uncertainty of the position of the flats to each other, for each reading, along x
         and y; it adds gradient times shift to `u`.
@@ -84,15 +62,6 @@ def three_flat(
         space lists. Nothing turned: NaN beside the diameter, with ``.diameter_A`` (n_y,) and the
         mirror-even shares ``.even_A``. By Zernike terms: ``.zernike_A`` with NaN for terms that
         are not determined, over ``coordinates["zernike_n"]`` and ``["zernike_m"]``.
-
-    Raises
-    ------
-    DataError, InvalidSamplesError, TooFewSamplesError
-        If maps, angles or options cannot be used: other shapes or steps, degrees, no overlap.
-    NotSeparableError
-        If a turned reading has the angle 0.
-    DegenerateFitError
-        If the pixels do not determine the Zernike terms.
 
     Notes
     -----
@@ -130,29 +99,25 @@ def three_flat(
     (4, 8, 12)
     """
     turned_maps = _as_list(rotated)
-    angle_list = checked_angles(angles, len(turned_maps), "three_flat") if turned_maps else ()
     if not turned_maps and np.size(angles):
         raise DataError("three_flat: angles are given without rotated maps")
-    maps: list[ArrayLike | Surface] = [ab, ac, bc, *turned_maps]
-    stack, _, history = map_stack(
-        maps, what="three_flat", one_frame=True, dx=dx, dy=dy, centre=centre
-    )
-    method_object = ThreeFlat(
-        tuple(float(a) for a in angle_list),
+    setup = ThreeFlat(
+        angles,  # type: ignore[arg-type]
         pairs,
         turned,
         flip,
         method,
-        terms if isinstance(terms, int) else _listed(terms),
+        terms,  # type: ignore[arg-type]
         order,
-        ab.dx if isinstance(ab, Surface) else dx,
-        ab.dy if isinstance(ab, Surface) else dy,
+        dx,
+        dy,
         centre,
         radius,
         tuple(removed),
         u_registration,
     )
-    return method_object.separate(stack, u_reading=u_reading, history=history)
+    maps: list[Any] = [ab, ac, bc, *turned_maps]
+    return setup.separate(maps, u_reading=u_reading)
 
 
 def _as_list(
@@ -165,15 +130,4 @@ def _as_list(
     except TypeError:
         raise DataError(
             f"three_flat: rotated must be a map or a list of maps, got {type(rotated).__name__}"
-        ) from None
-
-
-def _listed(terms: Sequence[int]) -> int | tuple[int, ...]:
-    if isinstance(terms, np.integer):
-        return int(terms)
-    try:
-        return tuple(terms)
-    except TypeError:
-        raise DataError(
-            f"three_flat: terms must be a whole number or a list of numbers, got {terms!r}"
         ) from None

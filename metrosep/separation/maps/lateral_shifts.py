@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,115 +13,29 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, DegenerateFitError, NotSeparableError
+from metrosep.core.numbers import count, not_negative, positive, real
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.forms.zernike import term_name
 from metrosep.forms.zernike_fit import zernike_values
-from metrosep.separation._readings import given_parts
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation._methods import described_by
+from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.maps._flat_result import DiscBasis, zernike_terms_of
 from metrosep.separation.maps._map_input import (
-    PIXELS,
     MapGrid,
+    MapMethod,
     checked_angles,
     checked_u,
-    map_stack,
+    map_separation,
     noise_of,
     require_overlap,
     rigid_terms,
+    stored_in_si,
     unit_doubts,
 )
 
 __all__ = ["ShiftRotation", "shift_rotation"]
 
-
-def shift_rotation(
-    surfaces: Sequence[ArrayLike | Surface],
-    angles: ArrayLike,
-    shifts: ArrayLike,
-    *,
-    terms: int = 28,
-    dx: float | None = None,
-    dy: float | None = None,
-    centre: tuple[float, float] | None = None,
-    power: tuple[float, float] | None = None,
-    u_reading: float | None = None,
-) -> Separation:
-    """Return part and instrument from maps of the part shifted and turned.
-
-    Parameters
-    ----------
-    surfaces : sequence of Surface or array_like, shape (n_y, n_x), m
-        One map for each position.
-    angles : array_like, shape (n,), rad
-        Turn of the part, counter-clockwise in the map.
-    shifts : array_like, shape (n, 2), m
-        Shift of the part along x and y, after the turn.
-    terms : int, optional
-        ANSI Zernike terms of each part; 28 hold all up to the radial order 6.
-    dx, dy : float, m, optional
-        Steps of plain arrays; pixels if omitted.
-    centre : tuple of (float, float), m, optional
-        Axis of rotation from pixel [0, 0].
-    power : tuple of (float, float), m, optional
-        Known power of the part (coefficient of ``2 r**2 - 1``) and its standard uncertainty.
-    u_reading : float, m, optional
-        Standard uncertainty of one pixel; from redundancy if omitted.
-
-    Returns
-    -------
-    Separation
-        ``.part``, ``.instrument`` over the common pixels without the terms of the null space, and
-        ``.zernike_part``, ``.zernike_instrument`` with NaN for those.
-
-    Raises
-    ------
-    DataError, InvalidSamplesError, TooFewSamplesError
-        If maps, angles or shifts cannot be used.
-    NotSeparableError
-        If the part was neither turned nor shifted.
-    DegenerateFitError
-        If the pixels do not determine the Zernike terms.
-
-    Notes
-    -----
-    All terms of part and instrument and a plane for each reading are fitted at once. Tilt is free in
-    each reading, so all second-order terms of a merely shifted part are seen by nothing but planes:
-    power and astigmatism are lost with shifts alone; turns bring back the astigmatism (unless all
-    are by 180 degrees), power never: state it. Noise grows as radius/shift for third order, and its
-    square for higher ones that turns do not show; ``audit["condition"]`` and `u` show it.
-
-    References
-    ----------
-    D. Su, E. Miyashiro, R. E. Parks, Opt. Eng. 51 (2012) 013604 (shift-rotation absolute testing).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> x = np.linspace(-1, 1, 41)
-    >>> P, I = (lambda x, y: 9e-9 * x**3), (lambda x, y: 5e-9 * x * y**2)
-    >>> y = x[:, None]
-    >>> maps = [I(x, y) + P(x, y), I(x, y) + P(x - 0.2, y), I(x, y) + P(y, -x)]
-    >>> result = shift_rotation(maps, [0, 0, np.pi / 2], [[0, 0], [0.2, 0], [0, 0]], dx=0.05)
-    >>> [i.indices for i in result.null_space if "defocus" in i.indices]
-    [('defocus',), ('defocus',)]
-    """
-    stack, grid, history = map_stack(
-        surfaces, what="shift_rotation", least=2, one_frame=True, dx=dx, dy=dy, centre=centre
-    )
-    method = ShiftRotation(
-        tuple(checked_angles(angles, stack.shape[0], "shift_rotation").tolist()),
-        shifts,  # type: ignore[arg-type]
-        terms,
-        grid.dx if grid.calibrated else None,
-        grid.dy if grid.calibrated else None,
-        centre,
-        power,
-    )
-    return method.separate(stack, u_reading=u_reading, history=history)
-
-
-# ---- `ShiftRotation`: the joint least squares of shifts and turns, with its null space ---------
 
 _NULL = 1e-11
 _TOUCHED = 1e-5
@@ -130,8 +44,13 @@ _RIGID = ((0, 0), (1, -1), (1, 1))
 
 
 @dataclass(frozen=True, slots=True)
-class ShiftRotation(SeparationMethod):
+class ShiftRotation(MapMethod):
     """Part turned and shifted: ``M_i(p) = I(p) + P(R(-angle_i)(p - shift_i))`` and a plane each.
+
+    One map for each position. Parts: ``part``, as it lies unturned and not shifted, and
+    ``instrument``, with their coefficients ``zernike_part`` and ``zernike_instrument``, NaN for
+    terms that are not determined. Parts are simulated as sums of the Zernike terms. The null space
+    of a result also lists what its own shifts and turns leave unknown.
 
     Parameters
     ----------
@@ -191,50 +110,24 @@ class ShiftRotation(SeparationMethod):
                 f"{self.name}: the part was neither turned nor shifted, so part and instrument "
                 "cannot be told apart"
             )
-        if isinstance(self.terms, bool) or not isinstance(self.terms, (int, np.integer)):
-            raise DataError(f"{self.name}: terms must be a whole number, got {self.terms!r}")
-        object.__setattr__(self, "terms", int(self.terms))
+        object.__setattr__(self, "terms", count(self.terms, f"{self.name}: terms"))
+        stored_in_si(self, positive, dx="length", dy="length")
         if self.power is not None:
             try:
-                value, u_value = (float(v) for v in self.power)
+                value, u_value = self.power
             except (TypeError, ValueError):
                 raise DataError(
                     f"{self.name}: power must be the known value and its standard uncertainty, both "
                     f"in m, got {self.power!r}"
                 ) from None
+            value = real(value, f"{self.name}: the known power", dimension="length")
+            u_value = not_negative(u_value, "power[1]", dimension="length")
             object.__setattr__(self, "power", (value, u_value))
-            if not math.isfinite(self.power[0]):
-                raise DataError(f"{self.name}: the known power is {self.power[0]} m")
-            checked_u(self.power[1], "power[1]")
 
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return the readings of parts, taken as sums of the Zernike terms.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n_y, n_x), m
-            ``part``, as it lies unturned and not shifted.
-        errors : mapping of str to array_like, shape (n_y, n_x), m
-            ``instrument``.
-
-        Returns
-        -------
-        ndarray, shape (n, n_y, n_x), m
-            NaN beside the measured pixels.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown or none is given.
-        """
-        given = given_parts(
-            self.name, truth, errors, truth_parts=self.truth_parts, error_parts=self.error_parts
-        )
-        stack, grid, _ = map_stack(
-            list(given.values()), what=self.name, dx=self.dx, dy=self.dy, centre=self.centre
-        )
+        stack, grid = self._given(truth, errors)
         basis = self._basis(grid, require_overlap(stack, self.name))
         part, instrument = basis.fit(stack)
         out = np.full((len(self.angles), *grid.shape), np.nan)
@@ -246,13 +139,6 @@ class ShiftRotation(SeparationMethod):
         return out
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what no shifts and turns determine; a result lists what its own ones leave besides.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Alignment, and power unless it is known.
-        """
         aligned = rigid_terms(("part", "instrument"), ("piston", "tilt"))
         if self.power is not None:
             return aligned
@@ -266,38 +152,12 @@ class ShiftRotation(SeparationMethod):
         u_reading: float | None = None,
         history: tuple[Step, ...] = (),
     ) -> Separation:
-        """Return part and instrument as far as shifts and turns determine them.
-
-        Parameters
-        ----------
-        readings : array_like, shape (n, n_y, n_x), m
-            One map for each position.
-        u_reading : float, m, optional
-            Standard uncertainty of one pixel; from redundancy if omitted.
-        history : tuple of Step, optional
-            Where the readings came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``part``, ``instrument`` (maps), ``zernike_part``, ``zernike_instrument``.
-
-        Raises
-        ------
-        DataError, InvalidSamplesError, TooFewSamplesError
-            If the maps cannot be used.
-        DegenerateFitError
-            If the pixels do not determine the Zernike terms.
-        """
-        n = len(self.angles)
-        stack, grid, _ = map_stack(
-            readings, what=self.name, names=[f"map {i + 1}" for i in range(n)],
-            one_frame=True, dx=self.dx, dy=self.dy, centre=self.centre,
-        )  # fmt: skip
+        names = [f"map {i + 1}" for i in range(len(self.angles))]
+        stack, grid, own = self._read(readings, names)
         u_reading = checked_u(u_reading, "u_reading")
         basis = self._basis(grid, require_overlap(stack, self.name))
         with one_blas_thread():
-            return self._separated(stack, basis, grid, u_reading, history)
+            return self._separated(stack, basis, grid, u_reading, (*own, *history))
 
     def _basis(self, grid: MapGrid, mask: NDArray[np.bool_]) -> DiscBasis:
         return DiscBasis(grid, mask, zernike_terms_of(self.terms, "ansi"))
@@ -372,7 +232,6 @@ class ShiftRotation(SeparationMethod):
                 if not ok
             ]
         messages = unit_doubts(stack, grid, np.array(self.angles))
-        messages = messages if grid.calibrated else (*messages, PIXELS)
         weak = {k: [t for t, _ in v if t != "defocus"] for k, v in hidden.items()}
         if any(weak.values()):
             text = "; ".join(f"{k}: {', '.join(v)}" for k, v in weak.items() if v)
@@ -382,30 +241,75 @@ class ShiftRotation(SeparationMethod):
             for name, terms in hidden.items()
             if terms
         )
-        return Separation(
-            self.name,
-            parts,
-            u,
-            dict.fromkeys(parts, "m"),
-            {
-                "x": grid.x,
-                "y": grid.y,
-                "zernike_n": np.array([a for a, _ in basis.nm], dtype=np.float64),
-                "zernike_m": np.array([b for _, b in basis.nm], dtype=np.float64),
-            },
+        audit = {
+            "angles_deg": [math.degrees(a) for a in self.angles],
+            "shifts_mm": [[a * 1e3, b * 1e3] for a, b in self.shifts],
+            "terms": p,
+            "radius_mm": basis.radius * 1e3,
+            "condition": solution.condition,
+            "power_nm": None if self.power is None else self.power[0] * 1e9,
+        }
+        return map_separation(
+            self.name, grid, parts, u,
             self.null_space() if _same(null, self.null_space()) else null,
-            noise=noise,
-            audit={
-                "angles_deg": [math.degrees(a) for a in self.angles],
-                "shifts_mm": [[a * 1e3, b * 1e3] for a, b in self.shifts],
-                "terms": p,
-                "radius_mm": basis.radius * 1e3,
-                "condition": solution.condition,
-                "power_nm": None if self.power is None else self.power[0] * 1e9,
-            },
-            messages=messages,
-            history=(*history, Step(self.name, {"terms": self.terms})),
-        )
+            noise, audit, messages, history, {"terms": self.terms}, basis.coordinates,
+        )  # fmt: skip
+
+
+@described_by(ShiftRotation, ShiftRotation.separate)
+def shift_rotation(
+    surfaces: Sequence[ArrayLike | Surface],
+    angles: ArrayLike,
+    shifts: ArrayLike,
+    *,
+    terms: int = 28,
+    dx: float | None = None,
+    dy: float | None = None,
+    centre: tuple[float, float] | None = None,
+    power: tuple[float, float] | None = None,
+    u_reading: float | None = None,
+) -> Separation:
+    """Return part and instrument from maps of the part shifted and turned.
+
+    Parameters
+    ----------
+    surfaces : sequence of Surface or array_like, shape (n_y, n_x), m
+        One map for each position.
+    terms : int, optional
+        ANSI Zernike terms of each part; 28 hold all up to the radial order 6.
+
+    Returns
+    -------
+    Separation
+        ``.part``, ``.instrument`` over the common pixels without the terms of the null space, and
+        ``.zernike_part``, ``.zernike_instrument`` with NaN for those.
+
+    Notes
+    -----
+    All terms of part and instrument and a plane for each reading are fitted at once. Tilt is free in
+    each reading, so all second-order terms of a merely shifted part are seen by nothing but planes:
+    power and astigmatism are lost with shifts alone; turns bring back the astigmatism (unless all
+    are by 180 degrees), power never: state it. Noise grows as radius/shift for third order, and its
+    square for higher ones that turns do not show; ``audit["condition"]`` and `u` show it.
+
+    References
+    ----------
+    D. Su, E. Miyashiro, R. E. Parks, Opt. Eng. 51 (2012) 013604 (shift-rotation absolute testing).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> x = np.linspace(-1, 1, 41)
+    >>> P, I = (lambda x, y: 9e-9 * x**3), (lambda x, y: 5e-9 * x * y**2)
+    >>> y = x[:, None]
+    >>> maps = [I(x, y) + P(x, y), I(x, y) + P(x - 0.2, y), I(x, y) + P(y, -x)]
+    >>> result = shift_rotation(maps, [0, 0, np.pi / 2], [[0, 0], [0.2, 0], [0, 0]], dx=0.05)
+    >>> [i.indices for i in result.null_space if "defocus" in i.indices]
+    [('defocus',), ('defocus',)]
+    """
+    turns, moves, maps = cast(Any, angles), cast(Any, shifts), cast(Any, surfaces)
+    method = ShiftRotation(turns, moves, terms, dx, dy, centre, power)
+    return method.separate(maps, u_reading=u_reading)
 
 
 class _Solution:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,7 @@ from metrosep.core.errors import (
     NotConvergedError,
     TooFewSamplesError,
 )
+from metrosep.core.numbers import not_negative
 from metrosep.core.surface import Surface
 from metrosep.separation.maps._map_input import (
     RIGID,
@@ -145,17 +146,15 @@ def register_maps(
     n = int(free.sum())
     cov = np.zeros((3, 3))
     cov[np.ix_(free, free)] = noise**2 * _inverse(design)[:n, :n]
-    audit = MappingProxyType(
-        {
-            "iterations": end.count,
-            "n_pixels": int(left.size),
-            "rms_nm": rms * 1e9,
-            "smoothing_of_slopes_pixels": end.smoothing,
-        }
-    )
-    shift_x, shift_y, angle = (float(v) for v in end.p)
+    audit = {
+        "iterations": end.passes,
+        "n_pixels": int(left.size),
+        "rms_nm": rms * 1e9,
+        "smoothing_of_slopes_pixels": end.smoothing,
+    }
     messages = _doubts(stack, rms, form, p, grid, free)
-    return Registration(shift_x, shift_y, angle, cov, rms, grid.centre, messages, audit)
+    x, y, angle = (float(v) for v in end.p)
+    return Registration(x, y, angle, cov, rms, grid.centre, messages, MappingProxyType(audit))
 
 
 def registration_uncertainty(
@@ -205,8 +204,9 @@ def registration_uncertainty(
         both = np.broadcast_to(np.asarray(u_shift, dtype=np.float64), (2,))
     except (TypeError, ValueError):
         raise DataError(f"u_shift must be one number or two, in m, got {u_shift!r}") from None
-    for value, name in ((both[0], "u_shift"), (both[1], "u_shift"), (u_angle, "u_angle")):
-        checked_u(value, name, "rad" if name == "u_angle" else "m")
+    for value in both:
+        not_negative(value, "u_shift", dimension="length")
+    u_angle = not_negative(u_angle, "u_angle", dimension="angle")
     gx, gy = map_gradient(stack[0], grid)
     turn = grid.x * gy - grid.y[:, None] * gx
     square = (gx * both[0]) ** 2 + (gy * both[1]) ** 2 + (turn * u_angle) ** 2
@@ -295,12 +295,11 @@ def _linearised(
     return _Linearised(design, (stack[1] - here)[common], seen, share, common)
 
 
-@dataclass(frozen=True, slots=True)
-class _Rest:
+class _Rest(NamedTuple):
     """Where the passes ended: parameters, number of passes, smoothing, whether they came to rest."""
 
     p: FloatArray
-    count: int
+    passes: int
     smoothing: float
     reached: bool
 
@@ -518,10 +517,8 @@ def register_points(fixed: ArrayLike, moved: ArrayLike) -> Registration:
     spread = float((a**2).sum())
     if spread == 0.0 or float((b**2).sum()) == 0.0:
         raise DegenerateFitError("register_points: all fiducials are at one point; no angle shows")
-    angle = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
-    rotation = _rotation(angle)
-    shift = mean_q - rotation @ mean_p
-    rest = b - a @ rotation.T
+    angle, rest = _turned_onto(a, b)
+    shift = mean_q - _rotation(angle) @ mean_p
     freedom = 2 * len(p) - 3
     variance = float((rest**2).sum()) / freedom if freedom > 1 else math.nan
     lever = _rotation(angle + np.pi / 2) @ mean_p  # of the shift against the angle
@@ -530,14 +527,25 @@ def register_points(fixed: ArrayLike, moved: ArrayLike) -> Registration:
     messages = []
     if math.isnan(variance):
         messages.append("two fiducials leave no redundancy, so no uncertainty; give three or more")
-    if len(p) > 2 and np.linalg.det(a.T @ b) < 0.0 and _mirrored_fits(a, b, rest):
-        messages.append("the moved fiducials look mirrored: with x reversed they fit much better")
+    if len(p) > 2 and np.linalg.det(a.T @ b) < 0.0:
+        mirrored = _turned_onto(a * np.array([-1.0, 1.0]), b)[1]
+        if (mirrored**2).sum() < 0.25 * (rest**2).sum():
+            messages.append(
+                "the moved fiducials look mirrored: with x reversed they fit much better"
+            )
     rms = math.sqrt(float((rest**2).sum()) / len(p))
     audit = MappingProxyType({"n_fiducials": len(p), "rms_um": rms * 1e6})
     cov = design @ own @ design.T * variance
     return Registration(
         float(shift[0]), float(shift[1]), angle, cov, rms, (0.0, 0.0), tuple(messages), audit
     )
+
+
+def _turned_onto(a: FloatArray, b: FloatArray) -> tuple[float, FloatArray]:
+    """Return the angle that turns points onto others about the origin, and what it leaves."""
+    cross = float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum())
+    angle = math.atan2(cross, float((a * b).sum()))
+    return angle, b - a @ _rotation(angle).T
 
 
 def _rotation(angle: float) -> FloatArray:
@@ -556,16 +564,6 @@ def _points(values: ArrayLike, name: str) -> FloatArray:
             f"{points.shape}"
         )
     return points
-
-
-def _mirrored_fits(a: FloatArray, b: FloatArray, rest: FloatArray) -> bool:
-    flipped = a * np.array([-1.0, 1.0])
-    angle = math.atan2(
-        float((flipped[:, 0] * b[:, 1] - flipped[:, 1] * b[:, 0]).sum()),
-        float((flipped * b).sum()),
-    )
-    other = b - flipped @ _rotation(angle).T
-    return bool((other**2).sum() < 0.25 * (rest**2).sum())
 
 
 # ---- uncertainty of maps from registration: gradient times shift, through the same linear operation ----

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,26 +14,27 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, NotSeparableError
+from metrosep.core.numbers import not_negative, positive
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
-from metrosep.separation._readings import given_parts
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation._methods import described_by
+from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.maps._map_input import (
     LISTED_ORDERS,
-    PIXELS,
-    REMOVABLE,
     RIGID,
     MapGrid,
+    MapMethod,
     TurnedNoise,
     checked_angles,
+    checked_removed,
     checked_u,
     class_share,
     coarse,
     combined,
     common_step,
     interpolated,
-    map_stack,
-    mirror,
+    map_separation,
+    mirrored_trials,
     noise_of,
     orders_of,
     require_overlap,
@@ -42,6 +43,7 @@ from metrosep.separation.maps._map_input import (
     rigid_terms,
     smoothness,
     solve_order,
+    stored_in_si,
     turned,
     unit_doubts,
     without_plane,
@@ -52,8 +54,12 @@ __all__ = ["RotationTest", "rotation_average"]
 
 
 @dataclass(frozen=True, slots=True)
-class RotationTest(SeparationMethod):
+class RotationTest(MapMethod):
     """Part measured in several rotations: ``M_i(p) = I(p) + P(R(-angle_i) p)`` and a plane each.
+
+    One map for each angle. Parts: ``part``, as it lies at angle 0, and ``instrument``, without the
+    angular orders (listed up to 60) and terms of the null space; ``unseparated``, the sum of both in
+    those orders. A simulated map is NaN where the turned part would need pixels that are missing.
 
     Parameters
     ----------
@@ -103,50 +109,17 @@ class RotationTest(SeparationMethod):
                 f"{self.name}: the part was not turned ({angles.size} readings at one angle), so "
                 "part and instrument cannot be told apart; measure at two angles or more"
             )
-        for item in self.removed:
-            if item not in REMOVABLE:
-                raise DataError(f"removed may hold {', '.join(REMOVABLE)}, got {item!r}")
-        for label, unit in (("u_registration", "m"), ("u_angle", "rad")):
-            checked_u(getattr(self, label), label, unit)
+        checked_removed(self.removed)
+        stored_in_si(self, positive, dx="length", dy="length")
+        stored_in_si(self, not_negative, u_registration="length", u_angle="angle")
 
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return the readings of given parts.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n_y, n_x), m
-            ``part``, as it lies at angle 0.
-        errors : mapping of str to array_like, shape (n_y, n_x), m
-            ``instrument``.
-
-        Returns
-        -------
-        ndarray, shape (n, n_y, n_x), m
-            One for each angle; NaN where a turned map would need pixels that are missing.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown or none is given.
-        """
-        part, instrument = given_parts(
-            self.name, truth, errors, truth_parts=self.truth_parts, error_parts=self.error_parts
-        ).values()
-        stack, grid, _ = map_stack(
-            [part], what=self.name, dx=self.dx, dy=self.dy, centre=self.centre
-        )
-        return np.stack([instrument + turned(stack, a, grid)[0][0] for a in self.angles])
+        (part, instrument), grid = self._given(truth, errors)
+        return np.stack([instrument + turned(part[None], a, grid)[0][0] for a in self.angles])
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return the angular orders that look the same at all angles, and the alignment.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Angular orders (up to 60) and terms of part and instrument.
-        """
         hidden = RotationSolver(np.array(self.angles), self.largest_gain).hidden
         n = common_step(np.array(self.angles) - self.angles[0])
         further = (
@@ -170,39 +143,8 @@ class RotationTest(SeparationMethod):
         u_reading: float | None = None,
         history: tuple[Step, ...] = (),
     ) -> Separation:
-        """Return part and instrument without the angular orders that cannot be told apart.
-
-        Parameters
-        ----------
-        readings : array_like, shape (n, n_y, n_x), m
-            One map for each angle.
-        u_reading : float, m, optional
-            Standard uncertainty of one pixel of one reading; found from redundancy if omitted.
-        history : tuple of Step, optional
-            Where the readings came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``part``, ``instrument`` and ``unseparated``, each (n_y, n_x) in m.
-
-        Raises
-        ------
-        DataError
-            If the maps do not fit, or the masks do not overlap.
-        InvalidSamplesError, TooFewSamplesError
-            If the maps hold no numbers, or are too few or too small.
-        """
-        n = len(self.angles)
-        stack, grid, _ = map_stack(
-            readings,
-            what=self.name,
-            names=[f"map {i + 1}" for i in range(n)],
-            one_frame=True,
-            dx=self.dx,
-            dy=self.dy,
-            centre=self.centre,
-        )
+        names = [f"map {i + 1}" for i in range(len(self.angles))]
+        stack, grid, own = self._read(readings, names)
         u_reading = checked_u(u_reading, "u_reading")
         require_scale(grid, self.u_registration, self.name)
         common = require_overlap(stack, self.name)
@@ -210,7 +152,7 @@ class RotationTest(SeparationMethod):
             [without_plane(z, grid, removed=self.removed, mask=common) for z in stack]
         )
         with one_blas_thread():
-            return self._separated(stack, grid, u_reading, history)
+            return self._separated(stack, grid, u_reading, (*own, *history))
 
     def _separated(
         self,
@@ -248,37 +190,23 @@ class RotationTest(SeparationMethod):
         if not messages:
             messages = residual_doubts(solution.residual, stack, expected=solution.smoothness)
         messages = (*unit_doubts(stack, grid, angles), *messages, *lost_pixels(stack, part))
-        if not grid.calibrated:
-            messages = (*messages, PIXELS)
-        return Separation(
-            self.name,
-            named,
-            u_maps,
-            dict.fromkeys(named, "m"),
-            {"x": grid.x, "y": grid.y},
-            self.null_space(),
-            noise=noise,
-            audit=self._audit(solver, stack, part),
-            messages=messages,
-            history=(*history, Step(self.name, {"angles_rad": list(self.angles)})),
-        )
-
-    def _audit(
-        self, solver: RotationSolver, stack: FloatArray, part: FloatArray
-    ) -> dict[str, object]:
-        measured = int(np.isfinite(stack).all(axis=0).sum())
-        return {
+        audit = {
             "angles_deg": [math.degrees(a) for a in self.angles],
             "method": "pixels, classes of angular orders" if solver.n else "circles",
             "positions_in_a_turn": solver.n,
             "removed": ", ".join(self.removed),
-            "n_pixels_common": measured,
+            "n_pixels_common": int(np.isfinite(stack).all(axis=0).sum()),
             "n_pixels_result": int(np.isfinite(part).sum()),
             "u_registration_um": self.u_registration * 1e6,
             "u_angle_mrad": self.u_angle * 1e3,
         }
+        return map_separation(
+            self.name, grid, named, u_maps, self.null_space(), noise, audit, messages, history,
+            {"angles_rad": list(self.angles)},
+        )  # fmt: skip
 
 
+@described_by(RotationTest, RotationTest.separate)
 def rotation_average(
     surfaces: Sequence[ArrayLike | Surface],
     angles: ArrayLike,
@@ -297,34 +225,15 @@ def rotation_average(
     ----------
     surfaces : sequence of Surface or array_like, shape (n_y, n_x), m
         One map for each angle; NaN = not measured.
-    angles : array_like, shape (n,), rad
-        Turn of the part, counter-clockwise in the map (from +x, columns, towards +y, rows).
-    dx, dy : float, m, optional
-        Steps of plain arrays; pixels if omitted.
-    centre : tuple of (float, float), m, optional
-        Axis of rotation from pixel [0, 0]; the middle of the map if omitted.
-    removed : tuple of str, optional
-        What alignment decides in each map: ``"piston"``, ``"tilt"``, also ``"power"``.
-    u_reading : float, m, optional
-        Standard uncertainty of one pixel; found from redundancy if omitted.
     u_registration : float, m, optional
         Standard uncertainty of the centring of each map along x and along y. It enters by the slopes
         of ``part + unseparated``: an upper bound, as if the unseparated sum were all of the part.
-    u_angle : float, rad, optional
-        Standard uncertainty of each angle.
 
     Returns
     -------
     Separation
         ``.part`` (as it lies at angle 0) and ``.instrument`` without the orders of the null space;
         ``.unseparated``, the sum of both in those orders.
-
-    Raises
-    ------
-    DataError, InvalidSamplesError, TooFewSamplesError
-        If maps or angles cannot be used: other shapes or steps, degrees, no common pixels.
-    NotSeparableError
-        If the part was not turned.
 
     Notes
     -----
@@ -336,7 +245,7 @@ def rotation_average(
     ``s**2 (1 - 1/n)/n``. Angles that are multiples of one step 2 pi/N, N <= 24, are worked pixel by
     pixel; a result pixel needs its N turned counterparts. Other angles go by Fourier series on
     circles; a circle with a gap is lost. Turns by 90 degrees are exact, others interpolate
-    (`turn_map`) and lose about three pixels at the rim, circles about six.
+    (an error of 1e-3 for waves of 8 pixels) and lose about three at the rim, circles about six.
 
     References
     ----------
@@ -352,19 +261,9 @@ def rotation_average(
     >>> result.null_space[0].indices[:3]
     (0, 4, 8)
     """
-    items, grid, history = map_stack(
-        surfaces, what="rotation_average", least=2, one_frame=True, dx=dx, dy=dy, centre=centre
-    )
-    method = RotationTest(
-        tuple(checked_angles(angles, items.shape[0], "rotation_average").tolist()),
-        grid.dx if grid.calibrated else None,
-        grid.dy if grid.calibrated else None,
-        centre,
-        tuple(removed),
-        u_registration,
-        u_angle,
-    )
-    return method.separate(items, u_reading=u_reading, history=history)
+    turns, maps = cast(Any, angles), cast(Any, surfaces)
+    method = RotationTest(turns, dx, dy, centre, tuple(removed), u_registration, u_angle)
+    return method.separate(maps, u_reading=u_reading)
 
 
 # ---- doubts about maps that a separation can raise itself: mirrored maps, angles of the other sign ----
@@ -396,14 +295,8 @@ def doubts_of_rotations(
             "counter-clockwise from +x (columns) towards +y (rows); check rows and sign"
         )
         return (text,)
-    found = []
-    for i in range(stack.shape[0]):
-        for axis in ("x", "y"):
-            flipped = small.copy()
-            flipped[i] = mirror(small[i], axis)
-            left = _left(solver, flipped, small_grid)
-            if left < _BETTER * as_given:
-                found.append((left, i, axis))
+    trials = mirrored_trials(small, lambda maps: _left(solver, maps, small_grid))
+    found = [trial for trial in trials if trial[0] < _BETTER * as_given]
     if not found:
         return ()
     left, i, axis = min(found)
@@ -480,7 +373,7 @@ class RotationSolver:
             self.weights, lost, self.freedom = _pixel_weights(angles, self.n, largest_gain)
             self.hidden = orders_of(lost, self.n)
         else:
-            self.hidden = _hidden_orders(angles, largest_gain)
+            self.hidden = order_weights(tuple(angles.tolist()), LISTED_ORDERS, largest_gain)[1]
 
     def parts(self, stack: FloatArray, grid: MapGrid) -> FloatArray:
         """Return instrument, part at angle 0 and inseparable sum."""
@@ -490,7 +383,7 @@ class RotationSolver:
         """Return the parts, the turned one as it lies in the first reading."""
         if self.weights is not None:
             return combined(stack, grid, self.weights)
-        return solve_polar(stack, self.angles, grid, self.largest_gain)[0]
+        return solve_polar(stack, self.angles, grid, self.largest_gain)
 
     def _at_zero(self, parts: FloatArray, stack: FloatArray, grid: MapGrid) -> FloatArray:
         if self.weights is None or self.first == 0.0:
@@ -582,17 +475,15 @@ def _variance_near_axis(
     sums = np.zeros((3, 2 * _RINGS + 1))
     for _ in range(_TRIALS // _AT_ONCE):
         noise = rng.standard_normal((_AT_ONCE, len(angles), *field.shape))
-        squares = (
-            np.nan_to_num(noise_on_circles(noise, np.array(angles), field, largest_gain)) ** 2
-        )
-        sums += [np.bincount(ring, z.ravel()) for z in squares.sum(axis=0)]
+        found = np.nan_to_num(parts_on_circles(noise, np.array(angles), field, largest_gain))
+        sums += [np.bincount(ring, z.ravel()) for z in (found**2).sum(axis=0)]
     count = np.bincount(ring)[:-1]
     filled = count > 0
     radii = np.bincount(ring, radius)[:-1][filled] / count[filled]
-    found = sums[:, :-1][:, filled] / (count[filled] * _TRIALS)
-    for values in (radii, found):
+    variance = sums[:, :-1][:, filled] / (count[filled] * _TRIALS)
+    for values in (radii, variance):
         values.setflags(write=False)
-    return radii, found
+    return radii, variance
 
 
 def _share_of_orders(angles: FloatArray, largest_gain: float, radii: FloatArray) -> FloatArray:
@@ -627,11 +518,6 @@ def _pixel_weights(
             lost.append(q)
             weights[2] += share * np.real(np.outer(np.full(s, 1.0 / s), back))
     return weights, lost, freedom
-
-
-def _hidden_orders(angles: FloatArray, largest_gain: float) -> tuple[int, ...]:
-    weights = order_weights(tuple(angles.tolist()), LISTED_ORDERS, largest_gain)
-    return weights[1]
 
 
 # ---- rotations by any angles: maps on circles, one least-squares system for each angular order ----
@@ -672,41 +558,29 @@ def from_polar(polar: FloatArray, grid: MapGrid) -> FloatArray:
 
 def solve_polar(
     stack: FloatArray, angles: FloatArray, grid: MapGrid, largest_gain: float
-) -> tuple[FloatArray, tuple[int, ...]]:
+) -> FloatArray:
     """Return instrument, part and the sum that is not separable, order by order."""
-    polar = to_polar(stack, grid)
-    whole = np.isfinite(polar).all(axis=(0, 2))
-    if whole.sum() < 6:
+    return np.asarray(parts_on_circles(stack[None], angles, grid, largest_gain, least=6)[0])
+
+
+def parts_on_circles(
+    trials: FloatArray, angles: FloatArray, grid: MapGrid, largest_gain: float, *, least: int = 0
+) -> FloatArray:
+    """Return the parts of many sets of readings, shape (T, S, n_y, n_x), from their whole circles."""
+    t, s = trials.shape[:2]
+    polar = to_polar(trials.reshape(t * s, *grid.shape), grid)
+    whole, n = np.isfinite(polar).all(axis=(0, 2)), polar.shape[2]
+    if whole.sum() < least:
         raise DataError(
             "no six circles about the centre were measured completely in all maps, which angles "
             "that are not multiples of one step need: state centre=, or use equal steps"
         )
-    n = polar.shape[2]
-    weights, hidden = order_weights(tuple(np.asarray(angles).tolist()), n // 2, largest_gain)
-    out = np.full((3, whole.size, n), np.nan)
-    out[:, whole] = _parts_on_circles(polar[None, :, whole], weights)[0]
-    return from_polar(out, grid), hidden
-
-
-def noise_on_circles(
-    trials: FloatArray, angles: FloatArray, grid: MapGrid, largest_gain: float
-) -> FloatArray:
-    """Return the parts of many sets of readings without gaps."""
-    t, s = trials.shape[:2]
-    polar = to_polar(trials.reshape(t * s, *grid.shape), grid)
-    n = polar.shape[2]
     weights, _ = order_weights(tuple(np.asarray(angles).tolist()), n // 2, largest_gain)
-    whole = np.isfinite(polar).all(axis=(0, 2))
-    out = np.full((t, 3, whole.size, n), np.nan)
-    out[:, :, whole] = _parts_on_circles(polar[:, whole].reshape(t, s, -1, n), weights)
-    return from_polar(out.reshape(t * 3, -1, n), grid).reshape(t, 3, *grid.shape)
-
-
-def _parts_on_circles(circles: FloatArray, weights: ComplexArray) -> FloatArray:
-    """Return the three parts of circles, shape (T, S, n_r, n_angles)."""
-    series = np.fft.rfft(circles, axis=3)
+    series = np.fft.rfft(polar[:, whole].reshape(t, s, -1, n), axis=3)
     found = np.einsum("mps,tsrm->tprm", weights, series, optimize=True)
-    return np.asarray(np.fft.irfft(found, n=circles.shape[3], axis=3))
+    out = np.full((t, 3, whole.size, n), np.nan)
+    out[:, :, whole] = np.fft.irfft(found, n=n, axis=3)
+    return from_polar(out.reshape(t * 3, -1, n), grid).reshape(t, 3, *grid.shape)
 
 
 @lru_cache(maxsize=16)

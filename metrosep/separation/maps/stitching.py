@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, NotConvergedError
+from metrosep.core.numbers import choice, count
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.separation._readings import as_numbers
@@ -37,7 +38,6 @@ from metrosep.separation.maps._stitch_solve import (
     noise_of,
     normal_matrix,
 )
-from metrosep.spectral.dft import finite_number, real_number
 
 __all__ = ["Stitching", "stitch"]
 
@@ -135,26 +135,19 @@ def stitch(
     (20, 60)
     """
     kinds = checked_freedoms(freedoms)
-    if ambiguous not in ("remove", "surface") or registration not in ("trust", "fit"):
-        raise DataError(
-            f"stitch: ambiguous is {ambiguous!r} (remove or surface), registration {registration!r} "
-            "(trust or fit)"
-        )
-    degree = None if reference_degree is None else _degree(reference_degree)
+    choice(ambiguous, "stitch: ambiguous", ("remove", "surface"))
+    choice(registration, "stitch: registration", ("trust", "fit"))
+    degree = reference_degree
+    if degree is not None:
+        degree = count(degree, "stitch: reference_degree", least=2, most=12)
     fit = isinstance(reference, str) and reference == "fit"
     if isinstance(reference, str) and reference not in ("none", "fit"):
         raise DataError(f"stitch: reference is {reference!r}; give none, fit or a map")
     if degree is not None and not fit:
         raise DataError('stitch: reference_degree needs reference="fit"')
-    n_draws = finite_number(draws, "stitch: draws", "a whole number")
-    if n_draws < 0 or n_draws != int(n_draws):
-        raise DataError(f"stitch: draws is {draws}; it must be a whole number, 0 or more")
-    stated = u_reading
-    if stated is not None:
-        stated = real_number(stated, "u_reading", "a standard uncertainty in m")
-    settings = Settings(
-        kinds, fit, degree, ambiguous, int(n_draws), checked_u(stated, "u_reading")
-    )
+    n_draws = count(draws, "stitch: draws", least=0)
+    u_reading = checked_u(u_reading, "u_reading")
+    settings = Settings(kinds, fit, degree, ambiguous, n_draws, u_reading)
     pieces = pieces_of(maps, positions, rotations, dx, dy)
     extra: dict[str, object] = {"reference": "fitted" if fit else "none"}
     if not isinstance(reference, str):
@@ -347,13 +340,6 @@ def checked_freedoms(freedoms: Sequence[str]) -> tuple[str, ...]:
     return tuple(n for n in _FREEDOMS if n in names)
 
 
-def _degree(value: object) -> int:
-    degree = finite_number(value, "stitch: reference_degree", "a whole number from 2 to 12")
-    if degree != int(degree) or not 2 <= degree <= 12:
-        raise DataError(f"stitch: reference_degree is {value}; it must be 2 to 12, and whole")
-    return int(degree)
-
-
 def _numbers(readings: ArrayLike) -> FloatArray:
     return as_numbers(readings, "stitch: the readings must be numbers in m")
 
@@ -397,7 +383,7 @@ def registered(pieces: Pieces, freedoms: tuple[str, ...]) -> tuple[Pieces, dict[
     start, n_axes = pieces.corners.copy(), 1 if pieces.line else 2
     steps = np.array([pieces.dx, pieces.dy])[:n_axes]
     largest, damping, noise = math.inf, 1.0, math.nan
-    for count in range(1, _MOST_PASSES + 1):
+    for n_passes in range(1, _MOST_PASSES + 1):
         before = largest
         shift, u = _one_pass(pieces, freedoms, n_axes)
         in_pixels, noise = shift / steps, float((u / steps).max())
@@ -418,7 +404,7 @@ def registered(pieces: Pieces, freedoms: tuple[str, ...]) -> tuple[Pieces, dict[
             u = np.hypot(u, shift)  # where it stops is as uncertain as its last change
             return pieces, {
                 "registration": "fitted, relative to the first",
-                "registration_passes": count,
+                "registration_passes": n_passes,
                 "registration_last_change_pixels": largest,
                 "shifts_um": (1e6 * moved).tolist(),
                 "u_shifts_um": (1e6 * u).tolist(),
