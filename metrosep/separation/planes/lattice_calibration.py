@@ -21,11 +21,19 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
+from metrosep.core.numbers import not_negative, positive
 from metrosep.core.provenance import Step
-from metrosep.core.quantity import Quantity
-from metrosep.separation._readings import known_parts, part_of, positive, real_numbers
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
-from metrosep.separation.planes._grid_solution import Repeats, moved_between, refuse_unknown
+from metrosep.separation._methods import RecordedMethod, settle
+from metrosep.separation._readings import known_parts, part_of, real_numbers
+from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.planes._grid_solution import (
+    Repeats,
+    moved_between,
+    noise_of,
+    refuse_unknown,
+    same_points,
+    shares_of_passes,
+)
 
 __all__ = ["GridCalibration", "GridView", "grid_calibration"]
 
@@ -99,10 +107,11 @@ def grid_calibration(
     >>> bool(abs(found.plate).max() < 1e-15)
     True
     """
-    if repeats not in ("relaid", "passes"):
-        raise DataError(f"repeats is 'relaid' or 'passes', got {repeats!r}")
-    step = positive(pitch, "pitch", "m")
-    stated = None if u_reading is None else positive(u_reading, "u_reading", "m", zero=True)
+    refuse_unknown("free", repeats)
+    step = positive(pitch, "pitch", dimension="length")
+    stated = u_reading
+    if stated is not None:
+        stated = not_negative(stated, "u_reading", dimension="length")
     parsed = parsed_views(views)
     size = checked_size(parsed, step)
     refuse_inseparable(parsed)
@@ -110,21 +119,13 @@ def grid_calibration(
         fit = Lattice(parsed, size, repeats == "relaid")
         other = better_turns(parsed, size, fit.sigma, repeats == "relaid")
     dof = fit.n_readings - fit.rank
-    sigma = fit.sigma
-    text = "standard deviation of one reading"
-    noise = (
-        Quantity(sigma, "m", f"{text}, from the views", u=sigma / math.sqrt(2 * dof), symbol="s")
-        if dof > 0
-        else Quantity(math.nan, "m", f"{text}; not known", symbol="s")
-    )
-    if dof <= 0 and stated is not None:
-        sigma = stated
-        noise = Quantity(sigma, "m", f"{text}, as stated", symbol="s")
+    noise = noise_of(fit.squares, dof, stated, "views")
+    sigma = noise.value
     n_y, n_x = size
     return Separation(
         "grid_calibration",
         {"stage": fit.parts[0], "plate": fit.parts[1]},
-        {"stage": fit.uncertainty(0, sigma), "plate": fit.uncertainty(1, sigma)},
+        {"stage": sigma * fit.u[0], "plate": sigma * fit.u[1]},
         {"stage": "m", "plate": "m"},
         {"x": _centred(n_x, step), "y": _centred(n_y, step)},
         unseen_terms() + fit.unseen(),
@@ -249,9 +250,9 @@ class Lattice:
             design, mean, weight, owner = design[use], mean[use], weight[use], owner[use]
         placed = [design[use & (owner == k)][:, 4 * n + 3 * k :][:, :3] for k in range(len(lays))]
         about = [rows[use[owner == k]] for k, rows in enumerate(about)]
-        pairs = [_rigid_share(r, p) for r, p in zip(about, placed, strict=True)]
+        shares = [shares_of_passes(r.T, p) for r, p in zip(about, placed, strict=True)]
         total = sum(float(np.nansum(rows**2)) for rows in about)
-        share, rank = sum(p[0] for p in pairs), sum(p[1] for p in pairs)
+        share, rank = sum(p[1] for p in shares), sum(p[2] for p in shares)
         pure = total - share if relaid else total
         self._finish(a, mean[use], weight[use], inverse, functions, keep, max(pure, 0.0))
         self.n_readings = int(weight[use].sum())
@@ -304,10 +305,6 @@ class Lattice:
         dof = self.n_readings - self.rank
         return math.sqrt(self.squares / dof) if dof > 0 else math.nan
 
-    def uncertainty(self, part: int, sigma: float) -> FloatArray:
-        """Return the standard uncertainty of the stage (0) or the plate (1)."""
-        return np.asarray(sigma * self.u[part], dtype=np.float64)
-
     def unseen(self) -> tuple[Unobservable, ...]:
         """Return sites and marks that are not determined."""
         names = ("stage", "plate")
@@ -320,25 +317,7 @@ class Lattice:
 
 def _lays(readings: FloatArray, relaid: bool) -> list[FloatArray]:
     """Return what shares a placement; repeats placed anew that read the same marks go together."""
-    if not relaid:
-        return [readings]
-    groups: dict[bytes, list[int]] = {}
-    for i, z in enumerate(readings):
-        if not np.isnan(z).all():
-            groups.setdefault(np.isnan(z).tobytes(), []).append(i)
-    return [readings[rows] for rows in groups.values()] or [readings]
-
-
-def _rigid_share(about: FloatArray, placed: FloatArray) -> tuple[float, int]:
-    """Return squares and rank of what placements of each repeat make of the scatter (n, repeats)."""
-    share, ranks = 0.0, []
-    for repeat in about.T:
-        seen = ~np.isnan(repeat)
-        left, size, _ = np.linalg.svd(placed[seen], full_matrices=False)
-        kept = left[:, size > 1e-9 * size.max(initial=1e-300)]
-        share += float(np.sum((kept.T @ repeat[seen]) ** 2))
-        ranks.append(kept.shape[1])
-    return share, sum(ranks) - max(ranks, default=0)
+    return (same_points(readings) if relaid else []) or [readings]
 
 
 def _rows(
@@ -353,8 +332,7 @@ def _rows(
     n_y, n_x = size
     n = n_y * n_x
     count = (~np.isnan(readings)).sum(axis=0)
-    cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[view.turns % 4]
-    turn = np.array([[cos, -sin], [sin, cos]])
+    turn = _quarter_turns(view.turns)
     rows, values, weights, about = [], [], [], []
     for j, i in np.ndindex(n_y, n_x):
         site = np.array([i - (n_x - 1) / 2, j - (n_y - 1) / 2])
@@ -384,6 +362,11 @@ def _rows(
     if not rows:
         raise DataError(f"view {number + 1} holds no readings")
     return np.array(rows), np.array(values), np.array(weights), np.array(about)
+
+
+def _quarter_turns(n: int) -> FloatArray:
+    cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[n % 4]
+    return np.array([[cos, -sin], [sin, cos]], dtype=np.float64)
 
 
 def _pseudo_inverse(
@@ -578,8 +561,14 @@ _INITIAL_ROTATED_SHIFTED: tuple[Placement, ...] = ((0, (0, 0)), (1, (0, 0)), (0,
 
 
 @dataclass(frozen=True, slots=True)
-class GridCalibration(SeparationMethod):
+class GridCalibration(RecordedMethod):
     """Views of a grid plate on a stage.
+
+    Readings (n_views, n_y, n_x, 2) or (n_views, M, n_y, n_x, 2) in m: reading minus nominal position
+    along the axes of the stage, NaN where no mark is or was read. Parts (n_y, n_x, 2) in m: ``stage``,
+    what the stage adds at each site, and ``plate``, the error of each mark along the axes of the
+    plate. Simulated views are placed without translation and rotation. Readings larger than half the
+    pitch are refused with a UnitError.
 
     Parameters
     ----------
@@ -616,7 +605,7 @@ class GridCalibration(SeparationMethod):
     error_parts: ClassVar[tuple[str, ...]] = ("stage",)
 
     def __post_init__(self) -> None:
-        positive(self.pitch, "pitch", "m")
+        settle(self, pitch=positive(self.pitch, "pitch", dimension="length"))
         refuse_unknown("free", self.repeats)
         for i, placement in enumerate(self.placements, start=1):
             try:
@@ -630,26 +619,6 @@ class GridCalibration(SeparationMethod):
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return the views of given parts, placed without translation and rotation.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n_y, n_x, 2), m
-            ``plate``: error of each mark, along the axes of the plate.
-        errors : mapping of str to array_like, shape (n_y, n_x, 2), m
-            ``stage``: what the stage adds at each site.
-
-        Returns
-        -------
-        ndarray, shape (n_views, n_y, n_x, 2), m
-            Reading minus nominal; NaN where no mark lies on a site.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown, none is given, or of another shape; if a lattice that is turned
-            by a quarter has an even and an odd side.
-        """
         parts = known_parts(self, truth, errors)
         shape = next(iter(parts.values())).shape
         if len(shape) != 3 or shape[2] != 2:
@@ -664,13 +633,6 @@ class GridCalibration(SeparationMethod):
         return np.stack([stage + _on_stage(plate, *p) for p in self.placements])
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what no view sees.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Translation, rotation and scale of stage and plate.
-        """
         return unseen_terms()
 
     def separate(
@@ -680,33 +642,6 @@ class GridCalibration(SeparationMethod):
         u_reading: float | None = None,
         history: tuple[Step, ...] = (),
     ) -> Separation:
-        """Return the errors of stage and plate.
-
-        Parameters
-        ----------
-        readings : array_like, shape (n_views, n_y, n_x, 2) or (n_views, M, n_y, n_x, 2), m
-            Reading minus nominal position; NaN where no mark is or was read.
-        u_reading : float, m, optional
-            Standard uncertainty of one reading as it is believed.
-        history : tuple of Step, optional
-            Where they came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``stage`` and ``plate`` (n_y, n_x, 2); `grid_calibration` does the work.
-
-        Raises
-        ------
-        DataError
-            If the shape does not fit the placements, or the lattice is too large or too small.
-        InvalidSamplesError
-            If the readings are no real numbers.
-        NotSeparableError
-            If these placements do not tell stage from plate.
-        UnitError
-            If the readings are larger than half the pitch.
-        """
         views = np.asarray(real_numbers(readings, f"{self.name}: readings"), dtype=np.float64)
         count = len(self.placements)
         if views.ndim not in (4, 5) or views.shape[0] != count or views.shape[-1] != 2:
@@ -725,8 +660,7 @@ class GridCalibration(SeparationMethod):
 def _on_stage(plate: FloatArray, turns: int, shift: tuple[int, int]) -> FloatArray:
     """Return what the marks of a turned and shifted plate add at the sites of the stage."""
     n_y, n_x = plate.shape[:2]
-    cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[turns % 4]
-    turn = np.array([[cos, -sin], [sin, cos]], dtype=np.float64)
+    turn = _quarter_turns(turns)
     middle = np.array([(n_x - 1) / 2, (n_y - 1) / 2])
     rows, columns = np.mgrid[:n_y, :n_x]
     sites = np.stack([columns, rows], axis=-1) - middle - np.array(shift)

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
 from metrosep.core.inputs import Results
+from metrosep.core.numbers import real
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step, freeze_mapping
@@ -227,8 +228,8 @@ def plane_map(
     u = np.sqrt((s_x**2 + u_tilt_x**2)[np.newaxis, :] + (s_y**2 + u_tilt_y**2)[:, np.newaxis])
     u[np.isnan(z)] = np.nan
     history = (
-        *_history(along_x),
-        *_history(along_y),
+        *along_x.history,
+        *along_y.history,
         Step("plane_map", {"alpha_rad": alpha_q.value, "beta_rad": beta_q.value}),
     )
     corner = (float(xs[0]), float(ys[0]))
@@ -327,16 +328,15 @@ def _between(grid: FloatArray, x: FloatArray, z: FloatArray) -> FloatArray:
 
 
 def _grid(start: float, stop: float, step: float, axis: str) -> FloatArray:
-    width = step
-    n = int((stop - start) / width * (1.0 + 1e-12) + 1e-9) + 1
+    n = int((stop - start) / step * (1.0 + 1e-12) + 1e-9) + 1
     if n < 2:
         raise DataError(
-            f"d{axis} = {width:.6g} m is longer than the travel of {stop - start:.6g} m; steps are "
+            f"d{axis} = {step:.6g} m is longer than the travel of {stop - start:.6g} m; steps are "
             "in m (1 mm is 0.001)"
         )
     if n > _MOST_PIXELS:
-        raise DataError(f"d{axis} = {width:.3g} m gives {n} points; choose a larger step")
-    return np.asarray(start + width * np.arange(n), dtype=np.float64)
+        raise DataError(f"d{axis} = {step:.3g} m gives {n} points; choose a larger step")
+    return np.asarray(start + step * np.arange(n), dtype=np.float64)
 
 
 def _alignment(value: float | Quantity, name: str) -> Quantity:
@@ -345,10 +345,7 @@ def _alignment(value: float | Quantity, name: str) -> Quantity:
             raise UnitError(f"{name} is in {value.unit}; an alignment is in rad")
         quantity = value
     else:
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            raise DataError(f"{name} must be a number in rad, got {value!r}") from None
+        number = real(value, name, dimension="angle")
         quantity = Quantity(number, "rad", "alignment, as stated", symbol=name)
     if not math.isfinite(quantity.value):
         raise DataError(f"{name} is {quantity.value}; give a finite alignment in rad, or 0")
@@ -364,7 +361,3 @@ def _axis(start: float, step: float | None, n: int) -> FloatArray:
     if step is None:
         raise DataError("the map has no lateral step")
     return np.asarray(start + step * np.arange(n), dtype=np.float64)
-
-
-def _history(item: ErrorEstimate | Profile) -> tuple[Step, ...]:
-    return item.history

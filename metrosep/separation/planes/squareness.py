@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError, UnitError
+from metrosep.core.numbers import not_negative, positive, real
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
-from metrosep.separation._readings import checked_number, plain, reduced
+from metrosep.separation._readings import plain, reduced
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,8 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["Squareness", "squareness_from_diagonals"]
 
 
-_PAIRS = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
-_UNKNOWNS = (*_PAIRS, "scale_x", "scale_y", "scale_z")
+PAIRS = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 _SIGN = {"p": 1.0, "n": -1.0, "0": 0.0, "+": 1.0, "-": -1.0}
 _TOO_LARGE = 1e-2
 _ESTIMABLE = 1e-9
@@ -182,11 +182,11 @@ def squareness_from_diagonals(
     """
     travel = checked_travel(size)
     table = _by_canonical_name(lengths)
-    signs = np.array([_signs(name) for name in table])
+    signs = signs_of(table)
     dl = np.array(list(table.values()), dtype=np.float64)
     diagonal = np.sqrt((signs**2) @ travel**2)
     _check_lengths(list(table), dl, diagonal)
-    design = _design(signs, travel)
+    design = design_of(signs, travel)
     sd = _standard_uncertainties(u, list(table))
     weight = np.ones(dl.size) if sd is None or not (sd > 0).all() else 1.0 / sd
     inverse = np.linalg.pinv(design * weight[:, None], rcond=1e-12) * weight
@@ -200,9 +200,10 @@ def squareness_from_diagonals(
     values = np.where(known, least, np.nan)
     spread = None if sd is None else np.sqrt((inverse**2) @ sd**2)
     residuals = dl - design @ least
+    found = _quantities(values, spread, known)
     return Squareness(
-        angles=freeze_mapping(_quantities(values, spread, known)),
-        scales=freeze_mapping(_scales(values, spread, known)),
+        angles=freeze_mapping(dict(zip(PAIRS, found[:3], strict=True))),
+        scales=freeze_mapping(dict(zip("xyz", found[3:], strict=True))),
         remainder=freeze_mapping(_remainder(signs, travel, least, inverse, known)),
         residuals=freeze_mapping(dict(zip(table, residuals.tolist(), strict=True))),
         common=_common(table),
@@ -221,12 +222,12 @@ def squareness_from_diagonals(
 def checked_travel(size: Sequence[float]) -> FloatArray:
     """Return the travels as an array."""
     try:
-        travel = np.asarray(size, dtype=np.float64)
-    except (TypeError, ValueError):
-        travel = np.empty(0)
-    if travel.shape != (3,) or not (np.isfinite(travel).all() and (travel > 0.0).all()):
-        raise DataError(f"size must be three positive lengths (X, Y, Z) in m, got {size!r}")
-    return travel
+        x, y, z = (positive(v, "size", dimension="length") for v in size)
+    except (TypeError, ValueError, InvalidSamplesError):
+        raise DataError(
+            f"size must be three positive lengths (X, Y, Z) in m, got {size!r}"
+        ) from None
+    return np.array([x, y, z])
 
 
 def canonical_name(name: str) -> tuple[str, bool]:
@@ -274,8 +275,9 @@ def _by_canonical_name(lengths: Mapping[str, float]) -> dict[str, float]:
     return table
 
 
-def _signs(name: str) -> tuple[float, ...]:
-    return tuple(_SIGN[letter] for letter in name)
+def signs_of(names: Iterable[str]) -> FloatArray:
+    """Return the signs of travel along X, Y, Z of diagonals, shape (n, 3)."""
+    return np.array([[_SIGN[letter] for letter in name] for name in names])
 
 
 def _check_lengths(names: list[str], dl: FloatArray, diagonal: FloatArray) -> None:
@@ -291,10 +293,11 @@ def _check_lengths(names: list[str], dl: FloatArray, diagonal: FloatArray) -> No
             )
 
 
-def _design(signs: FloatArray, travel: FloatArray) -> FloatArray:
+def design_of(signs: FloatArray, travel: FloatArray) -> FloatArray:
+    """Return what three angles and three scales make of the length of each diagonal."""
     legs = signs * travel
     diagonal = np.sqrt((legs**2).sum(axis=1))
-    shear = np.column_stack([legs[:, i] * legs[:, j] for i, j in _PAIRS.values()])
+    shear = np.column_stack([legs[:, i] * legs[:, j] for i, j in PAIRS.values()])
     return np.asarray(np.hstack([shear, legs**2]) / diagonal[:, None])
 
 
@@ -304,48 +307,36 @@ def _standard_uncertainties(
     if u is None:
         return None
     if isinstance(u, Mapping):
-        own = {canonical_name(k)[0]: checked_number(v, f"u of {k}") for k, v in u.items()}
+        own = {
+            canonical_name(k)[0]: not_negative(v, f"u of {k}", dimension="length")
+            for k, v in u.items()
+        }
         missing = [n for n in names if n not in own]
         if missing:
             raise DataError(f"u lacks the diagonal {missing[0]}")
-        sd = np.array([own[n] for n in names])
-    else:
-        what = "one number in m or a mapping of names to numbers"
-        sd = np.full(len(names), checked_number(u, "u", what))
-    if not (np.isfinite(sd).all() and (sd >= 0.0).all()):
-        raise DataError("u must be zero or positive, in m")
-    return sd
+        return np.array([own[n] for n in names])
+    one = real(u, "u", dimension="length", what="a number or a mapping of names to numbers")
+    return np.full(len(names), not_negative(one, "u", dimension="length"))
 
 
 def _quantities(
     values: FloatArray, spread: FloatArray | None, known: NDArray[np.bool_]
-) -> dict[str, Quantity]:
-    return {
-        pair: Quantity(
-            float(values[i]),
+) -> list[Quantity]:
+    """Return the angles of the pairs and the scales of the axes."""
+    said = [
+        (
             "rad",
-            f"squareness error of {pair[0].upper()} and {pair[1].upper()}: pi/2 minus the angle "
-            "between the positive axes",
-            u=float(spread[i]) if spread is not None and known[i] else None,
-            symbol=f"a_{pair}",
+            f"squareness error of {x} and {y}: pi/2 minus the angle between the positive axes",
+            f"a_{x}{y}".lower(),
         )
-        for i, pair in enumerate(_PAIRS)
-    }
-
-
-def _scales(
-    values: FloatArray, spread: FloatArray | None, known: NDArray[np.bool_]
-) -> dict[str, Quantity]:
-    return {
-        axis: Quantity(
-            float(values[3 + i]),
-            "1",
-            f"relative length error of {axis.upper()}",
-            u=float(spread[3 + i]) if spread is not None and known[3 + i] else None,
-            symbol=f"e_{axis}",
-        )
-        for i, axis in enumerate("xyz")
-    }
+        for x, y in ("XY", "XZ", "YZ")
+    ]
+    said += [("1", f"relative length error of {axis.upper()}", f"e_{axis}") for axis in "xyz"]
+    sd = np.full(6, np.nan) if spread is None else np.where(known, spread, np.nan)
+    return [
+        Quantity(float(value), unit, text, u=None if math.isnan(u) else float(u), symbol=symbol)
+        for value, u, (unit, text, symbol) in zip(values, sd, said, strict=True)
+    ]
 
 
 def _remainder(
@@ -357,7 +348,7 @@ def _remainder(
 ) -> dict[str, float]:
     """Return what the exact distance of end points would add to each angle."""
     shear = np.diag(1.0 + least[3:])
-    for value, (i, j) in zip(least[:3], _PAIRS.values(), strict=True):
+    for value, (i, j) in zip(least[:3], PAIRS.values(), strict=True):
         shear[i, j] += value
     # Y and Z both lean towards X, so part of the angle between them is already there.
     shear[1, 2] -= shear[0, 1] * shear[0, 2]
@@ -367,8 +358,8 @@ def _remainder(
         lean = sum(shear[i, j] ** 2 for i in range(j))
         shear[j, j] -= lean / 2.0
     exact = np.sqrt(((legs @ shear.T) ** 2).sum(axis=1)) - np.sqrt((legs**2).sum(axis=1))
-    second = inverse @ (exact - _design(signs, travel) @ least)
-    return {p: float(second[i]) if known[i] else math.nan for i, p in enumerate(_PAIRS)}
+    second = inverse @ (exact - design_of(signs, travel) @ least)
+    return {p: float(second[i]) if known[i] else math.nan for i, p in enumerate(PAIRS)}
 
 
 def _common(table: Mapping[str, float]) -> float:
@@ -378,7 +369,7 @@ def _common(table: Mapping[str, float]) -> float:
 
 def _messages(known: NDArray[np.bool_], sd: FloatArray | None) -> list[str]:
     said = []
-    lost = [p for p, k in zip(_PAIRS, known[:3], strict=True) if not k]
+    lost = [p for p, k in zip(PAIRS, known[:3], strict=True) if not k]
     if lost:
         said.append(f"{', '.join(lost)} not determined by these diagonals: NaN")
     if not known[3:].all():
