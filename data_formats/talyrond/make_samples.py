@@ -71,7 +71,7 @@ CASES = {
     "no-unit.xlsx": (WHOLE, {"error": "UnitError", "match": "declare it, such as unit='um'"}),
     "contradiction.xlsx": (
         workbook(TURNED),
-        {"error": "FormatMismatchError", "match": "is no roundness trace"},
+        {"error": "FormatMismatchError", "match": "is not a roundness trace"},
     ),
     "cut-off.xlsx": (
         WHOLE[:-40],

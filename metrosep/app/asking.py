@@ -46,13 +46,9 @@ _LABELS = {
     "time": "Time; empty where there is none",
     "scale": "Sensitivity where the reading is a voltage, such as 2.5 um/V",
 }
-_NAMES = {
-    "x": r"(x|pos(ition)?|encoder|distance|travel)",
-    "z": r"(z|e|err(or)?|probe\w*|reading|height|straightness|dev(iation)?|sensor\w*|cap\w*)",
-    "feed": r"(feed\w*|speed|velocity)",
-    "run": r"(run|repeat|pass|trace|no)",
-    "time": r"(t|time|clock)",
-}
+_ROLES = {"x": "position", "z": "height", "feed": "feed", "run": "run", "time": "time"}
+"""Roles that the names of columns tell, as every reader of text knows them."""
+
 _FEWEST = 2
 
 _RUNS = {"feed", "run", "direction"}
@@ -230,23 +226,27 @@ _DIMENSIONS = {"x": ("length",), "z": ("length", "voltage"), "feed": ("speed",),
 def _guess(role: str, columns: Sequence[tuple[str, str | None]], *, taken: set[str]) -> str:
     """Return the column that is likely meant: by its unit first, then by its name."""
     free = [(name, dimension) for name, dimension in columns if name not in taken]
-    named = _named(_NAMES[role], free)
+    named = _named(role, free)
     if role == "x" and not named:  # runs of Y or Z have their axis as position, beside a reading
-        readings = set(_named(_NAMES["z"], free))
-        named = [name for name in _named("[yz]", free) if readings - {name}]
+        readings = set(_named("z", free))
+        axes = [name for name, _ in free if re.fullmatch("[yz]", _bare(name), re.IGNORECASE)]
+        named = [name for name in axes if readings - {name}]
     if role == "run":
         return named[0] if named else ""
     fits = [name for name, dimension in free if dimension in _DIMENSIONS[role]]
     both = [name for name in named if name in fits]
-    unsaid = [name for name in named if dict(free)[name] is None]
+    # F without a unit may be a force
+    unsaid = [n for n in named if dict(free)[n] is None and not (role == "feed" and len(n) == 1)]
     if role in ("x", "z"):  # its unit alone makes a column neither: it may be the other
-        other = _named(_NAMES["z" if role == "x" else "x"], free)
+        other = _named("z" if role == "x" else "x", free)
         fits = [name for name in fits if name not in other]
     return (both or unsaid or fits or [""])[0]
 
 
-def _named(pattern: str, columns: Sequence[tuple[str, str | None]]) -> list[str]:
-    return [name for name, _ in columns if re.fullmatch(pattern, _bare(name), re.IGNORECASE)]
+def _named(role: str, columns: Sequence[tuple[str, str | None]]) -> list[str]:
+    from metrosep.io._roles import role_of
+
+    return [name for name, _ in columns if role_of(name) == _ROLES[role]]
 
 
 def _bare(name: str) -> str:

@@ -12,8 +12,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from metrosep.app.evaluations import Evaluations
-from metrosep.app.full_results import full_result, made_of, result_of
-from metrosep.app.messages import (
+from metrosep.app.export_answers import full_result, made_of, result_of
+from metrosep.app.opening import Opened
+from metrosep.app.separations import MethodResults, Separations
+from metrosep.app.sessions import Session
+from metrosep.app.wire import (
     Answer,
     Arrays,
     Cancel,
@@ -23,9 +26,6 @@ from metrosep.app.messages import (
     plain,
     text_of,
 )
-from metrosep.app.opening import Opened
-from metrosep.app.separations import MethodResults, Separations
-from metrosep.app.sessions import Session
 from metrosep.core.errors import DataError, MetrosepError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
+import re
+import tomllib
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 from metrosep.app.evaluations import Evaluations
-from metrosep.app.messages import Answer, Cancel, Message, Tell, level_of, number_or_none, plain
+from metrosep.app.separations import MethodResults
 from metrosep.app.sessions import Session, is_extreme, mark_of
-from metrosep.core.errors import MetrosepError, RecipeError
+from metrosep.app.wire import Answer, Cancel, Message, Tell, level_of, number_or_none, plain
+from metrosep.core.errors import DataError, MetrosepError, RecipeError
 from metrosep.recipe.pipeline import Stage
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.result import Result
@@ -122,3 +127,165 @@ def _row(symbol: str, quantity: Any, *, preview: bool) -> dict[str, Any]:
         "definition": quantity.definition,
         "waits": hidden,
     }
+
+
+# ---- the ranking of the error terms of a machine, as the page draws it -------------------------
+
+_MOTION = re.compile(r"E([XYZABC])([A-Za-z][A-Za-z0-9_]*)")
+_PLACE = re.compile(r"E?([XYZABC])0([A-Za-z][A-Za-z0-9_]*)")
+_ABOUT = {"A": "X", "B": "Y", "C": "Z"}
+_ROTARY = "ABC"
+
+
+def term_words(term: str) -> str:
+    """Return what an error term is, in words.
+
+    Examples
+    --------
+    >>> term_words("EYX"), term_words("ECC"), term_words("B0Z")
+    ('straightness of X in Y', 'positioning of C', 'squareness of Z, angle about Y')
+    >>> term_words("EXC"), term_words("EAC"), term_words("EXFTS")
+    ('radial motion of C in X', 'tilt of C about X', 'motion of FTS in X')
+    """
+    if (found := _PLACE.fullmatch(term)) is not None:
+        direction, axis = found.groups()
+        if direction in _ABOUT:
+            return f"squareness of {axis}, angle about {_ABOUT[direction]}"
+        return f"place of {axis} in {direction}"
+    if (found := _MOTION.fullmatch(term)) is None:
+        return ""
+    direction, axis = found.groups()
+    letter = axis.rstrip("0123456789")
+    if direction == letter:
+        return f"positioning of {axis}"
+    if letter in _ROTARY:
+        own = _ABOUT[letter]
+        if direction in _ABOUT:
+            return f"tilt of {axis} about {_ABOUT[direction]}"
+        kind = "axial" if direction == own else "radial"
+        return f"{kind} motion of {axis} in {direction}"
+    if direction in _ABOUT:
+        about = _ABOUT[direction]
+        if letter not in "XYZ":
+            return f"rotation of {axis} about {about}"
+        return f"roll of {axis}" if about == letter else f"rotation of {axis} about {about}"
+    return (
+        f"straightness of {axis} in {direction}"
+        if letter in "XYZ"
+        else f"motion of {axis} in {direction}"
+    )
+
+
+def ranking(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
+    """Answer a request ``ranking``."""
+    opened, document = session.need()
+    recipe = document.recipe
+    op = recipe.steps[0]["op"]
+    if op != "rank" or not isinstance(opened.material, MethodResults):
+        raise DataError(f"there is a ranking of recipes of op rank only, this one is {op}")
+    tell({"k": "progress", "words": "ranking"})
+    result = opened.material.result(recipe, cancel)
+    step = tomllib.loads(document.text)["step"][0]
+    return plain(_header(result.produced, step, result.document)), {}
+
+
+def _header(table: Any, step: Mapping[str, Any], document: Mapping[str, Any]) -> dict[str, Any]:
+    written = _written(table.names, step)
+    group = {n: g for g in table.groups for n in g}
+    numbers = {n: k for k, g in enumerate(table.groups, start=1) for n in g}
+
+    def row(name: str) -> dict[str, Any]:
+        i = table.names.index(name)
+        key, stored = written[name]
+        return {
+            "term": name,
+            "words": term_words(name),
+            "size": table.size_text(name) if stored is None else str(stored),
+            "unit": table.units[i],
+            "magnitude": float(table.magnitudes[i]),
+            "rms": float(table.sq[i]),
+            "pv": float(table.pv[i]),
+            "rms_raw": float(table.sq_raw[i]),
+            "pv_raw": float(table.pv_raw[i]),
+            "share": float(table.shares[i]),
+            "group": numbers.get(name, 0),
+            "alike": [n for n in group.get(name, ()) if n != name],
+            "path": ["step", 0, "errors", key],
+            "stored": _own(step, key),
+        }
+
+    rows = [row(n) for n in table.visible]
+    return {
+        "rows": rows,
+        "cumulative": _running([r["share"] for r in rows]),
+        "hidden": [
+            {**row(name), "why": why} for why, names in table.hidden.items() for name in names
+        ],
+        "groups": [list(g) for g in table.groups],
+        "left": _left(table),
+        "total": {
+            "rms": table.expected_sq,
+            "rms_raw": table.expected_sq_raw,
+            "U": _stated(document, "expected_sq"),
+        },
+        "response": table.response,
+        "responses": ["form", "wavefront"],
+        "removed": list(table.removed),
+        "distribution": table.distribution,
+        "threshold": table.threshold,
+        "messages": list(document["messages"]),
+    }
+
+
+def _left(table: Any) -> list[dict[str, Any]]:
+    """Return what is left after compensating one term or group after the other, of those seen."""
+    found: list[dict[str, Any]] = [{"names": [], "rms": table.expected_sq}]
+    for step in table.pareto()[1:]:
+        names = [n for n in step.names if n in table.visible]
+        if names:
+            found.append({"names": names, "rms": step.sq})
+    return found if len(found) > 1 else []
+
+
+def _written(names: tuple[str, ...], step: Mapping[str, Any]) -> dict[str, tuple[str, Any]]:
+    """Return under which key each term stands in the recipe, and what says its size there."""
+    from metrosep.core.errors import DataError as Unknown
+    from metrosep.machine import from_paper
+
+    errors = step.get("errors") or {}
+    found: dict[str, tuple[str, Any]] = {}
+    for key, value in errors.items():
+        name = key
+        if key not in names:
+            try:
+                name = from_paper(key)
+            except Unknown:
+                continue
+        found[name] = (key, value)
+    for name in names:
+        if name not in found:
+            is_angle = (name[1] if name[0] == "E" else name[0]) in "ABC"
+            found[name] = (name, step.get("all_angles" if is_angle else "all_lengths"))
+    return found
+
+
+def _own(step: Mapping[str, Any], key: str) -> Any:
+    """Return what an edit of the size of one term replaces: None where it has no size of its own."""
+    return (step.get("errors") or {}).get(key)
+
+
+def _running(shares: list[float]) -> list[float]:
+    """Return what the first terms, taken together, have of the expected mean square."""
+    total, found = 0.0, []
+    for share in shares:
+        total += share
+        found.append(total if math.isfinite(total) else math.nan)
+    return found
+
+
+def _stated(document: Mapping[str, Any], metric: str) -> float | None:
+    """Return U of a value, where a check states it."""
+    for entry in document["characteristics"]:
+        if entry["metric"] == metric and entry.get("U") is not None:
+            return float(entry["U"])
+    return None

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from metrosep.app.documents import text_key
-from metrosep.app.messages import plain
+from metrosep.app.wire import plain
 from metrosep.compensation.limits import Limits
 from metrosep.controllers.base import Dialect, DialectInfo
 from metrosep.controllers.options import LIMIT_DIMENSIONS, Option

@@ -38,7 +38,6 @@ from metrosep.app.map_views import (
     section_frame,
     spectrum_frame,
 )
-from metrosep.app.messages import Answer, Arrays, Cancel, Message, Tell, level_of
 from metrosep.app.pyramid import MapPyramid, build_pyramid
 from metrosep.app.sessions import Session
 from metrosep.app.view_tables import (
@@ -48,7 +47,7 @@ from metrosep.app.view_tables import (
     section_profile,
     section_view,
 )
-from metrosep.app.wire import error_header, pack
+from metrosep.app.wire import Answer, Arrays, Cancel, Message, Tell, error_header, level_of, pack
 from metrosep.core.errors import DataError, MetrosepError, WriteError
 from metrosep.core.exit_codes import exit_code_of
 from metrosep.core.profile import Profile
@@ -370,10 +369,10 @@ _ELSEWHERE = {
     "waves": "run_answers:waves",
     "table": "table_answers:table",
     "controllers": "table_answers:controllers",
-    "ranking": "ranking_answers:ranking",
-    "report": "report_answers:report",
+    "ranking": "metrics_answers:ranking",
+    "report": "export_answers:report",
     "compare": "compare_answers:compare",
-    "run_folder": "folder_answers:run_folder",
+    "run_folder": "export_answers:run_folder",
 }
 """Functions ``f(session, message, cancel, tell)`` in modules of their own, loaded when asked."""
 

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from metrosep.app.documents import Edit, RecipeDocument
-from metrosep.app.messages import Answer, Arrays, Cancel, Message, Tell, plain
 from metrosep.app.opening import Opened
 from metrosep.app.separations import Separations, described_controllers, machine_facts, sign_words
 from metrosep.app.sessions import Session, mark_of
+from metrosep.app.wire import Answer, Arrays, Cancel, Message, Tell, plain
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.trial import TrialTable, trial_table
 from metrosep.compensation.verify import Verification

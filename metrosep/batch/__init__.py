@@ -7,16 +7,20 @@ from typing import TYPE_CHECKING
 from metrosep.core._lazy import lazy_names
 
 if TYPE_CHECKING:
-    from metrosep.batch.index import build_index as build_index
-    from metrosep.batch.report import BatchReport as BatchReport
+    from metrosep.batch.index import BatchReport as BatchReport, build_index as build_index
     from metrosep.batch.run import run_batch as run_batch
     from metrosep.batch.units import Unit as Unit, find_units as find_units
 
 _HOMES = {
-    "index": ("build_index",),
-    "report": ("BatchReport",),
+    "index": (
+        "BatchReport",
+        "build_index",
+    ),
     "run": ("run_batch",),
-    "units": ("Unit", "find_units"),
+    "units": (
+        "Unit",
+        "find_units",
+    ),
 }
 
 __all__ = ["BatchReport", "Unit", "build_index", "find_units", "run_batch"]

@@ -12,23 +12,34 @@ import json
 import os
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep._version import __version__
-from metrosep.batch.left_out import LeftOut, sentences
-from metrosep.batch.marks import FAILED, RESULT, read_mark, short_version
-from metrosep.batch.rows import STATUSES, row_of
+from metrosep.batch.units import FAILED, RESULT, LeftOut, read_mark, sentences, short_version
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, RecipeError
+from metrosep.io.measuring_time import moment_of
 from metrosep.recipe.index_rows import index_columns, index_rows
+from metrosep.recipe.reasons import reason_of
 from metrosep.recipe.result import clean
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-__all__ = ["SCHEMA", "build_index", "format_error", "index_formats", "write_index"]
+__all__ = [
+    "SCHEMA",
+    "STATUSES",
+    "BatchReport",
+    "build_index",
+    "exit_code",
+    "format_error",
+    "index_formats",
+    "row_of",
+    "write_index",
+]
 
 SCHEMA = "metrosep.index/1"
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
@@ -212,3 +223,151 @@ def _write_csv(document: Mapping[str, Any], path: Path) -> None:
 def _cells(values: Sequence[Any]) -> list[Any]:
     """Return cells that no table program takes for a formula."""
     return [f"'{v}" if isinstance(v, str) and v.startswith(_FORMULA) else v for v in values]
+
+
+# ---- rows of the index: the little that a table of a thousand results shows of each ------------
+
+STATUSES = ("accepted", "rejected", "inconclusive", "measured", "failed", "refused")
+"""What can become of a unit; measured: there were no limits; refused: it was not begun."""
+
+_OF_VERDICT = {"accept": "accepted", "reject": "rejected", "inconclusive": "inconclusive"}
+_SHOWN = (
+    "name", "metric", "symbol", "value", "unit", "u", "lower", "upper", "U", "guard_factor", "verdict",
+)  # fmt: skip
+
+
+def row_of(document: Mapping[str, Any], link: str | None) -> dict[str, Any]:
+    """Return the row of a result.json or a failed.json."""
+    unit = document["unit"]
+    verdict = document.get("verdict")
+    failed = "reason" in document
+    status = document["status"] if failed else _OF_VERDICT.get(verdict or "", "measured")
+    return {
+        "unit": unit["name"],
+        "key": unit["key"],
+        "groups": dict(unit["groups"]),
+        "status": status,
+        "verdict": verdict,
+        "reason": document.get("reason") or reason_of(document.get("characteristics", ())),
+        "exit_code": document["exit_code"] if failed else _code(status),
+        "link": link,
+        "characteristics": [
+            {k: c[k] for k in _SHOWN if k in c} for c in document.get("characteristics", ())
+        ],
+        "messages": list(document.get("messages", ())),
+        "hash": unit["hash"],
+        "input_sha256": unit["input_sha256"],
+        "recipe_sha256": unit["recipe_sha256"],
+        "version": unit["version"],
+        "measured_at": _measured_at(document),
+        **({k: document.get(k) for k in ("error", "again")} if failed else {}),
+    }
+
+
+def _measured_at(document: Mapping[str, Any]) -> str | None:
+    known = [i["measured_at"] for i in document.get("inputs") or () if i.get("measured_at")]
+    return min(known, key=moment_of, default=None)
+
+
+def _code(status: str) -> int:
+    return {"rejected": 1, "inconclusive": 3}.get(status, 0)
+
+
+def exit_code(rows: list[dict[str, Any]], *, closed: bool = False) -> int:
+    """Return the exit code of a batch: 5, then 6, 1, 3; 0 where all is accepted.
+
+    Examples
+    --------
+    >>> exit_code([{"status": "rejected", "exit_code": 1}, {"status": "failed", "exit_code": 4}])
+    6
+    """
+    failed = [r for r in rows if r["status"] in ("failed", "refused")]
+    if any(r["exit_code"] == 5 for r in failed):
+        return 5
+    if failed or closed:
+        return 6
+    statuses = {r["status"] for r in rows}
+    return 1 if "rejected" in statuses else 3 if "inconclusive" in statuses else 0
+
+
+# ---- `BatchReport`: what became of every unit of a batch ---------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class BatchReport:
+    """What became of every unit of a batch.
+
+    Parameters
+    ----------
+    rows : tuple of mapping
+        One for each unit that was finished, by its name, as `metrosep.batch.index.row_of` gives
+        it, with ``seconds`` and ``skipped``.
+    counts : mapping of str to int
+        By status; with ``total`` units found, ``skipped`` (done before) and ``open`` (not begun,
+        since the batch was stopped).
+    seconds : float, s
+        Wall time.
+    exit_code : int
+        5 bug, 6 failed files, 1 rejected, 3 inconclusive, 0 accepted, 130 interrupted.
+    messages : tuple of str
+        What the user should know.
+    out : Path, optional
+        Output folder; None after a dry run.
+    stopped : str, optional
+        Why the batch ended early.
+    document : mapping, optional
+        Content of index.json.
+    """
+
+    rows: tuple[Mapping[str, Any], ...]
+    counts: Mapping[str, int]
+    seconds: float
+    exit_code: int
+    messages: tuple[str, ...] = ()
+    out: Path | None = None
+    stopped: str | None = None
+    document: Mapping[str, Any] = field(default_factory=dict, repr=False)
+
+    def summary(self) -> str:
+        """Return one line: how many of which status, and how long it took.
+
+        Returns
+        -------
+        str
+            Such as ``1000 units: 970 accepted, 20 rejected, 10 failed; 41.2 s``.
+        """
+        n = self.counts
+        words = [f"{n[s]} {s}" for s in STATUSES if n.get(s)]
+        words += [f"{n['open']} not begun"] if n.get("open") else []
+        text = f"{n['total']} unit{'s' if n['total'] != 1 else ''}: {', '.join(words) or 'none'}"
+        if n.get("skipped"):
+            text += f" ({n['skipped']} done before)"
+        text += f"; {self.seconds:.1f} s"
+        return text + (f"; {self.stopped}" if self.stopped else "")
+
+    def index(self, path: str | os.PathLike[str]) -> Path:
+        """Write the index once more.
+
+        Parameters
+        ----------
+        path : str or path
+            File; its suffix says which format: ``.json``, ``.csv``, or one that is installed.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        DataError
+            If nothing that is installed writes this format, or after a dry run.
+        WriteError
+            If it cannot be written.
+        """
+        from metrosep.core.errors import DataError
+
+        if not self.document:
+            raise DataError(f"{path}: this batch has no index; it was a dry run")
+        target = Path(path)
+        return write_index(self.document, target, target.suffix.lstrip(".").lower())

@@ -13,22 +13,26 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
-from metrosep.batch import marks
-from metrosep.batch.executors import executor, parse_scheduler
-from metrosep.batch.index import build_index, format_error, write_index
-from metrosep.batch.loop import Stop, work_through
-from metrosep.batch.marks import Identity
-from metrosep.batch.names import one_line_name
-from metrosep.batch.report import BatchReport
-from metrosep.batch.rows import STATUSES, exit_code
-from metrosep.batch.titles import title_notes
+from metrosep.batch import units
+from metrosep.batch.index import (
+    STATUSES,
+    BatchReport,
+    build_index,
+    exit_code,
+    format_error,
+    write_index,
+)
+from metrosep.batch.loop import Stop, executor, parse_scheduler, work_through
 from metrosep.batch.units import (
     Found,
+    Identity,
     Unit,
     files_read,
     find_units,
+    one_line_name,
     record_source,
     require_own_source,
+    title_notes,
 )
 from metrosep.batch.work import DISK_FULL, Task, earlier_row, input_hash
 from metrosep.core.errors import DataError, MetrosepError, ReadError, RecipeError, WriteError
@@ -316,14 +320,14 @@ def _rehearse(task: Task, found: Found, tell: Tell | None) -> BatchReport:
         row: dict[str, Any] = {"unit": unit.name, "key": unit.key, "reason": None}
         try:
             identity = Identity(
-                input_hash(unit), task.recipe_hash, marks.short_version(), unit.name
+                input_hash(unit), task.recipe_hash, units.short_version(), unit.name
             )
         except OSError as exc:
             row |= {"status": "unreadable", "reason": str(exc.strerror or exc), "link": None}
         else:
             place = identity.folder(Path(task.out), unit)
             done = earlier_row(task, unit, identity)
-            link = (place / marks.RESULT).relative_to(task.out).as_posix()
+            link = (place / units.RESULT).relative_to(task.out).as_posix()
             row |= {"status": "to do" if done is None else "done before", "link": link}
             row |= {k: v for k, v in (done or {}).items() if k == "former_title"}
         rows.append({**row, "skipped": row["status"] == "done before", "seconds": 0.0})

@@ -3,36 +3,49 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import json
 import os
 import re
 import stat
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
-from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING
+from functools import lru_cache, partial
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any
 
-from metrosep.batch.left_out import CLOSED, LeftOut, sentences
-from metrosep.batch.names import safe_name, utf8_name
+from metrosep._version import __version__
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import ReadError, RecipeError, WriteError
 from metrosep.core.methods import METHODS
 from metrosep.io.registry import FOLDERS_VARIABLE, formats
+from metrosep.recipe.document_text import document_text
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
 __all__ = [
+    "FAILED",
+    "RESULT",
     "Found",
+    "Identity",
+    "LeftOut",
     "Unit",
     "files_read",
     "find_units",
+    "former_title",
+    "is_utf8",
     "one_file_each",
+    "one_line_name",
+    "read_mark",
     "record_source",
     "require_own_source",
     "safe_name",
+    "sentences",
+    "short_version",
+    "title_notes",
+    "unit_record",
 ]
 
 
@@ -374,7 +387,6 @@ def _has_index(file: Path) -> bool:
 
 
 def _is_of_unit(folder: Path) -> bool:
-    from metrosep.batch.marks import FAILED, RESULT, read_mark
 
     if re.fullmatch("[0-9a-f]{8}", folder.name) is None:
         return False
@@ -476,3 +488,233 @@ def _family(_folders: str) -> tuple[str, ...]:
         if sidecars:
             found |= {s.lower() for s in (*sidecars, *described.suffixes)}
     return tuple(sorted(found))
+
+
+# ---- names of files as they may stand in results, in an index and on a terminal ----------------
+
+_LONGEST = 80
+_RESERVED = {"con", "prn", "aux", "nul", *(f"{d}{n}" for d in ("com", "lpt") for n in range(10))}
+
+
+def safe_name(text: str) -> str:
+    """Return a text as the name of one folder that cannot lead elsewhere.
+
+    Examples
+    --------
+    >>> safe_name("../../etc/passwd"), safe_name("part 7"), safe_name("")
+    ('_.._etc_passwd', 'part_7', '_')
+    """
+    name = re.sub(r"[^\w.-]", "_", text)[:_LONGEST].lstrip(".").rstrip(".")
+    if not name or name.split(".")[0].casefold() in _RESERVED or name[:6].casefold() == "index.":
+        name = f"_{name}"
+    return name
+
+
+def utf8_name(name: str) -> str:
+    r"""Return the name of a file as text that every format can hold.
+
+    Examples
+    --------
+    >>> print(utf8_name("lens_\udcff.x3p"), utf8_name("übung.x3p"))
+    lens_\xff.x3p übung.x3p
+    """
+    try:
+        name.encode("utf-8")
+    except UnicodeEncodeError:
+        raw = name.encode("utf-8", "surrogateescape" if os.name != "nt" else "backslashreplace")
+        return raw.decode("utf-8", "backslashreplace")
+    return name
+
+
+def is_utf8(unit: Unit) -> bool:
+    """Return whether the names below the input folder that lead to a unit can be written."""
+    depth = 0 if unit.name == "." else unit.name.count("/") + 1
+    names = PurePath(unit.target).parts[-depth:] if depth else ()
+    own = (*names, *(PurePath(f).name for f in unit.files))
+    return all(utf8_name(n) == n for n in own)
+
+
+def one_line_name(text: str) -> str:
+    r"""Return a text for one line of a terminal.
+
+    Examples
+    --------
+    >>> print(one_line_name("part\n7 [31m ü.x3p"), one_line_name("a\x1b"))
+    part\n7 [31m ü.x3p a\x1b
+    """
+    return "".join(
+        c if c.isprintable() or c == "\u00a0" else c.encode("unicode_escape").decode("ascii")
+        for c in text
+    )
+
+
+# ---- what a batch leaves out of its input folder: told at the end, and in the index ------------
+
+CLOSED = "closed"
+"""Folders that cannot be read: nobody knows what is in them, so that such a batch is no success."""
+
+_SHOWN = 3
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """Files or folders that are left out for one reason.
+
+    Parameters
+    ----------
+    what : str
+        Which reason: "pattern", "links", `CLOSED`, "case", "odd" or "outputs".
+    why : str
+        The same as the end of a sentence about them.
+    names : tuple of str
+        Below the input folder, by name.
+    """
+
+    what: str
+    why: str
+    names: tuple[str, ...]
+
+    def record(self) -> dict[str, Any]:
+        """Return what the index says of them.
+
+        Returns
+        -------
+        dict
+            ``what``, ``why``, ``count``, ``names``; names in UTF-8.
+        """
+        names = [utf8_name(n) for n in self.names]
+        return {"what": self.what, "why": self.why, "count": len(names), "names": names}
+
+
+def sentences(records: Iterable[Mapping[str, Any]], place: str) -> list[str]:
+    """Return what was left out as sentences.
+
+    Examples
+    --------
+    >>> links = LeftOut("links", "are links to folders", ("again",))
+    >>> sentences([links.record()], "the input folder")
+    ['1 below the input folder are links to folders and are left out: again']
+    """
+    told = []
+    for item in records:
+        names, n = item["names"], item["count"]
+        shown = ", ".join(one_line_name(name) for name in names[:_SHOWN])
+        told.append(
+            f"{n} below {place} {item['why']} and are left out: {shown}"
+            + (" ..." if n > _SHOWN else "")
+        )
+    return told
+
+
+# ---- marks on the disk: where a unit's results lie, whether it is done, why it failed ----------
+
+RESULT, FAILED = "result.json", "failed.json"
+FAILED_SCHEMA = "metrosep.failed/1"
+
+
+def short_version(version: str = __version__) -> str:
+    """Return major and minor of a version: results of another one are not taken over."""
+    return ".".join(version.split(".")[:2])
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """What a result depends on; where all is equal, nothing need be done again."""
+
+    # SHA-256 of the input's bytes; of several files, of their names and hashes. Empty where they
+    # could not be read
+    input_hash: str
+    recipe_hash: str  # of `metrosep.recipe.outputs.recipe_hash`
+    version: str  # major and minor of metrosep
+    name: str  # of the unit: equal content under two names has two results
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 over all of it."""
+        parts = (self.input_hash, self.recipe_hash, self.version, self.name)
+        return hashlib.sha256("\n".join(parts).encode("utf-8", "surrogateescape")).hexdigest()
+
+    def folder(self, out: Path, unit: Unit) -> Path:
+        """Return where the results of a unit belong."""
+        return out / unit.key / self.digest[:8]
+
+
+def unit_record(unit: Unit, identity: Identity) -> dict[str, Any]:
+    """Return what a result says of its unit."""
+    return {
+        "name": unit.name,
+        "key": unit.key,
+        "groups": dict(unit.groups),
+        "input_sha256": identity.input_hash,
+        "recipe_sha256": identity.recipe_hash,
+        "version": identity.version,
+        "hash": identity.digest,
+    }
+
+
+def failed_document(
+    record: Mapping[str, Any], *, status: str, code: int, kind: str, reason: str, again: bool
+) -> dict[str, Any]:
+    """Return the content of failed.json."""
+    return {
+        "schema": FAILED_SCHEMA,
+        "metrosep": __version__,
+        "unit": dict(record),
+        "status": status,
+        "exit_code": code,
+        "error": kind,
+        "reason": reason,
+        "again": again,
+    }
+
+
+def write_mark(folder: Path, name: str, document: Mapping[str, Any]) -> None:
+    """Write a mark; it appears whole or not at all."""
+    folder.mkdir(parents=True, exist_ok=True)
+    text = document_text(document) + "\n"
+    atomic_write(folder / name, text.encode("utf-8", "surrogateescape"))
+
+
+def read_mark(folder: Path, name: str) -> dict[str, Any] | None:
+    """Return a mark, None where there is none that counts."""
+    try:
+        found = json.loads((folder / name).read_bytes())
+    except (OSError, ValueError):
+        return None
+    if not isinstance(found, dict) or not isinstance(found.get("unit"), dict):
+        return None
+    return found
+
+
+# ---- titles of results that were done before: a new title alone does nothing again -------------
+
+
+def former_title(document: Mapping[str, Any], text: str) -> dict[str, str]:
+    """Return the title of a result, where the recipe has another one now."""
+    recipe = document.get("recipe")
+    before = recipe.get("text") if isinstance(recipe, Mapping) else None
+    title = _title(before) if isinstance(before, str) else None
+    return {} if title is None or title == _title(text) else {"former_title": title}
+
+
+@lru_cache(maxsize=64)
+def _title(text: str) -> str | None:
+    """Return the title that a recipe with its record gives, None where it cannot be read."""
+    from metrosep.recipe.extends import layers_of
+
+    try:
+        return str(layers_of(text, "", Path()).data.get("title", ""))
+    except RecipeError:
+        return None
+
+
+def title_notes(rows: Iterable[Mapping[str, Any]]) -> Iterator[str]:
+    """Give the message that results have a former title."""
+    titles = [r["former_title"] for r in rows if "former_title" in r]
+    if titles:
+        each = dict.fromkeys(f'"{t}"' if t else "none" for t in titles)
+        shown = ", ".join(sorted(each)[:3]) + (", ..." if len(each) > 3 else "")
+        yield (
+            f"{len(titles)} result(s) were done before the title was changed and keep the former one "
+            f"({shown}) in result.json and their reports; --fresh does them again with the new one"
+        )

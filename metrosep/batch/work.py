@@ -3,38 +3,49 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import os
 import secrets
 import shutil
 import time
-from collections.abc import Mapping
+import zipfile
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep._version import __version__
-from metrosep.batch import marks, memory
-from metrosep.batch.failures import (
-    ChangedError,
-    as_reason,
-    exit_code_of,
-    is_disk_full,
-    worth_another_try,
+from metrosep.batch import units
+from metrosep.batch.index import row_of
+from metrosep.batch.units import (
+    FAILED,
+    RESULT,
+    Identity,
+    Unit,
+    files_read,
+    former_title,
+    is_utf8,
+    one_line_name,
+    unit_record,
 )
-from metrosep.batch.marks import FAILED, RESULT, Identity, unit_record
-from metrosep.batch.names import is_utf8
-from metrosep.batch.rows import row_of
-from metrosep.batch.titles import former_title
-from metrosep.batch.units import Unit, files_read
+from metrosep.core import errors, exit_codes
 from metrosep.core.blas import one_thread
 from metrosep.core.errors import MetrosepError, ReadError, RecipeError, WriteError
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-__all__ = ["DISK_FULL", "Task", "do_unit", "earlier_row", "input_hash", "record_failure"]
+__all__ = [
+    "DISK_FULL",
+    "Task",
+    "WorkerDiedError",
+    "do_unit",
+    "earlier_row",
+    "input_hash",
+    "record_failure",
+]
 
 DISK_FULL = "disk full"
 """Status of a row that stops the whole batch."""
@@ -64,10 +75,10 @@ def do_unit(task: Task, unit: Unit) -> dict[str, Any]:
     that has it is done.
     """
     began = time.perf_counter()
-    identity = Identity("", task.recipe_hash, marks.short_version(), unit.name)
+    identity = Identity("", task.recipe_hash, units.short_version(), unit.name)
     try:
         before = _stamps(unit)
-        identity = Identity(input_hash(unit), task.recipe_hash, marks.short_version(), unit.name)
+        identity = Identity(input_hash(unit), task.recipe_hash, units.short_version(), unit.name)
         done = earlier_row(task, unit, identity)
         if done is not None:
             return {**done, "seconds": time.perf_counter() - began, "skipped": True}
@@ -95,11 +106,11 @@ def record_failure(
     if identity is None:
         with contextlib.suppress(OSError, MetrosepError):
             identity = Identity(
-                input_hash(unit), task.recipe_hash, marks.short_version(), unit.name
+                input_hash(unit), task.recipe_hash, units.short_version(), unit.name
             )
-    identity = identity or Identity("", task.recipe_hash, marks.short_version(), unit.name)
+    identity = identity or Identity("", task.recipe_hash, units.short_version(), unit.name)
     folder = identity.folder(Path(task.out), unit)
-    document = marks.failed_document(
+    document = units.failed_document(
         unit_record(unit, identity),
         status=status,
         code=exit_code_of(error),
@@ -111,7 +122,7 @@ def record_failure(
     if is_disk_full(error):
         return {**row, "status": DISK_FULL}
     try:
-        marks.write_mark(folder, FAILED, document)
+        units.write_mark(folder, FAILED, document)
     except (WriteError, OSError) as exc:
         if is_disk_full(exc):
             return {**row, "status": DISK_FULL}
@@ -140,7 +151,7 @@ def earlier_row(task: Task, unit: Unit, identity: Identity) -> dict[str, Any] | 
         return None
     folder = identity.folder(Path(task.out), unit)
     for name in (RESULT, FAILED):
-        found = marks.read_mark(folder, name)
+        found = units.read_mark(folder, name)
         if found is None or found["unit"].get("hash") != identity.digest:
             continue
         if name == FAILED and (found.get("again", True) or found.get("metrosep") != __version__):
@@ -155,8 +166,8 @@ def _require_utf8(unit: Unit) -> None:
 
 
 def _memory_refusal(task: Task, unit: Unit) -> MemoryError | None:
-    free = memory.available_bytes()
-    wanted = memory.wanted_bytes(files_read(unit))
+    free = available_bytes()
+    wanted = wanted_bytes(files_read(unit))
     share = None if free is None else free // task.workers
     if share is None or wanted <= share:
         return None
@@ -198,7 +209,7 @@ def _carry_out(
         (folder / RESULT).unlink(missing_ok=True)
         for file in sorted(stage.iterdir()):
             file.replace(folder / file.name)
-        marks.write_mark(folder, RESULT, document)
+        units.write_mark(folder, RESULT, document)
     finally:
         shutil.rmtree(stage, ignore_errors=True)
     (folder / FAILED).unlink(missing_ok=True)
@@ -264,3 +275,153 @@ def _require_unchanged(
 
 def _link(folder: Path, task: Task, name: str) -> str:
     return (folder / name).relative_to(task.out).as_posix()
+
+
+# ---- why a unit failed, in one sentence, and with which exit code ``run`` would have ended -----
+
+
+class ChangedError(errors.ReadError):
+    """An input vanished, grew or was replaced while it was read."""
+
+
+class WorkerDiedError(errors.MetrosepError, RuntimeError):
+    """A worker process ended while it worked on a unit alone."""
+
+
+_MORE: exit_codes.Codes = ((WorkerDiedError, 4), (OSError, 4), (MemoryError, 4))
+"""Besides those of every command: a batch goes on, and such an input is a row that cannot be used."""
+
+
+def exit_code_of(error: BaseException) -> int:
+    """Return the exit code that ``run`` ends with for an error."""
+    return exit_codes.exit_code_of(error, _MORE)
+
+
+def is_disk_full(error: BaseException) -> bool:
+    """Return whether an error comes from a disk or a quota that is full."""
+    full = (errno.ENOSPC, errno.EDQUOT) if hasattr(errno, "EDQUOT") else (errno.ENOSPC,)
+    return any(isinstance(e, OSError) and e.errno in full for e in _chain(error))
+
+
+def worth_another_try(error: BaseException) -> bool:
+    """Return whether the same bytes may pass when the batch is resumed."""
+    outside = (
+        ChangedError, WorkerDiedError, errors.WriteError, errors.UnsupportedFeatureError, MemoryError,
+    )  # fmt: skip
+    if isinstance(error, outside) or not isinstance(error, errors.MetrosepError):
+        return True
+    return any(isinstance(e, OSError | MemoryError) for e in _chain(error)) or _no_formats()
+
+
+def _no_formats() -> bool:
+    """Return whether this installation cannot tell what a file is, whatever its content."""
+    from metrosep.io.registry import formats
+
+    try:
+        formats()
+    except errors.ReadError:
+        return True
+    return False
+
+
+def as_reason(error: BaseException, unit: Unit) -> str:
+    """Return an error as one sentence without machine paths."""
+    if isinstance(error, errors.MetrosepError):
+        text = str(error)
+    elif isinstance(error, MemoryError):
+        text = f"{unit.name}: the memory did not suffice; use fewer workers"
+    elif isinstance(error, OSError):
+        text = (
+            f"{unit.name}: cannot be read ({error.strerror or error}); check that it is there, that "
+            "you may read it and that no other program holds it"
+        )
+    else:
+        text = f"internal error ({type(error).__name__}: {error}); this is a bug in metrosep: report it"
+    shown = one_line_name(unit.name)
+    text = text.replace(unit.name, shown)
+    for file in sorted({*unit.files, unit.target}, key=len, reverse=True):
+        tail = file.removeprefix(unit.target).lstrip("/\\")
+        base = "" if unit.name == "." else shown
+        text = text.replace(file, "/".join(p for p in (base, tail) if p) or ".")
+    if unit.files == (unit.target,):  # a file beside it, such as the second one of a pair
+        here = unit.name.rpartition("/")[0]
+        place = os.path.join(os.path.dirname(unit.target), "")  # noqa: PTH118, PTH120
+        text = text.replace(place, f"{here}/" if here else "") if len(place) > 1 else text
+    return " ".join(text.split())
+
+
+def _chain(error: BaseException) -> Iterator[BaseException]:
+    seen: set[int] = set()
+    link: BaseException | None = error
+    while link is not None and id(link) not in seen:
+        seen.add(id(link))
+        yield link
+        link = link.__cause__ or link.__context__
+
+
+# ---- how much memory there is, and how much the inputs of a unit will want ---------------------
+
+FACTOR = 6
+"""Bytes of memory for each byte of input: the map, its mask, a copy in work, spectra of it."""
+
+
+def available_bytes() -> int | None:
+    """Return the memory that may still be taken."""
+    found = [n for n in (_of_system(), _of_group()) if n is not None]
+    return min(found) if found else None
+
+
+def wanted_bytes(files: Sequence[str]) -> int:
+    """Return how much memory the files of a unit are expected to want."""
+    return FACTOR * sum(max(os.stat(f).st_size, _unpacked(f)) for f in files)  # noqa: PTH116
+
+
+def _unpacked(file: str) -> int:
+    if not file.lower().endswith((".x3p", ".zip", ".al3d", ".plux", ".sur.gz", ".npz")):
+        return 0
+    try:
+        with zipfile.ZipFile(file) as archive:
+            return sum(entry.file_size for entry in archive.infolist())
+    except (OSError, ValueError, NotImplementedError, zipfile.BadZipFile):
+        return 0  # the reader will say what is wrong with it
+
+
+def _of_system() -> int | None:
+    try:
+        for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines():
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) * 1024
+    except (OSError, ValueError, IndexError):
+        pass
+    try:
+        return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):
+        return _of_windows()
+
+
+def _of_windows() -> int | None:
+    if os.name != "nt":
+        return None
+    import ctypes
+
+    class Status(ctypes.Structure):
+        _fields_ = (
+            ("length", ctypes.c_ulong),
+            ("load", ctypes.c_ulong),
+            *((f"n{i}", ctypes.c_ulonglong) for i in range(7)),
+        )
+
+    status = Status()
+    status.length = ctypes.sizeof(status)
+    kernel = getattr(ctypes, "windll").kernel32  # noqa: B009  # not there on other systems
+    return int(status.n1) if kernel.GlobalMemoryStatusEx(ctypes.byref(status)) else None
+
+
+def _of_group() -> int | None:
+    group = Path("/sys/fs/cgroup")
+    try:
+        most = (group / "memory.max").read_text(encoding="ascii").strip()
+        used = (group / "memory.current").read_text(encoding="ascii").strip()
+        return None if most == "max" else max(0, int(most) - int(used))
+    except (OSError, ValueError):
+        return None

@@ -14,7 +14,7 @@ import click
 from metrosep.cli.options import json_option, override_option, say
 
 if TYPE_CHECKING:
-    from metrosep.batch.report import BatchReport
+    from metrosep.batch.index import BatchReport
 
 __all__ = ["batch"]
 
@@ -138,7 +138,7 @@ def _progress(*, quiet: bool) -> Iterator[Tell | None]:
 
 def _one_line(text: str) -> str:
     """Return a text with names of files for one line of a terminal."""
-    from metrosep.batch.names import one_line_name
+    from metrosep.batch.units import one_line_name
 
     return one_line_name(text)
 

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from metrosep.cli.options import file_options, json_option, override_option, read_aloud, say
+
+if TYPE_CHECKING:
+    from metrosep.controllers.base import Dialect
+    from metrosep.controllers.options import Option
+    from metrosep.recipe.recipe import Recipe
+    from metrosep.recipe.schema import Field, Place
 
 __all__ = ["check", "convert", "formats", "info"]
 
@@ -66,8 +75,6 @@ def check(
     be read. Of recipes (.toml) every mistake that shows without data is told, with its line; the exit
     code is 0, or 2 with mistakes.
     """
-    from metrosep.cli.checking_recipes import are_recipes, check_recipes
-
     if are_recipes(files):
         return check_recipes(files, as_json=as_json, explain=explain, overrides=overrides)
     if explain or overrides:
@@ -201,3 +208,367 @@ def formats(as_json: bool) -> int:
         does = "/".join(w for w, yes in (("read", row["reads"]), ("write", row["writes"])) if yes)
         click.echo(f"{row['id']:16} {row['kind']:22} {does:11} {row['status']:24} {row['title']}")
     return 0
+
+
+# ---- ``metrosep check RECIPE``: every mistake of a recipe that shows without reading data ------
+
+
+def are_recipes(files: Sequence[str]) -> bool:
+    """Return whether `check` is given recipes, and not data.
+
+    Examples
+    --------
+    >>> are_recipes(["ring.toml"]), are_recipes(["ring.x3p"])
+    (True, False)
+    """
+    return bool(files) and all(Path(f).suffix.lower() == ".toml" for f in files)
+
+
+def check_recipes(
+    files: Sequence[str], *, as_json: bool, explain: bool, overrides: Sequence[str] = ()
+) -> int:
+    """Print what is wrong in recipes."""
+    from metrosep.recipe.guard_room import guard_notes
+
+    found = {name: _checked(name, overrides) for name in files}
+    warned = {name: list(guard_notes(r)) if r else [] for name, (r, _) in found.items()}
+    if as_json:
+        items = [
+            {
+                "file": n,
+                "errors": errors,
+                "warnings": warned[n],
+                **({"defaults": _defaults(r)} if explain and r else {}),
+            }
+            for n, (r, errors) in found.items()
+        ]
+        content = items[0] if len(items) == 1 else {"files": items}
+        click.echo(json.dumps(content, sort_keys=True, allow_nan=False))
+    for name, (recipe, errors) in {} if as_json else found.items():
+        for error in errors:
+            click.echo(f"error: {error}")
+        for warning in warned[name]:
+            click.echo(f"warning: {warning}")
+        if not errors and not warned[name]:
+            click.echo(f"{name}: nothing wrong")
+        if explain and recipe is not None:
+            for line in _explained(recipe):
+                click.echo(line)
+    return 2 if any(errors for _, errors in found.values()) else 0
+
+
+def _checked(name: str, overrides: Sequence[str]) -> tuple[Recipe | None, list[str]]:
+    """Return the recipe, if it can be had, and what is wrong."""
+    from metrosep.core.errors import RecipeError
+    from metrosep.core.plain_files import RECIPE_BYTES, read_plain_text
+    from metrosep.recipe.overrides import with_overrides
+    from metrosep.recipe.recipe import Recipe
+
+    target = Path(name)
+    try:
+        text = read_plain_text(target, RECIPE_BYTES)
+    except (OSError, UnicodeDecodeError) as exc:
+        reason = getattr(exc, "strerror", None) or exc
+        return None, [f"{name}: the recipe cannot be read ({reason})"]
+    folder = target.resolve().parent
+    errors = []
+    try:
+        text = with_overrides(text, target.name, folder, overrides) if overrides else text
+    except RecipeError as exc:
+        errors.append(str(exc))
+    errors += [e for e in recipe_errors(text, name=target.name, folder=folder) if e not in errors]
+    try:
+        return Recipe.parse(text, name=target.name, folder=folder), errors
+    except RecipeError:
+        return None, errors
+
+
+def recipe_errors(text: str, *, name: str, folder: Path) -> list[str]:
+    """Return every mistake in the text of a recipe that shows without data.
+
+    Notes
+    -----
+    Each key is checked by itself: unknown, missing, of the wrong kind or unit. What the parts make
+    together is checked only when each is right, and tells its first mistake.
+
+    Examples
+    --------
+    >>> text = '''metrosep = 1
+    ... [input]
+    ... [[step]]
+    ... op = "form"
+    ... fom = "plane"
+    ... '''
+    >>> for error in recipe_errors(text, name="r.toml", folder=Path(".")):
+    ...     print(error[:36])
+    r.toml:5: unknown key "fom" in [[ste
+    r.toml:3: [[step]] 1 (form) needs th
+    """
+    from metrosep.core.errors import RecipeError
+    from metrosep.recipe.extends import layers_of
+    from metrosep.recipe.preflight import limit_errors
+    from metrosep.recipe.recipe import Recipe
+
+    try:
+        layers = layers_of(text, name, folder)
+    except RecipeError as exc:
+        return [str(exc)]
+    errors = list(dict.fromkeys(str(e) for e in _of_tables(layers, name)))
+    try:
+        recipe = Recipe.parse(text, name=name, folder=folder)
+    except RecipeError as exc:
+        return errors or [str(exc)]
+    return errors + [str(e) for e in (*limit_errors(recipe), *_of_plugins(recipe))]
+
+
+def _of_tables(layers: Any, name: str) -> Iterator[Exception]:
+    """Yield the mistakes of each table, key by key."""
+    from metrosep.core.errors import RecipeError
+    from metrosep.recipe.extends import LayeredPlace
+    from metrosep.recipe.overrides import input_fields_of
+    from metrosep.recipe.schema import batch_table
+    from metrosep.recipe.steps import (
+        ALL_STEPS,
+        CHECK,
+        METHOD_CHECK,
+        METHOD_OUTPUTS,
+        OUTPUTS,
+        TOP,
+    )
+
+    def place(header: str = "", number: int = 0) -> Place:
+        return LayeredPlace(name, layers.text, header, number, layers.bases)
+
+    data = layers.data
+    yield from _of_table(data, TOP, place(), "the recipe")
+    ops = ALL_STEPS
+    first = next((s.get("op") for s in _tables(data, "step")), None)
+    fields = input_fields_of(first)
+    if fields is not None and isinstance(data.get("input"), Mapping):
+        yield from _of_table(data["input"], fields, place("[input]"), "[input]")
+    plain = first in ("separate", "polynomial", "plan_feedrates")
+    outputs = OUTPUTS if plain else METHOD_OUTPUTS
+    for key, kinds, selector in (
+        ("step", ops, "op"),
+        ("check", {"": CHECK if plain else METHOD_CHECK}, ""),
+        ("output", outputs, "kind"),
+    ):
+        if key in ("check", "output") and fields is None:
+            continue  # which keys there are depends on the steps
+        for number, item in enumerate(_tables(data, key)):
+            where = place(f"[[{key}]]", number)
+            yield from _of_item(item, kinds, selector, where, f"[[{key}]] {number + 1}")
+    if isinstance(data.get("batch"), Mapping):
+        try:
+            batch_table(data["batch"], place("[batch]"))
+        except RecipeError as exc:
+            yield exc
+
+
+def _tables(data: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+    found = data.get(key, [])
+    return [t for t in found if isinstance(t, Mapping)] if isinstance(found, list) else []
+
+
+def _of_item(
+    item: Mapping[str, Any],
+    kinds: Mapping[str, Mapping[str, Field]],
+    selector: str,
+    place: Place,
+    what: str,
+) -> Iterator[Exception]:
+    import difflib
+
+    from metrosep.core.errors import DataError
+    from metrosep.recipe.pipeline import checked_step
+    from metrosep.recipe.schema import checked_table
+    from metrosep.recipe.steps import MEASURING
+
+    kind = item.get(selector, "") if selector else ""
+    if not isinstance(kind, str) or kind not in kinds:
+        near = difflib.get_close_matches(str(kind), list(kinds), n=1)
+        hint = f'; did you mean "{near[0]}"?' if near else ""
+        known = ", ".join(f'"{k}"' for k in kinds)
+        yield place.error(
+            f"{what} needs {selector} = one of {known}, found {kind!r}{hint}", selector
+        )
+        return
+    title = what + (f" ({kind})" if kind else "")
+    errors = list(_of_table(item, kinds[kind], place, title))
+    yield from errors
+    if selector == "op" and kind in MEASURING and not errors:
+        try:
+            checked_step(checked_table(item, kinds[kind], place, what=title))
+        except DataError as exc:
+            yield place.error(f"{title}: {exc}", getattr(exc, "key", None))
+
+
+def _of_table(
+    data: Mapping[str, Any], fields: Mapping[str, Field], place: Place, what: str
+) -> Iterator[Exception]:
+    """Yield what is wrong with each key of a table, and with each that is missing."""
+    from dataclasses import replace
+
+    from metrosep.core.errors import RecipeError
+    from metrosep.recipe.schema import checked_table
+
+    free = {k: replace(f, required=False) for k, f in fields.items()}
+    for key, value in data.items():
+        try:
+            checked_table({key: value}, free, place, what=what)
+        except RecipeError as exc:
+            yield exc
+    for key, field in fields.items():
+        if field.required and key not in data:
+            try:
+                checked_table({}, {key: field}, place, what=what)
+            except RecipeError as exc:
+                yield exc
+
+
+def _of_plugins(recipe: Recipe) -> Iterator[Exception]:
+    """Yield the first format that nothing installed writes; reports and controllers were checked before."""
+    from metrosep.batch.index import format_error
+
+    wrong = format_error(recipe)
+    if wrong is not None:
+        yield wrong
+
+
+def _defaults(recipe: Recipe) -> list[dict[str, Any]]:
+    """Return for each step the keys that the recipe leaves out."""
+    from metrosep.recipe.described_steps import described_steps
+
+    known = {s["op"]: s for s in described_steps()["steps"]}
+    return [
+        {
+            "op": step["op"],
+            "what": known[step["op"]]["what"],
+            "keys": [
+                {k: key[k] for k in ("name", "default", "help")}
+                for key in known[step["op"]]["keys"]
+                if key["name"] not in step
+            ],
+        }
+        for step in recipe.steps
+        if step["op"] in known
+    ]
+
+
+def _explained(recipe: Recipe) -> Iterator[str]:
+    for step in _defaults(recipe):
+        yield f"{step['op']}: {step['what']}; left out, so that this holds:"
+        for key in step["keys"]:
+            value = "none" if key["default"] is None else json.dumps(key["default"])
+            yield f"  {key['name']:16} {value:12} {key['help']}"
+
+
+# ---- the command that lists the controllers: what an entry is, limits, status, what they need ----
+
+_STATUS = {
+    "confirmed": "sign proven",
+    "documented": "sign documented",
+    "stated": "sign by a machine fact that you give",
+    "unconfirmed": "sign NOT documented: try it on the machine, then --sign-confirmed",
+}
+_SOURCE = {"table": "result.json", "polynomial": "result.json", "map": "error_map.sdf"}
+
+
+@click.command()
+@click.argument("name", required=False)
+@json_option
+def controllers(name: str | None, as_json: bool) -> int:
+    """List the controllers; with NAME all about one: options, limits, activation, an example."""
+    from metrosep.controllers.registry import find, names
+
+    found = [find(n) for n in ([name] if name else names())]
+    if as_json:
+        text = {"controllers": [_as_dict(d) for d in found]}
+        click.echo(json.dumps(text, sort_keys=True, default=str))
+    elif name:
+        click.echo("\n".join(_page(found[0])))
+    else:
+        for d in found:
+            click.echo("\n".join(_summary(d)))
+        click.echo("\nmetrosep controllers NAME tells options, activation and an example.")
+    return 0
+
+
+def _as_dict(dialect: Dialect) -> dict[str, Any]:
+    info = {**asdict(dialect.info), "example": dict(dialect.info.example)}
+    return {**info, "options": [asdict(o) for o in dialect.options]}
+
+
+def _summary(dialect: Dialect) -> list[str]:
+    d = dialect.info
+    limit = "no limit of points" if d.max_points is None else f"at most {d.max_points} points"
+    return [
+        f"{d.id:20} {d.title}",
+        f"{'':20} holds   {_holds(dialect)}; {limit}",
+        f"{'':20} entry   {d.entry}",
+        f"{'':20} sign    {_STATUS[d.sign]} ({d.sign_status})",
+    ]
+
+
+def _holds(dialect: Dialect) -> str:
+    d = dialect.info
+    what = {
+        "table": "corrections over one axis",
+        "map": "corrections over two axes",
+        "polynomial": "a polynomial",
+    }[d.carries]
+    if d.carries == "polynomial":
+        return what
+    ways = "both directions" if d.directions == "two" else "one value both ways"
+    return f"{what}, {d.spacing} spacing, {ways}"
+
+
+def _page(dialect: Dialect) -> list[str]:
+    d = dialect.info
+    limit = "no limit" if d.max_points is None else str(d.max_points)
+    facts = {
+        "holds": _holds(dialect),
+        "entry": d.entry,
+        "sign": f"{_STATUS[d.sign]} ({d.sign_status})",
+        "units": d.units,
+        "resolution": d.resolution or "not stated",
+        "points": limit,
+        "outside": d.outside,
+        "reference": d.reference_rule or "free",
+        "proof": d.proof,
+    }
+    lines = [f"{d.id}: {d.title}", ""]
+    lines += [f"  {name:11} {value}" for name, value in facts.items()]
+    lines += ["", "options (--machine NAME=VALUE)"]
+    lines += [f"  {_option(o)}" for o in dialect.options] or ["  none"]
+    lines += ["", "limits that can be checked (--machine NAME=VALUE)", f"  {_limits()}"]
+    lines += ["", "activation"]
+    lines += [f"  {i}. {step}" for i, step in enumerate(d.activation, start=1)]
+    return [*lines, "", "example", f"  {_example(dialect)}"]
+
+
+def _option(option: Option) -> str:
+    if option.required:
+        status = "required"
+    elif option.default is None:
+        status = "optional"
+    else:
+        status = f"default {option.default}"
+    kind = "/".join(map(str, option.choices)) if option.choices else option.kind
+    return f"{option.name:18} {kind}, {status}: {option.help}"
+
+
+def _limits() -> str:
+    from metrosep.controllers.options import LIMIT_DIMENSIONS
+
+    return ", ".join(["max_points", *LIMIT_DIMENSIONS])
+
+
+def _example(dialect: Dialect) -> str:
+    d = dialect.info
+    words = ["metrosep", "table", _SOURCE[d.carries], "--format", d.id, "-o", f"x{d.suffix}"]
+    for name, value in d.example.items():
+        words += ["--machine", f'"{name}={value}"']
+    if d.sign == "unconfirmed":
+        words.append("--sign-confirmed")
+    return " ".join(words)

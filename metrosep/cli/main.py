@@ -18,9 +18,9 @@ __all__ = ["cli", "main"]
 _HOMES = {
     "demo": "jobs", "info": "files", "check": "files", "convert": "files", "measure": "measuring",
     "form": "measuring", "separate": "jobs", "table": "tables", "path": "paths",
-    "report": "reporting", "diff": "comparing", "verify": "tables",
-    "verify-softgauge": "softgauge", "run": "jobs", "batch": "batches", "plan": "planning",
-    "rank": "modelling", "predict": "modelling", "formats": "files", "controllers": "carriers",
+    "report": "reporting", "diff": "reporting", "verify": "tables",
+    "verify-softgauge": "measuring", "run": "jobs", "batch": "batches", "plan": "planning",
+    "rank": "modelling", "predict": "modelling", "formats": "files", "controllers": "files",
     "ops": "ops", "ui": "workbench",
 }  # fmt: skip
 """The module of each command, which is loaded when the command is called."""

@@ -12,12 +12,13 @@ import click
 
 from metrosep.cli.options import file_options, json_option, name_values, read_aloud, say
 from metrosep.cli.shortcut import input_lines, option_error, quoted
-from metrosep.cli.softgauge import verify_softgauge
 from metrosep.core.text_options import TEXT_OPTIONS
 
 if TYPE_CHECKING:
     from metrosep.core.errors import RecipeError
     from metrosep.recipe.recipe import Recipe
+
+__all__ = ["form", "measure", "verify_softgauge"]
 
 _CALL = "command line"
 _INPUT = ("unit", "lateral_step", "channel", "format", *TEXT_OPTIONS)
@@ -26,8 +27,6 @@ _PLAIN = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:SI)?\s
 _USUAL = {"line": "lsq", "reference": "MZ"}
 _WORST_FIRST = (4, 2, 1, 3)
 """Exit codes: a file that was not measured, then reject, then inconclusive."""
-
-__all__ = ["form", "measure", "verify_softgauge"]
 
 
 def _pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
@@ -485,3 +484,94 @@ def _identify(
         "centre": None if centre is None else [c.strip() for c in centre.split(",")],
     }
     return identified(context, file, machine, form_text, options=options, out=out, as_json=as_json)
+
+
+# ---- command verify-softgauge: our parameters against those that a software gauge expects ------
+
+_CODES = {"verified": 0, "differs": 1, "not verified": 3}
+
+
+@click.command("verify-softgauge")
+@click.argument("file")
+@click.option("--lambda-c", metavar="LENGTH", help="Cut-off, where the file names none.")
+@click.option(
+    "--kind",
+    type=click.Choice(["P", "W", "R"]),
+    default="P",
+    show_default=True,
+    help="What the profile in the file is; R: it is filtered already.",
+)
+@click.option("--edition", default="ISO 4287:1997", show_default=True)
+@click.option("--sections", type=int, help="Sampling lengths; as many as fit if omitted.")
+@click.option("--centre", is_flag=True, help="Subtract the means again.")
+@click.option("--line", type=click.Choice(["lsq", "secant"]), default="lsq", show_default=True)
+@click.option(
+    "--relative-tolerance", default=0.0, show_default=True, help="Added, share of the value."
+)
+@file_options
+@json_option
+def verify_softgauge(
+    file: str,
+    lambda_c: str | None,
+    kind: Any,
+    edition: str,
+    sections: int | None,
+    centre: bool,
+    line: str,
+    relative_tolerance: float,
+    reading: dict[str, Any],
+    as_json: bool,
+) -> int:
+    """Compare our parameters with those that a software gauge FILE (ISO 5436-2 .smd) expects.
+
+    The exit code is 0 when all agree, 1 when one does not, 3 when nothing is proved: a value was
+    not compared, or heights are missing. A wrong checksum is told with the result.
+    """
+    from pathlib import Path
+
+    from metrosep.core.errors import InvalidSamplesError
+    from metrosep.core.profile import Profile
+    from metrosep.core.units import parse_quantity
+    from metrosep.parameters.softgauge import verify_softgauge as compare
+
+    cutoff = (
+        None if lambda_c is None else parse_quantity(lambda_c, dimension="length", name="lambda_c")
+    )
+    profile = read_aloud(file, reading)
+    if not isinstance(profile, Profile):
+        raise InvalidSamplesError(
+            f"{file}: a software gauge is a profile, this is {type(profile).__name__}"
+        )
+    found = compare(
+        profile,
+        lambda_c=cutoff,
+        kind=kind,
+        edition=edition,
+        sections=sections,
+        centre=centre,
+        line=line,
+        relative_tolerance=relative_tolerance,
+    )
+    if as_json:
+        content = {"file": Path(file).name, **found.to_dict()}
+        click.echo(json.dumps(content, sort_keys=True, allow_nan=False))
+    else:
+        for row in found:
+            click.echo(_gauge_line(row))
+        click.echo(f"result {found.result}, {found.n_agree} of {len(found)} agree")
+        for reason in found.reasons:
+            click.echo(f"  {reason}")
+    return _CODES[found.result]
+
+
+def _gauge_line(row: Any) -> str:
+    from metrosep.core.units import format_engineering
+
+    head = f"{row.expected.symbol:<6} expected {row.expected.printed:<16}"
+    if row.agrees is None:
+        return f"{head} not compared: {row.reason}"
+    computed = format_engineering(row.computed, row.unit, digits=7)
+    off = format_engineering(row.deviation, row.unit, digits=3)
+    allowed = format_engineering(row.tolerance, row.unit, digits=3)
+    word = "agrees" if row.agrees else "DIFFERS"
+    return f"{head} computed {computed:<14} off by {off} (allowed {allowed})  {word}"

@@ -30,7 +30,7 @@ def recipe_words(recipe: Recipe, message: str) -> str:
 def print_named(recipe: Recipe, result: Result, *, as_json: bool, command: bool = False) -> None:
     """Print what a named separation found."""
     from metrosep.recipe.step_help import step_words
-    from metrosep.report.separation import not_seen
+    from metrosep.report.text import not_seen
 
     op, document = recipe.steps[0]["op"], result.document
     messages = [step_words(m, op, command=command) for m in document["messages"]]

@@ -1,12 +1,10 @@
-"""Uniform grids for formats that take no other, also those that start at zero and roll over."""
+"""Positions of a file: uniform grids, grids that roll over, sections, and lengths along an axis."""
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -16,46 +14,14 @@ from numpy.typing import NDArray
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Limits
 from metrosep.compensation.maps import CompensationMap
+from metrosep.compensation.rounding import Rounded, round_increments
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import is_uniform, resample_uniform, resampling_error
-from metrosep.controllers.base import Dialect, load_sidecar, sidecar_options, sidecar_path
+from metrosep.controllers.base import Dialect, sidecar_options
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError, UnitError
+from metrosep.core.errors import DataError, LimitError, TableError, UnitError
 from metrosep.core.units import format_length, parse_quantity
-
-__all__ = [
-    "DRY_RUN",
-    "AlongOption",
-    "Carried",
-    "Resampling",
-    "RollingGrid",
-    "along_axis",
-    "ascii_lines",
-    "carry",
-    "enclosing_nodes",
-    "even_map",
-    "even_table",
-    "fixed",
-    "format_amount",
-    "format_span",
-    "holds_zero",
-    "is_whole",
-    "map_identity",
-    "mm_text",
-    "mm_value",
-    "natural_spacing",
-    "require_capacity",
-    "require_interval",
-    "require_linear",
-    "require_on_axis",
-    "require_one_direction",
-    "require_sizes",
-    "require_zero",
-    "rolled_values",
-    "rolling_grid",
-    "uniform_positions",
-]
 
 _WHOLE = 1e-6
 """Distance from a whole number of steps that rounding of decimals explains."""
@@ -372,46 +338,17 @@ def even_map(
     """Return a map at even positions, and how far that takes it off."""
     x = even_positions(table.x, spacings[0], names[0], table.axes[0])
     y = even_positions(table.y, spacings[1], names[1], table.axes[1])
-    if x is table.x and y is table.y:
-        return table, 0.0
-    carried = replace(table, x=x, y=y, values=table.correction(x, y[:, None]), u=None)
+    return (table, 0.0) if x is table.x and y is table.y else map_at(table, x, y)
+
+
+def map_at(table: CompensationMap, x: FloatArray, y: FloatArray) -> tuple[CompensationMap, float]:
+    """Return a map at other positions, and its largest error: bilinear maps differ most at a node."""
+    made = replace(table, x=x, y=y, values=table.correction(x, y[:, None]), u=None)
     px, py = np.union1d(x, table.x), np.union1d(y, table.y)[:, None]
-    return carried, float(np.abs(carried.correction(px, py) - table.correction(px, py)).max())
+    return made, float(np.abs(made.correction(px, py) - table.correction(px, py)).max())
 
 
-def map_identity(
-    path: Path, *, axes: tuple[str, str], compensates: str, first: tuple[float, float]
-) -> dict[str, Any]:
-    """Return what a map's file cannot hold: axes, reference, what is not in it."""
-    told = load_sidecar(path).get("table")
-    if told is None:
-        return {"axes": axes, "compensates": compensates, "reference": first}
-    names = told.get("axes") if isinstance(told, dict) else None
-    place = told.get("reference_si") if isinstance(told, dict) else None
-    fits = (
-        isinstance(names, list)
-        and isinstance(place, list)
-        and len(names) == len(place) == 2
-        and all(isinstance(v, int | float) and abs(v) < _FARTHEST for v in place)
-    )
-    if names is None or place is None or not fits:
-        raise CorruptFileError(
-            sidecar_path(path),
-            "this is not the sidecar of a map",
-            field="table",
-            expected="axes and reference_si of two axes",
-            found=repr(told)[:40],
-            hint="move it away or write the map again",
-        )
-    return {
-        "axes": (str(names[0]), str(names[1])),
-        "compensates": str(told.get("compensates", compensates)),
-        "reference": (float(place[0]), float(place[1])),
-        "removed": "plane" if told.get("not_in_map") == "plane" else "offset",
-    }
-
-
-# ---- shared by the dialects of uniform tables and of increments: spacing, facts in comments, numbers ----
+# ---- tables that are resampled by the dialect itself ---------------------------------------------
 # Unlike `metrosep.compensation.uniform.resample_uniform`, `carry` does not shift the entries: what a
 # file holds is the table at other positions, and every deviation is reported.
 
@@ -551,6 +488,74 @@ def require_on_axis(table: CompensationTable, title: str, instead: str) -> None:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Sections:
+    """Increments of a correction over equal sections, as controls walk them from a reference."""
+
+    carried: Carried
+    rounded: Rounded
+    zero: float  # m: position of the reference
+    interval: float  # m
+    number: int  # of the reference point; first and last ones of the sections
+    first: int
+    last: int
+
+
+def sections(
+    table: CompensationTable,
+    options: Mapping[str, Any],
+    *,
+    title: str,
+    unit: float,
+    most: int,
+    numbers: tuple[int, int],
+    limits: tuple[int, int],
+    larger: str,
+) -> Sections:
+    """Return the increments of a table in units, refused where points or increments leave their range."""
+    zero = options["reference_position"]
+    zero = table.reference if zero is None else zero
+    require_zero(table, zero, title)
+    positions = uniform_positions(
+        table,
+        through=zero,
+        interval=options["interval"],
+        quantum=options["increment"],
+        max_points=most,
+        title=title,
+    )
+    carried = carry(table, positions)
+    rounded = round_increments(carried.table.forward, unit, limits=None)
+    bad = np.flatnonzero((rounded.entries < limits[0]) | (rounded.entries > limits[1]))
+    if bad.size:
+        i = int(bad[0])
+        raise LimitError(
+            f"the increment {int(rounded.entries[i])} between {positions[i] * 1e3:.9g} and "
+            f"{positions[i + 1] * 1e3:.9g} mm leaves {limits[0]} ... {limits[1]} units of "
+            f"{format_length(unit)}; use a smaller interval or a larger {larger}"
+        )
+    below = int(np.abs(positions - zero).argmin())
+    number = options["reference_number"]
+    number = max(numbers[0] + below - 1, numbers[0]) if number is None else number
+    first, last = number + 1 - below, number + positions.size - 1 - below
+    if first < numbers[0] or last > numbers[1]:
+        raise LimitError(
+            f"points {first} to {last} leave {numbers[0]} to {numbers[1]}; choose another "
+            "reference_number"
+        )
+    interval = float(positions[-1] - positions[0]) / (positions.size - 1)
+    return Sections(carried, rounded, zero, interval, number, first, last)
+
+
+def walked(
+    entries: NDArray[np.int64], below: int, zero: float, interval: float, unit: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return positions and corrections of increments, `below` of which lie below the reference."""
+    curve = np.concatenate([[0], np.cumsum(entries)])
+    positions = zero + interval * np.arange(-below, curve.size - below)
+    return np.asarray(positions), np.asarray((curve - curve[below]) * unit + 0.0)
+
+
 def require_capacity(dialect: Dialect, n: int, given: Mapping[str, Any], path: Path) -> None:
     """Refuse a file of more points than the control takes."""
     option = next(o for o in dialect.options if o.name == "capacity")
@@ -583,39 +588,3 @@ def require_zero(table: CompensationTable, reference: float, title: str) -> None
             f"one of the positions: CompensationTable.from_error(..., positions=[..., "
             f"{reference:.9g}, ...], reference={reference:.9g})"
         )
-
-
-def fixed(value: float, decimals: int) -> str:
-    """Return a decimal without exponent, and without the sign of a zero."""
-    text = f"{value:.{decimals}f}"
-    return text[1:] if text.startswith("-") and not text.strip("-0.") else text
-
-
-def mm_text(value: float | Decimal) -> str:
-    """Return a length in mm, exact, without exponent."""
-    number = value if isinstance(value, Decimal) else Decimal(repr(float(value)))
-    text = format(number.scaleb(3), "f")
-    text = text.rstrip("0").rstrip(".") if "." in text else text
-    return "0" if text in ("-0", "") else text
-
-
-def mm_value(text: str) -> float:
-    """Return a length that is printed in mm."""
-    return float(Decimal(text).scaleb(-3))
-
-
-def ascii_lines(data: bytes, path: Path, what: str) -> list[str]:
-    """Return the lines of a text, and refuse one that was cut."""
-    try:
-        text = data.decode("ascii")
-    except UnicodeDecodeError as exc:
-        raise CorruptFileError(
-            path, "not ASCII text", offset=exc.start, hint=f"this is no {what}"
-        ) from None
-    if re.search(r"[^\t\r\n -~]|\r(?!\n)", text):
-        raise CorruptFileError(path, "it holds control characters", hint=f"this is no {what}")
-    if not text.endswith("\n"):
-        raise CorruptFileError(
-            path, "the last line has no end: the file was cut short", hint="write the table again"
-        )
-    return text.replace("\r\n", "\n").split("\n")[:-1]

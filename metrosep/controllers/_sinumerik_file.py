@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.compensation.area_errors import format_position, is_rotary
+from metrosep.controllers._facts import note, read_notes, settled
+from metrosep.controllers._grammar import code_rows, decoded, joined, short
 from metrosep.controllers._grids import format_amount, format_span
-from metrosep.controllers._notes import agreed, note, read_notes
-from metrosep.controllers.base import Simulator, sidecar_options
+from metrosep.controllers.base import Simulator
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
@@ -25,30 +26,6 @@ from metrosep.core.errors import (
     TableError,
     UnsupportedFeatureError,
 )
-
-__all__ = [
-    "Assignment",
-    "Grid",
-    "axis_letter",
-    "axis_names",
-    "check_count",
-    "check_turns",
-    "check_values",
-    "checked_modulo",
-    "checked_name",
-    "factors",
-    "folded",
-    "grid_of",
-    "number_text",
-    "opened",
-    "pair",
-    "read_assignments",
-    "require_same_axes",
-    "table_lines",
-    "turning",
-    "units",
-    "write_program",
-]
 
 _MM = 1e-3
 _DEGREE = float(np.pi) / 180.0
@@ -103,20 +80,6 @@ def checked_name(name: str, what: str) -> str:
     return name
 
 
-def number_text(value: float, *, decimals: int, at_least: int = 0) -> str:
-    """Return a number without exponent and without needless zeros.
-
-    Examples
-    --------
-    >>> number_text(0.003, decimals=9), number_text(5.0, decimals=9, at_least=1)
-    ('0.003', '5.0')
-    """
-    whole, _, rest = f"{value:.{decimals}f}".partition(".")
-    rest = rest.rstrip("0").ljust(at_least, "0")
-    text = f"{whole}.{rest}" if rest else whole
-    return text.removeprefix("-") if not float(text) else text
-
-
 def write_program(
     name: str,
     channel: int,
@@ -128,23 +91,13 @@ def write_program(
     head = [f"%_N_{name}", f"CHANDATA({channel})"]
     told = [*comments, note(facts, [*head, *lines, "M17"])]
     body = [*head, *(f"; {c}" for c in told), *lines, "M17"]
-    return ("\n".join(body) + "\n").encode("ascii")
+    return joined(body)
 
 
 def read_assignments(data: bytes, path: Path) -> tuple[list[Assignment], dict[str, str]]:
     """Return the assignments of a file, and the facts of metrosep's own comment."""
-    try:
-        text = data.decode("ascii")
-    except UnicodeDecodeError as exc:
-        raise CorruptFileError(path, "not ASCII text", offset=exc.start) from None
-    comments: list[str] = []
-    code: list[tuple[int, str]] = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        words, mark, comment = line.partition(";")
-        if mark:
-            comments.append(comment.strip())
-        if words.strip():
-            code.append((number, words.strip()))
+    lines = decoded(data, path, "compensation file of SINUMERIK").splitlines()
+    code, comments = code_rows(lines, ";")
     head = [c for _, c in code[:2]]
     if (
         len(head) < 2
@@ -341,7 +294,7 @@ def table_lines(
         *(f"{_FILE_NAME}[{index},{i}]={w}" for i, w in enumerate(words)),
         *(f"{_FILE_NAME}_{k}[{index}]=({a})" for k, a in zip(_AXES, axes, strict=True)),
         *(
-            f"{_FILE_NAME}_{k}[{index}]={number_text(v, decimals=_POSITION_DECIMALS, at_least=1)}"
+            f"{_FILE_NAME}_{k}[{index}]={short(v, _POSITION_DECIMALS, at_least=1)}"
             for k, v in places.items()
         ),
         *(f"{_FILE_NAME}_{k}[{index}]={v}" for k, v in facts.items()),
@@ -520,7 +473,7 @@ def opened(
 ) -> tuple[dict[int, CecTable], dict[str, Any], dict[str, str]]:
     """Return the tables of a file by index, and what is known about them."""
     assignments, noted = read_assignments(data, path)
-    o = agreed(noted, known, {**sidecar_options(path, known), **options}, path)
+    o = settled(known, options, path, file=noted, partial=True)
     if "entry_sign" not in o:
         raise DataError(
             f"{path}: neither the file nor a sidecar tells the sign of its entries; give entry_sign=1 "

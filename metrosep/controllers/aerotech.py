@@ -20,15 +20,16 @@ from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._grids import even_map, even_table, map_identity
-from metrosep.controllers._notes import agreed, note, read_notes
+from metrosep.controllers._facts import note, read_notes, settled
+from metrosep.controllers._grammar import code_rows, decoded, fixed
+from metrosep.controllers._grids import even_map, even_table
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
     Encoded,
     identity,
     load_sidecar,
-    sidecar_options,
+    map_identity,
 )
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
@@ -157,14 +158,8 @@ class Aerotech(Dialect):
         )
         own = dict(zip(own, fields["axes"], strict=True))
         _require_output(grid, own, fields["compensates"], path)
-        return CompensationMap(
-            x=x,
-            y=y,
-            values=values,
-            is_exact_inverse=True,
-            **fields,
-            border="zero" if _ring_of_zeros(values) else None,
-        )
+        fields["border"] = "zero" if _ring_of_zeros(values) else None
+        return CompensationMap(x, y, values, is_exact_inverse=True, **fields)
 
 
 class AerotechLine(Dialect):
@@ -256,13 +251,8 @@ class AerotechLine(Dialect):
                 )
             fields["axis"], fields["compensates"] = names or ("X", "X")
         _require_output(grid, {grid.column_axis: fields["axis"]}, fields["compensates"], path)
-        return CompensationTable(
-            positions=x,
-            forward=known["corrected_sign"] * grid.values[0],
-            reverse=None,
-            is_exact_inverse=True,
-            **fields,
-        )
+        forward = known["corrected_sign"] * grid.values[0]
+        return CompensationTable(x, forward, None, is_exact_inverse=True, **fields)
 
 
 def _refuse_rotary(axis: str) -> None:
@@ -467,7 +457,7 @@ def write_grid(grid: Grid, o: dict[str, Any], names: tuple[str, ...]) -> tuple[s
     first = grid.output == grid.column_axis
     third = "" if grid.output in (grid.row_axis, grid.column_axis) else f"OUTAXIS3={grid.output} "
     um = grid.values * 1e6
-    words = [[_entry(v, o["decimals"]) for v in row] for row in um]
+    words = [[fixed(v, o["decimals"]) for v in row] for row in um]
     cell = "0 0 {}" if third else ("{} 0" if first else "0 {}")
     width = max(
         len(cell) - 2 + o["decimals"] + 3, *(len(cell.format(w)) for r in words for w in r)
@@ -493,20 +483,16 @@ def write_grid(grid: Grid, o: dict[str, Any], names: tuple[str, ...]) -> tuple[s
     return "\n".join(lines) + "\n", np.array(words, dtype=np.float64) * 1e-6
 
 
-def _entry(value: float, decimals: int) -> str:
-    text = f"{value:.{decimals}f}"
-    return text.removeprefix("-") if not float(text) else text
-
-
 def read_grid(
     data: bytes, path: Path, known: tuple[Option, ...], given: dict[str, Any], controller: str
 ) -> tuple[Grid, dict[str, Any]]:
     """Return the table of a file, and the facts about the machine that are known."""
-    lines, noted = _lines(data, path)
-    told = {**sidecar_options(path, known), **given}
+    text = decoded(data, path, "2-D calibration of Aerotech", encoding="utf-8-sig")
+    lines, comments = code_rows(text.splitlines(), ";")
+    noted = read_notes(comments, [code for _, code in lines], path)
     facts: dict[str, Any] = {
         **{k: v for k, v in noted.items() if k in ("axes", "corrects")},
-        **agreed(noted, known, told, path),
+        **settled(known, given, path, file=noted, partial=True),
     }
     if "corrected_sign" not in facts:
         raise DataError(
@@ -524,23 +510,6 @@ def read_grid(
         if facts.get(name) not in (None, found):
             raise DataError(f"{path}: you say {name}={facts[name]}, the file says {found:g}")
     return grid, facts
-
-
-def _lines(data: bytes, path: Path) -> tuple[list[tuple[int, str]], dict[str, str]]:
-    """Return the lines that are not comments, with their numbers, and metrosep's own comment."""
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as exc:
-        raise CorruptFileError(path, "not UTF-8 text", offset=exc.start) from None
-    lines: list[tuple[int, str]] = []
-    comments: list[str] = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        words, mark, comment = line.partition(";")
-        if mark:
-            comments.append(comment)
-        if words.strip():
-            lines.append((number, words.strip()))
-    return lines, read_notes(comments, [code for _, code in lines], path)
 
 
 def _parsed(lines: list[tuple[int, str]], path: Path, facts: dict[str, Any]) -> Grid:

@@ -18,6 +18,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
@@ -28,13 +29,8 @@ __all__ = [
     "DialectInfo",
     "Encoded",
     "Simulator",
-    "identity",
     "load_bytes",
     "load_sidecar",
-    "looked_up",
-    "one_way",
-    "require_unchanged",
-    "sidecar_options",
     "sidecar_path",
     "table_lookup",
 ]
@@ -469,14 +465,76 @@ def identity(path: Path, *, first: float) -> dict[str, Any]:
     }
 
 
-def _not_ours(path: Path, field: str, expected: str, found: object) -> CorruptFileError:
+def map_identity(
+    path: Path,
+    *,
+    axes: tuple[str, str],
+    compensates: str,
+    first: tuple[float, float],
+    turns: tuple[bool, bool] | None = None,
+) -> dict[str, Any]:
+    """Return what a map's file cannot hold, of its sidecar: axes, reference, what is not in it.
+
+    Parameters
+    ----------
+    path : Path
+        The map.
+    axes, compensates : tuple of (str, str) and str
+        Names where there is no sidecar.
+    first : tuple of (float, float), m or rad
+        Reference where there is no sidecar.
+    turns : tuple of (bool, bool), optional
+        Whether the axes turn, where the file states it.
+
+    Returns
+    -------
+    dict
+        Fields of `CompensationMap`.
+
+    Raises
+    ------
+    CorruptFileError
+        If there is a sidecar that is not one of a map.
+    """
+    beside = load_sidecar(path)
+    if "table" not in beside:
+        return {"axes": axes, "compensates": compensates, "reference": first}
+    known = beside["table"] if isinstance(beside["table"], dict) else {"axes": None}
+    names, place = known.get("axes", list(axes)), known.get("reference_si", list(first))
+    if not (
+        isinstance(names, list)
+        and isinstance(place, list)
+        and len(names) == len(place) == len({str(n).strip() for n in names} - {""}) == 2
+        and all(isinstance(v, int | float) and not isinstance(v, bool) for v in place)
+        and all(abs(v) < _FARTHEST for v in place)
+        and (turns is None or tuple(is_rotary(str(n)) for n in names) == turns)
+    ):
+        raise _not_ours(path, "axes, reference_si", "those of two axes", (names, place), "map")
+    return {
+        "axes": (str(names[0]), str(names[1])),
+        "compensates": str(known.get("compensates", compensates)),
+        "reference": (float(place[0]), float(place[1])),
+        "removed": "plane" if known.get("not_in_map") == "plane" else "offset",
+        "border": "zero" if known.get("border") == "zero" else None,
+    }
+
+
+def nearest_zero(x: FloatArray, y: FloatArray) -> tuple[float, float]:
+    """Return zero for each axis that holds it, else its first position."""
+    first, second = (0.0 if p[0] <= 0.0 <= p[-1] else float(p[0]) for p in (x, y))
+    return first, second
+
+
+def _not_ours(
+    path: Path, field: str, expected: str, found: object, what: str = "table"
+) -> CorruptFileError:
     return CorruptFileError(
         sidecar_path(path),
-        "this is not the sidecar of a table",
+        f"this is not the sidecar of a {what}",
         field=field,
         expected=expected,
         found=repr(found)[:40],
-        hint="move it away or write the table again",
+        hint=f"move it away or write the {what} again",
     )
 
 

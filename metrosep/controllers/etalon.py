@@ -17,7 +17,9 @@ import numpy as np
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._notes import agreed, is_note, note, read_notes
+from metrosep.controllers._facts import is_note, note, read_notes, settled
+from metrosep.controllers._grammar import decoded, fixed, joined, short
+from metrosep.controllers._grids import DRY_RUN
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -43,7 +45,6 @@ _MM = 1e-3
 _DEGREE = float(np.pi) / 180.0
 _TURNING = "ABC"
 _POSITION_DECIMALS = 9
-_DRY_RUN = "sign not documented: dry-run on the machine first"
 _LARGEST = 1e12
 """No position or error of a file is as large, in any unit."""
 
@@ -125,7 +126,10 @@ class Etalon(Dialect):
         place, unit = _units(parameter)
         d = o["decimals"]
         words = [
-            (_text(p / place, _POSITION_DECIMALS), _fixed(-o["entry_sign"] * c / unit, d))
+            (
+                short(p / place, _POSITION_DECIMALS, at_least=1),
+                fixed(-o["entry_sign"] * c / unit, d),
+            )
             for p, c in zip(table.positions, table.forward, strict=True)
         ]
         back = np.array(words, dtype=np.float64)
@@ -135,14 +139,14 @@ class Etalon(Dialect):
         code = [f"[{parameter}]", "Gridpoints = {", *(f"          {p} {e}" for p, e in words), "}"]
         facts = {"entry_sign": o["entry_sign"], "parameter": parameter, "rows": n}
         lines = [
-            f"// entry = {sign}e, {_DRY_RUN}",
+            f"// entry = {sign}e, {DRY_RUN}",
             f"// {note(facts, code)}",
             *code[:-1],
             f"}}  // end of {parameter}",
         ]
         wrong = -o["entry_sign"] * back[:, 1] * unit - table.forward
         return Encoded(
-            data=("\n".join(lines) + "\n").encode("ascii"),
+            data=joined(lines),
             quantisation=float(np.abs(wrong).max()),
             notes={"parameter": parameter, "max_records_at_least": n},
             step=10.0**-d * unit,
@@ -152,7 +156,7 @@ class Etalon(Dialect):
         """Return one look-up table of a file as corrections."""
         told = {**sidecar_options(path, self.options), **options}
         chosen = _chosen(_read(data, path), told.get("parameter"), path)
-        o = agreed(chosen.noted, self.options, told, path)
+        o = settled(self.options, options, path, file=chosen.noted, partial=True)
         if "entry_sign" not in o:
             raise DataError(
                 f"{path}: neither the file nor a sidecar tells the sign of its entries; give "
@@ -163,13 +167,8 @@ class Etalon(Dialect):
         fields = identity(path, first=float(positions[0]))
         if not load_sidecar(path):
             fields |= {"axis": chosen.parameter[2], "compensates": chosen.parameter[1]}
-        return CompensationTable(
-            positions=positions,
-            forward=0.0 - o["entry_sign"] * chosen.rows[:, 1] * unit,
-            reverse=None,
-            is_exact_inverse=True,
-            **fields,
-        )
+        forward = 0.0 - o["entry_sign"] * chosen.rows[:, 1] * unit
+        return CompensationTable(positions, forward, None, is_exact_inverse=True, **fields)
 
 
 def _parameter(table: CompensationTable, wanted: str | None) -> str:
@@ -202,16 +201,6 @@ def _units(parameter: str) -> tuple[float, float]:
     )
 
 
-def _fixed(value: float, decimals: int) -> str:
-    text = f"{value:.{decimals}f}"
-    return text.removeprefix("-") if not float(text) else text
-
-
-def _text(value: float, decimals: int) -> str:
-    whole, _, rest = _fixed(value, decimals).partition(".")
-    return f"{whole}.{rest.rstrip('0') or '0'}"
-
-
 def _chosen(tables: Mapping[str, _Rows], wanted: str | None, path: Path) -> _Rows:
     names = ", ".join(tables)
     if wanted is None and len(tables) > 1:
@@ -225,10 +214,7 @@ def _chosen(tables: Mapping[str, _Rows], wanted: str | None, path: Path) -> _Row
 
 def _read(data: bytes, path: Path) -> dict[str, _Rows]:
     """Return the look-up tables of a file; a comment of metrosep belongs to the next section."""
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as exc:
-        raise CorruptFileError(path, "not UTF-8 text", offset=exc.start) from None
+    text = decoded(data, path, "file of Etalon", encoding="utf-8-sig")
     code: list[tuple[int, str]] = []
     notes: list[tuple[int, str]] = []
     for number, line in enumerate(text.splitlines(), start=1):

@@ -18,31 +18,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.compensation.knots import choose_knots
-from metrosep.compensation.rounding import round_entries, round_increments
+from metrosep.compensation.rounding import round_entries
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._facts import named_axes, own_axis, settled
+from metrosep.controllers._grammar import (
+    AXIS,
+    INTEGER,
+    MM,
+    SIGN,
+    Line,
+    Text,
+    Word,
+    ascii_lines,
+    joined,
+)
 from metrosep.controllers._grids import (
     DRY_RUN,
     Resampling,
-    ascii_lines,
-    carry,
-    mm_text,
-    mm_value,
     require_capacity,
     require_linear,
     require_on_axis,
     require_one_direction,
     require_sizes,
-    require_zero,
-    uniform_positions,
+    sections,
+    walked,
 )
-from metrosep.controllers._notes import fact, named_axes, own_axis, require_agreement
 from metrosep.controllers.base import DialectInfo, Encoded, identity
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
 from metrosep.core.units import format_length
 
-__all__ = ["Fanuc"]
+__all__ = ["Fanuc", "FanucStraightness"]
 
 IntArray = NDArray[np.int64]
 
@@ -55,12 +62,47 @@ _POINT = 10_000
 _BLOCKS_PER_MINUTE = 7500.0
 """Feed over smallest interval, 1/min (parameter manual, metric)."""
 
-_HEAD = re.compile(
-    r"%\(FANUC PITCH ERROR, DETECTION UNIT (\d+\.?\d*) MM, INCREMENT (\d+\.?\d*) MM, "
-    r"REFERENCE (-?\d+\.?\d*) MM, ENTRY = ([+-])E, [A-Z: -]+\)"
+_PARAMETERS = {
+    "number": 3620, "first": 3621, "last": 3622, "magnification": 3623, "steps": 3624
+}  # fmt: skip
+_HEAD = Line(
+    "%(FANUC PITCH ERROR, DETECTION UNIT {detection_unit} MM, INCREMENT {increment} MM, "
+    "REFERENCE {reference_position} MM, ENTRY = {entry_sign}E, {remark})",
+    detection_unit=MM,
+    increment=MM,
+    reference_position=MM,
+    entry_sign=SIGN,
+    remark=Word(r"[A-Z: -]+"),
 )
-_WORD = re.compile(r"N(\d{4,5})(?:A(\d{1,2}))?P(-?\d{1,9})")
-_PARAMETERS = (3620, 3621, 3622, 3623, 3624)
+_PARAMETER = Line("N{number}A{axis}P{value}", value=INTEGER)
+_ENTRY = Line("N{number}P{value}", value=INTEGER)
+
+
+def _file(head: Line, stated: Mapping[str, Any], lines: list[str]) -> bytes:
+    """Return a file of parameters; the control skips the comment behind the first %."""
+    return joined([head.write(**stated, remark=DRY_RUN.upper()), *lines, "%"])
+
+
+def _opened(data: bytes, path: Path, head: Line) -> tuple[Text, dict[str, Any]]:
+    """Return the lines of a file of parameters, and what its comment states."""
+    lines = ascii_lines(data, path, "Fanuc parameter file")
+    if len(lines) < 3 or not lines[0].startswith("%") or lines[-1] != "%":
+        raise CorruptFileError(
+            path, "a parameter file begins and ends with %", hint="write the table again"
+        )
+    stated = head.read(lines[0])
+    if stated is None and lines[0].startswith("%(FANUC"):
+        raise CorruptFileError(path, "line 1: the comment is damaged", hint="write it again")
+    rows = list(enumerate(lines, start=1))[1:-1]
+    return Text(path, rows, "Fanuc parameter file"), stated or {}
+
+
+def _require_axis(path: Path, name: str, wanted: int | None, found: int) -> None:
+    if wanted not in (None, found):
+        raise CorruptFileError(
+            path, "the parameters are those of another axis", field=name, expected=wanted,
+            found=found, hint="choose the file of this axis",
+        )  # fmt: skip
 
 
 class Fanuc(Resampling):
@@ -136,67 +178,58 @@ class Fanuc(Resampling):
         require_on_axis(table, _TITLE, "'fanuc-straightness'")
         require_one_direction(table, _TITLE, "into parameter 1851 (backlash)")
         require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
-        zero = options["reference_position"]
-        zero = table.reference if zero is None else zero
-        require_zero(table, zero, _TITLE)
-        positions = uniform_positions(
-            table,
-            through=zero,
-            interval=options["interval"],
-            quantum=options["increment"],
-            max_points=options["capacity"] + 1,
-            title=_TITLE,
-        )
-        carried = carry(table, positions)
-        interval = float(positions[-1] - positions[0]) / (positions.size - 1)
-        _require_interval(interval, options["rapid"])
         unit = options["detection_unit"] * options["magnification"]
-        rounded = round_increments(carried.table.forward, unit, limits=None)
-        entries = -options["entry_sign"] * rounded.entries
-        _require_range(entries, positions, options["largest"], unit)
-        below = int(np.abs(positions - zero).argmin())
-        number = options["reference_number"]
-        number = max(below - 1, 0) if number is None else number
-        first = number + 1 - below
-        last = number + positions.size - 1 - below
-        if first < 0 or last > _LAST_NUMBER:
+        made = sections(
+            table,
+            options,
+            title=_TITLE,
+            unit=unit,
+            most=options["capacity"] + 1,
+            numbers=(0, _LAST_NUMBER),
+            limits=(-options["largest"], options["largest"]),
+            larger="magnification",
+        )
+        smallest = (options["rapid"] or 0.0) * 60.0 / _BLOCKS_PER_MINUTE
+        if made.interval < smallest * (1.0 - 1e-9):
             raise LimitError(
-                f"points {first} to {last} leave 0 to {_LAST_NUMBER}; choose another reference_number"
+                f"the interval {format_length(made.interval)} is below {format_length(smallest)}, the "
+                "smallest for this rapid traverse; give a larger interval="
             )
-        text = _text(options, zero, interval, (number, first, last), entries)
+        values = {
+            "number": made.number, "first": made.first, "last": made.last,
+            "magnification": options["magnification"],
+            "steps": round(made.interval / options["increment"]),
+        }  # fmt: skip
+        entries = -options["entry_sign"] * made.rounded.entries
+        lines = [
+            *(
+                _PARAMETER.write(number=p, axis=options["axis_number"], value=values[name])
+                for name, p in _PARAMETERS.items()
+            ),
+            *(
+                _ENTRY.write(number=_POINT + made.first + i, value=int(v))
+                for i, v in enumerate(entries)
+            ),
+        ]
         return Encoded(
-            text.encode("ascii"),
-            rounded.error,
+            _file(_HEAD, {**options, "reference_position": made.zero}, lines),
+            made.rounded.error,
             step=unit,
-            carried=carried.table,
-            resampling_error=carried.error,
+            carried=made.carried.table,
+            resampling_error=made.carried.error,
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
         """Return the cumulative corrections."""
-        lines = ascii_lines(data, path, "Fanuc parameter file")
-        if len(lines) < 3 or not lines[0].startswith("%") or lines[-1] != "%":
-            raise CorruptFileError(
-                path, "a parameter file begins and ends with %", hint="write the table again"
-            )
-        head = _head(lines[0], path)
-        known = {
-            name: fact(self, name, options, head, path)
-            for name in ("detection_unit", "increment", "reference_position", "entry_sign")
-        }
-        words, axis = _words(lines[1:-1], path)
-        wanted = options.get("axis_number")
-        if wanted is not None and wanted != axis:
-            raise CorruptFileError(
-                path,
-                "the parameters are those of another axis",
-                expected=f"A{wanted}",
-                found=f"A{axis}",
-                hint="choose the file of this axis",
-            )
-        number, first, last, magnification, steps = (words[p] for p in _PARAMETERS)
-        for name, value in (("reference_number", number), ("magnification", magnification)):
-            require_agreement(path, name, ("the file", value), ("you", options.get(name)))
+        text, head = _opened(data, path, _HEAD)
+        words, axis = _words(text)
+        _require_axis(path, "axis_number", options.get("axis_number"), axis)
+        number, first, last, magnification, steps = (words[p] for p in _PARAMETERS.values())
+        known = settled(
+            self.options, options, path, partial=True,
+            file={**head, "reference_number": number, "magnification": magnification},
+            needed=("detection_unit", "increment", "reference_position", "entry_sign"),
+        )  # fmt: skip
         entries = _entries(words, first, last, options.get("largest", 127), path)
         require_capacity(self, entries.size, options, path)
         if not (first - 1 <= number <= last and steps > 0 and 1 <= magnification <= 100):
@@ -207,100 +240,37 @@ class Fanuc(Resampling):
                 found=f"{number}, {first}, {last}, {magnification}, {steps}",
                 hint="write the table again",
             )
-        below = number + 1 - first
-        curve = np.concatenate([[0], np.cumsum(entries)])
-        curve = -known["entry_sign"] * (curve - curve[below])
         zero = known["reference_position"]
-        positions = zero + steps * known["increment"] * np.arange(-below, curve.size - below)
-        return CompensationTable(
-            positions=positions,
-            forward=curve * (known["detection_unit"] * magnification) + 0.0,
-            reverse=None,
-            is_exact_inverse=True,
-            **{**own_axis(identity(path, first=zero), path), "reference": zero},
+        positions, forward = walked(
+            -known["entry_sign"] * entries,
+            number + 1 - first,
+            zero,
+            steps * known["increment"],
+            known["detection_unit"] * magnification,
         )
+        fields = {**own_axis(identity(path, first=zero), path), "reference": zero}
+        return CompensationTable(positions, forward, None, is_exact_inverse=True, **fields)
 
 
-def _require_interval(interval: float, rapid: float | None) -> None:
-    smallest = 0.0 if rapid is None else rapid * 60.0 / _BLOCKS_PER_MINUTE
-    if interval < smallest * (1.0 - 1e-9):
-        raise LimitError(
-            f"the interval {format_length(interval)} is below {format_length(smallest)}, the smallest "
-            "for this rapid traverse; give a larger interval="
-        )
-
-
-def _require_range(entries: IntArray, positions: Any, largest: int, unit: float) -> None:
-    i = int(np.abs(entries).argmax())
-    if abs(int(entries[i])) > largest:
-        raise LimitError(
-            f"the increment {int(entries[i])} between {positions[i] * 1e3:.9g} and "
-            f"{positions[i + 1] * 1e3:.9g} mm leaves -{largest} ... {largest} units of "
-            f"{format_length(unit)}; use a smaller interval or a larger magnification"
-        )
-
-
-def _text(
-    options: Mapping[str, Any],
-    zero: float,
-    interval: float,
-    numbers: tuple[int, int, int],
-    entries: IntArray,
-) -> str:
-    sign = "+" if options["entry_sign"] > 0 else "-"
-    head = (
-        f"%(FANUC PITCH ERROR, DETECTION UNIT {mm_text(options['detection_unit'])} MM, "
-        f"INCREMENT {mm_text(options['increment'])} MM, REFERENCE {mm_text(zero)} MM, "
-        f"ENTRY = {sign}E, {DRY_RUN.upper()})"
-    )
-    values = (*numbers, options["magnification"], round(interval / options["increment"]))
-    axis = options["axis_number"]
-    lines = [f"N{p}A{axis}P{v}" for p, v in zip(_PARAMETERS, values, strict=True)]
-    lines += [f"N{_POINT + numbers[1] + i}P{int(v)}" for i, v in enumerate(entries)]
-    return "\n".join([head, *lines, "%"]) + "\n"
-
-
-def _head(line: str, path: Path) -> dict[str, Any]:
-    """Return what the comment behind the first % tells; the control skips it."""
-    if line == "%":
-        return {}
-    found = _HEAD.fullmatch(line)
-    if found is None:
-        if line.startswith("%(FANUC"):
-            raise CorruptFileError(path, "line 1: the comment is damaged", hint="write it again")
-        return {}
-    return {
-        "detection_unit": mm_value(found[1]),
-        "increment": mm_value(found[2]),
-        "reference_position": mm_value(found[3]),
-        "entry_sign": 1 if found[4] == "+" else -1,
-    }
-
-
-def _words(lines: list[str], path: Path) -> tuple[dict[int, int], int]:
+def _words(text: Text) -> tuple[dict[int, int], int]:
     """Return the value of each number, and the axis of the parameters."""
     words: dict[int, int] = {}
     axes: set[int] = set()
-    for i, line in enumerate(lines, start=2):
-        found = _WORD.fullmatch(line)
-        number = int(found[1]) if found else -1
-        is_parameter = number in _PARAMETERS
-        is_point = _POINT <= number <= _POINT + _LAST_NUMBER
-        if found is None or not (is_parameter or is_point) or is_parameter != bool(found[2]):
-            raise CorruptFileError(
-                path,
-                f"line {i} is no word of pitch error data but {line[:60]!r}",
-                hint="one N...P... a line, as the control outputs it",
-            )
-        if number in words:
-            raise CorruptFileError(path, f"line {i}: N{number} stands twice", hint="remove one")
-        words[number] = int(found[3])
-        if is_parameter:
-            axes.add(int(found[2]))
-    missing = [p for p in _PARAMETERS if p not in words]
+    while text:
+        code = text.rows[text.at][1]
+        found = _PARAMETER.read(code)
+        entry = _ENTRY.read(code) if found is None else None
+        number = (found or entry or {"number": -1})["number"]
+        known = _PARAMETERS.values() if found else range(_POINT, _POINT + _LAST_NUMBER + 1)
+        if number not in known or number in words:
+            raise text.wrong("one N...P... a line, as the control outputs it, each number once")
+        words[number] = (found or entry or {})["value"]
+        axes |= {found["axis"]} if found else set()
+        text.at += 1
+    missing = [p for p in _PARAMETERS.values() if p not in words]
     if missing or len(axes) != 1:
         raise CorruptFileError(
-            path,
+            text.path,
             f"parameter {missing[0]} is missing" if missing else "parameters of several axes",
             hint="the file must hold 3620 to 3624 of one axis",
         )
@@ -339,16 +309,20 @@ def _entries(
 _STRAIGHTNESS_TITLE = "Fanuc straightness compensation"
 _POINTS = 4
 _STRAIGHTNESS_LARGEST = 32767
-_STRAIGHTNESS_FARTHEST, _BIGGEST = 1e3, 1.0
-"""Position and correction beyond which units are mistaken, m."""
 _LAST_AXIS = 32
 
-_STRAIGHTNESS_HEAD = re.compile(
-    r"%\(FANUC STRAIGHTNESS ([A-Z]\d?) TO ([A-Z]\d?), DETECTION UNIT (\d+\.?\d*) MM, "
-    r"POINTS EVERY (\d+\.?\d*) MM, POINT (\d{1,4}) AT (-?\d+\.?\d*) MM, ENTRY = ([+-])E, [A-Z: -]+\)"
+_STRAIGHTNESS_HEAD = Line(
+    "%(FANUC STRAIGHTNESS {axis} TO {compensates}, DETECTION UNIT {detection_unit} MM, POINTS EVERY "
+    "{interval} MM, POINT {reference_number} AT {reference_position} MM, ENTRY = {entry_sign}E, "
+    "{remark})",
+    axis=AXIS,
+    compensates=AXIS,
+    detection_unit=MM,
+    interval=MM,
+    reference_position=MM,
+    entry_sign=SIGN,
+    remark=Word(r"[A-Z: -]+"),
 )
-_STRAIGHTNESS_WORD = re.compile(r"N(\d{4})P(-?\d{1,6})")
-_AXIS = re.compile(r"[A-Z]\d?")
 
 
 class FanucStraightness(Resampling):
@@ -432,9 +406,7 @@ class FanucStraightness(Resampling):
             table, _STRAIGHTNESS_TITLE, "into parameter 1851 (backlash) of the moving axis"
         )
         _require_axes(table, options)
-        require_sizes(
-            table, _STRAIGHTNESS_TITLE, farthest=_STRAIGHTNESS_FARTHEST, largest=_BIGGEST
-        )
+        require_sizes(table, _STRAIGHTNESS_TITLE, farthest=_FARTHEST, largest=_LARGEST)
         zero = options["reference_position"]
         zero = table.reference if zero is None else zero
         step, unit, number = (
@@ -464,8 +436,14 @@ class FanucStraightness(Resampling):
             forward=knots.values,
             u=None if table.u is None else np.interp(knots.positions, table.positions, table.u),
         )
+        values = [options["moving_axis"], options["compensated_axis"], *points, *entries]
+        stated = {
+            **options, "axis": table.axis, "compensates": table.compensates,
+            "reference_position": zero,
+        }  # fmt: skip
+        words = zip(_numbers(options["set_number"]), values, strict=True)
         return Encoded(
-            _straightness_text(table, options, zero, points, entries).encode("ascii"),
+            _file(_STRAIGHTNESS_HEAD, stated, [_ENTRY.write(number=n, value=v) for n, v in words]),
             rounded.error,
             notes={"knots": knots.audit},
             step=unit,
@@ -475,38 +453,24 @@ class FanucStraightness(Resampling):
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
         """Return the polyline of four points."""
-        lines = ascii_lines(data, path, "Fanuc parameter file")
-        if len(lines) < 3 or not lines[0].startswith("%") or lines[-1] != "%":
-            raise CorruptFileError(
-                path, "a parameter file begins and ends with %", hint="write the table again"
-            )
-        head = _straightness_head(lines[0], path)
-        names = (
-            "detection_unit",
-            "interval",
-            "reference_number",
-            "reference_position",
-            "entry_sign",
-        )
-        unit, step, number, zero, sign = (fact(self, n, options, head, path) for n in names)
-        axes, points, entries = _parameters(lines[1:-1], path)
+        text, head = _opened(data, path, _STRAIGHTNESS_HEAD)
+        axes, points, entries = _parameters(text)
         for name, found in zip(("moving_axis", "compensated_axis"), axes, strict=True):
-            if options.get(name) not in (None, found):
-                raise CorruptFileError(
-                    path,
-                    "the parameters are those of another axis",
-                    field=name,
-                    expected=options[name],
-                    found=found,
-                    hint="choose the file of this axis",
-                )
-        positions = zero + step * (points - number)
+            _require_axis(path, name, options.get(name), found)
+        known = settled(
+            self.options, options, path, partial=True, file=head,
+            needed=(
+                "detection_unit", "interval", "reference_number", "reference_position", "entry_sign",
+            ),
+        )  # fmt: skip
+        zero = known["reference_position"]
         fields = identity(path, first=zero)
-        fields = named_axes(fields, head["axes"], path) if "axes" in head else fields
+        if head:
+            fields = named_axes(fields, (head["axis"], head["compensates"]), path)
         return CompensationTable(
-            positions=positions,
-            forward=-sign * entries * unit + 0.0,
-            reverse=None,
+            zero + known["interval"] * (points - known["reference_number"]),
+            -known["entry_sign"] * entries * known["detection_unit"] + 0.0,
+            None,
             is_exact_inverse=True,
             **fields,
         )
@@ -519,7 +483,7 @@ def _require_axes(table: CompensationTable, options: Mapping[str, Any]) -> None:
             f"{table.compensates}; write controller='fanuc'"
         )
     for name in (table.axis, table.compensates):
-        if not _AXIS.fullmatch(name):
+        if not re.fullmatch(AXIS.pattern, name, re.ASCII):
             raise TableError(f"axis {name!r} is no Fanuc axis: a capital and perhaps a digit")
     if options["moving_axis"] == options["compensated_axis"]:
         raise TableError(
@@ -553,25 +517,6 @@ def _grid(
     return steps, np.where(np.abs(near - places) <= 1e-6 * step, near, places)
 
 
-def _straightness_text(
-    table: CompensationTable,
-    options: Mapping[str, Any],
-    zero: float,
-    points: list[int],
-    entries: list[int],
-) -> str:
-    sign = "+" if options["entry_sign"] > 0 else "-"
-    head = (
-        f"%(FANUC STRAIGHTNESS {table.axis} TO {table.compensates}, DETECTION UNIT "
-        f"{mm_text(options['detection_unit'])} MM, POINTS EVERY {mm_text(options['interval'])} MM, "
-        f"POINT {options['reference_number']} AT {mm_text(zero)} MM, ENTRY = {sign}E, "
-        f"{DRY_RUN.upper()})"
-    )
-    values = [options["moving_axis"], options["compensated_axis"], *points, *entries]
-    words = zip(_numbers(options["set_number"]), values, strict=True)
-    return "\n".join([head, *(f"N{n}P{v}" for n, v in words), "%"]) + "\n"
-
-
 def _numbers(set_number: int) -> list[int]:
     """Return the parameters of a set: moving axis, compensated axis, points, values."""
     s = set_number - 1
@@ -583,39 +528,15 @@ def _numbers(set_number: int) -> list[int]:
     ]
 
 
-def _straightness_head(line: str, path: Path) -> dict[str, Any]:
-    found = _STRAIGHTNESS_HEAD.fullmatch(line)
-    if found is None:
-        if line.startswith("%(FANUC"):
-            raise CorruptFileError(path, "line 1: the comment is damaged", hint="write it again")
-        return {}
-    return {
-        "axes": (found[1], found[2]),
-        "detection_unit": mm_value(found[3]),
-        "interval": mm_value(found[4]),
-        "reference_number": int(found[5]),
-        "reference_position": mm_value(found[6]),
-        "entry_sign": 1 if found[7] == "+" else -1,
-    }
-
-
 def _parameters(
-    lines: list[str], path: Path
+    text: Text,
 ) -> tuple[tuple[int, int], NDArray[np.int64], NDArray[np.int64]]:
-    words: dict[int, int] = {}
-    for i, line in enumerate(lines, start=2):
-        found = _STRAIGHTNESS_WORD.fullmatch(line)
-        if found is None or int(found[1]) in words:
-            raise CorruptFileError(
-                path,
-                f"line {i} is no parameter, or one that stands twice: {line[:60]!r}",
-                hint="one N...P... a line, as the control outputs it",
-            )
-        words[int(found[1])] = int(found[2])
+    """Return the two axes, the points and the entries of one set."""
+    words = {number: row["value"] for number, row in text.table(_ENTRY, "number").items()}
     wanted = next((n for n in map(_numbers, (1, 2, 3)) if set(n) == set(words)), None)
     if wanted is None:
         raise CorruptFileError(
-            path,
+            text.path,
             "the ten parameters of one set must be there, 5711, 5721, 5731 to 5734, 5761 to 5764",
             found=", ".join(map(str, sorted(words)))[:80],
             hint="write the table again",
@@ -623,16 +544,16 @@ def _parameters(
     values = np.array([words[n] for n in wanted], dtype=np.int64)
     points, entries = values[2:6], values[6:]
     axes = int(values[0]), int(values[1])
-    bad = (
+    if (
         axes[0] == axes[1]
         or not 1 <= min(axes) <= max(axes) <= _LAST_AXIS
-        or bool((np.diff(points) <= 0).any())
-        or bool((points < 0).any() or (points > _LAST_NUMBER).any())
-        or bool((np.abs(entries) > _STRAIGHTNESS_LARGEST).any())
-    )
-    if bad:
+        or (np.diff(points) <= 0).any()
+        or (points < 0).any()
+        or (points > _LAST_NUMBER).any()
+        or (np.abs(entries) > _STRAIGHTNESS_LARGEST).any()
+    ):
         raise CorruptFileError(
-            path,
+            text.path,
             "two axes, four rising points from 0 to 1023 and values up to 32767 are needed",
             found=", ".join(map(str, values.tolist())),
             hint="write the table again",

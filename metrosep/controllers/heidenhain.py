@@ -18,17 +18,15 @@ import numpy as np
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.rounding import round_entries
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._facts import agreed, settled
+from metrosep.controllers._grammar import ascii_lines, fixed, joined, mm_value
 from metrosep.controllers._grids import (
     Resampling,
-    ascii_lines,
     carry,
-    fixed,
-    mm_value,
     require_linear,
     require_sizes,
     uniform_positions,
 )
-from metrosep.controllers._notes import fact, require_agreement
 from metrosep.controllers.base import DialectInfo, Encoded, identity, load_sidecar
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
@@ -149,7 +147,7 @@ class Heidenhain(Resampling):
             "[END]",
         ]
         return Encoded(
-            ("\r\n".join(lines) + "\r\n").encode("ascii"),
+            joined(lines, "\r\n"),
             max(r.error for r in rounded),
             step=unit,
             carried=made,
@@ -171,7 +169,8 @@ class Heidenhain(Resampling):
                 f"the first line is not 'BEGIN name.COM MM' but {lines[0][:60]!r}",
                 hint="only tables in mm are read",
             )
-        sign = fact(self, "entry_sign", options, {}, path)
+        needed = ("entry_sign",)
+        sign = settled(self.options, options, path, needed=needed, partial=True)["entry_sign"]
         target = _target(lines[1], path)
         rows = [_row(line, i, path) for i, line in enumerate(lines[2:-1])]
         if len(rows) > _CAPACITY:
@@ -217,21 +216,15 @@ def _looked_up(
         "its column BACKLASH": target if both else None,
         "you": options.get("looked_up_axis"),
     }
-    known = [(who, axis) for who, axis in told.items() if axis is not None]
-    for one in known:
-        require_agreement(path, "the axis that is looked up", known[0], one)
-    require_agreement(
-        path,
-        "the corrected axis",
-        ("the file", target),
-        ("its sidecar", beside.get("compensates")),
-    )
-    if not known:
+    axis = agreed(path, "the axis that is looked up", told)
+    sources = {"the file": target, "its sidecar": beside.get("compensates")}
+    agreed(path, "the corrected axis", sources)
+    if axis is None:
         raise DataError(
             f"{path}: the table corrects {target}, but its name {name} does not tell over which axis; "
             f"give looked_up_axis= ({target} if the axis corrects itself)"
         )
-    return str(known[0][1])
+    return str(axis)
 
 
 def _require_sign(made: CompensationTable, path: Path) -> None:

@@ -1,57 +1,88 @@
-"""TwinCAT CNC / ISG kernel: compensation value lists (achskw*.lis) over one axis.
+"""TwinCAT CNC / ISG kernel: compensation value lists (achskw*.lis), ``key value`` lines in 0.1 um.
 
 `IsgAxis`: leadscrew errors `kw.ssfk`, two columns; the documents calculate the entry as actual minus
 setpoint, so k = +1 in entry = k e. `IsgCross`: `kw.crosscomp`, one column at free setpoints of a
-master axis; "relative compensation values", so k = -1. Both signs must be tried on the machine.
+master axis; "relative compensation values", so k = -1. `IsgPlane`: `kw.crosscomp2`, one axis over two
+others, one interval for both; `table[j][i].correction`, j counting the second master axis (rows, y), i the
+first (columns, x), k = -1. All signs must be tried on the machine.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from metrosep.compensation.knots import choose_knots
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._facts import agreed, named_axes, settled
+from metrosep.controllers._grammar import (
+    Line,
+    Word,
+    ascii_lines,
+    fixed,
+    joined,
+    require_rising,
+)
 from metrosep.controllers._grids import (
     DRY_RUN,
     Carried,
     Resampling,
-    ascii_lines,
     carry,
-    fixed,
+    map_at,
     require_interval,
     require_linear,
     require_one_direction,
     require_sizes,
     uniform_positions,
 )
-from metrosep.controllers._notes import fact, named_axes, require_agreement
-from metrosep.controllers.base import DialectInfo, Encoded, identity, load_sidecar
-from metrosep.controllers.neutral import map_fields
+from metrosep.controllers.base import (
+    DialectInfo,
+    Encoded,
+    identity,
+    load_sidecar,
+    map_identity,
+    nearest_zero,
+)
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 from metrosep.core.units import format_length
 
-__all__ = ["IsgAxis", "IsgCross"]
-
-
-# ---- shared by the writers of the ISG dialects: lists of ``key value`` lines with comments, in units of 0.1 um ----
+__all__ = ["IsgAxis", "IsgCross", "IsgPlane"]
 
 UNIT = 1e-7
 """Length of 1 in a list with unit 1, m."""
 _DECIMALS = 6
 """Decimals of a REAL64 entry: 0.1 pm."""
-SGN32 = 2**31 - 1
+_SGN32 = 2**31 - 1
+_FARTHEST = 214.0
+"""What 32 bits of 0.1 um hold, m."""
 
-NAME = re.compile(r"[A-Za-z]\w{0,15}", re.ASCII)
+_ENTRY = Line("{key} {value}", key=Word(r"[a-z]\w*(?:\.\w+(?:\[\d{1,7}\])*)+"), value=Word(r"\S+"))
+_NAME = Word(r"[A-Za-z]\w{0,15}")
+_COUNT = Word(r"\d{1,7}", int)
+_REAL = Word(r"-?\d{1,10}(?:\.\d{1,12})?", float)
+_COMMENT = re.compile(r"#|/\*")
+_SIGN = Line(
+    f"# metrosep: entry = {{entry_sign}}e in 0.1 um, {DRY_RUN}",
+    entry_sign=Word(r"[+-]", lambda w: 1 if w == "+" else -1, lambda v: "+" if v > 0 else "-"),
+)
+
+_AXIS_POINTS = 1499
+"""Default of kw.ssfk.max_points less one: kw_nr_max must be smaller."""
+_CROSS_POINTS = 1001
+"""Default of kw.crosscomp.max_points: last_index must be smaller."""
+_POINTS, _PER_AXIS = 10201, 101
+"""Room where max_points is not given: both last indices up to 100."""
+_SAME = 1e-6
+"""Share of the interval within which a position lies on the grid."""
 
 AXIS_NUMBER = Option(
     "axis_number",
@@ -61,9 +92,6 @@ AXIS_NUMBER = Option(
     lowest=1,
     highest=999,
 )
-FARTHEST = 214.0
-"""What 32 bits of 0.1 um hold, m."""
-
 INTERVAL = Option(
     "interval",
     "equal spacing; as the table if omitted",
@@ -80,288 +108,102 @@ NUMBER_TYPE = Option(
 )
 
 
-def placed(table: CompensationTable, options: Mapping[str, Any], title: str) -> Carried:
-    """Return a table at positions that a list can hold."""
-    capacity = options["capacity"]
-    values = None
-    if options["interval"] is not None:
-        positions = uniform_positions(
-            table, interval=options["interval"], max_points=capacity, title=title
+class _List(Resampling):
+    """A list: a head, settings in an order that the class declares, and cells of a table."""
+
+    structure: ClassVar[str]
+    settings: ClassVar[Mapping[str, Word | str]]
+    """Key and word of each setting; a text is the only value that is read."""
+    parameter: ClassVar[str]
+
+    def _encoded(
+        self,
+        carried: Carried,
+        name: str,
+        options: Mapping[str, Any],
+        settings: Mapping[str, object],
+        cells: Iterable[tuple[str, str]],
+        wanted: Iterable[tuple[list[str], FloatArray]],
+    ) -> Encoded:
+        """Return the bytes with what rounding costs: cells by their place, columns as they should be."""
+        if not re.fullmatch(_NAME.pattern, name, re.ASCII):
+            raise TableError(f"axis {name!r} is no name for a list: letters, digits, underscores")
+        key = f"kw.{self.structure}"
+        lines = [
+            _SIGN.write(entry_sign=options["entry_sign"]),
+            f"kopf.achs_nr {options['axis_number']}",
+            f"kopf.log_achs_name {name}",
+            *(
+                f"{key}.{k} {settings.get(k, w)}"
+                for k, w in self.settings.items()
+                if settings.get(k, w)
+            ),
+            *(f"{key}.table{place} {value}" for place, value in cells),
+        ]
+        off = max(
+            float(np.abs(np.array([float(v) for v in column]) * UNIT - w).max())
+            for column, w in wanted
         )
-    elif table.positions.size <= capacity:
-        positions = np.asarray(table.positions)
-    elif table.reverse is None:
-        knots = choose_knots(table.positions, table.forward, capacity)
-        positions, values = knots.positions, knots.values
-    else:
-        positions = np.linspace(*table.span, capacity)
-    quantum = UNIT if options["number_type"] == "integer" else UNIT * 10.0**-_DECIMALS
-    at = np.rint(positions / quantum) * quantum
-    if (np.diff(at) <= 0).any():
-        i = int(np.flatnonzero(np.diff(at) <= 0)[0])
-        raise TableError(
-            f"{title}: the positions {positions[i] * 1e3:.9g} and {positions[i + 1] * 1e3:.9g} mm fall "
-            f"together at steps of {format_length(quantum)}; use a wider spacing"
+        return Encoded(
+            joined(lines),
+            off,
+            step=UNIT if options["number_type"] == "integer" else 0.0,
+            carried=carried.table,
+            resampling_error=carried.error,
         )
-    if values is None:
-        return carry(table, at)
-    made = replace(table, positions=at, forward=values, u=None)
-    everywhere = np.union1d(at, table.positions)
-    error = np.abs(made.correction(everywhere) - table.correction(everywhere)).max()
-    return Carried(made, float(error), True)
 
+    def _opened(
+        self, data: bytes, path: Path, options: Mapping[str, Any]
+    ) -> tuple[_Cells, dict[str, Any]]:
+        """Return the cells of a list, and its head and settings, which fit what the user says."""
+        entries, comment = _entries(data, path, options.get("number_type") == "integer")
+        cells = _Cells(entries, f"kw.{self.structure}", path)
+        found = {
+            "axis_number": cells.take("kopf.achs_nr", _COUNT),
+            "name": cells.take("kopf.log_achs_name", _NAME),
+        }
+        for setting, word in self.settings.items():
+            key = f"{cells.key}.{setting}"
+            if setting == "max_points" and key not in entries:
+                found[setting] = 0
+                continue
+            found[setting] = cells.take(key, _COUNT if isinstance(word, str) else word)
+            if isinstance(word, str) and str(found[setting]) != word:
+                raise CorruptFileError(
+                    path,
+                    f"{key} is {found[setting]}",
+                    expected=word,
+                    found=found[setting],
+                    hint="only lists in 0.1 um, and of leadscrews only bilateral ones, are read",
+                )
+        for option, n in self._numbers(found).items():
+            if options.get(option) not in (None, n):
+                raise CorruptFileError(
+                    path,
+                    f"the list of another axis ({option})",
+                    expected=options[option],
+                    found=n,
+                    hint="choose the list of these axes; they must not be swapped",
+                )
+        cycles = {"cycles": found["n_cycles"]} if "n_cycles" in found else {}
+        known = [o for o in self.options if o.name in ("entry_sign", "cycles")]
+        needed = ("entry_sign",)
+        sign = settled(known, options, path, file={**comment, **cycles}, needed=needed)
+        return cells, {**found, "sign": -sign["entry_sign"] * UNIT}
 
-def to_units(values: FloatArray, kind: str) -> list[str]:
-    """Return lengths as numbers of a list."""
-    counts = np.asarray(values) / UNIT
-    if float(np.abs(counts).max()) > SGN32:
-        worst = float(np.asarray(values)[int(np.abs(counts).argmax())])
-        raise LimitError(
-            f"{format_length(worst)} is beyond the 32 bits of a list in 0.1 um (214 m); check the "
-            "units of the table"
-        )
-    return [_printed(float(c), kind) for c in counts]
+    def _numbers(self, found: Mapping[str, Any]) -> dict[str, int]:
+        """Return the numbers of axes in a list, by the options that state them."""
+        return {"axis_number": found["axis_number"]}
 
-
-def _printed(count: float, kind: str) -> str:
-    return str(round(count)) if kind == "integer" else fixed(count, _DECIMALS)
-
-
-def spacing(positions: list[str], kind: str) -> str:
-    """Return the interval of equally spaced positions, "0" if they are not."""
-    p = np.array([float(v) for v in positions])
-    step = _printed(float(p[-1] - p[0]) / (p.size - 1), kind)
-    off = np.abs(p - (p[0] + float(step) * np.arange(p.size))).max()
-    return step if off <= 1e-9 * abs(float(step)) + 10.0**-_DECIMALS else "0"
-
-
-def head_lines(name: str, options: Mapping[str, Any]) -> list[str]:
-    """Return comment and head of a list."""
-    if not NAME.fullmatch(name):
-        raise TableError(f"axis {name!r} is no name for a list: letters, digits, underscores")
-    sign = "+" if options["entry_sign"] > 0 else "-"
-    return [
-        f"# metrosep: entry = {sign}e in 0.1 um, {DRY_RUN}",
-        f"kopf.achs_nr {options['axis_number']}",
-        f"kopf.log_achs_name {name}",
-    ]
-
-
-def encoded(
-    carried: Any, wanted: list[FloatArray], columns: list[list[str]], lines: list[str], kind: str
-) -> Encoded:
-    """Return the bytes with what rounding costs."""
-    off = max(
-        float(np.abs(np.array([float(v) for v in c]) * UNIT - w).max())
-        for c, w in zip(columns, wanted, strict=True)
-    )
-    return Encoded(
-        ("\n".join(lines) + "\n").encode("ascii"),
-        off,
-        step=UNIT if kind == "integer" else 0.0,
-        carried=carried.table,
-        resampling_error=carried.error,
-    )
-
-
-# ---- shared by the readers of the ISG dialects: entries of a list, taken one by one until none is left ----
-
-Entries = dict[str, tuple[str, int]]
-
-_LINE = re.compile(r"([a-z]\w*(?:\.\w+(?:\[\d{1,7}\])*)+)\s+(\S+)", re.ASCII)
-_NUMBER = re.compile(r"-?\d{1,10}(?:\.\d{1,12})?")
-_COMMENT = re.compile(r"#|/\*")
-_WHOLE = re.compile(r"\d{1,7}")
-_SIGN = re.compile(r"# metrosep: entry = ([+-])e in 0\.1 um, sign not documented.*")
-
-
-def read_list(
-    data: bytes, path: Path, options: Mapping[str, Any]
-) -> tuple[Entries, dict[str, Any]]:
-    """Return the entries of a list, and what its comment tells."""
-    text, comments = _without_comments(
-        "\n".join(ascii_lines(data, path, "compensation value list")), path
-    )
-    comment = _told(comments, path)
-    entries: Entries = {}
-    for i, line in enumerate(text.split("\n"), start=1):
-        if not line.strip():
-            continue
-        found = _LINE.fullmatch(line.strip())
-        if found is None or found[1] in entries:
-            raise CorruptFileError(
-                path,
-                f"line {i} is no entry, or one that stands twice: {line.strip()[:60]!r}",
-                hint="one 'key value' a line; comments behind # or in /* */",
-            )
-        entries[found[1]] = (found[2], i)
-    if options.get("number_type") == "integer":
-        _require_whole(entries, path)
-    return entries, comment
-
-
-def _without_comments(text: str, path: Path) -> tuple[str, list[str]]:
-    """Return the text with its lines as they were, and the comments behind #; one pass."""
-    kept: list[str] = []
-    comments: list[str] = []
-    at = 0
-    while (found := _COMMENT.search(text, at)) is not None:
-        kept.append(text[at : found.start()])
-        end = text.find("\n" if found[0] == "#" else "*/", found.end())
-        if end < 0 and found[0] != "#":
-            line = text.count("\n", 0, found.start()) + 1
-            raise CorruptFileError(
-                path,
-                f"line {line}: the comment /* is not closed",
-                hint="close it with */, or write the table again",
-            )
-        end = len(text) if end < 0 else end
-        if found[0] == "#":
-            comments.append(text[found.start() : end].strip())
-            at = end
-        else:
-            kept.append("\n" * text.count("\n", found.start(), end))
-            at = end + 2
-    return "".join([*kept, text[at:]]), comments
-
-
-def _told(comments: list[str], path: Path) -> dict[str, Any]:
-    told: dict[str, Any] = {}
-    for line in comments:
-        found = _SIGN.fullmatch(line)
-        if not found and line.startswith("# metrosep"):
-            raise CorruptFileError(
-                path, "the comment of the sign is damaged", hint="write it again"
-            )
-        if found and told.setdefault("entry_sign", 1 if found[1] == "+" else -1) != (
-            1 if found[1] == "+" else -1
-        ):
-            raise CorruptFileError(
-                path,
-                "two comments contradict each other about the sign of entries",
-                hint="lists were put together: take them apart, or write the table again",
-            )
-    return told
-
-
-def _require_whole(entries: Entries, path: Path) -> None:
-    for key, (word, line) in entries.items():
-        if "." in word:
-            raise CorruptFileError(
-                path,
-                f"line {line}: {key} {word} is no whole number",
-                hint="builds before V3.1.3132 / V4.29 cut it: write it with number_type='integer'",
+    def _require_room(self, n: int, room: int, path: Path, what: str = "") -> None:
+        if n > room:
+            raise LimitError(
+                f"{path}: {n} points, the kernel takes {room}, {what or self.parameter}; if yours has "
+                "room for more, say capacity="
             )
 
 
-def _taken(entries: Entries, key: str, pattern: re.Pattern[str], path: Path) -> str:
-    if key not in entries:
-        raise CorruptFileError(
-            path, f"{key} is missing", hint="the kernel would use 0: write the table again"
-        )
-    word, line = entries.pop(key)
-    if not pattern.fullmatch(word):
-        raise CorruptFileError(path, f"line {line}: {key} cannot be {word[:30]!r}", hint="mend it")
-    return word
-
-
-def header(entries: Entries, options: Mapping[str, Any], path: Path) -> tuple[int, str]:
-    """Return number and name of the corrected axis."""
-    number = int(_taken(entries, "kopf.achs_nr", _WHOLE, path))
-    if options.get("axis_number") not in (None, number):
-        raise CorruptFileError(
-            path,
-            "the list of another axis",
-            expected=options["axis_number"],
-            found=number,
-            hint="choose the list of this axis",
-        )
-    return number, _taken(entries, "kopf.log_achs_name", NAME, path)
-
-
-def require_value(entries: Entries, key: str, allowed: set[str], path: Path) -> None:
-    """Refuse an entry that is not one of some words."""
-    word = _taken(entries, key, _WHOLE, path)
-    if word not in allowed:
-        raise CorruptFileError(
-            path,
-            f"{key} is {word}",
-            expected=" or ".join(sorted(allowed)),
-            found=word,
-            hint="only lists in 0.1 um, and of leadscrews only bilateral ones, are read",
-        )
-
-
-def capacity_of(
-    entries: Entries, structure: str, usual: int, given: Mapping[str, Any], path: Path
-) -> int:
-    """Return how many numbers a kernel has reserved for a list."""
-    key = f"{structure}.max_points"
-    reserved = whole(entries, key, path) if key in entries else 0
-    return reserved or given.get("capacity") or usual
-
-
-def require_room(n: int, room: int, what: str, path: Path) -> None:
-    """Refuse a list of more points than the kernel takes."""
-    if n > room:
-        raise LimitError(
-            f"{path}: {n} points, the kernel takes {room}, {what}; if yours has room for more, say "
-            "capacity="
-        )
-
-
-def whole(entries: Entries, key: str, path: Path) -> int:
-    """Return a count."""
-    return int(_taken(entries, key, _WHOLE, path))
-
-
-def real(entries: Entries, key: str, path: Path) -> float:
-    """Return a number."""
-    value = float(_taken(entries, key, _NUMBER, path))
-    if abs(value) > SGN32:
-        raise CorruptFileError(path, f"{key} leaves 32 bits", found=value, hint="mend it")
-    return value
-
-
-def column(entries: Entries, table: str, field: str, n: int, path: Path) -> FloatArray:
-    """Return one field of all points."""
-    if n < 2 or n > len(entries):
-        raise CorruptFileError(
-            path, f"{n} points are announced, the list does not hold them", hint="write it again"
-        )
-    return np.array([real(entries, f"{table}[{i}].{field}", path) for i in range(n)])
-
-
-def no_more(entries: Entries, path: Path) -> None:
-    """Refuse entries that nobody asked for."""
-    for key, (_, line) in entries.items():
-        raise CorruptFileError(
-            path,
-            f"line {line}: {key} is not expected here",
-            hint="it changes what the kernel does and is not read; remove it or correct the count",
-        )
-
-
-def require_rising(positions: FloatArray, path: Path) -> None:
-    """Refuse positions that do not rise."""
-    falling = np.flatnonzero(np.diff(positions) <= 0)
-    if falling.size:
-        raise CorruptFileError(
-            path,
-            f"point {int(falling[0]) + 1}: the setpoint does not rise",
-            hint="sort the points; the kernel deselects such a list",
-        )
-
-
-# ------------------------------------------------------------------------------------------------
-
-_AXIS_POINTS = 1499
-"""Default of kw.ssfk.max_points less one: kw_nr_max must be smaller."""
-_CROSS_POINTS = 1001
-"""Default of kw.crosscomp.max_points: last_index must be smaller."""
-
-
-class IsgAxis(Resampling):
+class IsgAxis(_List):
     """Writer and reader of `kw.ssfk`; see the module."""
 
     info = DialectInfo(
@@ -406,71 +248,65 @@ class IsgAxis(Resampling):
         Option("entry_sign", "k in entry = k e", "choice", default=1, choices=(-1, 1)),
     )
 
+    structure = "ssfk"
+    settings: ClassVar[Mapping[str, Word | str]] = {
+        "max_points": _COUNT, "interval": _REAL, "kw_startpos": _REAL, "kw_nr_max": _COUNT,
+        "unit": "1", "bilateral": "1",
+    }  # fmt: skip
+    parameter = "kw.ssfk.max_points (P-COMP-00059) less one"
+
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         """Return a bilateral list, at equal spacing if the positions are, else with setpoints."""
         require_linear((table.axis, table.compensates), "kw.ssfk")
-        require_sizes(table, "kw.ssfk", farthest=FARTHEST, largest=FARTHEST)
+        require_sizes(table, "kw.ssfk", farthest=_FARTHEST, largest=_FARTHEST)
         if not table.is_on_axis:
             raise TableError(
                 f"kw.ssfk corrects the axis itself, this table is {table.axis} -> "
                 f"{table.compensates}; write controller='isg-cross'"
             )
         carried = placed(table, options, "kw.ssfk")
-        kind = options["number_type"]
-        k = -options["entry_sign"]
-        p = to_units(carried.table.positions, kind)
-        made = carried.table
-        reverse = made.forward if made.reverse is None else made.reverse
-        columns = [to_units(k * c, kind) for c in (made.forward, reverse)]
-        step = spacing(p, kind)
+        made, kind, k = carried.table, options["number_type"], -options["entry_sign"]
+        p = to_units(made.positions, kind)
+        wanted = [k * made.forward, k * (made.forward if made.reverse is None else made.reverse)]
+        columns = [to_units(w, kind) for w in wanted]
+        step = _spacing(p, kind)
         more = options["capacity"] > _AXIS_POINTS
-        body = [
-            *([f"kw.ssfk.max_points {options['capacity'] + 1}"] if more else []),
-            f"kw.ssfk.interval {step}",
-            f"kw.ssfk.kw_startpos {p[0]}",
-            f"kw.ssfk.kw_nr_max {len(p)}",
-            "kw.ssfk.unit 1",
-            "kw.ssfk.bilateral 1",
+        settings = {
+            "max_points": options["capacity"] + 1 if more else 0, "interval": step,
+            "kw_startpos": p[0], "kw_nr_max": len(p),
+        }  # fmt: skip
+        cells = [
+            (f"[{i}].{field}", v)
+            for field, column in zip(("setpoint", "pos", "neg"), (p, *columns), strict=True)
+            for i, v in enumerate(column)
+            if field != "setpoint" or step == "0"
         ]
-        fields = zip(("setpoint", "pos", "neg"), (p, *columns), strict=True)
-        for field, values in fields:
-            if field != "setpoint" or step == "0":
-                body += [f"kw.ssfk.table[{i}].{field} {v}" for i, v in enumerate(values)]
-        lines = [*head_lines(table.axis, options), *body]
-        return encoded(carried, [k * made.forward, k * reverse], columns, lines, kind)
+        pairs = zip(columns, wanted, strict=True)
+        return self._encoded(carried, table.axis, options, settings, cells, pairs)
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
         """Return the table."""
-        entries, comment = read_list(data, path, options)
-        sign = fact(self, "entry_sign", options, comment, path)
-        _, name = header(entries, options, path)
-        require_value(entries, "kw.ssfk.unit", {"1"}, path)
-        require_value(entries, "kw.ssfk.bilateral", {"1"}, path)
-        n = whole(entries, "kw.ssfk.kw_nr_max", path)
-        room = capacity_of(entries, "kw.ssfk", _AXIS_POINTS + 1, _plus_one(options), path) - 1
-        require_room(n, room, "kw.ssfk.max_points (P-COMP-00059) less one", path)
-        interval = real(entries, "kw.ssfk.interval", path)
-        start = real(entries, "kw.ssfk.kw_startpos", path)
-        if interval == 0.0:
-            p = column(entries, "kw.ssfk.table", "setpoint", n, path)
+        cells, found = self._opened(data, path, options)
+        n, step = found["kw_nr_max"], found["interval"]
+        room = (found["max_points"] or options.get("capacity", _AXIS_POINTS) + 1) - 1
+        self._require_room(n, room, path)
+        if step == 0.0:
+            p = cells.column("setpoint", n)
         else:
-            p = np.asarray(start + interval * np.arange(n), dtype=np.float64)
-        pos = column(entries, "kw.ssfk.table", "pos", n, path)
-        neg = column(entries, "kw.ssfk.table", "neg", n, path)
-        no_more(entries, path)
-        require_rising(p, path)
-        forward, reverse = (-sign * UNIT * c + 0.0 for c in (pos, neg))
-        fields = identity(path, first=float(p[0] * UNIT))
+            p = np.asarray(found["kw_startpos"] + step * np.arange(n), dtype=np.float64)
+        forward, reverse = (found["sign"] * cells.column(c, n) + 0.0 for c in ("pos", "neg"))
+        cells.end()
+        _require_rising(p, path)
         return CompensationTable(
-            positions=p * UNIT,
-            forward=forward,
-            reverse=None if np.array_equal(forward, reverse) else reverse,
+            p * UNIT,
+            forward,
+            None if np.array_equal(forward, reverse) else reverse,
             is_exact_inverse=True,
-            **named_axes(fields, (name, name), path),
+            **named_axes(identity(path, first=float(p[0] * UNIT)), (found["name"],) * 2, path),
         )
 
 
-class IsgCross(Resampling):
+class IsgCross(_List):
     """Writer and reader of `kw.crosscomp`; see the module."""
 
     info = DialectInfo(
@@ -526,124 +362,60 @@ class IsgCross(Resampling):
         Option("entry_sign", "k in entry = k e", "choice", default=-1, choices=(-1, 1)),
     )
 
+    structure = "crosscomp"
+    settings: ClassVar[Mapping[str, Word | str]] = {
+        "max_points": _COUNT, "unit": "1", "last_index": _COUNT, "master_ax_nr": _COUNT,
+        "n_cycles": _COUNT,
+    }  # fmt: skip
+    parameter = "kw.crosscomp.max_points (P-COMP-00060)"
+
+    def _numbers(self, found: Mapping[str, Any]) -> dict[str, int]:
+        """Return the numbers of slave and master."""
+        return {"axis_number": found["axis_number"], "master_number": found["master_ax_nr"]}
+
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         """Return the list of the slave axis."""
         require_linear((table.axis, table.compensates), "kw.crosscomp")
         require_one_direction(table, "kw.crosscomp", "as backlash of the slave or into kw.ssfk")
-        require_sizes(table, "kw.crosscomp", farthest=FARTHEST, largest=FARTHEST)
+        require_sizes(table, "kw.crosscomp", farthest=_FARTHEST, largest=_FARTHEST)
         _require_two_axes(table, options)
         carried = placed(table, options, "kw.crosscomp")
-        kind = options["number_type"]
-        k = -options["entry_sign"]
-        room = options["capacity"]
-        p, c = to_units(carried.table.positions, kind), to_units(k * carried.table.forward, kind)
-        body = [
-            *([f"kw.crosscomp.max_points {room}"] if room > _CROSS_POINTS else []),
-            "kw.crosscomp.unit 1",
-            f"kw.crosscomp.last_index {len(p) - 1}",
-            f"kw.crosscomp.master_ax_nr {options['master_number']}",
-            f"kw.crosscomp.n_cycles {options['cycles']}",
+        kind, room = options["number_type"], options["capacity"]
+        wanted = -options["entry_sign"] * carried.table.forward
+        p, c = to_units(carried.table.positions, kind), to_units(wanted, kind)
+        settings = {
+            "max_points": room if room > _CROSS_POINTS else 0, "last_index": str(len(p) - 1),
+            "master_ax_nr": options["master_number"], "n_cycles": str(options["cycles"]),
+        }  # fmt: skip
+        cells = [
+            (f"[{i}].{field}", v)
+            for i, pair in enumerate(zip(p, c, strict=True))
+            for field, v in zip(("setpoint", "correction"), pair, strict=True)
         ]
-        for i, (a, b) in enumerate(zip(p, c, strict=True)):
-            body += [
-                f"kw.crosscomp.table[{i}].setpoint {a}",
-                f"kw.crosscomp.table[{i}].correction {b}",
-            ]
-        lines = [*head_lines(table.compensates, options), *body]
-        return encoded(carried, [k * carried.table.forward], [c], lines, kind)
+        return self._encoded(carried, table.compensates, options, settings, cells, [(c, wanted)])
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
         """Return the table."""
-        entries, comment = read_list(data, path, options)
-        sign = fact(self, "entry_sign", options, comment, path)
-        number, name = header(entries, options, path)
-        require_value(entries, "kw.crosscomp.unit", {"1"}, path)
-        n = whole(entries, "kw.crosscomp.last_index", path) + 1
-        room = capacity_of(entries, "kw.crosscomp", _CROSS_POINTS, options, path)
-        require_room(n, room, "kw.crosscomp.max_points (P-COMP-00060)", path)
-        master = whole(entries, "kw.crosscomp.master_ax_nr", path)
-        if options.get("master_number") not in (None, master):
+        cells, found = self._opened(data, path, options)
+        n, number = found["last_index"] + 1, found["axis_number"]
+        room = found["max_points"] or options.get("capacity") or _CROSS_POINTS
+        self._require_room(n, room, path)
+        if found["master_ax_nr"] == number:
             raise CorruptFileError(
                 path,
-                "another master axis",
-                expected=options["master_number"],
-                found=master,
-                hint="choose the list of this axis",
-            )
-        if master == number:
-            raise CorruptFileError(
-                path,
-                f"axis {name} has number {number}, and so has its master",
+                f"axis {found['name']} has number {number}, and so has its master",
                 hint="an axis that corrects itself has a list kw.ssfk",
             )
-        cycles = whole(entries, "kw.crosscomp.n_cycles", path)
-        require_agreement(path, "cycles", ("the file", cycles), ("you", options.get("cycles")))
-        p = column(entries, "kw.crosscomp.table", "setpoint", n, path)
-        c = column(entries, "kw.crosscomp.table", "correction", n, path)
-        no_more(entries, path)
-        require_rising(p, path)
+        p, c = (cells.column(field, n) for field in ("setpoint", "correction"))
+        cells.end()
+        _require_rising(p, path)
+        fields = _fields(path, float(p[0] * UNIT), found["name"], options)
         return CompensationTable(
-            positions=p * UNIT,
-            forward=-sign * UNIT * c + 0.0,
-            reverse=None,
-            is_exact_inverse=True,
-            **_fields(path, float(p[0] * UNIT), name, options),
+            p * UNIT, found["sign"] * c + 0.0, None, is_exact_inverse=True, **fields
         )
 
 
-def _require_two_axes(table: CompensationTable, options: Mapping[str, Any]) -> None:
-    if table.is_on_axis:
-        raise TableError(
-            f"kw.crosscomp corrects another axis than its master, this table is {table.axis} -> "
-            f"{table.compensates}; write controller='isg-axis'"
-        )
-    if options["axis_number"] == options["master_number"]:
-        raise TableError(
-            f"the table is {table.axis} -> {table.compensates}, but axis_number and master_number are "
-            f"the same ({options['axis_number']}); give those of two axes"
-        )
-    if options["master_name"] not in (None, table.axis):
-        raise TableError(
-            f"master_name={options['master_name']!r}, but the table is looked up over {table.axis}"
-        )
-
-
-def _plus_one(options: Mapping[str, Any]) -> dict[str, Any]:
-    capacity = options.get("capacity")
-    return {} if capacity is None else {"capacity": capacity + 1}
-
-
-def _fields(path: Path, first: float, slave: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what the list cannot hold: the name of the master is that of sidecar or user."""
-    told = bool(load_sidecar(path))
-    fields = identity(path, first=first)
-    master = options.get("master_name")
-    if told:
-        require_agreement(path, "master_name", ("its sidecar", fields["axis"]), ("you", master))
-        require_agreement(
-            path, "the corrected axis", ("the file", slave), ("its sidecar", fields["compensates"])
-        )
-    master = fields["axis"] if master is None else master
-    if master == slave:
-        raise DataError(
-            f"{path}: the list corrects {slave} over another axis, and nothing tells its name; give "
-            "master_name="
-        )
-    return {**fields, "axis": master, "compensates": slave}
-
-
-# ---- twinCAT CNC / ISG kernel: plane compensation `kw.crosscomp2`, one axis over two others ----
-# Entry: `table[j][i].correction` in 0.1 um, j counting the second master axis (rows, y), i the first
-# (columns, x); "relative compensation values", so k = -1 in entry = k e. One interval serves both
-# masters. The sign must be tried on the machine.
-
-_POINTS, _PER_AXIS = 10201, 101
-"""Room where max_points is not given: both last indices up to 100."""
-_SAME = 1e-6
-"""Share of the interval within which a position lies on the grid."""
-
-
-class IsgPlane(Resampling):
+class IsgPlane(_List):
     """Writer and reader of `kw.crosscomp2`; see the module."""
 
     info = DialectInfo(
@@ -712,6 +484,20 @@ class IsgPlane(Resampling):
         Option("entry_sign", "k in entry = k e", "choice", default=-1, choices=(-1, 1)),
     )
 
+    structure = "crosscomp2"
+    settings: ClassVar[Mapping[str, Word | str]] = {
+        "max_points": _COUNT, "unit": "1", "interval": _REAL, "last_index_master1": _COUNT,
+        "last_index_master2": _COUNT, "start_position_master1": _REAL,
+        "start_position_master2": _REAL, "master1_ax_nr": _COUNT, "master2_ax_nr": _COUNT,
+        "n_cycles": _COUNT,
+    }  # fmt: skip
+    parameter = "kw.crosscomp2.max_points (P-COMP-00061)"
+
+    def _numbers(self, found: Mapping[str, Any]) -> dict[str, int]:
+        """Return the numbers of slave and masters."""
+        masters = {f"master{i}_number": found[f"master{i}_ax_nr"] for i in (1, 2)}
+        return {"axis_number": found["axis_number"], **masters}
+
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
         """Return the list of the slave axis."""
         _require_axes(table, options)
@@ -720,90 +506,141 @@ class IsgPlane(Resampling):
         step = _interval(table, options["interval"], quantum)
         x, y = (_grid(p, step, quantum) for p in (table.x, table.y))
         reserved = _reserved(x.size, y.size, step, options["capacity"])
-        carried = _carried(table, x, y)
-        k = -options["entry_sign"]
-        wanted = k * carried.table.values
-        entries = to_units(wanted.ravel(), kind)
-        body = [
-            *([f"kw.crosscomp2.max_points {reserved}"] if reserved else []),
-            "kw.crosscomp2.unit 1",
-            f"kw.crosscomp2.interval {to_units(np.array([step]), kind)[0]}",
-            f"kw.crosscomp2.last_index_master1 {x.size - 1}",
-            f"kw.crosscomp2.last_index_master2 {y.size - 1}",
-            f"kw.crosscomp2.start_position_master1 {to_units(x, kind)[0]}",
-            f"kw.crosscomp2.start_position_master2 {to_units(y, kind)[0]}",
-            f"kw.crosscomp2.master1_ax_nr {options['master1_number']}",
-            f"kw.crosscomp2.master2_ax_nr {options['master2_number']}",
-            f"kw.crosscomp2.n_cycles {options['cycles']}",
-        ]
-        body += [
-            f"kw.crosscomp2.table[{n // x.size}][{n % x.size}].correction {v}"
-            for n, v in enumerate(entries)
-        ]
-        lines = [*head_lines(table.compensates, options), *body]
-        return encoded(carried, [wanted.ravel()], [entries], lines, kind)
+        same = x.size == table.x.size and y.size == table.y.size
+        if same and max(np.abs(x - table.x).max(), np.abs(y - table.y).max()) <= 1e-12:
+            carried = Carried(table, 0.0, False)
+        else:
+            carried = Carried(*map_at(table, x, y), True)
+        wanted = (-options["entry_sign"] * carried.table.values).ravel()
+        entries = to_units(wanted, kind)
+        settings = {
+            "max_points": reserved, "interval": to_units(np.array([step]), kind)[0],
+            "last_index_master1": x.size - 1, "last_index_master2": y.size - 1,
+            "start_position_master1": to_units(x, kind)[0],
+            "start_position_master2": to_units(y, kind)[0],
+            "master1_ax_nr": options["master1_number"], "master2_ax_nr": options["master2_number"],
+            "n_cycles": str(options["cycles"]),
+        }  # fmt: skip
+        cells = [(f"[{n // x.size}][{n % x.size}].correction", v) for n, v in enumerate(entries)]
+        columns = [(entries, wanted)]
+        return self._encoded(carried, table.compensates, options, settings, cells, columns)
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
         """Return the map."""
-        entries, comment = read_list(data, path, options)
-        sign = fact(self, "entry_sign", options, comment, path)
-        number, name = header(entries, options, path)
-        key = "kw.crosscomp2."
-        require_value(entries, f"{key}unit", {"1"}, path)
-        step = real(entries, f"{key}interval", path)
-        n, m = (whole(entries, f"{key}last_index_master{i}", path) + 1 for i in (1, 2))
-        room = capacity_of(entries, "kw.crosscomp2", 0, options, path)
-        require_room(n * m, room or _POINTS, "kw.crosscomp2.max_points (P-COMP-00061)", path)
+        cells, found = self._opened(data, path, options)
+        step, name = found["interval"], found["name"]
+        n, m = (found[f"last_index_master{i}"] + 1 for i in (1, 2))
+        room = found["max_points"] or options.get("capacity") or 0
+        self._require_room(n * m, room or _POINTS, path)
         if not room:
-            require_room(max(n, m), _PER_AXIS, "along an axis without max_points", path)
-        starts = [real(entries, f"{key}start_position_master{i}", path) for i in (1, 2)]
-        masters = [whole(entries, f"{key}master{i}_ax_nr", path) for i in (1, 2)]
-        for i in (1, 2):
-            if options.get(f"master{i}_number") not in (None, masters[i - 1]):
-                raise CorruptFileError(
-                    path,
-                    f"another master axis {i}",
-                    expected=options[f"master{i}_number"],
-                    found=masters[i - 1],
-                    hint="choose the list of these axes; the two must not be swapped",
-                )
-        cycles = whole(entries, f"{key}n_cycles", path)
-        require_agreement(path, "cycles", ("the file", cycles), ("you", options.get("cycles")))
-        if step <= 0.0 or n < 2 or m < 2 or n * m > len(entries):
+            self._require_room(max(n, m), _PER_AXIS, path, "along an axis without max_points")
+        if step <= 0.0 or n < 2 or m < 2 or n * m > len(cells.entries):
             raise CorruptFileError(
                 path,
                 f"{m} x {n} points every {step:g} are announced, the list does not hold them",
                 hint="write the table again",
             )
-        values = np.array(
-            [
-                [real(entries, f"{key}table[{j}][{i}].correction", path) for i in range(n)]
-                for j in range(m)
-            ]
-        )
-        no_more(entries, path)
+        values = np.array([cells.column("correction", n, f"[{j}]") for j in range(m)])
+        cells.end()
         x, y = (
-            np.asarray((start + step * np.arange(k)) * UNIT, dtype=np.float64)
-            for start, k in zip(starts, (n, m), strict=True)
+            np.asarray(
+                (found[f"start_position_master{i}"] + step * np.arange(k)) * UNIT, dtype=np.float64
+            )
+            for i, k in ((1, n), (2, m))
         )
-        fields = map_fields(path, x, y)
-        if load_sidecar(path):
-            told = ("its sidecar", fields["compensates"])
-            require_agreement(path, "the corrected axis", ("the file", name), told)
-        _require_numbers(path, fields["axes"], name, masters, number)
-        return CompensationMap(
-            x,
-            y,
-            -sign * UNIT * values + 0.0,
-            is_exact_inverse=True,
-            **{**fields, "compensates": name},
+        fields = map_identity(
+            path,
+            axes=("X", "Y"),
+            compensates=name,
+            first=nearest_zero(x, y),
+            turns=(False, False),
+        )
+        sources = {"the file": name, "its sidecar": fields["compensates"]}
+        agreed(path, "the corrected axis", sources)
+        masters = [found[f"master{i}_ax_nr"] for i in (1, 2)]
+        _require_numbers(path, fields["axes"], name, masters, found["axis_number"])
+        return CompensationMap(x, y, found["sign"] * values + 0.0, is_exact_inverse=True, **fields)
+
+
+# ---- what is written ------------------------------------------------------------------------------
+
+
+def placed(table: CompensationTable, options: Mapping[str, Any], title: str) -> Carried:
+    """Return a table at positions that a list can hold."""
+    capacity = options["capacity"]
+    values = None
+    if options["interval"] is not None:
+        positions = uniform_positions(
+            table, interval=options["interval"], max_points=capacity, title=title
+        )
+    elif table.positions.size <= capacity:
+        positions = np.asarray(table.positions)
+    elif table.reverse is None:
+        knots = choose_knots(table.positions, table.forward, capacity)
+        positions, values = knots.positions, knots.values
+    else:
+        positions = np.linspace(*table.span, capacity)
+    quantum = UNIT if options["number_type"] == "integer" else UNIT * 10.0**-_DECIMALS
+    at = np.rint(positions / quantum) * quantum
+    if (np.diff(at) <= 0).any():
+        i = int(np.flatnonzero(np.diff(at) <= 0)[0])
+        raise TableError(
+            f"{title}: the positions {positions[i] * 1e3:.9g} and {positions[i + 1] * 1e3:.9g} mm fall "
+            f"together at steps of {format_length(quantum)}; use a wider spacing"
+        )
+    if values is None:
+        return carry(table, at)
+    made = replace(table, positions=at, forward=values, u=None)
+    everywhere = np.union1d(at, table.positions)
+    error = np.abs(made.correction(everywhere) - table.correction(everywhere)).max()
+    return Carried(made, float(error), True)
+
+
+def to_units(values: FloatArray, kind: str) -> list[str]:
+    """Return lengths as numbers of a list."""
+    counts = np.asarray(values) / UNIT
+    if float(np.abs(counts).max()) > _SGN32:
+        worst = float(np.asarray(values)[int(np.abs(counts).argmax())])
+        raise LimitError(
+            f"{format_length(worst)} is beyond the 32 bits of a list in 0.1 um (214 m); check the "
+            "units of the table"
+        )
+    return [_printed(float(c), kind) for c in counts]
+
+
+def _printed(count: float, kind: str) -> str:
+    return str(round(count)) if kind == "integer" else fixed(count, _DECIMALS)
+
+
+def _spacing(positions: list[str], kind: str) -> str:
+    """Return the interval of equally spaced positions, "0" if they are not."""
+    p = np.array([float(v) for v in positions])
+    step = _printed(float(p[-1] - p[0]) / (p.size - 1), kind)
+    off = np.abs(p - (p[0] + float(step) * np.arange(p.size))).max()
+    return step if off <= 1e-9 * abs(float(step)) + 10.0**-_DECIMALS else "0"
+
+
+def _require_two_axes(table: CompensationTable, options: Mapping[str, Any]) -> None:
+    if table.is_on_axis:
+        raise TableError(
+            f"kw.crosscomp corrects another axis than its master, this table is {table.axis} -> "
+            f"{table.compensates}; write controller='isg-axis'"
+        )
+    if options["axis_number"] == options["master_number"]:
+        raise TableError(
+            f"the table is {table.axis} -> {table.compensates}, but axis_number and master_number are "
+            f"the same ({options['axis_number']}); give those of two axes"
+        )
+    if options["master_name"] not in (None, table.axis):
+        raise TableError(
+            f"master_name={options['master_name']!r}, but the table is looked up over {table.axis}"
         )
 
 
 def _require_axes(table: CompensationMap, options: Mapping[str, Any]) -> None:
     require_linear((*table.axes, table.compensates), "kw.crosscomp2")
     farthest = max(float(np.abs(v).max()) for v in (table.x, table.y, table.values))
-    if farthest > FARTHEST:
+    if farthest > _FARTHEST:
         raise LimitError(
             f"kw.crosscomp2: {format_length(farthest)} is beyond the 32 bits of a list in 0.1 um "
             "(214 m); check the units of the map"
@@ -817,20 +654,6 @@ def _require_axes(table: CompensationMap, options: Mapping[str, Any]) -> None:
                 f"the map is {table.axes[0]}, {table.axes[1]} -> {table.compensates}, the numbers "
                 f"{numbers[1]}, {numbers[2]} -> {numbers[0]} do not say the same"
             )
-
-
-def _require_numbers(
-    path: Path, axes: tuple[str, str], name: str, masters: list[int], number: int
-) -> None:
-    if masters[0] == masters[1] or any(
-        (a == name) != (m == number) for a, m in zip(axes, masters, strict=True)
-    ):
-        raise CorruptFileError(
-            path,
-            f"numbers and names of the axes do not fit: {masters[0]}, {masters[1]} -> {number} and "
-            f"{axes[0]}, {axes[1]} -> {name}",
-            hint="an axis has one number: write the table again",
-        )
 
 
 def _reserved(n: int, m: int, step: float, capacity: int | None) -> int:
@@ -868,13 +691,152 @@ def _grid(positions: FloatArray, step: float, quantum: float) -> FloatArray:
     return np.asarray(start + step * np.arange(max(n, 2)), dtype=np.float64)
 
 
-def _carried(table: CompensationMap, x: FloatArray, y: FloatArray) -> Carried:
-    """Return the map on the grid; two bilinear maps differ most at a node of one of them."""
-    margin = 1e-12
-    same = x.size == table.x.size and y.size == table.y.size
-    if same and max(np.abs(x - table.x).max(), np.abs(y - table.y).max()) <= margin:
-        return Carried(table, 0.0, False)
-    made = replace(table, x=x, y=y, values=table.correction(x, y[:, None]), u=None)
-    px, py = np.union1d(x, table.x), np.union1d(y, table.y)[:, None]
-    error = float(np.abs(made.correction(px, py) - table.correction(px, py)).max())
-    return Carried(made, error, True)
+# ---- what is read ---------------------------------------------------------------------------------
+
+
+class _Cells:
+    """Entries of a list, taken one by one until none is left."""
+
+    def __init__(self, entries: dict[str, tuple[str, int]], key: str, path: Path) -> None:
+        """Take value and line of each key."""
+        self.entries, self.key, self.path = entries, key, path
+
+    def take(self, key: str, word: Word) -> Any:
+        """Return one entry."""
+        if key not in self.entries:
+            raise CorruptFileError(
+                self.path,
+                f"{key} is missing",
+                hint="the kernel would use 0: write the table again",
+            )
+        text, line = self.entries.pop(key)
+        if not re.fullmatch(word.pattern, text, re.ASCII):
+            raise CorruptFileError(
+                self.path, f"line {line}: {key} cannot be {text[:30]!r}", hint="mend it"
+            )
+        value = word.read(text)
+        if isinstance(value, float) and abs(value) > _SGN32:
+            raise CorruptFileError(self.path, f"{key} leaves 32 bits", found=value, hint="mend it")
+        return value
+
+    def column(self, field: str, n: int, row: str = "") -> FloatArray:
+        """Return one field of all points."""
+        if n < 2 or n > len(self.entries):
+            raise CorruptFileError(
+                self.path,
+                f"{n} points are announced, the list does not hold them",
+                hint="write it again",
+            )
+        table = f"{self.key}.table{row}"
+        return np.array([self.take(f"{table}[{i}].{field}", _REAL) for i in range(n)])
+
+    def end(self) -> None:
+        """Refuse entries that nobody asked for."""
+        for key, (_, line) in self.entries.items():
+            raise CorruptFileError(
+                self.path,
+                f"line {line}: {key} is not expected here",
+                hint="it changes what the kernel does and is not read; remove it or correct the count",
+            )
+
+
+def _entries(
+    data: bytes, path: Path, whole: bool
+) -> tuple[dict[str, tuple[str, int]], dict[str, Any]]:
+    """Return value and line of each key of a list, and what its comment states."""
+    lines = ascii_lines(data, path, "compensation value list")
+    text, comments = _without_comments("\n".join(lines), path)
+    stated: dict[str, Any] = {}
+    for line in comments:
+        found = _SIGN.read(line)
+        if found is None and line.startswith("# metrosep"):
+            raise CorruptFileError(
+                path, "the comment of the sign is damaged", hint="write it again"
+            )
+        sign = (found or {}).get("entry_sign")
+        if sign is not None and stated.setdefault("entry_sign", sign) != sign:
+            raise CorruptFileError(
+                path,
+                "two comments contradict each other about the sign of entries",
+                hint="lists were put together: take them apart, or write the table again",
+            )
+    entries: dict[str, tuple[str, int]] = {}
+    for i, line in enumerate(text.split("\n"), start=1):
+        if not line.strip():
+            continue
+        entry = _ENTRY.read(" ".join(line.split()))
+        if entry is None or entry["key"] in entries:
+            raise CorruptFileError(
+                path,
+                f"line {i} is no entry, or one that is there twice: {line.strip()[:60]!r}",
+                hint="one 'key value' a line; comments behind # or in /* */",
+            )
+        if whole and "." in entry["value"]:
+            raise CorruptFileError(
+                path,
+                f"line {i}: {entry['key']} {entry['value']} is no whole number",
+                hint="builds before V3.1.3132 / V4.29 cut it: write it with number_type='integer'",
+            )
+        entries[entry["key"]] = (entry["value"], i)
+    return entries, stated
+
+
+def _without_comments(text: str, path: Path) -> tuple[str, list[str]]:
+    """Return the text with its lines as they were, and the comments behind #; one pass."""
+    kept: list[str] = []
+    comments: list[str] = []
+    at = 0
+    while (found := _COMMENT.search(text, at)) is not None:
+        kept.append(text[at : found.start()])
+        end = text.find("\n" if found[0] == "#" else "*/", found.end())
+        if end < 0 and found[0] != "#":
+            line = text.count("\n", 0, found.start()) + 1
+            raise CorruptFileError(
+                path,
+                f"line {line}: the comment /* is not closed",
+                hint="close it with */, or write the table again",
+            )
+        end = len(text) if end < 0 else end
+        if found[0] == "#":
+            comments.append(text[found.start() : end].strip())
+            at = end
+        else:
+            kept.append("\n" * text.count("\n", found.start(), end))
+            at = end + 2
+    return "".join([*kept, text[at:]]), comments
+
+
+def _fields(path: Path, first: float, slave: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the list cannot hold: the name of the master is that of sidecar or user."""
+    fields = identity(path, first=first)
+    master = options.get("master_name")
+    if load_sidecar(path):
+        agreed(path, "master_name", {"its sidecar": fields["axis"], "you": master})
+        sources = {"the file": slave, "its sidecar": fields["compensates"]}
+        agreed(path, "the corrected axis", sources)
+    master = fields["axis"] if master is None else master
+    if master == slave:
+        raise DataError(
+            f"{path}: the list corrects {slave} over another axis, and nothing tells its name; give "
+            "master_name="
+        )
+    return {**fields, "axis": master, "compensates": slave}
+
+
+def _require_numbers(
+    path: Path, axes: tuple[str, str], name: str, masters: list[int], number: int
+) -> None:
+    if masters[0] == masters[1] or any(
+        (a == name) != (m == number) for a, m in zip(axes, masters, strict=True)
+    ):
+        raise CorruptFileError(
+            path,
+            f"numbers and names of the axes do not fit: {masters[0]}, {masters[1]} -> {number} and "
+            f"{axes[0]}, {axes[1]} -> {name}",
+            hint="an axis has one number: write the table again",
+        )
+
+
+def _require_rising(positions: FloatArray, path: Path) -> None:
+    hint = "sort the points; the kernel deselects such a list"
+    require_rising(positions, path, "setpoint", hint, first=0)

@@ -26,7 +26,8 @@ from metrosep.controllers.base import (
     DialectInfo,
     Encoded,
     Simulator,
-    load_sidecar,
+    map_identity,
+    nearest_zero,
     one_way,
 )
 from metrosep.controllers.options import Option
@@ -154,10 +155,8 @@ class LinuxCNCEoffset(Dialect):
             x=x,
             y=y,
             values=np.array(grid.counts, dtype=np.float64) * unit,
-            axes=grid.axes[:2],
-            compensates=grid.axes[2],
             is_exact_inverse=True,
-            **_identity(path, (float(x[0]), float(x[-1])), (float(y[0]), float(y[-1]))),
+            **_identity(path, grid.axes, x, y),
         )
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
@@ -210,24 +209,13 @@ def _checked(data: bytes, path: Path, options: dict[str, Any]) -> Grid:
     return grid
 
 
-def _identity(path: Path, x: tuple[float, float], y: tuple[float, float]) -> dict[str, Any]:
-    """Return what the program does not hold: reference, what is not in the map, its border."""
-    known = load_sidecar(path).get("table", {})
-    default = [0.0 if low <= 0.0 <= high else low for low, high in (x, y)]
-    reference = known.get("reference_si", default) if isinstance(known, dict) else None
-    if not (
-        isinstance(reference, list)
-        and len(reference) == 2
-        and all(isinstance(v, int | float) and not isinstance(v, bool) for v in reference)
-    ):
-        raise CorruptFileError(
-            path, "its sidecar is not that of a map", field="reference_si", found=reference
-        )
-    return {
-        "reference": (float(reference[0]), float(reference[1])),
-        "removed": "plane" if known.get("not_in_map") == "plane" else "offset",
-        "border": "zero" if known.get("border") == "zero" else None,
-    }
+def _identity(
+    path: Path, axes: tuple[str, str, str], x: FloatArray, y: FloatArray
+) -> dict[str, Any]:
+    """Return axes of the program, and what it does not hold: reference, what is not in the map, border."""
+    first = nearest_zero(x, y)
+    known = map_identity(path, axes=axes[:2], compensates=axes[2], first=first)
+    return {**known, "axes": axes[:2], "compensates": axes[2]}
 
 
 # ---- text of the HAL component that applies a map in LinuxCNC: a Python program with its data ----

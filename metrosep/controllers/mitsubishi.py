@@ -16,30 +16,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.compensation.rounding import round_increments
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._grids import (
-    Resampling,
+from metrosep.controllers._facts import named_axes, settled
+from metrosep.controllers._grammar import (
+    AXIS,
+    INTEGER,
+    MM,
+    Line,
+    Text,
+    Word,
     ascii_lines,
-    carry,
+    joined,
     mm_text,
     mm_value,
+)
+from metrosep.controllers._grids import (
+    Resampling,
     require_linear,
     require_one_direction,
     require_sizes,
-    require_zero,
-    uniform_positions,
+    sections,
+    walked,
 )
-from metrosep.controllers._notes import fact, named_axes, require_agreement
 from metrosep.controllers.base import DialectInfo, Encoded, identity
 from metrosep.controllers.options import Option
-from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, LimitError, TableError
-from metrosep.core.units import format_length
+from metrosep.core.errors import CorruptFileError, TableError
 
 __all__ = ["Mitsubishi"]
-
-IntArray = NDArray[np.int64]
 
 _TITLE = "Mitsubishi machine error compensation"
 _FIRST, _LAST = 4101, 5124
@@ -48,14 +51,15 @@ _FARTHEST, _LARGEST = 1e3, 1.0
 """Position and correction beyond which units are mistaken, m."""
 _CAPACITY = _LAST - _FIRST + 1
 
-_FACTS = re.compile(
-    r"; MITSUBISHI MACHINE ERROR COMPENSATION, INCREMENTAL, OUTPUT UNIT (\d+\.?\d*) MM, "
-    r"REFERENCE (-?\d+\.?\d*) MM"
+_HEAD = Line(
+    "; MITSUBISHI MACHINE ERROR COMPENSATION, INCREMENTAL, OUTPUT UNIT {output_unit} MM, REFERENCE "
+    "{reference_position} MM",
+    output_unit=MM,
+    reference_position=MM,
 )
-_LINE = re.compile(r"#(\d{4}) (\S+)")
-_AXIS = re.compile(r"[A-Z]\d?")
-_INTEGER = re.compile(r"-?\d{1,5}")
-_DECIMAL = re.compile(r"\d{1,6}\.?\d{0,12}")
+_LINE = Line("#{number} {value}", value=Word(r"\S+"))
+_SETTINGS = (AXIS, AXIS, *4 * (INTEGER,), Word(r"\d{1,6}\.?\d{0,12}", mm_value, mm_text))
+"""Looked-up and corrected axis; reference, first and last number, scale; interval."""
 
 
 class Mitsubishi(Resampling):
@@ -138,52 +142,63 @@ class Mitsubishi(Resampling):
         require_one_direction(table, _TITLE, "into #2011 and #2012 (backlash)")
         _require_axes(table, options["cross_axis"])
         require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
-        zero = options["reference_position"]
-        zero = table.reference if zero is None else zero
-        require_zero(table, zero, _TITLE)
-        positions = uniform_positions(
-            table,
-            through=zero,
-            interval=options["interval"],
-            quantum=options["increment"],
-            max_points=_CAPACITY + 1,
-            title=_TITLE,
-        )
-        carried = carry(table, positions)
         unit = 0.5 * options["output_unit"] * options["scale"]
-        rounded = round_increments(carried.table.forward, unit, limits=None)
-        _require_range(rounded.entries, positions, unit)
-        below = int(np.abs(positions - zero).argmin())
-        number = options["reference_number"]
-        number = max(_FIRST + below - 1, _FIRST) if number is None else number
-        first, last = number + 1 - below, number + positions.size - 1 - below
-        if first < _FIRST or last > _LAST:
-            raise LimitError(
-                f"numbers #{first} to #{last} leave #{_FIRST} to #{_LAST}; choose another "
-                "reference_number"
-            )
-        interval = float(positions[-1] - positions[0]) / (positions.size - 1)
-        steps = round(interval / options["increment"])
-        text = _text(table, options, zero, (number, first, last), steps, rounded.entries)
+        made = sections(
+            table,
+            options,
+            title=_TITLE,
+            unit=unit,
+            most=_CAPACITY + 1,
+            numbers=(_FIRST, _LAST),
+            limits=(_LOW, _HIGH),
+            larger="scale",
+        )
+        steps = round(made.interval / options["increment"])
+        values = (
+            table.axis, table.compensates, made.number, made.first, made.last, options["scale"],
+            steps * Decimal(repr(options["increment"])),
+        )  # fmt: skip
+        base = 4000 + 10 * (options["set_number"] - 1)
+        lines = [
+            _HEAD.write(output_unit=options["output_unit"], reference_position=made.zero),
+            *(
+                _LINE.write(number=base + i, value=word.write(v))
+                for i, (word, v) in enumerate(zip(_SETTINGS, values, strict=True), start=1)
+            ),
+            *(
+                _LINE.write(number=made.first + i, value=str(int(v)))
+                for i, v in enumerate(made.rounded.entries)
+            ),
+            "; END",
+        ]
         return Encoded(
-            text.encode("ascii"),
-            rounded.error,
+            joined(lines),
+            made.rounded.error,
             step=unit,
-            carried=carried.table,
-            resampling_error=carried.error,
+            carried=made.carried.table,
+            resampling_error=made.carried.error,
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
         """Return the cumulative corrections."""
         lines = ascii_lines(data, path, "list of Mitsubishi parameters")
-        head = _head(lines, path)
-        unit = fact(self, "output_unit", options, head, path)
-        zero = fact(self, "reference_position", options, head, path)
-        numbers, words = _parameters(lines, path)
-        base = 4000 + 10 * ((min(words) - 4001) // 10) if words else 0
-        axes, (number, first, last, scale), interval = _settings(words, base, path)
-        for name, value in (("reference_number", number), ("scale", scale)):
-            require_agreement(path, name, ("the file", value), ("you", options.get(name)))
+        if lines[-1] != "; END":
+            raise CorruptFileError(
+                path, "the list does not end with '; END': it was cut short", hint="write it again"
+            )
+        head = _HEAD.read(lines[0])
+        if head is None and lines[0].startswith("; MITSUBISHI"):
+            raise CorruptFileError(path, "line 1: the comment is damaged", hint="write it again")
+        first_row = 1 if lines[0].startswith(";") else 0
+        rows = list(enumerate(lines, start=1))[first_row:-1]
+        words = Text(path, rows, "list of Mitsubishi parameters").table(_LINE, "number")
+        base, stated = _stated(words, path)
+        axes, (number, first, last, scale, interval) = (stated[0], stated[1]), stated[2:]
+        known = settled(
+            self.options, options, path, partial=True,
+            file={**(head or {}), "reference_number": number, "scale": scale},
+            needed=("output_unit", "reference_position"),
+        )  # fmt: skip
         wanted = options.get("set_number")
         if wanted is not None and base != 4000 + 10 * (wanted - 1):
             raise CorruptFileError(
@@ -193,7 +208,7 @@ class Mitsubishi(Resampling):
                 found=f"#{base + 1}",
                 hint="choose the list of this axis",
             )
-        entries = _entries(numbers, first, last, path)
+        entries = _entries(words, first, last, path)
         if not (first - 1 <= number <= last and 1 <= scale <= 99 and interval > 0.0):
             raise CorruptFileError(
                 path,
@@ -202,22 +217,15 @@ class Mitsubishi(Resampling):
                 found=f"{number}, {first}, {last}, {scale}, {interval * 1e3:.9g} mm",
                 hint="write the table again",
             )
-        below = number + 1 - first
-        curve = np.concatenate([[0], np.cumsum(entries)])
-        curve = curve - curve[below]
+        zero, unit = known["reference_position"], 0.5 * known["output_unit"] * scale
+        positions, forward = walked(entries, number + 1 - first, zero, interval, unit)
         fields = {**named_axes(identity(path, first=zero), axes, path), "reference": zero}
-        return CompensationTable(
-            positions=zero + interval * np.arange(-below, curve.size - below),
-            forward=curve * (0.5 * unit * scale) + 0.0,
-            reverse=None,
-            is_exact_inverse=True,
-            **fields,
-        )
+        return CompensationTable(positions, forward, None, is_exact_inverse=True, **fields)
 
 
 def _require_axes(table: CompensationTable, cross_axis: str) -> None:
     for name in (table.axis, table.compensates):
-        if not _AXIS.fullmatch(name):
+        if not re.fullmatch(AXIS.pattern, name, re.ASCII):
             raise TableError(f"axis {name!r} is no Mitsubishi axis: a capital and perhaps a digit")
     if not table.is_on_axis and cross_axis != "tried":
         raise TableError(
@@ -227,105 +235,39 @@ def _require_axes(table: CompensationTable, cross_axis: str) -> None:
         )
 
 
-def _require_range(entries: IntArray, positions: FloatArray, unit: float) -> None:
-    bad = np.flatnonzero((entries < _LOW) | (entries > _HIGH))
-    if bad.size:
-        i = int(bad[0])
-        raise LimitError(
-            f"the increment {int(entries[i])} between {positions[i] * 1e3:.9g} and "
-            f"{positions[i + 1] * 1e3:.9g} mm leaves {_LOW} ... {_HIGH} steps of "
-            f"{format_length(unit)}; use a smaller interval or a larger scale"
-        )
-
-
-def _text(
-    table: CompensationTable,
-    options: Mapping[str, Any],
-    zero: float,
-    numbers: tuple[int, int, int],
-    steps: int,
-    entries: IntArray,
-) -> str:
-    base = 4000 + 10 * (options["set_number"] - 1)
-    values = (
-        table.axis,
-        table.compensates,
-        *numbers,
-        options["scale"],
-        mm_text(steps * Decimal(repr(options["increment"]))),
-    )
-    lines = [
-        (
-            f"; MITSUBISHI MACHINE ERROR COMPENSATION, INCREMENTAL, OUTPUT UNIT "
-            f"{mm_text(options['output_unit'])} MM, REFERENCE {mm_text(zero)} MM"
-        )
-    ]
-    lines += [f"#{base + i} {v}" for i, v in enumerate(values, start=1)]
-    lines += [f"#{numbers[1] + i} {int(v)}" for i, v in enumerate(entries)]
-    return "\n".join([*lines, "; END"]) + "\n"
-
-
-def _head(lines: list[str], path: Path) -> dict[str, Any]:
-    if lines[-1:] != ["; END"]:
-        raise CorruptFileError(
-            path, "the list does not end with '; END': it was cut short", hint="write it again"
-        )
-    found = _FACTS.fullmatch(lines[0])
-    if found is None:
-        if lines[0].startswith("; MITSUBISHI"):
-            raise CorruptFileError(path, "line 1: the comment is damaged", hint="write it again")
-        return {}
-    return {"output_unit": mm_value(found[1]), "reference_position": mm_value(found[2])}
-
-
-def _parameters(lines: list[str], path: Path) -> tuple[dict[int, int], dict[int, str]]:
-    """Return the compensation numbers and the settings."""
-    numbers: dict[int, int] = {}
-    words: dict[int, str] = {}
-    for i, line in enumerate(lines[:-1], start=1):
-        if line.startswith(";") and i == 1:
-            continue
-        found = _LINE.fullmatch(line)
-        number = int(found[1]) if found else 0
-        if found is None or not 4001 <= number <= _LAST or number in numbers or number in words:
-            raise CorruptFileError(
-                path,
-                f"line {i} is no parameter, or one that stands twice: {line[:60]!r}",
-                hint="one '#number value' a line",
-            )
-        if number < _FIRST:
-            words[number] = found[2]
-        elif _INTEGER.fullmatch(found[2]) and _LOW <= int(found[2]) <= _HIGH:
-            numbers[number] = int(found[2])
-        else:
-            raise CorruptFileError(
-                path, f"line {i}: {found[2]!r} is no whole number from {_LOW} to {_HIGH}"
-            )
-    return numbers, words
-
-
-def _settings(
-    words: Mapping[int, str], base: int, path: Path
-) -> tuple[tuple[str, str], tuple[int, int, int, int], float]:
-    wanted = [base + i for i in range(1, 8)]
-    if sorted(words) != wanted:
+def _stated(words: Mapping[int, Mapping[str, Any]], path: Path) -> tuple[int, list[Any]]:
+    """Return the number before the settings of one axis, and what they are."""
+    numbers = sorted(n for n in words if n < _FIRST)
+    base = 4000 + 10 * ((numbers[0] - 4001) // 10) if numbers else 0
+    if numbers != [base + i for i in range(1, 8)] or base < 4000:
         raise CorruptFileError(
             path,
             "the settings of one axis must be there, seven in a row from #4001, #4011 ...",
-            found=", ".join(f"#{n}" for n in sorted(words))[:80] or "none",
+            found=", ".join(f"#{n}" for n in numbers)[:80] or "none",
             hint="write the table again",
         )
-    values = [words[n] for n in wanted]
-    good = [_AXIS.fullmatch(v) for v in values[:2]] + [_INTEGER.fullmatch(v) for v in values[2:6]]
-    if not all(good) or not _DECIMAL.fullmatch(values[6]):
-        raise CorruptFileError(
-            path, f"a setting is no such value: {', '.join(values)[:80]}", hint="write it again"
-        )
-    a, b, c, d = (int(v) for v in values[2:6])
-    return (values[0], values[1]), (a, b, c, d), mm_value(values[6])
+    values = [words[n]["value"] for n in numbers]
+    for word, value, number in zip(_SETTINGS, values, numbers, strict=True):
+        if not re.fullmatch(word.pattern, value, re.ASCII):
+            raise CorruptFileError(
+                path, f"line {words[number]['line']}: #{number} cannot be {value[:40]!r}",
+                hint="write it again",
+            )  # fmt: skip
+    return base, [word.read(v) for word, v in zip(_SETTINGS, values, strict=True)]
 
 
-def _entries(numbers: Mapping[int, int], first: int, last: int, path: Path) -> IntArray:
+def _entries(
+    words: Mapping[int, Mapping[str, Any]], first: int, last: int, path: Path
+) -> NDArray[np.int64]:
+    """Return the increments, all of them and each in its range."""
+    numbers = {n: row for n, row in words.items() if n >= _FIRST}
+    for row in numbers.values():
+        is_whole = re.fullmatch(r"-?\d{1,5}", row["value"], re.ASCII)
+        if is_whole is None or not _LOW <= int(row["value"]) <= _HIGH:
+            raise CorruptFileError(
+                path,
+                f"line {row['line']}: {row['value'][:40]!r} is not a whole number from {_LOW} to {_HIGH}",
+            )
     wanted = range(first, last + 1)
     if not wanted or set(numbers) != set(wanted):
         raise CorruptFileError(
@@ -333,4 +275,4 @@ def _entries(numbers: Mapping[int, int], first: int, last: int, path: Path) -> I
             f"the numbers do not run from #{first} to #{last} as the settings say",
             hint="a missing number keeps its old value in the control: write the table again",
         )
-    return np.array([numbers[n] for n in wanted], dtype=np.int64)
+    return np.array([int(numbers[n]["value"]) for n in wanted], dtype=np.int64)

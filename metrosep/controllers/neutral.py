@@ -18,24 +18,23 @@ import numpy as np
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._plain_text import scaled
+from metrosep.controllers._grammar import decoded, joined, require_last_end, scaled, unscaled
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
     Encoded,
     identity,
     load_sidecar,
-    sidecar_path,
+    map_identity,
+    nearest_zero,
 )
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError
 
-__all__ = ["Neutral", "map_fields", "require_last_end"]
+__all__ = ["Neutral", "NeutralMap"]
 
-_POSITIONS = {"position_mm": -3, "position_rad": 0}
-_UNITS = ("um", "urad")
-_EXPONENT = -6
-"""Power of ten of a correction's unit in m or rad."""
+_PLACES = {"mm": 3, "rad": 0, "um": 6, "urad": 6}
+"""Power of ten of a column over SI, by its unit."""
 _AXES = {
     (False, False): ("X", "X"),
     (True, True): ("C", "C"),
@@ -43,6 +42,46 @@ _AXES = {
     (False, True): ("X", "C"),
 }
 """Looked up and corrected axis by whether they turn, where no sidecar names them."""
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?", re.ASCII)
+"""A decimal as other programs write it, too; Python would also take 1_0 and nan."""
+
+
+def _rows(
+    data: bytes, path: Path, what: str, columns: str, fewest: tuple[int, str]
+) -> tuple[list[str], list[int], FloatArray]:
+    """Return header, numbers of lines and values in SI of a CSV, by the units in its column names."""
+    try:
+        reader = csv.reader(
+            io.StringIO(decoded(data, path, f"CSV of a {what}", encoding="utf-8-sig"))
+        )
+        rows = [(reader.line_num, [v.strip() for v in row]) for row in reader if row]
+    except csv.Error as exc:
+        raise CorruptFileError(path, f"not CSV text ({exc})") from None
+    header = rows[0][1] if rows else []
+    if not re.fullmatch(columns, ",".join(header)):
+        raise CorruptFileError(
+            path,
+            f"not a neutral {what}",
+            field="header",
+            expected=re.sub(r"\((\w*)[^)]*\)|[\\?]", r"\1", columns),
+            found=",".join(header)[:80],
+        )
+    require_last_end(data.decode("utf-8-sig"), path)
+    if len(rows) <= fewest[0]:
+        raise CorruptFileError(
+            path, f"a {what} needs at least {fewest[0]} {fewest[1]}", found=len(rows) - 1
+        )
+    places = [_PLACES[name.rpartition("_")[2]] for name in header]
+    values = []
+    for line, row in rows[1:]:
+        fits = len(row) == len(header) and all(map(_NUMBER.fullmatch, row))
+        values.append([unscaled(v, p) for v, p in zip(row, places, strict=True)] if fits else [])
+        if not fits or not np.isfinite(values[-1]).all():
+            raise CorruptFileError(
+                path,
+                f"line {line} does not hold {len(header)} finite numbers but {','.join(row)[:60]!r}",
+            )
+    return header, [line for line, _ in rows[1:]], np.array(values)
 
 
 class Neutral(Dialect):
@@ -68,57 +107,40 @@ class Neutral(Dialect):
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         """Return the CSV, full precision."""
-        columns = [table.positions, table.forward]
+        place = "rad" if is_rotary(table.axis) else "mm"
+        unit = "urad" if is_rotary(table.compensates) else "um"
+        columns = {
+            f"position_{place}": table.positions,
+            f"correction_forward_{unit}": table.forward,
+        }
         if table.reverse is not None:
-            columns.append(table.reverse)
-        place = "position_rad" if is_rotary(table.axis) else "position_mm"
-        names = [place, *_corrections("urad" if is_rotary(table.compensates) else "um")]
-        exponents = (_POSITIONS[place], _EXPONENT, _EXPONENT)
-        lines = [",".join(names[: len(columns)])]
-        lines += [
-            ",".join(_shifted(float(v), -e) for v, e in zip(row, exponents, strict=False))
-            for row in zip(*columns, strict=True)
-        ]
-        return Encoded(("\n".join(lines) + "\n").encode("utf-8"), 0.0)
+            columns[f"correction_reverse_{unit}"] = table.reverse
+        places = (_PLACES[place], _PLACES[unit], _PLACES[unit])
+        rows = (
+            ",".join(_shifted(float(v), p) for v, p in zip(row, places, strict=False))
+            for row in zip(*columns.values(), strict=True)
+        )
+        return Encoded(joined([",".join(columns), *rows]), 0.0)
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
         """Return the table."""
-        rows = _rows(data, path)
-        header = tuple(h.strip() for h in rows[0][1]) if rows else ()
-        unit = next(
-            (u for u in _UNITS if header[1:] in (_corrections(u), _corrections(u)[:1])), ""
-        )
-        if not unit or header[0] not in _POSITIONS:
-            raise CorruptFileError(
-                path,
-                "not a neutral table",
-                field="header",
-                expected=",".join(("position_mm", *_corrections("um"))),
-                found=",".join(header)[:80],
-            )
-        require_last_end(data, path)
-        exponents = (_POSITIONS[header[0]], _EXPONENT, _EXPONENT)
-        if len(rows) < 3:
-            raise CorruptFileError(path, "a table needs at least 2 lines", found=len(rows) - 1)
-        values = np.array([_numbers(r, i, exponents[: len(header)], path) for i, r in rows[1:]])
+        columns = "position_(mm|rad),correction_forward_(um|urad)(,correction_reverse_\\2)?"
+        header, lines, values = _rows(data, path, "table", columns, (2, "lines"))
+        turns = (header[0].endswith("rad"), header[1].endswith("urad"))
         falling = np.flatnonzero(np.diff(values[:, 0]) <= 0)
         if falling.size:
             raise CorruptFileError(
                 path,
-                f"line {rows[int(falling[0]) + 2][0]}: {header[0]} does not rise",
+                f"line {lines[int(falling[0]) + 1]}: {header[0]} does not rise",
                 hint="sort the lines",
             )
         return CompensationTable(
-            positions=values[:, 0],
-            forward=values[:, 1],
-            reverse=values[:, 2] if len(header) == 3 else None,
+            values[:, 0],
+            values[:, 1],
+            values[:, 2] if len(header) == 3 else None,
             is_exact_inverse=True,
-            **_fields(path, float(values[0, 0]), (header[0] == "position_rad", unit == "urad")),
+            **_fields(path, float(values[0, 0]), turns),
         )
-
-
-def _corrections(unit: str) -> tuple[str, str]:
-    return f"correction_forward_{unit}", f"correction_reverse_{unit}"
 
 
 def _fields(path: Path, first: float, turns: tuple[bool, bool]) -> dict[str, Any]:
@@ -137,31 +159,9 @@ def _fields(path: Path, first: float, turns: tuple[bool, bool]) -> dict[str, Any
     return fields
 
 
-def _rows(data: bytes, path: Path) -> list[tuple[int, list[str]]]:
-    """Return the rows that are not blank, each with the number of its line."""
-    try:
-        reader = csv.reader(io.StringIO(data.decode("utf-8-sig")))
-        return [(reader.line_num, row) for row in reader if row]
-    except (UnicodeDecodeError, csv.Error) as exc:
-        raise CorruptFileError(path, f"not CSV text ({exc})") from None
-
-
 def _shifted(value: float, places: int) -> str:
     """Return the shortest decimal of a value times 10^places: exact, unlike a multiplication."""
     return format(Decimal(repr(value)).scaleb(places), "f")
-
-
-def _numbers(row: list[str], line: int, exponents: tuple[int, ...], path: Path) -> list[float]:
-    n = len(exponents)
-    words = [v.strip() for v in row]
-    values: list[float] = []
-    if all(map(NUMBER.fullmatch, words)):
-        values = [float(Decimal(v).scaleb(e)) for v, e in zip(words, exponents, strict=False)]
-    if len(row) != n or len(values) != n or not np.isfinite(values).all():
-        raise CorruptFileError(
-            path, f"line {line} does not hold {n} finite numbers but {','.join(row)[:60]!r}"
-        )
-    return values
 
 
 # ---- neutral map: CSV in long form with declared units, and the JSON sidecar -------------------
@@ -169,15 +169,6 @@ def _numbers(row: list[str], line: int, exponents: tuple[int, ...], path: Path) 
 # corrected one that turns ``correction_urad``. The entry is the correction c = -e that is added to the command. Decimals are full: the very numbers of
 # the map read back.
 
-_ENTRIES = {False: "correction_um", True: "correction_urad"}
-"""By whether the corrected axis turns."""
-_CORRECTED = {False: "Z", True: "C"}
-"""Its name, where no sidecar tells it."""
-_MAP_UNITS = {"mm": 3, "rad": 0}
-"""Power of ten of a column over SI."""
-_UM = 6
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d{1,3})?", re.ASCII)
-"""A decimal as other programs write it, too; Python would also take 1_0 and nan."""
 _NAMES = {(False, False): ("X", "Y"), (True, False): ("C", "Y"), (False, True): ("X", "C")}
 """Axes by whether they turn, where no sidecar names them."""
 
@@ -209,138 +200,44 @@ class NeutralMap(Dialect):
         """Return the CSV, full precision."""
         units = ["rad" if is_rotary(a) else "mm" for a in table.axes]
         columns, rows = (
-            [scaled(v, _MAP_UNITS[u]) for v in p]
+            [scaled(v, _PLACES[u]) for v in p]
             for p, u in zip((table.x, table.y), units, strict=True)
         )
-        lines = [f"x_{units[0]},y_{units[1]},{_ENTRIES[is_rotary(table.compensates)]}"]
+        corrected = "urad" if is_rotary(table.compensates) else "um"
+        lines = [f"x_{units[0]},y_{units[1]},correction_{corrected}"]
         lines += [
-            f"{x},{y},{scaled(c, _UM)}"
+            f"{x},{y},{scaled(c, _PLACES[corrected])}"
             for y, values in zip(rows, table.values, strict=True)
             for x, c in zip(columns, values, strict=True)
         ]
-        return Encoded(("\n".join(lines) + "\n").encode("ascii"), 0.0)
+        return Encoded(joined(lines), 0.0)
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
         """Return the map."""
-        rows = _map_rows(data, path)
-        turns, scales, angle = _header(rows, path)
-        require_last_end(data, path)
-        values = np.array([_map_numbers(row, line, scales, path) for line, row in rows[1:]])
-        x, y = _grid(values, rows, path)
-        return CompensationMap(
-            x=x,
-            y=y,
-            values=values[:, 2].reshape(y.size, x.size),
-            is_exact_inverse=True,
-            **_all_fields(path, x, y, turns, angle=angle),
-        )
-
-
-def _all_fields(
-    path: Path, x: FloatArray, y: FloatArray, turns: tuple[bool, bool], *, angle: bool
-) -> dict[str, Any]:
-    fields = map_fields(path, x, y, turns)
-    if "compensates" not in (load_sidecar(path).get("table") or {}):
-        return {**fields, "compensates": _CORRECTED[angle]}
-    if angle and not is_rotary(fields["compensates"]):
-        raise CorruptFileError(
+        columns = "x_(mm|rad),y_(mm|rad),correction_(um|urad)"
+        header, lines, values = _rows(data, path, "map", columns, (4, "nodes"))
+        turns = (header[0].endswith("rad"), header[1].endswith("rad"))
+        angle = header[2].endswith("urad")
+        x, y = _grid(values, lines, path)
+        fields = map_identity(
             path,
-            f"its corrections are in urad, its sidecar says {fields['compensates']}, which does not turn",
-            hint="write the map again",
+            axes=_NAMES.get(turns, ("B", "C")),
+            compensates="C" if angle else "Z",
+            first=nearest_zero(x, y),
+            turns=turns,
         )
-    return fields
+        if angle and not is_rotary(fields["compensates"]):
+            raise CorruptFileError(
+                path,
+                f"its corrections are in urad, its sidecar says {fields['compensates']}, which does not "
+                "turn",
+                hint="write the map again",
+            )
+        corrections = values[:, 2].reshape(y.size, x.size)
+        return CompensationMap(x, y, corrections, is_exact_inverse=True, **fields)
 
 
-def require_last_end(data: bytes, path: Path) -> None:
-    """Refuse a text whose last line has no end: it may have been cut within a number."""
-    if not data.endswith((b"\n", b"\r")):
-        raise CorruptFileError(
-            path,
-            "the last line has no end: the file was cut short",
-            hint="write it again; if you typed it yourself, end the last line",
-        )
-
-
-def map_fields(
-    path: Path, x: FloatArray, y: FloatArray, turns: tuple[bool, bool] = (False, False)
-) -> dict[str, Any]:
-    """Return what a map's file cannot hold: axes, reference, what is not in it."""
-    known = load_sidecar(path).get("table", {})
-    zero = [0.0 if p[0] <= 0.0 <= p[-1] else float(p[0]) for p in (x, y)]
-    found = known if isinstance(known, dict) else {"axes": known}
-    axes: Any = found.get("axes", list(_NAMES.get(turns, ("B", "C"))))
-    place: Any = found.get("reference_si", zero)
-    right = (
-        isinstance(axes, list)
-        and len(axes) == 2
-        and all(isinstance(a, str) and a.strip() for a in axes)
-        and axes[0] != axes[1]
-        and tuple(map(is_rotary, axes)) == turns
-        and isinstance(place, list)
-        and len(place) == 2
-        and all(isinstance(v, int | float) and not isinstance(v, bool) for v in place)
-    )
-    if not right:
-        raise CorruptFileError(
-            sidecar_path(path),
-            "this is not the sidecar of the map",
-            field="axes, reference_si",
-            found=f"{axes!r}, {place!r}"[:60],
-            hint="move it away or write the map again",
-        )
-    return {
-        "axes": (axes[0], axes[1]),
-        "compensates": str(found.get("compensates", "Z")),
-        "reference": (float(place[0]), float(place[1])),
-        "removed": "plane" if found.get("not_in_map") == "plane" else "offset",
-        "border": "zero" if found.get("border") == "zero" else None,
-    }
-
-
-def _map_rows(data: bytes, path: Path) -> list[tuple[int, list[str]]]:
-    """Return the rows that are not blank, each with the number of its line."""
-    try:
-        reader = csv.reader(io.StringIO(data.decode("utf-8-sig")))
-        return [(reader.line_num, [v.strip() for v in row]) for row in reader if row]
-    except (UnicodeDecodeError, csv.Error) as exc:
-        raise CorruptFileError(path, f"not CSV text ({exc})") from None
-
-
-def _header(
-    rows: list[tuple[int, list[str]]], path: Path
-) -> tuple[tuple[bool, bool], tuple[int, ...], bool]:
-    """Return which axes turn, the powers of ten of the columns, and whether corrections are angles."""
-    header = rows[0][1] if rows else []
-    units = [h[2:] for h in header[:2] if h[:2] in ("x_", "y_")]
-    good = len(header) == 3 and [h[:2] for h in header[:2]] == ["x_", "y_"]
-    if not good or header[2] not in _ENTRIES.values() or any(u not in _MAP_UNITS for u in units):
-        raise CorruptFileError(
-            path,
-            "not a neutral map",
-            field="header",
-            expected=f"x_mm,y_mm,{_ENTRIES[False]}",
-            found=",".join(header)[:80],
-        )
-    if len(rows) < 5:
-        raise CorruptFileError(path, "a map needs at least 4 nodes", found=len(rows) - 1)
-    scales = (*(-_MAP_UNITS[u] for u in units), -_UM)
-    return (units[0] == "rad", units[1] == "rad"), scales, header[2] == _ENTRIES[True]
-
-
-def _map_numbers(row: list[str], line: int, scales: tuple[int, ...], path: Path) -> list[float]:
-    if len(row) != 3 or not all(map(NUMBER.fullmatch, row)):
-        raise CorruptFileError(
-            path, f"line {line} does not hold 3 finite numbers but {','.join(row)[:60]!r}"
-        )
-    values = [float(Decimal(v).scaleb(e)) for v, e in zip(row, scales, strict=True)]
-    if not np.isfinite(values).all():
-        raise CorruptFileError(path, f"line {line} holds a number that is too large")
-    return values
-
-
-def _grid(
-    values: FloatArray, rows: list[tuple[int, list[str]]], path: Path
-) -> tuple[FloatArray, FloatArray]:
+def _grid(values: FloatArray, lines: list[int], path: Path) -> tuple[FloatArray, FloatArray]:
     """Return the positions of columns and rows; every node stands where it belongs."""
     changes = np.flatnonzero(np.diff(values[:, 1]) != 0.0)
     n = int(changes[0]) + 1 if changes.size else len(values)
@@ -350,7 +247,7 @@ def _grid(
     if wrong.size:
         raise CorruptFileError(
             path,
-            f"line {rows[int(wrong[0]) + 1][0]} is not the next node of a grid",
+            f"line {lines[int(wrong[0])]} is not the next node of a grid",
             hint="x is the fastest, every row holds the same x; no node may be missing or twice",
         )
     if len(values) % n or y.size < 2 or n < 2:

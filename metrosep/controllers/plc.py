@@ -17,7 +17,6 @@ import re
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, ClassVar
@@ -27,7 +26,8 @@ from numpy.polynomial import legendre
 
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.polynomial import PolynomialFit
-from metrosep.controllers._plain_text import ascii_lines, decimal, facts_of, resolved, scaled
+from metrosep.controllers._facts import facts_of, settled
+from metrosep.controllers._grammar import decimal, decoded, joined, scaled, unscaled
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -64,7 +64,7 @@ _POINTS = 2001
 _COARSE = 0.1
 """Digits that cost more than this share of the corrections' span are refused."""
 
-_TOLD = ("x_unit", "y_unit", "actuator_sign", "offset")
+_STATED = ("x_unit", "y_unit", "actuator_sign", "offset")
 """Options that are never guessed when a file is read."""
 
 _LINE = 200
@@ -125,7 +125,7 @@ class _Polynomial(Dialect):
         text = [f"{self.comment[0]} {line} {self.comment[1]}".rstrip() for line in
                 _comments(table, options, y)]  # fmt: skip
         text += self._body([low, high, *numbers], **options)
-        data = ("\n".join(text) + "\n").encode("ascii")
+        data = joined(text)
         series = _exact_legendre(self._read(data, Path(os.devnull), options)[0])
         u = 2.0 * (x - x[0]) / (x[-1] - x[0]) - 1.0
         cost = float(np.abs(legendre.legval(u, series) / 10.0**y_places - y).max())
@@ -133,7 +133,7 @@ class _Polynomial(Dialect):
         return Encoded(
             data=data,
             quantisation=cost,
-            findings=_doubts(y, cost + rounding, options),
+            findings=_warnings(y, cost + rounding, options),
             notes={
                 "y_range_m": [float(y.min()), float(y.max())],
                 "quantity_of_the_fit": table.quantity,
@@ -160,7 +160,7 @@ class _Polynomial(Dialect):
             legendre_coefficients=known["actuator_sign"] * full,
             cov=None,
             cov_source="unknown: the file of a PLC tells none",
-            domain=(_metres(printed.low, x_places), _metres(printed.high, x_places)),
+            domain=(unscaled(repr(printed.low), x_places), unscaled(repr(printed.high), x_places)),
             quantity="compensation",
             residual_rms=float("nan") if residual is None else float(residual),
             chosen_by="file",
@@ -182,13 +182,13 @@ class _Polynomial(Dialect):
     ) -> tuple[Printed, dict[str, Any]]:
         opening, closing = (re.escape(c) for c in self.comment)
         pattern = re.compile(rf"{opening}(.*?){closing or '$'}")
-        lines = ascii_lines(data, path, "text of a PLC")
+        lines = decoded(data, path, "text of a PLC").splitlines()
         comments = [m[1] for line in lines for m in pattern.finditer(line)]
         code = [
             (i, re.sub(r"\s+", " ", pattern.sub("", line)).strip())
             for i, line in enumerate(lines, start=1)
         ]
-        known = resolved(options, facts_of(comments, path), path, self.options, _TOLD)
+        known = settled(self.options, options, path, file=facts_of(comments, path), needed=_STATED)
         printed = self._parsed([(i, text) for i, text in code if text], path)
         _require_usable(printed, known, path)
         return printed, known
@@ -238,10 +238,6 @@ def _exact_legendre(printed: Printed) -> FloatArray:
     return np.array([float(a) for a in series[: printed.coefficients.size]])
 
 
-def _metres(value: float, places: int) -> float:
-    return float(Decimal(repr(value)).scaleb(-places))
-
-
 def _require_finite(fit: PolynomialFit) -> None:
     if fit.quantity not in ("error", "compensation"):
         raise TableError(
@@ -272,7 +268,7 @@ def _comments(fit: PolynomialFit, options: Mapping[str, Any], y: FloatArray) -> 
     ]
 
 
-def _doubts(y: FloatArray, cost: float, options: Mapping[str, Any]) -> tuple[Finding, ...]:
+def _warnings(y: FloatArray, cost: float, options: Mapping[str, Any]) -> tuple[Finding, ...]:
     found = []
     stroke, low, high = options["stroke"], float(y.min()), float(y.max())
     if stroke is not None and max(abs(low), abs(high)) > stroke:

@@ -24,15 +24,9 @@ from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
+from metrosep.controllers._facts import agreed, facts_of, printable, settled
+from metrosep.controllers._grammar import code_rows, decoded, joined, scaled
 from metrosep.controllers._grids import RollingGrid, enclosing_nodes, rolled_values, rolling_grid
-from metrosep.controllers._plain_text import (
-    agreed,
-    ascii_lines,
-    facts_of,
-    printable,
-    resolved,
-    scaled,
-)
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -47,26 +41,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
 from metrosep.core.units import format_length
 
-__all__ = [
-    "ACTIVATION",
-    "AGAIN",
-    "LARGEST",
-    "MOTORS",
-    "PMAC",
-    "SCALE",
-    "Program",
-    "entry_lines",
-    "length_facts",
-    "motor_facts",
-    "motor_range",
-    "motors_of",
-    "named_axes",
-    "read_program",
-    "refuse_turning",
-    "require_short_span",
-    "rounded_entries",
-    "signed",
-]
+__all__ = ["PMAC"]
 
 
 # ---- text of Turbo PMAC tables: statements, entries in 1/16 count, facts in comments, limits ----
@@ -135,10 +110,8 @@ def read_program(
     sets: Sequence[int] = (51,),
 ) -> Program:
     """Return what a PMAC file holds; strict."""
-    lines = ascii_lines(data, path, "Turbo PMAC table")
-    comments = [line.partition(";")[2] for line in lines if ";" in line]
-    code = [(i, line.partition(";")[0].strip()) for i, line in enumerate(lines, start=1)]
-    code = [(i, text) for i, text in code if text]
+    lines = decoded(data, path, "Turbo PMAC table").splitlines()
+    code, comments = code_rows(lines, ";")
     head = 0
     while head < len(code) and _DELETE.fullmatch(code[head][1]):
         head += 1
@@ -303,7 +276,7 @@ def motors_of(stated: Mapping[str, int], known: dict[str, Any], path: Path) -> d
     """Return options with the motors that the DEFINE line names, and refuse contradictions."""
     checked = {
         name: agreed(
-            name, {"the DEFINE line": n, "its comment, user or sidecar": known.get(name)}, path
+            path, name, {"the DEFINE line": n, "its comment, user or sidecar": known.get(name)}
         )
         for name, n in stated.items()
     }
@@ -540,12 +513,12 @@ class PMAC(Dialect):
         )
         text = self._text(table, given, grid, np.roll(entries, -1))
         return Encoded(
-            data=text.encode("ascii"),
+            data=text,
             quantisation=float(np.abs(entries * count / SCALE - values).max()),
             step=count / SCALE,
             carried=carried,
             resampling_error=resampling_error(table, carried),
-            findings=_doubts(options, given),
+            findings=_warnings(options, given),
             notes={"span_counts": grid.counts, "entries": grid.n, "spacing_m": grid.step},
         )
 
@@ -555,7 +528,7 @@ class PMAC(Dialect):
         given: Mapping[str, Any],
         grid: RollingGrid,
         entries: NDArray[np.int64],
-    ) -> str:
+    ) -> bytes:
         source, target, owner = given["source_motor"], given["target_motor"], given["owner"]
         axis, other = printable(table.axis, "axis"), printable(table.compensates, "axis")
         low, high = table.span
@@ -585,7 +558,7 @@ class PMAC(Dialect):
             *entry_lines(entries.tolist()),
             "I51=1",
         ]
-        return "\n".join(lines) + "\n"
+        return joined(lines)
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
         """Return the table over the travel it was made for."""
@@ -635,16 +608,13 @@ class PMAC(Dialect):
         told = _TOLD if same else (*_TOLD, "source_count", "target_sign")
         known = motors_of(
             {**{f"{k}_motor": v for k, v in motors.items()}, "owner": owner},
-            resolved(options, program.facts, path, self.options, told),
+            settled(self.options, options, path, file=program.facts, needed=told),
             path,
         )
         if same:
             for name, own in (("source_count", "count"), ("target_sign", "source_sign")):
-                known[name] = agreed(
-                    name,
-                    {f"{own} of the one motor": known[own], "the file or user": known[name]},
-                    path,
-                )
+                sources = {f"{own} of the one motor": known[own], "the file or user": known[name]}
+                known[name] = agreed(path, name, sources)
         n, counts = program.entries.size, int(program.define["span"])
         if n == 0 or counts < n:
             raise CorruptFileError(
@@ -715,7 +685,7 @@ def _checked_motors(table: CompensationTable, options: Mapping[str, Any]) -> dic
     return given
 
 
-def _doubts(options: Mapping[str, Any], given: Mapping[str, Any]) -> tuple[Finding, ...]:
+def _warnings(options: Mapping[str, Any], given: Mapping[str, Any]) -> tuple[Finding, ...]:
     found = []
     if options["source_motor"] is None:
         found.append(

@@ -28,8 +28,9 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.measured import measured_error
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
+from metrosep.controllers._facts import is_same, printable, settled
+from metrosep.controllers._grammar import joined
 from metrosep.controllers._grids import enclosing_nodes, rolled_values, rolling_grid
-from metrosep.controllers._plain_text import is_same, printable, resolved
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -80,7 +81,7 @@ _DEFINE = re.compile(
 _SIZE, _RATE = 86, 85
 """Ixx86: backlash at the zero of the motor; Ixx85: how fast it is taken up."""
 
-_TOLD = ("source_sign", "motor_zero")
+_STATED = ("source_sign", "motor_zero")
 """Options that are never guessed when a file is read."""
 
 _POINTS = 2001
@@ -212,7 +213,7 @@ class PMACBacklash(Dialect):
             step=count / SCALE,
             carried=carried,
             resampling_error=resampling_error(alone, carried),
-            findings=_doubts(table, options, lost),
+            findings=_warnings(table, options, lost),
             notes={
                 "span_counts": grid.counts,
                 "entries": grid.n,
@@ -292,7 +293,9 @@ class PMACBacklash(Dialect):
             (51, size, 100 * motor + _RATE),
         )
         known = motors_of(
-            {"motor": motor}, resolved(options, program.facts, path, self.options, _TOLD), path
+            {"motor": motor},
+            settled(self.options, options, path, file=program.facts, needed=_STATED),
+            path,
         )
         n, counts = program.entries.size, int(program.define["span"])
         if n == 0 or counts < n:
@@ -421,7 +424,7 @@ def _text(
         *rate,
         "I51=1",
     ]
-    return ("\n".join(lines) + "\n").encode("ascii")
+    return joined(lines)
 
 
 def _besides(name: str, known: Mapping[str, Any], written_with: object = None) -> Simulator:
@@ -463,7 +466,7 @@ def _hash_of_comp(path: Path) -> object:
     return load_sidecar(path).get("comp_sha256")
 
 
-def _doubts(
+def _warnings(
     table: CompensationTable, options: Mapping[str, Any], lost: FloatArray
 ) -> tuple[Finding, ...]:
     found = []

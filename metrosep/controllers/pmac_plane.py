@@ -24,6 +24,8 @@ from numpy.typing import NDArray
 from metrosep.compensation.area_errors import bilinear
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
+from metrosep.controllers._facts import printable, settled
+from metrosep.controllers._grammar import joined
 from metrosep.controllers._grids import (
     RollingGrid,
     enclosing_nodes,
@@ -31,13 +33,12 @@ from metrosep.controllers._grids import (
     rolled_weights,
     rolling_grid,
 )
-from metrosep.controllers._plain_text import printable, resolved
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
     Encoded,
     Simulator,
-    load_sidecar,
+    map_identity,
     one_way,
 )
 from metrosep.controllers.options import Option
@@ -59,7 +60,7 @@ from metrosep.controllers.pmac import (
     signed,
 )
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, DataError, TableError
+from metrosep.core.errors import CorruptFileError, TableError
 from metrosep.core.units import format_length
 
 __all__ = ["PMACPlane"]
@@ -68,7 +69,7 @@ __all__ = ["PMACPlane"]
 _FINEST = 200
 """Intervals of an axis that are chosen without asking, where positions are not uniform."""
 
-_TOLD = ("x_count", "y_count", "x_sign", "y_sign", "target_sign", "x_zero", "y_zero")
+_STATED = ("x_count", "y_count", "x_sign", "y_sign", "target_sign", "x_zero", "y_zero")
 """Options that are never guessed when a file is read."""
 
 _DEFINE = re.compile(
@@ -199,12 +200,12 @@ class PMACPlane(Dialect):
         entries = rounded_entries(nodes.ravel(), count, place).reshape(nodes.shape)
         carried = _carried(table, grids, sides, nodes, (x, y), sign)
         return Encoded(
-            data=_text(table, given, sides, grids, entries).encode("ascii"),
+            data=_text(table, given, sides, grids, entries),
             quantisation=float(np.abs(entries * count / SCALE - nodes).max()),
             step=count / SCALE,
             carried=carried,
             resampling_error=_difference(table, carried),
-            findings=_doubts(options),
+            findings=_warnings(options),
             notes={
                 "span_counts": [g.counts for g in grids],
                 "columns": grids[0].n,
@@ -256,8 +257,8 @@ class PMACPlane(Dialect):
         motors = {f"{k}_motor": program.define[k] for k in ("x", "y", "target")}
         lines = {k: int(v or program.define["owner"]) for k, v in motors.items()}
         lines["owner"] = int(program.define["owner"])
-        told = resolved(options, program.facts, path, self.options, _TOLD)
-        known = _filled(motors_of(lines, told, path))
+        given = settled(self.options, options, path, file=program.facts, needed=_STATED)
+        known = _filled(motors_of(lines, given, path))
         rows, columns = int(program.define["rows"]), int(program.define["columns"])
         spans = int(program.define["row_span"]), int(program.define["column_span"])
         if rows < 1 or columns < 1 or spans[0] < columns or spans[1] < rows:
@@ -290,7 +291,7 @@ def _text(
     sides: tuple[_Side, ...],
     grids: tuple[RollingGrid, ...],
     entries: NDArray[np.int64],
-) -> str:
+) -> bytes:
     names = [printable(a, "axis") for a in (*table.axes, table.compensates)]
     closed = np.pad(entries, ((0, 1), (0, 1)), mode="wrap")
     d = "D" if given["desired"] else ""
@@ -325,7 +326,7 @@ def _text(
         *(line for row in closed[1:] for line in entry_lines(row.tolist())),
         "I51=1",
     ]
-    return "\n".join(lines) + "\n"
+    return joined(lines)
 
 
 def _node_values(
@@ -444,7 +445,7 @@ def _checked(table: CompensationMap, options: Mapping[str, Any]) -> dict[str, An
     return given
 
 
-def _doubts(options: Mapping[str, Any]) -> tuple[Finding, ...]:
+def _warnings(options: Mapping[str, Any]) -> tuple[Finding, ...]:
     missing = [n for n in ("x_motor", "y_motor", "target_motor") if options[n] is None]
     if not missing:
         return ()
@@ -459,30 +460,19 @@ def _doubts(options: Mapping[str, Any]) -> tuple[Finding, ...]:
 def _named(path: Path, facts: Mapping[str, str]) -> dict[str, Any]:
     """Return axes, compensated axis, reference and what is not in the map."""
     names = ("x_axis", "y_axis", "compensates")
-    told = {n: facts[n] for n in names if n in facts}
-    beside = load_sidecar(path).get("table", {})
-    if told and len(told) < len(names):
-        missing = next(n for n in names if n not in told)
+    stated = {n: facts[n] for n in names if n in facts}
+    if stated and len(stated) < len(names):
+        missing = next(n for n in names if n not in stated)
         raise CorruptFileError(path, f"the comment that names {missing} is missing", hint=AGAIN)
-    if not isinstance(beside, dict) or "axes" not in beside:
-        found = {"x_axis": "X", "y_axis": "Y", "compensates": "Z", **told}
-        return {"axes": (found["x_axis"], found["y_axis"]), "compensates": found["compensates"]}
-    stated: dict[str, Any]
-    try:
-        stated = {
-            "axes": tuple(str(a) for a in beside["axes"]),
-            "compensates": str(beside["compensates"]),
-            "reference": tuple(float(r) for r in beside["reference_si"]),
-            "removed": "plane" if beside.get("not_in_map") == "plane" else "offset",
-        }
-    except (KeyError, TypeError, ValueError) as exc:
-        raise DataError(f"{path}: its sidecar does not describe a map ({exc!r})") from None
-    if told and (*stated["axes"], stated["compensates"]) != tuple(told.values()):
+    x, y, compensates = (facts.get(n, usual) for n, usual in zip(names, "XYZ", strict=True))
+    known = map_identity(path, axes=(x, y), compensates=compensates, first=(0.0, 0.0))
+    found = (*known["axes"], known["compensates"])
+    if stated and found != (x, y, compensates):
         raise CorruptFileError(
             path,
             "comments and sidecar name other axes",
-            expected=", ".join(told.values()),
-            found=f"{', '.join(stated['axes'])}, {stated['compensates']}",
+            expected=", ".join(stated.values()),
+            found=f"{', '.join(known['axes'])}, {known['compensates']}",
             hint=AGAIN,
         )
-    return stated
+    return known

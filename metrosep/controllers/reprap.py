@@ -18,10 +18,17 @@ from numpy.typing import NDArray
 
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
+from metrosep.controllers._grammar import decimal, decoded, fixed, joined, require_last_end
 from metrosep.controllers._grids import even_map
-from metrosep.controllers._plain_text import ascii_lines, decimal
-from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, one_way
-from metrosep.controllers.neutral import map_fields, require_last_end
+from metrosep.controllers.base import (
+    Dialect,
+    DialectInfo,
+    Encoded,
+    Simulator,
+    map_identity,
+    nearest_zero,
+    one_way,
+)
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
@@ -121,7 +128,7 @@ class Klipper(Dialect):
             table, (options["x_spacing"], options["y_spacing"]), ("x_spacing", "y_spacing")
         )
         places = options["decimals"]
-        printed = [[_height(v / _MM, places) for v in row] for row in carried.values]
+        printed = [[fixed(v / _MM, places) for v in row] for row in carried.values]
         back = np.array([[float(v) for v in row] for row in printed]) * _MM
         values = {
             **_FIXED,
@@ -141,7 +148,7 @@ class Klipper(Dialect):
             else:
                 lines.append(f"{key} = {values[key]}")
         return Encoded(
-            data=("\n".join(lines) + "\n").encode("ascii"),
+            data=joined(lines),
             quantisation=float(np.abs(back - carried.values).max()),
             notes={"load": f"BED_MESH_PROFILE LOAD={name}"},
             step=10.0**-places * _MM,
@@ -180,7 +187,13 @@ class Klipper(Dialect):
                 path, "min must be below max", field="min_x, max_x, min_y, max_y", found=ends
             )
         x, y = np.linspace(ends[0], ends[1], n), np.linspace(ends[2], ends[3], m)
-        return CompensationMap(x, y, values, is_exact_inverse=True, **map_fields(path, x, y))
+        return CompensationMap(x, y, values, is_exact_inverse=True, **_bed(path, x, y))
+
+
+def _bed(path: Path, x: FloatArray, y: FloatArray) -> dict[str, Any]:
+    """Return the fields of Z over X and Y."""
+    zero, turns = nearest_zero(x, y), (False, False)
+    return map_identity(path, axes=("X", "Y"), compensates="Z", first=zero, turns=turns)
 
 
 def require_bed(table: CompensationMap, controller: str) -> None:
@@ -201,11 +214,6 @@ def require_bed(table: CompensationMap, controller: str) -> None:
                 f"{controller}: a {what} of {format_length(worst)} exceeds {format_length(most)}; check "
                 "the units of the map"
             )
-
-
-def _height(value: float, places: int) -> str:
-    text = f"{value:.{places}f}"
-    return text.removeprefix("-") if float(text) == 0.0 else text
 
 
 def _klipper_findings(table: CompensationMap, options: dict[str, Any]) -> tuple[Finding, ...]:
@@ -245,8 +253,9 @@ def _klipper_parsed(
     keys: dict[str, str] = {}
     rows: list[tuple[int, list[float]]] = []
     section, last = False, ""
-    require_last_end(data, path)
-    for number, line in enumerate(ascii_lines(data, path, "Klipper configuration"), start=1):
+    lines = decoded(data, path, "Klipper configuration").splitlines()
+    require_last_end(data.decode("ascii"), path)
+    for number, line in enumerate(lines, start=1):
         if not line.strip() or line.startswith("#"):
             continue
         if line.startswith("["):
@@ -384,7 +393,7 @@ class RepRap(Dialect):
             *(",".join(row) for row in rows),
         ]
         return Encoded(
-            data=("\n".join(lines) + "\n").encode("ascii"),
+            data=joined(lines),
             quantisation=float(np.abs(back - carried.values).max()) + _single(carried, back),
             notes={"decimals_of_mm": places},
             step=10.0**-places * _MM,
@@ -400,7 +409,7 @@ class RepRap(Dialect):
             np.asarray((grid[2 * i] + grid[4 + i] * np.arange(n, dtype=np.float64)) * _MM)
             for i, n in enumerate(values.shape[::-1])
         )
-        return CompensationMap(x, y, values * _MM, is_exact_inverse=True, **map_fields(path, x, y))
+        return CompensationMap(x, y, values * _MM, is_exact_inverse=True, **_bed(path, x, y))
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
         """Return what the firmware adds to Z, in its single precision."""
@@ -458,7 +467,7 @@ def _fitting(heights: FloatArray, wanted: int | None) -> tuple[int, list[list[st
     """Return decimals and printed rows that fit the firmware's line."""
     longest = 0
     for places in range(_MOST if wanted is None else wanted, _FEWEST - 1, -1):
-        rows = [[_printed(v, places) for v in row] for row in heights]
+        rows = [[fixed(v, places) for v in row] for row in heights]
         longest = max(len(",".join(row)) for row in rows)
         if longest <= MAX_LINE:
             return places, rows
@@ -468,11 +477,6 @@ def _fitting(heights: FloatArray, wanted: int | None) -> tuple[int, list[list[st
         f"a row of {heights.shape[1]} heights is {longest} characters long, the firmware reads "
         f"{MAX_LINE} and cuts the rest; give fewer decimals=, or a coarser x_spacing="
     )
-
-
-def _printed(value: float, places: int) -> str:
-    text = f"{value:.{places}f}"
-    return text.removeprefix("-") if float(text) == 0.0 else text
 
 
 def _findings(places: int, wanted: int | None) -> tuple[Finding, ...]:
@@ -512,8 +516,8 @@ def _single(carried: CompensationMap, back: FloatArray) -> float:
 
 def _parsed(data: bytes, path: Path, most: int) -> tuple[list[float], FloatArray]:
     """Return min0, max0, min1, max1, spacings in mm, and the heights in mm."""
-    lines = ascii_lines(data, path, "height map")
-    require_last_end(data, path)
+    lines = decoded(data, path, "height map").splitlines()
+    require_last_end(data.decode("ascii"), path)
     long = [i for i, line in enumerate(lines, start=1) if len(line) > MAX_LINE]
     if long:
         raise _wrong(

@@ -18,6 +18,8 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.products import ProductTables, rank_one
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._facts import settled
+from metrosep.controllers._grammar import short
 from metrosep.controllers._grids import (
     AlongOption,
     along_axis,
@@ -25,9 +27,7 @@ from metrosep.controllers._grids import (
     even_table,
     format_amount,
     format_span,
-    map_identity,
 )
-from metrosep.controllers._notes import agreed
 from metrosep.controllers._sinumerik_file import (
     Assignment,
     Grid,
@@ -41,7 +41,6 @@ from metrosep.controllers._sinumerik_file import (
     factors,
     folded,
     grid_of,
-    number_text,
     opened,
     pair,
     read_assignments,
@@ -58,7 +57,7 @@ from metrosep.controllers.base import (
     Simulator,
     identity,
     load_sidecar,
-    sidecar_options,
+    map_identity,
     table_lookup,
 )
 from metrosep.controllers.options import Option
@@ -464,7 +463,7 @@ def _turning(corrections: CompensationMap) -> str:
 
 
 def _words(values: FloatArray, decimals: int) -> list[str]:
-    return [number_text(float(v), decimals=decimals) for v in values]
+    return [short(float(v), decimals) for v in values]
 
 
 # ---- SINUMERIK encoder and spindle error compensation, ``$AA_ENC_COMP`` ------------------------
@@ -555,9 +554,7 @@ class SinumerikEnc(Dialect):
                 f"at least {format_span(table.axis, needed)} (spacing='...'), or raise MD38000"
             )
         unit = units(turns=o["turns"])
-        words = [
-            number_text(-c / unit, decimals=o["decimals"], at_least=1) for c in carried.forward
-        ]
+        words = [short(-c / unit, o["decimals"], at_least=1) for c in carried.forward]
         if o["modulo"]:
             checked_modulo(words, carried.forward, carried.span, table.axis)
         back = -np.array(words, dtype=np.float64) * unit
@@ -583,7 +580,7 @@ class SinumerikEnc(Dialect):
         self, data: bytes, path: Path, options: dict[str, Any]
     ) -> tuple[CompensationTable, bool]:
         assignments, noted = read_assignments(data, path)
-        o = agreed(noted, self.options, {**sidecar_options(path, self.options), **options}, path)
+        o = settled(self.options, options, path, file=noted, partial=True)
         grid, name = _chosen(assignments, path, o)
         turns = turning(name, o.get("turns"), "turns=True or turns=False", path)
         unit = units(turns=turns)
@@ -649,7 +646,7 @@ def _lines(
     return [
         *(f"{_NAME}[{system},{i},{axis}]={w}" for i, w in enumerate(words)),
         *(
-            f"{_NAME}_{k}[{system},{axis}]={number_text(v, decimals=_POSITION_DECIMALS, at_least=1)}"
+            f"{_NAME}_{k}[{system},{axis}]={short(v, _POSITION_DECIMALS, at_least=1)}"
             for k, v in facts.items()
         ),
         f"{_NAME}_IS_MODULO[{system},{axis}]={int(o['modulo'])}",

@@ -14,19 +14,25 @@ from typing import Any
 import numpy as np
 
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._facts import own_axis
+from metrosep.controllers._grammar import (
+    Line,
+    Text,
+    Word,
+    ascii_lines,
+    fixed,
+    joined,
+    mm_value,
+)
 from metrosep.controllers._grids import (
     Resampling,
-    ascii_lines,
     carry,
-    fixed,
-    mm_value,
     require_linear,
     require_on_axis,
     require_one_direction,
     require_sizes,
     uniform_positions,
 )
-from metrosep.controllers._notes import own_axis
 from metrosep.controllers.base import DialectInfo, Encoded, identity
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
@@ -61,15 +67,24 @@ _KEYWORDS = (
     "VAR_INST VAR_IN_OUT VAR_OUTPUT VAR_STAT VAR_TEMP WCHAR WHILE WITH WORD WSTRING XOR "
 )
 """Words of ST (IEC 61131-3 with the additions of TwinCAT); capitals do not matter."""
-_VALUE = r"(-?\d{1,9}\.\d{1,12})"
+_MM = Word(r"-?\d{1,9}\.\d{1,12}", mm_value)
+_IDENTIFIER = Word(r"\w+")
 _TYPE = "ST_PositionCompensationTableElement"
-_OPEN = re.compile(rf"(\w+) : ARRAY\[1\.\.(\d{{1,7}})\] OF {_TYPE} := \[", re.ASCII)
-_ROW = re.compile(rf"\(Position := {_VALUE}, Compensation := {_VALUE}\)(,?)")
-_PARAMETER = re.compile(
-    rf"(\w+) : ST_PositionCompensationTableParameter := \(MinPosition := {_VALUE}, MaxPosition := "
-    rf"{_VALUE}, NoOfTableElements := (\d{{1,7}})\);",
-    re.ASCII,
-)
+_LAYOUT = {
+    "begin": Line("VAR_GLOBAL"),
+    "open": Line(f"{{name}} : ARRAY[1..{{size}}] OF {_TYPE} := [", name=_IDENTIFIER),
+    "row": Line(
+        "(Position := {p}, Compensation := {c}){comma}", p=_MM, c=_MM, comma=Word(",?")
+    ),
+    "close": Line("];"),
+    "parameter": Line(
+        "{name}Parameter : ST_PositionCompensationTableParameter := (MinPosition := {low}, "
+        "MaxPosition := {high}, NoOfTableElements := {size});",
+        name=_IDENTIFIER, low=_MM, high=_MM,
+    ),
+    "end": Line("END_VAR"),
+}  # fmt: skip
+"""Lines of the list, without their indents."""
 _COMMENT = re.compile(r"\(\* [^*()]* \*\)")
 
 
@@ -139,8 +154,21 @@ class TwinCAT(Resampling):
         back = np.array([[mm_value(v) for v in row] for row in rows])
         if (np.diff(back[:, 0]) <= 0).any():
             raise TableError(f"positions closer than 1e-{_DECIMALS} mm cannot be written")
+        n, ends = len(rows), {"low": rows[0][0], "high": rows[-1][0]}
+        lines = [
+            "(* metrosep: correction -e in mm, additive to the set position *)",
+            _LAYOUT["begin"].write(),
+            "  " + _LAYOUT["open"].write(name=name, size=n),
+            *(
+                "    " + _LAYOUT["row"].write(p=p, c=c, comma="," if i < n else "")
+                for i, (p, c) in enumerate(rows, start=1)
+            ),
+            "  " + _LAYOUT["close"].write(),
+            "  " + _LAYOUT["parameter"].write(name=name, size=n, **ends),
+            _LAYOUT["end"].write(),
+        ]
         return Encoded(
-            _text(table, name, rows).encode("ascii"),
+            joined(lines),
             float(np.abs(back[:, 1] - carried.table.forward).max()),
             carried=carried.table,
             resampling_error=carried.error,
@@ -148,31 +176,32 @@ class TwinCAT(Resampling):
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
         """Return the table."""
-        lines = [line.strip() for line in ascii_lines(data, path, "ST table of TwinCAT")]
-        lines = [line for line in lines if line and not _COMMENT.fullmatch(line)]
-        frame = len(lines) >= 5 and lines[0] == "VAR_GLOBAL" and lines[-1] == "END_VAR"
-        opened = _OPEN.fullmatch(lines[1]) if frame else None
-        closed = _PARAMETER.fullmatch(lines[-2]) if frame else None
-        if not frame or opened is None or closed is None or lines[-3] != "];":
-            raise CorruptFileError(
-                path, "no complete declaration of a compensation table", hint="write it again"
-            )
-        wanted = options.get("name") or opened[1]
-        if opened[1] != wanted or closed[1] != f"{wanted}Parameter":
+        lines = enumerate(ascii_lines(data, path, "ST table of TwinCAT"), start=1)
+        rows = [(i, line.strip()) for i, line in lines]
+        rows = [row for row in rows if row[1] and not _COMMENT.fullmatch(row[1])]
+        text = Text(path, rows, "ST table of TwinCAT")
+        text.take(_LAYOUT["begin"])
+        opened = text.take(_LAYOUT["open"])
+        wanted = options.get("name") or opened["name"]
+        found = text.many(_LAYOUT["row"])
+        text.take(_LAYOUT["close"])
+        closed = text.take(_LAYOUT["parameter"])
+        text.take(_LAYOUT["end"])
+        text.end()
+        if opened["name"] != wanted or closed["name"] != wanted:
             raise CorruptFileError(
                 path,
                 "another variable",
                 expected=wanted,
-                found=f"{opened[1]}, {closed[1]}",
+                found=f"{opened['name']}, {closed['name']}Parameter",
                 hint="give name= of the variable, or write the table again",
             )
-        rows = [_row(line, i, path) for i, line in enumerate(lines[2:-3], start=1)]
-        table = np.array([r[:2] for r in rows]).reshape(-1, 2)
-        _require_frame(table, [r[2] for r in rows], opened[2], closed, path)
+        table = np.array([(row["p"], row["c"]) for row in found]).reshape(-1, 2)
+        _require_frame(table, [row["comma"] for row in found], opened["size"], closed, path)
         return CompensationTable(
-            positions=table[:, 0],
-            forward=table[:, 1],
-            reverse=None,
+            table[:, 0],
+            table[:, 1],
+            None,
             is_exact_inverse=True,
             **own_axis(identity(path, first=float(table[0, 0])), path),
         )
@@ -188,49 +217,16 @@ def _require_name(name: str) -> None:
         )
 
 
-def _text(table: CompensationTable, name: str, rows: list[tuple[str, str]]) -> str:
-    n = len(rows)
-    lines = [
-        "(* metrosep: correction -e in mm, additive to the set position *)",
-        "VAR_GLOBAL",
-        f"  {name} : ARRAY[1..{n}] OF {_TYPE} := [",
-    ]
-    lines += [
-        f"    (Position := {p}, Compensation := {c}){'' if i == n else ','}"
-        for i, (p, c) in enumerate(rows, start=1)
-    ]
-    lines += [
-        "  ];",
-        (
-            f"  {name}Parameter : ST_PositionCompensationTableParameter := (MinPosition := {rows[0][0]}, "
-            f"MaxPosition := {rows[-1][0]}, NoOfTableElements := {n});"
-        ),
-        "END_VAR",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _row(line: str, number: int, path: Path) -> tuple[float, float, str]:
-    found = _ROW.fullmatch(line)
-    if found is None:
-        raise CorruptFileError(
-            path,
-            f"element {number} is no position with its compensation but {line[:60]!r}",
-            hint="write the table again",
-        )
-    return mm_value(found[1]), mm_value(found[2]), found[3]
-
-
 def _require_frame(
-    table: FloatArray, commas: list[str], size: str, closed: re.Match[str], path: Path
+    table: FloatArray, commas: list[str], size: int, closed: dict[str, Any], path: Path
 ) -> None:
     """Refuse counts, commas, ends and spacing that do not fit together."""
     n = table.shape[0]
-    if n < 2 or n != int(size) or n != int(closed[4]):
+    if n < 2 or n != size or n != closed["size"]:
         raise CorruptFileError(
             path,
             "the number of elements does not fit",
-            expected=f"{size} and {closed[4]}",
+            expected=f"{size} and {closed['size']}",
             found=n,
             hint="write the table again",
         )
@@ -246,8 +242,7 @@ def _require_frame(
             found=f"{p[i]:.9g} mm",
             hint="TwinCAT needs equal steps: write the table again",
         )
-    ends = mm_value(closed[2]), mm_value(closed[3])
-    if ends != (table[0, 0], table[-1, 0]):
+    if (closed["low"], closed["high"]) != (table[0, 0], table[-1, 0]):
         raise CorruptFileError(
             path,
             "MinPosition and MaxPosition are not the ends of the table",

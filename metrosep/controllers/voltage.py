@@ -24,18 +24,8 @@ from numpy.typing import ArrayLike
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._plain_text import known_options, scaled
-from metrosep.controllers._playback import (
-    PLAYBACK_OPTIONS,
-    TOLD,
-    Playback,
-    chosen,
-    dropped,
-    plan,
-    rebuilt,
-    resampling_error,
-    sampled,
-)
+from metrosep.controllers._facts import is_described, settled
+from metrosep.controllers._grammar import scaled
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -47,6 +37,15 @@ from metrosep.controllers.base import (
     sidecar_options,
 )
 from metrosep.controllers.options import Option
+from metrosep.controllers.waves import (
+    PLAYBACK_OPTIONS,
+    STATED,
+    Playback,
+    encoded,
+    plan,
+    read_wave,
+    sampled,
+)
 from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 from metrosep.core.units import format_length, parse_sensitivity
@@ -164,7 +163,7 @@ class Voltage(Dialect):
         step = _step(curves, options["bits"])
         return Encoded(
             data=data,
-            findings=_doubts(error, step),
+            findings=_warnings(error, step),
             quantisation=error,
             notes=_notes(curves, rest, rates, volts),
             step=step,
@@ -188,14 +187,7 @@ class Voltage(Dialect):
         curves, rest = _curves(known), _rest(known)
         if header[0] == "time_s":
             play, values = _played(rows, known, curves, rest, path)
-            places = play.positions()
-            names = identity(path, first=float(places.min()))
-            if not places.min() <= names["reference"] <= places.max():
-                names["reference"] = float(places.min())
-            blank = CompensationTable(
-                np.array([0.0, 1.0]), np.zeros(2), None, is_exact_inverse=True, **names
-            )
-            return rebuilt(play, values, blank)
+            return read_wave(play, values, path)
         positions = rows[:, 0] * 1e-3
         columns = [_corrections(rows[:, 1], curves, rest, known["polarity"])]
         if len(header) == 3:
@@ -240,14 +232,16 @@ class Voltage(Dialect):
         if given.get("calibration") is None:
             given["calibration"] = load_sidecar(path).get("calibration")
         header, rows = _parsed(data, path)
-        told: tuple[str, ...] = ("polarity", "calibration", "offset")
+        needed: tuple[str, ...] = ("polarity", "calibration", "offset")
         if header[0] == "time_s":
             given.setdefault("over", "time")
             motion = given.get("motion") or sidecar_options(path, self.options).get(
                 "motion", "pass"
             )
-            told += TOLD[motion]
-        known = known_options(given, path, self.options, told)
+            needed += STATED[motion]
+        known = settled(
+            self.options, given, path, needed=() if is_described(path) else needed, file={}
+        )
         if known["over"] != header[0].split("_")[0]:
             raise DataError(
                 f"{path}: over={known['over']!r} is said, the file is over {header[0].split('_')[0]}; leave "
@@ -294,16 +288,13 @@ def _over_time(
     rates = _rates(times, [volts], {**options, "speed": 1.0})
     rows = zip((scaled(round(t, 12), 0) for t in times), map(_volt, volts), strict=True)
     error, step = float(np.abs(back - values).max()), _step(curves, options["bits"])
-    return Encoded(
-        data=_text(("time_s", "voltage_V"), rows),
-        findings=(*dropped(play, table), *_doubts(error, step)),
+    return encoded(
+        _text(("time_s", "voltage_V"), rows), play, values, table, options,
+        findings=_warnings(error, step),
         quantisation=error,
         notes=_notes(curves, rest, rates, [volts]),
         step=step,
-        carried=rebuilt(play, values, table),
-        resampling_error=resampling_error(play, values, table),
-        options=chosen(play, options),
-    )
+    )  # fmt: skip
 
 
 def _played(
@@ -397,7 +388,7 @@ def _mm(value: float) -> str:
     return scaled(round(float(value), 15), 3)
 
 
-def _doubts(quantisation: float, step: float) -> tuple[Finding, ...]:
+def _warnings(quantisation: float, step: float) -> tuple[Finding, ...]:
     """Return a warning if the voltages miss the corrections by more than rounding can."""
     if quantisation <= _ROUGH * step:
         return ()

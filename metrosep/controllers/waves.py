@@ -1,58 +1,532 @@
-"""Wave tables of piezo stages: commands of PI's General Command Set (GCS 2).
+"""Waves of piezo stages: corrections that a wave generator plays over time and that know no position.
 
-``WAV table X PNT 1 n v1 v2 ..`` writes points, ``&`` appends; then WSL connects table and generator,
-WTR sets servo periods per point and interpolation, WOS the offset, WGC the cycles, WGO starts.
-A point is the correction c = -e of the axis, in the direction in which the piezo counts, in axis
-units; the generator adds the offset. The layout of the commands is that of PI's own PIPython 2.11,
-which sends them to a fake controller in tests/acceptance/pi.
+A table of corrections is sampled where the moving axis is at each output of the generator: along a pass
+at constant speed, or over one turn of a spindle. `PiGcs`: commands of PI's General Command Set (GCS 2),
+``WAV table X PNT 1 n v1 v2 ..`` writes points, ``&`` appends; then WSL connects table and generator, WTR
+sets servo periods per point and interpolation, WOS the offset, WGC the cycles, WGO starts. A point is
+the correction c = -e of the axis, in the direction in which the piezo counts, in axis units; the
+generator adds the offset. The layout is that of PI's own PIPython 2.11, which sends the commands to a
+fake controller in tests/acceptance/pi. `NV200`: see there.
 """
 
 from __future__ import annotations
 
-import re
+import math
+from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._plain_text import ascii_lines, decimal, is_described, known_options
-from metrosep.controllers._playback import (
-    PLAYBACK_OPTIONS,
-    TOLD,
-    Playback,
-    chosen,
-    dropped,
-    facts,
-    plan,
-    rebuilt,
-    require_travel,
-    resampling_error,
-    rest_position,
-    sampled,
+from metrosep.controllers._facts import is_described, settled
+from metrosep.controllers._grammar import (
+    NUMBER,
+    Line,
+    Text,
+    Word,
+    choice,
+    decimal,
+    decoded,
+    joined,
+    row_of,
 )
-from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, identity
+from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, identity, one_way
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, DataError, LimitError
+from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
+from metrosep.core.units import format_length
 
-__all__ = ["PiGcs"]
+__all__ = ["NV200", "PLAYBACK_OPTIONS", "PiGcs", "Playback"]
+
+_TURN = 2.0 * math.pi
+_NODE = 1e-9
+"""A point counts as reached this part of a step early: positions are not exact in binary."""
+_MOST = 5_000_000
+"""More points than any wave table holds: speed or rate has the wrong unit."""
+_WHOLE = 1e-6
+"""Fraction of a point within which a turn must be a whole number of points."""
+
+PLAYBACK_OPTIONS = (
+    Option(
+        "polarity",
+        "1 if the piezo and the corrected axis count up the same way, -1 if they are opposed",
+        "choice",
+        required=True,
+        choices=(1, -1),
+    ),
+    Option("travel", "of the piezo stage, from 0", "length", required=True, positive=True),
+    Option(
+        "offset",
+        "where the piezo rests (d_off), so that it can move both ways; half the travel if omitted",
+        "length",
+    ),
+    Option(
+        "motion",
+        "what runs while the wave is played: one pass at constant speed, or turn after turn",
+        "choice",
+        default="pass",
+        choices=("pass", "turn"),
+    ),
+    Option("speed", "constant speed of the pass", "speed", positive=True),
+    Option(
+        "start",
+        "position at which the generator starts, in a pass: an end of the table, to use all of it",
+        "length",
+    ),
+    Option("direction", "of motion while the wave plays", "choice", default=1, choices=(1, -1)),
+    Option("start_angle", "angle at which the generator starts, in a turn", "angle", default=0.0),
+    Option("points", "of one turn", "integer", lowest=2, highest=1_000_000),
+    Option("rotation", "speed of the spindle, turns per second", "frequency", positive=True),
+    Option("rate", "servo periods that each point lasts", "integer", default=1, lowest=1),
+    Option(
+        "closing",
+        "largest jump of the table from the end of a turn to its beginning",
+        "length",
+        default=1e-9,
+        lowest=0.0,
+    ),
+    Option("decimals", "of a value in um", "integer", default=6, lowest=1, highest=9),
+)
+"""What every wave needs to know of the machine."""
+
+STATED = {
+    "pass": ("polarity", "start", "direction", "speed"),
+    "turn": ("polarity", "start_angle", "direction"),
+}
+"""Options, by motion, that are never guessed when a file is read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Playback:
+    """Where the moving axis is when the generator puts out each point."""
+
+    start: float  # m or rad: position at point 0
+    step: float  # m or rad: from point to point, negative for a pass in - direction
+    n: int  # points of the wave
+    rate: int  # servo periods that each point lasts
+    period: float  # s: servo period
+    is_cyclic: bool  # whether point 0 follows the last one, turn after turn
+    # whether the generator moves on in a line at every servo period, or holds each point
+    interpolates: bool
+
+    @property
+    def duration(self) -> float:
+        """Time of one cycle in s."""
+        return self.n * self.rate * self.period
+
+    @property
+    def direction(self) -> int:
+        """Direction of motion, 1 or -1."""
+        return 1 if self.step > 0 else -1
+
+    def positions(self) -> FloatArray:
+        """Return where the axis is at each point, and at the end of the turn."""
+        return np.asarray(
+            self.start + self.step * np.arange(self.n + self.is_cyclic, dtype=np.float64)
+        )
+
+    def played(self, values: FloatArray, position: ArrayLike) -> FloatArray:
+        """Return what the generator puts out when the axis is at a position."""
+        u = (np.asarray(position, dtype=np.float64) - self.start) / self.step
+        u = np.mod(u + _NODE, self.n) if self.is_cyclic else np.clip(u + _NODE, 0.0, self.n - 1)
+        k = np.floor(u).astype(np.int64)
+        if not self.interpolates:
+            return np.asarray(values[k], dtype=np.float64)
+        ticks = np.floor((u - k) * self.rate) / self.rate
+        after = (k + 1) % self.n if self.is_cyclic else np.minimum(k + 1, self.n - 1)
+        return np.asarray(values[k] + (values[after] - values[k]) * ticks, dtype=np.float64)
+
+    def lookup(self, values: FloatArray) -> Simulator:
+        """Return the lookup of the wave."""
+        return one_way(lambda position: self.played(values, position))
+
+
+def plan(
+    options: dict[str, Any],
+    *,
+    period: float,
+    interpolates: bool,
+    n: int | None = None,
+    begin: float | None = None,
+    end: float | None = None,
+) -> Playback:
+    """Return the playback of a pass or a turn."""
+    rate = int(options["rate"])
+    is_turn = options["motion"] == "turn"
+    if is_turn:
+        wanted = _turn_points(options, rate * period)
+        if n not in (None, wanted):
+            raise DataError(
+                f"the file holds {n} points, a turn is said to have {wanted} (points=, rotation=): the "
+                "file was cut, or is another one"
+            )
+        n, start = wanted, options["start_angle"]
+        step = options["direction"] * _TURN / n
+    else:
+        if options.get("speed") is None:
+            raise DataError(
+                "a pass needs speed= (constant speed of the axis, such as '60 mm/min')"
+            )
+        start = begin if options.get("start") is None else options["start"]
+        if start is None:
+            raise DataError(
+                "a pass needs start=, the position of the axis where the wave begins: that of the "
+                "file's first point"
+            )
+        start = float(start)
+        step = options["direction"] * options["speed"] * rate * period
+        if n is None:
+            last = start if end is None else float(end)
+            _require_possible((last - start) / step)
+            n = math.ceil((last - start) / step - _NODE) + 1
+            if n < 2:
+                raise TableError(
+                    f"a pass from start={format_length(start)} does not reach the end of the table at "
+                    f"{format_length(last)}; state where it starts (start=) and its direction"
+                )
+    return Playback(start, step, n, rate, period, is_turn, interpolates)
+
+
+def _turn_points(options: dict[str, Any], dwell: float) -> int:
+    """Return the points of a turn: as stated, or as the speed of the spindle asks for."""
+    points, rotation = options.get("points"), options.get("rotation")
+    if rotation is None:
+        if points is None:
+            raise DataError("a turn needs points= (of one turn) or rotation= (such as '1 Hz')")
+        return int(points)
+    wanted = 1.0 / (rotation * dwell)
+    _require_possible(wanted)
+    n: int = round(wanted)
+    if n < 2 or abs(wanted - n) > _WHOLE or (points is not None and points != n):
+        near = max(n, 2) if points is None else int(points)
+        raise DataError(
+            f"at {rotation:.9g} turns per second a turn lasts {wanted:.6f} points, so the wave would "
+            f"run away from the spindle; turn at {1.0 / (near * dwell):.12g} 1/s for {near} points, "
+            "or change rate="
+        )
+    return n
+
+
+def _require_possible(points: float) -> None:
+    if points > _MOST:
+        raise LimitError(
+            f"the wave would have {points:.3g} points; use a larger rate= (or sample_time=), and check "
+            "the unit of the speed"
+        )
+
+
+def sampled(
+    table: CompensationTable, options: dict[str, Any], *, period: float, interpolates: bool
+) -> tuple[Playback, FloatArray]:
+    """Return a table's corrections at the points of a wave."""
+    if table.reverse is not None:
+        raise TableError(
+            "a wave is played in one direction of motion, this table has two columns; make one for "
+            "each pass (CompensationTable.from_error(direction='forward') and 'reverse')"
+        )
+    turns = options["motion"] == "turn"
+    if is_rotary(table.axis) and not turns:
+        raise TableError(
+            f"{table.axis} turns, and speed= of a pass is a length over time; play it turn after turn "
+            "(motion='turn' with points= or rotation=)"
+        )
+    if turns and not is_rotary(table.axis):
+        raise TableError(
+            f"motion='turn' is for an axis that turns, {table.axis} does not: positions would be "
+            "angles; play it as a pass"
+        )
+    begin, end = table.span[:: options["direction"]]
+    low, high = table.span
+    play = plan(options, period=period, interpolates=interpolates, begin=begin, end=end)
+    places = play.positions()
+    if play.is_cyclic:
+        _require_closed(table, options["closing"])
+    elif play.direction * (places[0] - (low if play.direction > 0 else high)) < -1e-9 * (
+        high - low
+    ):
+        raise TableError(
+            f"the wave starts at {places[0]:.9g}, the table covers {low:.9g} ... {high:.9g} (m or "
+            "rad); start inside the table"
+        )
+    return play, _wanted(table, play, places[: play.n])
+
+
+def dropped(play: Playback, table: CompensationTable) -> tuple[Finding, ...]:
+    """Return what part of a table a wave does not play."""
+    begin = table.span[0 if play.direction > 0 else 1]
+    if play.is_cyclic or play.direction * (play.start - begin) <= 0.5 * abs(play.step):
+        return ()
+    return (
+        Finding(
+            "error",
+            f"the wave starts at {format_length(play.start)}, the table begins at {format_length(begin)} "
+            "in this direction: the part before it is not played, the first point is held there",
+            f"say start='{begin * 1e3:.9g} mm', or cut the table",
+            "coverage",
+        ),
+    )
+
+
+def _require_closed(table: CompensationTable, closing: float) -> None:
+    """Refuse a table that is not a whole turn, or that jumps at its end."""
+    low, high = table.span
+    if high - low < _TURN - _NODE:
+        raise TableError(
+            f"a turn needs 360 deg, the table covers {math.degrees(low):.9g} ... "
+            f"{math.degrees(high):.9g} deg; measure the whole turn"
+        )
+    first, last = (float(v) for v in table.correction([low, low + _TURN]))
+    if abs(last - first) > closing:
+        raise TableError(
+            f"the correction is {format_length(first)} at the beginning of the turn and "
+            f"{format_length(last)} at its end: the stage would jump by "
+            f"{format_length(abs(last - first))} every turn; take the drift out of the error "
+            "(only what repeats can be played), or accept the jump with closing="
+        )
+
+
+def _wanted(table: CompensationTable, play: Playback, places: FloatArray) -> FloatArray:
+    """Return the table's corrections, of a turn wherever it starts."""
+    low = table.span[0]
+    wrapped = low + np.mod(places - low, _TURN) if play.is_cyclic else places
+    return np.asarray(table.correction(wrapped))
+
+
+def encoded(
+    data: bytes,
+    play: Playback,
+    values: FloatArray,
+    table: CompensationTable,
+    options: Mapping[str, Any],
+    *,
+    findings: tuple[Finding, ...] = (),
+    **more: Any,
+) -> Encoded:
+    """Return the bytes of a wave with what it carries of a table, and where a pass starts."""
+    follows = play.is_cyclic or options.get("start") is not None
+    return Encoded(
+        data=data,
+        carried=rebuilt(play, values, table),
+        resampling_error=resampling_error(play, values, table),
+        options={} if follows else {"start": play.start},
+        findings=(*dropped(play, table), *findings),
+        **more,
+    )
+
+
+def read_wave(play: Playback, values: FloatArray, path: Path) -> CompensationTable:
+    """Return the table that a file plays, with the axes of its sidecar."""
+    ends = play.positions()[[0, -1]]
+    names = identity(path, first=float(ends.min()))
+    if not ends.min() <= names["reference"] <= ends.max():
+        names["reference"] = float(ends.min())
+    blank = CompensationTable(
+        np.array([0.0, 1.0]), np.zeros(2), None, is_exact_inverse=True, **names
+    )
+    return rebuilt(play, values, blank)
+
+
+def rebuilt(play: Playback, values: FloatArray, table: CompensationTable) -> CompensationTable:
+    """Return the table that a wave carries."""
+    places = play.positions()
+    column = np.append(values, values[0]) if play.is_cyclic else values
+    order = slice(None, None, play.direction)
+    return replace(
+        table, positions=places[order], forward=column[order], reverse=None, u=None, source=None
+    )
+
+
+def resampling_error(play: Playback, values: FloatArray, table: CompensationTable) -> float:
+    """Return how far the played wave is from the table at most."""
+    index = np.arange(play.n - (not play.is_cyclic))[:, None] + np.array([0.0, 0.5, 1.0 - 1e-6])
+    places = np.concatenate([play.start + play.step * index.ravel(), table.positions])
+    ends = play.positions()[[0, -1]]
+    places = places[(places >= ends.min()) & (places <= ends.max())]
+    return float(np.abs(play.played(values, places) - _wanted(table, play, places)).max())
+
+
+def rest_position(options: Mapping[str, Any]) -> float:
+    """Return where the stage rests (d_off): as stated, else half its travel."""
+    offset = options.get("offset")
+    return float(options["travel"] / 2.0 if offset is None else offset)
+
+
+def require_travel(play: Playback, values: FloatArray, options: dict[str, Any]) -> FloatArray:
+    """Return where the stage must stand at each point, and refuse what is beyond its travel."""
+    rest, travel = rest_position(options), float(options["travel"])
+    stage = rest + options["polarity"] * values
+    beyond = np.maximum(-stage, stage - travel)
+    i = int(np.argmax(beyond))
+    if beyond[i] > 1e-15:
+        raise LimitError(
+            f"point {i} at {play.positions()[i]:.9g} (m or rad): a correction of "
+            f"{format_length(float(values[i]))} from the rest position {format_length(rest)} needs a "
+            f"displacement of {format_length(float(stage[i]))}, the stage moves 0 ... "
+            f"{format_length(travel)}; set offset=, or remove offset and line from the error"
+        )
+    return np.asarray(stage)
+
+
+def facts(play: Playback, stage: FloatArray) -> dict[str, Any]:
+    """Return what the operator must know of a wave."""
+    dwell = play.rate * play.period
+    jumps = np.diff(np.append(stage, stage[0])) if play.is_cyclic else np.diff(stage)
+    places = play.positions()
+    known: dict[str, Any] = {
+        "points": play.n,
+        "direction": play.direction,
+        "duration_of_a_cycle_s": play.duration,
+        "starts_at": float(places[0]),
+        "ends_at": float(places[-1]),
+        "stand_before_start_um": float(stage[0]) * 1e6,
+        "largest_step_of_a_point_nm": float(np.abs(jumps).max()) * 1e9,
+        "largest_stage_speed_um_per_s": float(np.abs(jumps).max()) / dwell * 1e6,
+    }
+    if play.is_cyclic:
+        known["turns_per_minute"] = 60.0 / play.duration
+    return known
+
+
+# ---- what both generators have in common --------------------------------------------------------
 
 _UM = 1e-6
-_NUMBER = re.compile(r"-?\d+(\.\d+)?")
-"""A value as we and the controller write it; an exponent is legal there but never written."""
-_FROM_FILE = {
-    "generator": "WSL",
-    "wave_table": "WAV",
-    "rate": "WTR",
-    "interpolation": "WTR",
-    "start_mode": "WGO",
-}
-"""Options that the commands state themselves."""
+_POSITIVE = Word(r"[1-9]\d{0,8}", int)
 
 
-class PiGcs(Dialect):
+class _Wave(Dialect):
+    """A generator whose commands set points in um; `adds_offset` if it adds the rest position itself."""
+
+    adds_offset: ClassVar[bool]
+    needed: ClassVar[tuple[str, ...]] = ("travel",)
+    commands: ClassVar[tuple[tuple[str, str], ...]]
+    endless: ClassVar[str]
+
+    @abstractmethod
+    def _clock(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the servo period, and whether the generator draws lines between points."""
+
+    @abstractmethod
+    def _lines(self, points: list[str], play: Playback, options: Mapping[str, Any]) -> list[str]:
+        """Return the commands of a wave whose points are printed."""
+
+    @abstractmethod
+    def _parsed(self, data: bytes, path: Path) -> tuple[list[float], dict[str, Any]]:
+        """Return the points in um and what the commands state."""
+
+    def _room(self, options: Mapping[str, Any]) -> tuple[int | None, str]:
+        """Return how many points the generator holds, and its name."""
+        return options["memory"], "wave table"
+
+    def _findings(
+        self, play: Playback, stage: FloatArray, options: Mapping[str, Any]
+    ) -> tuple[Finding, ...]:
+        """Return what is doubtful about a wave."""
+        return ()
+
+    def encode(self, table: CompensationTable, **options: Any) -> Encoded:
+        """Return the commands."""
+        play, values = sampled(table, options, **self._clock(options))
+        room, what = self._room(options)
+        if room is not None and play.n > room:
+            least = -(-play.n * play.rate // room)
+            raise LimitError(
+                f"{play.n} points, the {what} holds {room}; use rate={least} or more (a point then "
+                f"lasts {least * play.period * 1e3:.6g} ms), or a shorter pass"
+            )
+        stage = require_travel(play, values, options)
+        polarity, places, rest = options["polarity"], options["decimals"], rest_position(options)
+        offset = float(decimal(round(rest / _UM, places))) if self.adds_offset else rest / _UM
+        points = polarity * values if self.adds_offset else stage
+        printed = [decimal(round(v / _UM, places)) for v in points]
+        back = np.array([float(v) for v in printed]) * _UM - (0.0 if self.adds_offset else rest)
+        return encoded(
+            joined(self._lines(printed, play, options)), play, values, table, options,
+            quantisation=float(np.abs(polarity * back - values).max()),
+            notes={"playback": {**facts(play, stage), "offset_um": offset}},
+            step=10.0**-places * _UM,
+            findings=self._findings(play, stage, options),
+        )  # fmt: skip
+
+    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
+        """Return the corrections that the commands carry."""
+        return read_wave(*self._read(data, path, options), path)
+
+    def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
+        """Return what the generator puts out while the axis moves as stated."""
+        play, values = self._read(data, path, options)
+        return play.lookup(values)
+
+    def _read(
+        self, data: bytes, path: Path, options: dict[str, Any]
+    ) -> tuple[Playback, FloatArray]:
+        points, stated = self._parsed(data, path)
+        offset = stated.pop("offset_um", None)
+        cycles = stated.pop("cycles")
+        for name, command in self.commands:
+            if options.get(name) not in (None, stated[name]):
+                raise DataError(
+                    f"{path}: {command} says {name}={stated[name]}, not {options[name]}; leave "
+                    f"{name}= away, or look for the right file"
+                )
+        motion = "pass" if cycles else "turn"
+        has_defaults = is_described(path)
+        known = settled(
+            self.options, {**options, **stated}, path, file=stated,
+            needed=() if has_defaults else (*self.needed, *STATED[motion]),
+        )  # fmt: skip
+        if known["motion"] != motion:
+            raise CorruptFileError(
+                path,
+                f"{self.endless} does not fit the motion: 0 cycles are endless, for a turn; 1 is for a "
+                "pass",
+                field=self.endless,
+                found=cycles,
+                expected=0 if known["motion"] == "turn" else 1,
+            )
+        play = plan(known, **self._clock(known), n=len(points))
+        slack, rest = 10.0 ** -known["decimals"], rest_position(known) / _UM
+        is_stated = offset is not None and (known["offset"] is not None or has_defaults)
+        if is_stated and abs(offset - rest) > slack:
+            raise CorruptFileError(
+                path, "WOS is not the offset that is stated", field="WOS", expected=f"{rest:.9g} um",
+                found=f"{offset:.9g} um", hint="leave offset= away, or look for the right file",
+            )  # fmt: skip
+        stage, travel = np.array(points) + (offset or 0.0), known["travel"] / _UM
+        worst = int(np.argmax(np.maximum(-stage, stage - travel)))
+        if not -2 * slack <= stage[worst] <= travel + 2 * slack:
+            raise CorruptFileError(
+                path, f"point {worst + self.adds_offset} is beyond the travel of the stage",
+                field="WAV, WOS" if self.adds_offset else "gparb",
+                expected=f"0 ... {travel:.9g} um", found=f"{stage[worst]:.9g} um",
+                hint="the file was edited, or travel= is that of another stage",
+            )  # fmt: skip
+        moved = np.array(points) * _UM - (0.0 if self.adds_offset else rest_position(known))
+        return play, np.asarray(known["polarity"] * moved)
+
+
+# ---- PI -----------------------------------------------------------------------------------------
+
+_WAVE = Line(
+    "WAV {wave_table} {mode} PNT {first} {count} {points}",
+    mode=Word("[X&]"),
+    points=row_of(NUMBER),
+)
+_COMMANDS = (
+    Line("WSL {generator} {wave_table}", generator=_POSITIVE),
+    Line("WTR {generator} {rate} {interpolation}", rate=_POSITIVE, interpolation=choice(0, 1)),
+    Line("WOS {generator} {offset_um}", offset_um=NUMBER),
+    Line("WGC {generator} {cycles}", cycles=choice(0, 1)),
+    Line("WGO {generator} {start_mode}", start_mode=choice(1, 2)),
+)
+
+
+class PiGcs(_Wave):
     """Writer and reader of PI wave tables; see the module."""
 
     info = DialectInfo(
@@ -104,269 +578,103 @@ class PiGcs(Dialect):
             "start_mode", "of WGO: 1 at once, 2 by the trigger input", "choice", default=1, choices=(1, 2)
         ),
     )  # fmt: skip
+    adds_offset = True
+    endless = "WGC"
+    commands = (
+        ("generator", "WSL"),
+        ("wave_table", "WAV"),
+        ("rate", "WTR"),
+        ("interpolation", "WTR"),
+        ("start_mode", "WGO"),
+    )
 
-    def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the commands."""
-        play, values = sampled(
-            table,
-            options,
-            period=options["servo_time"],
-            interpolates=options["interpolation"] == 1,
-        )
-        _require_memory(play, options["memory"])
-        stage = require_travel(play, values, options)
-        polarity, places = options["polarity"], options["decimals"]
-        printed = [decimal(round(v / _UM, places)) for v in polarity * values]
-        offset = decimal(round(rest_position(options) / _UM, places))
-        back = polarity * np.array([float(v) for v in printed]) * _UM
-        lines = _points(printed, options["wave_table"], options["bunch"])
-        g = options["generator"]
-        lines += [
-            f"WSL {g} {options['wave_table']}",
-            f"WTR {g} {play.rate} {options['interpolation']}",
-            f"WOS {g} {offset}",
-            f"WGC {g} {0 if play.is_cyclic else 1}",
-            f"WGO {g} {options['start_mode']}",
+    def _clock(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the servo period, and whether lines are drawn."""
+        return {"period": options["servo_time"], "interpolates": options["interpolation"] == 1}
+
+    def _lines(self, points: list[str], play: Playback, options: Mapping[str, Any]) -> list[str]:
+        """Return the points in bunches, then the settings."""
+        stated = {
+            **options, "rate": play.rate, "cycles": 0 if play.is_cyclic else 1,
+            "offset_um": decimal(round(rest_position(options) / _UM, options["decimals"])),
+        }  # fmt: skip
+        bunches = [
+            (i, points[i : i + options["bunch"]]) for i in range(0, len(points), options["bunch"])
         ]
-        return Encoded(
-            data=("\n".join(lines) + "\n").encode("ascii"),
-            quantisation=float(np.abs(back - values).max()),
-            notes={"playback": {**facts(play, stage), "offset_um": float(offset)}},
-            step=10.0**-places * _UM,
-            carried=rebuilt(play, values, table),
-            resampling_error=resampling_error(play, values, table),
-            options=chosen(play, options),
-            findings=(*dropped(play, table), *_findings(play, stage, options)),
-        )
-
-    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the corrections that the commands carry."""
-        play, values = self._read(data, path, options)
-        first = min(play.positions()[[0, -1]])
-        names = identity(path, first=float(first))
-        places = play.positions()
-        blank = CompensationTable(
-            np.array([0.0, 1.0]), np.zeros(2), None, names["axis"], names["compensates"],
-            names["reference"] if places.min() <= names["reference"] <= places.max() else float(first),
-            removed=names["removed"], is_exact_inverse=True,
-        )  # fmt: skip
-        return rebuilt(play, values, blank)
-
-    def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
-        """Return what the generator puts out while the axis moves as stated."""
-        play, values = self._read(data, path, options)
-        return play.lookup(values)
-
-    def _read(
-        self, data: bytes, path: Path, options: dict[str, Any]
-    ) -> tuple[Playback, FloatArray]:
-        points, stated = _parsed(data, path)
-        motion = "pass" if stated["cycles"] else "turn"
-        known = known_options(options, path, self.options, ("travel", *TOLD[motion]))
-        for name, command in _FROM_FILE.items():
-            if options.get(name) is not None and options[name] != stated[name]:
-                raise DataError(
-                    f"{path}: {command} says {name}={stated[name]}, not {options[name]}; leave "
-                    f"{name}= away, or look for the right file"
+        return [
+            *(
+                _WAVE.write(
+                    wave_table=options["wave_table"],
+                    mode="&" if i else "X",
+                    first=i + 1,
+                    count=len(b),
+                    points=b,
                 )
-        known.update(stated)
-        if (known["motion"] == "turn") != (stated["cycles"] == 0):
-            raise CorruptFileError(
-                path,
-                "WGC does not fit the motion: 0 cycles are endless, for a turn; 1 is for a pass",
-                field="WGC",
-                found=stated["cycles"],
-                expected=0 if known["motion"] == "turn" else 1,
-            )
-        play = plan(
-            known,
-            period=known["servo_time"],
-            interpolates=stated["interpolation"] == 1,
-            n=len(points),
-        )
-        _require_reachable(points, stated["offset_um"], known, path)
-        return play, known["polarity"] * np.array(points) * _UM
+                for i, b in bunches
+            ),
+            *(command.write(**stated) for command in _COMMANDS),
+        ]
 
+    def _parsed(self, data: bytes, path: Path) -> tuple[list[float], dict[str, Any]]:
+        """Return the points in um and what the commands state."""
+        lines = decoded(data, path, "file of GCS commands").splitlines()
+        text = Text(path, list(enumerate(lines, start=1)), "file of GCS commands")
+        points: list[float] = []
+        table: dict[str, int] = {}
+        while not points or (text and text.rows[text.at][1].startswith("WAV ")):
+            bunch = text.take(_WAVE, mode="&" if points else "X", first=len(points) + 1, **table)
+            table = {"wave_table": bunch["wave_table"]}
+            points += bunch["points"]
+            if bunch["count"] != len(bunch["points"]):
+                raise text.wrong(f"{bunch['count']} points as WAV says", ahead=-1)
+        if len(points) < 2:
+            raise CorruptFileError(path, "a wave needs at least 2 points", found=len(points))
+        stated = text.take(_COMMANDS[0], **table)
+        for command in _COMMANDS[1:]:
+            stated |= text.take(command, generator=stated["generator"])
+        text.end()
+        return points, stated
 
-def _require_reachable(
-    points: list[float], offset_um: float, known: dict[str, Any], path: Path
-) -> None:
-    """Refuse an offset that is not the one stated, and points beyond the travel."""
-    travel, slack = known["travel"] / _UM, 10.0 ** -known["decimals"]
-    if known["offset"] is not None or is_described(path):
-        rest = rest_position(known) / _UM
-        if abs(offset_um - rest) > slack:
-            raise CorruptFileError(
-                path, "WOS is not the offset that is stated", field="WOS", expected=f"{rest:.9g} um",
-                found=f"{offset_um:.9g} um", hint="leave offset= away, or look for the right file",
-            )  # fmt: skip
-    stage = offset_um + np.array(points)
-    worst = int(np.argmax(np.maximum(-stage, stage - travel)))
-    if not -2 * slack <= stage[worst] <= travel + 2 * slack:
-        raise CorruptFileError(
-            path, f"point {worst + 1} is beyond the travel of the stage", field="WAV, WOS",
-            expected=f"0 ... {travel:.9g} um", found=f"{stage[worst]:.9g} um",
-            hint="the file was edited, or travel= is that of another stage",
-        )  # fmt: skip
-
-
-def _points(printed: list[str], table: int, bunch: int) -> list[str]:
-    lines = []
-    for first in range(0, len(printed), bunch):
-        part = printed[first : first + bunch]
-        mode = "&" if first else "X"
-        lines.append(f"WAV {table} {mode} PNT {first + 1} {len(part)} {' '.join(part)}")
-    return lines
-
-
-def _require_memory(play: Playback, memory: int | None) -> None:
-    if memory is not None and play.n > memory:
-        least = -(-play.n * play.rate // memory)
-        raise LimitError(
-            f"{play.n} points, the wave table holds {memory}; use rate={least} or more "
-            f"(a point then lasts {least * play.period * 1e3:.6g} ms), or a shorter pass"
-        )
-
-
-def _findings(play: Playback, stage: FloatArray, options: dict[str, Any]) -> tuple[Finding, ...]:
-    found = []
-    if options["memory"] is None:
-        found.append(
-            Finding(
-                "warning",
-                f"{play.n} points: how many the controller holds was not checked",
-                "state memory=",
-                "memory",
-            )
-        )
-    rest = rest_position(options)
-    start = abs(float(stage[0]) - rest)
-    if start > 1e-9:
-        found.append(
-            Finding(
-                "warning",
+    def _findings(
+        self, play: Playback, stage: FloatArray, options: Mapping[str, Any]
+    ) -> tuple[Finding, ...]:
+        """Return what is doubtful about a wave."""
+        found = []
+        if options["memory"] is None:
+            text = f"{play.n} points: how many the controller holds was not checked"
+            found.append(Finding("warning", text, "state memory=", "memory"))
+        rest = rest_position(options)
+        start = abs(float(stage[0]) - rest)
+        if start > 1e-9:
+            text = (
                 f"the wave begins {start * 1e9:.4g} nm from the rest position {rest / _UM:.6g} um: "
-                "started from there the stage jumps by it",
-                f"move it to {stage[0] / _UM:.6f} um before",
-                "start",
+                "started from there the stage jumps by it"
             )
-        )
-    return tuple(found)
+            found.append(
+                Finding("warning", text, f"move it to {stage[0] / _UM:.6f} um before", "start")
+            )
+        return tuple(found)
 
 
-def _parsed(data: bytes, path: Path) -> tuple[list[float], dict[str, Any]]:
-    """Return points in file units and what the commands state."""
-    lines = ascii_lines(data, path, "file of GCS commands")
-    rows = [(i, line.split(" ")) for i, line in enumerate(lines, start=1)]
-    waves = [r for r in rows if r[1][0] == "WAV"]
-    points: list[float] = []
-    table = 0
-    for number, words in rows[: len(waves)]:
-        table, values = _bunch(words, number, path, len(points), table)
-        points += values
-    if len(points) < 2:
-        raise CorruptFileError(path, "a wave needs at least 2 points", found=len(points))
-    tail = rows[len(waves) :]
-    wanted = (("WSL", 2), ("WTR", 3), ("WOS", 2), ("WGC", 2), ("WGO", 2))
-    numbers = [
-        _command(tail[i] if i < len(tail) else (len(rows), ["nothing"]), name, count, path)
-        for i, (name, count) in enumerate(wanted)
-    ]
-    if len(tail) > len(wanted):
-        extra = tail[len(wanted)]
-        raise _wrong(path, extra[0], "the end of the file after WGO", extra[1])
-    return points, _stated(numbers, table, tail, path)
-
-
-def _stated(
-    numbers: list[list[float]], table: int, tail: list[tuple[int, list[str]]], path: Path
-) -> dict[str, Any]:
-    select, rate, offset, cycles, start = numbers
-    for row, found in zip(tail, numbers, strict=False):
-        if found[0] != select[0]:
-            raise _wrong(path, row[0], f"generator {select[0]:.0f} as in WSL", row[1])
-    whole = [*select, *rate, cycles[1], start[1]]
-    if any(v != int(v) or v < 0 for v in whole) or min(select[0], rate[1]) < 1:
-        raise _wrong(
-            path, tail[0][0], "whole numbers of generator, table, rate, cycles", tail[0][1]
-        )
-    if select[1] != table:
-        raise _wrong(path, tail[0][0], f"wave table {table} as in WAV", tail[0][1])
-    if rate[2] not in (0, 1):
-        raise _wrong(path, tail[1][0], "interpolation 0 or 1", tail[1][1])
-    if cycles[1] not in (0, 1):
-        raise _wrong(path, tail[3][0], "0 cycles (endless) or 1", tail[3][1])
-    if start[1] not in (1, 2):
-        raise _wrong(path, tail[4][0], "start mode 1 or 2", tail[4][1])
-    return {
-        "generator": int(select[0]),
-        "wave_table": table,
-        "rate": int(rate[1]),
-        "interpolation": int(rate[2]),
-        "offset_um": offset[1],
-        "cycles": int(cycles[1]),
-        "start_mode": int(start[1]),
-    }
-
-
-def _bunch(
-    words: list[str], number: int, path: Path, before: int, table: int
-) -> tuple[int, list[float]]:
-    """Return wave table and points of one WAV command that follows `before` points."""
-    head = words[:6]
-    mode = "&" if before else "X"
-    right = (
-        len(head) == 6
-        and head[0] == "WAV"
-        and head[1].isdecimal()
-        and (not before or int(head[1]) == table)
-        and head[2] == mode
-        and head[3] == "PNT"
-        and head[4] == str(before + 1)
-        and head[5].isdecimal()
-        and int(head[5]) == len(words) - 6 > 0
-        and all(map(_NUMBER.fullmatch, words[6:]))
-    )
-    if not right:
-        raise _wrong(
-            path, number, f"WAV table {mode} PNT {before + 1} and as many values as it says", words
-        )
-    return int(head[1]), [float(w) for w in words[6:]]
-
-
-def _command(row: tuple[int, list[str]], name: str, count: int, path: Path) -> list[float]:
-    number, words = row
-    if words[0] != name or len(words) != count + 1 or not all(map(_NUMBER.fullmatch, words[1:])):
-        raise _wrong(path, number, f"{name} with {count} numbers", words)
-    return [float(w) for w in words[1:]]
-
-
-def _wrong(path: Path, line: int, expected: str, words: list[str]) -> CorruptFileError:
-    return CorruptFileError(
-        path,
-        f"line {line} is not the GCS command that belongs there",
-        expected=expected,
-        found=" ".join(words)[:60],
-        hint="the file was cut or edited: write it again",
-    )
-
-
-# ---- arbitrary waveform of the piezosystem jena NV200 amplifier: commands ``gparb``, ``gtarb`` ----
-# ``gparb,index,value`` sets one of 1024 points, in um of the stage in closed loop; ``gsarb`` and
-# ``gearb`` first and last index, ``goarb`` the one it starts at, ``gcarb`` cycles (0 endless),
-# ``gtarb`` multiples of 50 us that a point lasts, ``grun`` starts. The generator has no offset of its
-# own: a point is the displacement d_off + polarity x c, with c = -e.
+# ---- piezosystem jena ---------------------------------------------------------------------------
 
 MAX_POINTS = 1024
-"""Points of the buffer."""
+"""Points of the buffer of an NV200."""
 _MAX_RATE = 65535
-_PERIOD = 50e-6
-_POINT = re.compile(r"gparb,(\d+),(-?\d+(?:\.\d+)?)")
-_TAIL = ("gsarb", "gearb", "goarb", "gcarb", "gtarb", "grun")
+_POINT = Line("gparb,{index},{um}", um=NUMBER)
+_SETTINGS = tuple(
+    Line(f"{name},{{{name}}}") for name in ("gsarb", "gearb", "goarb", "gcarb", "gtarb", "grun")
+)
 
 
-class NV200(Dialect):
-    """Writer and reader of waveforms for the NV200; see the module."""
+class NV200(_Wave):
+    """Writer and reader of arbitrary waveforms for the piezosystem jena NV200 amplifier.
+
+    ``gparb,index,value`` sets one of 1024 points, in um of the stage in closed loop; ``gsarb`` and
+    ``gearb`` first and last index, ``goarb`` the one it starts at, ``gcarb`` cycles (0 endless), ``gtarb``
+    multiples of 50 us that a point lasts, ``grun`` starts. The generator has no offset of its own: a point
+    is the displacement d_off + polarity x c, with c = -e.
+    """
 
     info = DialectInfo(
         id="nv200",
@@ -395,125 +703,52 @@ class NV200(Dialect):
         page="pi",
     )  # fmt: skip
     options = PLAYBACK_OPTIONS
-
-    def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the commands."""
-        if options["rate"] > _MAX_RATE:
-            raise LimitError(f"rate={options['rate']}; gtarb takes 1 to {_MAX_RATE}")
-        play, values = sampled(table, options, period=_PERIOD, interpolates=False)
-        if play.n > MAX_POINTS:
-            least = -(-play.n * play.rate // MAX_POINTS)
-            raise LimitError(
-                f"{play.n} points, the NV200 holds {MAX_POINTS}; use rate={least} or more (a point "
-                f"then lasts {least * _PERIOD * 1e3:.6g} ms), or a shorter pass"
-            )
-        stage = require_travel(play, values, options)
-        places = options["decimals"]
-        printed = [decimal(round(v / _UM, places)) for v in stage]
-        back = np.array([float(v) for v in printed]) * _UM - rest_position(options)
-        lines = [f"gparb,{i},{v}" for i, v in enumerate(printed)]
-        settings = (0, play.n - 1, 0, 0 if play.is_cyclic else 1, play.rate, 1)
-        lines += [f"{name},{value}" for name, value in zip(_TAIL, settings, strict=True)]
-        return Encoded(
-            data=("\n".join(lines) + "\n").encode("ascii"),
-            quantisation=float(np.abs(options["polarity"] * back - values).max()),
-            notes={"playback": {**facts(play, stage), "offset_um": rest_position(options) / _UM}},
-            step=10.0**-places * _UM,
-            carried=rebuilt(play, values, table),
-            resampling_error=resampling_error(play, values, table),
-            options=chosen(play, options),
-            findings=dropped(play, table),
-        )
+    adds_offset = False
+    needed = ("travel", "offset")
+    endless = "gcarb"
+    commands = (("rate", "gtarb"),)
 
     def limits(self, **machine: Any) -> Limits:
         """Return the limits of the machine; points are counted in `encode`, of the wave."""
         return super().limits(**{"max_points": None, **machine})
 
-    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the corrections that the commands carry."""
-        play, values = self._read(data, path, options)
-        places = play.positions()
-        first = float(places.min())
-        names = identity(path, first=first)
-        inside = places.min() <= names["reference"] <= places.max()
-        blank = CompensationTable(
-            positions=np.array([0.0, 1.0]),
-            forward=np.zeros(2),
-            reverse=None,
-            is_exact_inverse=True,
-            **{**names, "reference": names["reference"] if inside else first},
-        )
-        return rebuilt(play, values, blank)
+    def _clock(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the period of the amplifier; it holds each point."""
+        if options["rate"] > _MAX_RATE:
+            raise LimitError(f"rate={options['rate']}; gtarb takes 1 to {_MAX_RATE}")
+        return {"period": 50e-6, "interpolates": False}
 
-    def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
-        """Return what the generator puts out while the axis moves as stated."""
-        play, values = self._read(data, path, options)
-        return play.lookup(values)
+    def _room(self, options: Mapping[str, Any]) -> tuple[int | None, str]:
+        """Return how many points the generator holds, and its name."""
+        return MAX_POINTS, "NV200"
 
-    def _read(
-        self, data: bytes, path: Path, options: dict[str, Any]
-    ) -> tuple[Playback, FloatArray]:
-        points, stated = _nv200_parsed(data, path)
-        motion = "pass" if stated["gcarb"] else "turn"
-        known = known_options(options, path, self.options, ("travel", "offset", *TOLD[motion]))
-        if options.get("rate") is not None and options["rate"] != stated["gtarb"]:
-            raise DataError(
-                f"{path}: gtarb says rate={stated['gtarb']}, not {options['rate']}; leave rate= away"
-            )
-        endless = known["motion"] == "turn"
-        if stated["gcarb"] != (0 if endless else 1):
-            raise CorruptFileError(
-                path,
-                f"gcarb does not fit motion={known['motion']!r}",
-                expected=0 if endless else 1,
-                found=stated["gcarb"],
-            )
-        known["rate"] = stated["gtarb"]
-        play = plan(known, period=_PERIOD, interpolates=False, n=len(points))
-        stage = np.array(points) * _UM
-        slack = 2.0 * 10.0 ** -known["decimals"] * _UM
-        worst = int(np.argmax(np.maximum(-stage, stage - known["travel"])))
-        if not -slack <= stage[worst] <= known["travel"] + slack:
-            raise CorruptFileError(
-                path, f"point {worst} is beyond the travel of the stage", field="gparb",
-                expected=f"0 ... {known['travel'] / _UM:.9g} um", found=f"{points[worst]:.9g} um",
-                hint="the file was edited, or travel= is that of another stage",
-            )  # fmt: skip
-        return play, np.asarray(known["polarity"] * (stage - rest_position(known)))
+    def _lines(self, points: list[str], play: Playback, options: Mapping[str, Any]) -> list[str]:
+        """Return the points, then the settings."""
+        values = _settings(play.n, gcarb=0 if play.is_cyclic else 1, gtarb=play.rate)
+        return [
+            *(_POINT.write(index=i, um=v) for i, v in enumerate(points)),
+            *(setting.write(**values) for setting in _SETTINGS),
+        ]
+
+    def _parsed(self, data: bytes, path: Path) -> tuple[list[float], dict[str, Any]]:
+        """Return points in um and the settings."""
+        lines = decoded(data, path, "file of NV200 commands").splitlines()
+        text = Text(path, list(enumerate(lines, start=1)), "file of NV200 commands")
+        points: list[float] = []
+        while text and text.rows[text.at][1].startswith("gparb"):
+            points.append(text.take(_POINT, index=len(points))["um"])
+        if not 2 <= len(points) <= MAX_POINTS:
+            raise CorruptFileError(path, f"a wave has 2 to {MAX_POINTS} points", found=len(points))
+        stated: dict[str, int] = {}
+        for setting, (name, value) in zip(_SETTINGS, _settings(len(points)).items(), strict=True):
+            stated |= text.take(setting, **({} if value is None else {name: value}))
+        text.end()
+        if stated["gcarb"] > 1 or not 1 <= stated["gtarb"] <= _MAX_RATE:
+            text.at -= 3
+            raise text.wrong(f"0 or 1 cycles, gtarb from 1 to {_MAX_RATE}")
+        return points, {"cycles": stated["gcarb"], "rate": stated["gtarb"]}
 
 
-def _nv200_parsed(data: bytes, path: Path) -> tuple[list[float], dict[str, int]]:
-    """Return points in um and the settings."""
-    lines = ascii_lines(data, path, "file of NV200 commands")
-    n = sum(line.startswith("gparb") for line in lines)
-    points = []
-    for i, line in enumerate(lines[:n]):
-        found = _POINT.fullmatch(line)
-        if found is None or found[1] != str(i):
-            raise _nv200_wrong(path, i + 1, f"gparb,{i},value", line)
-        points.append(float(found[2]))
-    if not 2 <= n <= MAX_POINTS:
-        raise CorruptFileError(path, f"a wave has 2 to {MAX_POINTS} points", found=n)
-    if len(lines) > n + len(_TAIL):
-        raise _nv200_wrong(path, n + len(_TAIL) + 1, "the end after grun,1", lines[n + len(_TAIL)])
-    stated = {}
-    fixed = {"gsarb": 0, "gearb": n - 1, "goarb": 0, "grun": 1}
-    for i, name in enumerate(_TAIL, start=n):
-        line = lines[i] if i < len(lines) else ""
-        word, _, value = line.partition(",")
-        wanted = fixed.get(name)
-        right = word == name and value.isdecimal() and (wanted is None or value == str(wanted))
-        if not right or (name == "gtarb" and not 1 <= int(value) <= _MAX_RATE):
-            raise _nv200_wrong(path, i + 1, f"{name},{'n' if wanted is None else wanted}", line)
-        stated[name] = int(value)
-    return points, stated
-
-
-def _nv200_wrong(path: Path, line: int, expected: str, found: str) -> CorruptFileError:
-    return CorruptFileError(
-        path,
-        f"line {line} is not the NV200 command that belongs there",
-        expected=expected,
-        found=found[:60] or "nothing",
-        hint="the file was cut or edited: write it again",
-    )
+def _settings(n: int, gcarb: int | None = None, gtarb: int | None = None) -> dict[str, int | None]:
+    """Return the settings of a wave of n points; None where they are free."""
+    return {"gsarb": 0, "gearb": n - 1, "goarb": 0, "gcarb": gcarb, "gtarb": gtarb, "grun": 1}

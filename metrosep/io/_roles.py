@@ -27,15 +27,15 @@ Role: TypeAlias = Literal[
 ]
 
 _WORDS: Final[dict[Role, str]] = {
-    "position": "x pos position distance travel displacement lateral scanlength target nominal "
+    "position": "x pos position encoder distance travel displacement lateral scanlength target nominal "
     "axisposition weg strecke lage verfahrweg soll sollwert déplacement course abscisse cible "
     "posizione spostamento corsa distanza quota posición desplazamiento distancia recorrido carrera "
     "位置 位移 距离 行程 坐标 変位量 距離 移動量 座標",
-    "height": "z height deviation error straightness profile reading probe gap topography höhe "
+    "height": "z height deviation dev error err sensor cap straightness profile reading probe gap topography höhe "
     "abweichung fehler geradheit profil messwert taster spalt hauteur écart erreur rectitude lecture "
     "palpeur altezza scostamento errore rettilineità profilo lettura altura desviación rectitud "
     "perfil lectura palpador 高度 偏差 误差 直线度 轮廓 读数 高さ 誤差 真直度 形状 測定値",
-    "time": "t time timestamp elapsed zeit zeitstempel uhrzeit datum temps heure date horodatage "
+    "time": "t time clock timestamp elapsed zeit zeitstempel uhrzeit datum temps heure date horodatage "
     "tempo ora data tiempo hora fecha 时间 時間 时刻 日期 時刻 日時 測定日時",
     "feed": "feed feedrate f speed velocity vorschub geschwindigkeit avance vitesse avanzamento "
     "velocità velocidad 进给 进给速度 速度 送り 送り速度",

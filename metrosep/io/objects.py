@@ -8,36 +8,57 @@ its own steps stay in the metadata.
 from __future__ import annotations
 
 import math
-import struct
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeAlias
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import CheckedArray, FloatArray
-from metrosep.core.errors import CorruptFileError, DataError, UnsupportedFeatureError
+from metrosep.core.errors import (
+    DataError,
+    FormatMismatchError,
+    UnsupportedFeatureError,
+)
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
-from metrosep.io.source import MAX_PIXELS, RawFile, refuse_options
+from metrosep.io.source import MAX_PIXELS, RawFile, lateral_steps, refuse_options
 
 __all__ = [
     "ROW_ORDERS",
+    "SI_NAMES",
+    "Request",
     "check_area",
     "check_scale",
     "height_only",
     "lateral_or_none",
     "make_profile",
     "make_surface",
-    "need_bytes",
+    "map_reader",
     "only_channels",
     "scaled",
     "scaled_file",
-    "unpack_fields",
+    "to_grid",
 ]
 
 ROW_ORDERS = ("smallest y first", "top row first")
 """Order of the rows in a file; the second is turned on reading."""
+
+SI_NAMES = {
+    "length": "m",
+    "angle": "rad",
+    "time": "s",
+    "frequency": "Hz",
+    "speed": "m/s",
+    "acceleration": "m/s^2",
+    "voltage": "V",
+    "torque": "N m",
+    "number": "1",
+}
+"""SI unit of each dimension that a channel can have."""
+
+_Made = TypeVar("_Made", bound=Surface | Profile)
 
 _BLOCK_VALUES = 2**17
 """Values that are scaled at once: they stay in the cache."""
@@ -82,8 +103,7 @@ def lateral_or_none(
         return None
     step = float(value) * factor
     if not 0.0 < step <= _MAX_LATERAL:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the lateral step is not usable",
             field=name,
             offset=offset,
@@ -140,8 +160,7 @@ def scaled_file(
             block = buffer[: min(step, shape[0] - start)]
             n_bytes = stream.readinto(block.reshape(-1).view(np.uint8).data)
             if n_bytes != block.nbytes:
-                raise CorruptFileError(
-                    file.path,
+                raise file.corrupt(
                     "the map ends early",
                     offset=offset + start * shape[1] * buffer.itemsize + n_bytes,
                     expected=f"{shape[0]} rows",
@@ -185,7 +204,7 @@ def make_surface(
             z.view(CheckedArray), dx, dy, origin=origin, metadata=metadata, history=history
         )
     except DataError as exc:
-        raise CorruptFileError(file.path, f"the map does not fit: {exc}") from None
+        raise file.corrupt(f"the map does not fit: {exc}") from None
 
 
 def make_profile(
@@ -223,7 +242,69 @@ def make_profile(
         history = file.history(format_id, {"lateral_step_m": override})
         return Profile(x, z, metadata=metadata, history=history)
     except DataError as exc:
-        raise CorruptFileError(file.path, f"the profile does not fit: {exc}") from None
+        raise file.corrupt(f"the profile does not fit: {exc}") from None
+
+
+@dataclass
+class Request:
+    """What a caller asked of the reader of a map or profile, checked in one way for all of them."""
+
+    file: RawFile
+    format_id: str
+    title: str
+    channel: str | None
+    override: tuple[float, float] | None
+    unit: Any
+    max_pixels: int | None
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def step(self) -> float | None:
+        """The declared step along x in m."""
+        return self.override[0] if self.override else None
+
+    def choose(self, names: Iterable[str]) -> str:
+        """Return the channel to read, the first if none was named."""
+        return only_channels(self.file, self.title, self.channel, tuple(names))
+
+    def surface(
+        self, z: FloatArray, steps: tuple[float | None, float | None], **facts: Any
+    ) -> Surface:
+        """Return `make_surface` of the heights."""
+        facts["warnings"] = (*self.warnings, *facts.get("warnings", ()))
+        return make_surface(self.file, self.format_id, z, steps, override=self.override, **facts)
+
+    def profile(self, x: FloatArray, z: FloatArray, **facts: Any) -> Profile:
+        """Return `make_profile` of positions and heights."""
+        facts["warnings"] = (*self.warnings, *facts.get("warnings", ()))
+        return make_profile(self.file, self.format_id, x, z, override=self.step, **facts)
+
+
+def map_reader(
+    format_id: str, title: str, own_units: str = "", *, several: bool = False
+) -> Callable[[Callable[[Request], _Made]], Callable[..., _Made]]:
+    """Return what makes ``read`` of a module from a function of a `Request`."""
+
+    def made(build: Callable[[Request], _Made]) -> Callable[..., _Made]:
+        def read(
+            file: RawFile,
+            *,
+            channel: str | None = None,
+            lateral_step: Any = None,
+            unit: Any = None,
+            max_pixels: int | None = None,
+        ) -> _Made:
+            if own_units:
+                refuse_options(file, own_units, unit=unit)
+            if not several:
+                only_channels(file, title, channel)
+            override = lateral_steps(lateral_step)
+            return build(Request(file, format_id, title, channel, override, unit, max_pixels))
+
+        read.__doc__ = build.__doc__
+        return read
+
+    return made
 
 
 def _measured(file: RawFile, z: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
@@ -236,8 +317,7 @@ def _measured(file: RawFile, z: FloatArray) -> tuple[FloatArray, tuple[str, ...]
         notes = (f"{int(infinite.sum())} infinite heights were taken as not measured",)
         low, high = float(np.fmin.reduce(z, axis=None)), float(np.fmax.reduce(z, axis=None))
     if math.isnan(low):
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "no point was measured",
             expected="at least one valid height",
             found=f"{z.size} invalid ones",
@@ -246,44 +326,6 @@ def _measured(file: RawFile, z: FloatArray) -> tuple[FloatArray, tuple[str, ...]
     if low == high:
         notes += (f"every valid height is the same, {low:g} m: no relief was stored",)
     return z, notes
-
-
-# ---- binary headers as data: read the fields of a layout, and refuse sizes before they are allocated ----
-# A layout is a tuple of (offset, `struct` code, name), as in the description of the format. Every
-# reader of binary maps uses the same checks, so that a damaged header gives the same sentence.
-
-Layout: TypeAlias = Sequence[tuple[int, str, str]]
-"""Offset in bytes, `struct` code without byte order, and name of each field."""
-
-
-def unpack_fields(
-    file: RawFile, layout: Layout, *, order: str, start: int = 0, what: str = "the header"
-) -> dict[str, Any]:
-    """Return the fields of a header; text is cut at its first zero byte and stripped."""
-    end = max(offset + struct.calcsize(order + code) for offset, code, _ in layout)
-    need_bytes(file, start, end, what)
-    data = file.head if start + end <= len(file.head) else file.data
-    fields: dict[str, Any] = {}
-    for offset, code, name in layout:
-        values = struct.unpack_from(order + code, data, start + offset)
-        value = values[0] if len(values) == 1 else values
-        if isinstance(value, bytes):
-            value = value.split(b"\0")[0].decode("latin-1").strip()
-        fields[name] = value
-    return fields
-
-
-def need_bytes(file: RawFile, offset: int, count: int, what: str, *, name: str = "size") -> None:
-    """Refuse a file that ends before something that its header promises."""
-    if count < 0 or offset < 0 or offset + count > file.size:
-        raise CorruptFileError(
-            file.path,
-            f"{what} does not fit into the file",
-            field=name,
-            offset=max(min(offset, file.size), 0),
-            expected=f"{count} bytes",
-            found=f"{max(file.size - offset, 0)} bytes",
-        )
 
 
 def check_area(
@@ -298,8 +340,7 @@ def check_area(
     """Refuse a map without size, or with more pixels than may be allocated."""
     for value, name, offset in zip((columns, rows), names, offsets, strict=True):
         if value < 1:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "the map has no size",
                 field=name,
                 offset=offset,
@@ -325,8 +366,7 @@ def check_scale(
 ) -> float:
     """Return a scale of the heights, or refuse it."""
     if not low <= value <= high:  # also catches NaN
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "a scale of the heights is not usable",
             field=name,
             offset=offset,
@@ -334,3 +374,72 @@ def check_scale(
             found=value,
         )
     return float(value)
+
+
+# ---- A list of points x, y, z on a regular grid becomes a surface ------------------------------
+
+_STEP_RTOL = 1e-3
+"""Largest deviation of a position from the grid, relative to the step (digits of a text file)."""
+
+_NOISE = 1e-12
+"""Positions closer than this, relative to the span, are one position."""
+
+_SPARSE = 64
+"""Pixels per point beyond which points are scattered and no map."""
+
+_SMALL = 4096
+"""Pixels that a map may have whatever its points."""
+
+
+def to_grid(
+    file: RawFile, x: FloatArray, y: FloatArray, z: FloatArray
+) -> tuple[FloatArray, tuple[float, float], tuple[float, float]]:
+    """Return points in any order as a map."""
+    columns, dx = _indices(file, x, "x")
+    rows, dy = _indices(file, y, "y")
+    shape = (int(rows.max()) + 1, int(columns.max()) + 1)
+    pixels = shape[0] * shape[1]
+    if pixels > MAX_PIXELS:
+        raise UnsupportedFeatureError(
+            f"{file.path}: the points span {shape[1]} x {shape[0]} steps, more than {MAX_PIXELS} pixels"
+        )
+    if pixels > max(_SPARSE * x.size, _SMALL):
+        raise UnsupportedFeatureError(
+            f"{file.path}: {x.size} points are scattered over a grid of {shape[1]} x {shape[0]}; resample "
+            "them to a map first"
+        )
+    places = rows * shape[1] + columns
+    if np.unique(places).size != places.size:
+        raise FormatMismatchError(
+            f"{file.path}: two points of the list lie at the same place; remove the repeats"
+        )
+    heights = np.full(shape[0] * shape[1], np.nan)
+    heights[places] = z
+    return heights.reshape(shape), (dx, dy), (float(x.min()), float(y.min()))
+
+
+def _indices(file: RawFile, values: FloatArray, name: str) -> tuple[NDArray[np.int64], float]:
+    if np.isnan(values).any():
+        raise FormatMismatchError(f"{file.path}: a point has no position {name}; remove its row")
+    levels = np.unique(values)
+    if levels.size < 2:
+        raise FormatMismatchError(
+            f"{file.path}: all points have the same {name}, so there is no grid; read a profile with x= "
+            "and z="
+        )
+    steps = np.diff(levels)
+    span = float(levels[-1] - levels[0])
+    steps = steps[steps > _NOISE * span]
+    for guess in (
+        float(np.median(steps)),
+        float(steps.min()),
+    ):  # the smallest where rows are missing
+        step = span / max(round(span / guess), 1)
+        index = np.rint((values - levels[0]) / step)
+        fits = np.abs(values - levels[0] - index * step).max() <= _STEP_RTOL * step
+        if fits and np.unique(index).size == steps.size + 1:
+            return index.astype(np.int64), step
+    raise FormatMismatchError(
+        f"{file.path}: the positions {name} do not lie on a regular grid (step near "
+        f"{float(np.median(steps)):.6g} m); resample the points first"
+    )

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from metrosep.core.errors import (
-    CorruptFileError,
     FormatMismatchError,
     ReadError,
     ReadOptionError,
@@ -240,7 +239,7 @@ def read_via(
     except UnsupportedFeatureError:
         raise
     except Exception as exc:
-        raise CorruptFileError(file.path, f"{PACKAGE} cannot read it ({exc})") from None
+        raise file.corrupt(f"{PACKAGE} cannot read it ({exc})") from None
     factor = _factor(file, topography.unit)
     version = str(package.__version__)
     facts = {"via": f"{PACKAGE} {version}", "channel": wanted, "unit_in_file": topography.unit}

@@ -11,10 +11,10 @@ no other reader knows the file.
 
 from __future__ import annotations
 
-import enum
 import functools
 import importlib
 import os
+import re
 import sys
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
@@ -28,6 +28,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
+from metrosep.io.declared import Marks, Match, marks_of, preview
 from metrosep.io.source import RawFile, open_file
 
 __all__ = ["Format", "Match", "Reader", "find", "formats", "get", "identify", "principal"]
@@ -38,20 +39,21 @@ ENTRY_POINTS = "metrosep.readers"
 FOLDERS_VARIABLE = "METROSEP_FORMATS"
 """Environment variable with folders (separated as in PATH) of further descriptions of text."""
 
-_NEVER_SURE = frozenset({"delimited"})
-"""Formats whose reader says MAYBE at best, and takes its time: asked when no other one is sure."""
+LAYOUT_LINES = 200
+"""Lines among which a described text has its first mark."""
+
+_PACKED = {
+    b"\x1f\x8b": ("gzip", "gunzip"),
+    b"BZh": ("bzip2", "bunzip2"),
+    b"\xfd7zXZ\x00": ("xz", "unxz"),
+    b"\x28\xb5\x2f\xfd": ("Zstandard", "unzstd"),
+    b"7z\xbc\xaf\x27\x1c": ("7-Zip", "7z x"),
+}
+"""First bytes of files that are compressed as a whole: the program, and the command that unpacks."""
 
 _KEYS = frozenset(
     {"id", "title", "vendor", "kind", "suffixes", "reader", "reads", "writes", "status"}
 )
-
-
-class Match(enum.IntEnum):
-    """How sure a reader is that a file is of its format."""
-
-    NO = 0
-    MAYBE = 1
-    YES = 2
 
 
 class Reader(Protocol):
@@ -117,7 +119,7 @@ class Reader(Protocol):
         """
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Format:
     """Description of one file format, from its ``format.toml``.
 
@@ -164,11 +166,32 @@ class Format:
         """Whether `metrosep.io.read.read` reads it (a table of a controller is not)."""
         return self.reads and self.reader.partition(":")[0] in ("builtin", "plugin", "layout")
 
-    @property
-    def magic(self) -> tuple[tuple[int, bytes], ...]:
-        """Pairs of offset and bytes; any one of them marks the format."""
-        items = self.facts.get("magic", ())
-        return tuple((int(m["offset"]), bytes.fromhex(m["hex"])) for m in items)
+    @functools.cached_property
+    def marks(self) -> Marks:
+        """What the description declares for recognition; the reader decides where it says nothing."""
+        layout = self.facts.get("layout", {})
+        mark = str(next(iter(layout.get("recognise", ())), ""))
+        if mark.isascii() and mark:
+            pattern = rf"(?m)^\s*{re.escape(mark)}"
+            return Marks(text=pattern, lines=LAYOUT_LINES, closer=True)
+        return marks_of(self.facts.get("recognise", {"closer": True}), self.folder)
+
+    def recognise(self, file: RawFile) -> Match:
+        """Return how sure the format is of a file; its module is loaded if the marks ask for it.
+
+        Parameters
+        ----------
+        file : RawFile
+            The file.
+
+        Returns
+        -------
+        Match
+            NO where a declared mark is missing.
+        """
+        declared = self.marks.text or "recognise" in self.facts
+        found = self.marks.look(file) if declared else Match.YES
+        return self.load_reader().sniff(file) if found and self.marks.closer else found
 
     def load_reader(self) -> Reader:
         """Return the module that reads the format.
@@ -217,6 +240,16 @@ def get(format_id: str) -> Format:
     return known[format_id]
 
 
+def own(format_id: str) -> Format:
+    """Return the description of a format that metrosep brings; plug-ins are not looked for."""
+    return _own_by_id()[format_id]
+
+
+@functools.cache
+def _own_by_id() -> dict[str, Format]:
+    return {f.id: f for f in _own_descriptors()}
+
+
 def identify(path: Any) -> Format:
     """Return the format of a file, from its content.
 
@@ -251,9 +284,15 @@ def find(file: RawFile) -> Format:
         choice = _choose(file, candidates)
         if choice is not None:
             return choice
+    for start, (program, command) in _PACKED.items():
+        if file.head.startswith(start):
+            raise UnknownFormatError(
+                f"{file.path}: is compressed with {program}; unpack it first ({command} FILE) and read "
+                "the file inside"
+            )
     known = ", ".join(f.id for f in formats() if f.is_measurement)
     raise UnknownFormatError(
-        f"{file.path}: no reader knows this content (it starts with {_preview(file.head)}); known are "
+        f"{file.path}: no reader knows this content (it starts with {preview(file.head)}); known are "
         f"{known}. If it is a table of numbers, remove the text before it or pass skip_rows=; "
         "otherwise export it as CSV"
     )
@@ -269,15 +308,15 @@ def principal(file: RawFile) -> RawFile:
             beside = file.path.with_suffix(own)
             if beside.is_file() and beside != file.path:
                 other = open_file(beside)
-                if described.load_reader().sniff(other) is Match.YES:
+                if described.recognise(other) is Match.YES:
                     return other
     return file
 
 
 def _choose(file: RawFile, candidates: Sequence[Format]) -> Format | None:
-    found = {f.id: _asked(file, f) for f in candidates if f.id not in _NEVER_SURE}
+    found = {f.id: f.recognise(file) for f in candidates if not f.marks.last}
     if Match.YES not in found.values():
-        found |= {f.id: _asked(file, f) for f in candidates if f.id in _NEVER_SURE}
+        found |= {f.id: f.recognise(file) for f in candidates if f.marks.last}
     answers = [(found[f.id], f) for f in candidates if f.id in found]
     for wanted in (Match.YES, Match.MAYBE):
         sure = [f for match, f in answers if match is wanted]
@@ -290,17 +329,6 @@ def _choose(file: RawFile, candidates: Sequence[Format]) -> Format | None:
         if sure:
             return sure[0]
     return None
-
-
-def _asked(file: RawFile, candidate: Format) -> Match:
-    return candidate.load_reader().sniff(file)
-
-
-def _preview(head: bytes) -> str:
-    start = head[:16]
-    if all(32 <= b < 127 or b in b"\t\r\n" for b in start):
-        return repr(start.decode("ascii"))
-    return "bytes " + start[:8].hex(" ")
 
 
 def _format_folder() -> Path | None:

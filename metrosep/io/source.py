@@ -20,7 +20,12 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import FileMissingError, ReadError, UnsupportedFeatureError
+from metrosep.core.errors import (
+    CorruptFileError,
+    FileMissingError,
+    ReadError,
+    UnsupportedFeatureError,
+)
 from metrosep.core.provenance import Step, hash_bytes
 from metrosep.core.units import parse_quantity
 
@@ -119,12 +124,37 @@ class RawFile:
         with self.stream() as handle:
             return handle.read(HEAD_BYTES)
 
+    @cached_property
+    def head_lines(self) -> bytes:
+        """The whole lines in the first `HEAD_BYTES` bytes; of one longer line, as much as there is."""
+        head = self.head
+        if len(head) == self.size or b"\0" in head[:64]:  # UTF-16 has a mark of its own for lines
+            return head
+        return head[: head.rfind(b"\n") + 1] or head
+
     def stream(self) -> io.BufferedReader | io.BytesIO:
         """Return an open binary file at its start; the caller closes it."""
         if self._given is not None:
             return io.BytesIO(self._given)
         with _explained(self.path):
             return self.path.open("rb")
+
+    def corrupt(self, reason: str, **facts: Any) -> CorruptFileError:
+        """Return the error about bytes that do not fit their format, for the caller to raise.
+
+        Parameters
+        ----------
+        reason : str
+            One clause that says what is wrong.
+        **facts
+            ``field``, ``offset``, ``expected``, ``found`` and ``hint`` of `CorruptFileError`.
+
+        Returns
+        -------
+        CorruptFileError
+            With the path of this file.
+        """
+        return CorruptFileError(self.path, reason, **facts)
 
     def cut_text(self) -> list[str]:
         """Return a warning where a text ends without a line end, in its last number perhaps."""

@@ -10,10 +10,6 @@ from typing import TYPE_CHECKING
 from metrosep.core._lazy import lazy_names
 
 if TYPE_CHECKING:
-    from metrosep.process.arc_lengths import (
-        angle_at_length as angle_at_length,
-        arc_length as arc_length,
-    )
     from metrosep.process.chip import (
         approximate_chip_thickness as approximate_chip_thickness,
         cusp_height as cusp_height,
@@ -51,6 +47,8 @@ if TYPE_CHECKING:
         follow_up as follow_up,
     )
     from metrosep.process.interpolation import (
+        angle_at_length as angle_at_length,
+        arc_length as arc_length,
         evaluate as evaluate,
         fitted_heights as fitted_heights,
         knot_slopes as knot_slopes,
@@ -123,7 +121,6 @@ if TYPE_CHECKING:
 
 # fmt: off
 _HOMES = {
-    "arc_lengths": ["angle_at_length", "arc_length"],
     "chip": ["approximate_chip_thickness", "cusp_height", "cusp_ra", "max_chip_thickness"],
     "drive": [
         "DriveTable", "GainSweep", "drive_table", "stability_limits", "stage_displacement",
@@ -133,7 +130,9 @@ _HOMES = {
     "feedforward": ["CorrectedPath", "CorrectedPoints", "corrected_path", "corrected_points"],
     "flexure": ["FlexureCalibration", "flexure_calibration"],
     "follow_ups": ["FollowUp", "FollowUpMap", "TermShare", "follow_up"],
-    "interpolation": ["evaluate", "fitted_heights", "knot_slopes"],
+    "interpolation": [
+        "angle_at_length", "arc_length", "evaluate", "fitted_heights", "knot_slopes",
+    ],
     "jobs": ["JobPlan", "TurningJob"],
     "learning": ["LearningStep", "learn_step", "low_pass"],
     "machining_times": ["MachiningTime", "machining_time"],

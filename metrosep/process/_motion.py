@@ -11,14 +11,14 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core import numbers
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, NotUniformError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.process._plain import plain
-from metrosep.process._regression import regress
+from metrosep.process._plain import Frozen, plain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -156,15 +156,12 @@ def _window(z: FloatArray, longest: int) -> int:
             difference = own.copy()
             edge = (own.size - other.size) // 2
             difference[edge : own.size - edge] -= other
-            seen = float(np.nanmean((column - shorter) ** 2)) if _any(column) else np.inf
+            gone = np.isnan(column).all()
+            seen = np.inf if gone else float(np.nanmean((column - shorter) ** 2))
             by_chance = 1.05 + 3.0 * math.sqrt(2.0 * other.size / z.size)
             bias = max(bias, seen - by_chance * noise**2 * float(difference @ difference))
         costs.append(bias + noise**2 * float(own @ own))
     return sizes[int(np.argmin(costs))]
-
-
-def _any(column: FloatArray) -> bool:
-    return not bool(np.isnan(column).all())
 
 
 def _residual(z: FloatArray, smooth: FloatArray) -> float:
@@ -294,7 +291,7 @@ class TermShare:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FollowUpMap:
+class FollowUpMap(Frozen):
     """The follow-up error at the places of the part where it was cut.
 
     Parameters
@@ -311,10 +308,6 @@ class FollowUpMap:
     theta: FloatArray
     z: FloatArray
     history: tuple[Step, ...] = ()
-
-    def __post_init__(self) -> None:
-        for name in ("rho", "theta", "z"):
-            object.__setattr__(self, name, frozen_float(getattr(self, name), name=name, ndim=1))
 
     @property
     def x(self) -> FloatArray:
@@ -349,8 +342,7 @@ class FollowUpMap:
         valid = ~(np.isnan(self.z) | np.isnan(self.rho) | np.isnan(self.theta))
         if not valid.any():
             raise TooFewSamplesError("the map holds no valid sample")
-        if not step > 0.0:
-            raise DataError(f"the step of the grid is {step} m; give a positive one")
+        step = numbers.positive(step, "the step of the grid", dimension="length")
         half = int(np.ceil(float(self.rho[valid].max()) / step))
         n = 2 * half + 1
         if n > _CELLS:
@@ -373,7 +365,7 @@ _CELLS = 4000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FollowUp:
+class FollowUp(Frozen):
     """A follow-up error and what it depends on.
 
     Parameters
@@ -406,7 +398,7 @@ class FollowUp:
     audit : mapping
         Settings and counts, units in the keys.
     messages : tuple of str
-        Hints and doubts in plain words.
+        Hints and warnings.
     history : tuple of Step
         From the log on.
     """
@@ -480,7 +472,8 @@ class FollowUp:
         """
         from metrosep.spectral.density import amplitude_spectrum
 
-        start, stop = longest_stretch(self.error)
+        runs = stretches(~np.isnan(self.error))
+        start, stop = max(runs, key=lambda run: run[1] - run[0], default=(0, 0))
         if stop - start < 4:
             raise TooFewSamplesError(
                 f"a spectrum needs 4 samples in a row, the log has {stop - start}"
@@ -503,24 +496,21 @@ class FollowUp:
             Keys ``coefficients``, ``shares``, ``r2``, ``delay``, ``quantities``, ``has_map``,
             ``audit``, ``messages``.
         """
-        return {
-            "coefficients": plain(self.coefficients),
-            "shares": {
-                name: {
-                    "pv": plain(s.pv),
-                    "rms": plain(s.rms),
-                    "share": plain(s.share),
-                    "significance": plain(s.significance),
-                }
-                for name, s in self.shares.items()
-            },
-            "r2": plain(self.r2),
-            "delay": plain(self.delay),
-            "quantities": plain(self.quantities),
-            "has_map": self.map is not None,
-            "audit": plain(self.audit),
-            "messages": list(self.messages),
-        }
+        names = ("pv", "rms", "share", "significance")
+        shares = {k: {n: getattr(s, n) for n in names} for k, s in self.shares.items()}
+        found: dict[str, Any] = plain(
+            {
+                "coefficients": self.coefficients,
+                "shares": shares,
+                "r2": self.r2,
+                "delay": self.delay,
+                "quantities": self.quantities,
+                "has_map": self.map is not None,
+                "audit": self.audit,
+                "messages": self.messages,
+            }
+        )
+        return found
 
     def to_frame(self) -> pd.DataFrame:
         """Return one row for each term: coefficient, its uncertainty, P-V, RMS and share.
@@ -532,31 +522,233 @@ class FollowUp:
         """
         import pandas as pd
 
-        rows = []
-        for name, share in zip(
-            [c for c in self.coefficients if c != "c0"], self.shares.values(), strict=True
-        ):
-            c = self.coefficients[name]
-            rows.append(
-                {
-                    "term": share.term,
-                    "coefficient": c.value,
-                    "u": c.u,
-                    "unit": c.unit,
-                    "pv_nm": share.pv.value * 1e9,
-                    "rms_nm": share.rms.value * 1e9,
-                    "share": share.share,
-                    "significance": share.significance,
-                }
-            )
+        fitted = [c for name, c in self.coefficients.items() if name != "c0"]
+        rows = [
+            {
+                "term": share.term,
+                "coefficient": c.value,
+                "u": c.u,
+                "unit": c.unit,
+                "pv_nm": share.pv.value * 1e9,
+                "rms_nm": share.rms.value * 1e9,
+                "share": share.share,
+                "significance": share.significance,
+            }
+            for c, share in zip(fitted, self.shares.values(), strict=True)
+        ]
         return pd.DataFrame(rows)
 
 
-def longest_stretch(z: FloatArray) -> tuple[int, int]:
-    """Return start and stop of the longest run of samples that were measured."""
-    edges = np.diff(np.concatenate([[0], (~np.isnan(z)).astype(int), [0]]))
+def stretches(used: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return start and stop of each run of samples that are used."""
+    edges = np.diff(np.concatenate([[0], used.astype(int), [0]]))
     starts, stops = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    if not starts.size:
-        return 0, 0
-    best = int(np.argmax(stops - starts))
-    return int(starts[best]), int(stops[best])
+    return list(zip(starts.tolist(), stops.tolist(), strict=True))
+
+
+# ---- linear regression whose residuals are not independent, with honest uncertainty --------------
+
+_CONDITION = 1e-9
+"""Smallest singular value of the scaled design, relative, below which terms are one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Regression:
+    """Coefficients, covariance, residual and over how many samples the residual is correlated."""
+
+    coefficients: FloatArray
+    cov: FloatArray
+    residual: FloatArray
+    bandwidth: int
+    inflation: float
+
+
+def regress(
+    basis: FloatArray,
+    y: FloatArray,
+    segments: NDArray[np.intp],
+    *,
+    at: NDArray[np.intp] | None = None,
+) -> Regression:
+    """Return least squares with a covariance that knows how the residuals hang together.
+
+    `segments` numbers the stretches without a gap, `at` places the samples on the time grid; a
+    gap counts as one sample where that is not known. Residuals that look less than independent are
+    not believed, and noise that is larger where a term is large widens that term.
+    """
+    n, k = basis.shape
+    if n < 2 * k + 4:
+        raise TooFewSamplesError(f"{k} terms need at least {2 * k + 4} samples, got {n}")
+    scale = np.linalg.norm(basis, axis=0)
+    if (scale == 0.0).any():
+        raise DegenerateFitError("a term of the regression is zero throughout; the axis stands")
+    design = basis / scale
+    u, s, vt = np.linalg.svd(design, full_matrices=False)
+    if s[-1] < _CONDITION * s[0]:
+        raise DegenerateFitError(
+            "the terms of the regression cannot be told apart in this motion; leave one out or "
+            "log a motion of more than one frequency"
+        )
+    back = vt.T / s
+    coefficients = back @ (u.T @ y)
+    residual = y - design @ coefficients
+    place = np.arange(n) + segments if at is None else at
+    found = long_run(u, residual, place)
+    cov = back @ found.cov @ back.T
+    power = float(residual @ residual) / (n - k)
+    white = back @ back.T * power
+    inflation = 1.0
+    if power > 0.0:
+        scores = u * residual[:, None]
+        uneven = back @ (scores.T @ scores) @ back.T / power
+        least = np.diag(white)
+        wider = np.sqrt(np.maximum(np.diag(uneven) / np.diag(back @ back.T), 1.0))
+        wider = wider * np.sqrt(np.maximum(least / np.maximum(np.diag(cov), 1e-300), 1.0))
+        cov = cov * np.outer(wider, wider)
+        inflation = float(np.sqrt(np.max(np.diag(cov) / least)))
+    return Regression(
+        coefficients / scale,
+        cov / np.outer(scale, scale),
+        residual,
+        math.ceil(found.samples),
+        inflation,
+    )
+
+
+# ---- private: the covariance of sums over a residual that is not white, from models of its spectrum ----
+# The noise is taken as stationary and independent of the motion. Autoregressive models are fitted
+# to the residual (Burg, order by AIC) and to its means over blocks, which see slow noise below white
+# noise; for each sum the largest variance counts.
+
+_BLOCK_SIZES = (1, 4, 16, 64)
+"""Samples of a block."""
+
+_FEWEST = 60
+"""Blocks that a model of them needs."""
+
+_KEPT = 0.9
+"""Of the square of every column: less of it left in the means of blocks, and these say nothing."""
+
+_PATIENCE = 16
+"""Orders without a better AIC after which the search ends."""
+
+_NEAR_ONE = 1.0 - 1e-9
+"""Largest reflection coefficient: the model stays stable."""
+
+
+@dataclass(frozen=True, slots=True)
+class LongRun:
+    """Covariance of the sums Q'e of orthonormal columns, and how long the residual is correlated."""
+
+    cov: FloatArray
+    samples: float
+
+
+def long_run(columns: FloatArray, residual: FloatArray, at: NDArray[np.intp]) -> LongRun:
+    """Return the covariance of ``columns.T @ noise`` from the residual of a fit on these columns.
+
+    `columns` (n, k) are orthonormal, `at` (n,) is the place of each sample on the even time grid.
+    """
+    k = columns.shape[1]
+    power = float(residual @ residual)
+    if power <= 0.0:
+        return LongRun(np.zeros((k, k)), 1.0)
+    size = int(at[-1] - at[0]) + 1
+    place = at - at[0]
+    total: FloatArray = np.zeros((k, k))
+    slowest = 0.0
+    for block in _BLOCK_SIZES:
+        blocks = -(-size // block)
+        q, r, count = _means(columns, residual, place, block, blocks)
+        pieces = _pieces(r, count >= 0.5 * block)
+        usable = sum(p.size for p in pieces)
+        if block > 1 and (usable < _FEWEST or np.linalg.svd(q, compute_uv=False)[-1] ** 2 < _KEPT):
+            break
+        model = _burg(pieces, usable)
+        cov, at_zero = _sums(q, *model)
+        # the fit took its part of the noise away
+        own = sum(float(p @ p) for p in pieces)
+        expected = usable * _power(*model, 2 * blocks) - float(np.trace(cov))
+        share = max(own / max(expected, 0.1 * own), 1.0)
+        cov, slowest = cov * share, max(slowest, at_zero * share)
+        if block == _BLOCK_SIZES[0]:
+            total = cov
+        else:
+            wider = np.sqrt(np.maximum(np.diag(cov) / np.diag(total), 1.0))
+            total = total * np.outer(wider, wider)
+    return LongRun(total, max(slowest * residual.size / power, 1.0))
+
+
+def _means(
+    columns: FloatArray, residual: FloatArray, place: NDArray[np.intp], block: int, blocks: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return sums of columns and mean residual of blocks, scaled so that white noise stays."""
+    if block == 1 and place.size == blocks:
+        return columns, residual, np.ones(blocks)
+    which = place // block
+    count = np.bincount(which, minlength=blocks).astype(float)
+    root = math.sqrt(block)
+    q = np.column_stack([np.bincount(which, weights=c, minlength=blocks) for c in columns.T])
+    r = np.bincount(which, weights=residual, minlength=blocks) / np.maximum(count, 1.0)
+    return q / root, r * root, count
+
+
+def _pieces(r: FloatArray, used: NDArray[np.bool_]) -> list[FloatArray]:
+    """Return the stretches of blocks that were used."""
+    return [r[a:b] for a, b in stretches(used)]
+
+
+def _burg(pieces: list[FloatArray], n: int) -> tuple[FloatArray, float]:
+    """Return coefficients (1, a1, a2 ...) and innovation variance of the order of least AIC."""
+    forward, backward = [p.copy() for p in pieces], [p.copy() for p in pieces]
+    variance = sum(float(p @ p) for p in pieces) / n
+    a = np.array([1.0])
+    best = (a, variance)
+    least, order = n * math.log(max(variance, 1e-300)), 0
+    for m in range(1, max(min(int(15.0 * math.log10(n)), n // 10), 0) + 1):
+        forward, backward = [f[1:] for f in forward], [b[:-1] for b in backward]
+        if sum(f.size for f in forward) < 0.5 * n:
+            break
+        both = list(zip(forward, backward, strict=True))
+        below = sum(float(f @ f) + float(b @ b) for f, b in both)
+        if below <= 0.0:
+            break
+        k = -2.0 * sum(float(f @ b) for f, b in both) / below
+        k = min(max(k, -_NEAR_ONE), _NEAR_ONE)
+        forward, backward = [f + k * b for f, b in both], [b + k * f for f, b in both]
+        longer = np.append(a, 0.0)
+        a = longer + k * longer[::-1]
+        variance *= 1.0 - k * k
+        score = n * math.log(max(variance, 1e-300)) + 2.0 * m
+        if score < least:
+            best, least, order = (a, variance), score, m
+        elif m - order >= _PATIENCE:
+            break
+    return best
+
+
+def _spectrum(a: FloatArray, variance: float, n: int) -> tuple[FloatArray, FloatArray]:
+    """Return the two-sided density at the frequencies of rfft, and how often each one counts."""
+    density = variance / np.maximum(np.abs(np.fft.rfft(a, n)) ** 2, 1e-300)
+    weight = np.full(density.size, 2.0)
+    weight[0] = 1.0
+    if n % 2 == 0:
+        weight[-1] = 1.0
+    return density, weight
+
+
+def _power(a: FloatArray, variance: float, n: int) -> float:
+    """Return the variance of a model."""
+    density, weight = _spectrum(a, variance, max(n, 8 * a.size))
+    return float(density @ weight) / max(n, 8 * a.size)
+
+
+def _sums(q: FloatArray, a: FloatArray, variance: float) -> tuple[FloatArray, float]:
+    """Return Q' Gamma Q of a model, and the density at frequency zero."""
+    from scipy.fft import next_fast_len
+
+    n = next_fast_len(2 * q.shape[0], real=True)
+    density, weight = _spectrum(a, variance, n)
+    waves = np.fft.rfft(q, n, axis=0)
+    cov = np.real((waves.conj().T * (density * weight)) @ waves) / n
+    return np.asarray(0.5 * (cov + cov.T)), float(density[0])

@@ -11,16 +11,17 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, SupportsIndex
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
-from metrosep.process._plain import known, plain
+from metrosep.process._plain import Frozen, frozen, plain
 from metrosep.process.flexure import FlexureCalibration
 from metrosep.process.servo import Gains, ServoModel, error_ratio
 
@@ -41,7 +42,7 @@ _SLACK = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DriveTable:
+class DriveTable(Frozen):
     """Voltages of a stage over position or time.
 
     Parameters
@@ -81,15 +82,12 @@ class DriveTable:
             Keys ``x``, ``displacement_m``, ``voltage_V``, ``residual_m``, ``is_ok``,
             ``violations``, ``audit``.
         """
-        return {
-            "x": plain(self.x),
-            "displacement_m": plain(self.displacement),
-            "voltage_V": plain(self.voltage),
-            "residual_m": plain(self.residual),
-            "is_ok": self.is_ok,
-            "violations": list(self.violations),
-            "audit": plain(self.audit),
-        }
+        columns = {"x": self.x, "displacement_m": self.displacement, "voltage_V": self.voltage}
+        columns["residual_m"] = self.residual
+        table: dict[str, Any] = plain(
+            {**columns, "is_ok": self.is_ok, "violations": self.violations, "audit": self.audit}
+        )
+        return table
 
 
 def stage_displacement(
@@ -135,13 +133,12 @@ def stage_displacement(
     >>> (d / um).round(9).tolist()
     [5.0, 0.0]
     """
-    d = _displacement(values, quantity, offset)
-    if not travel > 0.0:
-        raise DataError(f"travel={travel} m; it must be positive")
-    first = _outside(d, 0.0, travel)
-    if first is not None:
-        raise LimitError(_stroke_words(d, first, values, quantity, offset, (0.0, travel)))
-    return d
+    v, offset = _checked_values(values, quantity, offset)
+    d = offset - v if quantity == "error" else offset + v
+    beyond = _beyond_stroke(d, v, quantity, offset, (0.0, _limit(travel, "travel", "length")))
+    if beyond:
+        raise LimitError(beyond[0])
+    return frozen(d)
 
 
 def drive_table(
@@ -216,9 +213,11 @@ def drive_table(
     ([0.0, 5.0], True)
     """
     positions, times = _positions(x, speed)
-    low, high = _checked_limits(limits, travel, slew)
-    size = _checked_bits(bits)
-    d = _displacement(values, quantity, offset)
+    low, high = _checked_limits(limits)
+    travel, slew = _limit(travel, "travel", "length"), _limit(slew, "slew", None)
+    size = None if bits is None else numbers.count(bits, "bits", most=32)
+    given, offset = _checked_values(values, quantity, offset)
+    d = offset - given if quantity == "error" else offset + given
     if d.size != positions.size:
         raise InvalidSamplesError(f"values has {d.size} samples, x has {positions.size}")
     if np.isnan(d).any():
@@ -226,61 +225,56 @@ def drive_table(
         raise InvalidSamplesError(
             f"values is NaN at x = {format_length(float(positions[i]))}; a drive table cannot have gaps"
         )
-    violations = []
+    if (
+        not isinstance(calibration, FlexureCalibration)
+        and numbers.real(calibration, "calibration") == 0.0
+    ):
+        raise DataError("a sensitivity of 0 m/V is of no use")
     stroke = (-travel, 0.0) if _moves_down(calibration) else (0.0, travel)
-    first = _outside(d, *stroke) if math.isfinite(travel) else None
-    if first is not None:
-        violations.append(_stroke_words(d, first, values, quantity, offset, stroke))
+    finite = math.isfinite(travel)
+    violations = _beyond_stroke(d, given, quantity, offset, stroke) if finite else []
     wanted, beyond = _voltages(d, calibration)
-    violations += beyond
-    violations += _range_words(wanted, positions, low, high)
-    too_fast = _slew_words(wanted, positions, times, slew)
+    violations += [*beyond, *_beyond_range(wanted, positions, low, high)]
+    too_fast = _too_fast(wanted, positions, times, slew)
     violations += too_fast
     voltage, residual = _quantised(wanted, d, calibration, low, high, size)
     if size is not None and not too_fast:
         violations += [
-            f"in steps of the DAC {words}, use more bits or fewer positions"
-            for words in _slew_words(voltage, positions, times, slew)
+            f"in steps of the DAC {message}, use more bits or fewer positions"
+            for message in _too_fast(voltage, positions, times, slew)
         ]
     if strict and violations:
         raise LimitError("; ".join(violations))
-    return DriveTable(
-        x=positions,
-        displacement=d,
-        voltage=voltage,
-        residual=residual,
-        violations=tuple(violations),
-        audit=freeze_mapping(
-            {
-                "quantity": quantity,
-                "offset_um": offset * 1e6,
-                "voltage_min_V": float(np.nanmin(wanted)) if _some(wanted) else None,
-                "voltage_max_V": float(np.nanmax(wanted)) if _some(wanted) else None,
-                "stroke_um": float(np.ptp(d)) * 1e6,
-                "limits_V": (low, high),
-                "largest_slew_V_per_s": known(_largest_slew(wanted, times)),
-                "largest_slew_of_dac_V_per_s": None
-                if size is None
-                else known(_largest_slew(voltage, times)),
-                "bits": size,
-                "dac_step_mV": None if size is None else 1e3 * (high - low) / (2**size - 1),
-                "residual_rms_nm": float(np.sqrt(np.nanmean(residual**2))) * 1e9
-                if _some(residual)
-                else None,
-            }
-        ),
-    )
+    some = not np.isnan(wanted).all()
+    audit = {
+        "quantity": quantity,
+        "offset_um": offset * 1e6,
+        "voltage_min_V": float(np.nanmin(wanted)) if some else None,
+        "voltage_max_V": float(np.nanmax(wanted)) if some else None,
+        "stroke_um": float(np.ptp(d)) * 1e6,
+        "limits_V": (low, high),
+        "largest_slew_V_per_s": _largest_slew(wanted, times),
+        "largest_slew_of_dac_V_per_s": None if size is None else _largest_slew(voltage, times),
+        "bits": size,
+        "dac_step_mV": None if size is None else 1e3 * (high - low) / (2**size - 1),
+        "residual_rms_nm": float(np.sqrt(np.nanmean(residual**2))) * 1e9 if some else None,
+    }
+    return DriveTable(positions, d, voltage, residual, tuple(violations), audit)
 
 
-def _displacement(values: ArrayLike, quantity: str, offset: float) -> FloatArray:
+def _checked_values(values: ArrayLike, quantity: str, offset: Any) -> tuple[FloatArray, float]:
     if quantity not in ("error", "compensation"):
         raise DataError(
             f"quantity={quantity!r}; state 'error' or 'compensation': the sign follows"
         )
-    if not math.isfinite(offset):
-        raise DataError(f"offset={offset} m; give a finite length")
     v = frozen_float(np.atleast_1d(np.asarray(values)), name="values", ndim=1)
-    return _locked(offset - v if quantity == "error" else offset + v)
+    return v, numbers.quantity(offset, "offset", "length")
+
+
+def _limit(value: Any, name: str, dimension: str | None) -> float:
+    """Return a limit above zero; infinite where there is none."""
+    number = numbers.real(value, name, dimension=dimension, finite=False)
+    return number if number == math.inf else numbers.positive(number, name, dimension=dimension)
 
 
 def _outside(d: FloatArray, low: float, high: float) -> int | None:
@@ -299,29 +293,26 @@ def _moves_down(calibration: FlexureCalibration | float) -> bool:
     return float(calibration) < 0.0
 
 
-def _stroke_words(
-    d: FloatArray,
-    i: int,
-    values: ArrayLike,
-    quantity: str,
-    offset: float,
-    stroke: tuple[float, float],
-) -> str:
-    value = float(np.atleast_1d(np.asarray(values, dtype=np.float64))[i])
+def _beyond_stroke(
+    d: FloatArray, values: FloatArray, quantity: str, offset: float, stroke: tuple[float, float]
+) -> list[str]:
+    """Return what leaves the travel of the stage the furthest, and what it admits."""
     below, above = stroke
+    i = _outside(d, below, above)
+    if i is None:
+        return []
     sign = "negative " if d[i] < 0.0 <= below else ""
-    low, high = (
-        (offset - above, offset - below)
-        if quantity == "error"
-        else (below - offset, above - offset)
-    )
+    low, high = below - offset, above - offset
+    if quantity == "error":
+        low, high = -high, -low
     beyond = max(below - d[i], d[i] - above)
     article = "an" if quantity == "error" else "a"
-    return (
-        f"{quantity} {value * 1e6:.6g} um needs a {sign}displacement of {d[i] * 1e6:.6g} um, "
+    message = (
+        f"{quantity} {values[i] * 1e6:.6g} um needs a {sign}displacement of {d[i] * 1e6:.6g} um, "
         f"{beyond * 1e6:.3g} um beyond the stroke {_span(below, above, 1e6)} um; with an offset of "
         f"{offset * 1e6:.6g} um {article} {quantity} of {_span(low, high, 1e6)} um is admissible"
     )
+    return [message]
 
 
 def _span(low: float, high: float, factor: float = 1.0) -> str:
@@ -333,10 +324,7 @@ def _voltages(
     d: FloatArray, calibration: FlexureCalibration | float
 ) -> tuple[FloatArray, list[str]]:
     if not isinstance(calibration, FlexureCalibration):
-        sensitivity = float(calibration)
-        if not math.isfinite(sensitivity) or sensitivity == 0.0:
-            raise DataError(f"a sensitivity of {calibration} m/V is of no use")
-        return np.asarray(d / sensitivity), []
+        return np.asarray(d / float(calibration)), []
     low = float(calibration.mean.min())
     high = float(calibration.mean.max())
     i = _outside(d, low, high)
@@ -351,44 +339,38 @@ def _voltages(
     return calibration.voltage_for(inside), [words]
 
 
-def _range_words(v: FloatArray, x: FloatArray, low: float, high: float) -> list[str]:
-    if not _some(v):
-        return []
-    i = _outside(v, low, high)
+def _beyond_range(v: FloatArray, x: FloatArray, low: float, high: float) -> list[str]:
+    i = None if np.isnan(v).all() else _outside(v, low, high)
     if i is None:
         return []
     negative = "negative " if v[i] < 0.0 <= low else ""
-    return [
-        (
-            f"{negative}voltage {v[i]:.6g} V at x = {format_length(float(x[i]))} lies outside {_span(low, high)} V by "
-            f"{max(low - v[i], v[i] - high):.3g} V (the table needs {np.nanmin(v):.6g} ... "
-            f"{np.nanmax(v):.6g} V); change the offset"
-        )
-    ]
+    message = (
+        f"{negative}voltage {v[i]:.6g} V at x = {format_length(float(x[i]))} lies outside "
+        f"{_span(low, high)} V by {max(low - v[i], v[i] - high):.3g} V (the table needs "
+        f"{np.nanmin(v):.6g} ... {np.nanmax(v):.6g} V); change the offset"
+    )
+    return [message]
 
 
-def _slew_words(v: FloatArray, x: FloatArray, times: FloatArray | None, slew: float) -> list[str]:
+def _too_fast(v: FloatArray, x: FloatArray, times: FloatArray | None, slew: float) -> list[str]:
     if not math.isfinite(slew):
         return []
     if times is None or v.size < 2:
         raise DataError("a slew rate needs at least two times: pass speed= with positions")
     rate = np.abs(np.diff(v)) / np.diff(times)
-    i = int(np.nanargmax(rate)) if _some(rate) else 0
+    i = 0 if np.isnan(rate).all() else int(np.nanargmax(rate))
     if not rate[i] > slew * (1.0 + _SLACK):
         return []
-    return [
-        (
-            f"the voltage changes by {rate[i]:.6g} V/s at x = {format_length(float(x[i]))}, the amplifier makes "
-            f"{slew:.6g} V/s, {100.0 * (rate[i] / slew - 1.0):.2g} % less; lower the feed"
-        )
-    ]
+    message = (
+        f"the voltage changes by {rate[i]:.6g} V/s at x = {format_length(float(x[i]))}, the amplifier "
+        f"makes {slew:.6g} V/s, {100.0 * (rate[i] / slew - 1.0):.2g} % less; lower the feed"
+    )
+    return [message]
 
 
-def _largest_slew(v: FloatArray, times: FloatArray | None) -> float:
-    if times is None or v.size < 2:
-        return math.nan
-    rate = np.abs(np.diff(v)) / np.diff(times)
-    return float(np.nanmax(rate)) if _some(rate) else math.nan
+def _largest_slew(v: FloatArray, times: FloatArray | None) -> float | None:
+    rate = np.empty(0) if times is None else np.abs(np.diff(v)) / np.diff(times)
+    return None if np.isnan(rate).all() else float(np.nanmax(rate))
 
 
 def _quantised(
@@ -400,7 +382,7 @@ def _quantised(
     bits: int | None,
 ) -> tuple[FloatArray, FloatArray]:
     if bits is None:
-        return _locked(wanted), _locked(np.where(np.isnan(wanted), np.nan, 0.0))
+        return wanted, np.where(np.isnan(wanted), np.nan, 0.0)
     step = (high - low) / (2**bits - 1)
     set_to = low + step * np.rint((np.clip(wanted, low, high) - low) / step)
     if isinstance(calibration, FlexureCalibration):
@@ -408,7 +390,7 @@ def _quantised(
         got = calibration.evaluate(np.clip(set_to, ends[0], ends[-1]))
     else:
         got = set_to * float(calibration)
-    return _locked(set_to), _locked(got - d)
+    return set_to, np.asarray(got - d)
 
 
 def _positions(x: ArrayLike, speed: float | None) -> tuple[FloatArray, FloatArray | None]:
@@ -417,37 +399,19 @@ def _positions(x: ArrayLike, speed: float | None) -> tuple[FloatArray, FloatArra
         raise InvalidSamplesError("x must be without NaN and strictly increasing")
     if speed is None:
         return positions, positions
-    if not (math.isfinite(speed) and speed > 0.0):
-        raise DataError(f"speed={speed} m/s; it must be positive")
-    return positions, _locked(positions / speed)
+    return positions, positions / numbers.positive(speed, "speed", dimension="speed")
 
 
-def _checked_bits(bits: Any) -> int | None:
-    if bits is None:
-        return None
-    whole = isinstance(bits, SupportsIndex) and not isinstance(bits, bool)
-    if not (whole and 1 <= int(bits) <= 32):
-        raise DataError(f"bits={bits!r}; a DAC has 1 to 32, a whole number")
-    return int(bits)
-
-
-def _checked_limits(
-    limits: tuple[float, float], travel: float, slew: float
-) -> tuple[float, float]:
-    low, high = (float(v) for v in limits)
-    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+def _checked_limits(limits: Any) -> tuple[float, float]:
+    try:
+        low, high = (numbers.quantity(v, "a limit of the amplifier", "voltage") for v in limits)
+    except ValueError as exc:
+        raise DataError(
+            f"limits={limits} V; give the lower and the upper voltage ({exc})"
+        ) from None
+    if not low < high:
         raise DataError(f"limits={limits} V; give the lower and the upper voltage")
-    if not (travel > 0.0 and slew > 0.0):
-        raise DataError(f"travel={travel} m and slew={slew} V/s must be positive")
     return low, high
-
-
-def _some(values: FloatArray) -> bool:
-    return bool(values.size) and not bool(np.isnan(values).all())
-
-
-def _locked(values: FloatArray) -> FloatArray:
-    return frozen_float(values, name="result", ndim=1)
 
 
 # ---- which gains are stable: a sweep judged by roots and by simulation, and the limits of one gain ----
@@ -463,7 +427,7 @@ _SIMULATED = 400
 
 
 @dataclass(frozen=True, slots=True)
-class GainSweep:
+class GainSweep(Frozen):
     """What each setting of a sweep does.
 
     Parameters
@@ -569,7 +533,8 @@ def sweep_gains(
     """
     if (t is None) != (command is None):
         raise DataError("give t and command together: an improvement needs a motion")
-    axes = [_values(v, n) for v, n in zip((kp, ki, kd, feedforward), _GAINS, strict=True)]
+    given = zip(_GAINS, (kp, ki, kd, feedforward), strict=True)
+    axes = [frozen_float(np.atleast_1d(np.asarray(v)), name=n, ndim=1).tolist() for n, v in given]
     count = math.prod(len(a) for a in axes)
     if count > _MOST:
         raise DataError(f"{count} settings are more than {_MOST}; sweep fewer gains at a time")
@@ -583,22 +548,16 @@ def sweep_gains(
             if row["stable"]:
                 row["improvement"] = error_ratio(model, reference, gains, t=t, command=command)
     best = _best(settings, rows)
-    return GainSweep(
-        tuple(freeze_mapping(row) for row in rows),
-        best,
-        reference,
-        freeze_mapping(
-            {
-                "settings": count,
-                "stable": len(stable),
-                "pade_order": order,
-                "delay_ms": model.delay * 1e3,
-                "mass": model.mass,
-                "damping": model.damping,
-            }
-        ),
-        _messages(rows, best),
-    )
+    audit = {
+        "settings": count,
+        "stable": len(stable),
+        "pade_order": order,
+        "delay_ms": model.delay * 1e3,
+        "mass": model.mass,
+        "damping": model.damping,
+    }
+    kept = tuple(freeze_mapping(row) for row in rows)
+    return GainSweep(kept, best, reference, audit, _messages(rows, best))
 
 
 def stability_limits(
@@ -634,10 +593,10 @@ def stability_limits(
     201 values are judged by their roots; each change is bisected to 1e-12 of the range. Intervals
     narrower than half a percent of the range may be missed.
     """
-    if vary not in ("kp", "ki", "kd"):
-        raise DataError(f"vary={vary!r}; use 'kp', 'ki' or 'kd'")
-    if not (math.isfinite(low) and math.isfinite(high) and 0.0 <= low < high):
-        raise DataError(f"the range {low} ... {high} is empty or not finite")
+    numbers.choice(vary, "vary", ("kp", "ki", "kd"))
+    low, high = numbers.real(low, "low"), numbers.real(high, "high")
+    if not 0.0 <= low < high:
+        raise DataError(f"the range {low} ... {high} of a gain is empty")
     low = max(low, 1e-12 * high) if vary == "kp" else low
 
     def stable(value: float) -> bool:
@@ -661,11 +620,6 @@ def _bisect(stable: Any, a: float, b: float, state: bool, width: float) -> float
             break
         a, b = (middle, b) if stable(middle) == state else (a, middle)
     return 0.5 * (a + b)
-
-
-def _values(values: ArrayLike, name: str) -> list[float]:
-    array = frozen_float(np.atleast_1d(np.asarray(values)), name=name, ndim=1)
-    return [float(v) for v in array]
 
 
 def _row(model: ServoModel, gains: Gains, simulate: bool, order: int) -> dict[str, Any]:

@@ -14,19 +14,19 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
-from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
-from metrosep.process._plain import known
+from metrosep.process._plain import Frozen, complete, known
 from metrosep.process.straightness_runs import RunPolynomial
 
 __all__ = ["BeforeAfter", "CumulativeError", "before_after", "cumulative_error"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CumulativeError:
+class CumulativeError(Frozen):
     """The Z error that the tool sees, and the command that takes it away.
 
     Parameters
@@ -105,11 +105,8 @@ def cumulative_error(
     >>> (both.command * 1e9).round(6).tolist()
     [-200.0, -400.0]
     """
-    at = frozen_float(x, name="x", ndim=1)
+    at = complete(x, "position x", "leave the sample out")
     fe = frozen_float(following, name="following", ndim=1)
-    if np.isnan(at).any():
-        i = int(np.flatnonzero(np.isnan(at))[0])
-        raise InvalidSamplesError(f"position x is NaN at index {i}")
     s, u = _straightness(at, straightness, quantity)
     if not at.size == fe.size == s.size:
         raise InvalidSamplesError(
@@ -121,23 +118,10 @@ def cumulative_error(
     messages = []
     if missing:
         messages.append(f"{missing} of {total.size} samples are not known: hold the stage there")
-    return CumulativeError(
-        x=at,
-        following=fe,
-        straightness=_locked(s),
-        error=_locked(total),
-        command=_locked(-total),
-        u=_locked(u),
-        audit=freeze_mapping(
-            {
-                "following_pv_nm": known(_range(fe) * 1e9),
-                "straightness_pv_nm": known(_range(s) * 1e9),
-                "cumulative_pv_nm": known(_range(total) * 1e9),
-                "samples_not_measured": missing,
-            }
-        ),
-        messages=tuple(messages),
-    )
+    sizes = {"following": fe, "straightness": s, "cumulative": total}
+    audit: dict[str, Any] = {f"{n}_pv_nm": known(_range(v) * 1e9) for n, v in sizes.items()}
+    audit["samples_not_measured"] = missing
+    return CumulativeError(at, fe, s, total, -total, u, audit, tuple(messages))
 
 
 def _straightness(
@@ -163,7 +147,7 @@ def _straightness(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BeforeAfter:
+class BeforeAfter(Frozen):
     """Roughness and profile height of the same region before and after compensation.
 
     Parameters
@@ -241,8 +225,10 @@ def before_after(
     ----------
     .. [1] Dual-servo paper, section 4.4: Ra 48, 9, 4 nm; Pt 1.285, 0.3 um.
     """
-    if form not in ("none", "line"):
-        raise DataError(f"form={form!r}; use 'none' or 'line'")
+    numbers.choice(form, "form", ("none", "line"))
+    lambda_c = numbers.positive(lambda_c, "lambda_c", dimension="length")
+    if lambda_s is not None:
+        lambda_s = numbers.positive(lambda_s, "lambda_s", dimension="length")
     shared = (
         max(float(before.x[0]), float(after.x[0])),
         min(float(before.x[-1]), float(after.x[-1])),
@@ -254,44 +240,32 @@ def before_after(
             f"the region {low * 1e3:.6g} ... {high * 1e3:.6g} mm is not measured in both profiles; "
             f"they share {shared[0] * 1e3:.6g} ... {shared[1] * 1e3:.6g} mm"
         )
-    words = f"{low * 1e3:.6g} ... {high * 1e3:.6g} mm"
+    span = f"{low * 1e3:.6g} ... {high * 1e3:.6g} mm"
     results, kept = [], []
     for name, profile in (("before", before), ("after", after)):
         part = profile.crop(low - slack, high + slack)
         if len(part) - part.n_invalid < 8:
-            raise TooFewSamplesError(f"the profile {name} has {len(part)} samples in {words}")
-        primary = _primary(part if form == "none" else part.remove_line(), lambda_s)
+            raise TooFewSamplesError(f"the profile {name} has {len(part)} samples in {span}")
+        primary = part if form == "none" else part.remove_line()
+        if lambda_s is not None:
+            from metrosep.filters.chain import primary as without_short
+
+            primary = without_short(primary, lambda_s=lambda_s)
         kept.append(primary)
-        results.append(_pair(part, primary, lambda_c, lambda_s, form, words))
+        results.append(_pair(part, primary, lambda_c, lambda_s, form, span))
     ratio = {
         n: results[0][n].value / results[1][n].value if results[1][n].value > 0.0 else math.inf
         for n in ("Ra", "Pt")
     }
     messages = [f"{n} became worse: check the sign" for n, r in ratio.items() if r < 1.0]
-    return BeforeAfter(
-        before=freeze_mapping(results[0]),
-        after=freeze_mapping(results[1]),
-        ratio=freeze_mapping(ratio),
-        profiles=(kept[0], kept[1]),
-        region=(low, high),
-        audit=freeze_mapping(
-            {
-                "lambda_c_mm": lambda_c * 1e3,
-                "lambda_s_um": None if lambda_s is None else lambda_s * 1e6,
-                "form_of_Pt": form,
-                "region_mm": (low * 1e3, high * 1e3),
-            }
-        ),
-        messages=tuple(messages),
-    )
-
-
-def _primary(profile: Profile, lambda_s: float | None) -> Profile:
-    if lambda_s is None:
-        return profile
-    from metrosep.filters.chain import primary
-
-    return primary(profile, lambda_s=lambda_s)
+    audit = {
+        "lambda_c_mm": lambda_c * 1e3,
+        "lambda_s_um": None if lambda_s is None else lambda_s * 1e6,
+        "form_of_Pt": form,
+        "region_mm": (low * 1e3, high * 1e3),
+    }
+    pair, region = (kept[0], kept[1]), (low, high)
+    return BeforeAfter(results[0], results[1], ratio, pair, region, audit, tuple(messages))
 
 
 def _pair(
@@ -300,7 +274,7 @@ def _pair(
     lambda_c: float,
     lambda_s: float | None,
     form: str,
-    words: str,
+    span: str,
 ) -> dict[str, Quantity]:
     from metrosep.filters.chain import roughness
     from metrosep.parameters.profile import profile_parameters
@@ -308,26 +282,14 @@ def _pair(
     rough = roughness(part.remove_line(), lambda_c=lambda_c, lambda_s=lambda_s)
     table = profile_parameters(rough, kind="R", sections=1, names=["Ra"])
     short = "no lambda_s" if lambda_s is None else f"lambda_s {lambda_s * 1e6:.6g} um"
+    ra = f"Ra ISO 21920-2, lambda_c {lambda_c * 1e3:.6g} mm, {short}, line removed, x {span}"
+    pt = f"Pt ISO 21920-2, {short}, form removed: {form}, x {span}"
     return {
-        "Ra": Quantity(
-            table["Ra"].value,
-            "m",
-            f"Ra ISO 21920-2, lambda_c {lambda_c * 1e3:.6g} mm, {short}, line removed, x {words}",
-            symbol="Ra",
-        ),
-        "Pt": Quantity(
-            primary.peak_to_valley(),
-            "m",
-            f"Pt ISO 21920-2, {short}, form removed: {form}, x {words}",
-            symbol="Pt",
-        ),
+        "Ra": Quantity(table["Ra"].value, "m", ra, symbol="Ra"),
+        "Pt": Quantity(primary.peak_to_valley(), "m", pt, symbol="Pt"),
     }
 
 
 def _range(values: FloatArray) -> float:
     valid = values[~np.isnan(values)]
     return float(np.ptp(valid)) if valid.size else math.nan
-
-
-def _locked(values: FloatArray) -> FloatArray:
-    return frozen_float(values, name="result", ndim=1)

@@ -8,28 +8,31 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core import numbers
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
-from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
 from metrosep.process._motion import (
     Derivatives,
     FollowUp,
     FollowUpMap,
+    Regression,
     TermShare,
     best_delay,
     delay_uncertainty,
     derivatives,
+    regress,
     shifted,
     uniform,
 )
-from metrosep.process._regression import Regression, regress
 
 __all__ = ["FollowUp", "FollowUpMap", "TermShare", "drawn_pv", "follow_up", "square_root"]
 
@@ -74,7 +77,7 @@ def follow_up(
         Channel of time in s, for a mapping.
     terms : sequence of str, optional
         Of ``velocity acceleration jerk position friction`` (sign of velocity).
-    delay : float or {"estimate"}, s, optional
+    delay : float, str or {"estimate"}, s, optional
         Known lag of the actual channel behind the command *in the logger*, taken out first.
         ``"estimate"`` takes out the best one: nothing is then left for velocity.
     window : int, odd, >= 7, optional
@@ -149,8 +152,8 @@ def follow_up(
     messages = []
     if t is not log.t:
         messages.append(f"time jitters by {100.0 * jitter:.2g} % of a step: resampled by a spline")
-        if "theta" in places and (doubt := quick_turns(places["theta"])):
-            messages.append(doubt)
+        if "theta" in places and (warning := quick_turns(places["theta"])):
+            messages.append(warning)
     ordered, got = even["command"], even["actual"]
     motion = derivatives(ordered, step, window)
     lag = _delay(ordered, got, motion, step, messages)
@@ -159,7 +162,8 @@ def follow_up(
         got = shifted(got, step, -taken)
     fe = got - ordered
     state = _state(ordered, motion)
-    fit, kept, valid, lost = fit_terms(fe, state, wanted, _noise(motion))
+    noise = dict(zip(("velocity", "acceleration", "jerk"), motion.sd, strict=True))
+    fit, kept, valid, lost = fit_terms(fe, state, wanted, noise)
     least = _ROUNDING * float(max(np.nanmax(np.abs(c)) for c in (ordered, got)))
     found = shares(fe[valid], {n: state[n][valid] for n in kept}, kept, fit, least=least)
     y = fe[valid] - fe[valid].mean()
@@ -173,37 +177,36 @@ def follow_up(
     residual = np.full(fe.size, np.nan)
     residual[valid] = fit.residual
     history = (*log.history, Step("follow_up", {"terms": list(kept), "delay_s": taken}))
+    audit = {
+        "error_from": source,
+        "step_s": step,
+        "jitter": jitter,
+        "resampled": t is not log.t,
+        "window_samples": motion.window,
+        "delay_removed_s": taken,
+        "samples": int(t.size),
+        "samples_in_regression": int(valid.sum()),
+        "samples_not_measured": int(np.isnan(fe).sum()),
+        "terms": kept,
+        "bandwidth_samples": fit.bandwidth,
+        "u_over_u_of_independent": fit.inflation,
+    }
     return FollowUp(
-        t=_locked(t),
-        error=_locked(fe),
-        command=_locked(ordered),
-        velocity=_locked(motion.velocity),
-        acceleration=_locked(motion.acceleration),
-        jerk=_locked(motion.jerk),
-        coefficients=freeze_mapping(_coefficients(fit, kept)),
-        cov=_locked(fit.cov, 2),
-        shares=freeze_mapping(found),
+        t=t,
+        error=fe,
+        command=ordered,
+        velocity=motion.velocity,
+        acceleration=motion.acceleration,
+        jerk=motion.jerk,
+        coefficients=_coefficients(fit, kept),
+        cov=fit.cov,
+        shares=found,
         r2=r2,
-        residual=_locked(residual),
+        residual=residual,
         delay=lag,
-        quantities=freeze_mapping(_quantities(fe, fit, motion)),
+        quantities=_quantities(fe, fit, motion),
         map=_map(fe, t - t[0], even, spiral, (spiral_sense, spiral_start), history),
-        audit=freeze_mapping(
-            {
-                "error_from": source,
-                "step_s": step,
-                "jitter": jitter,
-                "resampled": t is not log.t,
-                "window_samples": motion.window,
-                "delay_removed_s": taken,
-                "samples": int(t.size),
-                "samples_in_regression": int(valid.sum()),
-                "samples_not_measured": int(np.isnan(fe).sum()),
-                "terms": kept,
-                "bandwidth_samples": fit.bandwidth,
-                "u_over_u_of_independent": fit.inflation,
-            }
-        ),
+        audit=audit,
         messages=tuple(messages),
         history=history,
     )
@@ -232,10 +235,6 @@ def _state(command: FloatArray, motion: Derivatives) -> dict[str, FloatArray]:
     }
 
 
-def _noise(motion: Derivatives) -> dict[str, float]:
-    return dict(zip(("velocity", "acceleration", "jerk"), motion.sd, strict=True))
-
-
 def _delay(
     command: FloatArray, actual: FloatArray, motion: Derivatives, step: float, messages: list[str]
 ) -> Quantity:
@@ -252,28 +251,21 @@ def _delay(
 
 
 def _taken_delay(delay: float | str, lag: Quantity, duration: float) -> float:
-    if isinstance(delay, str):
-        if delay != "estimate":
-            raise DataError(f"delay={delay!r}; state it in s, or 'estimate'")
+    if isinstance(delay, str) and delay == "estimate":
         if math.isnan(lag.value):
             raise DataError("no delay can be estimated from this log; state it in s")
         return lag.value
-    if not math.isfinite(delay) or abs(delay) >= 0.5 * duration:
-        raise DataError(f"delay={delay} s does not fit a log of {duration:.4g} s")
-    return float(delay)
+    known = numbers.quantity(delay, "delay", "time")
+    if abs(known) >= 0.5 * duration:
+        raise DataError(f"delay={known} s does not fit a log of {duration:.4g} s")
+    return known
 
 
 def _noise_message(motion: Derivatives, kept: tuple[str, ...]) -> list[str]:
-    columns = {
-        "velocity": (motion.velocity, motion.sd[0]),
-        "acceleration": (motion.acceleration, motion.sd[1]),
-        "jerk": (motion.jerk, motion.sd[2]),
-    }
+    noisy = dict(zip(("velocity", "acceleration", "jerk"), motion.sd, strict=True))
     messages = []
-    for name in kept:
-        if name not in columns:
-            continue
-        column, sd = columns[name]
+    for name in (n for n in kept if n in noisy):
+        column, sd = getattr(motion, name), noisy[name]
         share = sd**2 / max(float(np.nanvar(column)), 1e-300)
         if share > 0.01:
             messages.append(
@@ -319,30 +311,24 @@ def _map(
         if "rho" not in even:
             return None
         return FollowUpMap(even["rho"], even["theta"], fe, history)
-    radius, feed, speed = (float(v) for v in spiral)
-    if not (
-        radius > 0.0 and math.isfinite(feed) and speed > 0.0 and math.isfinite(radius + speed)
-    ):
+    try:
+        first, advance, turning = spiral
+    except (TypeError, ValueError):
         raise DataError(
             f"spiral={spiral}; give start radius in m, feed per revolution in m and spindle speed "
             "in rad/s"
-        )
-    sense, start = turn
-    if sense not in _SENSES or not math.isfinite(start):
-        raise DataError(
-            f"spiral_sense={sense!r}, spiral_start={start}; the sense is 'counterclockwise' or "
-            "'clockwise', the start an azimuth in rad"
-        )
+        ) from None
+    radius = numbers.positive(first, "the start radius of the spiral", dimension="length")
+    feed = numbers.quantity(advance, "the feed of the spiral", "length")
+    speed = numbers.positive(turning, "the spindle speed of the spiral in rad/s")
+    sense = numbers.choice(turn[0], "spiral_sense", _SENSES)
+    start = numbers.quantity(turn[1], "spiral_start", "angle")
     angle = speed * t
     reached = radius - feed * angle / (2.0 * math.pi)
     if (reached < 0.0).any():
         at = float(t[np.argmax(reached < 0.0)])
         raise DataError(f"the spiral reaches the centre after {at:.4g} s, before the log ends")
     return FollowUpMap(reached, start + _SENSES[sense] * angle, fe, history)
-
-
-def _locked(values: FloatArray, ndim: int = 1) -> FloatArray:
-    return frozen_float(values, name="result", ndim=ndim)
 
 
 # ---- private: what a log of an axis holds: time, positions, error, and the place on the part ----
@@ -368,8 +354,7 @@ def read_positions(
     log: Recording, command: str, actual: str, error: str | None, sign: str
 ) -> tuple[dict[str, FloatArray], str]:
     """Return commanded and actual position, and where the error comes from."""
-    if sign not in ("actual-command", "command-actual"):
-        raise DataError(f"error_sign={sign!r}; state 'actual-command' or 'command-actual'")
+    numbers.choice(sign, "error_sign", ("actual-command", "command-actual"))
     has = {n: n in log.channels for n in (command, actual)}
     if error is None and not all(has.values()) and "error" in log.channels:
         error = "error"
@@ -454,8 +439,7 @@ def checked_terms(terms: Sequence[str]) -> tuple[str, ...]:
     if isinstance(terms, str):
         terms = (terms,)
     for name in terms:
-        if name not in TERMS:
-            raise DataError(f"there is no term {name!r}; use {', '.join(TERMS)}")
+        numbers.choice(name, "a term", TERMS)
     if not terms or len(set(terms)) < len(terms):
         raise DataError(f"terms={list(terms)}: name at least one term, and each once")
     return tuple(terms)
@@ -485,13 +469,8 @@ def fit_terms(
     # back to c0 at zero motion
     shift = np.eye(len(kept) + 1)
     shift[0, 1:] = [-float(motion[n][valid].mean()) for n in kept]
-    fit = Regression(
-        shift @ fit.coefficients,
-        shift @ fit.cov @ shift.T,
-        fit.residual,
-        fit.bandwidth,
-        fit.inflation,
-    )
+    moved, cov = shift @ fit.coefficients, shift @ fit.cov @ shift.T
+    fit = replace(fit, coefficients=moved, cov=cov)
     return fit, kept, valid, messages
 
 
@@ -573,7 +552,8 @@ def hints(found: Mapping[str, TermShare], fit: Regression, kept: tuple[str, ...]
         if share.significance < _SIGNIFICANT or not share.share > _LARGE:
             continue
         c = float(fit.coefficients[1 + kept.index(name)])
-        messages.append(f"{_CAUSES[name](c)} ({100.0 * share.share:.0f} % of the variance)")
+        cause = _CAUSES[name][0 if c < 0.0 else -1].format(ms=abs(c) * 1e3)
+        messages.append(f"{cause} ({100.0 * share.share:.0f} % of the variance)")
     if any(not -_OPPOSED < share.share < 1.0 + _OPPOSED for share in found.values()):
         messages.append(
             "terms of this motion work against each other: their shares belong together, not one by "
@@ -587,51 +567,38 @@ def hints(found: Mapping[str, TermShare], fit: Regression, kept: tuple[str, ...]
     return messages
 
 
-def _velocity(c: float) -> str:
-    if c < 0.0:
-        return (
-            f"the error follows velocity: actual lags by {abs(c) * 1e3:.3g} ms; velocity "
-            "feedforward, or a delay between the two channels of the log (the log cannot tell which)"
-        )
-    return (
-        f"the error follows velocity: actual leads by {abs(c) * 1e3:.3g} ms; velocity feedforward is "
-        "too large, or there is a delay between the two channels of the log, or the channels are "
-        "swapped (the log cannot tell which)"
-    )
-
-
-def _acceleration(c: float) -> str:
-    if c < 0.0:
-        return "the error follows acceleration: missing acceleration feedforward"
-    return (
-        "the error follows acceleration with actual ahead: acceleration feedforward is too large, "
-        "or the channel holds commanded minus actual (or the channels are swapped) and it is "
-        "missing acceleration feedforward"
-    )
-
-
-def _jerk(c: float) -> str:
-    return (
-        "the error follows jerk: the integral part carries the acceleration (M/Ki); raise Ki or "
-        "add acceleration feedforward"
-    )
-
-
-def _position(c: float) -> str:
-    return "the error follows position: scale of the encoder, or a force like a spring"
-
-
-def _friction(c: float) -> str:
-    return "the error follows the sign of velocity: friction or lost motion at the reversals"
-
-
 _CAUSES = {
-    "velocity": _velocity,
-    "acceleration": _acceleration,
-    "jerk": _jerk,
-    "position": _position,
-    "friction": _friction,
+    "velocity": (
+        (
+            "the error follows velocity: actual lags by {ms:.3g} ms; velocity feedforward, or a delay "
+            "between the two channels of the log (the log cannot tell which)"
+        ),
+        (
+            "the error follows velocity: actual leads by {ms:.3g} ms; velocity feedforward is too large, or "
+            "there is a delay between the two channels of the log, or the channels are swapped (the log "
+            "cannot tell which)"
+        ),
+    ),
+    "acceleration": (
+        "the error follows acceleration: missing acceleration feedforward",
+        (
+            "the error follows acceleration with actual ahead: acceleration feedforward is too large, or the "
+            "channel holds commanded minus actual (or the channels are swapped) and it is missing "
+            "acceleration feedforward"
+        ),
+    ),
+    "jerk": (
+        (
+            "the error follows jerk: the integral part carries the acceleration (M/Ki); raise Ki or add "
+            "acceleration feedforward"
+        ),
+    ),
+    "position": ("the error follows position: scale of the encoder, or a force like a spring",),
+    "friction": (
+        "the error follows the sign of velocity: friction or lost motion at the reversals",
+    ),
 }
+"""What an error that follows a term hints at, for a negative coefficient and for a positive one."""
 
 
 # ---- private: peak to valley of a map whose modes are drawn, exactly, without looking at every point ----

@@ -1,4 +1,4 @@
-"""What a controller makes of the points of a block program: lines or a C2 cubic spline.
+"""What a controller makes of the points of a block program: lines or a C2 cubic spline; arc lengths.
 
 Positions are arc lengths that grow strictly; the values are heights. The controller knows the
 points only, so the course between them is decided here. A spline needs two end conditions, and
@@ -7,21 +7,30 @@ every function names the one that it used.
 
 from __future__ import annotations
 
-from typing import Literal
+import math
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray, frozen_float, same_length
-from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
-from metrosep.process.arc_lengths import checked_finite
+from metrosep.core.errors import (
+    DataError,
+    InvalidSamplesError,
+    NotConvergedError,
+    TooFewSamplesError,
+)
+from metrosep.process._plain import length
 
-__all__ = ["EndCondition", "Interpolation", "evaluate", "fitted_heights", "knot_slopes"]
+__all__ = [
+    "EndCondition", "Interpolation", "angle_at_length", "arc_length", "evaluate", "fitted_heights",
+    "knot_slopes",
+]  # fmt: skip
 
 EndCondition = Literal["not-a-knot", "natural", "clamped"]
 Interpolation = Literal["linear", "spline"]
 
-ENDS = ("not-a-knot", "natural", "clamped")
 FEWEST_KNOTS = 4
 """A cubic spline without a knot at its second point needs four."""
 
@@ -79,14 +88,12 @@ def knot_slopes(
     from scipy.linalg import solve_banded
 
     positions, heights = _checked(s, z)
-    if end not in ENDS:
-        raise DataError(f"the end condition must be one of {', '.join(ENDS)}, got {end!r}")
+    numbers.choice(end, "the end condition", get_args(EndCondition))
     try:
-        slopes = [checked_finite(v, "a slope of end_slopes") for v in end_slopes]
-    except TypeError:
-        slopes = []
-    if len(slopes) != 2:
-        raise DataError(f"end_slopes must be two slopes, m/m, got {end_slopes!r}")
+        first_slope, last_slope = end_slopes
+    except (TypeError, ValueError):
+        raise DataError(f"end_slopes must be two slopes, m/m, got {end_slopes!r}") from None
+    slopes = [numbers.real(v, "a slope of end_slopes") for v in (first_slope, last_slope)]
     h = np.diff(positions)
     d = np.diff(heights) / h
     bands = np.zeros((3, positions.size))
@@ -223,8 +230,7 @@ def fitted_heights(
     from scipy.interpolate import BSpline
     from scipy.linalg import solveh_banded
 
-    if interpolation not in ("linear", "spline"):
-        raise DataError(f"interpolation must be linear or spline, got {interpolation!r}")
+    numbers.choice(interpolation, "interpolation", get_args(Interpolation))
     knots = _positions(s, name="s")
     x, y = _checked(at, wanted, fewest=knots.size)
     cubic = interpolation == "spline"
@@ -285,3 +291,118 @@ def _checked(
             "point: give it a height, or leave the point out"
         )
     return positions, heights
+
+
+# ---- arc length of the spiral ``rho = feed u / (2 pi)`` from its centre, and its inverse ----------
+
+_TURN = 2.0 * math.pi
+_NEWTON_STEPS = 12
+
+
+def arc_length(u: ArrayLike, feed: float) -> FloatArray:
+    """Return the arc length of the spiral from its centre.
+
+    Parameters
+    ----------
+    u : array_like, any shape, rad
+        Angle left to the centre; a negative one is the spiral's other half.
+    feed : float, m
+        Advance per revolution, > 0.
+
+    Returns
+    -------
+    ndarray, as `u`, m
+        Eq. (3) of [1]_, an odd function; NaN where `u` is NaN.
+
+    Raises
+    ------
+    DataError
+        If the feed is not positive and finite.
+
+    Notes
+    -----
+    ``S = a/2 (u sqrt(u^2 + 1) + asinh u)``, ``a = feed / 2 pi``. The paper's Eq. (4) reads ``rho =
+    r - f_r theta``; it prints r for theta.
+
+    References
+    ----------
+    .. [1] Deterministic error compensation for slow tool servo-driven diamond turning, Eqs. (3)-(6).
+
+    Examples
+    --------
+    >>> round(float(arc_length(2 * np.pi * 250, 2e-6)), 9)
+    0.392700443
+    """
+    a = length(feed, "feed") / _TURN
+    angle = np.asarray(u, dtype=np.float64)
+    return np.asarray(0.5 * a * _doubled_length(angle), dtype=np.float64)
+
+
+def _doubled_length(u: FloatArray) -> FloatArray:
+    """Return 2 S / a. The logarithm is faster than asinh and exact enough for u >= 1."""
+    root = np.sqrt(u * u + 1.0)
+    if u.size and float(np.min(u)) >= 1.0:
+        return u * root + np.log(u + root)
+    return u * root + np.arcsinh(u)
+
+
+def angle_at_length(s: ArrayLike, feed: float) -> FloatArray:
+    """Return the angle left to the centre at an arc length, the inverse of `arc_length`.
+
+    Parameters
+    ----------
+    s : array_like, any shape, m
+        Arc length from the centre, >= 0; NaN gives NaN.
+    feed : float, m
+        Advance per revolution, > 0.
+
+    Returns
+    -------
+    ndarray, as `s`, rad
+        Angles.
+
+    Raises
+    ------
+    DataError
+        If the feed is not positive and finite.
+    InvalidSamplesError
+        If a length is negative or infinite.
+    NotConvergedError
+        If Newton's method does not end; no known input does this.
+
+    Notes
+    -----
+    Newton's method from ``sqrt(2 S / a)``, at once for all lengths; the next correction is
+    estimated from the last one, so that two steps do for most of a spiral.
+
+    Examples
+    --------
+    >>> float(angle_at_length(arc_length(12.5, 2e-6), 2e-6).round(12))
+    12.5
+    """
+    a = length(feed, "feed") / _TURN
+    lengths = np.asarray(s, dtype=np.float64)
+    wrong = ~np.isnan(lengths) & ~((lengths >= 0.0) & (lengths < np.inf))
+    if wrong.any():
+        raise InvalidSamplesError(
+            f"arc length {lengths[wrong].flat[0]} m lies on no spiral; lengths are counted from "
+            "the centre, finite and not negative"
+        )
+    return newton_angle(lengths * (2.0 / a))
+
+
+def newton_angle(g: FloatArray, guess: FloatArray | None = None) -> FloatArray:
+    """Return u with ``u sqrt(u^2 + 1) + asinh u = g``, by Newton's method."""
+    if not g.size or (np.isnan(g.flat[0]) and np.isnan(g).all()):
+        return g.copy()
+    u = np.where(g < 1.0, 0.5 * g, np.sqrt(g)) if guess is None else guess
+    for _ in range(_NEWTON_STEPS):
+        slope = 2.0 * np.sqrt(u * u + 1.0)
+        change = (_doubled_length(u) - g) / slope
+        u = np.abs(u - change)
+        # The error after the step is change^2 u / (2 (u^2 + 1)) and less.
+        if float(np.nanmax(np.abs(change) / slope)) < 1e-8:
+            return u
+    raise NotConvergedError(
+        f"no angle found for an arc length of {float(np.nanmax(g)):.6g} half pitches per radian"
+    )

@@ -7,12 +7,13 @@ are actual minus nominal along z, out of the material. After slow-tool-servo, se
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, get_args
 
 import numpy as np
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, LimitError, MetrosepError
 from metrosep.core.provenance import freeze_mapping
@@ -20,8 +21,8 @@ from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.process._log_places import held_on_points, on_spiral
 from metrosep.process._motion import FollowUp, FollowUpMap
+from metrosep.process._plain import frozen, length
 from metrosep.process._setting_equations import FACTORS, height_errors, polar_slopes
-from metrosep.process.arc_lengths import checked_finite, checked_positive
 from metrosep.process.feedforward import corrected_path, left_over
 from metrosep.process.interpolation import Interpolation
 from metrosep.process.machining_times import MachiningTime, machining_time
@@ -145,22 +146,15 @@ class TurningJob:
                 f"{type(self.form).__name__}"
             )
         object.__setattr__(self, "radius", checked_radius(self.radius))
-        for name in ("feed", "rpm"):
-            unit = " m" if name == "feed" else " 1/min"
-            size = checked_positive(getattr(self, name), name, unit=unit)
-            object.__setattr__(self, name, size)
-        block = checked_finite(self.block_time, "block_time")
-        if block < 0.0:
-            raise DataError(f"block_time must be a time from 0 on, in s, got {block}")
+        object.__setattr__(self, "feed", length(self.feed, "feed"))
+        object.__setattr__(self, "rpm", numbers.positive(self.rpm, "rpm"))
+        block = numbers.not_negative(self.block_time, "block_time", dimension="time")
         object.__setattr__(self, "block_time", block)
         object.__setattr__(self, "core", checked_core(self.core, self.radius))
         if self.nose is not None:
             Edge.of(self.nose, self.sense)
         object.__setattr__(self, "sense", self.sense or get_args(Sense)[0])
-        if self.sense not in get_args(Sense):
-            raise DataError(
-                f"sense must be one of {', '.join(get_args(Sense))}, got {self.sense!r}"
-            )
+        numbers.choice(self.sense, "sense", get_args(Sense))
 
     @property
     def _way(self) -> Sense:
@@ -223,17 +217,9 @@ class TurningJob:
             If no interval fits.
         """
         checked_options(options, taken=_OF_THE_JOB)
-        return SpiralPath(
-            self.radius,
-            self.feed,
-            distribution=distribution,
-            step=step,
-            interpolation=interpolation,
-            lead_in=lead_in,
-            core=self.core,
-            sense=self._way,
-            **options,
-        )
+        words: Any = {"distribution": distribution, "interpolation": interpolation, **options}
+        own: Any = {"core": self.core, "sense": self._way}
+        return SpiralPath(self.radius, self.feed, step=step, lead_in=lead_in, **own, **words)
 
     def plan(
         self,
@@ -278,24 +264,17 @@ class TurningJob:
         InvalidSamplesError
             If the form has no height at a point.
         """
-        named = _named(options, _OF_THE_JOB)
-        if named:
-            raise DataError(named)
+        for name in options:
+            if name in _OF_THE_JOB:
+                raise DataError(_OF_THE_JOB[name])
+        tolerance = length(tolerance, "tolerance")
         wanted, reached = tolerance, math.nan
+        options |= {"distribution": distribution, "interpolation": interpolation}
         for _ in range(_MOST_PLANS):
             found = points_for_tolerance(
-                self.form,
-                self.radius,
-                self.feed,
-                wanted,
-                distribution=distribution,
-                interpolation=interpolation,
-                annulus=annulus,
-                lead_in=lead_in,
-                core=self.core,
-                sense=self._way,
-                **options,
-            )
+                self.form, self.radius, self.feed, wanted, annulus=annulus, lead_in=lead_in,
+                core=self.core, sense=self._way, **options,
+            )  # fmt: skip
             if self.nose is None:
                 return JobPlan(found, self.time(found.path))
             error = found.path.error_map(self._surface)
@@ -304,7 +283,7 @@ class TurningJob:
                 said = "the search is that of cut points, the P-V that of the tip path"
                 messages = (*found.messages, said)
                 tip = replace(
-                    found, peak_to_valley=reached, tolerance=float(tolerance), messages=messages
+                    found, peak_to_valley=reached, tolerance=tolerance, messages=messages
                 )
                 return JobPlan(tip, self.time(tip.path))
             wanted *= 0.98 * tolerance / reached
@@ -488,9 +467,7 @@ class TurningJob:
                 "nose"
             )
         _check_causes(tool, follow_up, float_too=False)
-        gain = checked_finite(gain, "gain")
-        if not 0.0 < gain <= 1.0:
-            raise DataError(f"gain must lie above 0 and at most at 1, got {gain}")
+        gain = numbers.positive(numbers.between(gain, "gain", 0.0, 1.0), "gain")
         spiral = self._own(path)
         points = spiral.points(self._surface)
         if self.nose is None:
@@ -527,7 +504,9 @@ class TurningJob:
         fits = gouge_check(self.form, nose, region=(self.core, self.radius))
         fits.require()
         nominal = Edge.of(nose, self.sense)
-        edge = nominal if tool is None else _as_set(nominal, tool)
+        edge = nominal
+        if tool is not None:
+            edge = replace(edge, radius=edge.radius + tool.dR, dx=tool.dx, dy=tool.dy)
         made = tips(self.form, points.rho, points.azimuth, edge, strict=True)
         said = [*fits.messages, *made.messages]
         on_part = points.rho <= self.radius
@@ -565,11 +544,6 @@ class TurningJob:
         return spiral
 
 
-def _as_set(edge: Edge, tool: ToolSetting) -> Edge:
-    """Return the edge where a setting really puts it."""
-    return replace(edge, radius=edge.radius + tool.dR, dx=tool.dx, dy=tool.dy)
-
-
 def _check_causes(tool: object, follow_up: object, *, float_too: bool) -> None:
     """Raise DataError for a cause of another kind."""
     if tool is not None and not isinstance(tool, ToolSetting):
@@ -583,16 +557,11 @@ def _check_causes(tool: object, follow_up: object, *, float_too: bool) -> None:
             "follow_up must be a log placed on the part, from follow_up(...): a "
             f"{type(follow_up).__name__} has no shape that could be made up for"
         )
-    if not isinstance(follow_up, int | float | np.number) or isinstance(follow_up, bool):
+    if not isinstance(follow_up, str) and not numbers.is_real(follow_up):
         raise DataError(
             "follow_up must be a log placed on the part, from follow_up(...), or a P-V in m, got "
             f"{type(follow_up).__name__}"
         )
-
-
-def _named(options: Mapping[str, Any], taken: Mapping[str, str]) -> str | None:
-    """Return what to say of the first option that is given elsewhere."""
-    return next((taken[n] for n in options if n in taken), None)
 
 
 # ---- private helpers: the causes of form error at the samples of a spiral ----------------------
@@ -708,13 +677,13 @@ def _modes(
 def _either_side(
     form: Form, tool: ToolSetting, at: tuple[FloatArray, FloatArray], factor: int, step: float
 ) -> tuple[FloatArray, FloatArray]:
-    found = []
-    for way in (1.0, -1.0):
+    def off_by(change: float) -> FloatArray:
         values = tool.values
-        values[factor] += way * step
+        values[factor] += change
         dx, dy, dR = (float(v) for v in values)
-        found.append(height_errors(form, *at, (dx, dy, dR), exact=True))
-    return found[0], found[1]
+        return height_errors(form, *at, (dx, dy, dR), exact=True)
+
+    return off_by(step), off_by(-step)
 
 
 def _extent(values: FloatArray) -> float:
@@ -753,17 +722,8 @@ def _without(z: FloatArray, basis: FloatArray, weights: FloatArray) -> FloatArra
 
 
 def checked_removed(removed: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of what is removed, or raise DataError."""
+    """Return the names of what is removed."""
     if not isinstance(removed, str | list | tuple | set | frozenset):
         raise DataError(f'removed must be of "piston" and "tilt", got {removed!r}')
     names = (removed,) if isinstance(removed, str) else tuple(removed)
-    unknown = [n for n in names if n not in ("piston", "tilt")]
-    if unknown:
-        raise DataError(f'removed must be of "piston" and "tilt", got {unknown[0]!r}')
-    return names
-
-
-def frozen(values: FloatArray) -> FloatArray:
-    """Return the array, read-only from now on."""
-    values.setflags(write=False)
-    return values
+    return tuple(numbers.choice(n, "removed", ("piston", "tilt")) for n in names)

@@ -14,21 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core import numbers
 from metrosep.core._arrays import ComplexArray, FloatArray, frozen_float
-from metrosep.core.errors import (
-    DataError,
-    InvalidSamplesError,
-    NotConvergedError,
-    NotUniformError,
-    TooFewSamplesError,
-)
-from metrosep.core.provenance import freeze_mapping
+from metrosep.core.errors import DataError, InvalidSamplesError, NotConvergedError
 from metrosep.core.quantity import Quantity
+from metrosep.process._plain import Frozen, complete, frozen, uniform_time
 
 __all__ = ["LearningStep", "learn_step", "low_pass"]
 
 
-_UNIFORM = 1e-3
 _MIN_SAMPLES = 16
 _ABOVE_NOISE = 10.0
 """Amplitude of the command over noise of the error, from which a frequency tells the axis."""
@@ -45,7 +39,7 @@ _GROWTH = 1.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LearningStep:
+class LearningStep(Frozen):
     """The next command, and what it should leave.
 
     Parameters
@@ -156,15 +150,31 @@ def learn_step(
     >>> round(step.contraction, 2)
     0.1
     """
-    times, step = _time(t)
-    want, last = _complete(desired, "desired", times), _complete(command, "command", times)
-    runs = _runs(actual, times)
-    _check_options(gain, cutoff, step)
+    times = frozen_float(t, name="t", ndim=1)
+    step = uniform_time(times, _MIN_SAMPLES, "learning")
+    want, last = _checked(desired, "desired", times, 1), _checked(command, "command", times, 1)
+    runs = _checked(np.atleast_2d(np.asarray(actual)), "actual", times, 2)
+    gain = numbers.positive(numbers.between(gain, "gain", 0.0, 1.0), "gain")
+    cutoff = numbers.positive(cutoff, "cutoff", dimension="frequency")
+    if cutoff > 0.5 / step * (1.0 + 1e-9):
+        raise DataError(
+            f"cutoff={cutoff} Hz; it must be at most half the sampling rate, {0.5 / step:.6g} Hz"
+        )
     error = runs.mean(axis=0) - want
     scatter = float(runs.std(axis=0, ddof=1).mean()) if len(runs) > 1 else None
     rms = float(np.sqrt(np.mean(error**2)))
-    history = [*_history(previous, times), rms]
-    _check_growth(history)
+    history = [rms]
+    if previous is not None:
+        if previous.t.size != times.size:
+            raise InvalidSamplesError(
+                f"the step before has {previous.t.size} samples, this run has {times.size}"
+            )
+        history = [*(v * 1e-9 for v in previous.audit["rms_history_nm"]), rms]
+    if len(history) > 1 and rms > _GROWTH * history[-2]:
+        raise NotConvergedError(
+            f"the error has grown from {history[-2]:.4g} m to {rms:.4g} m RMS since the last run; "
+            "go back to the command before, lower the gain or the cutoff"
+        )
     change = -gain * low_pass(error, step, cutoff)
     excited, answer = _excitation(want, last, error, previous)
     frequency, axis, known = _axis(excited, answer, step, scatter)
@@ -178,27 +188,19 @@ def learn_step(
     predicted = error + _through(change, step, frequency[known], axis[known])
     left = float(np.sqrt(np.mean(predicted**2)))
     u = None if scatter is None else scatter * math.sqrt(1.0 + (1.0 + gain**2) / len(runs))
+    audit = {
+        "gain": gain,
+        "cutoff_Hz": cutoff,
+        "runs": len(runs),
+        "worst_frequency_Hz": None if math.isnan(at) else at,
+        "highest_known_Hz": float(frequency[known].max()) if known.any() else None,
+        "scatter_nm": None if scatter is None else scatter * 1e9,
+        "rms_history_nm": [v * 1e9 for v in history],
+    }
+    now = Quantity(rms, "m", "RMS of actual minus desired, about zero", symbol="RMS")
+    after = Quantity(left, "m", "RMS expected after the step, about zero", u, "RMS")
     return LearningStep(
-        t=times,
-        command=_locked(last + change),
-        change=_locked(change),
-        error=_locked(error),
-        predicted=_locked(predicted),
-        rms=Quantity(rms, "m", "RMS of actual minus desired, about zero", symbol="RMS"),
-        predicted_rms=Quantity(left, "m", "RMS expected after the step, about zero", u, "RMS"),
-        contraction=contraction,
-        audit=freeze_mapping(
-            {
-                "gain": gain,
-                "cutoff_Hz": cutoff,
-                "runs": len(runs),
-                "worst_frequency_Hz": None if math.isnan(at) else at,
-                "highest_known_Hz": float(frequency[known].max()) if known.any() else None,
-                "scatter_nm": None if scatter is None else scatter * 1e9,
-                "rms_history_nm": [v * 1e9 for v in history],
-            }
-        ),
-        messages=messages,
+        times, last + change, change, error, predicted, now, after, contraction, audit, messages
     )
 
 
@@ -231,12 +233,10 @@ def low_pass(values: ArrayLike, step: float, cutoff: float) -> FloatArray:
     Transmission ``exp(-ln 2 (f/cutoff)^2)``, that of ISO 16610-21. The ends are continued by
     reflection through their last point.
     """
-    z = frozen_float(values, name="values", ndim=1)
-    if np.isnan(z).any():
-        raise InvalidSamplesError("a low-pass needs every sample; one is NaN")
-    if not (step > 0.0 and cutoff > 0.0):
-        raise DataError(f"step={step} s and cutoff={cutoff} Hz must be positive")
-    return _locked(_extended(z, lambda f: _transmission(f, cutoff), step))
+    z = complete(values, "values", "a low-pass needs every sample")
+    step = numbers.positive(step, "step", dimension="time")
+    cutoff = numbers.positive(cutoff, "cutoff", dimension="frequency")
+    return frozen(_extended(z, lambda f: _transmission(f, cutoff), step))
 
 
 def _extended(
@@ -351,59 +351,9 @@ def _messages(
     return tuple(messages)
 
 
-def _check_options(gain: float, cutoff: float, step: float) -> None:
-    if not 0.0 < gain <= 1.0:
-        raise DataError(f"gain={gain}; learn a share above 0 and at most 1 of the error")
-    if not 0.0 < cutoff <= 0.5 / step * (1.0 + 1e-9):
-        raise DataError(
-            f"cutoff={cutoff} Hz; it must be positive and at most half the sampling rate, "
-            f"{0.5 / step:.6g} Hz"
-        )
-
-
-def _history(previous: LearningStep | None, t: FloatArray) -> list[float]:
-    if previous is None:
-        return []
-    if previous.t.size != t.size:
-        raise InvalidSamplesError(
-            f"the step before has {previous.t.size} samples, this run has {t.size}"
-        )
-    return [v * 1e-9 for v in previous.audit["rms_history_nm"]]
-
-
-def _check_growth(rms: list[float]) -> None:
-    if len(rms) > 1 and rms[-1] > _GROWTH * rms[-2]:
-        raise NotConvergedError(
-            f"the error has grown from {rms[-2]:.4g} m to {rms[-1]:.4g} m RMS since the last run; "
-            "go back to the command before, lower the gain or the cutoff"
-        )
-
-
-def _time(t: ArrayLike) -> tuple[FloatArray, float]:
-    times = frozen_float(t, name="t", ndim=1)
-    if times.size < _MIN_SAMPLES:
-        raise TooFewSamplesError(
-            f"learning needs at least {_MIN_SAMPLES} samples, got {times.size}"
-        )
-    step = float(times[-1] - times[0]) / (times.size - 1)
-    steps = np.diff(times)
-    if not step > 0.0 or not float(np.abs(steps / step - 1.0).max()) <= _UNIFORM:
-        raise NotUniformError("time t must be uniform and increasing; resample the log first")
-    return times, step
-
-
-def _complete(values: ArrayLike, name: str, t: FloatArray) -> FloatArray:
-    array = frozen_float(values, name=name, ndim=1)
-    return _checked(array, name, t)
-
-
-def _runs(actual: ArrayLike, t: FloatArray) -> FloatArray:
-    array = np.asarray(actual, dtype=np.float64)
-    runs = frozen_float(array[None, :] if array.ndim == 1 else array, name="actual", ndim=2)
-    return _checked(runs, "actual", t)
-
-
-def _checked(array: FloatArray, name: str, t: FloatArray) -> FloatArray:
+def _checked(values: ArrayLike, name: str, t: FloatArray, ndim: int) -> FloatArray:
+    """Return samples, as many as times and none missing."""
+    array = frozen_float(values, name=name, ndim=ndim)
     if array.shape[-1] != t.size:
         raise InvalidSamplesError(f"{name} has {array.shape[-1]} samples, time has {t.size}")
     if np.isnan(array).any():
@@ -412,7 +362,3 @@ def _checked(array: FloatArray, name: str, t: FloatArray) -> FloatArray:
             f"{name} is NaN at {t[at]:.6g} s; a command cannot have gaps: repeat the dry run"
         )
     return array
-
-
-def _locked(values: FloatArray) -> FloatArray:
-    return frozen_float(values, name="result", ndim=1)

@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from metrosep.core.errors import DataError
+from metrosep.core import numbers
 from metrosep.core.quantity import Quantity
-from metrosep.process.arc_lengths import checked_count, checked_finite, checked_positive
 
 __all__ = ["MachiningTime", "machining_time"]
 
@@ -43,11 +42,16 @@ class MachiningTime:
     block_time: float
 
     def __post_init__(self) -> None:
-        for name in ("turns", "spindle_speed"):
-            checked_positive(getattr(self, name), name, unit="")
-        checked_count(self.n_points, "n_points", least=1)
-        if checked_finite(self.block_time, "block_time") < 0.0:
-            raise DataError(f"block_time must be 0 s or more, got {self.block_time} s")
+        kept = {
+            "turns": numbers.positive(self.turns, "turns"),
+            "n_points": numbers.count(self.n_points, "n_points"),
+            "spindle_speed": numbers.positive(
+                self.spindle_speed, "spindle_speed", dimension="frequency"
+            ),
+            "block_time": numbers.not_negative(self.block_time, "block_time", dimension="time"),
+        }
+        for name, value in kept.items():
+            object.__setattr__(self, name, value)
 
     @property
     def spindle_time(self) -> float:
@@ -87,13 +91,11 @@ class MachiningTime:
         """What to know, in plain words."""
         if self.limited_by == "spindle":
             return ()
-        return (
-            (
-                f"The controller cannot feed the blocks: {self.spindle_speed * _RPM:.6g} rpm fall "
-                f"to {self.reached_speed * _RPM:.6g} rpm. {self.free_points} blocks would keep "
-                "the speed."
-            ),
+        message = (
+            f"The controller cannot feed the blocks: {self.spindle_speed * _RPM:.6g} rpm fall to "
+            f"{self.reached_speed * _RPM:.6g} rpm. {self.free_points} blocks would keep the speed."
         )
+        return (message,)
 
     @property
     def audit(self) -> Mapping[str, Any]:

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
-from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core import numbers
+from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 from metrosep.core.profile import Profile
@@ -22,19 +23,15 @@ from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.process.arc_lengths import (
-    arc_length,
-    checked_count,
-    checked_finite,
-    checked_positive,
-    newton_angle,
-)
+from metrosep.process._plain import frozen, length
 from metrosep.process.interpolation import (
     Interpolation,
+    arc_length,
     dense_rows,
     evaluate,
     fitted_heights,
     knot_slopes,
+    newton_angle,
 )
 from metrosep.process.path_points import Height, PathPoints, SpiralPath
 
@@ -62,20 +59,13 @@ def program_points(path: SpiralPath, form: Height) -> PathPoints:
     course = course_of(path, form)
     u, _ = path.stations()
     theta = _TURN * path.turns - u
-    columns = {
-        "rho": u * (path.feed / _TURN),
-        "theta": theta,
-        "azimuth": path.azimuth_of(theta),
-        "s": course.s,
-        "z": course.z,
-    }
-    frozen = {k: frozen_float(v, name=k, ndim=1) for k, v in columns.items()}
-    return PathPoints(**frozen, lead_in=path.lead_in)
+    rho, azimuth = u * (path.feed / _TURN), path.azimuth_of(theta)
+    return PathPoints(rho, theta, azimuth, course.s, course.z, path.lead_in)
 
 
 def path_error_map(path: SpiralPath, form: Height, *, sub_points: int = 10) -> PathErrorMap:
     """Return the error of the interpolated path along the spiral; see `SpiralPath.error_map`."""
-    parts = checked_count(sub_points, "sub_points", least=2)
+    parts = numbers.count(sub_points, "sub_points", least=2)
     if path.n_points * parts >= _MOST_SAMPLES:
         raise LimitError(
             f"{path.n_points:,} blocks with {parts} samples each are {path.n_points * parts + 1:,} "
@@ -97,12 +87,7 @@ def path_error_map(path: SpiralPath, form: Height, *, sub_points: int = 10) -> P
             z[filled : filled + made.size] = made
             filled += made.size
     z[-1:] = course.z[-1:] - heights_of(form, *last_point(path))
-    return PathErrorMap(_frozen(z, "z"), path, form, parts, course)
-
-
-def _frozen(values: FloatArray, name: str) -> FloatArray:
-    values.setflags(write=False)
-    return frozen_float(values, name=name, ndim=1)
+    return PathErrorMap(frozen(z), path, form, parts, course)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -159,8 +144,7 @@ class PathErrorMap:
     @property
     def area(self) -> FloatArray:
         """Area that each sample stands for, relative, shape (n,): rho for CA, 1 for CAL."""
-        ones = np.ones(self.z.size)
-        return self.rho if self.path.distribution == "CA" else _frozen(ones, "area")
+        return self.rho if self.path.distribution == "CA" else frozen(np.ones(self.z.size))
 
     @property
     def core_radius(self) -> float:
@@ -236,11 +220,10 @@ class PathErrorMap:
         DataError
             If the azimuth is not finite, or the line crosses no turn.
         """
-        azimuth = checked_finite(azimuth, "azimuth")
+        azimuth = numbers.quantity(azimuth, "azimuth", "angle")
         path = self.path
         whole = _TURN * path.turns
-        turned = (azimuth - path.start) * (1.0 if path.sense == "counterclockwise" else -1.0)
-        first = turned % _TURN
+        first = float(path.travelled_to(azimuth)) % _TURN
         first = 0.0 if _TURN - first < 1e-12 * whole else first
         last = path.last_angle
         theta = first + _TURN * np.arange(math.floor((whole - last - first) / _TURN) + 1)
@@ -276,7 +259,7 @@ class PathErrorMap:
         The errors come from the interpolation itself, not from the dense samples. A real tool
         with its nose covers the space between two turns; that is another error.
         """
-        n_pixels = checked_count(n_pixels, "n_pixels", least=3)
+        n_pixels = numbers.count(n_pixels, "n_pixels", least=3)
         if n_pixels > _MOST_PIXELS:
             raise LimitError(
                 f"a surface of {n_pixels} x {n_pixels} pixels is too large; give at most "
@@ -296,9 +279,7 @@ class PathErrorMap:
 
     def _outer_turn(self, azimuth: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the angle left on the next turn outside of points, and the share of the inner."""
-        path = self.path
-        whole = _TURN * path.turns
-        turned = (azimuth - path.start) * (1.0 if path.sense == "counterclockwise" else -1.0)
+        whole, turned = _TURN * self.path.turns, self.path.travelled_to(azimuth)
         number = np.floor((whole - u - turned) / _TURN)
         outer = whole - turned - _TURN * number
         return outer, (outer - u) / _TURN
@@ -331,13 +312,13 @@ class PathErrorMap:
     def audit(self) -> Mapping[str, Any]:
         """What the numbers rest on, plain values with units in the keys."""
         p = self.path
-        step = ("step_deg", math.degrees(p.step)) if p.distribution == "CA" else None
+        is_angle = p.distribution == "CA"
         largest = int(np.argmax(np.abs(self.z)))
         return {
             "radius_mm": p.radius * 1e3,
             "feed_um": p.feed * 1e6,
             "distribution": p.distribution,
-            **dict([step or ("step_um", p.step * 1e6)]),
+            **({"step_deg": math.degrees(p.step)} if is_angle else {"step_um": p.step * 1e6}),
             "n_points": p.n_points,
             "length_mm": p.length * 1e3,
             "interpolation": p.interpolation,
@@ -365,7 +346,7 @@ class PathErrorMap:
                 rho[out], theta[out] = samples.rho, samples.azimuth
                 filled = out.stop
             rho[-1:], theta[-1:] = last_point(self.path)
-            self._positions.update(rho=_frozen(rho, "rho"), theta=_frozen(theta, "theta"))
+            self._positions.update(rho=frozen(rho), theta=frozen(theta))
         return self._positions[name]
 
     def _error_at(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -383,8 +364,8 @@ class PathErrorMap:
             raise DataError(
                 f"annulus must be (inner, outer) radius in m, None for an end, got {annulus!r}"
             ) from None
-        low = inner if low is None else checked_finite(low, "an end of the annulus")
-        high = outer if high is None else checked_finite(high, "an end of the annulus")
+        low = inner if low is None else numbers.quantity(low, "an end of the annulus", "length")
+        high = outer if high is None else numbers.quantity(high, "an end of the annulus", "length")
         slack = 1e-9 * outer
         if not (0.0 <= low < high):
             raise DataError(
@@ -506,7 +487,7 @@ def _true_slope(path: SpiralPath, form: Height, u: float) -> float:
         )
     a = path.feed / _TURN
     azimuth = float(path.azimuth_of(_TURN * path.turns - u))
-    turn = 1.0 if path.sense == "counterclockwise" else -1.0
+    turn = path.way
     rho, c, s = a * u, math.cos(azimuth), math.sin(azimuth)
     gx, gy = (float(np.ravel(g)[0]) for g in gradient(rho * c, rho * s))
     along = -a * (gx * c + gy * s) + turn * rho * (gy * c - gx * s)
@@ -595,11 +576,11 @@ def sine_path_error(
     14.65
     """
     A, L, h = (
-        checked_positive(v, n)
-        for v, n in ((amplitude, "amplitude"), (wavelength, "wavelength"), (step, "step"))
+        length(amplitude, "amplitude"),
+        length(wavelength, "wavelength"),
+        length(step, "step"),
     )
-    if interpolation not in get_args(Interpolation):
-        raise DataError(f"interpolation must be linear or spline, got {interpolation!r}")
+    numbers.choice(interpolation, "interpolation", get_args(Interpolation))
     if h > 0.5 * L:
         raise DataError(
             f"a step of {h:.6g} m is above half the wavelength of {L:.6g} m: the points do not "
@@ -644,8 +625,8 @@ def sine_path_step(
     >>> round(step * 1e6, 2)
     4.51
     """
-    tolerance = checked_positive(tolerance, "tolerance")
-    high = 0.5 * checked_positive(wavelength, "wavelength")
+    tolerance = length(tolerance, "tolerance")
+    high = 0.5 * length(wavelength, "wavelength")
     if sine_path_error(amplitude, wavelength, high, interpolation=interpolation) <= tolerance:
         return high
     low = 0.0
@@ -702,8 +683,8 @@ def estimated_points(
     174327
     """
     step = sine_path_step(amplitude, wavelength, tolerance, interpolation=interpolation)
-    whole = _TURN * checked_positive(radius, "radius") / checked_positive(feed, "feed")
-    if distribution not in ("CA", "CAL"):
-        raise DataError(f"distribution must be CA or CAL, got {distribution!r}")
-    length = whole * radius if distribution == "CA" else float(arc_length(whole, feed))
-    return math.ceil(length / step)
+    radius, feed = length(radius, "radius"), length(feed, "feed")
+    whole = _TURN * radius / feed
+    numbers.choice(distribution, "distribution", ("CA", "CAL"))
+    to_go = whole * radius if distribution == "CA" else float(arc_length(whole, feed))
+    return math.ceil(to_go / step)

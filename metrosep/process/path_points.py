@@ -6,21 +6,22 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
+from itertools import product
 from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core import numbers
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, LimitError, TooFewSamplesError, UnitError
-from metrosep.process.arc_lengths import (
+from metrosep.process._plain import Frozen, frozen, length
+from metrosep.process.interpolation import (
+    EndCondition,
+    Interpolation,
     angle_at_length,
     arc_length,
-    checked_count,
-    checked_finite,
-    checked_positive,
 )
-from metrosep.process.interpolation import EndCondition, Interpolation
 
 if TYPE_CHECKING:
     from metrosep.process.path_errors import PathErrorMap
@@ -48,7 +49,7 @@ _LOOSEST = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PathPoints:
+class PathPoints(Frozen):
     """Points of a block program, in the order of cutting; read-only arrays of equal length.
 
     Parameters
@@ -90,7 +91,7 @@ class PathPoints:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PointPlan:
+class PointPlan(Frozen):
     """The smallest count of points found that holds a tolerance.
 
     Parameters
@@ -214,13 +215,10 @@ def points_for_tolerance(
     >>> plan.peak_to_valley <= 5e-9
     True
     """
-    tolerance = checked_positive(tolerance, "tolerance")
-    if tolerance > _LOOSEST:
-        raise UnitError(f"a tolerance of {tolerance:.6g} m is none; the tolerance is in m")
-    resolution = checked_finite(resolution, "resolution")
-    if not 0.0 <= resolution < 0.1:
-        raise DataError(f"resolution must lie from 0 to below 0.1, got {resolution}")
-    most = checked_count(max_points, "max_points", least=1)
+    tolerance = length(tolerance, "tolerance", _LOOSEST)
+    radius, feed = length(radius, "radius"), length(feed, "feed")
+    resolution = numbers.between(resolution, "resolution", 0.0, 0.1)
+    most = numbers.count(max_points, "max_points")
     checked_options(options, taken={"step": "step follows from the count; leave it out"})
     fewest = _fewest(radius, feed, distribution, options.get("core", 0.0))
     if most < fewest:
@@ -257,7 +255,7 @@ def points_for_tolerance(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CountCurve:
+class CountCurve(Frozen):
     """P-V of the path error against the count of points, for one way to set and join them.
 
     Parameters
@@ -328,39 +326,26 @@ def errors_by_count(
     [('CA', 'linear'), ('CA', 'spline')]
     """
     try:
-        whole = sorted(checked_count(n, "a count of points", least=1) for n in counts)
+        given = list(counts)
     except TypeError:
         raise DataError(f"counts must be a sequence of whole numbers, got {counts!r}") from None
-    if not whole:
+    if not given:
         raise DataError("no count of points is given; name at least one")
-    numbers = np.array(whole, dtype=np.int64)
-    numbers.setflags(write=False)
+    whole = np.array(sorted(numbers.count(n, "a count of points") for n in given), dtype=np.int64)
     curves = []
-    for distribution in get_args(Distribution):
-        for interpolation in get_args(Interpolation):
-            found = [
-                SpiralPath.with_points(
-                    radius,
-                    feed,
-                    n,
-                    distribution=distribution,
-                    interpolation=interpolation,
-                    **options,
-                )
-                .error_map(form, sub_points)
-                .peak_to_valley(annulus=annulus)
-                for n in numbers.tolist()
-            ]
-            values = frozen_float(found, name="peak to valley", ndim=1)
-            curves.append(CountCurve(distribution, interpolation, numbers, values))
+    for distribution, interpolation in product(get_args(Distribution), get_args(Interpolation)):
+        words = {"distribution": distribution, "interpolation": interpolation}
+        paths = (
+            SpiralPath.with_points(radius, feed, n, **words, **options) for n in whole.tolist()
+        )
+        found = [p.error_map(form, sub_points).peak_to_valley(annulus=annulus) for p in paths]
+        curves.append(CountCurve(distribution, interpolation, whole, np.array(found)))
     return tuple(curves)
 
 
 def _fewest(radius: float, feed: float, distribution: str, core: object) -> int:
     """Return the smallest count that a path may have: eight points on the outer turn."""
-    radius, feed = checked_positive(radius, "radius"), checked_positive(feed, "feed")
-    if distribution not in get_args(Distribution):
-        raise DataError(f"distribution must be CA or CAL, got {distribution!r}")
+    numbers.choice(distribution, "distribution", get_args(Distribution))
     turns, share = radius / feed, checked_core(core, radius) / radius
     if distribution == "CA":
         return math.ceil(8.0 * turns * (1.0 - share)) + 8
@@ -414,14 +399,13 @@ def _plan(
             f"More points are not always better here: {n} hold the tolerance, {int(above[0])} do "
             "not. Check the error of the count that is programmed."
         )
-    counts.setflags(write=False)
     return PointPlan(
         n_points=n,
         path=path,
         peak_to_valley=found,
         tolerance=tolerance,
         tried=counts,
-        tried_peak_to_valley=frozen_float(errors, name="peak to valley", ndim=1),
+        tried_peak_to_valley=errors,
         is_monotone=not above.size and not ((counts < n) & (errors <= tolerance)).any(),
         messages=tuple(messages),
     )
@@ -544,21 +528,20 @@ class SpiralPath:
     def __post_init__(self) -> None:
         self._check_words()
         object.__setattr__(self, "radius", checked_radius(self.radius))
-        object.__setattr__(self, "feed", checked_positive(self.feed, "feed"))
+        object.__setattr__(self, "feed", length(self.feed, "feed"))
         if self.feed > self.radius:
             raise DataError(
                 f"the feed of {self.feed:.6g} m per revolution is above the radius of "
                 f"{self.radius:.6g} m: there is not one turn; check the units, both are in m"
             )
-        for name in ("core", "start"):
-            object.__setattr__(self, name, checked_finite(getattr(self, name), name))
-        checked_core(self.core, self.radius)
+        object.__setattr__(self, "core", checked_core(self.core, self.radius))
+        object.__setattr__(self, "start", numbers.quantity(self.start, "start", "angle"))
         if abs(self.start) > _TURN:
             raise UnitError(
                 f"a start of {self.start:.6g} is beyond a turn; the start is in rad, "
                 f"{self.start:.6g} degrees are {math.radians(self.start):.6g} rad"
             )
-        object.__setattr__(self, "lead_in", checked_count(self.lead_in, "lead_in", least=0))
+        object.__setattr__(self, "lead_in", numbers.count(self.lead_in, "lead_in", least=0))
         object.__setattr__(self, "step", _checked_step(self))
         n = _whole_count((self._total - self._uncut) / self.step)
         fewest = 1 if self.interpolation == "linear" else 3
@@ -570,18 +553,10 @@ class SpiralPath:
         object.__setattr__(self, "n_points", n)
 
     def _check_words(self) -> None:
-        kinds = {
-            "distribution": Distribution,
-            "interpolation": Interpolation,
-            "end": EndCondition,
-            "knots": Knots,
-            "sense": Sense,
-        }
+        kinds: dict[str, Any] = {"distribution": Distribution, "interpolation": Interpolation}
+        kinds |= {"end": EndCondition, "knots": Knots, "sense": Sense}
         for name, kind in kinds.items():
-            if getattr(self, name) not in get_args(kind):
-                raise DataError(
-                    f"{name} must be one of {', '.join(get_args(kind))}, got {getattr(self, name)!r}"
-                )
+            numbers.choice(getattr(self, name), name, get_args(kind))
         if self.knots == "least-squares" and self.end != "not-a-knot":
             raise DataError(
                 f"least-squares knots have not-a-knot ends, got end={self.end!r}; leave end out"
@@ -626,8 +601,8 @@ class SpiralPath:
             As of the class.
         """
         checked_options(options, taken={"step": "step follows from n_points; leave it out"})
-        count = checked_count(n_points, "n_points", least=1)
-        feed, radius = checked_positive(feed, "feed"), checked_positive(radius, "radius")
+        count = numbers.count(n_points, "n_points")
+        feed, radius = length(feed, "feed"), length(radius, "radius")
         core = checked_core(options.get("core", 0.0), radius)
         ends = [_TURN * r / feed for r in (radius, core)]
         if distribution == "CAL":
@@ -648,22 +623,22 @@ class SpiralPath:
     @property
     def u(self) -> FloatArray:
         """Angle left to the centre of each point, rad, shape (n_points + 1,), from the rim."""
-        return frozen_float(self.stations()[0][self.lead_in :], name="u", ndim=1)
+        return frozen(self.stations()[0][self.lead_in :])
 
     @property
     def rho(self) -> FloatArray:
         """Radius of each point, m, shape (n_points + 1,), from the rim."""
-        return frozen_float(self.u * (self.feed / _TURN), name="rho", ndim=1)
+        return frozen(self.u * (self.feed / _TURN))
 
     @property
     def theta(self) -> FloatArray:
         """Angle travelled since the rim, rad, growing; the azimuth is `azimuth_of` it."""
-        return frozen_float(_TURN * self.turns - self.u, name="theta", ndim=1)
+        return frozen(_TURN * self.turns - self.u)
 
     @property
     def azimuth(self) -> FloatArray:
         """Polar angle on the part of each point, rad, not wrapped."""
-        return frozen_float(self.azimuth_of(self.theta), name="azimuth", ndim=1)
+        return frozen(self.azimuth_of(self.theta))
 
     @property
     def core_radius(self) -> float:
@@ -709,8 +684,27 @@ class SpiralPath:
         ndarray, rad
             Counter-clockwise from +x, seen from +z; not wrapped.
         """
-        turned = np.asarray(theta, dtype=np.float64)
-        return self.start + (turned if self.sense == "counterclockwise" else -turned)
+        return self.start + self.way * np.asarray(theta, dtype=np.float64)
+
+    @property
+    def way(self) -> float:
+        """Sign of the azimuth as the tool travels: 1 counter-clockwise, -1 clockwise."""
+        return 1.0 if self.sense == "counterclockwise" else -1.0
+
+    def travelled_to(self, azimuth: ArrayLike) -> FloatArray:
+        """Return the angle travelled to a polar angle on the part, the inverse of `azimuth_of`.
+
+        Parameters
+        ----------
+        azimuth : array_like, rad
+            Counter-clockwise from +x, seen from +z.
+
+        Returns
+        -------
+        ndarray, rad
+            Since the rim, but for whole turns.
+        """
+        return self.way * (np.asarray(azimuth, dtype=np.float64) - self.start)
 
     def with_options(self, **options: Any) -> SpiralPath:
         """Return the path with other values of some of its parameters.
@@ -837,18 +831,13 @@ class SpiralPath:
 
 
 def checked_radius(radius: object) -> float:
-    """Return the radius of a workpiece, or raise DataError or UnitError."""
-    number = checked_positive(radius, "radius")
-    if number > _LARGEST:
-        raise UnitError(
-            f"a radius of {number:.6g} m is larger than any turned part; the radius is in m"
-        )
-    return number
+    """Return the radius of a workpiece, m."""
+    return length(radius, "radius", _LARGEST)
 
 
 def checked_core(core: object, radius: float) -> float:
     """Return the radius at which a path ends, or raise DataError."""
-    number = checked_finite(core, "core")
+    number = numbers.quantity(core, "core", "length")
     if not 0.0 <= number < radius:
         raise DataError(
             f"core must lie from 0 to below the radius {radius:.6g} m, got {number:.6g} m"
@@ -874,7 +863,8 @@ def _whole_count(count: float) -> int:
 def _checked_step(path: SpiralPath) -> float:
     if path.step != path.step:  # NaN, the default
         raise DataError("step is missing: an angle in rad for CA, an arc length in m for CAL")
-    step = checked_positive(path.step, "step")
+    dimension = "angle" if path.distribution == "CA" else "length"
+    step = numbers.positive(path.step, "step", dimension=dimension)
     if path.distribution == "CA" and step > _WIDEST_STEP * (1.0 + _WHOLE):
         raise UnitError(
             f"a step of {step:.6g} rad leaves fewer than 8 points a turn; the step is in rad, "
@@ -882,7 +872,6 @@ def _checked_step(path: SpiralPath) -> float:
         )
     if path.distribution == "CAL" and step > _TURN * path.radius / 8.0:
         raise UnitError(
-            f"a step of {step:.6g} m leaves fewer than 8 points on the outer turn; the step is "
-            "in m"
+            f"a step of {step:.6g} m leaves fewer than 8 points on the outer turn; the step is in m"
         )
     return step

@@ -5,6 +5,7 @@ Errors are actual minus nominal along z, out of the material; a correction is th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
@@ -12,13 +13,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import FloatArray, as_float
-from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core import numbers
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
-from metrosep.process._contributions import DRAWS, SEED, Contribution, checked_length, spread_of
-from metrosep.process.arc_lengths import checked_count
-from metrosep.process.follow_ups import drawn_pv
+from metrosep.process._plain import Frozen, frozen, known, real_array
+from metrosep.process.follow_ups import drawn_pv, square_root
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,9 +33,13 @@ __all__ = [
     "pv_quantities",
 ]
 
+DRAWS, SEED = 4000, 20080415
+LIKELY = (0.025, 0.975)
+"""Quantiles of the interval of a Monte Carlo."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prediction:
+class Prediction(Frozen):
     """Form error before the part is cut.
 
     Parameters
@@ -80,7 +85,7 @@ class Prediction:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CorrectedProgram:
+class CorrectedProgram(Frozen):
     """A program with heights that make up for known errors: of the tip, or of points to be cut.
 
     Parameters
@@ -278,7 +283,7 @@ class ErrorBudget:
     def messages(self) -> tuple[str, ...]:
         """What to know about the totals, in plain words."""
         if "messages" not in self._found:
-            self._found["messages"] = (*self._missing(), *_doubts(self.contributions))
+            self._found["messages"] = (*self._missing(), *_warnings(self.contributions))
         found: tuple[str, ...] = self._found["messages"]
         return found
 
@@ -371,25 +376,18 @@ class ErrorBudget:
         drawn with their covariance. u is the standard deviation of the P-V. Where a map of P-V 0
         has a u, its shape is not known and the u is added in full. Draws are made once and kept.
         """
-        if way not in WAYS:
-            raise DataError(f"way must be one of {', '.join(WAYS)}, got {way!r}")
-        count = checked_count(draws, "draws", least=1)
-        if count > _MOST_DRAWS:
-            raise DataError(f"draws must be at most {_MOST_DRAWS}, got {count}")
-        seed = checked_count(seed, "seed", least=0)
+        numbers.choice(way, "way", WAYS)
+        count = numbers.count(draws, "draws", most=_MOST_DRAWS)
+        seed = numbers.count(seed, "seed", least=0)
         if way in ("sum", "rss"):
             return self._of_sizes(way)
         if count < 100:
             raise TooFewSamplesError(f"a Monte Carlo needs 100 draws or more, got {draws}")
         value = self._pointwise(f'"{way}"')
-        if not self._is_known:
-            interval = (value, value) if way == "monte-carlo" else None
-            return BudgetTotal(
-                way, value, float("nan"), _DEFINITIONS[way], interval, None, self.messages
-            )
-        median, expected, u, interval = self._drawn(count, seed)
-        if way == "monte-carlo":
-            value = median
+        interval, expected, u = (value, value) if way == "monte-carlo" else None, None, math.nan
+        if self._is_known:
+            median, expected, u, interval = self._drawn(count, seed)
+            value = median if way == "monte-carlo" else value
         return BudgetTotal(way, value, u, _DEFINITIONS[way], interval, expected, self.messages)
 
     @property
@@ -399,32 +397,19 @@ class ErrorBudget:
     def _of_sizes(self, way: str) -> BudgetTotal:
         sizes = self._sizes()
         u = np.array([0.0 if c.u is None else c.u for c in self.contributions])
-        means = np.array(
-            [
-                s if c.expected is None else c.expected
-                for c, s in zip(self.contributions, sizes, strict=True)
-            ]
-        )
-        drawn = [c.expected is not None for c in self.contributions]
+        found = [c.expected for c in self.contributions]
+        means = np.array([s if e is None else e for e, s in zip(found, sizes, strict=True)])
+        drawn = [e is not None for e in found]
         worst = float(np.sqrt((u**2).sum()))
         if way == "sum":
             value, spread, mean = float(sizes.sum()), worst, float(means.sum())
         else:
             value = float(np.sqrt((sizes**2).sum()))
-            size = max(value, worst)
-            spread = (
-                float(np.sqrt(((np.maximum(sizes, u) * u) ** 2).sum())) / size if size else 0.0
-            )
+            size = max(value, worst) or 1.0
+            spread = float(np.sqrt(((np.maximum(sizes, u) * u) ** 2).sum())) / size
             mean = float(np.sqrt((means**2 + np.where(drawn, u, 0.0) ** 2).sum()))
-        return BudgetTotal(
-            way,
-            value,
-            spread if self._is_known else float("nan"),
-            _DEFINITIONS[way],
-            None,
-            mean if any(drawn) else None,
-            self.messages,
-        )
+        u_total, expected = spread if self._is_known else math.nan, mean if any(drawn) else None
+        return BudgetTotal(way, value, u_total, _DEFINITIONS[way], None, expected, self.messages)
 
     def _pointwise(self, what: str) -> float:
         if "pointwise" not in self._found:
@@ -447,16 +432,11 @@ class ErrorBudget:
         xi = np.random.default_rng(seed).standard_normal((draws, rows.shape[0]))
         values = drawn_pv(base, rows, xi)
         expected, u, (low, high) = spread_of(values)
-        loose = float(
-            np.sqrt(sum(float(c.u or 0.0) ** 2 for c in self.contributions if c.is_shapeless))
-        )
-        self._found[draws, seed] = (
-            float(np.median(values)),
-            expected,
-            float(np.hypot(u, loose)),
-            (max(low - 2.0 * loose, 0.0), high + 2.0 * loose),
-        )
-        return self._drawn(draws, seed)
+        loose = math.hypot(*(float(c.u or 0.0) for c in self.contributions if c.is_shapeless))
+        interval = max(low - 2.0 * loose, 0.0), high + 2.0 * loose
+        made = float(np.median(values)), expected, float(np.hypot(u, loose)), interval
+        self._found[draws, seed] = made
+        return made
 
     def totals(self, *, draws: int = DRAWS, seed: int = SEED) -> dict[str, BudgetTotal]:
         """Return the combined errors of all ways that these contributions allow.
@@ -512,35 +492,21 @@ class ErrorBudget:
         """
         import pandas as pd
 
-        shares = self.shares
         nan = float("nan")
-        rows = [
-            (
-                c.name,
-                1e9 * float(c.pv or 0.0),
-                nan if c.u is None else 1e9 * c.u,
-                shares[c.name],
-                "P-V of its map" if c.map is not None else "P-V as stated",
-                *_nanometres(c.expected, c.interval),
-            )
-            for c in self.contributions
-        ]
-        rows += [
-            (
-                f"total, {way}",
-                1e9 * t.pv,
-                1e9 * t.u,
-                nan,
-                t.definition,
-                *_nanometres(t.expected, t.interval),
-            )
-            for way, t in self.totals().items()
-        ]
+        rows: list[tuple[Any, ...]] = []
+        for c in self.contributions:
+            what = "P-V of its map" if c.map is not None else "P-V as stated"
+            rows.append((c.name, c.pv or 0.0, c.u, self.shares[c.name], what, *_drawn_of(c)))
+        for way, t in self.totals().items():
+            rows.append((f"total, {way}", t.pv, t.u, nan, t.definition, *_drawn_of(t)))
         if measured is not None:
-            size = 1e9 * checked_length("measured", "P-V", measured)
+            size = checked_size("measured", "P-V", measured)
             rows.append(("measured", size, nan, nan, "as cut", nan, nan, nan))
         columns = ["item", "pv_nm", "u_nm", "share", "definition"]
-        return pd.DataFrame(rows, columns=[*columns, "expected_nm", "low_nm", "high_nm"])
+        table = pd.DataFrame(rows, columns=[*columns, "expected_nm", "low_nm", "high_nm"])
+        lengths = [n for n in table.columns if n.endswith("_nm")]
+        table[lengths] = 1e9 * table[lengths].astype(float)
+        return table
 
     def to_dict(self) -> dict[str, Any]:
         """Return contributions and totals as plain values.
@@ -555,30 +521,15 @@ class ErrorBudget:
         TooFewSamplesError
             If no point has all maps.
         """
-        shares = self.shares
-        return {
-            "contributions": [
-                {
-                    "name": c.name,
-                    "pv_nm": 1e9 * float(c.pv or 0.0),
-                    "u_nm": None if c.u is None else 1e9 * c.u,
-                    "share": _plain(shares[c.name]),
-                    "has_map": c.map is not None,
-                    **_spread(c),
-                }
-                for c in self.contributions
-            ],
-            "totals": {
-                way: {
-                    "pv_nm": 1e9 * t.pv,
-                    "u_nm": _plain(1e9 * t.u),
-                    "definition": t.definition,
-                    **_spread(t),
-                }
-                for way, t in self.totals().items()
-            },
-            "messages": list(self.messages),
+        rows = []
+        for c in self.contributions:
+            row = {"name": c.name, **_sizes_of(c), "share": known(self.shares[c.name])}
+            rows.append(row | {"has_map": c.map is not None, **_spread(c)})
+        totals = {
+            way: {**_sizes_of(t), "definition": t.definition, **_spread(t)}
+            for way, t in self.totals().items()
         }
+        return {"contributions": rows, "totals": totals, "messages": list(self.messages)}
 
     def _sizes(self) -> FloatArray:
         return np.array([float(c.pv or 0.0) for c in self.contributions])
@@ -613,10 +564,7 @@ def _checked_weights(
 ) -> FloatArray | None:
     if weights is None:
         return None
-    try:
-        array = as_float(weights)
-    except (TypeError, ValueError) as error:
-        raise DataError(f"the weights must be real numbers, one for each point: {error}") from None
+    array = real_array(weights, "weights")
     if array.shape != shape:
         raise DataError(
             f"the weights have the shape {array.shape}, the maps {shape}: give the area of each "
@@ -624,11 +572,10 @@ def _checked_weights(
         )
     if not (np.isfinite(array) & (array >= 0.0)).all() or not array.any():
         raise DataError("the weights are areas: finite, from 0 on, and not all 0")
-    array.setflags(write=False)
-    return array
+    return frozen(array)
 
 
-def _doubts(contributions: Sequence[Contribution]) -> list[str]:
+def _warnings(contributions: Sequence[Contribution]) -> list[str]:
     """Return what is said about uncertainties that have no shape, or fold a P-V at zero."""
     said = []
     for c in contributions:
@@ -648,12 +595,16 @@ def _doubts(contributions: Sequence[Contribution]) -> list[str]:
     return said
 
 
-def _nanometres(
-    expected: float | None, interval: tuple[float, float] | None
-) -> tuple[float, float, float]:
-    nan = float("nan")
-    low, high = (nan, nan) if interval is None else interval
-    return 1e9 * (nan if expected is None else expected), 1e9 * low, 1e9 * high
+def _drawn_of(item: Contribution | BudgetTotal) -> tuple[float | None, float | None, float | None]:
+    """Return mean and 95 % of the draws, m."""
+    return item.expected, *(item.interval or (None, None))
+
+
+def _sizes_of(item: Contribution | BudgetTotal) -> dict[str, float | None]:
+    return {
+        "pv_nm": 1e9 * float(item.pv or 0.0),
+        "u_nm": None if item.u is None else known(1e9 * item.u),
+    }
 
 
 def _spread(item: Contribution | BudgetTotal) -> dict[str, Any]:
@@ -664,5 +615,189 @@ def _spread(item: Contribution | BudgetTotal) -> dict[str, Any]:
     }
 
 
-def _plain(value: float) -> float | None:
-    return None if np.isnan(value) else float(value)
+# ---- one cause of form error: a map or a P-V, and how it may vary --------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contribution:
+    """One cause of form error.
+
+    Parameters
+    ----------
+    name : str
+        Such as "tool setting".
+    pv : float, optional, m
+        Peak to valley; that of the map if omitted.
+    map : array_like, optional, m
+        Error along z at the points that all maps of a budget share; NaN = not known there.
+    u : float, optional, m
+        Standard uncertainty of the P-V; scales the map as a whole in a Monte Carlo.
+    modes : array_like, shape (k, ...), optional
+        Change of the map with each of k uncertain numbers, at the points of the map; NaN = not
+        known there. Instead of `u`, which then follows.
+    cov : array_like, shape (k, k), optional
+        Covariance of these numbers; modes times its root are in m.
+
+    Attributes
+    ----------
+    expected : float or None, m
+        Mean P-V of the draws, with `modes`. A P-V is never negative: near zero it is above `pv`.
+    interval : tuple of (float, float) or None, m
+        Between 2.5 and 97.5 % of these draws.
+
+    Raises
+    ------
+    DataError
+        If there is neither a map nor a P-V, both disagree, a number cannot be used, modes and
+        covariance do not fit, or `u` is given beside them.
+    InvalidSamplesError
+        If the map or a mode is infinite somewhere.
+    TooFewSamplesError
+        If the map is NaN everywhere, or no point has map and modes.
+
+    Notes
+    -----
+    With modes the map of a draw is ``map + xi @ modes``, xi normal with the covariance: its size,
+    its sign and its shape vary. `u` is the standard deviation of the P-V of 4000 draws, at the
+    points that have map and modes.
+
+    Examples
+    --------
+    >>> Contribution("tool setting", map=[-1e-9, 3e-9]).pv
+    4e-09
+    >>> unset = Contribution("tool setting", map=[0, 0], modes=[[-1, 1]], cov=[[1e-18]])
+    >>> round(unset.expected * 1e9, 1), round(unset.u * 1e9, 1)  # half normal, 2 nm times 0.8, 0.6
+    (1.6, 1.2)
+    """
+
+    name: str
+    pv: float | None = None
+    map: FloatArray | None = None
+    u: float | None = None
+    modes: FloatArray | None = None
+    cov: FloatArray | None = None
+    expected: float | None = None
+    interval: tuple[float, float] | None = None
+
+    def __init__(
+        self,
+        name: str,
+        pv: float | None = None,
+        *,
+        map: ArrayLike | None = None,  # noqa: A002  # the word of the field
+        u: float | None = None,
+        modes: ArrayLike | None = None,
+        cov: ArrayLike | None = None,
+    ) -> None:
+        array = None if map is None else _values(f"the map of {name!r}", map)
+        given = None if pv is None else checked_size(name, "P-V", pv)
+        if array is None and given is None:
+            raise DataError(f"the contribution {name!r} needs a map or a P-V, in m")
+        if array is not None:
+            own = float(np.nanmax(array) - np.nanmin(array))
+            if given is not None and abs(given - own) > 1e-6 * max(given, own):
+                raise DataError(
+                    f"the contribution {name!r} has the P-V {format_length(own)} in its map, not "
+                    f"{format_length(given)}; give one of the two"
+                )
+            given = own
+        size = None if u is None else checked_size(name, "uncertainty", u)
+        made: dict[str, object] = {"name": str(name), "pv": given, "map": array, "u": size}
+        made |= {"modes": None, "cov": None, "expected": None, "interval": None}
+        if modes is not None or cov is not None:
+            if size is not None:
+                raise DataError(
+                    f"the contribution {name!r} has u and modes; give one of the two: u follows "
+                    "from modes and cov"
+                )
+            made["modes"], made["cov"] = _checked_modes(name, array, modes, cov)
+        for key, value in made.items():
+            object.__setattr__(self, key, value)
+        if self.modes is not None:
+            self._draw()
+
+    def _draw(self) -> None:
+        base, rows = np.ravel(self.map), self.deviations()  # type: ignore[arg-type]
+        good = ~(np.isnan(base) | np.isnan(rows).any(axis=0))
+        if not good.any():
+            raise TooFewSamplesError(f"no point of {self.name!r} has a map and all modes")
+        if not good.all():
+            base, rows = base[good], rows[:, good]
+        xi = np.random.default_rng(SEED).standard_normal((DRAWS, rows.shape[0]))
+        expected, u, interval = spread_of(drawn_pv(base, rows, xi))
+        for key, value in (("expected", expected), ("u", u), ("interval", interval)):
+            object.__setattr__(self, key, value)
+
+    def deviations(self) -> FloatArray:
+        """Return the change of the map with each of some independent standard normal numbers.
+
+        Returns
+        -------
+        ndarray, shape (r, n), m
+            Map points in one row; none where nothing is known to vary, or a P-V has no shape.
+        """
+        if self.map is None or (not self.u and self.modes is None):
+            return np.empty((0, 0 if self.map is None else self.map.size))
+        if self.modes is not None and self.cov is not None:
+            flat = self.modes.reshape(self.modes.shape[0], -1)
+            root = square_root(self.cov)
+            # a mode without weight may be NaN
+            used = root.any(axis=1)
+            return np.asarray(root[used].T @ flat[used], dtype=np.float64)
+        if not self.pv:
+            return np.empty((0, self.map.size))
+        return np.ravel(self.map)[None, :] * (float(self.u or 0.0) / self.pv)
+
+    @property
+    def is_shapeless(self) -> bool:
+        """Whether it has an uncertainty, and a map of P-V 0 that does not tell its shape."""
+        return self.map is not None and self.modes is None and bool(self.u) and not self.pv
+
+
+def spread_of(found: FloatArray) -> tuple[float, float, tuple[float, float]]:
+    """Return mean, standard deviation and likely interval of draws."""
+    low, high = (float(v) for v in np.quantile(found, LIKELY))
+    return float(found.mean()), float(found.std(ddof=1)), (low, high)
+
+
+def checked_size(name: str, what: str, value: Any) -> float:
+    """Return a length from 0 on, m."""
+    return numbers.not_negative(value, f"the {what} of {name!r}", dimension="length")
+
+
+def _values(what: str, values: ArrayLike) -> FloatArray:
+    array = real_array(values, what)
+    if np.isinf(array).any():
+        raise InvalidSamplesError(f"{what} is infinite somewhere; write NaN where it is not known")
+    if not array.size or np.isnan(array).all():
+        raise TooFewSamplesError(f"{what} holds no value")
+    return frozen(array)
+
+
+def _checked_modes(
+    name: str, array: FloatArray | None, modes: ArrayLike | None, cov: ArrayLike | None
+) -> tuple[FloatArray, FloatArray]:
+    if array is None:
+        raise DataError(f"the modes of {name!r} need the map that they change")
+    if modes is None or cov is None:
+        raise DataError(f"the contribution {name!r} needs both modes and cov, or none of them")
+    rows = _values(f"a mode of {name!r}", modes)
+    if rows.shape[1:] != array.shape or rows.ndim != array.ndim + 1:
+        raise DataError(
+            f"the modes of {name!r} have the shape {rows.shape}; it must be (k, *{array.shape}), "
+            "one map for each uncertain number"
+        )
+    square = real_array(cov, f"the covariance of {name!r}")
+    k = rows.shape[0]
+    if square.shape != (k, k) or not np.isfinite(square).all():
+        raise DataError(
+            f"the covariance of {name!r} must be finite and have the shape ({k}, {k}) of its "
+            f"{k} mode(s), got the shape {square.shape}"
+        )
+    size = np.sqrt(np.abs(np.diag(square)))
+    scale = np.where(size > 0.0, size, 1.0)
+    correlation = square / np.outer(scale, scale)
+    skew = float(np.abs(correlation - correlation.T).max())
+    if skew > 1e-6 or float(np.linalg.eigvalsh(correlation).min()) < -1e-6:
+        raise DataError(f"the covariance of {name!r} is not symmetric and positive")
+    return rows, frozen(0.5 * (square + square.T))

@@ -14,17 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from metrosep.core import numbers
 from metrosep.core._arrays import ComplexArray, FloatArray, frozen_float, same_length
-from metrosep.core.errors import (
-    DataError,
-    InvalidSamplesError,
-    NotUniformError,
-    TooFewSamplesError,
-)
+from metrosep.core.errors import DataError
+from metrosep.process._plain import complete, frozen, uniform_time
 
 __all__ = ["Gains", "ServoModel", "error_ratio", "retuned_error"]
 
-_UNIFORM = 1e-3
+_WHY = "a servo model needs every sample"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,15 +51,10 @@ class Gains:
     feedforward: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("kp", "ki", "kd", "feedforward"):
-            value = getattr(self, name)
-            if not math.isfinite(value):
-                raise DataError(f"gain {name} is {value}; give a finite number")
-        if not self.kp > 0.0 or self.ki < 0.0 or self.kd < 0.0:
-            raise DataError(
-                f"gains kp={self.kp}, ki={self.ki}, kd={self.kd}; kp must be positive and none "
-                "negative"
-            )
+        numbers.positive(self.kp, "gain kp")
+        for name in ("ki", "kd"):
+            numbers.not_negative(getattr(self, name), f"gain {name}")
+        numbers.real(self.feedforward, "gain feedforward")
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,12 +87,10 @@ class ServoModel:
     delay: float = 0.0
 
     def __post_init__(self) -> None:
-        values = (self.mass, self.damping, self.delay)
-        if not all(math.isfinite(v) for v in values) or self.mass <= 0.0 or min(values) < 0.0:
-            raise DataError(
-                f"mass={self.mass}, damping={self.damping}, delay={self.delay}; the mass must be "
-                "positive, damping and delay not negative"
-            )
+        numbers.positive(self.mass, "mass")
+        numbers.not_negative(self.damping, "damping")
+        delay = numbers.not_negative(self.delay, "delay", dimension="time")
+        object.__setattr__(self, "delay", delay)
 
     def routh_holds(self, gains: Gains) -> bool:
         """Return whether Routh's criterion holds for the axis without its delay.
@@ -142,8 +132,7 @@ class ServoModel:
         Time is scaled by the delay, so that the coefficients stay of one size. The pole at zero
         of a loop without integral part is taken off.
         """
-        if not 1 <= order <= 12:
-            raise DataError(f"order={order}; a Pade fraction of order 1 to 12 is of use here")
+        numbers.count(order, "order", most=12)
         scale = self.delay or self.mass / max(gains.kd + self.damping, 1e-300)
         scale = min(scale, math.sqrt(self.mass / gains.kp)) if not self.delay else scale
         above, below = _pade(order) if self.delay else (np.ones(1), np.ones(1))
@@ -233,13 +222,11 @@ class ServoModel:
         time of the loop; for such a force the motion of the mass is exact.
         """
         times, z, step = _uniform_motion(t, command)
-        span = float(np.ptp(z))
-        if not span > 0.0:
-            raise DataError("the command does not move: no error follows from it")
-        fine = _refinement(self, gains, step)
-        error = march(self, gains, times, (z - z[0]) / span, step, fine)
-        error.setflags(write=False)
-        return error
+        span = _span(z)
+        fastest = float(np.abs(self.roots(gains, order=3)).max())
+        limit = min(0.05 / fastest, self.delay / 40.0 if self.delay else math.inf)
+        fine = max(math.ceil(step / limit), 1)
+        return frozen(march(self, gains, times, (z - z[0]) / span, step, fine))
 
 
 def error_ratio(
@@ -281,8 +268,7 @@ def error_ratio(
     ``(ki_after/ki_before)``, as the error of a PID without damping is ``-(M/ki) jerk``.
     """
     _, z, step = _uniform_motion(t, command)
-    if not float(np.ptp(z)) > 0.0:
-        raise DataError("the command does not move: no error follows from it")
+    _span(z)
     power = []
     lines = np.fft.rfft(z - z.mean())
     frequency = np.fft.rfftfreq(z.size, step)
@@ -340,7 +326,7 @@ def retuned_error(
     period: cut it to whole revolutions. The mean of the error is kept as it is.
     """
     times, z, step = _uniform_motion(t, command)
-    fe = _complete(error, "error")
+    fe = complete(error, "error", _WHY)
     same_length(t=times, error=fe)
     jump = abs(float(z[0] - z[-1]))
     if jump > 2.0 * float(np.abs(np.diff(z)).max()):
@@ -398,30 +384,18 @@ def _pade(order: int) -> tuple[FloatArray, FloatArray]:
     return (plus * (-1.0) ** k)[::-1], plus[::-1]
 
 
-def _complete(values: ArrayLike, name: str) -> FloatArray:
-    array = frozen_float(values, name=name, ndim=1)
-    if np.isnan(array).any():
-        i = int(np.flatnonzero(np.isnan(array))[0])
-        raise InvalidSamplesError(f"{name} is NaN at index {i}; a servo model needs every sample")
-    return array
+def _span(z: FloatArray) -> float:
+    """Return the P-V of a command that moves."""
+    span = float(np.ptp(z))
+    if not span > 0.0:
+        raise DataError("the command does not move: no error follows from it")
+    return span
 
 
 def _uniform_motion(t: ArrayLike, command: ArrayLike) -> tuple[FloatArray, FloatArray, float]:
-    times, z = _complete(t, "t"), _complete(command, "command")
+    times, z = complete(t, "t", _WHY), complete(command, "command", _WHY)
     same_length(t=times, command=z)
-    if times.size < 4:
-        raise TooFewSamplesError(f"a servo model needs at least 4 samples, got {times.size}")
-    steps = np.diff(times)
-    step = float(times[-1] - times[0]) / (times.size - 1)
-    if not step > 0.0 or float(np.abs(steps / step - 1.0).max()) > _UNIFORM:
-        raise NotUniformError("time t must be uniform and increasing; resample the command first")
-    return times, z, step
-
-
-def _refinement(model: ServoModel, gains: Gains, step: float) -> int:
-    fastest = float(np.abs(model.roots(gains, order=3)).max())
-    limit = min(0.05 / fastest, model.delay / 40.0 if model.delay else math.inf)
-    return max(math.ceil(step / limit), 1)
+    return times, z, uniform_time(times, 4, "a servo model")
 
 
 # ---- private: the motion of a servo over time, the delay exact ---------------------------------

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, TooFewSamplesError
-from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
+from metrosep.process._plain import Frozen
 
 __all__ = ["StaticComparison", "compare_static"]
 
@@ -31,7 +32,7 @@ _FEW_BLOCKS = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StaticComparison:
+class StaticComparison(Frozen):
     """Two records at rest side by side.
 
     Parameters
@@ -115,8 +116,8 @@ def compare_static(
     >>> round(compare_static(50e-9 * noise, 5e-9 * noise, step=1e-3).ratio_db.value, 6)
     20.0
     """
-    if not (math.isfinite(step) and step > 0.0) or not resolution >= 0.0:
-        raise DataError(f"step={step} s must be positive, resolution={resolution} m not negative")
+    step = numbers.positive(step, "step", dimension="time")
+    resolution = numbers.not_negative(resolution, "resolution", dimension="length")
     records = [frozen_float(r, name=n, ndim=1) for r, n in ((before, "before"), (after, "after"))]
     facts, draws, blocks = [], [], []
     for name, record in zip(("before", "after"), records, strict=True):
@@ -142,45 +143,41 @@ def compare_static(
     db = 20.0 * math.log10(ratio)
     rms_db = 20.0 * math.log10(facts[0]["RMS"].value / facts[1]["RMS"].value)
     frequency, densities = _densities(records, step)
+    u_ratio = ratio * u_db * math.log(10.0) / 20.0
+    of_range = "20 log10 of the ratio of the middle 95 % ranges"
+    audit = {
+        "step_s": step,
+        "samples": (records[0].size, records[1].size),
+        "samples_not_measured": tuple(int(np.isnan(r).sum()) for r in records),
+        "blocks": tuple(blocks),
+        "resolution_nm": resolution * 1e9,
+    }
     return StaticComparison(
-        before=freeze_mapping(facts[0]),
-        after=freeze_mapping(facts[1]),
-        ratio=Quantity(
-            ratio, "1", "middle 95 % range before over after", ratio * u_db * math.log(10.0) / 20.0
-        ),
-        ratio_db=Quantity(db, "dB", "20 log10 of the ratio of the middle 95 % ranges", u_db),
+        before=facts[0],
+        after=facts[1],
+        ratio=Quantity(ratio, "1", "middle 95 % range before over after", u_ratio),
+        ratio_db=Quantity(db, "dB", of_range, u_db),
         rms_ratio_db=Quantity(rms_db, "dB", "20 log10 of the ratio of the RMS", u_rms_db),
-        frequency=_locked(frequency, 0),
-        density_before=_locked(densities[0], 0),
-        density_after=_locked(densities[1], 0),
-        t_before=_locked(_times(records[0], step)),
-        t_after=_locked(_times(records[1], step)),
+        frequency=frequency,
+        density_before=densities[0],
+        density_after=densities[1],
+        t_before=np.asarray(step * np.arange(records[0].size)),
+        t_after=np.asarray(step * np.arange(records[1].size)),
         error_before=records[0],
         error_after=records[1],
-        audit=freeze_mapping(
-            {
-                "step_s": step,
-                "samples": (records[0].size, records[1].size),
-                "samples_not_measured": tuple(int(np.isnan(r).sum()) for r in records),
-                "blocks": tuple(blocks),
-                "resolution_nm": resolution * 1e9,
-            }
-        ),
+        audit=audit,
         messages=_messages(facts, blocks, resolution, db, u_db, rms_db),
     )
 
 
 def _facts(valid: FloatArray, draw: FloatArray, name: str) -> dict[str, Quantity]:
+    u = [float(d.std(ddof=1)) for d in draw]
     of = f"of the static following error {name} compensation"
     return {
         "median": Quantity(float(np.median(valid)), "m", f"median {of}"),
         "PV": Quantity(float(np.ptp(valid)), "m", f"peak-to-valley {of}, spikes included"),
-        "PV95": Quantity(
-            _range95(valid), "m", f"2.5 % to 97.5 % range {of}", float(draw[0].std(ddof=1))
-        ),
-        "RMS": Quantity(
-            float(valid.std()), "m", f"RMS about the mean {of}", float(draw[1].std(ddof=1))
-        ),
+        "PV95": Quantity(_range95(valid), "m", f"2.5 % to 97.5 % range {of}", u[0]),
+        "RMS": Quantity(float(valid.std()), "m", f"RMS about the mean {of}", u[1]),
     }
 
 
@@ -254,11 +251,3 @@ def _messages(
             "uncertainty itself is uncertain"
         )
     return tuple(messages)
-
-
-def _times(record: FloatArray, step: float) -> FloatArray:
-    return np.asarray(step * np.arange(record.size), dtype=np.float64)
-
-
-def _locked(values: FloatArray, least: int = 1) -> FloatArray:
-    return frozen_float(values, name="result", ndim=1, min_size=least)

@@ -10,17 +10,19 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, SupportsIndex
+from typing import Any, Literal
 
 import numpy as np
 from numpy.polynomial import polynomial as power
 from numpy.typing import ArrayLike
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, DegenerateFitError, LimitError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
+from metrosep.process._plain import Frozen, frozen
 
 __all__ = ["RunPolynomial", "StraightnessLines", "run_polynomial", "straightness_lines"]
 
@@ -32,7 +34,7 @@ _ARCSEC = 180.0 * 3600.0 / math.pi
 
 
 @dataclass(frozen=True, slots=True)
-class StraightnessLines:
+class StraightnessLines(Frozen):
     """Straightness about three lines, the slope of each apart.
 
     Parameters
@@ -99,16 +101,10 @@ def straightness_lines(profile: Profile, *, against: str = "spindle face") -> St
     straight, slope = {}, {}
     for name, code in _LINES.items():
         found = straightness_deviation(profile, reference=code)  # type: ignore[arg-type]
-        straight[name] = Quantity(
-            found.value,
-            "m",
-            f"straightness about the {name} line against the {against}, no filter",
-        )
-        slope[name] = Quantity(
-            found.reference_parameters["slope"].value,
-            "1",
-            f"slope of the {name} line against the {against}",
-        )
+        what = f"the {name} line against the {against}"
+        straight[name] = Quantity(found.value, "m", f"straightness about {what}, no filter")
+        inclined = found.reference_parameters["slope"].value
+        slope[name] = Quantity(inclined, "1", f"slope of {what}")
     length = float(profile.x[-1] - profile.x[0])
     tilt = abs(slope["least-squares"].value)
     share = tilt * length / total if total > 0.0 else math.nan
@@ -119,28 +115,19 @@ def straightness_lines(profile: Profile, *, against: str = "spindle face") -> St
             f"{straight['least-squares'].value * 1e6:.4g} um is straightness; most is alignment "
             f"({tilt * _ARCSEC:.4g} arcsec)"
         )
-    return StraightnessLines(
-        Quantity(total, "m", f"P-V against the {against}, alignment included", symbol="PV"),
-        freeze_mapping(straight),
-        freeze_mapping(slope),
-        freeze_mapping(
-            {
-                "total_um": total * 1e6,
-                **{f"{n.replace('-', '_')}_um": q.value * 1e6 for n, q in straight.items()},
-                **{
-                    f"slope_{n.replace('-', '_')}_arcsec": q.value * _ARCSEC
-                    for n, q in slope.items()
-                },
-                "length_mm": length * 1e3,
-                "samples_not_measured": profile.n_invalid,
-            }
-        ),
-        tuple(messages),
-    )
+    audit = {
+        "total_um": total * 1e6,
+        **{f"{n.replace('-', '_')}_um": q.value * 1e6 for n, q in straight.items()},
+        **{f"slope_{n.replace('-', '_')}_arcsec": q.value * _ARCSEC for n, q in slope.items()},
+        "length_mm": length * 1e3,
+        "samples_not_measured": profile.n_invalid,
+    }
+    whole = Quantity(total, "m", f"P-V against the {against}, alignment included", symbol="PV")
+    return StraightnessLines(whole, straight, slope, audit, tuple(messages))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RunPolynomial:
+class RunPolynomial(Frozen):
     """A polynomial of the position with covariance from the scatter between runs.
 
     Parameters
@@ -341,52 +328,48 @@ def run_polynomial(
         )
     listed = list(runs)
     pairs, domain = _shared(listed)
-    if isinstance(degree, SupportsIndex) and not isinstance(degree, bool):
-        chosen = int(degree)
-        scores: list[dict[str, float]] = []
-        if not 0 <= chosen <= 20:
-            raise DataError(f"degree={chosen}; use 0 to 20")
+    scores: list[dict[str, float]] = []
+    if isinstance(degree, str):
+        chosen, scores = choose(pairs, degree, max_degree)
     else:
-        chosen, scores = choose(pairs, str(degree), max_degree)
+        chosen = numbers.count(degree, "degree", least=0, most=20)
     middle, half = 0.5 * (domain[0] + domain[1]), 0.5 * (domain[1] - domain[0])
     fits = np.array([fit_scaled(x, z, chosen, middle, half) for x, z in pairs])
     n = len(pairs)
     own, own_cov = fits.mean(axis=0), _covariance(fits)
-    to_x = power_matrix(chosen, middle, half)
+    to_x = np.column_stack([to_powers(e, middle, half) for e in np.eye(chosen + 1)])
     mean = to_x @ own
     cov = None if own_cov is None else _covariance(fits @ to_x.T)
     rest = residuals(pairs, chosen)
     scatter = _repeatability(pairs, domain)
     drift = _drift(pairs, own, domain)
     u = np.full(chosen + 1, np.nan) if cov is None else np.sqrt(np.diag(cov))
+    in_um = [1e6 * 1e-3**k for k in range(chosen + 1)]
+    audit = {
+        "degree": chosen,
+        "chosen_by": degree if isinstance(degree, str) else "user",
+        "quantity": quantity,
+        "runs": n,
+        "domain_mm": (domain[0] * 1e3, domain[1] * 1e3),
+        "coefficients_um_mm": [float(c) * f for c, f in zip(mean, in_um, strict=True)],
+        "u_um_mm": None if cov is None else [float(c) * f for c, f in zip(u, in_um, strict=True)],
+        "cov_source": f"scatter of {n} runs" if n > 1 else "unknown: one run",
+        "cov_degrees_of_freedom": n - 1,
+    }
     return RunPolynomial(
-        coefficients=frozen_float(mean, name="coefficients", ndim=1),
+        coefficients=mean,
         cov=cov,
         quantity=quantity,
         domain=domain,
-        drift=frozen_float(drift, name="drift", ndim=2),
+        drift=drift,
         residual_rms=float(np.sqrt(np.mean(np.concatenate(rest) ** 2))),
         repeatability=scatter,
         n_runs=n,
         scores=tuple(freeze_mapping(s) for s in scores),
-        audit=freeze_mapping(
-            {
-                "degree": chosen,
-                "chosen_by": degree if isinstance(degree, str) else "user",
-                "quantity": quantity,
-                "runs": n,
-                "domain_mm": (domain[0] * 1e3, domain[1] * 1e3),
-                "coefficients_um_mm": [float(c) * 1e6 * 1e-3**k for k, c in enumerate(mean)],
-                "u_um_mm": None
-                if cov is None
-                else [float(c) * 1e6 * 1e-3**k for k, c in enumerate(u)],
-                "cov_source": f"scatter of {n} runs" if n > 1 else "unknown: one run",
-                "cov_degrees_of_freedom": n - 1,
-            }
-        ),
+        audit=audit,
         messages=_polynomial_messages(n, chosen, drift, scatter),
         history=(*listed[0].history, Step("run_polynomial", {"degree": chosen, "runs": n})),
-        scaled=(frozen_float(own, name="coefficients", ndim=1), own_cov),
+        scaled=(frozen(own), own_cov),
     )
 
 
@@ -439,9 +422,7 @@ def _covariance(fits: FloatArray) -> FloatArray | None:
     """Return the covariance of the mean of the runs; None with one run."""
     if len(fits) < 2:
         return None
-    cov = np.atleast_2d(np.cov(fits, rowvar=False)) / len(fits)
-    cov.setflags(write=False)
-    return cov
+    return frozen(np.atleast_2d(np.cov(fits, rowvar=False)) / len(fits))
 
 
 def _drift(pairs: Runs, own: FloatArray, domain: tuple[float, float]) -> FloatArray:
@@ -492,12 +473,6 @@ _SIGNIFICANT = 0.01
 _ROUNDING = 1e-13
 
 
-def fit_run(x: FloatArray, z: FloatArray, degree: int) -> FloatArray:
-    """Return least-squares coefficients of powers of x, lowest first."""
-    centre, scale = 0.5 * float(x[0] + x[-1]), 0.5 * float(x[-1] - x[0])
-    return to_powers(fit_scaled(x, z, degree, centre, scale), centre, scale)
-
-
 def fit_scaled(
     x: FloatArray, z: FloatArray, degree: int, centre: float, scale: float
 ) -> FloatArray:
@@ -516,11 +491,6 @@ def fit_scaled(
     return np.asarray(own * size, dtype=np.float64)
 
 
-def power_matrix(degree: int, centre: float, scale: float) -> FloatArray:
-    """Return the matrix (degree + 1, degree + 1) from scaled coefficients to powers of x."""
-    return np.column_stack([to_powers(e, centre, scale) for e in np.eye(degree + 1)])
-
-
 def to_powers(own: FloatArray, centre: float, scale: float) -> FloatArray:
     """Return the coefficients of x from those of (x - centre)/scale."""
     total = np.zeros(1)
@@ -533,10 +503,8 @@ def to_powers(own: FloatArray, centre: float, scale: float) -> FloatArray:
 
 def choose(runs: Runs, rule: str, top: int) -> tuple[int, list[dict[str, float]]]:
     """Return the degree by AICc or F-test, and the scores of all; drift per run is no shape."""
-    if rule not in ("aicc", "f-test"):
-        raise DataError(f"degree={rule!r}; use a number, 'aicc' or 'f-test'")
-    if not 1 <= top <= 12:
-        raise DataError(f"max_degree={top}; choose among 1 to 12, a higher degree is stated")
+    numbers.choice(rule, "degree, if no number,", ("aicc", "f-test"))
+    numbers.count(top, "max_degree", most=12)
     top = min(top, min(x.size for x, _ in runs) // 3)
     rests = [residuals(runs, d) for d in range(top + 1)]
     n = sum(x.size for x, _ in runs)
@@ -549,16 +517,9 @@ def choose(runs: Runs, rule: str, top: int) -> tuple[int, list[dict[str, float]]
     scores: list[dict[str, float]] = []
     for d, square in enumerate(squares):
         k = d + 2
-        scores.append(
-            {
-                "degree": d,
-                "aicc": m * math.log(square / squares[0])
-                + 2 * k
-                + 2 * k * (k + 1) / max(m - k - 1, 1),
-                "residual_rms_nm": math.sqrt(square / n) * 1e9,
-                "independent_samples": m,
-            }
-        )
+        aicc = m * math.log(square / squares[0]) + 2 * k + 2 * k * (k + 1) / max(m - k - 1, 1)
+        score = {"degree": d, "aicc": aicc, "residual_rms_nm": math.sqrt(square / n) * 1e9}
+        scores.append(score | {"independent_samples": m})
     for d, (before, after) in enumerate(itertools.pairwise(squares), start=1):
         scores[d]["p_of_f_test"] = _f_test(before - after, after, m - d - 1.0)
     if rule == "aicc":

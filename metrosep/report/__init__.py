@@ -8,43 +8,75 @@ from metrosep.core._lazy import lazy_names
 
 if TYPE_CHECKING:
     from metrosep.report.aqdef import render_dfq as render_dfq, write_dfq as write_dfq
-    from metrosep.report.compare import compare_documents as compare_documents
-    from metrosep.report.comparison import Comparison as Comparison, Row as Row
+    from metrosep.report.compare import (
+        compare_documents as compare_documents,
+        compare_recipes as compare_recipes,
+    )
+    from metrosep.report.comparison import (
+        Comparison as Comparison,
+        Row as Row,
+        compare_tables as compare_tables,
+    )
     from metrosep.report.csv_long import render_csv as render_csv, write_csv as write_csv
     from metrosep.report.html import render_html as render_html, write_html as write_html
     from metrosep.report.index import render_index as render_index, write_index as write_index
-    from metrosep.report.index_workbook import write_index_workbook as write_index_workbook
     from metrosep.report.parquet import (
         render_index_parquet as render_index_parquet,
         render_parquet as render_parquet,
         write_index_parquet as write_index_parquet,
         write_parquet as write_parquet,
     )
-    from metrosep.report.plain_pdf import write_plain_pdf as write_plain_pdf
-    from metrosep.report.recipe_comparison import compare_recipes as compare_recipes
-    from metrosep.report.table_comparison import compare_tables as compare_tables
-    from metrosep.report.typeset import render_pdf as render_pdf, write_pdf as write_pdf
-    from metrosep.report.workbook import write_workbook as write_workbook
+    from metrosep.report.typeset import (
+        render_pdf as render_pdf,
+        write_pdf as write_pdf,
+        write_plain_pdf as write_plain_pdf,
+    )
+    from metrosep.report.workbook import (
+        write_index_workbook as write_index_workbook,
+        write_workbook as write_workbook,
+    )
 
 _HOMES = {
-    "aqdef": ("render_dfq", "write_dfq"),
-    "compare": ("compare_documents",),
-    "recipe_comparison": ("compare_recipes",),
-    "table_comparison": ("compare_tables",),
-    "comparison": ("Comparison", "Row"),
-    "csv_long": ("render_csv", "write_csv"),
-    "html": ("render_html", "write_html"),
-    "index": ("render_index", "write_index"),
-    "index_workbook": ("write_index_workbook",),
+    "aqdef": (
+        "render_dfq",
+        "write_dfq",
+    ),
+    "compare": (
+        "compare_documents",
+        "compare_recipes",
+    ),
+    "comparison": (
+        "Comparison",
+        "Row",
+        "compare_tables",
+    ),
+    "csv_long": (
+        "render_csv",
+        "write_csv",
+    ),
+    "html": (
+        "render_html",
+        "write_html",
+    ),
+    "index": (
+        "render_index",
+        "write_index",
+    ),
     "parquet": (
         "render_index_parquet",
         "render_parquet",
         "write_index_parquet",
         "write_parquet",
     ),
-    "plain_pdf": ("write_plain_pdf",),
-    "typeset": ("render_pdf", "write_pdf"),
-    "workbook": ("write_workbook",),
+    "typeset": (
+        "render_pdf",
+        "write_pdf",
+        "write_plain_pdf",
+    ),
+    "workbook": (
+        "write_index_workbook",
+        "write_workbook",
+    ),
 }
 
 __all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605

@@ -21,8 +21,7 @@ from typing import Any
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError
 from metrosep.core.readable import readable_unit
-from metrosep.report.rows import CharacteristicRow, characteristic_rows, one_line
-from metrosep.report.text import decimals_for
+from metrosep.report.text import CharacteristicRow, characteristic_rows, decimals_for, one_line
 
 __all__ = ["render_dfq", "write_dfq"]
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from metrosep.core.atomic import atomic_write
-from metrosep.report.rows import cell_text, characteristic_rows, one_line
+from metrosep.report.text import cell_text, characteristic_rows, one_line
 
 __all__ = ["COLUMNS", "NUMBERS", "long_rows", "render_csv", "write_csv"]
 

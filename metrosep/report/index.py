@@ -32,8 +32,7 @@ from metrosep.parameters.repeats import constant, floors
 from metrosep.parameters.series import PartSeries, part_series
 from metrosep.recipe.parts import order_notes, order_words, parts_in_order
 from metrosep.report.comparison import known_number
-from metrosep.report.rows import one_line
-from metrosep.report.text import Stamp, decimals_for, number, readable_unit, stamp
+from metrosep.report.text import Stamp, decimals_for, number, one_line, readable_unit, stamp
 
 __all__ = [
     "Series",

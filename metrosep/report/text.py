@@ -7,14 +7,37 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+import tomllib
+import unicodedata
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from metrosep.core import readable
 from metrosep.core.errors import DataError
 from metrosep.core.units import format_length
+from metrosep.recipe.step_help import step_words
+from metrosep.report.comparison import known_number
 
-__all__ = ["Stamp", "decimals_for", "length", "number", "readable_unit", "size", "span", "stamp"]
+__all__ = [
+    "SEPARATED_NOTE",
+    "CharacteristicRow",
+    "Stamp",
+    "cell_text",
+    "characteristic_rows",
+    "decimals_for",
+    "length",
+    "not_seen",
+    "number",
+    "one_line",
+    "plan_rows",
+    "readable_unit",
+    "separation_audit",
+    "separation_rows",
+    "size",
+    "span",
+    "stamp",
+]
 
 _MISSING = "–"
 
@@ -137,3 +160,198 @@ def span(low: float, high: float) -> str:
     unit, factor = readable_unit([low, high], "m")
     first, last = (f"{v / factor:.6g}".replace("-", "−") for v in (low, high))
     return f"{first} {unit} … {last} {unit}"
+
+
+# ---- the characteristics of a result as rows that every machine-readable report shares ---------
+
+Document = Mapping[str, Any]
+
+_FORMULA = ("=", "+", "-", "@")
+
+
+@dataclass(frozen=True, slots=True)
+class CharacteristicRow:
+    """One characteristic of one result."""
+
+    file: str  # name of the input; several are joined by a semicolon
+    part: str  # of the unit, where a batch found them in the name; empty otherwise
+    serial: str
+    metric: str  # short name, and the words of the check or the definition
+    name: str
+    unit: str  # SI unit of all numbers; ``"1"`` for pure ones
+    # value, limits, standard and expanded uncertainty; ``None`` where not known or not given
+    value: float | None
+    lower: float | None
+    upper: float | None
+    u: float | None
+    U: float | None
+    guard: float | None  # guard band, guard factor times U; ``None`` where it is not known
+    # ``accept``, ``reject``, ``inconclusive``; ``None`` where it was not judged
+    verdict: str | None
+    definition: str = ""  # what the number is
+
+
+def characteristic_rows(document: Document) -> list[CharacteristicRow]:
+    """Return the characteristics of a result."""
+    entries = document.get("characteristics") or []
+    if not isinstance(entries, Sequence) or not all(isinstance(e, Mapping) for e in entries):
+        raise DataError("the characteristics are not a list of values; the result is damaged")
+    groups = (document.get("unit") or {}).get("groups") or {}
+    inputs = [i for i in document.get("inputs") or [] if not i.get("beside")]
+    names = [one_line(i.get("name") or "not named") for i in inputs]
+    factors = guard_factors(document)
+    return [
+        _row(entry, "; ".join(names), groups, factor)
+        for entry, factor in zip(entries, factors, strict=True)
+    ]
+
+
+def guard_factors(document: Document) -> list[float | None]:
+    """Return the guard factor of each characteristic."""
+    entries = document.get("characteristics") or []
+    judged = [e for e in entries if e.get("verdict") is not None]
+    checks: Sequence[Mapping[str, Any]] = _checks(document)
+    if [c.get("metric") for c in checks] != [e.get("metric") for e in judged]:
+        checks = [{"guard_factor": None}] * len(judged)
+    left = iter(checks)
+    found: list[float | None] = []
+    for entry in entries:
+        factor = next(left).get("guard_factor", 1.0) if entry.get("verdict") is not None else None
+        found.append(known_number(entry.get("guard_factor", factor), "a guard factor"))
+    return found
+
+
+def one_line(text: Any) -> str:
+    r"""Return a text without line ends and other control characters.
+
+    Examples
+    --------
+    >>> one_line("a\nb\x00 ü")
+    'a b  ü'
+    """
+    kinds = ("Cc", "Cf", "Cs", "Zl", "Zp")
+    return "".join(" " if unicodedata.category(c) in kinds else c for c in str(text))
+
+
+def cell_text(text: Any) -> str:
+    """Return a text for a cell: one line, and nothing that a table program takes for a formula.
+
+    Examples
+    --------
+    >>> cell_text("=1+1"), cell_text("part 7")
+    ("'=1+1", 'part 7')
+    """
+    line = one_line(text)
+    return f"'{line}" if line.lstrip().startswith(_FORMULA) else line
+
+
+def _row(
+    entry: Document, file: str, groups: Mapping[str, Any], factor: float | None
+) -> CharacteristicRow:
+    metric = one_line(entry.get("metric") or entry.get("symbol") or entry.get("name") or "")
+    verdict = entry.get("verdict")
+    stamp(verdict)  # refuses an unknown one
+    numbers = {
+        k: known_number(entry.get(k), f"{k} of {metric}")
+        for k in ("value", "lower", "upper", "u", "U")
+    }
+    expanded = numbers["U"]
+    return CharacteristicRow(
+        file,
+        one_line(groups.get("part") or ""),
+        one_line(groups.get("serial") or ""),
+        metric,
+        one_line(entry.get("name") or metric),
+        one_line(entry.get("unit") or "1"),
+        **numbers,
+        guard=None if factor is None or expanded is None else factor * expanded,
+        verdict=verdict,
+        definition=one_line(entry.get("definition") or ""),
+    )
+
+
+def _checks(document: Document) -> list[Mapping[str, Any]]:
+    """Return the checks of the recipe that the document holds; none where it cannot be read."""
+    try:
+        checks = tomllib.loads(str((document.get("recipe") or {}).get("text") or "")).get("check")
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return []
+    return checks if isinstance(checks, list) else []
+
+
+# ---- what a report says about a named separation: method, noise, null space, audit -------------
+
+_MOST_INDICES = 16
+_PLURALS = {"frequency": "frequencies", "radius": "radii"}
+
+SEPARATED_NOTE = (
+    "The standard uncertainty u holds what the readings tell and what was stated for the method; "
+    "linearity of the sensor and temperature are in it only where they were given."
+)
+
+
+def separation_rows(separation: Document) -> list[tuple[str, str]]:
+    """Return the summary of a separation."""
+    if not separation:
+        return []
+    rows = [("Method", f"{separation.get('op')}: {separation.get('what')}")]
+    if separation.get("runs"):
+        rows += plan_rows(separation)
+    noise = separation.get("noise") or {}
+    if noise.get("definition"):
+        rows.append(("Noise", f"{_value(noise)}: {noise['definition']}"))
+    op = str(separation.get("op"))
+    rows += [(f"Not seen, {parts}", step_words(what, op)) for parts, what in not_seen(separation)]
+    return rows
+
+
+def not_seen(separation: Document) -> list[tuple[str, str]]:
+    """Return what a separation cannot see, once where it is the same for several parts."""
+    found: dict[str, list[str]] = {}
+    for item in separation.get("null_space") or []:
+        parts = found.setdefault(_unobservable(item), [])
+        parts.append(str(item["part"]).replace("_", " "))
+    return [(", ".join(parts), what) for what, parts in found.items()]
+
+
+def plan_rows(plan: Document) -> list[tuple[str, str]]:
+    """Return the summary of a plan of feedrates."""
+    if not plan:
+        return []
+    runs = ", ".join(f"{n} at {v:.6g} mm/min" for v, n in plan.get("runs") or [])
+    rows = [("Next runs, as planned", runs)]
+    quantities = plan.get("quantities") or {}
+    for key, name in (("worst_sd", "Predicted sd, at worst"), ("time", "Travel time of them")):
+        q = quantities.get(key)
+        if q and q.get("value") is not None:
+            rows.append((name, _value(q)))
+    return rows
+
+
+def separation_audit(separation: Document) -> dict[str, Any]:
+    """Return the settings of a separation, one level deep, for the list of what was done."""
+    return dict(separation.get("audit") or {})
+
+
+def _value(noise: Document) -> str:
+    value = noise.get("value")
+    if value is None:
+        return "not known"
+    unit, factor = readable_unit([value], noise.get("unit") or "m")
+    return f"{value / factor:.3g} {unit}"
+
+
+def _unobservable(item: Document) -> str:
+    indices = list(item.get("indices") or [])
+    if item.get("kind") == "wavelength":
+        indices = [length(float(i)) for i in indices]
+    shown = ", ".join(f"{i:.6g}" if isinstance(i, float) else str(i) for i in indices)
+    kind = _PLURALS.get(str(item.get("kind")), "{}s").format(item.get("kind"))
+    if len(indices) == 1:
+        kind = str(item.get("kind"))
+    if item.get("kind") == "polynomial":
+        kind += " of degree"
+    if len(indices) > _MOST_INDICES:
+        first = ", ".join(str(i) for i in indices[:_MOST_INDICES])
+        shown = f"{first}, … ({len(indices)} in all)"
+    return f"{kind} {shown}: {item.get('reason')}"

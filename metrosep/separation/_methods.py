@@ -60,7 +60,7 @@ class RecordedMethod(SeparationMethod):
         """
 
 
-def settle(method: object, **values: Any) -> None:
+def settle(method: object, /, **values: Any) -> None:
     """Set checked values on the fields of a frozen dataclass."""
     for name, value in values.items():
         object.__setattr__(method, name, value)

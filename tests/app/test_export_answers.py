@@ -10,9 +10,8 @@ import pytest
 
 import metrosep as ms
 from metrosep.app.documents import Edit, Places
-from metrosep.app.export_answers import export
+from metrosep.app.export_answers import export, report
 from metrosep.app.opening import autosave_path
-from metrosep.app.report_answers import report
 from metrosep.app.sessions import Session
 from metrosep.core.errors import DataError, WriteError
 from metrosep.recipe.result import load_document

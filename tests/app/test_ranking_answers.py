@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from metrosep.app.documents import Edit, Places
-from metrosep.app.ranking_answers import ranking, term_words
+from metrosep.app.metrics_answers import ranking, term_words
 from metrosep.app.sessions import Session
 from metrosep.core.errors import DataError
 from metrosep.recipe.pipeline import CancelledError

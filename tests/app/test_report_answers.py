@@ -7,9 +7,9 @@ import pytest
 from starlette.testclient import TestClient
 
 import metrosep as ms
-from metrosep.app import full_results
+from metrosep.app import export_answers as full_results
 from metrosep.app.documents import Edit, Places
-from metrosep.app.report_answers import report
+from metrosep.app.export_answers import report
 from metrosep.app.server import make_app
 from metrosep.app.sessions import Session
 from metrosep.app.wire import unpack

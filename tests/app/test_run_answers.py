@@ -13,8 +13,8 @@ import pytest
 from starlette.testclient import TestClient
 
 from metrosep.app.documents import Places
+from metrosep.app.run_answers import adjusted_p, feed_waves
 from metrosep.app.server import make_app
-from metrosep.app.wave_views import adjusted_p, feed_waves
 from metrosep.app.wire import unpack
 from metrosep.core._arrays import benjamini_hochberg
 from metrosep.core.runset import Run, RunSet

@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from metrosep.batch import run_batch
-from metrosep.batch.executors import ClusterError, executor, parse_scheduler
+from metrosep.batch.loop import ClusterError, executor, parse_scheduler
 
 PARTS = 30
 
@@ -70,7 +70,7 @@ def test_a_cluster_of_its_own(inbox, recipe, tmp_path):
 @needs_dask
 @pytest.mark.filterwarnings("ignore")
 def test_a_cluster_that_does_not_answer_is_one_sentence(inbox, recipe, tmp_path, monkeypatch):
-    monkeypatch.setattr("metrosep.batch.executors._CONNECT_SECONDS", 1)
+    monkeypatch.setattr("metrosep.batch.loop._CONNECT_SECONDS", 1)
     with pytest.raises(
         ClusterError, match=r"no cluster answers at tcp://127\.0\.0\.1:9 .*HOST:PORT"
     ):

@@ -6,9 +6,9 @@ import errno
 
 import pytest
 
-from metrosep.batch.failures import as_reason, exit_code_of, is_disk_full, worth_another_try
-from metrosep.batch.rows import exit_code
+from metrosep.batch.index import exit_code
 from metrosep.batch.units import Unit
+from metrosep.batch.work import as_reason, exit_code_of, is_disk_full, worth_another_try
 from metrosep.cli.errors import exit_code_of as code_of_run
 from metrosep.core import errors
 

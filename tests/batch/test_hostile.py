@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from metrosep.batch import run_batch, work
-from metrosep.batch.failures import as_reason, exit_code_of, worth_another_try
 from metrosep.batch.loop import WorkerDiedError
 from metrosep.batch.units import Unit, files_read
+from metrosep.batch.work import as_reason, exit_code_of, worth_another_try
 from metrosep.core.errors import RecipeError
 from metrosep.recipe import Recipe
 from metrosep.recipe.run import run_recipe
@@ -85,7 +85,7 @@ def test_the_row_of_this_run_wins_over_an_older_result(recipe_text, parts, tmp_p
     parts(tmp_path / "in/a.x3p", 6e-9)
     assert indexed(run(recipe, tmp_path / "in", tmp_path / "qa")) == {"a.x3p": "accepted"}
     with monkeypatch.context() as patch:
-        patch.setattr(work.memory, "available_bytes", lambda: 1000)
+        patch.setattr(work, "available_bytes", lambda: 1000)
         report = run(recipe, tmp_path / "in", tmp_path / "qa", fresh=True)
     assert statuses(report) == indexed(report) == {"a.x3p": "refused"}
     assert report.document["rows"][0]["link"].endswith("failed.json")

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 from metrosep.batch import run_batch
-from metrosep.batch.executors import executor
-from metrosep.batch.loop import Stop, work_through
+from metrosep.batch.loop import Stop, executor, work_through
 from metrosep.batch.units import Unit
 from metrosep.batch.work import Task
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from metrosep.batch import run_batch, work
-from metrosep.batch.marks import write_mark
 from metrosep.batch.run import locked
+from metrosep.batch.units import write_mark
 from metrosep.core.errors import DataError, ReadError, RecipeError, WriteError
 from metrosep.recipe import Recipe
 from metrosep.recipe.run import run_recipe
@@ -442,7 +442,7 @@ def test_a_full_disk_stops_the_batch_and_keeps_what_is_done(recipe, inbox, tmp_p
         done.append(folder)
         write_mark(folder, name, document)
 
-    monkeypatch.setattr("metrosep.batch.marks.write_mark", full)
+    monkeypatch.setattr("metrosep.batch.units.write_mark", full)
     with pytest.raises(WriteError, match=r"disk is full; 2 of 6 units are done"):
         run(recipe, inbox, tmp_path / "qa")
     monkeypatch.undo()
@@ -454,7 +454,7 @@ def test_a_full_disk_stops_the_batch_and_keeps_what_is_done(recipe, inbox, tmp_p
 
 def test_what_would_not_fit_the_memory_is_refused(recipe, inbox, tmp_path, monkeypatch):
     size = max(f.stat().st_size for f in inbox.glob("*/*"))
-    monkeypatch.setattr("metrosep.batch.memory.available_bytes", lambda: 6 * size - 1)
+    monkeypatch.setattr("metrosep.batch.work.available_bytes", lambda: 6 * size - 1)
     report = run(recipe, inbox, tmp_path / "qa")
     refused = [r for r in report.rows if r["status"] == "refused"]
     assert {Path(r["unit"]).suffix for r in refused} == {

@@ -496,7 +496,7 @@ def test_two_comments_must_not_contradict(area):
     text = Aerotech().encode(area, **options(corrected_sign=-1)).data.decode()
     later = text.replace(":END", ":END\n; metrosep: corrected_sign=1")
 
-    with pytest.raises(CorruptFileError, match="contradict each other: corrected_sign"):
+    with pytest.raises(CorruptFileError, match="two comments state corrected_sign"):
         Aerotech().decode(later.encode(), NOWHERE)
 
 

@@ -403,7 +403,7 @@ def test_an_entry_beyond_32_bits_is_not_read(program, dialect):
 def test_sidecar_of_something_else_is_refused(program, dialect, tmp_path):
     (tmp_path / "z.py.json").write_text('{"table": {"reference_si": 3}}')
 
-    with pytest.raises(CorruptFileError, match="not that of a map"):
+    with pytest.raises(CorruptFileError, match="not the sidecar of a map"):
         dialect.decode(program.encode(), tmp_path / "z.py")
 
 

@@ -404,7 +404,7 @@ def test_comment_of_the_offset_that_was_dropped_is_asked_for(name):
     text = encode(name, paper(), offset="5 um").data.decode()
     text = "".join(x for x in text.splitlines(True) if "offset =" not in x)
 
-    with pytest.raises(DataError, match=r"tells offset \("):
+    with pytest.raises(DataError, match=r"states offset \("):
         DIALECTS[name]().lookup(text.encode(), NOWHERE)
 
 

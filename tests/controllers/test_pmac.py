@@ -472,7 +472,7 @@ def test_comment_that_was_dropped_is_asked_for(tmp_path, name):
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join(line for line in lines if not line.startswith(f"; {name} =")))
 
-    with pytest.raises(DataError, match=rf"tells {name} \("):
+    with pytest.raises(DataError, match=rf"states {name} \("):
         controllers.simulate(path, "pmac")
 
 
@@ -511,7 +511,7 @@ def test_comments_come_before_an_edited_sidecar(tmp_path):
         edited = json.loads(whole)
         edited["options"] |= change
         beside.write_text(json.dumps(edited))
-        with pytest.raises(DataError, match="comment in the file says"):
+        with pytest.raises(DataError, match="the file says"):
             controllers.read(path, "pmac")
 
 

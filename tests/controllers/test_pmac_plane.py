@@ -275,7 +275,7 @@ def test_comment_that_was_dropped_is_asked_for(name):
     lines = opposed().splitlines(keepends=True)
     data = b"".join(line for line in lines if not line.startswith(f"; {name} =".encode()))
 
-    with pytest.raises(DataError, match=rf"tells {name} \("):
+    with pytest.raises(DataError, match=rf"states {name} \("):
         PMACPlane().lookup(data, NOWHERE)
 
 

@@ -536,14 +536,14 @@ def test_user_and_comment_must_not_contradict(cross, twisted):
     data = SinumerikCec().encode(cross, **CROSS, entry_sign=-1).data
     over = SinumerikCecProduct().encode(twisted, **OVER, entry_sign=-1).data
 
-    with pytest.raises(DataError, match="entry_sign=1, the comment in the file says -1"):
+    with pytest.raises(DataError, match="the file says entry_sign=-1, you say entry_sign=1"):
         SinumerikCec().lookup(data, NOWHERE, entry_sign=1)
     with pytest.raises(DataError, match="entry_sign=1"):
         SinumerikCecProduct().decode(over, NOWHERE, entry_sign=1)
-    with pytest.raises(DataError, match="turning=1"):
+    with pytest.raises(DataError, match="you say turning='1'"):
         SinumerikCecProduct().decode(over, NOWHERE, turning="1")
     later = data.replace(b"M17", b"; metrosep: entry_sign=1\nM17")
-    with pytest.raises(CorruptFileError, match="contradict each other: entry_sign"):
+    with pytest.raises(CorruptFileError, match="two comments state entry_sign"):
         SinumerikCec().decode(later, NOWHERE)
 
 

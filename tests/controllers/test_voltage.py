@@ -395,7 +395,7 @@ def test_facts_that_must_be_given(tmp_path):
         encode(small(), polarity=1, calibration=SENSITIVITY, branch="up")
     path = tmp_path / "a.csv"
     path.write_text(HAND)
-    with pytest.raises(DataError, match="does not say"):
+    with pytest.raises(DataError, match="states "):
         controllers.read(path, "voltage")
     with pytest.raises(DataError, match="upper voltage"):
         encode(small(), polarity=1, calibration=SENSITIVITY, v_max=-1)
@@ -493,7 +493,7 @@ def test_offset_is_asked_for_without_a_sidecar(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text(HAND)
 
-    with pytest.raises(DataError, match="does not say offset"):
+    with pytest.raises(DataError, match="states offset"):
         controllers.read(path, "voltage", polarity=1, calibration="1 um/V")
     table = controllers.read(path, "voltage", polarity=1, calibration="1 um/V", offset="2 um")
     assert table.forward == pytest.approx([0.0, 1e-6, -1.5e-6], abs=ROUNDING)

@@ -398,3 +398,20 @@ def test_what_is_no_table_is_not_taken_for_one(corpus, name):
     path = corpus / name
 
     assert delimited.sniff(RawFile(path, open_file(path).head)) is Match.NO
+
+
+def test_names_in_another_encoding_say_how_to_name_it(put):
+    path = put("位置 [mm],高さ [um]\n0,1\n1,2\n2,3\n".encode("cp932"))
+
+    assert any("encoding='shift_jis'" in w for w in ms.read(path).metadata["warnings"])
+    with pytest.raises(ms.errors.FormatMismatchError, match="encoding="):
+        ms.read(path, x="position", z="height")
+    assert ms.read(path, encoding="shift_jis").metadata["warnings"] == ()
+
+
+def test_a_letter_across_the_edge_of_the_head_does_not_hide_a_table(put):
+    rows = "0,1\n" * ((65536 - 15) // 4 - 2)
+    text = "x_mm,z_um\n0,1\n" + rows
+    path = put(text + "#" * (65535 - len(text)) + "é\n" + "0,1\n", "long.csv")
+
+    assert ms.io.registry.identify(path).id == "delimited"

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import metrosep as ms
+from metrosep.io.declared import structure
 from metrosep.io.maps import digital_surf
-from metrosep.io.maps.digital_surf import FIELDS, sur_bytes
+from metrosep.io.maps.digital_surf import sur_bytes
 from metrosep.io.registry import Match, identify
 from metrosep.io.source import RawFile, open_file
 
@@ -28,7 +29,7 @@ def folder(repository):
 @pytest.fixture
 def patched(folder, put):
     """Write a sample with header fields changed and return its path."""
-    codes = {name: (offset, code) for offset, code, name in FIELDS}
+    codes = {name: (offset, code) for offset, code, name in structure("digital-surf").layout}
 
     def write(name="surface16.sur", **fields):
         data = bytearray((folder / name).read_bytes())
@@ -109,13 +110,18 @@ def test_comment_and_every_field_are_in_the_header(folder):
 
     assert header["comment"] == "5 µm"
     assert header["object_name"] == "planted bump"
-    assert set(header) == {name for _, _, name in FIELDS} | {"comment"}
+    assert set(header) == {name for _, _, name in structure("digital-surf").layout} | {"comment"}
 
 
 def test_fields_of_the_table_do_not_overlap():
-    ends = [offset + struct.calcsize("<" + code) for offset, code, _ in FIELDS]
+    ends = [
+        offset + struct.calcsize("<" + code)
+        for offset, code, _ in structure("digital-surf").layout
+    ]
 
-    assert all(end <= FIELDS[i + 1][0] for i, end in enumerate(ends[:-1]))
+    assert all(
+        end <= structure("digital-surf").layout[i + 1][0] for i, end in enumerate(ends[:-1])
+    )
     assert ends[-1] == 512
 
 

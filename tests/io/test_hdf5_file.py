@@ -10,7 +10,8 @@ import pytest
 
 import metrosep as ms
 from metrosep.io.containers import hdf5_file
-from metrosep.io.containers.hdf5_file import has_magic, open_hdf5
+from metrosep.io.containers.hdf5_file import open_hdf5
+from metrosep.io.declared import HDF5_MAGIC, has_hdf5_magic
 from metrosep.io.source import RawFile, open_file
 
 
@@ -172,8 +173,8 @@ def test_other_content_is_refused(tmp_path):
 
 def test_magic_may_follow_a_user_block():
     for before, found in ((512, True), (2**16, True), (100, False), (1536, False)):
-        assert has_magic(RawFile(Path("a.h5"), bytes(before) + hdf5_file.MAGIC)) is found
-    assert not has_magic(RawFile(Path("a.h5"), b""))
+        assert has_hdf5_magic(RawFile(Path("a.h5"), bytes(before) + HDF5_MAGIC)) is found
+    assert not has_hdf5_magic(RawFile(Path("a.h5"), b""))
 
 
 def test_offset_beyond_the_end_is_refused(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io.maps.metropro import FIELDS
+from metrosep.io.declared import structure
 
 NM = 1e-9
 PM = 1e-12
@@ -22,7 +22,7 @@ def sample(repository):
 @pytest.fixture
 def patched(sample, tmp_path):
     """Write the sample with one field changed and return its path."""
-    codes = {name: (offset, code) for offset, code, name in FIELDS}
+    codes = {name: (offset, code) for offset, code, name in structure("metropro").layout}
 
     def write(**fields):
         data = bytearray(sample.read_bytes())
@@ -134,13 +134,15 @@ def test_window_and_header_are_recorded(sample):
     assert metadata["camera_px"] == (640, 480)
     assert metadata["header"]["comment"] == "planted bump, 1"
     assert metadata["header"]["time_stamp"] == 1767398400
-    assert set(metadata["header"]) == {name for _, _, name in FIELDS}
+    assert set(metadata["header"]) == {name for _, _, name in structure("metropro").layout}
 
 
 def test_fields_of_the_table_do_not_overlap():
-    ends = [offset + struct.calcsize(">" + code) for offset, code, _ in FIELDS]
+    ends = [
+        offset + struct.calcsize(">" + code) for offset, code, _ in structure("metropro").layout
+    ]
 
-    assert all(end <= FIELDS[i + 1][0] for i, end in enumerate(ends[:-1]))
+    assert all(end <= structure("metropro").layout[i + 1][0] for i, end in enumerate(ends[:-1]))
 
 
 @pytest.mark.parametrize(

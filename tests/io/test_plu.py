@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
+from metrosep.io.declared import structure
 from metrosep.io.maps import plu
 from metrosep.io.registry import Match, identify
 from metrosep.io.source import RawFile, open_file
@@ -25,8 +26,10 @@ def folder(repository):
 @pytest.fixture
 def patched(folder, put):
     """Write a sample with fields of the header or of the first layer changed; return its path."""
-    codes = {name: (offset, code) for offset, code, name in plu.FIELDS}
-    codes |= {name: (500 + offset, code) for offset, code, name in plu.LAYER}
+    codes = {name: (offset, code) for offset, code, name in structure("plu").layout}
+    codes |= {
+        name: (500 + offset, code) for offset, code, name in structure("plu", "layer").layout
+    }
 
     def write(name="topography.plu", **fields):
         data = bytearray((folder / name).read_bytes())
@@ -94,7 +97,9 @@ def test_layers_are_channels_with_sizes_of_their_own(folder):
 def test_every_field_is_in_the_header(folder):
     metadata = ms.read(folder / "topography.plu").metadata
 
-    names = {n for _, _, n in plu.FIELDS} | {n for _, _, n in plu.LAYER}
+    names = {n for _, _, n in structure("plu").layout} | {
+        n for _, _, n in structure("plu", "layer").layout
+    }
     assert set(metadata["header"]) == names | {"minimum_um", "maximum_um"}
     assert metadata["header"]["comment"] == "planted bump, 5 µm"
     assert metadata["position_m"] == pytest.approx(
@@ -103,9 +108,9 @@ def test_every_field_is_in_the_header(folder):
 
 
 def test_fields_of_the_table_do_not_overlap():
-    ends = [offset + struct.calcsize("<" + code) for offset, code, _ in plu.FIELDS]
+    ends = [offset + struct.calcsize("<" + code) for offset, code, _ in structure("plu").layout]
 
-    assert all(end <= plu.FIELDS[i + 1][0] for i, end in enumerate(ends[:-1]))
+    assert all(end <= structure("plu").layout[i + 1][0] for i, end in enumerate(ends[:-1]))
     assert ends[-1] == 500
 
 

@@ -38,8 +38,7 @@ def test_suffix_alone_is_never_enough(put):
 
 def test_two_sure_readers_are_refused(put, monkeypatch):
     path = put("x_mm,z_um\n0,1\n1,2\n")
-    sure = SimpleNamespace(sniff=lambda file: Match.YES)
-    monkeypatch.setattr(registry.Format, "load_reader", lambda self: sure)
+    monkeypatch.setattr(registry.Format, "recognise", lambda self, file: Match.YES)
 
     with pytest.raises(ms.errors.AmbiguousFormatError, match="format="):
         registry.identify(path)
@@ -188,3 +187,43 @@ def test_the_reader_of_tables_is_never_sure(repository):
     assert len(files) > 50
     for file in files:
         assert delimited.sniff(open_file(file)) is not Match.YES, file.name
+
+
+@pytest.mark.parametrize(
+    ("start", "program"),
+    [(b"\x1f\x8b\x08\x00", "gzip"), (b"BZh91AY", "bzip2"), (b"7z\xbc\xaf\x27\x1c", "7-Zip")],
+)
+def test_a_compressed_file_is_called_so(put, start, program):
+    with pytest.raises(ms.errors.UnknownFormatError, match=f"compressed with {program}; unpack"):
+        ms.read(put(start + bytes(range(200)), "map.x3p.gz"))
+
+
+@pytest.mark.parametrize(
+    ("sample", "module"),
+    [
+        ("sdf/samples/binary-type5.sdf", "maps.sdf"),
+        ("x3p/samples/double.x3p", "maps.x3p"),
+        ("fourd/samples/one.h5", "containers.fourd"),
+        ("delimited/samples/comma.csv", "text.delimited"),
+    ],
+)
+def test_only_the_reader_that_the_first_bytes_call_for_is_loaded(repository, sample, module):
+    readers = {f.reader.partition(":")[2] for f in registry.formats() if f.is_measurement}
+    code = (
+        "import sys, metrosep as ms\n"
+        f"ms.read({str(repository / 'data_formats' / sample)!r})\n"
+        "print(*(m[12:] for m in sys.modules if m.startswith('metrosep.io.')))\n"
+    )
+
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+
+    loaded = set(out.stdout.split())
+    assert loaded & readers == {module}
+    assert len(loaded) <= 17
+
+
+def test_every_reader_has_one_declaration():
+    for known in registry.formats():
+        if known.reader.startswith("builtin:"):
+            sniff = known.load_reader().sniff
+            assert known.marks.closer == (sniff.__module__ != "metrosep.io.declared"), known.id

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
+from metrosep.io.declared import structure
 from metrosep.io.maps import sdf
 from metrosep.io.maps.sdf import sdf_bytes
 from metrosep.io.registry import Match, identify
@@ -38,7 +39,7 @@ def edited(folder, put):
 @pytest.fixture
 def patched(folder, put):
     """Write the binary sample of doubles with one field changed and return its path."""
-    codes = {name: (offset, code) for offset, code, name in sdf.FIELDS}
+    codes = {name: (offset, code) for offset, code, name in structure("sdf").layout}
 
     def write(**fields):
         data = bytearray((folder / "binary-type7.sdf").read_bytes())
@@ -98,9 +99,9 @@ def test_binary_types_by_struct(put, kind, code):
 
 
 def test_fields_of_the_table_follow_one_another():
-    ends = [offset + struct.calcsize("<" + code) for offset, code, _ in sdf.FIELDS]
+    ends = [offset + struct.calcsize("<" + code) for offset, code, _ in structure("sdf").layout]
 
-    assert [offset for offset, _, _ in sdf.FIELDS[1:]] == ends[:-1]
+    assert [offset for offset, _, _ in structure("sdf").layout[1:]] == ends[:-1]
     assert ends[-1] == 81
 
 

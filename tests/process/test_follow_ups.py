@@ -16,7 +16,7 @@ from metrosep.core.errors import (
     UnitError,
 )
 from metrosep.core.recording import Recording
-from metrosep.process._regression import regress
+from metrosep.process._motion import regress
 from metrosep.process.follow_ups import follow_up
 
 NM = 1e-9
@@ -470,7 +470,7 @@ class TestMap:
         assert both.x[quarter] > 0.99 * both.rho[quarter]
         assert (both.rho == there.rho).all()
         for bad in ({"spiral_sense": "left"}, {"spiral_start": np.nan}):
-            with pytest.raises(DataError, match="clockwise"):
+            with pytest.raises(DataError, match="clockwise|spiral_start must be"):
                 follow_up(log, spiral=(RHO, feed, SPEED), **bad)
 
     @pytest.mark.parametrize(

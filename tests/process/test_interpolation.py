@@ -117,7 +117,7 @@ def test_refuses_points(s, z, error, match):
 
 def test_refuses_words_and_empty_intervals():
     x = np.linspace(0.0, 1.0, 30)
-    with pytest.raises(DataError, match="linear or spline, got 'nurbs'"):
+    with pytest.raises(DataError, match="linear, spline, got 'nurbs'"):
         fitted_heights(x[::5], x, x, interpolation="nurbs")
     with pytest.raises(DataError, match="end_slopes"):
         knot_slopes(x, x, end="clamped", end_slopes=None)
@@ -168,5 +168,5 @@ def test_planned_counts_of_the_paper():
         sine_path_error(50e-9, 100e-6, 60e-6, interpolation="linear")
     with pytest.raises(DataError, match="distribution"):
         estimated_points(50e-9, 100e-6, 500e-6, 2e-6, 1e-9, distribution="spiral")
-    with pytest.raises(DataError, match="linear or spline"):
+    with pytest.raises(DataError, match="one of linear, spline"):
         sine_path_error(50e-9, 100e-6, 6e-6, interpolation="nurbs")

@@ -58,7 +58,7 @@ def test_blocks_without_time_never_limit():
         ({"block_time": math.inf}, "block_time"),
         ({"block_time": None}, "block_time must be a number"),
         ({"turns": "5"}, "turns must be a number"),
-        ({"n_points": True}, "n_points must be a number"),
+        ({"n_points": True}, "n_points must be a whole number"),
     ],
 )
 def test_refuses(change, match):

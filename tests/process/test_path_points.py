@@ -153,10 +153,10 @@ def test_line_lies_where_the_map_says(sense):
     [
         ({"annulus": (1, 2, 3)}, "annulus must be .inner, outer. .* got .1, 2, 3"),
         ({"annulus": 5e-5}, "annulus must be .* got 5e-05"),
-        ({"annulus": ("a", None)}, "annulus must be a number"),
+        ({"annulus": ("a", None)}, "annulus 'a' is not a number"),
         ({"annulus": (0.0, 300e-6)}, "uncut core of 3.70893e-07"),
         ({"annulus": (300e-6, 200e-6)}, "empty"),
-        ({"annulus": (math.nan, 200e-6)}, "must be finite"),
+        ({"annulus": (math.nan, 200e-6)}, "must be a finite number"),
         ({"annulus": (0.2, 0.3)}, "outside"),
         ({"azimuth": math.nan}, "azimuth"),
         ({"annulus": (200e-6, 200.1e-6), "azimuth": 0.0}, "wider"),
@@ -231,18 +231,18 @@ def test_too_few_points_allowed_is_a_limit():
 @pytest.mark.parametrize(
     ("change", "match"),
     [
-        ({"max_points": None}, "max_points must be a number"),
-        ({"max_points": math.nan}, "max_points must be finite"),
+        ({"max_points": None}, "max_points must be a whole number"),
+        ({"max_points": math.nan}, "max_points must be a whole number"),
         ({"resolution": "a"}, "resolution must be a number"),
-        ({"tolerance": 1.0}, "tolerance of 1 m"),
+        ({"tolerance": 1.0}, "tolerance = 1 m"),
         ({"tolerance": None}, "tolerance must be a number"),
         ({"foo": 1}, "no option 'foo'"),
         ({"step": 0.1}, "step follows"),
         ({"core": None}, "core must be a number"),
         ({"core": 1.0}, "core must lie"),
-        ({"distribution": "XX"}, "distribution must be"),
+        ({"distribution": "XX"}, "distribution is one of"),
         ({"annulus": 5e-5}, "annulus must be"),
-        ({"sub_points": None}, "sub_points must be a number"),
+        ({"sub_points": None}, "sub_points must be a whole number"),
     ],
 )
 def test_bad_arguments_in_one_sentence(change, match):

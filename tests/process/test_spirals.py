@@ -16,7 +16,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.surface import Surface
 from metrosep.forms import SineGrid, Sphere
-from metrosep.process.arc_lengths import angle_at_length, arc_length
+from metrosep.process.interpolation import angle_at_length, arc_length
 from metrosep.process.path_points import SpiralPath
 
 RADIUS, FEED = 500e-6, 2e-6
@@ -307,8 +307,8 @@ def test_undefined_points_are_named():
         ({"feed": -2e-6}, DataError, "feed must be positive"),
         ({"feed": 0.0}, DataError, "feed"),
         ({"feed": 1e-3}, DataError, "not one turn"),
-        ({"radius": math.nan}, DataError, "radius must be finite"),
-        ({"radius": "half a millimetre"}, DataError, "number in SI"),
+        ({"radius": math.nan}, DataError, "radius must be positive and finite"),
+        ({"radius": "half a millimetre"}, DataError, "is not a number with a unit"),
         ({"step": math.nan}, DataError, "step is missing"),
         ({"step": 0.0}, DataError, "step must be positive"),
         ({"step": -0.1}, DataError, "step must be positive"),
@@ -327,8 +327,8 @@ def test_undefined_points_are_named():
         ({"start": math.inf}, DataError, "start"),
         ({"start": 90.0}, UnitError, "start .* in rad"),
         ({"radius": 500.0}, UnitError, "radius .* in m"),
-        ({"radius": "5e-4"}, DataError, "radius must be a number"),
-        ({"radius": True}, DataError, "radius must be a number in SI, got True"),
+        ({"radius": "5e-4"}, DataError, "radius .* has no unit"),
+        ({"radius": True}, DataError, "radius must be a number in m.*got True"),
         ({"knots": "least-squares", "end": "natural"}, DataError, "least-squares"),
         ({"radius": 2e-6, "core": 1.9e-6}, TooFewSamplesError, "interval"),
     ],

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.cli.checking_recipes import recipe_errors
+from metrosep.cli.files import recipe_errors
 from metrosep.core.errors import ReadError, RecipeError
 from metrosep.parameters.symbol_units import unit_of_symbol
 from metrosep.recipe.preflight import limit_errors

@@ -3,7 +3,7 @@
 import pytest
 
 import metrosep as ms
-from metrosep.cli.checking_recipes import recipe_errors
+from metrosep.cli.files import recipe_errors
 from metrosep.core.errors import RecipeError
 
 RECIPE = 'metrosep = 1\n[input]\n[[step]]\nop = "form"\nform = "plane"\n'

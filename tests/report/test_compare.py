@@ -6,9 +6,8 @@ import math
 import pytest
 
 from metrosep.core.errors import DataError, RecipeError, UnitError
-from metrosep.report.compare import compare_documents
-from metrosep.report.recipe_comparison import compare_recipes
-from metrosep.report.table_comparison import compare_tables
+from metrosep.report.compare import compare_documents, compare_recipes
+from metrosep.report.comparison import compare_tables
 
 ROUNDING = 1e-21  # m, of a few subtractions of numbers near 1e-7
 

@@ -13,7 +13,7 @@ import pytest
 
 from metrosep.core.errors import DataError
 from metrosep.report.index import link_of, render_index, series_of, spark_points, write_index
-from metrosep.report.index_workbook import render_index_workbook, write_index_workbook
+from metrosep.report.workbook import render_index_workbook, write_index_workbook
 
 HOSTILE = "<script>alert('x')</script>\n\"=1+1\" ü 量 " + "x" * 500
 STATUSES = ("accepted", "rejected", "inconclusive", "measured", "failed", "refused")

@@ -12,7 +12,7 @@ import pytest
 from metrosep.core.errors import DataError, UnsupportedFeatureError
 from metrosep.core.units import parse_quantity
 from metrosep.report.csv_long import render_csv, write_csv
-from metrosep.report.rows import CharacteristicRow, characteristic_rows
+from metrosep.report.text import CharacteristicRow, characteristic_rows
 from metrosep.report.view import bar_of
 from metrosep.report.workbook import render_workbook, write_workbook
 

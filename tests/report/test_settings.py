@@ -7,8 +7,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.recipe.schema import Field
-from metrosep.report.settings import setting, settings, step_parameters
-from metrosep.report.view import view
+from metrosep.report.view import setting, settings, step_parameters, view
 
 FIELDS = {
     "distance": Field("lengths"), "u_index": Field("angle"), "feed": Field("speed"),

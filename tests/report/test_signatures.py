@@ -10,7 +10,7 @@ from itertools import pairwise
 import pytest
 
 from metrosep.report import render_html
-from metrosep.report.plain_pdf import render_plain_pdf
+from metrosep.report.typeset import render_plain_pdf
 
 ROLES = ("Measured by", "Checked by", "Released by")
 SMALL = {

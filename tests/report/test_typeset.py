@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from metrosep.core.errors import DataError, UnsupportedFeatureError
-from metrosep.report.plain_pdf import render_plain_pdf, write_plain_pdf
+from metrosep.report.typeset import render_plain_pdf, write_plain_pdf
 
 HOSTILE = [
     "<script>alert(1)</script>",

@@ -189,7 +189,8 @@ def test_face_that_was_never_read_is_refused():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"u_reading": "1 urad"}, "u_reading must be one number in rad"),
+        ({"u_reading": "small"}, "u_reading"),
+        ({"u_reading": True}, "u_reading must be a number in rad"),
         ({"u_reading": 5.0}, "in rad"),
         ({"positions": [0, math.inf, 2]}, "positions"),
     ],

@@ -225,7 +225,7 @@ def test_without_sd_there_is_no_uncertainty_and_a_message():
     [
         (([0, 1, 2], [0, 1, 0]), {"reference": "MC"}, DataError, "'MZ', 'LS' or 'EP'"),
         (([0, 1, 2], [0, 1, 0]), {"sd": -1.0}, DataError, "sd must be"),
-        (([0, 1, 2], [0, 1, 0]), {"sd": "1 nm"}, DataError, "sd must be a number"),
+        (([0, 1, 2], [0, 1, 0]), {"sd": "small"}, DataError, "sd"),
         (([0, 1, 2], [0, 1, 0]), {"seed": "a"}, DataError, "seed must be"),
         (([0, 1, 2], [0, 1, 0]), {"reference": 5}, DataError, "'MZ', 'LS' or 'EP'"),
         (([0, 1, 2], ["a", "b", "c"]), {}, InvalidSamplesError, "real numbers"),

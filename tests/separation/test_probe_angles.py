@@ -176,7 +176,7 @@ def test_gain_refuses_what_is_no_arrangement():
         (("3", 30), {}, DataError, "number of probes"),
         ((3, math.nan), {}, DataError, "kmax"),
         ((3, 30), {"min_separation": 2}, UnitError, "degrees"),
-        ((3, 30), {"min_separation": "15 deg"}, DataError, "min_separation"),
+        ((3, 30), {"min_separation": "small"}, DataError, "min_separation"),
         ((3, 30), {"tolerance": None}, DataError, "tolerance"),
         ((3, 30), {"seed": -1}, DataError, "seed"),
         ((3, 30), {"seed": "a"}, DataError, "seed"),

@@ -538,7 +538,8 @@ def test_null_space_has_harmonics_from_two_and_terms_below():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"u_reading": "5 nm"}, "u_reading must be one number in m"),
+        ({"u_reading": "small"}, "u_reading"),
+        ({"u_reading": None, "radius": None, "max_gain": "50"}, "max_gain must be a number"),
         ({"u_reading": [1e-9, 1e-9]}, "u_reading"),
         ({"u_reading": 5.0}, "um or nm"),
         ({"kmax": None}, "kmax"),
@@ -549,7 +550,8 @@ def test_null_space_has_harmonics_from_two_and_terms_below():
         ({"cov": "none"}, "cov"),
         ({"max_gain": None}, "max_gain"),
         ({"max_gain": math.inf}, "max_gain"),
-        ({"radius": "20 mm"}, "radius"),
+        ({"radius": "large"}, "radius"),
+        ({"radius": "20 m"}, "mm"),
         ({"radius": 20}, "mm"),
         ({"turn": [1, 1]}, "turn"),
         ({"angle": np.arange(99.0)}, "99 angles for 100 samples"),
@@ -558,6 +560,14 @@ def test_null_space_has_harmonics_from_two_and_terms_below():
 def test_settings_that_are_no_numbers_are_refused_in_words(options, words):
     with pytest.raises(DataError, match=words):
         multiprobe(np.ones((3, 100)), (0, 1, 3), **{"kmax": 20, **options})
+
+
+def test_lengths_may_be_texts_with_their_unit():
+    m = np.random.default_rng(3).normal(0.0, 1e-8, (3, 100))
+    found = multiprobe(m, (0, 1, 3), 20, u_reading="5 nm", radius="20 mm")
+
+    assert found.noise.value == 5e-9
+    assert found.audit == multiprobe(m, (0, 1, 3), 20, u_reading=5e-9, radius=0.02).audit
 
 
 def test_complex_readings_and_ragged_ones_are_refused():

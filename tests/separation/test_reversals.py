@@ -452,10 +452,15 @@ class TestFace(SeparationContract):
             np.testing.assert_allclose(first[:3], expected, atol=1e-19)
             np.testing.assert_allclose(first[3], 0.0, atol=1e-19)
 
-    @pytest.mark.parametrize("radius", [0.0, -0.025, math.nan, 25.0, "25 mm"])
+    @pytest.mark.parametrize("radius", [0.0, -0.025, math.nan, 25.0, "25 m"])
     def test_impossible_radius_is_refused(self, radius):
         with pytest.raises(DataError, match="25 mm is 25e-3"):
             FaceReversal(radius)
+
+    def test_a_radius_may_be_a_text_with_its_unit(self):
+        assert FaceReversal("25 mm") == FaceReversal(25e-3)
+        with pytest.raises(DataError, match="radius"):
+            FaceReversal("large")
 
 
 def test_angles_rounded_in_a_text_are_taken_and_several_turns_named():

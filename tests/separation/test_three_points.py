@@ -443,7 +443,7 @@ def test_a_gap_leaves_the_longest_piece(method):
     [
         ({"distance": (STEP, 2 * STEP)}, "equal distances"),
         ({"distance": (STEP, 2 * STEP, STEP)}, "or two"),
-        ({"distance": -STEP}, "above zero"),
+        ({"distance": -STEP}, "distance must be positive"),
         ({"zero": 5.0}, "zero is 5.0"),
         ({"zero": np.nan}, "zero is nan"),
         ({"zero": 0.0, "u_zero": -1.0}, "u_zero"),
@@ -569,3 +569,12 @@ def test_passes_are_corrected_by_the_mean_errors(repeats, rng):
     found = method.separate(m)
     carriage = np.stack([found.straightness + k * STEP * found.pitch for k in range(3)])
     np.testing.assert_allclose(corrected, m - carriage[:, None, :], rtol=0, atol=1e-19)
+
+
+def test_lengths_may_be_texts_with_their_unit():
+    by_text = ThreePoint("10 mm", "10 mm", zero="2 nm", u_zero="1 nm")
+    in_si = ThreePoint(10e-3, 10e-3, zero=2e-9, u_zero=1e-9)
+    m = np.random.default_rng(1).normal(0.0, 1e-8, (3, 12))
+
+    for part, values in in_si.separate(m, u_reading=1e-9).parts.items():
+        np.testing.assert_array_equal(by_text.separate(m, u_reading="1 nm").parts[part], values)

@@ -129,8 +129,8 @@ def test_quantity_carries_unit_and_uncertainty():
         ({"flat": "plane"}, "flat"),
         ({"flat": 0.0, "u_flat": -1.0}, "u_flat"),
         ({"flat": 0.0, "u_reading": np.nan}, "u_reading"),
-        ({"flat": 0.0, "distance": 0.0}, "above zero"),
-        ({"flat": 0.0, "distance": "1 mm"}, "length in m"),
+        ({"flat": 0.0, "distance": 0.0}, "distance must be positive"),
+        ({"flat": 0.0, "distance": "far"}, "distance"),
         ({"flat": 0.0, "m": np.zeros((3, 1))}, "scatter"),
         ({"flat": 0.0, "m": np.zeros((2, 5))}, "3 readings"),
         (

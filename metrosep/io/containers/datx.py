@@ -11,19 +11,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from metrosep.core.errors import CorruptFileError, UnsupportedFeatureError
+from metrosep.core.errors import UnsupportedFeatureError
 from metrosep.core.surface import Surface
 from metrosep.io.containers.hdf5_file import Hdf5File, look_into, open_hdf5
 from metrosep.io.objects import (
+    Request,
     check_area,
     check_scale,
     lateral_or_none,
-    make_surface,
-    only_channels,
+    map_reader,
     scaled,
 )
 from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -50,29 +50,22 @@ def channels(file: RawFile) -> tuple[str, ...]:
         return tuple(_surfaces(file, handle, []))
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Surface:
+@map_reader(FORMAT, "Mx", "an Mx map with its own units", several=True)
+def read(asked: Request) -> Surface:
     """Return the height map of an Mx file."""
-    refuse_options(file, "an Mx map with its own units", unit=unit)
-    override = lateral_steps(lateral_step)
-    warnings: list[str] = []
+    file = asked.file
+    warnings = asked.warnings
     with open_hdf5(file) as handle:
         surfaces = _surfaces(file, handle, warnings)
-        path = surfaces[only_channels(file, "Mx", channel, tuple(surfaces))]
+        path = surfaces[asked.choose(surfaces)]
         own = handle.attributes(path)
         shape = handle.shape(path)
         if len(shape) != 2:
-            raise CorruptFileError(
-                file.path, "a map has two dimensions", field=path, expected="2", found=len(shape)
+            raise file.corrupt(
+                "a map has two dimensions", field=path, expected="2", found=len(shape)
             )
-        check_area(file, shape[1], shape[0], max_pixels=max_pixels)
-        raw = handle.read(path, max_pixels=max_pixels)
+        check_area(file, shape[1], shape[0], max_pixels=asked.max_pixels)
+        raw = handle.read(path, max_pixels=asked.max_pixels)
         general = {n: v for n, v in handle.groups.items() if n.startswith("/Attributes/")}
     if raw.dtype.kind != "f":
         raise UnsupportedFeatureError(
@@ -87,15 +80,11 @@ def read(
 
     steps = tuple(_step(file, own, f"{axis} Converter", warnings) for axis in "XY")
     _compare_steps(steps, general, warnings)
-    return make_surface(
-        file,
-        FORMAT,
+    return asked.surface(
         scaled(raw, scale, invalid),
         (steps[0], steps[1]),
         row_order="top row first",
         header={"surface": own, **general},
-        override=override,
-        warnings=warnings,
         surface_path=path,
         **chain,
         row_order_is_assumed=True,
@@ -107,7 +96,7 @@ def _surfaces(file: RawFile, handle: Hdf5File, warnings: list[str]) -> dict[str,
     linked, others = _paths(handle)
     paths = [*linked, *others]
     if not paths:
-        raise CorruptFileError(file.path, "holds no surface", expected=f"{_SURFACES}{{...}}")
+        raise file.corrupt("holds no surface", expected=f"{_SURFACES}{{...}}")
     if len(paths) == 1:
         return {"height": paths[0]}
     if not linked:

@@ -11,20 +11,20 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from metrosep.core.errors import CorruptFileError, UnitError, UnsupportedFeatureError
+from metrosep.core.errors import UnitError, UnsupportedFeatureError
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_quantity
-from metrosep.io.containers.hdf5_file import Hdf5File, look_into, open_hdf5
+from metrosep.io.containers.hdf5_file import Hdf5File, open_hdf5
+from metrosep.io.declared import sniffer
 from metrosep.io.objects import (
+    Request,
     check_area,
     check_scale,
     lateral_or_none,
-    make_surface,
-    only_channels,
+    map_reader,
     scaled,
 )
-from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -42,10 +42,7 @@ _DEFAULT_RTOL = 2e-3
 """The default is written with three to six digits."""
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a 4Sight file."""
-    handle = look_into(file)
-    return Match.YES if handle is not None and _found(handle) else Match.NO
+sniff = sniffer(FORMAT)
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -54,43 +51,32 @@ def channels(file: RawFile) -> tuple[str, ...]:
         return _measurements(file, handle)
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Surface:
+@map_reader(FORMAT, "4D", "a 4D map with its own units", several=True)
+def read(asked: Request) -> Surface:
     """Return one raw map of a 4Sight file; masks and fits of the software are not applied."""
-    refuse_options(file, "a 4D map with its own units", unit=unit)
-    override = lateral_steps(lateral_step)
+    file = asked.file
     with open_hdf5(file) as handle:
         names = _measurements(file, handle)
-        name = only_channels(file, "4D", channel, names)
+        name = asked.choose(names)
         header = _header(handle, name)
         raw_attributes = header[f"/{name}/genraw"]
         data = f"/{name}/genraw/data"
         shape = handle.shape(data)
         if len(shape) != 2:
-            raise CorruptFileError(
-                file.path, "a map has two dimensions", field=data, expected="2", found=len(shape)
+            raise file.corrupt(
+                "a map has two dimensions", field=data, expected="2", found=len(shape)
             )
-        check_area(file, shape[1], shape[0], max_pixels=max_pixels)
-        raw = handle.read(data, max_pixels=max_pixels)
+        check_area(file, shape[1], shape[0], max_pixels=asked.max_pixels)
+        raw = handle.read(data, max_pixels=asked.max_pixels)
     wavelength, wedge = _scale(file, raw_attributes)
-    warnings: list[str] = []
+    warnings = asked.warnings
     steps = _steps(file, raw_attributes, warnings)
     _check_count(header, names, warnings)
-    return make_surface(
-        file,
-        FORMAT,
+    return asked.surface(
         scaled(raw, wavelength * wedge, lambda block: ~(abs(block) < _FIRST_INVALID)),
         steps,
         row_order="top row first",
         header=header,
-        override=override,
-        warnings=warnings,
         measurement=name,
         wavelength_m=wavelength,
         wedge=wedge,
@@ -102,9 +88,7 @@ def read(
 def _measurements(file: RawFile, handle: Hdf5File) -> tuple[str, ...]:
     names = _found(handle)
     if not names:
-        raise CorruptFileError(
-            file.path, "holds no map of 4Sight", expected="/measurement0/genraw/data"
-        )
+        raise file.corrupt("holds no map of 4Sight", expected="/measurement0/genraw/data")
     return names
 
 
@@ -131,8 +115,7 @@ def _quantity(file: RawFile, attributes: dict[str, Any], key: str) -> float:
     try:
         return parse_quantity(value if isinstance(value, str) else "", dimension="length")
     except UnitError:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "a length has no unit",
             field=f"genraw {key}",
             expected="a number and a unit",

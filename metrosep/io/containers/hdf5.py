@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, FormatMismatchError
+from metrosep.core.errors import FormatMismatchError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
-from metrosep.io.containers.hdf5_file import Hdf5File, has_magic, open_hdf5
+from metrosep.io.containers.hdf5_file import Hdf5File, open_hdf5
+from metrosep.io.declared import sniffer
 from metrosep.io.registry import Match, get
 from metrosep.io.source import RawFile
 from metrosep.io.text.measurement import columns_as_object, map_as_surface, unit_label, unit_of
@@ -31,9 +32,7 @@ FORMAT = "hdf5"
 _FIRST_INVALID = 1e38
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is an HDF5 file."""
-    return Match.MAYBE if has_magic(file) else Match.NO
+sniff = sniffer(FORMAT)
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -83,7 +82,7 @@ def read(
         }
     x, z, time = (_as_path(asked, columns) for asked in (x, z, time))
     if not any(np.isfinite(v).any() for v, _ in columns.values()):
-        raise CorruptFileError(file.path, "no dataset holds a number")
+        raise file.corrupt("no dataset holds a number")
     return columns_as_object(
         file,
         FORMAT,
@@ -125,11 +124,8 @@ def physical_values(
             missing |= values == float(attributes[key])
     factors = [attributes.get("scale_factor", 1.0), attributes.get("add_offset", 0.0)]
     if not all(is_number(f) and abs(f) < _FIRST_INVALID for f in factors) or factors[0] == 0:
-        raise CorruptFileError(
-            file.path,
-            "scale_factor or add_offset is not usable",
-            field=name,
-            found=repr(factors)[:60],
+        raise file.corrupt(
+            "scale_factor or add_offset is not usable", field=name, found=repr(factors)[:60]
         )
     if factors != [1.0, 0.0]:
         values = values * float(factors[0]) + float(factors[1])
@@ -150,7 +146,7 @@ def _values(file: RawFile, handle: Hdf5File, name: str, max_pixels: int | None) 
 def _refuse_special(file: RawFile) -> None:
     """Name the reader of a special format for a file that was declared to be plain HDF5."""
     for found in ("metrosep-h5", "fourd", "datx"):
-        if get(found).load_reader().sniff(file) is not Match.YES:
+        if get(found).recognise(file) is not Match.YES:
             continue
         raise FormatMismatchError(
             f"{file.path}: is laid out as {found}; read it with format={found!r}, or name one dataset "

@@ -28,11 +28,10 @@ from metrosep.core.errors import (
     ReadError,
     UnsupportedFeatureError,
 )
+from metrosep.io.declared import HDF5_MAGIC, has_hdf5_magic
 from metrosep.io.source import MAX_PIXELS, RawFile
 
-__all__ = ["MAGIC", "Hdf5File", "has_magic", "look_into", "open_hdf5"]
-
-MAGIC = b"\x89HDF\r\n\x1a\n"
+__all__ = ["Hdf5File", "look_into", "open_hdf5"]
 
 _MAX_RATIO = 250
 """Largest ratio of claimed to stored bytes; noise of an instrument never compresses so far."""
@@ -53,21 +52,9 @@ _SLOWEST_DISK = 2e7
 """Bytes per second that reading is given at least."""
 
 
-def has_magic(file: RawFile) -> bool:
-    """Return whether a file is HDF5."""
-    offset = 0
-    with file.stream() as handle:
-        while offset + len(MAGIC) <= file.size:
-            handle.seek(offset)
-            if handle.read(len(MAGIC)) == MAGIC:
-                return True
-            offset = 2 * offset or 512
-    return False
-
-
 def look_into(file: RawFile) -> Hdf5File | None:
     """Return the tree of a file to recognise it by, ``None`` where it is no HDF5 or is damaged."""
-    if not has_magic(file):
+    if not has_hdf5_magic(file):
         return None
     try:
         with open_hdf5(file) as handle:
@@ -270,8 +257,7 @@ class Hdf5File:
             stream.seek(offset)
             n_bytes = stream.readinto(values.reshape(-1).view(np.uint8).data)
         if n_bytes != values.nbytes:
-            raise CorruptFileError(
-                self._file.path,
+            raise self._file.corrupt(
                 "a dataset lies beyond the end of the file",
                 field=name,
                 offset=offset,
@@ -283,8 +269,7 @@ class Hdf5File:
 
     def _described(self, name: str) -> dict[str, Any]:
         if name not in self._datasets:
-            raise CorruptFileError(
-                self._file.path,
+            raise self._file.corrupt(
                 "a dataset is missing",
                 field=name,
                 found=", ".join(list(self._datasets)[:8]) or "none",
@@ -307,7 +292,7 @@ class Hdf5File:
         item = np.dtype(found["dtype"]).itemsize
         claimed = item * _product(found["shape"])
         if claimed < 1:
-            raise CorruptFileError(self._file.path, "a dataset is empty", field=name)
+            raise self._file.corrupt("a dataset is empty", field=name)
         limit = max_pixels or MAX_PIXELS
         if _product(part) > limit:
             raise UnsupportedFeatureError(
@@ -318,8 +303,7 @@ class Hdf5File:
         allowed = stored * (_MAX_RATIO if packed else 1)
         trusted = packed and stored > 0 and max_pixels is not None
         if (stored > self._file.size or claimed > allowed) and not trusted:
-            raise CorruptFileError(
-                self._file.path,
+            raise self._file.corrupt(
                 "a dataset claims more than is stored",
                 field=name,
                 expected=f"{claimed} bytes",
@@ -337,9 +321,9 @@ def _product(shape: Any) -> int:
 @contextmanager
 def open_hdf5(file: RawFile) -> Iterator[Hdf5File]:
     """Open an HDF5 file for reading."""
-    if not has_magic(file):
+    if not has_hdf5_magic(file):
         raise FormatMismatchError(
-            f"{file.path}: is no HDF5 file: expected {MAGIC[:4]!r} at offset 0, found {file.head[:4]!r}"
+            f"{file.path}: is no HDF5 file: expected {HDF5_MAGIC[:4]!r} at offset 0, found {file.head[:4]!r}"
         )
     handle = Hdf5File(file)
     try:
@@ -350,4 +334,4 @@ def open_hdf5(file: RawFile) -> Iterator[Hdf5File]:
 
 def _damaged(file: RawFile, what: str, answer: Mapping[str, Any]) -> CorruptFileError:
     reason = answer.get("error", "the HDF5 library crashed or hung on it")
-    return CorruptFileError(file.path, f"{what} cannot be read as HDF5 ({reason})")
+    return file.corrupt(f"{what} cannot be read as HDF5 ({reason})")

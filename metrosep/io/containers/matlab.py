@@ -22,8 +22,8 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit
-from metrosep.io.containers.hdf5_file import MAGIC, Hdf5File, open_hdf5
-from metrosep.io.registry import Match
+from metrosep.io.containers.hdf5_file import Hdf5File, open_hdf5
+from metrosep.io.declared import HDF5_MAGIC, mismatch, sniffer
 from metrosep.io.source import MAX_PIXELS, RawFile, refuse_options
 from metrosep.io.text.logger import Channels
 from metrosep.io.text.measurement import columns_as_object, map_as_surface
@@ -36,9 +36,7 @@ FORMAT = "matlab"
 _TIMES = ("t", "time")
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a MATLAB file."""
-    return Match.NO if version_of(file.head) is None else Match.YES
+sniff = sniffer(FORMAT)
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -264,12 +262,9 @@ def recording_of(
         elif period_s is not None and 0.0 < period_s < np.inf:
             t = period_s * np.arange(samples.size, dtype=np.float64)
         else:
-            raise CorruptFileError(
-                file.path, "the sampling period is not positive", field=clock, found=period_s
-            )
+            raise file.corrupt("the sampling period is not positive", field=clock, found=period_s)
         if t.size != samples.size:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a channel and its times differ in length",
                 field=prefix,
                 expected=f"{t.size} samples",
@@ -330,7 +325,7 @@ def version_of(head: bytes) -> str | None:
     """Return the version of a MATLAB file."""
     if head.startswith(_MARKS[V5]) and head[126:128] in (b"IM", b"MI"):
         return V5
-    if head.startswith(_MARKS[V73]) and head.startswith(MAGIC, _HDF5_START):
+    if head.startswith(_MARKS[V73]) and head.startswith(HDF5_MAGIC, _HDF5_START):
         return V73
     return None
 
@@ -339,10 +334,7 @@ def load(file: RawFile, max_pixels: int | None = None) -> Values:
     """Return the values of all variables."""
     version = version_of(file.head)
     if version is None:
-        raise FormatMismatchError(
-            f"{file.path}: is no MATLAB file of version 5 or 7.3: expected 'MATLAB 5.0 MAT-file' at offset "
-            f"0 and IM or MI at 126, found {file.head[:20]!r}; in MATLAB save it with -v7"
-        )
+        raise mismatch(file, FORMAT)
     text = file.head[: HEADER_BYTES - 12].split(b"\0")[0].decode("latin-1").strip()
     values = Values(header={"text": text, "version": version})
     if version == V5:
@@ -406,8 +398,7 @@ def byte_order(file: RawFile) -> str:
     """Return the byte order of a v5 file for `struct`."""
     mark = file.head[126:128]
     if mark not in (b"IM", b"MI"):
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the mark of the byte order is damaged",
             field="endian indicator",
             offset=126,
@@ -422,7 +413,7 @@ def variables(file: RawFile, *, max_bytes: int) -> Iterator[tuple[str, Any]]:
     order, data = byte_order(file), file.data
     position, budget = HEADER_BYTES, max_bytes
     if position >= len(data):
-        raise CorruptFileError(file.path, "holds no variable", offset=HEADER_BYTES)
+        raise file.corrupt("holds no variable", offset=HEADER_BYTES)
     while position < len(data):
         if len(data) - position < 8:
             left = f"{len(data) - position} bytes"
@@ -457,9 +448,7 @@ def _inflated(file: RawFile, packed: bytes, order: str, where: int, budget: int)
         body = inflater.decompress(inflater.unconsumed_tail, size) if size else b""
         surplus = inflater.decompress(inflater.unconsumed_tail, 1)
     except (zlib.error, struct.error) as exc:
-        raise CorruptFileError(
-            file.path, f"{what} cannot be inflated ({exc})", offset=where
-        ) from None
+        raise file.corrupt(f"{what} cannot be inflated ({exc})", offset=where) from None
     if len(body) != size or surplus or not inflater.eof:
         found = f"{len(body) + len(surplus)} bytes or more"
         raise misfit(file, what, where, f"{size} bytes and the end", found)
@@ -532,9 +521,7 @@ def misfit(
     file: RawFile, what: str, offset: int, expected: object, found: object
 ) -> CorruptFileError:
     """Return the error for something whose size or type does not fit."""
-    return CorruptFileError(
-        file.path, f"{what} does not fit", offset=offset, expected=expected, found=found
-    )
+    return file.corrupt(f"{what} does not fit", offset=offset, expected=expected, found=found)
 
 
 @dataclass

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnitError
+from metrosep.core.errors import UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, format_length, parse_quantity, parse_unit
-from metrosep.io.containers.workbook import Cells, Workbook, zip_members
+from metrosep.io.containers.workbook import Cells, Workbook
+from metrosep.io.declared import mismatch, zip_members
 from metrosep.io.objects import make_profile, only_channels
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
@@ -59,10 +60,7 @@ def read(
     override = lateral_steps(lateral_step)
     book = Workbook(file)
     if not set(_SHEETS) <= set(book.names):
-        raise FormatMismatchError(
-            f"{file.path}: is no Mitutoyo workbook: expected worksheets Certificate and DATA, found "
-            f"{', '.join(book.names)[:80]}; leave out format= to have it recognised"
-        )
+        raise mismatch(file, FORMAT, ", ".join(book.names)[:80])
     rows = book.cells("DATA", ("A", "B", _X, _Z))
     results = [str(cells["A"]).strip() for _, cells in rows if "A" in cells]
     settings = [str(cells["B"]).strip() for _, cells in rows if "B" in cells]
@@ -155,14 +153,11 @@ def _columns(file: RawFile, rows: Cells) -> tuple[Any, Any]:
     """Return positions and heights as in the file; an empty height is not measured."""
     points = [(number, cells) for number, cells in rows if _X in cells or _Z in cells]
     if len(points) < 2:
-        raise CorruptFileError(
-            file.path, "worksheet DATA holds no profile", expected=f"columns {_X} and {_Z}"
-        )
+        raise file.corrupt("worksheet DATA holds no profile", expected=f"columns {_X} and {_Z}")
     for number, cells in points:
         for column, value in ((_X, cells.get(_X)), (_Z, cells.get(_Z, 0.0))):
             if not isinstance(value, float):
-                raise CorruptFileError(
-                    file.path,
+                raise file.corrupt(
                     "a cell of worksheet DATA is no number",
                     field=f"{column}{number}",
                     expected="a number",

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.errors import UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
-from metrosep.io.objects import need_bytes, only_channels
-from metrosep.io.registry import Match
+from metrosep.io.declared import demand, need_bytes, sniffer
+from metrosep.io.objects import only_channels
 from metrosep.io.source import MAX_PIXELS, RawFile
 from metrosep.io.text.measurement import columns_as_object, map_as_surface
 from metrosep.io.text.table import ColumnSpec
@@ -22,15 +22,11 @@ from metrosep.io.text.table import ColumnSpec
 __all__ = ["channels", "read", "sniff"]
 
 FORMAT = "npy"
-_MAGIC = b"\x93NUMPY"
 _VERSIONS = {1: ("<H", 10), 2: ("<I", 12), 3: ("<I", 12)}
 _LONGEST_HEADER = 4096
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a ``.npy`` file."""
-    known = file.head.startswith(_MAGIC) and len(file.head) > 7 and file.head[6] in _VERSIONS
-    return Match.YES if known else Match.NO
+sniff = sniffer(FORMAT)
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -54,7 +50,7 @@ def read(
     only_channels(file, "NumPy", channel, ("array",))
     values, header = _array(file, max_pixels)
     if not np.isfinite(values).any():
-        raise CorruptFileError(file.path, "the array holds no number")
+        raise file.corrupt("the array holds no number")
     if values.ndim == 2 and sampling_rate is None and x is None and z is None:
         return map_as_surface(
             file,
@@ -74,10 +70,7 @@ def read(
 
 
 def _array(file: RawFile, max_pixels: int | None) -> tuple[NDArray[Any], dict[str, Any]]:
-    if sniff(file) is Match.NO:
-        raise FormatMismatchError(
-            f"{file.path}: is no .npy file: expected {_MAGIC!r} at offset 0, found {file.head[:6]!r}"
-        )
+    demand(file, FORMAT)
     code, start = _VERSIONS[file.data[6]]
     need_bytes(file, 8, start - 8, "the header")
     (length,) = struct.unpack_from(code, file.data, 8)
@@ -94,8 +87,7 @@ def _array(file: RawFile, max_pixels: int | None) -> tuple[NDArray[Any], dict[st
         )
     offset = start + length
     if size < 1 or file.size - offset != size * dtype.itemsize:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "header and size of the file do not agree",
             field="shape",
             offset=offset,
@@ -116,11 +108,8 @@ def _fields(file: RawFile, text: bytes) -> dict[str, Any]:
         shape = tuple(int(n) for n in found["shape"])
         fortran = bool(found["fortran_order"])
     except (ValueError, SyntaxError, TypeError, KeyError, MemoryError, RecursionError) as exc:
-        raise CorruptFileError(
-            file.path,
-            "the header is no description of an array",
-            offset=10,
-            found=str(exc)[:60],
+        raise file.corrupt(
+            "the header is no description of an array", offset=10, found=str(exc)[:60]
         ) from None
     if dtype.kind not in "iuf" or dtype.itemsize < 1 or dtype.hasobject:
         raise UnsupportedFeatureError(

@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, ReadError, UnitError
+from metrosep.core.errors import FormatMismatchError, ReadError, UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, format_length, parse_quantity, parse_unit
-from metrosep.io.containers.workbook import Workbook, zip_members
+from metrosep.io.containers.workbook import Workbook
+from metrosep.io.declared import mismatch, zip_members
 from metrosep.io.objects import make_profile, only_channels
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
@@ -84,7 +85,7 @@ def read(
     factor = _unit(file, unit)
     values = values * factor.factor
     if np.isnan(degrees).any():
-        raise CorruptFileError(file.path, "a point has no angle", field="column A")
+        raise file.corrupt("a point has no angle", field="column A")
     angles = np.deg2rad(degrees)
     length = _radius(file, radius, values)
     step = float(angles[-1] - angles[0]) / (angles.size - 1)
@@ -124,14 +125,13 @@ def _numbers(file: RawFile) -> tuple[str, FloatArray]:
     sheet = book.names[0]
     rows = book.cells(sheet, _COLUMNS)
     if len(rows) < 2:
-        raise CorruptFileError(file.path, f"worksheet {sheet} holds no trace", expected="2 rows")
+        raise file.corrupt(f"worksheet {sheet} holds no trace", expected="2 rows")
     table = np.full((len(rows), 4), np.nan)
     for k, (number, cells) in enumerate(rows):
         for j, column in enumerate(_COLUMNS):
             value = cells.get(column, math.nan)
             if not isinstance(value, float):
-                raise CorruptFileError(
-                    file.path,
+                raise file.corrupt(
                     "a cell is no number",
                     field=f"{column}{number}",
                     expected="a number",
@@ -140,10 +140,7 @@ def _numbers(file: RawFile) -> tuple[str, FloatArray]:
             table[k, j] = value
     whole = table[np.isfinite(table).all(axis=1)]
     if len(whole) == 0 or not _is_polar(whole):
-        raise FormatMismatchError(
-            f"{file.path}: worksheet {sheet} is no roundness trace: expected angle in degrees, r, "
-            "r cos(angle) and r sin(angle) in columns A to D; export other tables as CSV"
-        )
+        raise mismatch(file, FORMAT, f"other numbers in worksheet {sheet}")
     return sheet, table
 
 

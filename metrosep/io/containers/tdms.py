@@ -28,12 +28,11 @@ from metrosep.core.recording import Recording
 from metrosep.core.units import parse_quantity
 from metrosep.io.containers.tdms_segments import (
     DAQMX_RAW,
-    MAGIC,
     TdmsChannel,
     TdmsFile,
     read_structure,
 )
-from metrosep.io.registry import Match
+from metrosep.io.declared import sniffer
 from metrosep.io.source import MAX_PIXELS, RawFile, refuse_options
 from metrosep.io.text.logger import Channels, with_units
 
@@ -50,9 +49,7 @@ _SAME_STEP = 1e-4
 _UNIT_KEYS = ("unit_string", "NI_UnitDescription")
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a TDMS file."""
-    return Match.YES if file.head[:4] in (MAGIC, _INDEX_MAGIC) else Match.NO
+sniff = sniffer(FORMAT)
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -182,8 +179,7 @@ def _structure(file: RawFile) -> TdmsFile:
         )
     found = read_structure(file)
     if not any(c.extents for c in found.objects.values()):
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "no channel holds a number",
             expected="samples",
             found=f"{len(found.objects)} objects without",
@@ -256,8 +252,7 @@ def _odd(found: TdmsFile, values: Mapping[str, FloatArray]) -> Iterator[str]:
 
 def _positive(file: RawFile, name: str, value: Any) -> float:
     if not isinstance(value, (int, float)) or not np.isfinite(value) or value <= 0.0:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the sampling interval is not usable",
             field=name,
             expected="a positive number of s",
@@ -290,9 +285,7 @@ def _times(
         step = _step(file, name, described, declared)
         offset = described.properties.get(_OFFSET, 0.0)
         if not isinstance(offset, (int, float)) or not np.isfinite(offset):
-            raise CorruptFileError(
-                file.path, "the start is not usable", field=_OFFSET, found=offset
-            )
+            raise file.corrupt("the start is not usable", field=_OFFSET, found=offset)
         start = starts[name]
         if start is not None and first is not None:
             offset += (start[0] - first[0]).total_seconds() + (start[1] - first[1]) * 1e-9
@@ -360,9 +353,7 @@ def _by_channel(
     t = values[time] * known.factor
     longest = max(v.size for v in values.values())
     if not np.isfinite(t).all() or t.size < longest:
-        raise CorruptFileError(
-            file.path, f"channel {time[:40]!r} does not give a time for every sample"
-        )
+        raise file.corrupt(f"channel {time[:40]!r} does not give a time for every sample")
     return {name: t[: v.size] for name, v in values.items()}
 
 
@@ -376,8 +367,8 @@ def _start(file: RawFile, channel: TdmsChannel) -> tuple[datetime, int] | None:
         moment = datetime.fromisoformat(whole).replace(tzinfo=None)
         return moment, int(fraction[:9].ljust(9, "0"))
     except ValueError:
-        raise CorruptFileError(
-            file.path, "the time of the start is not usable", field=_START, found=repr(text)[:40]
+        raise file.corrupt(
+            "the time of the start is not usable", field=_START, found=repr(text)[:40]
         ) from None
 
 
@@ -529,11 +520,8 @@ def _foreign(
 def _wrong(
     file: RawFile, channel: TdmsChannel, reason: str, name: str, found: object
 ) -> CorruptFileError:
-    return CorruptFileError(
-        file.path,
-        f"channel {channel.name[:40]!r}: {reason}",
-        field=name[:80],
-        found=repr(found)[:80],
+    return file.corrupt(
+        f"channel {channel.name[:40]!r}: {reason}", field=name[:80], found=repr(found)[:80]
     )
 
 

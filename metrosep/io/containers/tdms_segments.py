@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.io.declared import Cursor
 from metrosep.io.source import RawFile
 
 __all__ = ["DAQMX_RAW", "MAGIC", "Extent", "TdmsChannel", "TdmsFile", "read_structure"]
@@ -148,7 +149,7 @@ def read_structure(file: RawFile) -> TdmsFile:
                 break
             if segment.flags & _META:
                 block = handle.read(segment.data - position - _LEAD_IN)
-                cursor = Cursor(file, block, position + _LEAD_IN, segment.order)
+                cursor = MetaCursor(file, block, order=segment.order, start=position + _LEAD_IN)
                 layout = {} if segment.flags & _NEW_LIST else dict(layout)
                 _objects(cursor, found, layout, known)
                 active = {path: index for path, index in layout.items() if index is not None}
@@ -180,8 +181,7 @@ def _lead_in(file: RawFile, found: TdmsFile, head: bytes, position: int) -> _Seg
             raise FormatMismatchError(
                 f"{file.path}: is no TDMS file: expected {MAGIC!r}, found {head[:4]!r}"
             )
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "a segment does not begin where the one before ends",
             offset=position,
             field="tag",
@@ -192,8 +192,7 @@ def _lead_in(file: RawFile, found: TdmsFile, head: bytes, position: int) -> _Seg
     order = ">" if flags & _BIG_ENDIAN else "<"
     version, length, meta = struct.unpack_from(f"{order}IQQ", head, 8)
     if version not in (4712, 4713):
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the version of a segment is unknown",
             offset=position + 8,
             field="version",
@@ -204,8 +203,7 @@ def _lead_in(file: RawFile, found: TdmsFile, head: bytes, position: int) -> _Seg
     is_cut = length == _OPEN_END or start + length > file.size
     end = file.size if is_cut else start + length
     if meta > length:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the samples of a segment begin behind its end",
             offset=position + 20,
             field="raw data offset",
@@ -217,7 +215,7 @@ def _lead_in(file: RawFile, found: TdmsFile, head: bytes, position: int) -> _Seg
 
 
 def _objects(
-    cursor: Cursor, found: TdmsFile, layout: dict[str, Index | None], known: dict[str, Index]
+    cursor: MetaCursor, found: TdmsFile, layout: dict[str, Index | None], known: dict[str, Index]
 ) -> None:
     """Read the objects of a segment into the layout, and their properties into the file."""
     (n_objects,) = cursor.numbers("I", "number of objects")
@@ -398,8 +396,7 @@ def _daqmx_pieces(
 
 
 def _unfit(file: RawFile, segment: _Segment, reason: str, expected: str) -> CorruptFileError:
-    return CorruptFileError(
-        file.path,
+    return file.corrupt(
         reason,
         offset=segment.data,
         field="raw data",
@@ -450,43 +447,10 @@ class Index:
     widths: tuple[int, ...] = ()  # bytes of a row of each DAQmx buffer
 
 
-class Cursor:
-    """A place in a block of metadata that moves as fields are read."""
+class MetaCursor(Cursor):
+    """A place in a block of metadata."""
 
-    def __init__(self, file: RawFile, block: bytes, offset: int, order: str) -> None:
-        self.file, self.order = file, order
-        self._block, self._start, self._at = block, offset, 0
-
-    @property
-    def offset(self) -> int:
-        """Byte of the file."""
-        return self._start + self._at
-
-    def take(self, size: int, name: str) -> bytes:
-        """Return the next bytes."""
-        end = self._at + size
-        if end > len(self._block):
-            raise CorruptFileError(
-                self.file.path,
-                "the metadata of a segment end too early",
-                offset=self.offset,
-                field=name,
-                expected=f"{size} bytes",
-                found=f"{len(self._block) - self._at}",
-            )
-        part = self._block[self._at : end]
-        self._at = end
-        return part
-
-    def numbers(self, codes: str, name: str) -> tuple[Any, ...]:
-        """Return the next fields by their `struct` codes."""
-        layout = struct.Struct(self.order + codes)
-        return layout.unpack(self.take(layout.size, name))
-
-    def text(self, name: str) -> str:
-        """Return the next string."""
-        (size,) = self.numbers("I", name)
-        return self.take(size, name).decode("utf-8", "replace")
+    short = "the metadata of a segment end too early"
 
     def property(self) -> tuple[str, Any]:
         """Return the next property."""
@@ -514,19 +478,8 @@ class Cursor:
             return f"{seconds} s after 1904-01-01"
         return f"{moment.isoformat(timespec='seconds')}.{fraction * 10**9 >> 64:09d}Z"
 
-    def wrong(self, reason: str, name: str, expected: object, found: object) -> CorruptFileError:
-        """Return the error for a field."""
-        return CorruptFileError(
-            self.file.path,
-            reason,
-            offset=self.offset,
-            field=name,
-            expected=expected,
-            found=found,
-        )
 
-
-def read_index(cursor: Cursor, head: int, path: str) -> Index:
+def read_index(cursor: MetaCursor, head: int, path: str) -> Index:
     """Return the index of raw data that follows its first word."""
     name = f"raw data of {path[:40]}"
     code, dimension, count = cursor.numbers("IIQ", name)
@@ -546,7 +499,7 @@ def read_index(cursor: Cursor, head: int, path: str) -> Index:
     )
 
 
-def _daqmx_index(cursor: Cursor, head: int, code: int, count: int, name: str) -> Index:
+def _daqmx_index(cursor: MetaCursor, head: int, code: int, count: int, name: str) -> Index:
     digital = head == _DIGITAL_LINE
     (n_scalers,) = cursor.numbers("I", name)
     scalers = []

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import io
 import re
-import struct
 import zipfile
-import zlib
 from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -22,12 +20,13 @@ from metrosep.core.errors import (
     FormatMismatchError,
     UnsupportedFeatureError,
 )
+from metrosep.io.declared import ZIP_DAMAGE
 from metrosep.io.source import RawFile
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-__all__ = ["Cells", "Workbook", "zip_members"]
+__all__ = ["Cells", "Workbook"]
 
 Cells: TypeAlias = list[tuple[int, dict[str, float | str]]]
 """Number of each row, from 1, and its cells by column letter; empty cells are left out."""
@@ -36,56 +35,10 @@ _LOCAL_HEADER = b"PK\x03\x04"
 _MAX_MEMBER = 2**24
 """Largest size in bytes of an XML member; 30000 rows take 1 MB."""
 
-_SHOWN = 2**16
-"""Bytes of a member that a recogniser looks at."""
-
 _MAX_RATIO = 400
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-_DAMAGE = (
-    zipfile.BadZipFile,
-    zlib.error,
-    struct.error,
-    EOFError,
-    OSError,
-    ValueError,
-    RuntimeError,
-    NotImplementedError,
-    OverflowError,
-)
+_DAMAGE = (zipfile.BadZipFile, *ZIP_DAMAGE)
 _PLACE = re.compile(r"([A-Z]{1,3})(\d{1,7})")
-
-
-def zip_members(file: RawFile, *wanted: str) -> dict[str, bytes]:
-    """Return the members by name with the start of those wanted; of a cut archive, those in its head."""
-    if not file.head.startswith(_LOCAL_HEADER):
-        return {}
-    try:
-        with file.stream() as handle, zipfile.ZipFile(handle) as archive:
-            return {n: _start(archive, n) if n in wanted else b"" for n in archive.namelist()}
-    except _DAMAGE:
-        pass
-    members = {}
-    at = file.head.find(_LOCAL_HEADER)
-    while 0 <= at <= len(file.head) - 30:
-        method, n_name, n_extra = struct.unpack_from("<8xH16xHH", file.head, at)
-        name = file.head[at + 30 : at + 30 + n_name].decode("latin-1")
-        content = file.head[at + 30 + n_name + n_extra :]
-        try:
-            if method == zipfile.ZIP_DEFLATED:
-                content = zlib.decompressobj(-15).decompress(content, _SHOWN)
-        except zlib.error:
-            content = b""
-        members[name] = content[:_SHOWN]
-        at = file.head.find(_LOCAL_HEADER, at + 4)
-    return members
-
-
-def _start(archive: zipfile.ZipFile, name: str) -> bytes:
-    try:
-        with archive.open(name) as stream:
-            return stream.read(_SHOWN)
-    except _DAMAGE:
-        return b""
 
 
 class Workbook:
@@ -189,8 +142,7 @@ class Workbook:
                     yield element
                     element.clear()
         except DefusedXmlException as exc:
-            raise CorruptFileError(
-                self._file.path,
+            raise self._file.corrupt(
                 f"{member} declares a document type or entities ({type(exc).__name__})",
                 field=member,
                 hint="do not trust this file; ask its sender",
@@ -211,8 +163,7 @@ class Workbook:
             )
         ratio = info.file_size / max(info.compress_size, 1)
         if info.file_size > _MAX_MEMBER or (ratio > _MAX_RATIO and info.file_size > 2**20):
-            raise CorruptFileError(
-                self._file.path,
+            raise self._file.corrupt(
                 "a member of the workbook is larger than it may be",
                 field=member,
                 expected=f"at most {_MAX_MEMBER} bytes, packed no more than {_MAX_RATIO}:1",
@@ -228,11 +179,8 @@ class Workbook:
         return data
 
     def _corrupt(self, reason: str, member: str | None = None) -> CorruptFileError:
-        return CorruptFileError(
-            self._file.path,
-            f"the workbook {reason}",
-            field=member,
-            hint="save it again as .xlsx",
+        return self._file.corrupt(
+            f"the workbook {reason}", field=member, hint="save it again as .xlsx"
         )
 
 

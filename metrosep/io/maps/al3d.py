@@ -15,29 +15,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.errors import UnsupportedFeatureError
 from metrosep.core.surface import Surface
+from metrosep.io.declared import TextFields, demand, need_bytes, sniffer, structure
 from metrosep.io.objects import (
+    Request,
     check_area,
     height_only as channels,
     lateral_or_none,
-    make_surface,
-    need_bytes,
-    only_channels,
+    map_reader,
     scaled,
-    unpack_fields,
 )
-from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile
 
-__all__ = ["TAG", "channels", "read", "sniff"]
+__all__ = ["channels", "read", "sniff"]
 
 FORMAT = "al3d"
 
-TAG: tuple[tuple[int, str, str], ...] = ((0, "20s", "key"), (20, "30s", "value"))
-"""Offset, `struct` code and name of the parts of a tag; a line end (0d 0a) follows at 50."""
-
-_MAGIC = b"AliconaImaging\0\r\n"
+_MAGIC_BYTES = 17
+_TAG = structure(FORMAT, "tag")
 _TAG_BYTES = 52
 _LINE_END = b"\r\n"
 _MAX_TAGS = 10_000
@@ -53,52 +49,32 @@ _LARGEST = 10.0
 _PICTURES = ("TextureImageOffset", "IconOffset")
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is an Alicona file."""
-    if not file.head.startswith(_MAGIC):
-        return Match.NO
-    first = file.head[len(_MAGIC) : len(_MAGIC) + 8]
-    return Match.YES if first == b"Version\0" else Match.MAYBE
+sniff = sniffer(FORMAT)
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Surface:
+@map_reader(FORMAT, "Alicona", "an Alicona file with its own units")
+def read(asked: Request) -> Surface:
     """Return the depth image of an Alicona file."""
-    refuse_options(file, "an Alicona file with its own units", unit=unit)
-    only_channels(file, "Alicona", channel)
-    override = lateral_steps(lateral_step)
-    tags, places = _tags(file)
-    raw = _depth(file, tags, places, max_pixels)
-    marker = _number(file, tags, places, "InvalidPixelValue", math.nan)
+    file = asked.file
+    tags = _tags(file)
+    raw = _depth(file, tags, asked.max_pixels)
+    marker = tags.number("InvalidPixelValue", math.nan)
     z = scaled(raw, 1.0, lambda block: _is_marked(block, marker), turned=True)
-    warnings = _gap_notes(file, tags, places, raw)
+    warnings = _gap_notes(tags, raw)
     own = tuple(
-        lateral_or_none(
-            file, n, _number(file, tags, places, n, 0.0), warnings, offset=places.get(n)
-        )
+        lateral_or_none(file, n, tags.number(n, 0.0), warnings, offset=tags.offsets.get(n))
         for n in ("PixelSizeXMeter", "PixelSizeYMeter")
     )
     largest = np.float32(np.fmax.reduce(np.abs(z), axis=None))
     if largest > _LARGEST:
         expected = f"the number of the points that were not measured, heights up to {_LARGEST:g} m"
-        raise _bad_tag(
-            file, tags, places, "InvalidPixelValue", f"{expected} (there is {largest:g} m)"
-        )
-    return make_surface(
-        file,
-        FORMAT,
+        raise tags.error("InvalidPixelValue", f"{expected} (there is {largest:g} m)")
+    return asked.surface(
         z,
         (own[0], own[1]),
         row_order="top row first",
         turned=True,
-        header=tags,
-        override=override,
+        header=tags.texts,
         warnings=warnings,
         height_per_count_m=1.0,
         height_rounding_m=float(np.spacing(largest)) if np.isfinite(largest) else None,
@@ -106,63 +82,52 @@ def read(
     )
 
 
-def _tags(file: RawFile) -> tuple[dict[str, str], dict[str, int]]:
+def _tags(file: RawFile) -> TextFields:
     """Return the tags in order with the comment, and where their values begin."""
-    if not file.head.startswith(_MAGIC):
-        raise FormatMismatchError(
-            f"{file.path}: is not an Alicona file: expected 'AliconaImaging' at offset 0, found "
-            f"{file.head[:14]!r}; leave out format= to have it recognised"
-        )
-    tags: dict[str, str] = {}
-    places: dict[str, int] = {}
-    place = _add_tags(file, len(_MAGIC), 2, tags, places)
-    count = _count(file, tags, places, "TagCount", _MAX_TAGS)
-    place = _add_tags(file, place, count, tags, places)
+    demand(file, FORMAT)
+    tags = TextFields(file, noun="the tag")
+    place = _add_tags(tags, _MAGIC_BYTES, 2)
+    place = _add_tags(tags, place, tags.whole("TagCount", most=_MAX_TAGS))
     need_bytes(file, place, _COMMENT_BYTES, "the comment", name="TagCount")
     comment = file.data[place : place + _COMMENT_BYTES].split(b"\0")[0]
-    tags["Comment"] = comment.decode("latin-1").strip()
-    places["Comment"] = place
-    return tags, places
+    tags.texts["Comment"] = comment.decode("latin-1").strip()
+    tags.offsets["Comment"] = place
+    return tags
 
 
-def _add_tags(
-    file: RawFile, place: int, count: int, tags: dict[str, str], places: dict[str, int]
-) -> int:
+def _add_tags(tags: TextFields, place: int, count: int) -> int:
     """Read some tags and return where the last one ends."""
+    file = tags.file
     for _ in range(count):
-        tag = unpack_fields(file, TAG, order="<", start=place, what="a tag")
+        tag = _TAG.read(file, place)
         end = file.data[place + _TAG_BYTES - 2 : place + _TAG_BYTES]
         if end != _LINE_END or not tag["key"]:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a tag is damaged",
                 field=tag["key"] or "key",
                 offset=place,
                 expected="a key, and a line end after 50 bytes",
                 found=end.hex(" ") or "the end of the file",
             )
-        tags.setdefault(tag["key"], tag["value"])
-        places.setdefault(tag["key"], place + 20)
+        tags.texts.setdefault(tag["key"], tag["value"])
+        tags.offsets.setdefault(tag["key"], tag.offset("value"))
         place += _TAG_BYTES
     return place
 
 
-def _depth(
-    file: RawFile, tags: dict[str, str], places: dict[str, int], max_pixels: int | None
-) -> NDArray[Any]:
+def _depth(file: RawFile, tags: TextFields, max_pixels: int | None) -> NDArray[Any]:
     """Return the stored heights without the padding of the rows; sizes are checked before."""
-    rows = _count(file, tags, places, "Rows", 2**31)
-    columns = _count(file, tags, places, "Cols", 2**31)
-    start = _count(file, tags, places, "DepthImageOffset", file.size)
+    rows, columns = (tags.whole(name, most=2**31) for name in ("Rows", "Cols"))
+    start = tags.whole("DepthImageOffset", most=file.size)
     if start == 0:
         raise UnsupportedFeatureError(
             f"{file.path}: the Alicona file holds no depth image (DepthImageOffset is 0), only "
             "pictures; save the measurement with its heights"
         )
-    first = places["Comment"] + _COMMENT_BYTES
+    first = tags.offsets["Comment"] + _COMMENT_BYTES
     if start < first:
-        raise _bad_tag(file, tags, places, "DepthImageOffset", f"at least {first}, after the tags")
-    offsets = places["Cols"], places["Rows"]
+        raise tags.error("DepthImageOffset", f"at least {first}, after the tags")
+    offsets = tags.offsets["Cols"], tags.offsets["Rows"]
     check_area(file, columns, rows, max_pixels=max_pixels, names=("Cols", "Rows"), offsets=offsets)
     stride = -(-columns * _ITEM_BYTES // _ROW_MULTIPLE) * _ROW_MULTIPLE
     need_bytes(file, start, rows * stride, "the depth image", name="Rows, Cols, DepthImageOffset")
@@ -171,17 +136,15 @@ def _depth(
     return flat.reshape(rows, -1)[:, :columns]
 
 
-def _gap_notes(
-    file: RawFile, tags: dict[str, str], places: dict[str, int], raw: NDArray[Any]
-) -> list[str]:
+def _gap_notes(tags: TextFields, raw: NDArray[Any]) -> list[str]:
     """Return a sentence where the depth image does not end at the next part of the file."""
-    start = int(tags["DepthImageOffset"])
+    start = tags.whole("DepthImageOffset")
     end = start + raw.shape[0] * raw.strides[0]
-    offsets = [_count(file, tags, places, n, 2**40) for n in _PICTURES if n in tags]
-    following = min((o for o in offsets if o > start), default=file.size)
+    offsets = [tags.whole(n, most=2**40) for n in _PICTURES if n in tags.texts]
+    following = min((o for o in offsets if o > start), default=tags.file.size)
     if end == following:
         return []
-    size = f"Rows ({tags['Rows']}) and Cols ({tags['Cols']})"
+    size = f"Rows ({tags.texts['Rows']}) and Cols ({tags.texts['Cols']})"
     return [
         f"the depth image ends at {end}, but the next part begins at {following}: check {size}"
     ]
@@ -196,35 +159,3 @@ def _is_marked(block: NDArray[Any], marker: float) -> NDArray[np.bool_]:
         distance = np.abs(block.astype(np.float64) - marker)
     marked: NDArray[np.bool_] = ~(distance > _MARKER_RTOL * abs(marker))  # NaN is not larger
     return marked
-
-
-def _count(
-    file: RawFile, tags: dict[str, str], places: dict[str, int], name: str, largest: int
-) -> int:
-    """Return a whole number of a tag, 0 or more."""
-    text = tags.get(name, "")
-    if text.isascii() and text.isdecimal() and len(text) <= 12 and int(text) <= largest:
-        return int(text)
-    raise _bad_tag(file, tags, places, name, f"a whole number up to {largest}")
-
-
-def _number(
-    file: RawFile, tags: dict[str, str], places: dict[str, int], name: str, missing: float
-) -> float:
-    try:
-        return float(tags.get(name, missing))
-    except ValueError:
-        raise _bad_tag(file, tags, places, name, "a number") from None
-
-
-def _bad_tag(
-    file: RawFile, tags: dict[str, str], places: dict[str, int], name: str, expected: str
-) -> CorruptFileError:
-    return CorruptFileError(
-        file.path,
-        f"the tag {name} is {'not usable' if name in tags else 'missing'}",
-        field=name,
-        offset=places.get(name),
-        expected=expected,
-        found=repr(tags.get(name, "")),
-    )

@@ -15,25 +15,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import (
-    CorruptFileError,
     FormatMismatchError,
     UnitError,
     UnsupportedFeatureError,
 )
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, parse_unit
+from metrosep.io.declared import TextFields, mismatch, need_bytes
 from metrosep.io.objects import (
+    Request,
     check_area,
     check_scale,
     height_only as channels,
     lateral_or_none,
-    make_surface,
-    need_bytes,
-    only_channels,
+    map_reader,
     scaled,
 )
 from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps
+from metrosep.io.source import RawFile
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -50,9 +49,13 @@ _VOID_FLOAT = 1.7e38
 class _Header(NamedTuple):
     """Fields as text, bytes of the header, and whether heights are floats."""
 
-    fields: dict[str, str]
+    fields: TextFields
     size: int
     is_float: bool
+
+    @property
+    def texts(self) -> dict[str, str]:
+        return self.fields.texts
 
 
 def sniff(file: RawFile) -> Match:
@@ -69,42 +72,31 @@ def _encoding(head: bytes) -> tuple[str, int] | None:
     return None
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Surface:
+@map_reader(FORMAT, "BCR-STM")
+def read(asked: Request) -> Surface:
     """Return the height map of a BCR-STM file."""
-    only_channels(file, "BCR-STM", channel)
-    override = lateral_steps(lateral_step)
+    file = asked.file
     header = _header(file)
     fields = header.fields
-    if fields.get("forcecurve", "0") not in ("0", ""):
+    if fields.texts.get("forcecurve", "0") not in ("0", ""):
         raise UnsupportedFeatureError(f"{file.path}: holds force curves, no map of heights")
-    columns, rows = (int(_number(file, fields, n)) for n in ("xpixels", "ypixels"))
-    check_area(file, columns, rows, max_pixels=max_pixels, names=("xpixels", "ypixels"))
-    warnings: list[str] = []
+    columns, rows = (fields.integer(n) for n in ("xpixels", "ypixels"))
+    check_area(file, columns, rows, max_pixels=asked.max_pixels, names=("xpixels", "ypixels"))
+    warnings = asked.warnings
     own = (
         _step(file, fields, "x", columns, warnings),
         _step(file, fields, "y", rows, warnings),
     )
-    scale_unit = _height_unit(file, header, unit)
-    counts = 1.0 if header.is_float else _number(file, fields, "bit2nm")
+    scale_unit = _height_unit(file, header, asked.unit)
+    counts = 1.0 if header.is_float else fields.number("bit2nm")
     scale = scale_unit.factor * check_scale(file, "bit2nm", counts, low=1e-12, high=1e6)
     raw = _raw(file, header, (rows, columns), warnings)
     invalid = raw > _VOID_FLOAT if header.is_float else raw == _VOID_COUNT
-    return make_surface(
-        file,
-        FORMAT,
+    return asked.surface(
         scaled(raw, scale, invalid),
         own,
         row_order="top row first",
-        header=fields,
-        override=override,
-        warnings=warnings,
+        header=fields.texts,
         height_unit=scale_unit.name,
         height_per_unit_m=scale,
     )
@@ -113,20 +105,14 @@ def read(
 def _header(file: RawFile) -> _Header:
     found = _encoding(file.head)
     if found is None:
-        raise FormatMismatchError(
-            f"{file.path}: is not a BCR-STM file: expected 'fileformat = bcrstm' or 'bcrf', found "
-            f"{file.head[:16]!r}; leave out format= to have it recognised"
-        )
+        raise mismatch(file, FORMAT)
     encoding, width = found
     mark = 2 if file.head[:2] in (b"\xff\xfe", b"\xfe\xff") else 0
-    first = file.head[mark : _CHARACTERS * width].decode(encoding, "replace")
-    fields = _fields(first)
-    n_characters = int(
-        _number(file, fields | {"headersize": fields.get("headersize", "2048")}, "headersize")
-    )
+    first = _fields(file, file.head[mark : _CHARACTERS * width].decode(encoding, "replace"))
+    first.texts.setdefault("headersize", str(_CHARACTERS))
+    n_characters = first.integer("headersize")
     if not _CHARACTERS // 4 <= n_characters <= _MAX_CHARACTERS:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the size of the header is not usable",
             field="headersize",
             expected=f"{_CHARACTERS // 4} to {_MAX_CHARACTERS} characters",
@@ -134,45 +120,27 @@ def _header(file: RawFile) -> _Header:
         )
     size = n_characters * width
     need_bytes(file, 0, size, "the header", name="headersize")
-    fields = _fields(file.data[mark:size].decode(encoding, "replace"))
-    return _Header(fields, size, fields["fileformat"].startswith("bcrf"))
+    fields = _fields(file, file.data[mark:size].decode(encoding, "replace"))
+    return _Header(fields, size, fields.texts["fileformat"].startswith("bcrf"))
 
 
-def _fields(text: str) -> dict[str, str]:
-    fields: dict[str, str] = {}
+def _fields(file: RawFile, text: str) -> TextFields:
+    fields = TextFields(file)
     for line in text.split("\n"):
-        key, mark, value = line.partition("=")
-        if mark and not key.lstrip().startswith(("%", "#")):
-            fields.setdefault(key.strip().lower()[:80], value.strip(" \t\r\0")[:1000])
+        fields.take(line[:1100], comments=("%", "#"), name=lambda key: key.lower()[:80])
     return fields
 
 
-def _number(file: RawFile, fields: dict[str, str], name: str) -> float:
-    """Return a number of the header; sizes are whole."""
-    text = fields.get(name, "")
-    is_size = name in ("xpixels", "ypixels", "headersize")
-    try:
-        return float(int(text[:12])) if is_size else float(text)
-    except ValueError:
-        raise CorruptFileError(
-            file.path,
-            f"{name} is no number" if text else f"{name} is missing",
-            field=name,
-            expected="a whole number" if is_size else "a number",
-            found=repr(text[:40]),
-        ) from None
-
-
 def _step(
-    file: RawFile, fields: dict[str, str], axis: str, n: int, warnings: list[str]
+    file: RawFile, fields: TextFields, axis: str, n: int, warnings: list[str]
 ) -> float | None:
     """Return the step of an axis in m: its length divided by its pixels."""
     name = f"{axis}length"
-    if name not in fields:
+    if name not in fields.texts:
         warnings.append(f"{name} is missing: taken as not calibrated")
         return None
-    factor = _unit(file, fields, f"{axis}unit").factor
-    return lateral_or_none(file, name, _number(file, fields, name) / n, warnings, factor=factor)
+    factor = _unit(file, fields.texts, f"{axis}unit").factor
+    return lateral_or_none(file, name, fields.number(name) / n, warnings, factor=factor)
 
 
 def _unit(file: RawFile, fields: dict[str, str], name: str) -> Unit:
@@ -183,7 +151,7 @@ def _unit(file: RawFile, fields: dict[str, str], name: str) -> Unit:
 
 
 def _height_unit(file: RawFile, header: _Header, unit: Any) -> Unit:
-    own = _unit(file, header.fields, "zunit")
+    own = _unit(file, header.texts, "zunit")
     if unit is None:
         if header.is_float or own.name == "nm":
             return own
@@ -204,7 +172,7 @@ def _raw(
     file: RawFile, header: _Header, shape: tuple[int, int], warnings: list[str]
 ) -> NDArray[Any]:
     """Return the stored heights; floats in double precision, so that the scale is not rounded."""
-    order = ">" if header.fields.get("intelmode", "1") == "0" else "<"
+    order = ">" if header.texts.get("intelmode", "1") == "0" else "<"
     dtype = np.dtype(order + ("f4" if header.is_float else "i2"))
     count = shape[0] * shape[1]
     need_bytes(file, header.size, count * dtype.itemsize, "the map", name="xpixels, ypixels")

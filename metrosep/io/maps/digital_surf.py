@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
-    CorruptFileError,
-    FormatMismatchError,
     UnitError,
     UnsupportedFeatureError,
     WriteError,
@@ -27,19 +25,13 @@ from metrosep.core.errors import (
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_unit
+from metrosep.io.declared import Fields, Structure, demand, need_bytes, sniffer, structure
 from metrosep.io.objects import (
-    check_area,
-    check_scale,
-    lateral_or_none,
-    make_profile,
-    make_surface,
-    need_bytes,
-    only_channels,
+    Request,
+    map_reader,
     scaled,
-    unpack_fields,
 )
-from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -50,11 +42,7 @@ _PROFILES, _SURFACES = (1, 4), (2, 5, 8)
 _OTHERS = {3: "a binary image", 10: "an intensity image", 12: "a colour image", 20: "a spectrum"}
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a Digital Surf file."""
-    if file.head[:12] not in SIGNATURES:
-        return Match.NO
-    return Match.YES if file.head[12:14] in (b"\0\0", b"\x01\x01") else Match.MAYBE
+sniff = sniffer(FORMAT)
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -62,39 +50,29 @@ def channels(file: RawFile) -> tuple[str, ...]:
     return tuple(_named(read_objects(file)))
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Surface | Profile:
+@map_reader(FORMAT, "Digital Surf", "a Digital Surf file with its own units", several=True)
+def read(asked: Request) -> Surface | Profile:
     """Return a surface or a profile of a Digital Surf file."""
-    refuse_options(file, "a Digital Surf file with its own units", unit=unit)
-    override = lateral_steps(lateral_step)
+    file = asked.file
     objects = read_objects(file)
     names = _named(objects)
-    name = only_channels(file, "Digital Surf", channel, tuple(names))
+    name = asked.choose(names)
     chosen = names[name]
     header = chosen.header
-    is_profile = _check_header(file, chosen, max_pixels)
+    is_profile = _check_header(file, chosen, asked.max_pixels)
     warnings = _warnings(file, objects, header)
     facts = {"channel": name, "object_name": header["object_name"], **_scale(file, chosen)}
     z = _heights(read_points(file, chosen), header, facts, warnings)
     if is_profile:
-        return _profile(file, chosen, z[0], override, warnings, facts)
-    steps = _step(file, chosen, "x", warnings), _step(file, chosen, "y", warnings)
-    origin = _origin(file, chosen, "x"), _origin(file, chosen, "y")
-    return make_surface(
-        file,
-        FORMAT,
+        return _profile(asked, chosen, z[0], warnings, facts)
+    steps = _step(chosen, "x", warnings), _step(chosen, "y", warnings)
+    origin = _origin(chosen, "x"), _origin(chosen, "y")
+    return asked.surface(
         z,
         steps,
         row_order="top row first",
         turned=True,
         header=header,
-        override=override,
         origin=origin,
         warnings=warnings,
         **facts,
@@ -109,7 +87,7 @@ def _named(objects: list[SurfObject]) -> dict[str, SurfObject]:
 
 def _check_header(file: RawFile, item: SurfObject, max_pixels: int | None) -> bool:
     """Refuse what is no map of heights; return whether it is a profile."""
-    header, start = item.header, item.start
+    header = item.header
     kind = header["object_type"]
     if kind not in (*_PROFILES, *_SURFACES):
         raise UnsupportedFeatureError(
@@ -122,11 +100,9 @@ def _check_header(file: RawFile, item: SurfObject, max_pixels: int | None) -> bo
             f"{file.path}: {name} is {header[name]}: big-endian files and spectra are not read; save "
             "the surface again with the present program"
         )
-    columns, rows = header["points_per_line"], header["lines"]
-    names, offsets = ("points_per_line", "lines"), (start + 108, start + 112)
-    check_area(file, columns, rows, max_pixels=max_pixels, names=names, offsets=offsets)
+    columns, rows = header.area("points_per_line", "lines", max_pixels)
     if header["total_points"] != columns * rows:
-        raise field_error(file, start, header, "total_points", str(columns * rows))
+        raise header.error("total_points", str(columns * rows))
     return kind in _PROFILES and rows == 1
 
 
@@ -164,25 +140,17 @@ def _heights(
 
 
 def _profile(
-    file: RawFile,
-    item: SurfObject,
-    z: FloatArray,
-    override: tuple[float, float] | None,
-    warnings: list[str],
-    facts: dict[str, Any],
+    asked: Request, item: SurfObject, z: FloatArray, warnings: list[str], facts: dict[str, Any]
 ) -> Profile:
-    own, step = _step(file, item, "x", warnings), override[0] if override else None
-    dx = own or step
+    file = asked.file
+    dx = _step(item, "x", warnings) or asked.step
     if dx is None:
         raise UnitError(
             f"{file.path}: the profile is not calibrated (x_spacing {item.header['x_spacing']:g}, "
             f"x_step_unit {item.header['x_step_unit']!r}); declare its step with lateral_step="
         )
-    x = _origin(file, item, "x") + dx * np.arange(z.size, dtype=np.float64)
-    header = item.header
-    return make_profile(
-        file, FORMAT, x, z, header=header, override=step, warnings=warnings, **facts
-    )
+    x = _origin(item, "x") + dx * np.arange(z.size, dtype=np.float64)
+    return asked.profile(x, z, header=item.header, warnings=warnings, **facts)
 
 
 def _scale(file: RawFile, item: SurfObject) -> dict[str, float]:
@@ -194,10 +162,9 @@ def _scale(file: RawFile, item: SurfObject) -> dict[str, float]:
             f"{file.path}: z_step_unit is {header['z_step_unit']!r}, no unit of length: the object "
             f"holds {header['z_axis']!r}, not heights; choose another channel or export heights"
         )
-    name, offset = "z_spacing", item.start + 128
-    spacing = check_scale(file, name, header[name], offset=offset, low=1e-24, high=1e6)
+    spacing = header.scale("z_spacing", low=1e-24, high=1e6)
     if not abs(header["z_offset"]) < _MAX_OFFSET:
-        raise field_error(file, item.start, header, "z_offset", f"less than {_MAX_OFFSET:g}")
+        raise header.error("z_offset", f"less than {_MAX_OFFSET:g}")
     return {"height_per_count_m": spacing * factor, "height_offset_m": header["z_offset"] * factor}
 
 
@@ -209,22 +176,20 @@ def _factor(unit: str) -> float | None:
         return None
 
 
-def _step(file: RawFile, item: SurfObject, axis: str, warnings: list[str]) -> float | None:
+def _step(item: SurfObject, axis: str, warnings: list[str]) -> float | None:
     name, unit = f"{axis}_spacing", item.header[f"{axis}_step_unit"]
     factor = _factor(unit)
     if factor is None:
         warnings.append(f"{axis}_step_unit is {unit!r}, no length: taken as not calibrated")
         return None
-    offset = item.start + (120 if axis == "x" else 124)
-    value = item.header[name]
-    return lateral_or_none(file, name, value, warnings, offset=offset, factor=factor)
+    return item.header.step(name, warnings, factor)
 
 
-def _origin(file: RawFile, item: SurfObject, axis: str) -> float:
+def _origin(item: SurfObject, axis: str) -> float:
     name = f"{axis}_offset"
     value = item.header[name] * (_factor(item.header[f"{axis}_step_unit"]) or 0.0)
     if not math.isfinite(value) or abs(value) > _MAX_OFFSET:
-        raise field_error(file, item.start, item.header, name, f"up to {_MAX_OFFSET:g} m")
+        raise item.header.error(name, f"up to {_MAX_OFFSET:g} m")
     return float(value)
 
 
@@ -233,74 +198,15 @@ def _origin(file: RawFile, item: SurfObject, axis: str) -> float:
 # the headers claim have been compared with the bytes that there are; see
 # ``data_formats/digital-surf/SPEC.md``.
 
-FIELDS: tuple[tuple[int, str, str], ...] = (
-    (0, "12s", "signature"),
-    (12, "h", "format"),
-    (14, "H", "n_objects"),
-    (16, "h", "version"),
-    (18, "h", "object_type"),
-    (20, "30s", "object_name"),
-    (50, "30s", "operator_name"),
-    (80, "h", "p_size"),
-    (82, "h", "acquisition_type"),
-    (84, "h", "range_type"),
-    (86, "h", "special_points"),
-    (88, "h", "absolute"),
-    (90, "f", "gauge_resolution"),
-    (94, "I", "w_size"),
-    (98, "h", "bits_per_point"),
-    (100, "i", "zmin"),
-    (104, "i", "zmax"),
-    (108, "i", "points_per_line"),
-    (112, "i", "lines"),
-    (116, "i", "total_points"),
-    (120, "f", "x_spacing"),
-    (124, "f", "y_spacing"),
-    (128, "f", "z_spacing"),
-    (132, "16s", "x_axis"),
-    (148, "16s", "y_axis"),
-    (164, "16s", "z_axis"),
-    (180, "16s", "x_step_unit"),
-    (196, "16s", "y_step_unit"),
-    (212, "16s", "z_step_unit"),
-    (228, "16s", "x_length_unit"),
-    (244, "16s", "y_length_unit"),
-    (260, "16s", "z_length_unit"),
-    (276, "f", "x_unit_ratio"),
-    (280, "f", "y_unit_ratio"),
-    (284, "f", "z_unit_ratio"),
-    (288, "h", "imprint"),
-    (290, "h", "inverted"),
-    (292, "h", "levelled"),
-    (306, "h", "second"),
-    (308, "h", "minute"),
-    (310, "h", "hour"),
-    (312, "h", "day"),
-    (314, "h", "month"),
-    (316, "h", "year"),
-    (318, "h", "day_of_week"),
-    (320, "f", "duration"),
-    (324, "I", "compressed_bytes"),
-    (334, "H", "comment_bytes"),
-    (336, "H", "private_bytes"),
-    (338, "128s", "client_zone"),
-    (466, "f", "x_offset"),
-    (470, "f", "y_offset"),
-    (474, "f", "z_offset"),
-    (478, "f", "t_spacing"),
-    (482, "f", "t_offset"),
-    (486, "13s", "t_axis"),
-    (499, "13s", "t_step_unit"),
-)
-"""Offset in bytes, `struct` code (little-endian) and name of each header field."""
+_HEADER, _STREAM = structure(FORMAT, "header"), structure(FORMAT, "stream")
 
 SIGNATURES = (b"DIGITAL SURF", b"DSCOMPRESSED")
 """First bytes of an object with plain and with compressed points."""
 
 _HEADER_BYTES = 512
 _COMPRESSED = "DSCOMPRESSED"
+_COUNT = Structure("<", "0 I streams")
 _ITEMS = {16: "<i2", 32: "<i4"}
-_STREAM: tuple[tuple[int, str, str], ...] = ((0, "I", "plain_bytes"), (4, "I", "packed_bytes"))
 _MAX_OBJECTS = 65535
 _MAX_STREAMS = 4096
 _MAX_RATIO = 1040
@@ -310,7 +216,7 @@ _MAX_RATIO = 1040
 class SurfObject(NamedTuple):
     """Where an object lies in the file, and what its header says."""
 
-    header: dict[str, Any]  # every header field, and the comment
+    header: Fields  # every header field, and the comment
     start: int  # offset of the header
     points: int  # offset of the points, or of the list of compressed streams
     end: int  # offset of the first byte after the object
@@ -318,11 +224,7 @@ class SurfObject(NamedTuple):
 
 def read_objects(file: RawFile) -> list[SurfObject]:
     """Return the objects of the file in order; each begins where the one before ends."""
-    if file.head[:12] not in SIGNATURES:
-        raise FormatMismatchError(
-            f"{file.path}: is no Digital Surf file: expected 'DIGITAL SURF' or 'DSCOMPRESSED' at "
-            f"offset 0, found {file.head[:12]!r}; leave out format= to have it recognised"
-        )
+    demand(file, FORMAT)
     objects = [_object(file, 0)]
     while len(objects) < _MAX_OBJECTS:
         end = objects[-1].end
@@ -331,8 +233,7 @@ def read_objects(file: RawFile) -> list[SurfObject]:
         objects.append(_object(file, end))
     claimed = max(objects[0].header["n_objects"], 1)
     if len(objects) < claimed:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "an object is missing",
             field="n_objects",
             offset=14,
@@ -344,7 +245,7 @@ def read_objects(file: RawFile) -> list[SurfObject]:
 
 def _object(file: RawFile, start: int) -> SurfObject:
     """Return the object at an offset; all of its parts lie in the file."""
-    header = unpack_fields(file, FIELDS, order="<", start=start)
+    header = _HEADER.read(file, start)
     place = start + _HEADER_BYTES
     for part in ("comment", "private"):
         size = header[f"{part}_bytes"]
@@ -356,9 +257,7 @@ def _object(file: RawFile, start: int) -> SurfObject:
     points, bits = header["total_points"], header["bits_per_point"]
     if bits not in _ITEMS or points < 1:
         name = "total_points" if bits in _ITEMS else "bits_per_point"
-        raise field_error(
-            file, start, header, name, "at least 1" if bits in _ITEMS else "16 or 32"
-        )
+        raise header.error(name, "at least 1" if bits in _ITEMS else "16 or 32")
     if header["signature"] == _COMPRESSED:
         skip, sizes = _streams(file, place)
         end = place + skip + sum(packed for _, packed in sizes)
@@ -370,10 +269,9 @@ def _object(file: RawFile, start: int) -> SurfObject:
 
 def _streams(file: RawFile, place: int) -> tuple[int, list[tuple[int, int]]]:
     """Return the bytes of the list of streams, and the plain and packed size of each."""
-    count = unpack_fields(file, ((0, "I", "streams"),), order="<", start=place)["streams"]
+    count = _COUNT.read(file, place)["streams"]
     if not 1 <= count <= _MAX_STREAMS:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the number of compressed streams is not usable",
             field="streams",
             offset=place,
@@ -381,9 +279,7 @@ def _streams(file: RawFile, place: int) -> tuple[int, list[tuple[int, int]]]:
             found=count,
         )
     need_bytes(file, place + 4, 8 * count, "the list of streams", name="streams")
-    sizes = [
-        unpack_fields(file, _STREAM, order="<", start=place + 4 + 8 * i) for i in range(count)
-    ]
+    sizes = [_STREAM.read(file, place + 4 + 8 * i) for i in range(count)]
     return 4 + 8 * count, [(s["plain_bytes"], s["packed_bytes"]) for s in sizes]
 
 
@@ -399,8 +295,7 @@ def read_points(file: RawFile, item: SurfObject) -> NDArray[Any]:
     skip, sizes = _streams(file, item.points)
     plain = sum(size for size, _ in sizes)
     if plain != count * dtype.itemsize:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the compressed streams do not make the map",
             field="plain_bytes",
             offset=item.points + 4,
@@ -426,25 +321,12 @@ def _inflate(file: RawFile, place: int, size: int, packed: int) -> bytes:
             if len(content) == size and inflater.eof:
                 return content
             found = f"{len(content)} bytes or more"
-    raise CorruptFileError(
-        file.path,
+    raise file.corrupt(
         "a compressed stream is damaged",
         field="plain_bytes",
         offset=place,
         expected=f"{size} bytes",
         found=found,
-    )
-
-
-def field_error(
-    file: RawFile, start: int, header: dict[str, Any], name: str, expected: str
-) -> CorruptFileError:
-    """Return the error that names a field of a header, for the caller to raise."""
-    offset = start + next(o for o, _, n in FIELDS if n == name)
-    found = header[name]
-    reason = "the header is not usable"
-    return CorruptFileError(
-        file.path, reason, field=name, offset=offset, expected=expected, found=found
     )
 
 

@@ -8,7 +8,6 @@ valid (a mask marks, it does not delete); their number is recorded. The tree is 
 from __future__ import annotations
 
 import re
-import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -17,22 +16,22 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
-    CorruptFileError,
     FormatMismatchError,
     UnitError,
     UnsupportedFeatureError,
 )
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_unit
+from metrosep.io.declared import Cursor, demand, sniffer
 from metrosep.io.objects import (
     ROW_ORDERS,
+    Request,
     check_area,
     lateral_or_none,
-    make_surface,
+    map_reader,
     only_channels,
 )
-from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps
+from metrosep.io.source import RawFile
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -44,11 +43,7 @@ _FIELD = "GwyDataField"
 _AXES = ("xy", "z")
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a Gwyddion file."""
-    if not file.head.startswith(_MAGIC):
-        return Match.NO
-    return Match.YES if file.head[4:].startswith(_CONTAINER.encode() + b"\0") else Match.MAYBE
+sniff = sniffer(FORMAT)
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -56,54 +51,40 @@ def channels(file: RawFile) -> tuple[str, ...]:
     return _fields(_container(file, []))
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Surface:
+@map_reader(FORMAT, "Gwyddion", several=True)
+def read(asked: Request) -> Surface:
     """Return a data field of a Gwyddion file."""
-    override = lateral_steps(lateral_step)
-    warnings: list[str] = []
+    file = asked.file
+    warnings = asked.warnings
     root = _container(file, warnings)
-    key = _chosen(file, root, channel)
+    key = _chosen(file, root, asked.channel)
     field = root.items[key]
-    z, shape = _values(file, key, field, max_pixels)
-    units = _units(file, field, unit, warnings)
+    z, shape = _values(file, key, field, asked.max_pixels)
+    units = _units(file, field, asked.unit, warnings)
     steps = []
     for name, count in (("xreal", shape[1]), ("yreal", shape[0])):
         size = _number(file, field, name)
         steps.append(lateral_or_none(file, name, size / count, warnings, factor=units["xy"]))
-    return make_surface(
-        file,
-        FORMAT,
+    return asked.surface(
         z.reshape(shape) * units["z"],
         (steps[0], steps[1]),
         row_order=ROW_ORDERS[1],
         header={k: plain(v) for k, v in root.items.items()},
-        override=override,
-        warnings=warnings,
         channel=key,
         title=_title(root, key),
         units_in_file={a: _unit_text(field, a) for a in _AXES},
         size_in_file=(_number(file, field, "xreal"), _number(file, field, "yreal")),
         offset_in_file=tuple(_number(file, field, n, 0.0) for n in ("xoff", "yoff")),
-        n_masked=_masked(file, root, key, shape, max_pixels),
+        n_masked=_masked(file, root, key, shape, asked.max_pixels),
     )
 
 
 def _container(file: RawFile, warnings: list[str]) -> GwyObject:
-    if not file.head.startswith(_MAGIC):
-        raise FormatMismatchError(
-            f"{file.path}: is no Gwyddion file: expected 'GWYP' at offset 0, found "
-            f"{file.head[:4].hex(' ')}; leave out format= to have it recognised"
-        )
+    demand(file, FORMAT)
     root, end = read_object(file, len(_MAGIC))
     if root.type != _CONTAINER:
-        raise CorruptFileError(
-            file.path, "holds no container", offset=4, expected=_CONTAINER, found=root.type[:40]
+        raise file.corrupt(
+            "holds no container", offset=4, expected=_CONTAINER, found=root.type[:40]
         )
     if end < file.size:
         warnings.append(f"{file.size - end} bytes follow the container; they were not read")
@@ -144,8 +125,7 @@ def _values(
     data = field.items.get("data")
     if not isinstance(data, GwyArray) or data.code != "D" or data.count != columns * rows:
         found = f"{data.count} of type {data.code}" if isinstance(data, GwyArray) else "none"
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             f"the values of {key} do not fit its sizes",
             offset=data.offset if isinstance(data, GwyArray) else field.offset,
             field="data",
@@ -165,8 +145,7 @@ def _number(
 ) -> float:
     value = field.items.get(name, default)
     if isinstance(value, bool) or not isinstance(value, (int,) if whole else (int, float)):
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "a field of the map is missing or of another type",
             offset=field.offset,
             field=name,
@@ -261,7 +240,8 @@ class GwyObject:
 
 def read_object(file: RawFile, offset: int) -> tuple[GwyObject, int]:
     """Return the object that begins at an offset, and where it ends."""
-    return _Tree(file).object(offset, file.size, 0)
+    at = Cursor(file, file.data, offset)
+    return _Tree().object(at, 0), at.place
 
 
 def plain(value: Any) -> Any:
@@ -276,100 +256,46 @@ def plain(value: Any) -> Any:
 
 
 class _Tree:
-    def __init__(self, file: RawFile) -> None:
-        self._file = file
+    """Counts the components while the cursor refuses what leads out of the object that encloses it."""
+
+    def __init__(self) -> None:
         self._n = 0
 
-    def object(self, offset: int, end: int, depth: int) -> tuple[GwyObject, int]:
+    def object(self, at: Cursor, depth: int) -> GwyObject:
+        start = at.place
         if depth > _MAX_DEPTH:
-            raise self._corrupt("objects are nested too deep", offset, f"at most {_MAX_DEPTH}")
-        name, place = self._text(offset, end, "the name of an object")
-        size = self._count(place, end, f"size of {name}")
-        place += 4
-        stop = place + size
-        if stop > end:
-            raise self._corrupt(
-                "an object is larger than what encloses it",
-                place - 4,
-                f"at most {end - place} bytes",
-                f"{size} bytes",
-                f"size of {name}",
-            )
+            raise at.wrong("objects are nested too deep", None, f"at most {_MAX_DEPTH}")
+        name = at.word("the name of an object")
+        inner = at.inside(at.number("I", f"size of {name}"), f"size of {name}")
         items: dict[str, Any] = {}
-        while place < stop:
-            self._tally(place)
-            key, place = self._text(place, stop, "the name of a component")
-            items[key], place = self._value(key, place, stop, depth)
-        return GwyObject(name, items, offset), stop
+        while inner.left:
+            self._tally(inner)
+            key = inner.word("the name of a component")
+            items[key] = self._value(inner, key, depth)
+        return GwyObject(name, items, start)
 
-    def _value(self, key: str, offset: int, end: int, depth: int) -> tuple[Any, int]:
-        """Return a value and where it ends; at least one byte is consumed."""
-        code = self._file.data[offset : offset + 1].decode("latin-1") if offset < end else ""
-        place = offset + 1
+    def _value(self, at: Cursor, key: str, depth: int) -> Any:
+        """Return a value; at least one byte is consumed."""
+        code = at.take(1, key).decode("latin-1")
         if code in _SCALARS:
-            form = "<" + _SCALARS[code]
-            self._need(place, struct.calcsize(form), end, key)
-            return struct.unpack_from(form, self._file.data, place)[0], place + struct.calcsize(
-                form
-            )
+            return at.number(_SCALARS[code], key)
         if code == "s":
-            return self._text(place, end, key)
+            return at.word(key)
         if code == "o":
-            return self.object(place, end, depth + 1)
+            return self.object(at, depth + 1)
         if code not in {*_ITEM_BYTES, "S", "O"}:
-            raise self._corrupt("a component has an unknown type", offset, None, repr(code), key)
-        count = self._count(place, end, key)
-        place += 4
+            raise at.wrong("a component has an unknown type", key, None, repr(code))
+        count = at.number("I", key)
         if code in _ITEM_BYTES:
-            self._need(place, count * _ITEM_BYTES[code], end, key)
-            return GwyArray(code, place, count), place + count * _ITEM_BYTES[code]
+            inner = at.inside(count * _ITEM_BYTES[code], key)
+            return GwyArray(code, inner.place, count)
         values = []
         for _ in range(count):  # each item takes a byte or more, so a false count soon ends
-            self._tally(place)
-            value, place = (
-                self._text(place, end, key) if code == "S" else self.object(place, end, depth + 1)
-            )
-            values.append(value)
-        return tuple(values), place
+            self._tally(at)
+            values.append(at.word(key) if code == "S" else self.object(at, depth + 1))
+        return tuple(values)
 
-    def _tally(self, offset: int) -> None:
+    def _tally(self, at: Cursor) -> None:
         self._n += 1
         if self._n > _MAX_COMPONENTS:
-            raise self._corrupt("has too many components", offset, f"up to {_MAX_COMPONENTS}")
-
-    def _text(self, offset: int, end: int, what: str) -> tuple[str, int]:
-        stop = self._file.data.find(b"\0", offset, end)
-        if stop < 0:
-            raise self._corrupt("a text has no end", offset, "a zero byte", None, what)
-        return self._file.data[offset:stop].decode("utf-8", "replace"), stop + 1
-
-    def _count(self, offset: int, end: int, what: str) -> int:
-        self._need(offset, 4, end, what)
-        return int(struct.unpack_from("<I", self._file.data, offset)[0])
-
-    def _need(self, offset: int, count: int, end: int, what: str) -> None:
-        if offset + count > end:
-            raise self._corrupt(
-                "a value is larger than what encloses it",
-                offset,
-                f"at most {max(end - offset, 0)} bytes",
-                f"{count} bytes",
-                what,
-            )
-
-    def _corrupt(
-        self,
-        reason: str,
-        offset: int,
-        expected: str | None = None,
-        found: str | None = None,
-        what: str | None = None,
-    ) -> CorruptFileError:
-        return CorruptFileError(
-            self._file.path,
-            reason,
-            offset=offset,
-            field=what and what[:60],
-            expected=expected,
-            found=found,
-        )
+            raise at.wrong("has too many components", None, f"up to {_MAX_COMPONENTS}")

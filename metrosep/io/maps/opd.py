@@ -14,33 +14,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.errors import UnsupportedFeatureError
 from metrosep.core.surface import Surface
+from metrosep.io.declared import demand, need_bytes, sniffer, structure
 from metrosep.io.objects import (
-    check_area,
+    Request,
     check_scale,
     lateral_or_none,
-    make_surface,
-    need_bytes,
-    only_channels,
+    map_reader,
     scaled,
-    unpack_fields,
 )
-from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile
 
-__all__ = ["ENTRY", "channels", "read", "sniff"]
+__all__ = ["channels", "read", "sniff"]
 
 FORMAT = "opd"
 
-ENTRY: tuple[tuple[int, str, str], ...] = (
-    (0, "16s", "name"),
-    (16, "h", "type"),
-    (18, "i", "bytes"),
-    (22, "H", "attribute"),
-)
-"""Offset in bytes, `struct` code and name of the fields of an entry of the directory."""
-
+_ENTRY, _ARRAY_HEAD = structure(FORMAT, "entry"), structure(FORMAT, "array")
 _START = 2
 _ENTRY_BYTES = 24
 _MAX_ENTRIES = 2**16
@@ -51,11 +41,6 @@ _SCALARS = {(6, 2): "h", (6, 4): "i", (7, 2): "h", (7, 4): "f", (8, 8): "d", (12
 _SCALES = ("Wavelength", "Mult", "Aspect", "Pixel_size")
 """Blocks without which heights or steps would be wrong: refused, not skipped, if unknown."""
 
-_ARRAY_HEADER: tuple[tuple[int, str, str], ...] = (
-    (0, "H", "columns"),
-    (2, "H", "rows"),
-    (4, "H", "item_bytes"),
-)
 _ARRAY_HEADER_BYTES = 6
 _HEIGHTS = ("RAW_DATA", "RAW DATA", "OPD", "Raw", "SAMPLE_DATA")
 """Names of arrays with heights; all others (Image, Intensity, SecArr_0) are something else."""
@@ -75,11 +60,7 @@ class _Block(NamedTuple):
     value: Any
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is an OPD file."""
-    if file.head[2:18].rstrip(b"\0") != b"Directory":
-        return Match.NO
-    return Match.YES if file.head[18:20] == b"\x01\0" else Match.MAYBE
+sniff = sniffer(FORMAT)
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -87,22 +68,15 @@ def channels(file: RawFile) -> tuple[str, ...]:
     return tuple(_maps(file, _blocks(file)))
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Surface:
+@map_reader(FORMAT, "OPD", "an OPD map with its own units", several=True)
+def read(asked: Request) -> Surface:
     """Return a height map of an OPD file."""
-    refuse_options(file, "an OPD map with its own units", unit=unit)
-    override = lateral_steps(lateral_step)
+    file = asked.file
     blocks = _blocks(file)
     maps = _maps(file, blocks)
-    name = only_channels(file, "OPD", channel, tuple(maps))
-    warnings: list[str] = []
-    raw = _raw(file, maps[name], max_pixels, warnings)
+    name = asked.choose(maps)
+    warnings = asked.warnings
+    raw = _raw(file, maps[name], asked.max_pixels, warnings)
     first = _FIRST_INVALID[raw.dtype.itemsize]
     numbers = _numbers(file, blocks)
     scale = _scale(file, numbers, name, raw.dtype)
@@ -111,15 +85,11 @@ def read(
     if left:
         warnings.append(f"{left} bytes follow the last block; they were not read")
     z = scaled(raw.T, scale, lambda block: ~(block < first))  # NaN is not smaller either
-    return make_surface(
-        file,
-        FORMAT,
+    return asked.surface(
         z,
         own,
         row_order="smallest y first",
         header=_plain(blocks),
-        override=override,
-        warnings=warnings,
         channel=name,
         wavelength_m=float(numbers["Wavelength"].value) * 1e-9,
         mult=numbers["Mult"].value if "Mult" in numbers else 1,
@@ -130,16 +100,11 @@ def read(
 
 def _blocks(file: RawFile) -> list[_Block]:
     """Return the blocks with content; every one lies in the file."""
-    if sniff(file) is Match.NO:
-        raise FormatMismatchError(
-            f"{file.path}: is not an OPD file: expected 'Directory' at offset 2, found "
-            f"{file.head[2:11]!r}; leave out format= to have it recognised"
-        )
-    directory = unpack_fields(file, ENTRY, order="<", start=_START, what="the directory")
+    demand(file, FORMAT)
+    directory = _ENTRY.read(file, _START)
     n_entries, rest = divmod(directory["bytes"], _ENTRY_BYTES)
     if directory["type"] != _DIRECTORY or rest or not 1 < n_entries <= _MAX_ENTRIES:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the directory is not usable",
             field="bytes of Directory",
             offset=_START + 18,
@@ -150,7 +115,7 @@ def _blocks(file: RawFile) -> list[_Block]:
     place = _START + directory["bytes"]
     blocks = []
     for i in range(1, n_entries):
-        entry = unpack_fields(file, ENTRY, order="<", start=_START + i * _ENTRY_BYTES)
+        entry = _ENTRY.read(file, _START + i * _ENTRY_BYTES)
         if entry["bytes"] == 0:
             continue
         need_bytes(file, place, entry["bytes"], "a block", name=f"bytes of {entry['name']!r}")
@@ -158,7 +123,7 @@ def _blocks(file: RawFile) -> list[_Block]:
         blocks.append(_Block(entry["name"], entry["type"], entry["bytes"], place, value))
         place += entry["bytes"]
     if not blocks:
-        raise CorruptFileError(file.path, "the directory has no block with content", offset=_START)
+        raise file.corrupt("the directory has no block with content", offset=_START)
     return blocks
 
 
@@ -170,7 +135,7 @@ def _value(file: RawFile, kind: int, offset: int, size: int) -> Any:
         text = file.data[offset : offset + min(size, 4096)]
         return text.split(b"\0")[0].decode("latin-1").strip()
     if kind == _ARRAY and size >= _ARRAY_HEADER_BYTES:
-        return unpack_fields(file, _ARRAY_HEADER, order="<", start=offset, what="an array")
+        return _ARRAY_HEAD.read(file, offset)
     return None
 
 
@@ -195,26 +160,23 @@ def _raw(
 ) -> NDArray[Any]:
     """Return the stored values, x as the first index; sizes are checked before."""
     if block.value is None:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "a map has no header",
             field=f"bytes of {block.name!r}",
             offset=block.offset,
             expected=f"at least {_ARRAY_HEADER_BYTES}",
             found=block.size,
         )
-    columns, rows, item = (block.value[n] for n in ("columns", "rows", "item_bytes"))
+    item = block.value["item_bytes"]
     if item == 1:
         raise UnsupportedFeatureError(
             f"{file.path}: {block.name} has heights of 8 bits, for which no rule for not-measured "
             "points is known; save the measurement again with 16 bits or as floats"
         )
-    offsets = (block.offset, block.offset + 2)
-    check_area(file, columns, rows, max_pixels=max_pixels, offsets=offsets)
+    columns, rows = block.value.area("columns", "rows", max_pixels)
     size = _ARRAY_HEADER_BYTES + columns * rows * item
     if item not in _ITEMS or size > block.size:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the map does not fit into its block",
             field=f"columns, rows, item_bytes of {block.name!r}",
             offset=block.offset,
@@ -235,8 +197,7 @@ def _numbers(file: RawFile, blocks: list[_Block]) -> dict[str, _Block]:
         if block.name not in _SCALES:
             continue
         if not isinstance(block.value, (int, float)):
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a scale is not stored as a number",
                 field=block.name,
                 offset=block.offset,
@@ -249,25 +210,21 @@ def _numbers(file: RawFile, blocks: list[_Block]) -> dict[str, _Block]:
 
 def _scale(file: RawFile, numbers: dict[str, _Block], channel: str, dtype: np.dtype[Any]) -> float:
     """Return the height of one raw unit in m: Wavelength / Mult."""
-    needed = ("Wavelength", "Mult") if dtype.kind == "i" else ("Wavelength",)
-    for name in needed:
+    for name in ("Wavelength", "Mult") if dtype.kind == "i" else ("Wavelength",):
         if name not in numbers:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 f"the scale of the heights of {channel} is missing",
                 field=name,
                 expected="a block of that name with a number",
             )
-    low, high = _WAVELENGTHS_NM
-    block = numbers["Wavelength"]
-    wavelength = check_scale(
-        file, "Wavelength", block.value, offset=block.offset, low=low, high=high
+    ranges = {"Wavelength": _WAVELENGTHS_NM, "Mult": (1.0, 1e9)}
+    wavelength, mult = (
+        check_scale(file, n, b.value, offset=b.offset, low=low, high=high)
+        if (b := numbers.get(n)) is not None
+        else 1.0
+        for n, (low, high) in ranges.items()
     )
-    if "Mult" not in numbers:
-        return wavelength * 1e-9
-    mult = numbers["Mult"]
-    divisor = check_scale(file, "Mult", mult.value, offset=mult.offset, low=1.0, high=1e9)
-    return wavelength * 1e-9 / divisor
+    return wavelength * 1e-9 / mult
 
 
 def _steps(

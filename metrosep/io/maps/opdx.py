@@ -17,31 +17,30 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
-    FormatMismatchError,
     UnitError,
     UnsupportedFeatureError,
 )
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_unit
+from metrosep.io.declared import Cursor, mismatch, sniffer
 from metrosep.io.objects import (
     ROW_ORDERS,
+    Request,
     check_area,
     check_scale,
     lateral_or_none,
-    make_profile,
-    make_surface,
-    only_channels,
+    map_reader,
     scaled,
 )
 from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile
 
 __all__ = ["channels", "read", "sniff"]
 
 FORMAT = "opdx"
 
-_MAGIC = b"VCA DATA\x01\0\0\x55"
+_MAGIC_BYTES = 12
 _GROUPS = {"/2D_Data/": "/Matrix", "/1D_Data/": "/Array"}
 _ARRAY_ITEMS = {b"\x0d\x08\0\0\0": "<f8", b"\x0c\x04\0\0\0": "<f4"}
 """First bytes of an array: type and size of its numbers."""
@@ -54,11 +53,7 @@ _UNIT_RTOL = 1e-6
 """Agreement of the symbol of a unit with its factor, which the file keeps in double precision."""
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a Vision64 file."""
-    if file.head.startswith(_MAGIC):
-        return Match.YES
-    return Match.MAYBE if file.head.startswith(_MAGIC[:9]) else Match.NO
+sniff = sniffer(FORMAT)
 
 
 def channels(file: RawFile) -> tuple[str, ...]:
@@ -66,37 +61,24 @@ def channels(file: RawFile) -> tuple[str, ...]:
     return _heights(file, _tree(file))
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Surface | Profile:
+@map_reader(FORMAT, "Vision64", "a Vision64 file with its own units", several=True)
+def read(asked: Request) -> Surface | Profile:
     """Return a map or a profile of a Vision64 file."""
-    refuse_options(file, "a Vision64 file with its own units", unit=unit)
-    override = lateral_steps(lateral_step)
+    file = asked.file
     tree = _tree(file)
-    name = only_channels(file, "Vision64", channel, _heights(file, tree))
+    name = asked.choose(_heights(file, tree))
     prefix = f"/{name}"
     scale = _length(file, tree, f"{prefix}/DataScale")
     check_scale(file, f"{prefix}/DataScale", scale, low=1e-24, high=1e3)
     facts = {"channel": name, "height_per_count_m": scale}
     if name.startswith("1D_Data"):
-        return _profile(file, tree, prefix, override, max_pixels, facts)
-    return _surface(file, tree, prefix, override, max_pixels, facts)
+        return _profile(asked, tree, prefix, facts)
+    return _surface(asked, tree, prefix, facts)
 
 
-def _profile(
-    file: RawFile,
-    tree: VcaTree,
-    prefix: str,
-    override: tuple[float, float] | None,
-    max_pixels: int | None,
-    facts: dict[str, Any],
-) -> Profile:
-    raw = _numbers(file, tree, f"{prefix}/Array", max_pixels)
+def _profile(asked: Request, tree: VcaTree, prefix: str, facts: dict[str, Any]) -> Profile:
+    file = asked.file
+    raw = _numbers(file, tree, f"{prefix}/Array", asked.max_pixels)
     count = tree.items.get(f"{prefix}/NumPoints", raw.size)
     if count != raw.size:
         raise _corrupt(
@@ -104,22 +86,12 @@ def _profile(
         )
     warnings = list(tree.warnings)
     z = scaled(raw, facts["height_per_count_m"], _is_invalid)
-    step = override[0] if override else None
     x = _positions(file, tree, prefix, raw.size, warnings)
     if x is None:
-        if step is None:
+        if asked.step is None:
             raise UnitError(f"{file.path}: {prefix} has no positions; declare lateral_step=")
-        x = np.arange(raw.size, dtype=np.float64) * step
-    return make_profile(
-        file,
-        FORMAT,
-        x,
-        z,
-        header=plain_tree(tree),
-        override=step,
-        warnings=warnings,
-        **facts,
-    )
+        x = np.arange(raw.size, dtype=np.float64) * asked.step
+    return asked.profile(x, z, header=plain_tree(tree), warnings=warnings, **facts)
 
 
 def _positions(
@@ -153,15 +125,9 @@ def _listed(file: RawFile, tree: VcaTree, prefix: str, count: int) -> list[NDArr
     return lists
 
 
-def _surface(
-    file: RawFile,
-    tree: VcaTree,
-    prefix: str,
-    override: tuple[float, float] | None,
-    max_pixels: int | None,
-    facts: dict[str, Any],
-) -> Surface:
-    raw = _matrix(file, tree, f"{prefix}/Matrix", max_pixels)
+def _surface(asked: Request, tree: VcaTree, prefix: str, facts: dict[str, Any]) -> Surface:
+    file = asked.file
+    raw = _matrix(file, tree, f"{prefix}/Matrix", asked.max_pixels)
     warnings = list(tree.warnings)
     steps = []
     for axis, count in (("Dimension2", raw.shape[1]), ("Dimension1", raw.shape[0])):
@@ -172,27 +138,21 @@ def _surface(
         step = _length(file, tree, name) / max(count - 1, 1)
         steps.append(lateral_or_none(file, name, step, warnings))
     is_turned = tree.items.get(f"{prefix}/Origin") != _LOWER_LEFT
-    return make_surface(
-        file,
-        FORMAT,
+    return asked.surface(
         scaled(raw, facts["height_per_count_m"], _is_invalid, turned=is_turned),
         (steps[0], steps[1]),
         row_order=ROW_ORDERS[is_turned],
         turned=True,
         header=plain_tree(tree),
-        override=override,
         warnings=warnings,
         **facts,
     )
 
 
 def _tree(file: RawFile) -> VcaTree:
-    if not file.head.startswith(_MAGIC):
-        raise FormatMismatchError(
-            f"{file.path}: is no Vision64 file: expected 'VCA DATA' 01 00 00 55 at offset 0, found "
-            f"{file.head[:12].hex(' ')}; leave out format= to have it recognised"
-        )
-    return read_tree(file, len(_MAGIC))
+    if sniff(file) is not Match.YES:
+        raise mismatch(file, FORMAT)
+    return read_tree(file, _MAGIC_BYTES)
 
 
 def _heights(file: RawFile, tree: VcaTree) -> tuple[str, ...]:
@@ -295,7 +255,7 @@ def _block(file: RawFile, tree: VcaTree, path: str, least: int) -> VcaBytes:
 def _corrupt(
     file: RawFile, reason: str, path: str, expected: object, found: object
 ) -> CorruptFileError:
-    return CorruptFileError(file.path, reason, field=path[-80:], expected=expected, found=found)
+    return file.corrupt(reason, field=path[-80:], expected=expected, found=found)
 
 
 # ---- the tagged tree of Vision64 files (``.opdx``), read as if a stranger had sent it ----------
@@ -307,14 +267,14 @@ def _corrupt(
 
 _SCALARS = {
     0x01: "?",
-    0x04: "<h",
-    0x05: "<H",
-    0x06: "<i",
-    0x07: "<I",
-    0x0A: "<q",
-    0x0B: "<Q",
-    0x0C: "<f",
-    0x0D: "<d",
+    0x04: "h",
+    0x05: "H",
+    0x06: "i",
+    0x07: "I",
+    0x0A: "q",
+    0x0B: "Q",
+    0x0C: "f",
+    0x0D: "d",
 }
 _TEXT, _QUANTITY, _UNIT, _TIME, _LIST, _END = 0x12, 0x13, 0x18, 0x15, 0x42, 0x7F
 _CONTAINERS = (0x7D, 0x46, 0x47)
@@ -356,8 +316,8 @@ class VcaTree(NamedTuple):
 
 def read_tree(file: RawFile, offset: int) -> VcaTree:
     """Return the items from an offset to the end of the file."""
-    reader = _Reader(file)
-    reader.container(offset, file.size, "", 0)
+    reader = _Reader()
+    reader.container(Cursor(file, file.data, offset), "", 0)
     return VcaTree(reader.items, reader.warnings)
 
 
@@ -375,130 +335,85 @@ def plain_tree(tree: VcaTree) -> dict[str, Any]:
 
 
 class _Reader:
-    def __init__(self, file: RawFile) -> None:
-        self._file = file
+    """Items by path; the cursor refuses whatever leads out of the container that encloses it."""
+
+    def __init__(self) -> None:
         self._n = 0
         self.items: dict[str, Any] = {}
         self.warnings: list[str] = []
 
-    def container(self, place: int, end: int, path: str, depth: int) -> None:
+    def container(self, at: Cursor, path: str, depth: int) -> None:
         """Read the items of a container; each takes five bytes or more."""
         if depth > _MAX_DEPTH:
-            raise self._corrupt("containers are nested too deep", place, path, str(_MAX_DEPTH), "")
-        while place < end:
+            raise at.wrong("containers are nested too deep", path, str(_MAX_DEPTH), "")
+        while at.left:
             self._n += 1
             if self._n > _MAX_ITEMS:
-                raise self._corrupt("has too many items", place, path, f"up to {_MAX_ITEMS}", "")
-            name, place = self._name(place, end, path or "the first item")
+                raise at.wrong("has too many items", path, f"up to {_MAX_ITEMS}", "")
+            name = at.text(path or "the first item")
             where = f"{path}/{name[:60]}"
-            self._need(place, 1, end, where)
-            kind = self._file.data[place]
+            kind = at.number("B", where)
             if kind == _END:
-                self._finish(name, place + 1, end, path)
+                self._finish(at, name, path)
                 return
-            following = self._item(kind, place + 1, end, where, depth)
-            if following is None:
+            if not self._item(at, kind, where, depth):
                 self.warnings.append(
                     f"{where} has the unknown type {kind:#04x}: it and what follows in "
                     f"{path or 'the file'} were not read"
                 )
                 return
-            place = following
-        raise self._corrupt("ends without a terminator", place, path, "an item 7f ff ff", "none")
+        raise at.wrong("ends without a terminator", path, "an item 7f ff ff", "none")
 
-    def _finish(self, name: str, place: int, end: int, path: str) -> None:
+    def _finish(self, at: Cursor, name: str, path: str) -> None:
         """Refuse a terminator that has a name or does not stand at the end."""
-        self._need(place, _END_BYTES, end, path or "the terminator")
-        left = end - place - _END_BYTES
-        if left and not path:
-            self.warnings.append(f"{left} bytes follow the tree; they were not read")
-        elif left or name:
-            raise self._corrupt("a container ends too early", place, path, "0 bytes left", left)
+        at.take(_END_BYTES, path or "the terminator")
+        if at.left and not path:
+            self.warnings.append(f"{at.left} bytes follow the tree; they were not read")
+        elif at.left or name:
+            raise at.wrong("a container ends too early", path, "0 bytes left", at.left)
 
-    def _item(self, kind: int, place: int, end: int, path: str, depth: int) -> int | None:
-        """Read a value and return where it ends; None if its type is not known."""
+    def _item(self, at: Cursor, kind: int, path: str, depth: int) -> bool:
+        """Read a value; False if its type is not known."""
         if kind in _SCALARS:
-            self.items[path], place = self._scalar(_SCALARS[kind], place, end, path)
-            return place
+            self.items[path] = at.number(_SCALARS[kind], path)
+            return True
         if kind == _TIME:
-            self._need(place, _TIME_BYTES, end, path)
-            self.items[path] = self._file.data[place : place + _TIME_BYTES].hex()
-            return place + _TIME_BYTES
+            self.items[path] = at.take(_TIME_BYTES, path).hex()
+            return True
         type_name = ""
         if kind in (*_NAMED, _LIST, _MATRIX):
-            type_name, place = self._name(place, end, path)
+            type_name = at.text(path)
         elif kind not in (*_CONTAINERS, _TEXT, _QUANTITY, _UNIT):
-            return None
+            return False
         if kind == _MATRIX:
-            _, place = self._scalar("<I", place, end, path)
-            _, place = self._name(place, end, path)
-        start, size = self._size(place, end, path)
-        stop = start + size
+            at.number("I", path)
+            at.text(path)
+        inner = at.inside(self._size(at, path), path)
         if kind in _CONTAINERS:
-            self.container(start, stop, path, depth + 1)
+            self.container(inner, path, depth + 1)
         elif kind == _TEXT:
-            text = self._file.data[start : min(stop, start + _MAX_TEXT)]
-            self.items[path] = text.decode("utf-8", "replace")
-        elif kind == _CHOICE and size <= _MAX_CHOICE:
-            self.items[path] = int.from_bytes(self._file.data[start:stop], "little")
+            self.items[path] = inner.take(min(inner.left, _MAX_TEXT), path).decode(
+                "utf-8", "replace"
+            )
+        elif kind == _CHOICE and inner.left <= _MAX_CHOICE:
+            self.items[path] = int.from_bytes(inner.take(inner.left, path), "little")
         elif kind in (_QUANTITY, _UNIT):
-            self.items[path] = self._quantity(start, stop, path, has_value=kind == _QUANTITY)
+            value = inner.number("d", path) if kind == _QUANTITY else 1.0
+            name, symbol = inner.text(path), inner.text(path)
+            per_si = inner.number("d", path) if inner.left >= 8 else None
+            self.items[path] = Quantity(value, name, symbol, per_si)
         elif kind == _LIST:
-            self.items[path] = self._texts(start, stop, path)
+            texts = []
+            while inner.left:
+                texts.append(inner.text(path))
+            self.items[path] = texts
         else:
-            self.items[path] = VcaBytes(type_name, start, size)
-        return stop
+            self.items[path] = VcaBytes(type_name, inner.place, inner.left)
+        return True
 
-    def _quantity(self, place: int, end: int, path: str, *, has_value: bool) -> Quantity:
-        value = 1.0
-        if has_value:
-            value, place = self._scalar("<d", place, end, path)
-        name, place = self._name(place, end, path)
-        symbol, place = self._name(place, end, path)
-        per_si = None
-        if place + 8 <= end:
-            per_si, _ = self._scalar("<d", place, end, path)
-        return Quantity(value, name, symbol, per_si)
-
-    def _texts(self, place: int, end: int, path: str) -> list[str]:
-        texts = []
-        while place < end:
-            text, place = self._name(place, end, path)
-            texts.append(text)
-        return texts
-
-    def _scalar(self, code: str, place: int, end: int, path: str) -> tuple[Any, int]:
-        size = struct.calcsize(code)
-        self._need(place, size, end, path)
-        return struct.unpack_from(code, self._file.data, place)[0], place + size
-
-    def _name(self, place: int, end: int, path: str) -> tuple[str, int]:
-        size, place = self._scalar("<I", place, end, path)
-        self._need(place, size, end, path)
-        return self._file.data[place : place + size].decode("utf-8", "replace"), place + size
-
-    def _size(self, place: int, end: int, path: str) -> tuple[int, int]:
-        """Return where a value begins and its size, which has a length of its own: 1, 2 or 4."""
-        self._need(place, 1, end, path)
-        width = self._file.data[place]
+    def _size(self, at: Cursor, path: str) -> int:
+        """Return the size of a value, which has a length of its own: 1, 2 or 4."""
+        width = at.number("B", path)
         if width not in (1, 2, 4):
-            raise self._corrupt("the width of a size is unknown", place, path, "1, 2 or 4", width)
-        self._need(place + 1, width, end, path)
-        start = place + 1 + width
-        size = int.from_bytes(self._file.data[place + 1 : start], "little")
-        self._need(start, size, end, path)
-        return start, size
-
-    def _need(self, place: int, count: int, end: int, path: str) -> None:
-        if place + count > end:
-            left = max(end - place, 0)
-            reason = "an item is larger than what encloses it"
-            raise self._corrupt(reason, place, path, f"at most {left} bytes", f"{count} bytes")
-
-    def _corrupt(
-        self, reason: str, place: int, path: str, expected: str, found: object
-    ) -> CorruptFileError:
-        where = min(place, self._file.size)
-        return CorruptFileError(
-            self._file.path, reason, field=path[-80:], offset=where, expected=expected, found=found
-        )
+            raise at.wrong("the width of a size is unknown", path, "1, 2 or 4", width)
+        return int.from_bytes(at.take(width, path), "little")

@@ -8,7 +8,6 @@ a `Profile`. See ``data_formats/sdf/SPEC.md``.
 
 from __future__ import annotations
 
-import re
 import struct
 from typing import Any, NamedTuple
 
@@ -16,61 +15,31 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
-    CorruptFileError,
-    FormatMismatchError,
     UnsupportedFeatureError,
     WriteError,
 )
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
+from metrosep.io.declared import Structure, TextFields, demand, need_bytes, sniffer, structure
 from metrosep.io.objects import (
+    Request,
     check_area,
     check_scale,
     height_only as channels,
     lateral_or_none,
-    make_profile,
-    make_surface,
-    need_bytes,
-    only_channels,
+    map_reader,
     scaled,
-    unpack_fields,
 )
-from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile
 from metrosep.io.text.numbers import parse_numbers
 
-__all__ = ["FIELDS", "channels", "read", "sniff"]
+__all__ = ["channels", "read", "sniff"]
 
 FORMAT = "sdf"
-_VERSION = re.compile(
-    rb"a(?:ISO-[12]\.0|BCR ?- ?[01]\.0|NIST-1\.0|NPL-V1\.0)(?=\s)|b(?:ISO-[12]\.0|BCR-[01]\.0)"
-)
+_HEADER, _WIDE = structure(FORMAT), structure(FORMAT, "wide")
+_EXTRA = Structure("<", "0 2I extra")
 _MAX_HEADER = 100
-_MAX_NUMBER = 40
 _MAX_TRAILER = 65536
-
-FIELDS: tuple[tuple[int, str, str], ...] = (
-    (0, "8s", "version"),
-    (8, "10s", "ManufacID"),
-    (18, "12s", "CreateDate"),
-    (30, "12s", "ModDate"),
-    (42, "H", "NumPoints"),
-    (44, "H", "NumProfiles"),
-    (46, "d", "Xscale"),
-    (54, "d", "Yscale"),
-    (62, "d", "Zscale"),
-    (70, "d", "Zresolution"),
-    (78, "B", "Compression"),
-    (79, "B", "DataType"),
-    (80, "B", "CheckType"),
-)
-"""Offset, `struct` code (little-endian) and name of the fields of version 1.0."""
-
-_WIDE = tuple(
-    (at + (0 if at < 44 else 2 if at == 44 else 4), "I" if code == "H" else code, name)
-    for at, code, name in FIELDS
-)
-"""The same for ISO-2.0, where the two sizes take four bytes each."""
 
 _TYPES = {0: "<u1", 1: "<u2", 2: "<u4", 3: "<f4", 4: "<i1", 5: "<i2", 6: "<i4", 7: "<f8"}
 _ISO_TYPES = {"ISO-1.0": (5, 6, 7), "ISO-2.0": (3, 4, 5, 6, 7)}
@@ -80,7 +49,8 @@ _MARKERS = {1: 2**16 - 1, 2: 2**32 - 1, 5: -(2**15), 6: -(2**31)}
 _OLYMPUS = (5, 1)
 """Two extra numbers after the header of files of that maker."""
 
-_KEYS = {name.lower(): name for _, _, name in FIELDS}
+_KEYS = {name.lower(): name for _, _, name in _HEADER.layout}
+_OPTIONAL = {"Zresolution": "-1", "Compression": "0", "CheckType": "0"}
 
 
 class _Content(NamedTuple):
@@ -92,30 +62,15 @@ class _Content(NamedTuple):
     warnings: list[str]
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a surface data file."""
-    return Match.YES if _VERSION.match(file.head) else Match.NO
+sniff = sniffer(FORMAT)
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Surface | Profile:
+@map_reader(FORMAT, "SDF", "a surface data file in metres")
+def read(asked: Request) -> Surface | Profile:
     """Return the surface, or the one profile, of a surface data file."""
-    refuse_options(file, "a surface data file in metres", unit=unit)
-    only_channels(file, "SDF", channel)
-    override = lateral_steps(lateral_step)
-    version = _VERSION.match(file.head)
-    if version is None:
-        raise FormatMismatchError(
-            f"{file.path}: is not a surface data file: expected aISO-1.0, bISO-1.0, aBCR-1.0 or the like, "
-            f"found {file.head[:8]!r}; leave out format= to have it recognised"
-        )
-    content = (_text if version.group()[:1] == b"a" else _binary)(file, max_pixels)
+    file = asked.file
+    demand(file, FORMAT)
+    content = (_text if file.head[:1] == b"a" else _binary)(file, asked.max_pixels)
     header, warnings = content.header, content.warnings
     scale = check_scale(file, "Zscale", header["Zscale"], low=1e-18, high=1e6)
     own = [lateral_or_none(file, n, header[n], warnings) for n in ("Xscale", "Yscale")]
@@ -123,29 +78,23 @@ def read(
     with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
         z = scaled(content.raw, scale, content.invalid).reshape(shape)
     if shape[0] > 1:
-        return make_surface(
-            file,
-            FORMAT,
+        return asked.surface(
             z,
             (own[0], own[1]),
             row_order="smallest y first",
             header=header,
-            override=override,
             warnings=warnings,
             height_per_unit_m=scale,
         )
-    step = own[0] or (override[0] if override else None)
+    step = own[0] or asked.step
     if step is None:
         raise UnsupportedFeatureError(
             f"{file.path}: its one profile has no step (Xscale 0); pass lateral_step="
         )
-    return make_profile(
-        file,
-        FORMAT,
+    return asked.profile(
         step * np.arange(shape[1], dtype=np.float64),
         z[0],
         header=header,
-        override=override[0] if override else None,
         warnings=warnings,
         height_per_unit_m=scale,
     )
@@ -174,20 +123,17 @@ def _type_notes(header: dict[str, Any]) -> list[str]:
 
 
 def _binary(file: RawFile, max_pixels: int | None) -> _Content:
-    layout = _WIDE if file.head[:8] == b"bISO-2.0" else FIELDS
-    header = unpack_fields(file, layout, order="<")
+    declared = _WIDE if file.head[:8] == b"bISO-2.0" else _HEADER
+    header = declared.read(file)
     _check_flags(file, header, max_pixels)
     dtype = np.dtype(_TYPES[header["DataType"]])
     count = header["NumPoints"] * header["NumProfiles"]
-    start = layout[-1][0] + 1
+    start = declared.size
     warnings = _type_notes(header)
-    if header["version"] == "bISO-1.0" and file.size >= start + 8:
-        extra = unpack_fields(file, ((0, "2I", "extra"),), order="<", start=start)["extra"]
-        if extra == _OLYMPUS:
-            start += 8
-            warnings.append(
-                "the header is 8 bytes longer than the standard says; they were skipped"
-            )
+    longer = header["version"] == "bISO-1.0" and file.size >= start + 8
+    if longer and _EXTRA.read(file, start)["extra"] == _OLYMPUS:
+        start += 8
+        warnings.append("the header is 8 bytes longer than the standard says; they were skipped")
     need_bytes(file, start, count * dtype.itemsize, "the map", name="NumPoints, NumProfiles")
     raw = np.frombuffer(file.data, dtype=dtype, count=count, offset=start)
     header["trailer"] = _trailer(file, start + raw.nbytes)
@@ -206,8 +152,7 @@ def _trailer(file: RawFile, start: int) -> str:
     """Return the text after the heights; other bytes show that sizes or type are wrong."""
     trailer = file.data[start : start + _MAX_TRAILER].strip(b"\0 \r\n*")
     if not trailer.isascii() or b"\0" in trailer:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "what follows the heights is no text",
             offset=start,
             field="NumPoints, NumProfiles, DataType",
@@ -232,8 +177,7 @@ def _text(file: RawFile, max_pixels: int | None) -> _Content:
             warnings = _type_notes(header)
             if star < 0:
                 if not bytes(body[-1:]).isspace():
-                    raise CorruptFileError(
-                        file.path,
+                    raise file.corrupt(
                         "the file ends within its last height",
                         field="heights",
                         expected="the '*' after them, or a line end",
@@ -243,8 +187,7 @@ def _text(file: RawFile, max_pixels: int | None) -> _Content:
                 warnings.append("the '*' after the heights is missing")
             header["trailer"] = _trailer(file, star + 1 if star >= 0 else file.size)
             return _Content(header, raw, None, warnings)
-    raise CorruptFileError(
-        file.path,
+    raise file.corrupt(
         "the heights do not fill the map",
         offset=start,
         field="NumPoints, NumProfiles",
@@ -255,10 +198,9 @@ def _text(file: RawFile, max_pixels: int | None) -> _Content:
 
 def _text_header(file: RawFile) -> tuple[dict[str, Any], int]:
     """Return the header in the types of the binary one, and where the heights begin."""
-    texts: dict[str, tuple[int, str]] = {}
+    texts = TextFields(file)
     start = file.head.find(b"\n") + 1
     version = file.head[: max(start, 1)].decode("latin-1").strip().replace(" ", "")
-    header: dict[str, Any] = {"version": version}
     for number in range(2, _MAX_HEADER):
         end = file.head.find(b"\n", start)
         line = file.head[start : end if end >= 0 else None].decode("latin-1").strip()
@@ -266,36 +208,26 @@ def _text_header(file: RawFile) -> tuple[dict[str, Any], int]:
             break
         start = end + 1
         if line == "*":
-            return header | _typed(file, texts), start
-        key, mark, value = line.partition("=")
-        if mark and not line.startswith(";"):
-            name = key.strip()
-            texts[_KEYS.get(name.lower(), name)] = (number, value.strip())
-    raise CorruptFileError(
-        file.path, "the header has no end", offset=start, expected="a line '*' before the heights"
+            return {"version": version, **_typed(texts)}, start
+        texts.take(
+            line, comments=(";",), line=number, name=lambda key: _KEYS.get(key.lower(), key)
+        )
+    raise file.corrupt(
+        "the header has no end", offset=start, expected="a line '*' before the heights"
     )
 
 
-def _typed(file: RawFile, texts: dict[str, tuple[int, str]]) -> dict[str, Any]:
-    optional = {"Zresolution": "-1", "Compression": "0", "CheckType": "0"}
+def _typed(header: TextFields) -> dict[str, Any]:
+    """Return the fields in the types of the binary header, and further ones as text."""
     found: dict[str, Any] = {}
-    for _, code, name in FIELDS[1:]:
-        default = optional.get(name, "" if code.endswith("s") else None)
-        number, text = texts.get(name, (0, default))
-        if code.endswith("s") and text is not None:
-            found[name] = text
+    for _, code, name in _HEADER.layout[1:]:
+        if code.endswith("s"):
+            found[name] = header.texts.get(name, "")
             continue
-        try:
-            short = (text or "")[:_MAX_NUMBER]
-            found[name] = float(short) if code == "d" else int(short)
-        except ValueError:
-            raise CorruptFileError(
-                file.path,
-                f"{name} is missing" if text is None else f"{name} is no number",
-                field=f"line {number}" if number else name,
-                found=None if text is None else repr(text[:40]),
-            ) from None
-    return found | {k: v for k, (_, v) in texts.items() if k not in found}
+        if name in _OPTIONAL:
+            header.texts.setdefault(name, _OPTIONAL[name])
+        found[name] = header.number(name) if code == "d" else header.integer(name)
+    return found | {k: v for k, v in header.texts.items() if k not in found}
 
 
 # ---- bytes of a surface data file (ISO 25178-71, version 1.0); the same surface gives the same bytes ----

@@ -31,12 +31,10 @@ from metrosep.core.errors import (
 )
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
-from metrosep.io.containers.workbook import zip_members
-from metrosep.io.objects import height_only as channels
+from metrosep.io.declared import mismatch, sniffer
+from metrosep.io.objects import height_only as channels, to_grid
 from metrosep.io.own_notes import OwnNotes, comment_notes, comment_text
-from metrosep.io.registry import Match
 from metrosep.io.source import MAX_PIXELS, RawFile, flat_map, lateral_steps, refuse_options
-from metrosep.io.text.delimited_maps import to_grid
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -46,14 +44,7 @@ __all__ = ["channels", "read", "sniff"]
 FORMAT = "x3p"
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is an X3P file."""
-    if not file.head.startswith(b"PK\x03\x04"):
-        return Match.NO
-    members = zip_members(file)
-    if any(n.endswith(("main.xml", "md5checksum.hex")) or "bindata/" in n for n in members):
-        return Match.YES
-    return Match.MAYBE if file.name.lower().endswith(".x3p") else Match.NO
+sniff = sniffer(FORMAT)
 
 
 def read(
@@ -77,19 +68,14 @@ def read(
             f"{file.path}: X3P channel {channel!r} cannot be read; the only one is 'height'"
         )
     override = lateral_steps(lateral_step)
-    if not file.data.startswith(b"PK"):
-        raise FormatMismatchError(
-            f"{file.path}: is not an X3P file: expected a zip archive, found "
-            f"{file.data[:4].hex(' ')}; leave out format= to have it recognised"
-        )
+    if not file.head.startswith(b"PK"):
+        raise mismatch(file, FORMAT)
     container = Container(file)
     document = container.read("main.xml")
     root = parse_xml(file, document)
     warnings = container.warnings
     if not root.tag.startswith("ISO5436"):
-        raise CorruptFileError(
-            file.path, "the XML is of something else", expected="ISO5436_2", found=root.tag
-        )
+        raise file.corrupt("the XML is of something else", expected="ISO5436_2", found=root.tag)
     if root.tag != "ISO5436_2":
         warnings.append(f"the root element is {root.tag!r} instead of 'ISO5436_2'")
     _check_document_sum(container, document, warnings)
@@ -326,12 +312,8 @@ def _number(file: RawFile, text: str | None, field: str, default: float | None =
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise CorruptFileError(
-            file.path,
-            "a number is not usable",
-            field=field,
-            expected="a finite number",
-            found=text,
+        raise file.corrupt(
+            "a number is not usable", field=field, expected="a finite number", found=text
         )
     return value
 
@@ -342,12 +324,11 @@ def read_axes(file: RawFile, root: Element, warnings: list[str]) -> tuple[Axis, 
     for name in _AXES:
         element = root.find(f"Record1/Axes/{name}")
         if element is None:
-            raise CorruptFileError(file.path, "an axis is missing", field=f"Record1/Axes/{name}")
+            raise file.corrupt("an axis is missing", field=f"Record1/Axes/{name}")
         kind = (element.findtext("AxisType") or "").strip().upper()
         code = (element.findtext("DataType") or "D").strip().upper()
         if kind not in {"I", "A"} or code not in _TYPES:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "an axis is of unknown type",
                 field=name,
                 expected="AxisType I or A, DataType I, L, F or D",
@@ -358,8 +339,7 @@ def read_axes(file: RawFile, root: Element, warnings: list[str]) -> tuple[Axis, 
             warnings.append(f"axis {name} stores integers without an increment: taken as 1 m")
         increment = _number(file, text, f"{name}/Increment", 1.0 if kind == "A" else None)
         if increment == 0.0 or (kind == "I" and abs(increment) > _MAX_STEP):
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a step is not usable",
                 field=f"{name}/Increment",
                 expected=f"not 0 and at most {_MAX_STEP:g} m",
@@ -393,8 +373,7 @@ def read_shape(file: RawFile, root: Element, max_pixels: int) -> tuple[int, int]
 def _size(file: RawFile, root: Element, name: str) -> int:
     text = (root.findtext(f"Record3/{name}") or "").strip()
     if not (text.isascii() and text.isdecimal() and len(text) < 12 and int(text) > 0):
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the size of the map is not usable",
             field=name,
             expected="a whole number above 0",
@@ -414,17 +393,13 @@ def refuse_unread(
             "(PRF)"
         )
     if kind == "PCL" and not (axes[0].is_absolute and axes[1].is_absolute):
-        raise CorruptFileError(
-            file.path, "a list of points needs absolute axes", field="AxisType", expected="A"
-        )
+        raise file.corrupt("a list of points needs absolute axes", field="AxisType", expected="A")
     if not axes[2].is_absolute:
-        raise CorruptFileError(
-            file.path, "the z axis must be absolute", field="CZ/AxisType", expected="A", found="I"
+        raise file.corrupt(
+            "the z axis must be absolute", field="CZ/AxisType", expected="A", found="I"
         )
     if kind == "PRF" and shape[0] != 1:
-        raise CorruptFileError(
-            file.path, "a profile has one row", field="SizeY", expected=1, found=shape[0]
-        )
+        raise file.corrupt("a profile has one row", field="SizeY", expected=1, found=shape[0])
 
 
 def read_points(
@@ -445,13 +420,12 @@ def read_points(
     elif root.find("Record3/DataList") is not None:
         raw = _text_points(file, root, stored, count)
     else:
-        raise CorruptFileError(file.path, "the description names no data", field="Record3")
+        raise file.corrupt("the description names no data", field="Record3")
     values = {a.name: a.metres(raw[a.name]) for a in stored}
     for v in values.values():
         v[~np.isfinite(v)] = np.nan
     if np.isnan(values["CZ"]).all():
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "no point was measured",
             expected="at least one valid height",
             found=f"{count} invalid ones",
@@ -474,8 +448,7 @@ def _binary_points(
     expected = count * record.itemsize
     data = container.read(link, limit=max(expected, 1), trusted=trusted)
     if len(data) != expected:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the data do not fill the map",
             field=link,
             expected=f"{expected} bytes",
@@ -489,8 +462,7 @@ def _binary_points(
         n_bytes = (count + 7) // 8
         bits = container.read(mask, limit=n_bytes + 8, trusted=trusted)
         if len(bits) < n_bytes:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "the validity mask is too short",
                 field=mask,
                 expected=f"{n_bytes} bytes",
@@ -517,8 +489,7 @@ def _text_points(
 ) -> dict[str, FloatArray]:
     data = root.findall("Record3/DataList/Datum")
     if len(data) != count:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the list of points does not fill the map",
             field="Record3/DataList",
             expected=f"{count} points",
@@ -532,8 +503,7 @@ def _text_points(
         try:
             table[i] = [float(f) for f in fields]
         except ValueError:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a point of the list is not usable",
                 field=f"Datum {i + 1}",
                 expected=f"{len(stored)} number(s) separated by ';'",
@@ -582,7 +552,7 @@ class Container:
         self._members = self._list_members()
 
     def _corrupt(self, reason: str, member: str | None = None) -> CorruptFileError:
-        return CorruptFileError(self._file.path, f"the X3P archive {reason}", field=member)
+        return self._file.corrupt(f"the X3P archive {reason}", field=member)
 
     def _list_members(self) -> dict[str, zipfile.ZipInfo]:
         infos = [
@@ -636,8 +606,7 @@ class Container:
         self, info: zipfile.ZipInfo, member: str, limit: int, *, trusted: bool
     ) -> None:
         if info.file_size > limit:
-            raise CorruptFileError(
-                self._file.path,
+            raise self._file.corrupt(
                 "a member of the X3P archive is larger than it may be",
                 field=member,
                 expected=f"at most {limit} bytes",
@@ -667,20 +636,15 @@ def parse_xml(file: RawFile, data: bytes) -> Element:
     try:
         root: Element = fromstring(data, forbid_dtd=True)
     except ParseError as exc:
-        raise CorruptFileError(
-            file.path, f"main.xml is not well-formed ({exc})", field="main.xml"
-        ) from None
+        raise file.corrupt(f"main.xml is not well-formed ({exc})", field="main.xml") from None
     except DefusedXmlException as exc:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             f"main.xml declares a document type or entities ({type(exc).__name__}), which X3P does not",
             field="main.xml",
             hint="do not trust this file; ask its sender",
         ) from None
     except (ValueError, LookupError) as exc:
-        raise CorruptFileError(
-            file.path, f"main.xml cannot be decoded ({exc})", field="main.xml"
-        ) from None
+        raise file.corrupt(f"main.xml cannot be decoded ({exc})", field="main.xml") from None
     for element in root.iter():
         element.tag = str(element.tag).rsplit("}", 1)[-1]
     return root

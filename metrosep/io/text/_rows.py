@@ -208,8 +208,7 @@ class Body:
                 self._ledger.add("footer", number, line)
         self._pending = []
         if self._ledger.total != n_lines:
-            raise CorruptFileError(
-                self._file.path,
+            raise self._file.corrupt(
                 "the lines do not add up",
                 expected=f"{n_lines} lines",
                 found=f"{self._ledger.to_dict()}",
@@ -347,8 +346,7 @@ class Body:
         for number, line, empty in self._pending:
             if not empty:
                 self._refuse_damaged(number, line)
-                raise CorruptFileError(
-                    self._file.path,
+                raise self._file.corrupt(
                     "a line of text stands within the table",
                     field=f"line {number}",
                     expected=f"{self._n} fields ({self._layout.dialect})",
@@ -371,8 +369,7 @@ class Body:
         self, number: int, line: str, found: int, *, at_end: bool
     ) -> CorruptFileError:
         cut = at_end and found < self._n
-        return CorruptFileError(
-            self._file.path,
+        return self._file.corrupt(
             "the file ends in the middle of a row"
             if cut
             else "a row has another number of fields",
@@ -453,8 +450,7 @@ def _rows(n: int) -> str:
 def refuse_quotes(file: RawFile, number: int, line: str) -> None:
     """Refuse a line whose double quotes do not pair up."""
     if line.count('"') % 2:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the quotes do not pair up",
             field=f"line {number}",
             found=repr(line[:40]),
@@ -468,8 +464,7 @@ def bad_field(file: RawFile, line: int, field: str, where: str) -> CorruptFileEr
     options = f"missing='{field[:40]}' if it means not measured, skip_lines='{line}' to leave the line out"
     if grouped:
         options = f'thousands="{grouped.group(1)}" if its digits are in groups, {options}'
-    return CorruptFileError(
-        file.path,
+    return file.corrupt(
         f"{where} holds something that is no number",
         field=f"line {line}",
         expected="a number, or an empty field where nothing was measured",

@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import CorruptFileError, FormatMismatchError
+from metrosep.core.errors import CorruptFileError
 from metrosep.core.recording import Recording
+from metrosep.io.declared import mismatch
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.dialect import MISSING, is_number
@@ -64,9 +65,7 @@ def read(
     lines = text_lines(file)
     variables, notes = _variables(file, lines)
     if not variables:
-        raise FormatMismatchError(
-            f"{file.path}: is no text of camonitor: no line holds a name, a date, a time and a value"
-        )
+        raise mismatch(file, FORMAT)
     data = Channels(file)
     start = min(v.ns[0] for v in variables.values())
     invalid = 0
@@ -86,9 +85,7 @@ def read(
     if invalid:
         notes.append(f"{invalid} values with severity INVALID were taken as not measured")
     if not data.names:
-        raise CorruptFileError(
-            file.path, "no variable holds numbers", expected="one number on each line"
-        )
+        raise file.corrupt("no variable holds numbers", expected="one number on each line")
     return data.recording(
         FORMAT,
         {"lines": len(lines), "variables": {n: len(v.ns) for n, v in variables.items()}},
@@ -156,8 +153,7 @@ def _variables(file: RawFile, lines: list[str]) -> tuple[dict[str, _Variable], l
         latest = max(latest, ns)
         variable = variables.setdefault(name, _Variable())
         if variable.ns and ns < variable.ns[-1]:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 f"the time of {name[:40]} goes back",
                 field=f"line {number}",
                 expected=f"{_iso(variable.ns[-1])} or later",
@@ -186,8 +182,7 @@ def _variables(file: RawFile, lines: list[str]) -> tuple[dict[str, _Variable], l
 
 
 def _bad_line(file: RawFile, number: int, text: str) -> CorruptFileError:
-    return CorruptFileError(
-        file.path,
+    return file.corrupt(
         "a line is none of camonitor",
         field=f"line {number}",
         expected="name, date, time, value",
@@ -200,8 +195,7 @@ def _seconds(file: RawFile, number: int, day: str, clock: str) -> int:
     try:
         moment = datetime.fromisoformat(f"{day}T{clock}")
     except ValueError:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "a line has no time",
             field=f"line {number}",
             expected="YYYY-MM-DD HH:MM:SS",

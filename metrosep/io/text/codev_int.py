@@ -16,22 +16,21 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
-    CorruptFileError,
-    FormatMismatchError,
     UnsupportedFeatureError,
     WriteError,
 )
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
+from metrosep.io.declared import mismatch
 from metrosep.io.objects import (
+    Request,
     check_area,
     height_only as channels,
-    make_surface,
-    only_channels,
+    map_reader,
     scaled,
 )
 from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile
 from metrosep.io.text.logger import first_lines
 from metrosep.io.text.numbers import one_number, parse_numbers
 
@@ -61,18 +60,10 @@ def sniff(file: RawFile) -> Match:
     return Match.NO if _top(file)[-1] is None else Match.YES
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Surface:
+@map_reader(FORMAT, "Code V", "a Code V interferogram with its own scale")
+def read(asked: Request) -> Surface:
     """Return the grid of a Code V interferogram."""
-    refuse_options(file, "a Code V interferogram with its own scale", unit=unit)
-    only_channels(file, "Code V", channel)
-    override = lateral_steps(lateral_step)
+    file = asked.file
     header = _header(file)
     kind = next((k for k in _KINDS if k in header.keywords), "")
     if kind not in ("SUR", "WFR"):
@@ -87,16 +78,13 @@ def read(
     )
     scale = wavelength * _MICROMETRE / counts
     warnings = file.cut_text()
-    raw = _integers(file, header, max_pixels)
+    raw = _integers(file, header, asked.max_pixels)
     z = scaled(raw, scale, _missing(file, header, raw, warnings))
-    return make_surface(
-        file,
-        FORMAT,
+    return asked.surface(
         z,
         (None, None),
         row_order="top row first",
         header={"title": header.title, "comments": header.comments, **header.keywords},
-        override=override,
         warnings=warnings,
         data_kind=_KINDS[kind],
         wavelength_m=wavelength * _MICROMETRE,
@@ -110,10 +98,7 @@ def _header(file: RawFile) -> _Header:
     """Return the header: comments, the title, and the line of keywords."""
     comments, title, text, number = _top(file)
     if number is None:
-        raise FormatMismatchError(
-            f"{file.path}: is not a Code V interferogram: expected 'GRD nx ny SUR WVL ... SSZ ...' below "
-            f"the title, found {text[:40]!r}; leave out format= to have it recognised"
-        )
+        raise mismatch(file, FORMAT)
     ends = (m.end() for m in _LINE_END.finditer(file.data))
     start = next(itertools.islice(ends, number - 1, None), file.size)
     return _Header(title, comments, _keywords(file, text, number), number, start)
@@ -163,8 +148,7 @@ def _integers(file: RawFile, header: _Header, max_pixels: int | None) -> FloatAr
     """Return the grid of counts, top row first."""
     texts = header.keywords["GRD"].split()
     if not all(t.isascii() and t.isdecimal() and len(t) < 10 for t in texts):
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the size of the grid is not usable",
             field=f"line {header.line}, GRD",
             expected="two whole numbers",
@@ -175,8 +159,7 @@ def _integers(file: RawFile, header: _Header, max_pixels: int | None) -> FloatAr
     body = _COMMENT.sub(lambda m: b" " * len(m.group()), file.data[header.start :])
     raw = parse_numbers(file, body, offset=header.start, what="a count")
     if raw.size != columns * rows:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the integers do not fill the grid",
             field=f"line {header.line}, GRD",
             expected=f"{columns} x {rows} = {columns * rows}",
@@ -184,8 +167,8 @@ def _integers(file: RawFile, header: _Header, max_pixels: int | None) -> FloatAr
         )
     if not np.array_equal(raw, np.rint(raw)):  # NaN is no whole number either
         k = int(np.argmin(raw == np.rint(raw)))
-        raise CorruptFileError(
-            file.path, "a count is no whole number", field=f"count {k + 1}", found=f"{raw[k]:g}"
+        raise file.corrupt(
+            "a count is no whole number", field=f"count {k + 1}", found=f"{raw[k]:g}"
         )
     return raw.reshape(rows, columns)
 

@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnitError
+from metrosep.core.errors import UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, parse_unit
+from metrosep.io.declared import mismatch
 from metrosep.io.objects import (
     height_only as channels,
     make_profile,
@@ -49,21 +50,15 @@ def read(
     refuse_options(file, "a contour with its own unit", unit=unit)
     only_channels(file, "contour", channel)
     override = lateral_steps(lateral_step)
-    if sniff(file) is Match.NO:
-        raise FormatMismatchError(
-            f"{file.path}: is no contour file: expected a unit such as mm in line 1, a count in line 2 "
-            "and 'x, z' in line 3; leave out format= to have it recognised"
-        )
     lines = text_lines(file)
     own = _unit(lines[0])
-    if own is None:  # sniff has seen it
-        raise FormatMismatchError(f"{file.path}: line 1 is no unit of length")
+    if sniff(file) is Match.NO or own is None:
+        raise mismatch(file, FORMAT)
     rows = [(n, s.split(",")) for n, s in enumerate(lines[2:], start=3) if s.strip()]
     points = np.empty((2, len(rows)))
     for k, (line, fields) in enumerate(rows):
         if len(fields) != 2:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a row does not hold a position and a height",
                 field=f"line {line}",
                 expected=2,

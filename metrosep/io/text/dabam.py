@@ -20,12 +20,12 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
-    FormatMismatchError,
     ReadError,
     UnsupportedFeatureError,
 )
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
+from metrosep.io.declared import mismatch
 from metrosep.io.objects import make_profile, only_channels
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
@@ -114,17 +114,14 @@ def read(
 def _header(file: RawFile) -> dict[str, Any]:
     """Return the JSON, refused unless the keys that say how to read the columns are usable."""
     if sniff(file) is Match.NO:
-        raise FormatMismatchError(
-            f"{file.path}: is no DABAM description: expected JSON with FILE_FORMAT, FILE_HEADER_LINES "
-            "and X1_FACTOR; pass the .txt of the entry, not its .dat"
-        )
+        raise mismatch(file, FORMAT)
     try:
         header = json.loads("\n".join(text_lines(file)))
     except (ValueError, RecursionError) as exc:
         reason = f"the JSON is damaged ({str(exc)[:80]})"
-        raise CorruptFileError(file.path, reason, hint="copy the .txt again") from None
+        raise file.corrupt(reason, hint="copy the .txt again") from None
     if not isinstance(header, dict):
-        raise CorruptFileError(file.path, "the JSON is no object", expected="{...}")
+        raise file.corrupt("the JSON is no object", expected="{...}")
     if str(header.get("FILE_FORMAT")) not in {str(k) for k in _KIND}:
         raise UnsupportedFeatureError(
             f"{file.path}: FILE_FORMAT is {str(header.get('FILE_FORMAT'))[:20]}; metrosep reads 1 "
@@ -144,8 +141,7 @@ def _header(file: RawFile) -> dict[str, Any]:
 
 
 def _wrong(file: RawFile, key: str, expected: str, found: object) -> CorruptFileError:
-    return CorruptFileError(
-        file.path,
+    return file.corrupt(
         "the description of the columns is not usable",
         field=key,
         expected=expected,
@@ -179,12 +175,11 @@ def _columns(
     lines, rows = number_rows(file, data, skip=header["FILE_HEADER_LINES"])
     table = np.array(rows)
     if len(rows) < 2:
-        raise CorruptFileError(
-            file.path, f"there is one row in {data.name}", field=f"line {lines[0]}", expected=2
+        raise file.corrupt(
+            f"there is one row in {data.name}", field=f"line {lines[0]}", expected=2
         )
     if column >= table.shape[1]:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             f"there is no column Y{column} in {data.name}",
             expected=f"{column + 1} columns",
             found=table.shape[1],
@@ -193,9 +188,7 @@ def _columns(
     x = table[:, 0]
     if np.isnan(x).any():
         line = lines[int(np.flatnonzero(np.isnan(x))[0])]
-        raise CorruptFileError(
-            file.path, f"a point of {data.name} has no position", field=f"line {line}"
-        )
+        raise file.corrupt(f"a point of {data.name} has no position", field=f"line {line}")
     factors = header["X1_FACTOR"], header[f"Y{column}_FACTOR"]
     return x * factors[0], table[:, column] * factors[1], table.shape[1] - 1
 

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
-    CorruptFileError,
     FormatMismatchError,
     ReadError,
     UnsupportedFeatureError,
@@ -33,7 +32,7 @@ from metrosep.io.registry import Match
 from metrosep.io.source import HEAD_BYTES, RawFile
 from metrosep.io.text._rows import Block
 from metrosep.io.text._table_layout import find_layout, unmeasured_rows
-from metrosep.io.text.dialect import decode, is_comment, plain_ends
+from metrosep.io.text.dialect import decode, head_text, is_comment, plain_ends
 from metrosep.io.text.logger import first_lines
 from metrosep.io.text.measurement import measurement
 from metrosep.io.text.table import Column, ColumnSpec, TableHead, read_table, refuse_markers
@@ -48,13 +47,11 @@ _MAX_TITLES = 5
 
 def sniff(file: RawFile) -> Match:
     """Return how sure we are that a file is a table of numbers."""
-    try:
-        text, _ = decode(file.head, file.name)
-    except ReadError:
+    text = head_text(file)
+    if text is None:
         return Match.NO
-    every = text.split("\n")
-    lines = [line for line in every if line.strip() and not is_comment(line)]
-    if len(file.head) == HEAD_BYTES:
+    lines = [line for line in text.split("\n") if line.strip() and not is_comment(line)]
+    if len(file.head) == HEAD_BYTES and not text.endswith("\n"):
         lines = lines[:-1]
     if not lines:  # comments as long as the head, such as a history that metrosep wrote
         rest = (s for s in first_lines(file) if s.strip() and not is_comment(s))
@@ -265,9 +262,7 @@ class TextSource:
             return plain_ends(raw.decode(self._encoding))
         except UnicodeDecodeError as exc:
             at = line + raw[: exc.start].count(b"\n")
-            raise CorruptFileError(
-                self._file.path, f"is not {self._encoding} text", field=f"line {at}"
-            ) from None
+            raise self._file.corrupt(f"is not {self._encoding} text", field=f"line {at}") from None
 
 
 def _sample(rows: FloatArray, lines: NDArray[np.int64]) -> tuple[FloatArray, NDArray[np.int64]]:

@@ -17,7 +17,7 @@ from typing import Final
 
 from metrosep.core.errors import FormatMismatchError, ReadError, UnitError
 from metrosep.core.units import Unit, column_unit, parse_unit
-from metrosep.io.source import HEAD_BYTES
+from metrosep.io.source import HEAD_BYTES, RawFile
 
 __all__ = [
     "MARKS",
@@ -27,7 +27,9 @@ __all__ = [
     "Dialect",
     "bare_unit",
     "decode",
+    "encoding_hint",
     "find_column",
+    "head_text",
     "header_unit",
     "is_comment",
     "is_number",
@@ -131,6 +133,14 @@ def decode(data: bytes, path: object, encoding: str | None = None) -> tuple[str,
             f"{path}: holds binary data, not text; if it is a text file, name it with encoding="
         )
     return plain_ends(text), name
+
+
+def head_text(file: RawFile) -> str | None:
+    """Return the text of the first whole lines of a file, None where it is no text."""
+    try:
+        return decode(file.head_lines, file.path)[0]
+    except ReadError:
+        return None
 
 
 def plain_ends(text: str) -> str:
@@ -274,6 +284,16 @@ def split_header(line: str, separator: str, n_columns: int) -> list[str] | None:
     return names if len(names) == n_columns else None
 
 
+def encoding_hint(names: Iterable[str]) -> str:
+    """Return what to do where names hold codes that are no letters of Latin-1, empty elsewhere."""
+    if not any("\x80" <= c <= "\x9f" for name in names for c in name):
+        return ""
+    return (
+        "the names of the columns are in another encoding than UTF-8 or Latin-1; name it with "
+        "encoding=, such as encoding='shift_jis', 'gb18030' or 'cp1252'"
+    )
+
+
 def find_column(wanted: str, names: Sequence[str], path: object, *, role: str) -> str:
     """Return the column that a caller means."""
     key = wanted.strip().casefold()
@@ -290,7 +310,8 @@ def find_column(wanted: str, names: Sequence[str], path: object, *, role: str) -
             )
     near = difflib.get_close_matches(key, [n.casefold() for n in names], n=1, cutoff=0.5)
     guess = next((n for n in names if near and n.casefold() == near[0]), None)
-    hint = f"; did you mean {guess!r}?" if guess else ""
+    odd = encoding_hint(names)
+    hint = f"; did you mean {guess!r}?" if guess else f"; {odd}" if odd else ""
     raise FormatMismatchError(
         f"{path}: has no {role} column {wanted!r}; the columns are {', '.join(names)}{hint}"
     )

@@ -17,6 +17,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.units import parse_unit
+from metrosep.io.declared import mismatch
 from metrosep.io.objects import make_profile
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
@@ -120,9 +121,7 @@ def read_terms(file: RawFile) -> dict[str, Term]:
     """Return every term of the file."""
     tables, _ = _sections(file)
     if not tables:
-        raise FormatMismatchError(
-            f"{file.path}: is not in the Etalon format: no term such as [EXY] has Gridpoints or VALUE"
-        )
+        raise mismatch(file, FORMAT)
     terms = {}
     for name, rows in tables.items():
         error = "length" if name[name[0] == "E"] in _LENGTH else "angle"
@@ -181,11 +180,8 @@ def _sections(file: RawFile) -> tuple[dict[str, list[list[float]]], dict[str, st
             rest = key.group(2)[1:].strip()
             rows = _row(file, number, rest, section, rows) if rest else rows
     if rows is not None:
-        raise CorruptFileError(
-            file.path,
-            f"the table of {section} has no end",
-            expected="}",
-            found="the end of the file",
+        raise file.corrupt(
+            f"the table of {section} has no end", expected="}", found="the end of the file"
         )
     return tables, others
 
@@ -217,10 +213,6 @@ def _number(file: RawFile, number: int, text: str, section: str) -> float:
 
 
 def _bad(file: RawFile, number: int, text: str, expected: str) -> CorruptFileError:
-    return CorruptFileError(
-        file.path,
-        "a line does not fit",
-        field=f"line {number}",
-        expected=expected,
-        found=repr(text[:40]),
+    return file.corrupt(
+        "a line does not fit", field=f"line {number}", expected=expected, found=repr(text[:40])
     )

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnitError
+from metrosep.core.errors import UnitError
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, parse_unit
+from metrosep.io.declared import mismatch
 from metrosep.io.objects import (
     ROW_ORDERS,
     height_only as channels,
@@ -59,10 +60,7 @@ def read(
     only_channels(file, "Gwyddion ASCII", channel)
     override = lateral_steps(lateral_step)
     if sniff(file) is Match.NO:
-        raise FormatMismatchError(
-            f"{file.path}: is no Gwyddion ASCII export: expected four comment lines (channel, width, "
-            "height, value units) above the numbers; leave out format= to have it recognised"
-        )
+        raise mismatch(file, FORMAT)
     lines = text_lines(file)
     comments = [_COMMENT.fullmatch(line) for line in lines[:_N_HEADER]]
     words, values = zip(*((m[1], m[2]) for m in comments if m), strict=True)
@@ -133,8 +131,7 @@ def _matrix(file: RawFile, lines: list[str]) -> FloatArray:
     z = np.empty((len(rows), width))
     for k, (line, fields) in enumerate(rows):
         if len(fields) != width:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a row has another length than the first",
                 field=f"line {line}",
                 expected=width,

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, FormatMismatchError
+from metrosep.core.errors import FormatMismatchError
 from metrosep.core.recording import Recording
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
@@ -132,8 +132,7 @@ def _numbered(file: RawFile, body: FloatArray, step: float) -> tuple[FloatArray,
     """Return the times by the numbers in the first column, and the other columns."""
     count = body[:, 0]
     if body.shape[1] < 2 or not (np.isfinite(count).all() and (count == np.floor(count)).all()):
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the first column holds no sample numbers",
             field="column 0",
             expected="whole numbers and at least one more column",
@@ -141,8 +140,7 @@ def _numbered(file: RawFile, body: FloatArray, step: float) -> tuple[FloatArray,
         )
     falls = np.flatnonzero(np.diff(count) <= 0.0)
     if falls.size:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the sample numbers do not rise",
             field=f"row {int(falls[0]) + 2}",
             expected=f"more than {count[falls[0]]:.0f}",

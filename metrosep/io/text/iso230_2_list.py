@@ -21,6 +21,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, parse_unit
+from metrosep.io.declared import mismatch
 from metrosep.io.objects import make_profile
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
@@ -139,16 +140,12 @@ def _test(file: RawFile) -> _Test:
             raise _bad(file, "an index does not fit or stands twice", number, text)
         entries[key][index] = to_number(file, value, line=number, name=text.split("=")[0][:40])
     if not entries[_TARGET] or not any(entries[key] for key in _DIRECTIONS):
-        raise FormatMismatchError(
-            f"{file.path}: is no list of a positioning test: {_TARGET}[i] and {' or '.join(_DIRECTIONS)}"
-            "[i,j] are missing"
-        )
+        raise mismatch(file, FORMAT)
     return _arrays(file, header, entries)
 
 
 def _bad(file: RawFile, reason: str, number: int, text: str) -> CorruptFileError:
-    return CorruptFileError(
-        file.path,
+    return file.corrupt(
         reason,
         field=f"line {number}",
         expected=f"KEY=VALUE, {_TARGET}[i] or REF_DATA_...[i,j], each once and from 1",
@@ -162,8 +159,7 @@ def _arrays(
     m = len(entries[_TARGET])
     _demand(file, "POSITIONS", header, m)
     if max(entries[_TARGET])[0] != m:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "a target is missing",
             field=_TARGET,
             expected=f"{m} targets counted from 1",
@@ -171,14 +167,13 @@ def _arrays(
         )
     targets = np.array([entries[_TARGET][(i + 1,)] for i in range(m)])
     if not np.isfinite(targets).all():
-        raise CorruptFileError(file.path, "a target is no number", field=_TARGET)
+        raise file.corrupt("a target is no number", field=_TARGET)
     reached = {}
     for key, direction in _DIRECTIONS.items():
         found = entries[key]
         n = max((j for _, j in found), default=0)
         if len(found) != m * n or any(i > m for i, _ in found):
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a position is missing or has no target",
                 field=key,
                 expected=f"{m} targets x {n} cycles",
@@ -195,8 +190,8 @@ def _demand(file: RawFile, key: str, header: dict[str, str], count: int) -> None
     """Refuse a file that declares another count than it holds: it was cut off."""
     text = header.get(key)
     if text is not None and text != str(count):
-        raise CorruptFileError(
-            file.path, "the declared count is wrong", field=key, expected=text[:20], found=count
+        raise file.corrupt(
+            "the declared count is wrong", field=key, expected=text[:20], found=count
         )
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, ReadError, UnitError
+from metrosep.core.errors import FormatMismatchError, ReadError, UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
@@ -26,7 +26,7 @@ from metrosep.core.units import (
     parse_sensitivity,
     parse_unit,
 )
-from metrosep.io.registry import Match
+from metrosep.io.registry import LAYOUT_LINES, Match
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.dialect import decode
 from metrosep.io.text.logger import first_lines
@@ -60,7 +60,6 @@ COLUMN_KEYS = {
 """Keys of ``[[layout.columns]]`` and what they mean."""
 
 _ROLES = ("time", "x", "y", "z", "channel", "ignore")
-_HEAD_LINES = 200
 _KINDS = {int: "whole number", list: "list", str: "text"}
 
 
@@ -174,7 +173,7 @@ class LayoutReader:
         """Return how sure the reader is."""
         lines = first_lines(file, self._layout.get("encoding"))
         first, *others = self._marks
-        if not any(s.lstrip().startswith(first) for s in itertools.islice(lines, _HEAD_LINES)):
+        if not any(s.lstrip().startswith(first) for s in itertools.islice(lines, LAYOUT_LINES)):
             return Match.NO
         found = all(any(line.lstrip().startswith(m) for line in lines) for m in others)
         return Match.YES if found else Match.NO
@@ -258,8 +257,7 @@ class LayoutReader:
         self, file: RawFile, table: Table, head: Sequence[str], fields: Mapping[str, str]
     ) -> Table:
         if len(table.columns) != len(self._columns):
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 f"the table is not that of {self._title}",
                 field="columns",
                 expected=f"{len(self._columns)} columns",
@@ -285,8 +283,7 @@ class LayoutReader:
                 continue
             found = [k for k in fields if _bare_key(k) == _bare_key(str(wanted))]
             if len(found) > 1:
-                raise CorruptFileError(
-                    file.path,
+                raise file.corrupt(
                     "the head says twice how fast it was sampled",
                     field=str(wanted),
                     found=" and ".join(found),
@@ -297,8 +294,7 @@ class LayoutReader:
                 mark = str(self._layout.get("decimal", table_decimal))
                 value = _si(f"{fields[name]} {_bracketed(name)}", dimension, mark)
             if not (np.isfinite(value) and value > 0.0):
-                raise CorruptFileError(
-                    file.path,
+                raise file.corrupt(
                     "the head does not say how fast it was sampled",
                     field=str(wanted),
                     expected=f"a positive {dimension} with its unit",

@@ -16,7 +16,6 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
-    CorruptFileError,
     DataError,
     FormatMismatchError,
     ReadError,
@@ -25,9 +24,9 @@ from metrosep.core.errors import (
 from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.core.units import Unit, parse_quantity, parse_unit
+from metrosep.io.objects import SI_NAMES
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.dialect import MISSING, decode, is_number
-from metrosep.io.text.measurement import SI_NAMES
 
 __all__ = [
     "Channels",
@@ -51,7 +50,7 @@ _LONGEST_TOP = 2**24
 
 def first_lines(file: RawFile, encoding: str | None = None) -> Iterator[str]:
     """Yield whole lines from the top, as `text_lines` gives them, no further than they are asked for."""
-    shown, content = 0, file.head
+    shown, content = 0, file.head_lines
     while True:
         try:
             lines = decode(content, file.path, encoding)[0].split("\n")
@@ -80,8 +79,7 @@ def to_number(file: RawFile, text: str, *, line: int, name: str, decimal: str = 
         value = float(field.replace(",", ".").replace("d", "e").replace("D", "e"))
         if np.isfinite(value):
             return value
-    raise CorruptFileError(
-        file.path,
+    raise file.corrupt(
         f"{name} is no number",
         field=f"line {line}",
         expected=f"a number with decimal mark {decimal!r}",
@@ -207,7 +205,7 @@ class Channels:
             column[where] = self._values[name] * (own.factor if own is not None else 1.0)
             columns[name] = column
         if not any(np.isfinite(c).any() for c in columns.values()):
-            raise CorruptFileError(self._file.path, "no channel holds a number")
+            raise self._file.corrupt("no channel holds a number")
         metadata = self._file.metadata(
             format_id,
             header,
@@ -224,11 +222,11 @@ class Channels:
                 history=self._file.history(format_id, {"channels": tuple(columns)}),
             )
         except DataError as exc:
-            raise CorruptFileError(self._file.path, f"the samples do not fit: {exc}") from None
+            raise self._file.corrupt(f"the samples do not fit: {exc}") from None
 
     def _chosen(self, channel: str | None) -> tuple[str, ...]:
         if not self._values:
-            raise CorruptFileError(self._file.path, "holds no channel")
+            raise self._file.corrupt("holds no channel")
         if channel is None:
             return self.names
         if channel not in self._values:
@@ -281,15 +279,12 @@ def number_rows(
     lines = text_lines(data)[skip:]
     rows = [(n, s.split()) for n, s in enumerate(lines, start=skip + 1) if s.strip()]
     if not rows:
-        raise CorruptFileError(
-            file.path, f"there are no rows in {data.name}", field=f"line {skip + 1}"
-        )
+        raise file.corrupt(f"there are no rows in {data.name}", field=f"line {skip + 1}")
     width = len(rows[0][1])
     numbers = []
     for line, fields in rows:
         if len(fields) != width:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 f"a row has another length in {data.name}",
                 field=f"line {line}",
                 expected=width,
@@ -310,7 +305,7 @@ _SCALE = re.compile(r"\s*([+-]?[0-9.]+(?:[eE][+-]?\d+)?)\s*(\S+)\s*")
 def number_block(file: RawFile, rows: Sequence[tuple[int, str]]) -> FloatArray:
     """Return the numbers of rows that are separated by white space."""
     if not rows:
-        raise CorruptFileError(file.path, "holds no row of numbers", field="the end")
+        raise file.corrupt("holds no row of numbers", field="the end")
     texts = [text for _, text in rows]
     n = len(texts[0].split())
     block = plain_block(texts, range(n))
@@ -320,8 +315,7 @@ def number_block(file: RawFile, rows: Sequence[tuple[int, str]]) -> FloatArray:
     for k, (line, text) in enumerate(rows):
         fields = text.split()
         if len(fields) != n:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a row does not fit the first one",
                 field=f"line {line}",
                 expected=f"{n} numbers",

@@ -16,6 +16,7 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
 from metrosep.core.recording import Recording
+from metrosep.io.declared import mismatch
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.dialect import is_number
@@ -130,12 +131,10 @@ class _Segment:
 
 def _file_header(file: RawFile, lines: list[str]) -> tuple[_Head, int]:
     if not lines[0].startswith(_MAGIC):
-        raise FormatMismatchError(
-            f"{file.path}: is no LabVIEW measurement file: expected {_MAGIC!r}, found {lines[0][:40]!r}"
-        )
+        raise mismatch(file, FORMAT)
     end = next((i for i, line in enumerate(lines) if line.startswith(_END)), None)
     if end is None:
-        raise CorruptFileError(file.path, "the header has no end", expected=_END, found="the end")
+        raise file.corrupt("the header has no end", expected=_END, found="the end")
     fields: dict[str, str] = {}
     for line in filter(str.strip, lines[1:end]):
         key, _, value = line.partition("\t" if "\t" in line else ",")
@@ -149,8 +148,7 @@ def _file_header(file: RawFile, lines: list[str]) -> tuple[_Head, int]:
         ("X_Columns", x_columns, ("No", "One", "Multi")),
     ):
         if value not in legal:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "the header declares something unknown",
                 field=name,
                 expected=" or ".join(legal),
@@ -190,8 +188,7 @@ def _segments(file: RawFile, lines: list[str], start: int, head: _Head) -> list[
             segments[-1].names = fields
             state = "rows"
         elif all(is_number(f, head.decimal) for f in fields if f):
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a row of numbers stands above the first segment",
                 field=f"line {number}",
                 expected="Channels, or a key and its text",
@@ -204,11 +201,8 @@ def _segments(file: RawFile, lines: list[str], start: int, head: _Head) -> list[
     for segment in segments:
         segment.drop_blank_end(head.separator)
     if special or state != "rows" or any(not s.rows for s in segments):
-        raise CorruptFileError(
-            file.path,
-            "a segment has no rows",
-            field=f"line {len(lines)}",
-            expected="rows of numbers",
+        raise file.corrupt(
+            "a segment has no rows", field=f"line {len(lines)}", expected="rows of numbers"
         )
     return segments
 
@@ -230,7 +224,7 @@ def _samples(
         values = body[:, y]
         untimed = np.isnan(t)
         if not np.isnan(values[untimed]).all():
-            raise CorruptFileError(file.path, f"channel {names[y]!r} has a value without a time")
+            raise file.corrupt(f"channel {names[y]!r} has a value without a time")
         keep = ~untimed
         data.add(names[y], t[keep], values[keep], _at(segment, "Y_Unit_Label", y))
     comments = tuple(
@@ -244,8 +238,7 @@ def _samples(
 def _demand_channels(file: RawFile, segment: _Segment, n_columns: int) -> None:
     declared = _at(segment, "Channels", 1)
     if n_columns < 1 or declared != str(n_columns):
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the row of names does not fit the header",
             field="Channels",
             expected=f"{declared[:20]!r} channels",
@@ -294,7 +287,7 @@ def _plain_numbers(segment: _Segment, head: _Head, n: int) -> FloatArray | None:
 
 
 def _wrong_count(file: RawFile, line: int, n: int, found: int, reason: str) -> CorruptFileError:
-    return CorruptFileError(file.path, reason, field=f"line {line}", expected=n, found=found)
+    return file.corrupt(reason, field=f"line {line}", expected=n, found=found)
 
 
 def _times(file: RawFile, segment: _Segment, head: _Head, body: FloatArray, y: int) -> FloatArray:
@@ -309,8 +302,7 @@ def _times(file: RawFile, segment: _Segment, head: _Head, body: FloatArray, y: i
         if text := _at(segment, name, y):
             value = to_number(file, text, line=0, name=name, decimal=_mark(text))
         if not np.isfinite(value) or (name == "Delta_X" and value <= 0.0):
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "the times cannot be computed",
                 field=name,
                 expected="a finite number" if name == "X0" else "a positive step in s",

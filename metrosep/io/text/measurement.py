@@ -19,7 +19,7 @@ from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, likely_meaning, parse_quantity, parse_unit
 from metrosep.io._roles import role_of, runs_in
-from metrosep.io.objects import make_surface, scaled
+from metrosep.io.objects import SI_NAMES, make_surface, scaled, to_grid
 from metrosep.io.own_notes import header_notes
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
 from metrosep.io.text.delimited_maps import (
@@ -28,7 +28,6 @@ from metrosep.io.text.delimited_maps import (
     looks_like_points,
     matrix,
     shown_columns,
-    to_grid,
 )
 from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.table import (
@@ -49,19 +48,6 @@ __all__ = [
     "unit_label",
     "unit_of",
 ]
-
-SI_NAMES = {
-    "length": "m",
-    "angle": "rad",
-    "time": "s",
-    "frequency": "Hz",
-    "speed": "m/s",
-    "acceleration": "m/s^2",
-    "voltage": "V",
-    "torque": "N m",
-    "number": "1",
-}
-"""SI unit of each dimension that a channel can have."""
 
 _FEW = 8
 """Columns without names that may still be channels as well as a map."""

@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, ReadError
+from metrosep.core.errors import FormatMismatchError, ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
+from metrosep.io.declared import mismatch
 from metrosep.io.objects import ROW_ORDERS, make_profile, make_surface, only_channels
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
@@ -241,13 +242,10 @@ def read_points(file: RawFile) -> Points:
     """Return the points of an MLP file."""
     lines = text_lines(file)
     if not is_mlp(file):
-        raise FormatMismatchError(
-            f"{file.path}: is no MLP file: expected '3D_003,24' or 'MLP-2 3D CSV' in line 1 and lines on "
-            f"the autofocus, found {lines[0][:40]!r}"
-        )
+        raise mismatch(file, FORMAT)
     title = next((i for i, s in enumerate(lines[:_MAX_HEADER]) if s.strip() == _TITLE), None)
     if title is None:
-        raise CorruptFileError(file.path, "the header has no end", expected=f"a line {_TITLE}")
+        raise file.corrupt("the header has no end", expected=f"a line {_TITLE}")
     header: dict[str, list[str]] = {}
     for line in filter(str.strip, lines[:title]):
         key, *values = (f.strip() for f in line.split(","))
@@ -273,14 +271,11 @@ def read_points(file: RawFile) -> Points:
 def _numbers(file: RawFile, lines: list[str], start: int) -> FloatArray:
     rows = [(n, s.split(",")) for n, s in enumerate(lines[start:], start=start + 1) if s.strip()]
     if len(rows) < 2:
-        raise CorruptFileError(
-            file.path, "has no points", field=f"line {start + 1}", expected="2 rows or more"
-        )
+        raise file.corrupt("has no points", field=f"line {start + 1}", expected="2 rows or more")
     xyz = np.empty((len(rows), 3))
     for k, (line, fields) in enumerate(rows):
         if len(fields) != 3:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a point has another number of coordinates",
                 field=f"line {line}",
                 expected=3,
@@ -290,7 +285,7 @@ def _numbers(file: RawFile, lines: list[str], start: int) -> FloatArray:
             xyz[k, j] = to_number(file, fields[j], line=line, name=AXES[j])
     if np.isnan(xyz).any():
         line = rows[int(np.flatnonzero(np.isnan(xyz).any(axis=1))[0])][0]
-        raise CorruptFileError(file.path, "a coordinate is missing", field=f"line {line}")
+        raise file.corrupt("a coordinate is missing", field=f"line {line}")
     return xyz * _MM
 
 

@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, ReadError
+from metrosep.core.errors import FormatMismatchError, ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, parse_unit
+from metrosep.io.declared import mismatch
 from metrosep.io.objects import make_profile
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps
@@ -100,18 +101,14 @@ def _rows(file: RawFile) -> tuple[dict[str, list[tuple[float, float]]], list[str
     """Return position and height of each row by slice, in the unit of the file, and warnings."""
     lines = text_lines(file)
     if not _HEADER.fullmatch(lines[0]):
-        raise FormatMismatchError(
-            f"{file.path}: is not a slice export of Mx: expected 'X ,Y ,Slice' in line 1, found "
-            f"{lines[0][:40]!r}; leave out format= to have it recognised"
-        )
+        raise mismatch(file, FORMAT)
     slices: dict[str, list[tuple[float, float]]] = {}
     for number, line in enumerate(lines[1:], start=2):
         if not line.strip():
             continue
         fields = line.split(",")
         if len(fields) != 3 or not fields[2].strip():
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a row does not fit",
                 field=f"line {number}",
                 expected="position, height and slice",
@@ -119,11 +116,11 @@ def _rows(file: RawFile) -> tuple[dict[str, list[tuple[float, float]]], list[str
             )
         x = to_number(file, fields[0], line=number, name="X")
         if np.isnan(x):
-            raise CorruptFileError(file.path, "a row has no position", field=f"line {number}")
+            raise file.corrupt("a row has no position", field=f"line {number}")
         z = to_number(file, fields[1], line=number, name="Y")
         slices.setdefault(fields[2].strip(), []).append((x, z))
     if not slices:
-        raise CorruptFileError(file.path, "holds no row", field="line 2")
+        raise file.corrupt("holds no row", field="line 2")
     cut = "the file does not end with a line end; its last row may be cut off"
     return slices, [cut] if lines[-1] else []
 

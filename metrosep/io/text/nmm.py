@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.errors import FormatMismatchError, UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
+from metrosep.io.declared import mismatch
 from metrosep.io.objects import make_profile, only_channels
 from metrosep.io.registry import Match
 from metrosep.io.source import MAX_PIXELS, RawFile, refuse_options
@@ -112,10 +113,7 @@ def _names(scan: _Scan) -> tuple[str, ...]:
 
 def _description(file: RawFile) -> _Scan:
     if sniff(file) is Match.NO:
-        raise FormatMismatchError(
-            f"{file.path}: is no NMM scan description: expected {_TITLE!r}; pass the .dsc, not the .dat "
-            "or .pos"
-        )
+        raise mismatch(file, FORMAT)
     header: dict[str, dict[str, str]] = {}
     section = ""
     blocks: list[list[tuple[int, re.Match[str]]]] = []
@@ -132,10 +130,8 @@ def _description(file: RawFile) -> _Scan:
             header.setdefault(section, {})[key.strip()] = value.strip()
     lines = [block for block in blocks if block]
     if not lines:
-        raise CorruptFileError(
-            file.path,
-            "the description lists no columns",
-            expected="0 : date : symbol : count : title",
+        raise file.corrupt(
+            "the description lists no columns", expected="0 : date : symbol : count : title"
         )
     symbols = tuple(m[6].strip() for _, m in lines[0])
     for block in lines:
@@ -144,8 +140,7 @@ def _description(file: RawFile) -> _Scan:
             tuple(m[6].strip() for _, m in block) == symbols and len({m[7] for _, m in block}) == 1
         )
         if not same or [int(m[1]) for _, m in block] != list(range(len(symbols))):
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "the lists of columns contradict each other",
                 field=f"line {number}",
                 expected=f"columns 0 to {len(symbols) - 1} of one length",
@@ -168,8 +163,7 @@ def _seconds(file: RawFile, firsts: list[tuple[int, re.Match[str]]]) -> tuple[fl
             hours = datetime.strptime(match[5], "%H:%M:%S")
             moments.append(hours.replace(year=int(match[4]), month=month, day=int(match[2])))
         except (KeyError, ValueError):
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a time is not usable",
                 field=f"line {number}",
                 expected="day-month-year time",
@@ -196,7 +190,7 @@ def _line(file: RawFile, scan: _Scan, index: int) -> Profile:
     rows = table[start : start + scan.counts[index]]
     x, z = rows[:, where[_ALONG]], rows[:, where[_HEIGHT]]
     if np.isnan(x).any():
-        raise CorruptFileError(file.path, f"a point of {data.name} has no position")
+        raise file.corrupt(f"a point of {data.name} has no position")
     profile = make_profile(
         file,
         FORMAT,
@@ -227,8 +221,7 @@ def _table(file: RawFile, data: RawFile, n_rows: int, widths: tuple[int, ...]) -
         ("columns", widths, table.shape[1]),
     ):
         if found not in expected:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 f"{data.name} does not fit the description",
                 field=name,
                 expected=" or ".join(map(str, expected)),

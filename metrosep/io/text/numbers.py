@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError
 from metrosep.io.source import RawFile
 
 __all__ = ["one_number", "parse_numbers"]
@@ -50,8 +49,7 @@ def parse_numbers(
     except (ValueError, DeprecationWarning):
         pass
     odd = _first_odd(text, missing)
-    raise CorruptFileError(
-        file.path,
+    raise file.corrupt(
         f"{what} is no number",
         offset=offset + (odd.start() if odd else 0),
         expected="numbers separated by white space",
@@ -75,8 +73,7 @@ def one_number(
     """Return a number of a header within its range."""
     value = float(text) if _ONE.fullmatch(text.strip()) else float("nan")
     if not low <= value <= high:  # also catches NaN
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             f"{name} is not usable",
             field=f"line {line}",
             expected=f"a number from {low:g} to {high:g}",

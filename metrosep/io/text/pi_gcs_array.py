@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, ReadError
+from metrosep.core.errors import FormatMismatchError, ReadError
 from metrosep.core.recording import Recording
 from metrosep.core.units import parse_quantity
+from metrosep.io.declared import mismatch
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.logger import Channels, first_lines, plain_block, text_lines, to_number
@@ -99,12 +100,10 @@ def _checked(file: RawFile, lines: list[str]) -> tuple[dict[str, str], int]:
     fields, start = _header(lines)
     missing = _NEEDED - fields.keys()
     if len(missing) == len(_NEEDED):
-        raise FormatMismatchError(
-            f"{file.path}: is no GCS array: expected lines '# TYPE =', '# SEPARATOR =' and '# DIM ='"
-        )
+        raise mismatch(file, FORMAT)
     if missing or not start:
         what = ", ".join(sorted(missing)) or _END
-        raise CorruptFileError(file.path, "the header is not complete", expected=what)
+        raise file.corrupt("the header is not complete", expected=what)
     return fields, start
 
 
@@ -112,8 +111,7 @@ def _count(file: RawFile, fields: dict[str, str], name: str) -> int:
     text = fields[name]
     limit = _MAX_COLUMNS if name == "DIM" else 10**12
     if not (text.isascii() and text.isdecimal()) or not 1 <= int(text[:18]) <= limit:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "a count of the header is not usable",
             field=name,
             expected=f"1 ... {limit}",
@@ -132,8 +130,7 @@ def _row_count(file: RawFile, fields: dict[str, str], n_rows: int) -> list[str]:
         return ["the header has no NDATA, so missing rows would not be noticed"]
     declared = _count(file, fields, "NDATA")
     if declared != n_rows:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the count of rows is wrong",
             field="NDATA",
             expected=declared,
@@ -156,8 +153,7 @@ def _step(file: RawFile, fields: dict[str, str], sampling_rate: float | str | No
         return declared
     own = to_number(file, fields["SAMPLE_TIME"], line=0, name="SAMPLE_TIME")
     if not own > 0.0:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the sampling interval is not usable",
             field="SAMPLE_TIME",
             expected="a positive number of s",
@@ -175,8 +171,7 @@ def _numbers(
 ) -> FloatArray:
     code = fields["SEPARATOR"]
     if not code.isdecimal() or int(code[:6]) not in _SEPARATORS:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the separator is not known",
             field="SEPARATOR",
             expected="32, 9, 44 or 59 (the code of a character)",
@@ -194,8 +189,7 @@ def _numbers(
     for k, (line, _) in enumerate(rows):
         found = texts[k].split(separator)
         if len(found) != n_columns:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a row does not fit",
                 field=f"line {line}",
                 expected=f"{n_columns} numbers",

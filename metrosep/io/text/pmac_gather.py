@@ -13,7 +13,7 @@ import numpy as np
 
 from metrosep.core.errors import ReadError
 from metrosep.core.recording import Recording
-from metrosep.io.registry import Match
+from metrosep.io.declared import sniffer
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.logger import (
     Channels,
@@ -30,9 +30,8 @@ FORMAT = "pmac-gather"
 _COLUMN = "column"
 
 
-def sniff(file: RawFile) -> Match:
-    """Return NO: any columns of numbers look the same, so the format has to be named."""
-    return Match.NO
+sniff = sniffer(FORMAT)
+"""NO: any columns of numbers look the same, so the format has to be named."""
 
 
 def channels(file: RawFile) -> tuple[str, ...]:

@@ -8,35 +8,31 @@ one height per line, record 4 the sum of all bytes before it. Texts end with a z
 
 from __future__ import annotations
 
-import re
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
-    CorruptFileError,
-    FormatMismatchError,
     UnitError,
     UnsupportedFeatureError,
 )
 from metrosep.core.profile import Profile
 from metrosep.core.units import parse_unit
+from metrosep.io.declared import demand, sniffer
 from metrosep.io.objects import (
+    Request,
     check_area,
     check_scale,
     height_only as channels,
-    make_profile,
-    only_channels,
+    map_reader,
 )
-from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile
 from metrosep.io.text.numbers import one_number, parse_numbers
 
 __all__ = ["channels", "read", "sniff"]
 
 FORMAT = "smd"
-_MAGIC = re.compile(rb"ISO 5436[^\r\n]{0,300}\r?\n(PRF|SUR)[\0 ]")
 _ETX = b"\x03"
 _SUMS = (65536, 65535)
 """Moduli of the checksum that writers use."""
@@ -56,40 +52,27 @@ class _Axis(NamedTuple):
     increment: str
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is an ISO 5436-2 file."""
-    return Match.YES if _MAGIC.match(file.head) else Match.NO
+sniff = sniffer(FORMAT)
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Profile:
+@map_reader(FORMAT, "ISO 5436-2", "an ISO 5436-2 profile with its own units")
+def read(asked: Request) -> Profile:
     """Return the profile of an ISO 5436-2 file."""
-    refuse_options(file, "an ISO 5436-2 profile with its own units", unit=unit)
-    only_channels(file, "ISO 5436-2", channel)
-    override = lateral_steps(lateral_step)
+    file = asked.file
     records = _records(file)
     lines = [_plain(t) for t in records[0].split(b"\n")]
     x_axis, z_axis = (_axis(file, lines, name) for name in ("CX", "CZ"))
     for axis, name in ((x_axis, "CX"), (z_axis, "CZ")):
-        check_area(file, axis.n, 1, max_pixels=max_pixels, names=(f"{name} points", "rows"))
+        check_area(file, axis.n, 1, max_pixels=asked.max_pixels, names=(f"{name} points", "rows"))
     warnings = _check_sum(records)
     start = len(records[0]) + len(records[1]) + 2
     values = parse_numbers(file, records[2], offset=start)
     x, z = _points(file, x_axis, z_axis, values)
     scale = check_scale(file, "CZ scale", z_axis.scale, low=1e-18, high=1e18) * z_axis.unit
-    return make_profile(
-        file,
-        FORMAT,
+    return asked.profile(
         x,
         z * scale,
         header=_header(records, lines),
-        override=override[0] if override else None,
         warnings=warnings,
         height_per_unit_m=scale,
     )
@@ -101,21 +84,15 @@ def _plain(line: bytes) -> str:
 
 def _records(file: RawFile) -> list[bytes]:
     """Return the four records without the characters that close them; the last may be missing."""
-    match = _MAGIC.match(file.head)
-    if match is None:
-        raise FormatMismatchError(
-            f"{file.path}: is not an ISO 5436-2 file: expected 'ISO 5436 - 2000' in line 1, found "
-            f"{file.head[:20]!r}; leave out format= to have it recognised"
-        )
-    if match.group(1) != b"PRF":
+    demand(file, FORMAT)
+    if not file.head.split(b"\n", 1)[1].startswith(b"PRF"):
         raise UnsupportedFeatureError(
             f"{file.path}: the ISO 5436-2 file holds a surface, only profiles (PRF) are read; save it "
             "as SDF or X3P"
         )
     parts = file.data.split(_ETX, 4)
     if len(parts) < 4:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "a record is not closed",
             offset=file.size,
             expected="three records that end with ETX (byte 3), and a checksum",
@@ -127,18 +104,13 @@ def _records(file: RawFile) -> list[bytes]:
 def _axis(file: RawFile, lines: list[str], name: str) -> _Axis:
     found = [(k, t) for k, t in enumerate(lines, start=1) if t.split()[:1] == [name]]
     if len(found) != 1:
-        raise CorruptFileError(
-            file.path,
-            "an axis is missing or given twice",
-            field=name,
-            expected=1,
-            found=len(found),
+        raise file.corrupt(
+            "an axis is missing or given twice", field=name, expected=1, found=len(found)
         )
     number, line = found[0]
     kind, n, unit, scale, code, increment = (*line.split()[1:7], *[""] * 6)[:6]
     if kind not in ("I", "A") or code not in ("I", "L", "F", "D"):
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "an axis is of unknown type",
             field=f"line {number}",
             expected=f"{name} I|A points unit scale I|L|F|D",
@@ -158,8 +130,8 @@ def _points(
 ) -> tuple[FloatArray, FloatArray]:
     """Return positions in m, and heights as stored."""
     if not z_axis.is_absolute:
-        raise CorruptFileError(
-            file.path, "the z axis must be absolute", field=f"line {z_axis.line}", expected="A"
+        raise file.corrupt(
+            "the z axis must be absolute", field=f"line {z_axis.line}", expected="A"
         )
     if x_axis.is_absolute or x_axis.scale != 1.0:
         raise UnsupportedFeatureError(
@@ -167,8 +139,7 @@ def _points(
             "files is not certain; save it with an incremental x axis of scale 1"
         )
     if not x_axis.n == z_axis.n == values.size:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the heights do not fill the profile",
             field=f"line {z_axis.line}",
             expected=f"{x_axis.n} and {z_axis.n} points, as the axes say",

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     AmbiguousFormatError,
-    CorruptFileError,
     FormatMismatchError,
     UnitError,
 )
@@ -31,6 +30,7 @@ from metrosep.io.text.dialect import (
     MISSING,
     bare_unit,
     decode,
+    encoding_hint,
     find_column,
     header_unit,
     is_comment,
@@ -174,8 +174,7 @@ def _cut_off(file: RawFile, content: str, row: str, line: int) -> list[str]:
     """Return the warning about a last row without a line end; one that is visibly cut is refused."""
     lengths = [len(text) for text in content[-_TAIL:].split("\n")[1:-1] if text.strip()]
     if lengths and 2 * len(row.strip()) < float(np.median(lengths)):
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the file ends in the middle of a row",
             field=f"line {line} ({row.strip()[:60]!r})",
             hint=f"copy the file again, or leave that line out with skip_lines='{line}'",
@@ -322,8 +321,7 @@ class _Preamble:
         if begun and len(fields) == self._n and 0 < len(bad) < self._n:
             raise bad_field(self._file, number, bad[0], "one of the columns")
         if all(_BEGUN.match(f) or f.lower() in MISSING for f in fields):
-            raise CorruptFileError(
-                self._file.path,
+            raise self._file.corrupt(
                 "a row has another number of fields",
                 field=f"line {number} ({line.strip()[:60]!r})",
                 expected=f"{self._n} fields ({self._dialect})",
@@ -392,6 +390,8 @@ class _Preamble:
         found = []
         if self._count is not None and self._count != n_rows:
             found.append(f"the file declares {self._count} rows and holds {n_rows}")
+        if odd := encoding_hint(self.columns()[0]):
+            found.append(odd)
         for name, unit in zip(*self.columns(), strict=True):
             capital = "" if unit is None else unit.name.upper()
             if unit is not None and unit.name not in name and unit.name != capital in name:

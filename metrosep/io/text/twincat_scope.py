@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.errors import UnsupportedFeatureError
 from metrosep.core.recording import Recording
+from metrosep.io.declared import mismatch
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.logger import Channels, first_lines, plain_block, text_lines, to_number
@@ -144,10 +145,7 @@ def _type_row(lines: Iterable[str]) -> tuple[int, str] | None:
 def _layout(file: RawFile, lines: list[str]) -> _Layout:
     found = _type_row(lines)
     if found is None:
-        raise FormatMismatchError(
-            f"{file.path}: is no TwinCAT Scope export: the file must begin with a row Name and have a row "
-            "Data-Type above its numbers"
-        )
+        raise mismatch(file, FORMAT)
     first, separator = found
     while first > 0 and lines[first - 1].strip():
         first -= 1
@@ -171,7 +169,7 @@ def _layout(file: RawFile, lines: list[str]) -> _Layout:
                 "separator is part of a name; export it again with tab or semicolon"
             )
     if "Name" not in rows or n < 2:
-        raise CorruptFileError(file.path, "the header names no channel", field="Name")
+        raise file.corrupt("the header names no channel", field="Name")
     return _Layout(separator, about, rows, body)
 
 
@@ -180,14 +178,13 @@ def _groups(
 ) -> list[tuple[NDArray[np.int64] | None, FloatArray, FloatArray]]:
     """Return for each group its ticks, or its times in ms, and its values by columns."""
     if not numbered:
-        raise CorruptFileError(file.path, "holds no row of numbers", field="the end")
+        raise file.corrupt("holds no row of numbers", field="the end")
     ends = [*layout.times[1:], len(layout.rows["Name"])]
     counts = [line.count(layout.separator) + 1 for _, line in numbered]
     full = ends[-1]
     for (line, text), count, before in zip(numbered, counts, [full, *counts], strict=False):
         if count not in ends or count > before:
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "a row does not end with a group of channels",
                 field=f"line {line}",
                 expected=" or ".join(str(e) for e in ends[:8]) + " fields",
@@ -197,9 +194,7 @@ def _groups(
     for first, end in zip(layout.times, ends, strict=True):
         own = [row for row, count in zip(numbered, counts, strict=True) if count >= end]
         if end - first < 2 or not own:
-            raise CorruptFileError(
-                file.path, "a group of channels is empty", field=f"column {first + 1}"
-            )
+            raise file.corrupt("a group of channels is empty", field=f"column {first + 1}")
         parts.append(_group(file, layout, own, range(first, end), decimal, tuple(ends)))
     return parts
 
@@ -237,14 +232,13 @@ def _group(
     t = np.array(times)
     if not np.isfinite(t).all():
         line = own[int(np.argmin(np.isfinite(t)))][0]
-        raise CorruptFileError(file.path, "a row has no time", field=f"line {line}")
+        raise file.corrupt("a row has no time", field=f"line {line}")
     is_filetime = [_FILETIME.fullmatch(text) is not None for text in stamps]
     if all(is_filetime):
         return np.array([int(text) for text in stamps], dtype=np.int64), t, values
     if any(is_filetime) or np.abs(t).max() > _LONGEST_MS:
         odd = is_filetime.index(False)
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "a time is not of the kind of the others",
             field=f"line {own[odd][0]}",
             expected="a FILETIME of 17 or 18 digits, or milliseconds, throughout",

@@ -10,29 +10,27 @@ See ``data_formats/zygo-xyz/SPEC.md``.
 from __future__ import annotations
 
 import re
-from typing import Any
 
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
+from metrosep.core.errors import UnsupportedFeatureError
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_unit
+from metrosep.io.declared import demand, sniffer
 from metrosep.io.objects import (
+    Request,
     check_area,
     height_only as channels,
     lateral_or_none,
-    make_surface,
-    only_channels,
+    map_reader,
 )
-from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps
+from metrosep.io.source import RawFile
 from metrosep.io.text.numbers import one_number, parse_numbers
 
 __all__ = ["channels", "read", "sniff"]
 
 FORMAT = "zygo-xyz"
-_MAGIC = "Zygo XYZ Data File"
 _VERSION = "Format 1"
 _MAX_HEADER = 60
 _MAX_GAPS = 64
@@ -77,27 +75,18 @@ _LINES: dict[int, tuple[str, ...]] = {
 _FIELD = re.compile(r'"[^"]*"|\S+')
 
 
-def sniff(file: RawFile) -> Match:
-    """Return how sure we are that a file is a Zygo XYZ file."""
-    return Match.YES if file.head.startswith(_MAGIC.encode()) else Match.NO
+sniff = sniffer(FORMAT)
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Surface:
+@map_reader(FORMAT, "Zygo XYZ")
+def read(asked: Request) -> Surface:
     """Return the height map of a Zygo XYZ file."""
-    only_channels(file, "Zygo XYZ", channel)
-    override = lateral_steps(lateral_step)
-    scale = parse_unit("um" if unit is None else str(unit), dimension="length")
+    file = asked.file
+    scale = parse_unit("um" if asked.unit is None else str(asked.unit), dimension="length")
     lines, start = _header_lines(file)
     header = _fields(lines)
-    x0, y0, width, height = _window(file, header, max_pixels)
-    warnings: list[str] = []
+    x0, y0, width, height = _window(file, header, asked.max_pixels)
+    warnings = asked.warnings
     resolution = one_number(
         file,
         header.get("lateral_resolution", "0"),
@@ -108,19 +97,15 @@ def read(
     )
     own = lateral_or_none(file, "lateral_resolution", resolution, warnings)
     z = _heights(file, start, (x0, y0, width, height), warnings) * scale.factor
-    if unit is None and not np.isnan(z).all():
+    if asked.unit is None and not np.isnan(z).all():
         warnings.append(_assumption(z))
-    return make_surface(
-        file,
-        FORMAT,
+    return asked.surface(
         z,
         (own, own),
         row_order="top row first",
         header=header,
-        override=override,
-        warnings=warnings,
         height_unit=scale.name,
-        height_unit_from="caller" if unit is not None else "description of the format",
+        height_unit_from="caller" if asked.unit is not None else "description of the format",
         height_per_unit_m=scale.factor,
         window_origin_px=(x0, y0),
         camera_px=_camera(header),
@@ -137,11 +122,7 @@ def _assumption(z: FloatArray) -> str:
 
 def _header_lines(file: RawFile) -> tuple[list[str], int]:
     """Return the lines before the first ``#``, and the offset of what follows it."""
-    if sniff(file) is Match.NO:
-        raise FormatMismatchError(
-            f"{file.path}: is not a Zygo XYZ file: expected {_MAGIC!r} in line 1, found "
-            f"{file.head[:20]!r}; leave out format= to have it recognised"
-        )
+    demand(file, FORMAT)
     lines: list[str] = []
     start = 0
     for _ in range(_MAX_HEADER):
@@ -160,8 +141,7 @@ def _header_lines(file: RawFile) -> tuple[list[str], int]:
                 return lines, start
             break
         lines.append(line)
-    raise CorruptFileError(
-        file.path,
+    raise file.corrupt(
         "the header is cut off",
         offset=start,
         expected=f"a line '#' after {max(_LINES)} to {_MAX_HEADER} lines",
@@ -187,8 +167,7 @@ def _window(
     for name in _LINES[4]:
         text = header.get(name, "")
         if not (text.isascii() and text.isdecimal() and len(text) < 10):
-            raise CorruptFileError(
-                file.path,
+            raise file.corrupt(
                 "the window of the map is not usable",
                 field=f"line 4, {name}",
                 expected="a whole number",
@@ -220,16 +199,14 @@ def _heights(
     )
     n = values.size // 3
     if values.size != 3 * n or (not closed and n < width * height):
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the list of points is cut off",
             offset=file.size,
             expected=f"{width * height} points and a closing '#'",
             found=f"{values.size} numbers",
         )
     if not 0 < n <= width * height <= _MAX_GAPS * n:
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "the points do not fill the window",
             field="line 4",
             expected=f"{width} x {height} = {width * height} points",
@@ -241,8 +218,7 @@ def _heights(
     fits &= (column == np.floor(column)) & (row == np.floor(row))
     if not fits.all():
         k = int(np.argmin(fits))
-        raise CorruptFileError(
-            file.path,
+        raise file.corrupt(
             "a point lies outside of the window",
             field=f"point {k + 1}",
             expected=f"whole x from {x0} to {x0 + width - 1}, y from {y0} to {y0 + height - 1}",
@@ -255,8 +231,8 @@ def _heights(
     is_listed[place] = True
     n_places = int(is_listed.sum())
     if n_places != n:
-        raise CorruptFileError(
-            file.path, "two points lie at the same pixel", expected=f"{n} pixels", found=n_places
+        raise file.corrupt(
+            "two points lie at the same pixel", expected=f"{n} pixels", found=n_places
         )
     missing = width * height - n
     if missing:

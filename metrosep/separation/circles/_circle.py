@@ -8,9 +8,10 @@ so the sample at the Nyquist frequency, whose phase no reading tells, never ente
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,38 +24,14 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
+from metrosep.core.numbers import is_real, not_negative, positive, real
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
+from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
+from metrosep.separation._methods import RecordedMethod
 from metrosep.separation._readings import as_numbers, curves, first_angle, require_turn
 from metrosep.separation.contract import Separation, Unobservable
-
-__all__ = [
-    "ProbeGeometry",
-    "Revolutions",
-    "angle_tuple",
-    "centred",
-    "centring",
-    "check_kmax",
-    "check_number",
-    "check_radius",
-    "check_start",
-    "check_turn",
-    "check_u_reading",
-    "check_whole",
-    "circle_readings",
-    "curve",
-    "grid",
-    "harmonics_of",
-    "names_of_k",
-    "numbers",
-    "part_arrays",
-    "probe_geometry",
-    "referred_to_zero",
-    "revolutions",
-    "turned",
-    "with_messages",
-]
 
 _LARGEST_RADIUS = 10.0
 """m; no artefact on a spindle is larger, but 20 mm given as 20 is."""
@@ -68,40 +45,9 @@ def grid(n: int) -> FloatArray:
     return 2.0 * np.pi * np.arange(n) / n
 
 
-def check_number(value: Any, name: str, *, unit: str = "", above: float | None = None) -> float:
-    """Return a finite number >= 0 (or > `above`) as float, refused in words if it is none."""
-    shown = f"{value!r}"[:40] + (f" {unit}" if unit else "")
-    plain = not isinstance(value, str | bool) and np.ndim(value) == 0
-    try:
-        number = float(value) if plain else None
-    except (TypeError, ValueError):
-        number = None
-    if number is None:
-        unit_words = f" in {unit}" if unit else ""
-        raise DataError(f"{name} must be one number{unit_words}, got {shown}")
-    limit = ">= 0" if above is None else f"> {above:g}"
-    if not math.isfinite(number) or (number < 0.0 if above is None else number <= above):
-        raise DataError(
-            f"{name} must be finite and {limit}{f' {unit}' if unit else ''}, got {shown}"
-        )
-    return number
-
-
-def check_whole(value: Any, name: str, *, least: int, most: float = math.inf) -> int:
-    """Return a whole number from least to most as int, refused in words if it is none."""
-    try:
-        whole = not isinstance(value, str | bool) and np.ndim(value) == 0 and int(value) == value
-    except (TypeError, ValueError, OverflowError):
-        whole = False
-    if not whole or not least <= value <= most:
-        limits = f">= {least}" if math.isinf(most) else f"from {least} to {most:g}"
-        raise DataError(f"{name} must be a whole number {limits}, got {f'{value!r}'[:40]}")
-    return int(value)
-
-
 def check_radius(radius: Any) -> float:
     """Return a radius in m, refused where it can only be mm."""
-    value = check_number(radius, "radius", unit="m", above=0.0)
+    value = positive(radius, "radius", dimension="length")
     if value > _LARGEST_RADIUS:
         raise UnitError(
             f"radius of {value:g} m is above {_LARGEST_RADIUS:g} m; mm? divide by 1000"
@@ -135,30 +81,26 @@ def angle_tuple(angles: ArrayLike, *, least: int, what: str) -> tuple[float, ...
     return tuple(array.tolist())
 
 
-def check_kmax(kmax: int) -> int:
-    """Return kmax as int, at least 2."""
-    return check_whole(kmax, "kmax", least=2)
+def check_sign(value: Any, name: str) -> Literal[1, -1]:
+    """Return +1 or -1, such as the turn."""
+    if not is_real(value) or value not in (1, -1):
+        raise DataError(f"{name} must be +1 or -1, got {value!r}")
+    return 1 if value == 1 else -1
 
 
-def check_start(start_angle: Any) -> float:
-    """Return the angle of the first sample in rad."""
-    if isinstance(start_angle, str) or np.ndim(start_angle) != 0 or not np.isfinite(start_angle):
-        raise DataError(f"start_angle must be one finite angle in rad, got {start_angle!r}")
-    return float(start_angle)
+def check_small_angle(angle: Any, name: str) -> float:
+    """Return the standard uncertainty of an angle in rad, refused where it can only be degrees."""
+    value = not_negative(angle, name, dimension="angle")
+    if value > 0.2:
+        raise UnitError(f"{name} of {value} rad is too large; degrees? give numpy.deg2rad")
+    return value
 
 
-def check_turn(turn: Any) -> Literal[1, -1]:
-    """Return the turn, +1 or -1."""
-    if np.ndim(turn) != 0 or turn not in (1, -1):
-        raise DataError(f"turn must be +1 or -1, got {turn!r}")
-    return 1 if turn == 1 else -1
-
-
-def check_u_reading(u_reading: Any, unit: str = "m") -> float | None:
+def check_u_reading(u_reading: Any, unit: Literal["m", "rad"] = "m") -> float | None:
     """Return the standard deviation of one reading, refused if negative, not finite or huge."""
     if u_reading is None:
         return None
-    value = check_number(u_reading, "u_reading", unit=unit)
+    value = not_negative(u_reading, "u_reading", dimension="length" if unit == "m" else "angle")
     if value > _LARGEST_NOISE:
         raise UnitError(
             f"u_reading of {value:g} {unit} is above {_LARGEST_NOISE:g} {unit}; um or nm? give "
@@ -291,21 +233,40 @@ def part_arrays(
     return {name: found.get(name, np.zeros(size)) for name in names}, size
 
 
-def centring(part: str) -> Unobservable:
-    """Return what every radial separation lacks: the mean and the eccentricity."""
-    return Unobservable(
-        part,
-        "term",
-        ("offset", "eccentricity"),
-        "the offset (k = 0) is the zero of the probes; k = 1 is shared between the centring of the "
-        "artefact and the motion, so both are left out",
-    )
+_CENTRING = (
+    "the offset (k = 0) is the zero of the probes; k = 1 is shared between the centring of the "
+    "artefact and the motion, so both are left out"
+)
+
+
+def unseen(
+    part: str,
+    hidden: Iterable[int],
+    why_hidden: str,
+    *,
+    terms: tuple[str, ...] = ("offset", "eccentricity"),
+    why: str = _CENTRING,
+) -> tuple[Unobservable, ...]:
+    """Return the terms of a part that are not seen, and the harmonics where there are any."""
+    ks = tuple(int(k) for k in hidden)
+    found = Unobservable(part, "term", terms, why)
+    return (found, Unobservable(part, "harmonic", ks, why_hidden)) if ks else (found,)
+
+
+def hidden_of(gain: FloatArray) -> list[int]:
+    """Return the undulations from 2 on whose gain is infinite."""
+    return [int(k) for k in np.flatnonzero(np.isinf(gain)) if k > 1]
 
 
 def names_of_k(ks: Sequence[int], *, most: int = 12) -> str:
-    """Return harmonics as words for a message."""
+    """Return harmonics as a text for a message."""
     shown = ", ".join(str(k) for k in ks[:most])
     return shown + (f", ... ({len(ks)} in all)" if len(ks) > most else "")
+
+
+def hidden_message(ks: Sequence[int], text: str, of: str = "") -> list[str]:
+    """Return ``k=7, 9 are`` and the text, nothing without harmonics."""
+    return [f"k={names_of_k(ks)}{of} {'is' if len(ks) == 1 else 'are'} {text}"] if ks else []
 
 
 # ---- readings round a circle as callers give them: arrays, profiles, a recording with its angle ----
@@ -326,7 +287,14 @@ class CircleReadings:
     values: Any
     start_angle: float = 0.0  # rad: angle of the first sample
     history: tuple[Step, ...] = ()  # what happened to them before
-    messages: tuple[str, ...] = ()  # doubts
+    messages: tuple[str, ...] = ()  # warnings
+
+    def separated(self, method: CircleMethod, u_reading: float | None) -> Separation:
+        """Return what a method makes of them, with the warnings about them."""
+        found = method.separate(
+            self.values, u_reading=u_reading, start_angle=self.start_angle, history=self.history
+        )
+        return replace(found, messages=(*found.messages, *self.messages))
 
 
 def circle_readings(m: Any, *, what: str, angle: ArrayLike | None = None) -> CircleReadings:
@@ -404,11 +372,6 @@ def _repeats(values: FloatArray, what: str) -> tuple[str, ...]:
             )
             return (text,)
     return ()
-
-
-def with_messages(found: Separation, messages: tuple[str, ...]) -> Separation:
-    """Return the result with the doubts about its readings."""
-    return replace(found, messages=(*found.messages, *messages)) if messages else found
 
 
 # ---- what an arrangement of probes sees of each harmonic: least squares, noise gain, residual ----
@@ -492,3 +455,148 @@ def _whitener(covariance: FloatArray) -> FloatArray:
         ) from exc
     out: FloatArray = np.linalg.inv(lower)
     return out
+
+
+# ---- what the methods over whole revolutions share: contract, variances, result ----------------
+
+Terms = Mapping[str, tuple[FloatArray, FloatArray]]
+"""Type B terms by name: variances of the curves (p, N) and of the harmonics (p, kmax + 1)."""
+
+
+class CircleMethod(RecordedMethod):
+    """Whole revolutions, separated harmonic by harmonic; methods say with which estimators."""
+
+    kmax: int
+    turn: Literal[1, -1]
+    _sources: ClassVar[str]  # what the rows of readings are, for messages
+
+    @property
+    @abstractmethod
+    def _n_sources(self) -> int:
+        """Rows of readings."""
+
+    @property
+    def _parts(self) -> tuple[str, ...]:
+        return (*self.truth_parts, *self.error_parts)
+
+    def separate(
+        self,
+        readings: ArrayLike,
+        *,
+        u_reading: float | None = None,
+        start_angle: float = 0.0,
+        history: tuple[Step, ...] = (),
+    ) -> Separation:
+        """Return the parts over the angle, with their harmonics.
+
+        Parameters
+        ----------
+        readings : array_like, shape (n, N) or (n, M, N)
+            As `simulate` returns them: one revolution of N equal steps, or M revolutions. One in
+            which a reading is NaN is left out whole.
+        u_reading : float, m, optional
+            Standard deviation of one reading; from the readings if omitted, as far as they show it.
+        start_angle : float, rad, optional
+            Angle of the first sample; ``harmonics`` are referred to the angle 0.
+        history : tuple of Step, optional
+            Where the readings came from.
+
+        Returns
+        -------
+        Separation
+            The parts over ``angle``, with ``harmonics``.
+
+        Raises
+        ------
+        InvalidSamplesError
+            If the readings have another shape, are infinite, or no revolution is complete.
+        TooFewSamplesError
+            If kmax is not below half the samples.
+        UnitError
+            If `u_reading` looks like um or nm.
+        DataError
+            If `u_reading` is negative or not finite.
+        """
+        start = real(start_angle, "start_angle", dimension="angle")
+        stated = check_u_reading(u_reading)
+        n_min = 2 * self.kmax + 1
+        given = revolutions(readings, self._n_sources, what=self._sources, n_min=n_min)
+        return self._separated(given, stated, start, history)
+
+    @abstractmethod
+    def _separated(
+        self, given: Revolutions, stated: float | None, start: float, history: tuple[Step, ...]
+    ) -> Separation:
+        """Return the result of checked readings."""
+
+    def _result(
+        self,
+        given: Revolutions,
+        found: ComplexArray,
+        noise: Quantity,
+        u_k: FloatArray,
+        terms: Terms,
+        *,
+        start: float,
+        settings: Mapping[str, Any],
+        audit: Mapping[str, Any],
+        messages: Sequence[str],
+        step: Step,
+        history: tuple[Step, ...],
+    ) -> Separation:
+        """Return parts and u (p, kmax + 1) of type A `u_k` and the type B terms as a result."""
+        parts, (turns, n) = self._parts, given.values.shape[1:]
+
+        def named(rows: Any) -> dict[str, Any]:
+            return dict(zip(parts, rows, strict=True))
+
+        return Separation(
+            self.name,
+            named(curve(found, n)),
+            named(u_of_curves(u_k, terms, n) * (math.nan if math.isnan(noise.value) else 1.0)),
+            dict.fromkeys(parts, "m"),
+            {"angle": start + grid(n)},
+            self.null_space(),
+            noise,
+            named(referred_to_zero(found, start)),
+            named(
+                np.where(
+                    np.isnan(found), np.nan, np.sqrt(sum((s for _, s in terms.values()), u_k**2))
+                )
+            ),
+            {
+                **settings,
+                "n_samples": n,
+                "n_revolutions": turns,
+                "n_revolutions_left_out": given.n_left_out,
+                "start_angle_deg": math.degrees(start),
+                **audit,
+                "type_b": {
+                    part: {
+                        f"{t} / m": math.sqrt(square[i].mean()) for t, (square, _) in terms.items()
+                    }
+                    for i, part in enumerate(parts)
+                },
+            },
+            tuple(messages),
+            (*history, step),
+        )
+
+
+def u_of_curves(u_k: FloatArray, terms: Terms, n: int) -> FloatArray:
+    """Return u (p, n) of curves from that of their harmonics, and the type B terms."""
+    square = np.nansum(u_k**2, axis=1)[:, np.newaxis] + np.zeros(n)
+    out: FloatArray = np.sqrt(sum((s for s, _ in terms.values()), square))
+    return out
+
+
+def variances(moved: ComplexArray, n: int) -> tuple[FloatArray, FloatArray]:
+    """Return the variances of curves and harmonics that independent causes (p, cause, k) make."""
+    return np.sum(curve(moved, n) ** 2, axis=1), np.sum(np.abs(moved) ** 2, axis=1) / 2.0
+
+
+def reading_noise(
+    value: float, source: str, u: float | None = None, *, unit: str = "m", of: str = "reading"
+) -> Quantity:
+    """Return the standard deviation of one reading, and where it comes from."""
+    return Quantity(value, unit, f"standard deviation of one {of}; {source}", u, "s")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,47 +25,9 @@ from metrosep.separation._readings import real_numbers
 from metrosep.separation.circles.resampling import AngleSynchronous, resample_by_encoder
 from metrosep.separation.circles.spindle_result import SpindleHarmonics
 
-__all__ = [
-    "Circles",
-    "NoiseEffect",
-    "Readings",
-    "Spectrum",
-    "Trend",
-    "centre_of",
-    "circles_of",
-    "harmonics_of",
-    "kept_harmonics",
-    "limited",
-    "noise_effect",
-    "readings_of",
-    "revolution_correlation",
-    "sensed_motion",
-    "spectrum_of",
-    "trend_of",
-    "u_of_range",
-    "u_of_sd",
-    "u_of_total",
-    "width_about",
-]
-
 _TURN = 2.0 * math.pi
 _UNEVEN = 1e-3
 """Largest relative departure of time or angle steps from their mean."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Readings:
-    """Channels (c, m, n) at the same angles of each revolution, without NaN."""
-
-    table: FloatArray
-    angle: FloatArray
-    start: int
-    rotation: int
-    revolutions: NDArray[np.intp]
-    noise_gain: float
-    audit: Mapping[str, Any]
-    messages: tuple[str, ...]
-    history: tuple[Step, ...] = ()
 
 
 def readings_of(
@@ -75,8 +37,11 @@ def readings_of(
     names: Sequence[str],
     channels: Sequence[str] | str | None,
     n: int | None,
-) -> Readings:
-    """Return the readings of the channels that a direction needs, in the order of `names`."""
+) -> tuple[AngleSynchronous, tuple[Step, ...]]:
+    """Return channels (c, m, n) at the same angles of each revolution, without NaN, and their history.
+
+    The channels are those that a direction needs, in the order of `names`.
+    """
     history: tuple[Step, ...] = ()
     units: Mapping[str, str] = {}
     if isinstance(signals, Recording):
@@ -100,8 +65,7 @@ def readings_of(
         raise DataError("angle= names a channel only where the signals have names")
     elif channels is not None:
         raise DataError("channels= names signals of a mapping or Recording: leave it out")
-    readings = _arranged(signals, angle, len(names), names, n)
-    return _complete(readings, history)
+    return _complete(_arranged(signals, angle, len(names), names, n)), history
 
 
 def _check_unit(units: Mapping[str, str], name: str, expected: str) -> None:
@@ -147,7 +111,7 @@ def _named(
 
 def _arranged(
     signals: Any, angle: Any, count: int, names: Sequence[str], n: int | None
-) -> Readings:
+) -> AngleSynchronous:
     if isinstance(signals, AngleSynchronous):
         if angle is not None:
             raise DataError("resampled signals carry their angle: leave angle out")
@@ -182,25 +146,16 @@ def _shape_text(shape: tuple[int, ...], count: int, names: Sequence[str]) -> str
     )
 
 
-def _resampled(source: AngleSynchronous, count: int, names: Sequence[str]) -> Readings:
+def _resampled(source: AngleSynchronous, count: int, names: Sequence[str]) -> AngleSynchronous:
     table = source.table if source.table.ndim == 3 else source.table[None]
     if table.shape[0] != count:
         raise InvalidSamplesError(_shape_text(source.table.shape, count, names))
-    return Readings(
-        table=table,
-        angle=source.angle,
-        start=source.start,
-        rotation=source.rotation,
-        revolutions=source.revolutions,
-        noise_gain=source.noise_gain,
-        audit=source.audit,
-        messages=source.messages,
-    )
+    return replace(source, table=table)
 
 
 def _synchronous(
     values: NDArray[Any], theta: FloatArray | None, count: int, names: Sequence[str]
-) -> Readings:
+) -> AngleSynchronous:
     if values.ndim == 1:
         raise DataError(
             "one row of samples needs angle= (rad at each sample); or give (revolutions, angles)"
@@ -216,16 +171,19 @@ def _synchronous(
         rotation = 1 if grid[1] > grid[0] else -1
         if rotation < 0:
             grid, table = grid[::-1], table[..., ::-1]
-    return Readings(
+    turns = int(table.shape[1])
+    return AngleSynchronous(
         table=table,
         angle=grid,
         start=0 if rotation > 0 else size - 1,
+        revolutions=np.arange(turns),
+        speed=np.full(turns, np.nan),
+        speed_unit="rev/s",
         rotation=rotation,
-        revolutions=np.arange(table.shape[1]),
         noise_gain=1.0,
         audit={
             "source": "angle-synchronous",
-            "n_revolutions": int(table.shape[1]),
+            "n_revolutions": turns,
             "n_angles": size,
             "interpolation": "none",
             "rotation": rotation,
@@ -250,7 +208,7 @@ def _one_turn(theta: FloatArray) -> FloatArray:
     return np.asarray(np.unwrap(at))
 
 
-def _complete(readings: Readings, history: tuple[Step, ...]) -> Readings:
+def _complete(readings: AngleSynchronous) -> AngleSynchronous:
     """Leave out revolutions with NaN, and say so."""
     table = readings.table
     whole = ~np.isnan(table).any(axis=(0, 2))
@@ -270,16 +228,12 @@ def _complete(readings: Readings, history: tuple[Step, ...]) -> Readings:
         )
     if table.shape[2] < 8:
         raise TooFewSamplesError(f"{table.shape[2]} angles per revolution, need 8")
-    return Readings(
+    return replace(
+        readings,
         table=table,
-        angle=readings.angle,
-        start=readings.start,
-        rotation=readings.rotation,
         revolutions=readings.revolutions[whole],
-        noise_gain=readings.noise_gain,
         audit={**readings.audit, "revolutions_with_nan": dropped},
         messages=tuple(messages),
-        history=history,
     )
 
 
@@ -356,8 +310,7 @@ def _significant(size: FloatArray, power: FloatArray, m: int) -> NDArray[np.bool
     return found
 
 
-@dataclass(frozen=True, slots=True)
-class NoiseEffect:
+class NoiseEffect(NamedTuple):
     """Peak to valley of pure noise, its mean effect on the real curve, and the scatter there."""
 
     floor: float
@@ -405,22 +358,24 @@ def _curves(amplitudes: ComplexArray, n: int) -> FloatArray:
     return np.fft.irfft(lines, n, axis=1)
 
 
+def _variances(spectrum: Spectrum) -> tuple[FloatArray, FloatArray]:
+    """Return the variance of a reading by harmonics, and their share of the power: 1/2 of most."""
+    share = np.full(spectrum.power.size, 0.5)
+    share[[0, -1] if spectrum.n_angles % 2 == 0 else [0]] = 1.0
+    return share * spectrum.power, share
+
+
 def u_of_sd(spectrum: Spectrum) -> float:
     """Return the standard uncertainty of the pooled standard deviation.
 
     The variance is the sum over harmonics of half the power (all of it for the mean and the last
     one), each with 2 (m - 1) degrees of freedom (m - 1).
     """
-    share = np.full(spectrum.power.size, 0.5)
-    single = [0, -1] if spectrum.n_angles % 2 == 0 else [0]
-    share[single] = 1.0
-    part = share * spectrum.power
+    part, share = _variances(spectrum)
     total = float(part.sum())
     if total == 0.0:
         return 0.0
-    double = np.ones(part.size)
-    double[single] = 2.0
-    variance = float((double * part**2).sum()) / (spectrum.n_revolutions - 1)
+    variance = float((2.0 * share * part**2).sum()) / (spectrum.n_revolutions - 1)
     return 0.5 * math.sqrt(variance / total)
 
 
@@ -452,9 +407,7 @@ def u_of_total(motion: FloatArray, spectrum: Spectrum) -> float:
     alike as its power says. Harmonics of the mean that do not repeat are noise, not curve.
     """
     m, n = motion.shape
-    share = np.full(spectrum.power.size, 0.5)
-    share[[0, -1] if n % 2 == 0 else [0]] = 1.0
-    part = share * spectrum.power
+    part, _ = _variances(spectrum)
     total = float(part.sum())
     lines = np.fft.rfft(motion.mean(axis=0))
     lines[np.flatnonzero(~spectrum.significant[2:]) + 2] = 0.0
@@ -513,7 +466,7 @@ _REFERENCES = {"MZC": "MZ", "MIC": "MI", "MCC": "MC"}
 
 
 def sensed_motion(
-    readings: Readings, direction: str, sensitive: str, distance: float | None
+    readings: AngleSynchronous, direction: str, sensitive: str, distance: float | None
 ) -> FloatArray:
     """Return the motion in the sensitive direction, shape (m, n)."""
     channels = readings.table
@@ -526,8 +479,7 @@ def sensed_motion(
     return np.asarray(channels[0] * np.cos(readings.angle) + channels[1] * np.sin(readings.angle))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Trend:
+class Trend(NamedTuple):
     """Straight line over the record: rise per revolution, its standard uncertainty, the line."""
 
     slope: float
@@ -535,7 +487,7 @@ class Trend:
     line: FloatArray
 
 
-def trend_of(raw: FloatArray, readings: Readings) -> Trend:
+def trend_of(raw: FloatArray, readings: AngleSynchronous) -> Trend:
     """Return the drift, from differences between revolutions at the same angle only.
 
     Within a revolution a drift looks like a saw tooth of the synchronous motion, so the line is
@@ -554,8 +506,7 @@ def trend_of(raw: FloatArray, readings: Readings) -> Trend:
     return Trend(slope, u, line)
 
 
-@dataclass(frozen=True, slots=True)
-class Circles:
+class Circles(NamedTuple):
     """Circles of X + iY = sum c_m exp(i m t): m = 0, 1, 2 and their standard uncertainties."""
 
     size: tuple[float, float, float]
@@ -567,7 +518,7 @@ class Circles:
         return dict(zip(names, self.size, strict=True))
 
 
-def circles_of(readings: Readings, distance: float | None) -> Circles:
+def circles_of(readings: AngleSynchronous, distance: float | None) -> Circles:
     """Return the circles that vanish or become k = 1 in a rotating sensitive direction."""
     channels = readings.table
     if channels.shape[0] == 4:
@@ -631,12 +582,11 @@ def width_about(angle: FloatArray, center: str) -> Callable[[FloatArray], float]
     For "LSC" the curve must hold no k = 1.
     """
     if center in ("LSC", "PC"):
-        return lambda curve: float(curve.max() - curve.min())
+        return _peak_to_valley
 
     def width(curve: FloatArray) -> float:
         a, b = _circle(angle, curve, center)
-        flat = curve - a * np.cos(angle) - b * np.sin(angle)
-        return float(flat.max() - flat.min())
+        return _peak_to_valley(curve - a * np.cos(angle) - b * np.sin(angle))
 
     return width
 

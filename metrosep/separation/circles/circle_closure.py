@@ -30,31 +30,49 @@ from metrosep.core.errors import (
     UnitError,
 )
 from metrosep.core.inputs import Readings
+from metrosep.core.numbers import count
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
+from metrosep.separation._methods import RecordedMethod, described_by, settle
 from metrosep.separation.circles._circle import (
+    check_sign,
     check_u_reading,
-    check_whole,
     grid,
-    names_of_k,
+    hidden_message,
     numbers,
+    reading_noise,
+    unseen,
 )
-from metrosep.separation.contract import (
-    Separation,
-    SeparationMethod,
-    Unobservable,
-    suppressed_harmonics,
-)
+from metrosep.separation.contract import Separation, Unobservable, suppressed_harmonics
 
 __all__ = ["CircleClosure", "closure"]
 
 _PARTS = ("artefact", "machine")
+_ZERO = (
+    "a common angle of all divisions is the zero of the comparator; errors are given about their "
+    "mean"
+)
+_ALIKE = (
+    "all positions of the artefact show these alike, so artefact and table are not told apart; add "
+    "a position that shares no factor with N"
+)
+
+_LARGEST = 0.1
+"""Readings in rad further from their mean are degrees or seconds of arc by mistake."""
+
+_SINGULAR = 1e-9
+"""Eigenvalues below this share of the largest are zero: the normal matrix counts readings."""
 
 
 @dataclass(frozen=True)
-class CircleClosure(SeparationMethod):
+class CircleClosure(RecordedMethod):
     """Angle comparisons of a divided circle with another one of as many divisions.
+
+    Readings (P, N) in rad: row p is the set-up with the artefact `positions[p]` divisions on,
+    column j the table index, NaN where not measured. Parts: ``artefact`` and ``machine``, angle
+    errors of the faces and of the table, (N,), each about its mean. Noise that is not stated comes
+    from the residuals.
 
     Parameters
     ----------
@@ -117,10 +135,10 @@ class CircleClosure(SeparationMethod):
         return closure(data.values[:, 0], **options)
 
     def __post_init__(self) -> None:
-        n = check_whole(self.n, "the number of divisions n", least=0)
+        n = count(self.n, "the number of divisions n", least=0)
         if n < 3:
             raise TooFewSamplesError(f"a divided circle needs >= 3 divisions, got {n}")
-        given = range(self.n) if self.positions is None else self.positions
+        given = range(n) if self.positions is None else self.positions
         try:
             whole = [int(p) for p in given]
             exact = all(p == q for p, q in zip(whole, given, strict=True))
@@ -130,11 +148,8 @@ class CircleClosure(SeparationMethod):
             raise DataError(f"positions must be whole numbers of divisions, got {given!r}")
         if len(whole) < 2:
             raise TooFewSamplesError(f"need >= 2 set-ups, got {len(whole)}")
-        if self.table_sign not in (-1, 1):
-            raise DataError(f"table_sign must be -1 or +1, got {self.table_sign!r}")
-        object.__setattr__(self, "table_sign", -1 if self.table_sign < 0 else 1)
-        object.__setattr__(self, "n", n)
-        object.__setattr__(self, "positions", tuple(p % self.n for p in whole))
+        sign = check_sign(self.table_sign, "table_sign")
+        settle(self, n=n, positions=tuple(p % n for p in whole), table_sign=sign)
         if len(set(self.positions)) == 1:
             raise NotSeparableError(
                 "all set-ups have the artefact at the same position, so artefact and table are "
@@ -144,25 +159,6 @@ class CircleClosure(SeparationMethod):
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return the readings of given angle errors, the zeros of the set-ups being 0.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (N,), rad
-            ``artefact``: errors of its faces.
-        errors : mapping of str to array_like, shape (N,), rad
-            ``machine``: errors of the table.
-
-        Returns
-        -------
-        ndarray, shape (P, N), rad
-            One row for each set-up.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown, none is given, or it has not N values.
-        """
         parts = dict.fromkeys(_PARTS, np.zeros(self.n))
         if not truth and not errors:
             raise DataError("give the artefact or the machine to simulate")
@@ -178,38 +174,14 @@ class CircleClosure(SeparationMethod):
         return out
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return the common angle and the harmonics that all positions show alike.
-
-        Returns
-        -------
-        tuple of Unobservable
-            With all N positions only the common angle.
-        """
         k = np.arange(1, self.n // 2 + 1)
         steps = np.array(self.positions) - self.positions[0]
-        hidden = tuple(int(v) for v in k[(np.outer(k, steps) % self.n == 0).all(axis=1)])
-        found = []
-        for part in _PARTS:
-            found.append(
-                Unobservable(
-                    part,
-                    "term",
-                    ("offset",),
-                    "a common angle of all divisions is the zero of the comparator; errors are "
-                    "given about their mean",
-                )
-            )
-            if hidden:
-                found.append(
-                    Unobservable(
-                        part,
-                        "harmonic",
-                        hidden,
-                        "all positions of the artefact show these alike, so artefact and table are "
-                        "not told apart; add a position that shares no factor with N",
-                    )
-                )
-        return tuple(found)
+        hidden = k[(np.outer(k, steps) % self.n == 0).all(axis=1)]
+        return tuple(
+            item
+            for part in _PARTS
+            for item in unseen(part, hidden, _ALIKE, terms=("offset",), why=_ZERO)
+        )
 
     def separate(
         self,
@@ -218,74 +190,36 @@ class CircleClosure(SeparationMethod):
         u_reading: float | None = None,
         history: tuple[Step, ...] = (),
     ) -> Separation:
-        """Return the angle errors of artefact and machine.
-
-        Parameters
-        ----------
-        readings : array_like, shape (P, N), rad
-            Row p: set-up with the artefact `positions[p]` divisions on; column j: table index.
-            NaN where not measured.
-        u_reading : float, rad, optional
-            Standard deviation of one reading; from the residuals if omitted.
-        history : tuple of Step, optional
-            Where the readings came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``artefact`` and ``machine`` in rad over ``angle``, each about its mean.
-
-        Raises
-        ------
-        InvalidSamplesError
-            If the readings have another shape or are infinite.
-        NotSeparableError
-            If the readings that were taken do not tie all divisions together.
-        UnitError
-            If readings above 0.1 rad look like degrees or seconds of arc.
-        DataError
-            If `u_reading` is negative or not finite.
-        """
         stated = check_u_reading(u_reading, "rad")
-        array = checked_angles(readings, len(self.positions), self.n)
+        array = _checked_angles(readings, len(self.positions), self.n)
         null_space = self.null_space()
         hidden = suppressed_harmonics(null_space)
-        solution = solve_closure(array, self.positions, self.table_sign, hidden)
-        extra = solution.surplus
-        if extra:
-            raise NotSeparableError(
-                f"{int(np.isnan(array).sum())} readings are missing, and those taken leave "
-                f"{extra} more combinations of divisions open than these positions must; measure "
-                "each face and each table index in more than one set-up"
-            )
-        n = self.n
+        parts, unit_u, residual, rank = self._solution(array, hidden)
         n_readings = int(np.isfinite(array).sum())
-        freedom = n_readings - solution.rank
-        noise = noise_of_residuals(stated, solution.residual, freedom)
-        messages = []
-        if hidden:
-            messages.append(
-                f"k={names_of_k(hidden)} of the divided circle {'is' if len(hidden) == 1 else 'are'} "
-                "alike at all positions and absent from both parts"
-            )
+        n_missing, freedom = array.size - n_readings, n_readings - rank
+        noise = _noise_of_residuals(stated, residual, freedom)
+        messages = hidden_message(
+            hidden,
+            "alike at all positions and absent from both parts",
+            of=" of the divided circle",
+        )
         if math.isnan(noise.value):
             messages.append(
                 "no reading is redundant: give u_reading or one more position; no uncertainty is "
                 "stated"
             )
-        n_missing = array.size - n_readings
         if n_missing:
             messages.append(f"{n_missing} of {array.size} readings are not measured")
         return Separation(
             self.name,
-            dict(zip(_PARTS, solution.parts, strict=True)),
-            dict(zip(_PARTS, noise.value * solution.unit_u, strict=True)),
+            dict(zip(_PARTS, parts, strict=True)),
+            dict(zip(_PARTS, noise.value * unit_u, strict=True)),
             dict.fromkeys(_PARTS, "rad"),
-            {"angle": grid(n)},
+            {"angle": grid(self.n)},
             null_space,
             noise,
             audit={
-                "n_divisions": n,
+                "n_divisions": self.n,
                 "positions": list(self.positions),
                 "table_sign": self.table_sign,
                 "n_readings": n_readings,
@@ -296,10 +230,57 @@ class CircleClosure(SeparationMethod):
                 "noise_source": noise.definition,
             },
             messages=tuple(messages),
-            history=(*history, Step(self.name, {"n": n, "positions": list(self.positions)})),
+            history=(*history, Step(self.name, {"n": self.n, "positions": list(self.positions)})),
+        )
+
+    def _solution(
+        self, array: FloatArray, hidden: list[int]
+    ) -> tuple[FloatArray, FloatArray, FloatArray, int]:
+        """Return parts, their u for unit noise, residuals, and the rank of the normal matrix.
+
+        The unknowns are N faces, N table errors and P zeros of the set-ups.
+        """
+        (p, n), sign = array.shape, float(self.table_sign)
+        taken = np.isfinite(array).astype(np.float64)
+        value = np.where(taken > 0.0, array, 0.0)
+        face = (np.arange(n) + np.array(self.positions)[:, np.newaxis]) % n
+        size = 2 * n + p
+        normal, right = np.zeros((size, size)), np.zeros(size)
+        table = np.broadcast_to(n + np.arange(n), (p, n))
+        setup = np.broadcast_to(2 * n + np.arange(p)[:, np.newaxis], (p, n))
+        columns = ((face, 1.0), (table, sign), (setup, 1.0))
+        for i, first in columns:
+            np.add.at(right, i, first * value)
+            for j, second in columns:
+                np.add.at(normal, (i, j), first * second * taken)
+        # the projector that takes off the mean and the hidden harmonics
+        steps = np.subtract.outer(np.arange(n), np.arange(n))
+        keep: FloatArray = np.eye(n) - 1.0 / n
+        for k in hidden:
+            keep -= (1.0 if 2 * k == n else 2.0) / n * np.cos(2.0 * np.pi * k * steps / n)
+        with one_blas_thread():
+            values, vectors = np.linalg.eigh(normal)
+            known = values > _SINGULAR * values[-1]
+            root = vectors[:, known] / np.sqrt(values[known])
+            found = root @ (root.T @ right)
+            spread = np.stack([keep @ root[:n], keep @ root[n : 2 * n]])
+        rank = int(known.sum())
+        extra = size - rank - 2 - sum(1 if 2 * k == n else 2 for k in hidden)
+        if extra:
+            raise NotSeparableError(
+                f"{int(np.isnan(array).sum())} readings are missing, and those taken leave "
+                f"{extra} more combinations of divisions open than these positions must; measure "
+                "each face and each table index in more than one set-up"
+            )
+        return (
+            np.stack([keep @ found[:n], keep @ found[n : 2 * n]]),
+            np.sqrt(np.sum(spread**2, axis=2)),
+            array - (found[face] + sign * found[table] + found[setup]),
+            rank,
         )
 
 
+@described_by(CircleClosure, CircleClosure.separate)
 def closure(
     m: ArrayLike,
     *,
@@ -315,10 +296,6 @@ def closure(
         Row p: readings at the N table indices with the artefact turned on by `positions[p]`.
     positions : sequence of int, optional
         Divisions by which the artefact was turned on; 0 ... P - 1 if omitted.
-    table_sign : {-1, 1}, optional
-        -1: reading = artefact minus table; +1: the errors add.
-    u_reading : float, rad, optional
-        Standard deviation of one reading; from the residuals if omitted.
 
     Returns
     -------
@@ -327,16 +304,10 @@ def closure(
 
     Raises
     ------
-    InvalidSamplesError
-        If the readings have the wrong shape or are infinite.
-    TooFewSamplesError
-        If there are fewer than 3 divisions or 2 set-ups.
     NotSeparableError
         If the set-ups do not tie all divisions together.
     UnitError
         If the readings look like degrees or seconds of arc.
-    DataError
-        If a setting is out of range.
 
     Notes
     -----
@@ -363,73 +334,7 @@ def closure(
     return CircleClosure(shape[1], given, table_sign).separate(m, u_reading=u_reading)
 
 
-# ---- least squares of circle closure: faces, table errors and zeros of the set-ups at once -----
-
-_LARGEST = 0.1
-"""Readings in rad further from their mean are degrees or seconds of arc by mistake."""
-
-_SINGULAR = 1e-9
-"""Eigenvalues below this share of the largest are zero: the normal matrix counts readings."""
-
-
-@dataclass(frozen=True, slots=True)
-class ClosureSolution:
-    """What the normal equations give."""
-
-    # shape (2, N), rad: artefact and machine, without their means and without hidden harmonics
-    parts: FloatArray
-    unit_u: FloatArray  # shape (2, N): their standard uncertainty for readings of unit noise
-    residual: FloatArray  # shape (P, N), rad: reading minus model; NaN where not measured
-    rank: int  # of the normal matrix
-    surplus: int  # dimension of the null space beyond means and hidden harmonics
-
-
-def solve_closure(
-    array: FloatArray, positions: tuple[int, ...], sign: int, hidden: list[int]
-) -> ClosureSolution:
-    """Return the least-squares solution; the unknowns are N faces, N table errors, P zeros."""
-    p, n = array.shape
-    taken = np.isfinite(array).astype(np.float64)
-    value = np.where(taken > 0.0, array, 0.0)
-    face = (np.arange(n) + np.array(positions)[:, np.newaxis]) % n
-    size = 2 * n + p
-    normal, right = np.zeros((size, size)), np.zeros(size)
-    table = np.broadcast_to(n + np.arange(n), (p, n))
-    setup = np.broadcast_to(2 * n + np.arange(p)[:, np.newaxis], (p, n))
-    columns = ((face, 1.0), (table, float(sign)), (setup, 1.0))
-    for i, first in columns:
-        np.add.at(right, i, first * value)
-        for j, second in columns:
-            np.add.at(normal, (i, j), first * second * taken)
-    keep = _kept(n, hidden)
-    with one_blas_thread():
-        values, vectors = np.linalg.eigh(normal)
-        known = values > _SINGULAR * values[-1]
-        root = vectors[:, known] / np.sqrt(values[known])
-        found = root @ (root.T @ right)
-        spread = np.stack([keep @ root[:n], keep @ root[n : 2 * n]])
-    model = found[face] + sign * found[table] + found[setup]
-    expected = 2 + sum(1 if 2 * k == n else 2 for k in hidden)
-    rank = int(known.sum())
-    return ClosureSolution(
-        np.stack([keep @ found[:n], keep @ found[n : 2 * n]]),
-        np.sqrt(np.sum(spread**2, axis=2)),
-        array - model,
-        rank,
-        size - rank - expected,
-    )
-
-
-def _kept(n: int, hidden: list[int]) -> FloatArray:
-    """Return the projector (n, n) that takes off the mean and the hidden harmonics."""
-    steps = np.subtract.outer(np.arange(n), np.arange(n))
-    keep: FloatArray = np.eye(n) - 1.0 / n
-    for k in hidden:
-        keep -= (1.0 if 2 * k == n else 2.0) / n * np.cos(2.0 * np.pi * k * steps / n)
-    return keep
-
-
-def checked_angles(readings: ArrayLike, p: int, n: int) -> FloatArray:
+def _checked_angles(readings: ArrayLike, p: int, n: int) -> FloatArray:
     """Return readings (p, n) in rad, refused if infinite, of another shape or unit."""
     array = numbers(readings, "the readings must be a regular array of numbers in rad")
     if array.shape != (p, n):
@@ -442,14 +347,8 @@ def checked_angles(readings: ArrayLike, p: int, n: int) -> FloatArray:
         raise InvalidSamplesError(f"reading {j} of set-up {i} is infinite; mark it NaN")
     if np.isnan(array).all():
         raise InvalidSamplesError("nothing was measured: all readings are NaN")
-    spread = (
-        array
-        - np.where(
-            np.isnan(array).all(axis=1),
-            0.0,
-            np.nansum(array, axis=1) / np.maximum(np.isfinite(array).sum(axis=1), 1),
-        )[:, np.newaxis]
-    )
+    counts = np.maximum(np.isfinite(array).sum(axis=1), 1)
+    spread = array - (np.nansum(array, axis=1) / counts)[:, np.newaxis]
     largest = float(np.nanmax(np.abs(spread)))
     if largest > _LARGEST:
         raise UnitError(
@@ -459,13 +358,12 @@ def checked_angles(readings: ArrayLike, p: int, n: int) -> FloatArray:
     return array
 
 
-def noise_of_residuals(stated: float | None, rest: FloatArray, freedom: int) -> Quantity:
+def _noise_of_residuals(stated: float | None, rest: FloatArray, freedom: int) -> Quantity:
     """Return the noise of one reading: as stated, else from the residuals."""
-    text = "standard deviation of one reading; "
     if stated is not None:
-        return Quantity(stated, "rad", text + "as stated", None, "s")
+        return reading_noise(stated, "as stated", unit="rad")
     if freedom < 1:
-        return Quantity(math.nan, "rad", text + "not known", None, "s")
+        return reading_noise(math.nan, "not known", unit="rad")
     value = math.sqrt(float(np.nansum(rest**2)) / freedom)
-    text += f"type A from residuals, {freedom} degrees of freedom"
-    return Quantity(value, "rad", text, value / math.sqrt(2.0 * freedom), "s")
+    text = f"type A from residuals, {freedom} degrees of freedom"
+    return reading_noise(value, text, value / math.sqrt(2.0 * freedom), unit="rad")

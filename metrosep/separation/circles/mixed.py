@@ -24,45 +24,41 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import ComplexArray, FloatArray
-from metrosep.core.errors import DataError, InvalidSamplesError, UnitError
+from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.inputs import Readings
+from metrosep.core.numbers import count, not_negative
 from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
+from metrosep.separation._methods import described_by, settle
 from metrosep.separation._readings import size_doubts
 from metrosep.separation.circles._circle import (
+    CircleMethod,
+    Revolutions,
     centred,
-    centring,
-    check_kmax,
-    check_number,
     check_radius,
-    check_start,
-    check_turn,
-    check_u_reading,
+    check_sign,
+    check_small_angle,
     circle_readings,
     curve,
-    grid,
     harmonics_of,
     part_arrays,
-    referred_to_zero,
-    revolutions,
-    with_messages,
+    reading_noise,
+    unseen,
+    variances,
 )
-from metrosep.separation.contract import (
-    U_READING,
-    Separation,
-    SeparationMethod,
-    Unobservable,
-    over_turn,
-)
+from metrosep.separation.contract import U_READING, Separation, Unobservable, over_turn
 
 __all__ = ["OrthogonalMixed", "mixed_transfer", "orthogonal_mixed"]
 
 
 @dataclass(frozen=True)
-class OrthogonalMixed(SeparationMethod):
+class OrthogonalMixed(CircleMethod):
     """A displacement probe at 0 and a slope probe at 90 degrees round one section.
+
+    Readings: displacement in m and slope in rad. Parts: ``artefact``; ``x``, motion towards the
+    displacement probe. The uncertainty of a single revolution needs `u_reading` and `u_slope`.
 
     Parameters
     ----------
@@ -114,6 +110,8 @@ class OrthogonalMixed(SeparationMethod):
     arguments: ClassVar[Mapping[str, Option]] = U_READING
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("x",)
+    _sources: ClassVar[str] = "probes"
+    _n_sources: ClassVar[int] = 2
 
     @classmethod
     def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> Separation:
@@ -130,99 +128,70 @@ class OrthogonalMixed(SeparationMethod):
         return orthogonal_mixed(displacement, slope, angle=data.position, **options)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "kmax", check_kmax(self.kmax))
-        object.__setattr__(self, "radius", check_radius(self.radius))
-        object.__setattr__(self, "turn", check_turn(self.turn))
-        units = {"u_angle": "rad", "u_radius": "m", "u_slope": "rad"}
-        for name, unit in units.items():
-            value = getattr(self, name)
-            if value is not None or name != "u_slope":
-                object.__setattr__(self, name, check_number(value, name, unit=unit))
-        if self.u_angle > 0.2:
-            raise UnitError(f"u_angle of {self.u_angle} rad is too large; degrees? numpy.deg2rad")
+        slope = self.u_slope
+        settle(
+            self,
+            kmax=count(self.kmax, "kmax", least=2),
+            radius=check_radius(self.radius),
+            u_slope=None if slope is None else not_negative(slope, "u_slope", dimension="angle"),
+            u_angle=check_small_angle(self.u_angle, "u_angle"),
+            u_radius=not_negative(self.u_radius, "u_radius", dimension="length"),
+            turn=check_sign(self.turn, "turn"),
+        )
         if self.u_radius > 0.5 * self.radius:
             raise DataError(f"u_radius of {self.u_radius} m does not fit a radius {self.radius} m")
 
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return displacement and slope of given parts.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (N,), m
-            ``artefact``.
-        errors : mapping of str to array_like, shape (N,), m
-            ``x``: motion towards the displacement probe.
-
-        Returns
-        -------
-        ndarray, shape (2, N)
-            Displacement in m, slope in rad.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown, none is given, or their lengths differ.
-        """
-        parts, n = part_arrays(PARTS, truth, errors)
+        parts, n = part_arrays(self._parts, truth, errors)
         k = np.arange((n - 1) // 2 + 1)
         c = harmonics_of(parts["artefact"], int(k[-1]))
         rising = curve(1j * self.turn * k * np.exp(0.5j * np.pi * self.turn * k) * c, n)
         return np.stack([parts["artefact"] + parts["x"], (rising - parts["x"]) / self.radius])
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return mean and eccentricity of both parts.
+        return tuple(item for part in self._parts for item in unseen(part, (), ""))
 
-        Returns
-        -------
-        tuple of Unobservable
-            Terms k = 0 and k = 1; no harmonic is suppressed.
-        """
-        return tuple(centring(part) for part in PARTS)
-
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        start_angle: float = 0.0,
-        history: tuple[Step, ...] = (),
+    def _separated(
+        self, given: Revolutions, stated: float | None, start: float, history: tuple[Step, ...]
     ) -> Separation:
-        """Return artefact and motion towards the displacement probe.
-
-        Parameters
-        ----------
-        readings : array_like, shape (2, N) or (2, M, N)
-            Displacement in m and slope in rad, over one revolution or M.
-        u_reading : float, m, optional
-            Standard deviation of one displacement reading; `u_slope` must be set too. The scatter
-            of the revolutions if omitted.
-        start_angle : float, rad, optional
-            Angle of the first sample; ``harmonics`` are referred to the angle 0.
-        history : tuple of Step, optional
-            Where the readings came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``artefact`` and ``x`` over ``angle``, with ``harmonics``.
-
-        Raises
-        ------
-        InvalidSamplesError
-            If the readings have another shape, are infinite, or no revolution is complete.
-        TooFewSamplesError
-            If kmax is not below half the samples.
-        DataError
-            If `u_reading` is negative, or given without `u_slope`.
-        """
-        stated = check_u_reading(u_reading)
         if stated is not None and self.u_slope is None:
             raise DataError("u_reading is given but u_slope is not; the result needs both noises")
-        return separate_mixed(self, readings, stated, check_start(start_angle), history)
+        array = given.values
+        messages = [*given.messages, *size_doubts(centred(array[:1]), self.name)]
+        slope_span = float(np.ptp(centred(array[1])))
+        if slope_span > _LARGEST_SLOPE:
+            messages.append(
+                f"the slopes span {slope_span:.3g} rad; are they in rad? 5 urad is 5e-6"
+            )
+        each = harmonics_of(array, self.kmax) * np.array([1.0, self.radius])[:, None, None]
+        mean, rows = each.mean(axis=1), _rows(self)
+        found: ComplexArray = np.einsum("pik,ik->pk", rows, mean)
+        noise, u_k = _noise(self, array, each, rows, stated)
+        if math.isnan(noise.value):
+            messages.append(_UNKNOWN)
+        return self._result(
+            given,
+            found,
+            noise,
+            u_k,
+            _type_b(self, rows, mean, found, array.shape[2]),
+            start=start,
+            settings={"kmax": self.kmax, "radius_mm": self.radius * 1e3, "turn": self.turn},
+            audit={
+                "transfer": [float(w) for w in np.abs(mixed_transfer(self.kmax))],
+                "removed": "k = 0 and k = 1 of both parts, k > kmax",
+                "not_read": _ACROSS,
+                "noise_source": noise.definition,
+            },
+            messages=messages,
+            step=Step(self.name, {"kmax": self.kmax, "radius_m": self.radius}),
+            history=history,
+        )
 
 
+@described_by(OrthogonalMixed, OrthogonalMixed.separate)
 def orthogonal_mixed(
     displacement: ArrayLike | Profile,
     slope: ArrayLike | Profile,
@@ -245,20 +214,6 @@ def orthogonal_mixed(
         position of a profile is the angle of rotation in rad.
     slope : array_like, shape (N,) or (M, N), or Profile, rad
         Readings of the slope probe at 90 degrees, at the same angles of rotation.
-    kmax : int
-        Highest undulation per revolution, 2 <= kmax < N/2.
-    radius : float, m
-        Of the artefact.
-    u_reading : float, m, optional
-        Standard deviation of one displacement reading.
-    u_slope : float, rad, optional
-        Standard deviation of one slope reading.
-    u_angle : float, rad, optional
-        Standard uncertainty of the 90 degrees.
-    u_radius : float, m, optional
-        Standard uncertainty of the radius.
-    turn : {1, -1}, optional
-        +1: the part turns against the count of the probe angles; -1: with it.
     angle : array_like, shape (N,), rad, optional
         Angle of rotation at each sample of arrays; from 0 in equal steps if omitted.
 
@@ -266,17 +221,6 @@ def orthogonal_mixed(
     -------
     Separation
         ``.artefact``, ``.x``; no harmonic from 2 to kmax is suppressed.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If the readings differ in shape or are not finite.
-    TooFewSamplesError
-        If kmax is not below N/2.
-    DataError
-        If a setting is out of range.
-    UnitError
-        If `radius` looks like mm or `u_angle` like degrees.
 
     Notes
     -----
@@ -294,15 +238,11 @@ def orthogonal_mixed(
     """
     method = OrthogonalMixed(kmax, radius, u_slope, u_angle, u_radius, turn)
     given = circle_readings([displacement, slope], what="orthogonal_mixed", angle=angle)
-    found = method.separate(
-        given.values, u_reading=u_reading, start_angle=given.start_angle, history=given.history
-    )
-    return with_messages(found, given.messages)
+    return given.separated(method, u_reading)
 
 
-# ---- the work of `OrthogonalMixed.separate`: transfer, harmonics, uncertainty, audit -----------
+# ---- transfer, noise and type B of `OrthogonalMixed` -------------------------------------------
 
-PARTS = ("artefact", "x")
 _ACROSS = (
     "motion across the displacement probe (y) is not read by either probe; turn the set-up by 90 "
     "degrees for it"
@@ -311,6 +251,8 @@ _UNKNOWN = (
     "the noise is not known: give u_reading and u_slope, or repeated revolutions; no uncertainty "
     "is stated"
 )
+
+_PROBE = "displacement reading"
 
 _LARGEST_SLOPE = 0.1
 """rad; no round part has a surface as steep, but urad given as rad do."""
@@ -341,72 +283,10 @@ def mixed_transfer(kmax: int, *, turn: Literal[1, -1] = 1) -> ComplexArray:
     >>> mixed_transfer(4)
     array([1.+0.j, 0.+0.j, 1.-2.j, 4.+0.j, 1.+4.j])
     """
-    k = np.arange(check_kmax(kmax) + 1)
+    k = np.arange(count(kmax, "kmax", least=2) + 1)
     quarter = np.array([1, 1j, -1, -1j])[k % 4]
     w: ComplexArray = 1.0 + 1j * k * quarter
     return w if turn == 1 else w.conj()
-
-
-def separate_mixed(
-    method: OrthogonalMixed,
-    readings: ArrayLike,
-    stated: float | None,
-    start_angle: float,
-    history: tuple[Step, ...],
-) -> Separation:
-    """Return the separation that displacement and slope give."""
-    given = revolutions(readings, 2, what="probes", n_min=2 * method.kmax + 1)
-    array = given.values
-    messages = [*given.messages, *size_doubts(centred(array[:1]), method.name)]
-    slope_span = float(np.ptp(centred(array[1])))
-    if slope_span > _LARGEST_SLOPE:
-        messages.append(f"the slopes span {slope_span:.3g} rad; are they in rad? 5 urad is 5e-6")
-    turns, n = array.shape[1:]
-    scale = np.array([1.0, method.radius])
-    each = harmonics_of(array, method.kmax) * scale[:, np.newaxis, np.newaxis]
-    rows = _rows(method)
-    found = np.einsum("pik,ik->pk", rows, each.mean(axis=1))
-    noise, u_k = _noise(method, array, each, rows, stated)
-    terms = _type_b(method, rows, each.mean(axis=1), found, n)
-    u_curve = np.sqrt(
-        np.nansum(u_k**2, axis=1)[:, np.newaxis]
-        + sum((square for square, _ in terms.values()), np.zeros((2, n)))
-    )
-    if math.isnan(noise.value):
-        u_curve[:] = np.nan
-        messages.append(_UNKNOWN)
-    u_harmonics = np.sqrt(u_k**2 + sum(square for _, square in terms.values()))
-    audit = {
-        "kmax": method.kmax,
-        "radius_mm": method.radius * 1e3,
-        "turn": method.turn,
-        "n_samples": n,
-        "n_revolutions": turns,
-        "n_revolutions_left_out": given.n_left_out,
-        "start_angle_deg": math.degrees(start_angle),
-        "transfer": [float(w) for w in np.abs(mixed_transfer(method.kmax))],
-        "removed": "k = 0 and k = 1 of both parts, k > kmax",
-        "not_read": _ACROSS,
-        "noise_source": noise.definition,
-        "type_b": {
-            part: {f"{t} / m": float(math.sqrt(v[0][i].mean())) for t, v in terms.items()}
-            for i, part in enumerate(PARTS)
-        },
-    }
-    return Separation(
-        method.name,
-        dict(zip(PARTS, curve(found, n), strict=True)),
-        dict(zip(PARTS, u_curve, strict=True)),
-        dict.fromkeys(PARTS, "m"),
-        {"angle": start_angle + grid(n)},
-        method.null_space(),
-        noise,
-        dict(zip(PARTS, referred_to_zero(found, start_angle), strict=True)),
-        dict(zip(PARTS, u_harmonics, strict=True)),
-        audit,
-        tuple(messages),
-        (*history, Step(method.name, {"kmax": method.kmax, "radius_m": method.radius})),
-    )
 
 
 def _rows(method: OrthogonalMixed) -> ComplexArray:
@@ -426,23 +306,22 @@ def _noise(
     stated: float | None,
 ) -> tuple[Quantity, FloatArray]:
     turns, n = array.shape[1:]
-    text, value, u_value = "standard deviation of one displacement reading; ", math.nan, None
     if stated is not None and method.u_slope is not None:
         sd = np.array([stated, method.radius * method.u_slope])
         variance = np.einsum("pik,i->pk", np.abs(rows) ** 2, sd**2) * 2.0 / (n * turns)
-        value, text = stated, text + "as stated"
-    elif turns > 1:
-        about = each - each.mean(axis=1, keepdims=True)
-        scatter = np.einsum("pik,imk->pmk", rows, about)
-        variance = np.sum(np.abs(scatter) ** 2, axis=1) / (2.0 * (turns - 1) * turns)
-        dof = (n - 3) * (turns - 1)
-        value = math.sqrt(float(np.sum(centred(array[0] - array[0].mean(axis=0)) ** 2)) / dof)
-        u_value = value / math.sqrt(2.0 * dof)
-        text += f"type A from {turns} revolutions, asynchronous motion included"
-    else:
-        variance = np.full((2, method.kmax + 1), np.nan)
-        text += "not known"
-    return Quantity(value, "m", text, u_value, "s"), np.sqrt(variance)
+        return reading_noise(stated, "as stated", of=_PROBE), np.sqrt(variance)
+    if turns == 1:
+        return reading_noise(math.nan, "not known", of=_PROBE), np.full(
+            (2, method.kmax + 1), np.nan
+        )
+    about = each - each.mean(axis=1, keepdims=True)
+    scatter = np.einsum("pik,imk->pmk", rows, about)
+    variance = np.sum(np.abs(scatter) ** 2, axis=1) / (2.0 * (turns - 1) * turns)
+    dof = (n - 3) * (turns - 1)
+    value = math.sqrt(float(np.sum(centred(array[0] - array[0].mean(axis=0)) ** 2)) / dof)
+    text = f"type A from {turns} revolutions, asynchronous motion included"
+    u_k = np.sqrt(variance)
+    return reading_noise(value, text, value / math.sqrt(2.0 * dof), of=_PROBE), u_k
 
 
 def _type_b(
@@ -460,8 +339,5 @@ def _type_b(
         if u == 0.0:
             continue
         moved = np.stack([rows[:, 1] * cause * u for cause in causes], axis=1)
-        out[label] = (
-            np.sum(curve(moved, n) ** 2, axis=1),
-            np.sum(np.abs(moved) ** 2, axis=1) / 2.0,
-        )
+        out[label] = variances(moved, n)
     return out

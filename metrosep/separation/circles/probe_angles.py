@@ -22,21 +22,16 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.core.inputs import RoleColumns
+from metrosep.core.numbers import choice, count, not_negative
 from metrosep.core.options import Option
 from metrosep.core.profile import html_table
-from metrosep.separation.circles._circle import (
-    angle_tuple,
-    check_kmax,
-    check_number,
-    check_whole,
-    probe_geometry,
-)
-from metrosep.separation.contract import NamedMethod
+from metrosep.separation.circles._circle import angle_tuple, probe_geometry
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = ["ProbeAngles", "optimise_probe_angles", "probe_gain"]
+from metrosep.separation.contract import NamedMethod
 
 _HIDDEN = 1e7
 """A gain that only rounding keeps finite: the angles hide the undulation."""
@@ -192,16 +187,24 @@ def optimise_probe_angles(
     >>> found.gain < 1.2
     True
     """
-    count = check_whole(n, "the number of probes n", least=3, most=24)
-    kmax = check_kmax(kmax)
+    n_probes = count(n, "the number of probes n", least=3, most=24)
+    kmax = count(kmax, "kmax", least=2)
     placed = np.array(angle_tuple(fixed, least=0, what="fixed probe"))
-    _check_settings(count, placed, min_separation, tolerance, resolution, criterion)
-    seed = check_whole(seed, "seed", least=0)
+    min_separation = _small(min_separation, "min_separation", math.pi / 2.0)
+    tolerance = _small(tolerance, "tolerance", 0.2)
+    resolution = _small(resolution, "resolution", 0.1)
+    if resolution == 0.0:
+        raise DataError("resolution must be > 0 rad, got 0")
+    choice(criterion, "criterion", ("rms", "worst"))
+    _check_fixed(placed, n_probes, min_separation)
+    seed = count(seed, "seed", least=0)
     rng = np.random.default_rng(seed)
-    draws = tolerance * rng.standard_normal((16, count)) if tolerance else np.empty((0, count))
+    draws = (
+        tolerance * rng.standard_normal((16, n_probes)) if tolerance else np.empty((0, n_probes))
+    )
     given = placed if placed.size else np.zeros(1)
     found = best_angles(
-        count,
+        n_probes,
         kmax,
         fixed=given,
         min_separation=min_separation,
@@ -212,7 +215,7 @@ def optimise_probe_angles(
     )
     if found is None:
         raise NotSeparableError(
-            f"no arrangement of {count} probes keeps {math.degrees(min_separation):.4g} degrees "
+            f"no arrangement of {n_probes} probes keeps {math.degrees(min_separation):.4g} degrees "
             "between all of them; use slimmer or fewer probes"
         )
     angles, starts = found
@@ -310,7 +313,7 @@ def probe_gain(angles: ArrayLike, kmax: int) -> FloatArray:
     """
     geometry = probe_geometry(
         np.array(angle_tuple(angles, least=3, what="probe")),
-        check_kmax(kmax),
+        count(kmax, "kmax", least=2),
         covariance=None,
         max_gain=_HIDDEN,
         turn=1,
@@ -323,27 +326,18 @@ def _plain(gain: float) -> float | None:
     return float(gain) if math.isfinite(gain) else None
 
 
-def _check_settings(
-    n: int,
-    fixed: FloatArray,
-    min_separation: float,
-    tolerance: float,
-    resolution: float,
-    criterion: str,
-) -> None:
-    for name, value, most in (
-        ("min_separation", min_separation, math.pi / 2.0),
-        ("tolerance", tolerance, 0.2),
-        ("resolution", resolution, 0.1),
-    ):
-        if check_number(value, name, unit="rad") > most * (1.0 + 1e-9):
-            raise UnitError(
-                f"{name} of {value:.6g} rad is above {most:.4g}; degrees? give numpy.deg2rad"
-            )
-    if resolution == 0.0:
-        raise DataError("resolution must be > 0 rad, got 0")
-    if criterion not in ("rms", "worst"):
-        raise DataError(f"criterion must be 'rms' or 'worst', got {criterion!r}")
+def _small(value: float, name: str, most: float) -> float:
+    """Return an angle from zero in rad, refused where it can only be degrees."""
+    angle = not_negative(value, name, dimension="angle")
+    if angle > most * (1.0 + 1e-9):
+        raise UnitError(
+            f"{name} of {angle:.6g} rad is above {most:.4g}; degrees? give numpy.deg2rad"
+        )
+    return angle
+
+
+def _check_fixed(fixed: FloatArray, n: int, min_separation: float) -> None:
+    """Refuse fixed probes that leave none to place, or stand too close together."""
     if fixed.size >= n:
         raise DataError(
             f"{fixed.size} of {n} probes are fixed, so none is to be placed; use probe_gain for "

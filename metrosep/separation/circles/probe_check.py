@@ -20,11 +20,12 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import TooFewSamplesError
 from metrosep.core.inputs import Readings
+from metrosep.core.numbers import positive
 from metrosep.core.options import Option
 from metrosep.core.profile import html_table
+from metrosep.separation._methods import described_by
 from metrosep.separation.circles._circle import (
     ProbeGeometry,
-    check_number,
     circle_readings,
     harmonics_of,
     probe_geometry,
@@ -161,6 +162,7 @@ class ProbeCheck:
         return html_table("Probe check", rows)
 
 
+@described_by(MultiprobeRoundness)
 def check_probes(
     m: Any, angles: ArrayLike, kmax: int, *, u_reading: float, turn: Literal[1, -1] = 1
 ) -> ProbeCheck:
@@ -172,12 +174,8 @@ def check_probes(
         Readings as for `multiprobe`.
     angles : array_like, shape (n,), rad
         Where the probes are believed to stand.
-    kmax : int
-        Highest undulation, 2 <= kmax < N/2.
     u_reading : float, m, > 0
         Standard deviation of one reading.
-    turn : {1, -1}, optional
-        As for `multiprobe`.
 
     Returns
     -------
@@ -190,12 +188,8 @@ def check_probes(
         If there are fewer than four probes, or too few samples for kmax.
     DataError
         If `u_reading` is not above zero, or kmax or turn is out of range.
-    UnitError
-        If the angles look like degrees.
     InvalidSamplesError
         If readings or angles cannot be used.
-    NotSeparableError
-        If the angles separate nothing.
 
     Notes
     -----
@@ -224,7 +218,7 @@ def check_probes(
         raise TooFewSamplesError(
             f"three probes always agree; need >= 4 to find a fault, got {phi.size}"
         )
-    u_reading = check_number(u_reading, "u_reading", unit="m", above=0.0)
+    u_reading = positive(u_reading, "u_reading", dimension="length")
     given = circle_readings(m, what="check_probes").values
     array = revolutions(given, phi.size, what="probes", n_min=2 * method.kmax + 1).values
     mean = harmonics_of(array, method.kmax).mean(axis=1)
@@ -281,7 +275,7 @@ def _wrong_angle(
         chi2 = float(_chi2(geometry, mean, variance).sum())
         wanted, size2 = _fitted(geometry, mean, _moved(i, angles, geometry, mean, turn))
         if chi2 < best[0]:
-            best = (chi2, float(angles[i] - phi[i]), _u(size2, variance))
+            best = (chi2, float(angles[i] - phi[i]), _sd(size2, variance))
         step = float(np.clip(wanted, -limit, limit))
         angles[i] += step
         if abs(step) < 1e-10:
@@ -289,7 +283,8 @@ def _wrong_angle(
     return Suspect(i, "angle", best[1], best[0], best[2])
 
 
-def _u(size2: float, variance: float) -> float:
+def _sd(size2: float, variance: float) -> float:
+    """Return the standard uncertainty of a factor."""
     return math.sqrt(variance / size2) if size2 > 0.0 else math.inf
 
 
@@ -321,7 +316,7 @@ def _wrong_sensitivity(
     chi2 = float(_chi2(geometry, scaled, variance).sum())
     if abs(factor) <= 1e-6:
         return Suspect(i, "sensitivity", math.inf, chi2, math.inf)
-    return Suspect(i, "sensitivity", 1.0 / factor - 1.0, chi2, _u(size2, variance) / factor**2)
+    return Suspect(i, "sensitivity", 1.0 / factor - 1.0, chi2, _sd(size2, variance) / factor**2)
 
 
 def _drops(phi: FloatArray, geometry: ProbeGeometry, mean: ComplexArray, turn: int) -> FloatArray:

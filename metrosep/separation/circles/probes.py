@@ -27,38 +27,35 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError, UnitError
+from metrosep.core.numbers import count, positive
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
+from metrosep.separation._methods import described_by, settle
 from metrosep.separation._readings import size_doubts
 from metrosep.separation.circles._circle import (
+    CircleMethod,
     ProbeGeometry,
+    Revolutions,
     angle_tuple,
     centred,
-    centring,
-    check_kmax,
-    check_number,
     check_radius,
-    check_start,
-    check_turn,
-    check_u_reading,
+    check_sign,
     circle_readings,
-    curve,
-    grid,
     harmonics_of,
-    names_of_k,
+    hidden_message,
+    hidden_of,
     numbers,
     part_arrays,
     probe_geometry,
-    referred_to_zero,
-    revolutions,
+    reading_noise,
     turned,
-    with_messages,
+    unseen,
+    variances,
 )
 from metrosep.separation.contract import (
     U_READING,
     Separation,
-    SeparationMethod,
     Unobservable,
     suppressed_harmonics,
 )
@@ -67,8 +64,11 @@ __all__ = ["MultiprobeRoundness", "multiprobe"]
 
 
 @dataclass(frozen=True)
-class MultiprobeRoundness(SeparationMethod):
+class MultiprobeRoundness(CircleMethod):
     """Probes at fixed angles round one section of a turning artefact.
+
+    Readings: one row for each probe, in m. Parts: ``artefact``, radius deviation over its own
+    angle; ``x`` and ``y``, motion of the axis over the angle of rotation.
 
     Parameters
     ----------
@@ -143,30 +143,38 @@ class MultiprobeRoundness(SeparationMethod):
     arguments: ClassVar[Mapping[str, Option]] = U_READING
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("x", "y")
+    _sources: ClassVar[str] = "probes"
 
     def __post_init__(self) -> None:
         angles = angle_tuple(self.angles, least=3, what="probe")
         n = len(angles)
-        object.__setattr__(self, "angles", angles)
-        object.__setattr__(self, "kmax", check_kmax(self.kmax))
-        object.__setattr__(self, "cov", checked_covariance(self.cov, n))
-        for name, unit, most in (("u_angles", "rad", 0.2), ("u_sensitivity", "", 0.5)):
-            object.__setattr__(self, name, each_probe(getattr(self, name), n, name, unit, most))
-        object.__setattr__(self, "max_gain", check_number(self.max_gain, "max_gain", above=0.0))
-        object.__setattr__(self, "turn", check_turn(self.turn))
-        if self.radius is not None:
-            object.__setattr__(self, "radius", check_radius(self.radius))
+        settle(
+            self,
+            angles=angles,
+            kmax=count(self.kmax, "kmax", least=2),
+            cov=_covariance(self.cov, n),
+            u_angles=_each_probe(self.u_angles, n, "u_angles", "rad", 0.2),
+            u_sensitivity=_each_probe(self.u_sensitivity, n, "u_sensitivity", "", 0.5),
+            max_gain=positive(self.max_gain, "max_gain"),
+            turn=check_sign(self.turn, "turn"),
+            radius=None if self.radius is None else check_radius(self.radius),
+        )
         if np.isinf(self._geometry().gain[0]).all():
             raise NotSeparableError(
                 "these probe angles suppress every undulation (do two probes stand at the same or "
                 "at opposite places?); use optimise_probe_angles"
             )
 
+    @property
+    def _n_sources(self) -> int:
+        return len(self.angles)
+
     def _geometry(self) -> ProbeGeometry:
+        cov = None if self.cov is None else np.array(self.cov)
         return probe_geometry(
             np.array(self.angles),
             self.kmax,
-            covariance=None if self.cov is None else np.array(self.cov),
+            covariance=cov,
             max_gain=self.max_gain,
             turn=self.turn,
         )
@@ -180,30 +188,8 @@ class MultiprobeRoundness(SeparationMethod):
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return what the probes read of given parts.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (N,), m
-            ``artefact``: radius deviation over its own angle.
-        errors : mapping of str to array_like, shape (N,), m
-            ``x``, ``y``: motion of the axis over the angle of rotation.
-
-        Returns
-        -------
-        ndarray, shape (n, N), m
-            One row for each probe.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown, none is given, or their lengths differ.
-
-        Notes
-        -----
-        The artefact is turned by its Fourier phases, exact for harmonics below N/2.
-        """
-        parts, _ = part_arrays(PARTS, truth, errors)
+        # the artefact is turned by its Fourier phases, exact for harmonics below N/2
+        parts, _ = part_arrays(self._parts, truth, errors)
         phi = np.array(self.angles)
         out: FloatArray = (
             turned(parts["artefact"], self.turn * phi)
@@ -213,57 +199,63 @@ class MultiprobeRoundness(SeparationMethod):
         return out
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return mean, eccentricity and the undulations that the angles suppress.
+        why = (
+            f"suppressed by these probe angles (noise gain of the artefact above {self.max_gain:g})"
+            "; other angles or one more probe show them"
+        )
+        rows = zip(self._parts, self._geometry().gain, strict=True)
+        return tuple(item for part, gain in rows for item in unseen(part, hidden_of(gain), why))
 
-        Returns
-        -------
-        tuple of Unobservable
-            For each part: the terms k = 0 and k = 1, then the suppressed harmonics up to kmax.
-        """
-        return probe_null_space(self._geometry().gain, self.max_gain)
-
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        start_angle: float = 0.0,
-        history: tuple[Step, ...] = (),
+    def _separated(
+        self, given: Revolutions, stated: float | None, start: float, history: tuple[Step, ...]
     ) -> Separation:
-        """Return artefact and motion.
-
-        Parameters
-        ----------
-        readings : array_like, shape (n, N) or (n, M, N), m
-            Each probe over one revolution of N equal steps, or over M revolutions.
-        u_reading : float, m, optional
-            Standard deviation of one reading. If omitted: `cov`, else the scatter of the
-            revolutions, else (n > 3) what the probes disagree by.
-        start_angle : float, rad, optional
-            Angle of the first sample; ``harmonics`` are referred to the angle 0.
-        history : tuple of Step, optional
-            Where the readings came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``artefact``, ``x``, ``y`` over ``angle``, with ``harmonics``.
-
-        Raises
-        ------
-        InvalidSamplesError
-            If the readings have another shape, are infinite, or no revolution is complete.
-        TooFewSamplesError
-            If kmax is not below half the samples.
-        DataError
-            If `u_reading` is negative or not finite.
-        """
-        start = check_start(start_angle)
-        return separate_probes(
-            self, self._geometry(), readings, check_u_reading(u_reading), start, history
+        geometry, array = self._geometry(), given.values
+        n_turns, n_samples = array.shape[1:]
+        each = harmonics_of(array, self.kmax)
+        mean = each.mean(axis=1)
+        found = _parts(geometry, mean)
+        rest = _rest(geometry, mean)
+        misfit, freedom = float(np.sum(np.abs(rest) ** 2)), 2 * int(geometry.freedom.sum())
+        noise, source, u_k = _noise(self, geometry, array, each, misfit, freedom, stated)
+        hidden = suppressed_harmonics(self.null_space())
+        ratio = _chi2_ratio(geometry, each, noise.value, source, misfit, freedom, n_samples)
+        angles_deg = np.rad2deg(self.angles).tolist()
+        centring = _eccentricity(self, mean)
+        return self._result(
+            given,
+            found,
+            noise,
+            u_k,
+            _type_b(self, geometry, mean, found, n_samples),
+            start=start,
+            settings={"angles_deg": angles_deg, "turn": self.turn, "kmax": self.kmax},
+            audit={
+                "max_gain": self.max_gain,
+                "gain": [float(g) if math.isfinite(g) else None for g in geometry.gain[0]],
+                "suppressed": hidden,
+                "removed": "k = 0 and k = 1 of every part, k > kmax",
+                "noise_source": source,
+                "residual_chi2_ratio": ratio,
+                "residual_freedom": freedom,
+                **centring,
+            },
+            messages=(
+                *given.messages,
+                *size_doubts(centred(array), self.name),
+                *((source,) if math.isnan(noise.value) else ()),
+                *hidden_message(
+                    hidden,
+                    "suppressed by these probe angles: NaN in harmonics, absent from the curves",
+                ),
+                *_noise_messages(source, n_turns, ratio, freedom),
+                *_limacon_message(centring),
+            ),
+            step=Step(self.name, {"kmax": self.kmax, "angles_deg": angles_deg}),
+            history=history,
         )
 
 
+@described_by(MultiprobeRoundness, MultiprobeRoundness.separate)
 def multiprobe(
     m: Any,
     angles: ArrayLike,
@@ -286,24 +278,6 @@ def multiprobe(
         Readings of each probe over one revolution of N equal steps, or M revolutions. Profiles
         hold the angle of rotation in rad as their position, the same in each. A `Recording` is
         cut into revolutions by its channel ``angle`` (or of unit rad); without it, it must be one.
-    angles : array_like, shape (n,), n >= 3, rad
-        Where the probes stand.
-    kmax : int
-        Highest undulation per revolution, 2 <= kmax < N/2.
-    cov : array_like, shape (n,) or (n, n), m^2, optional
-        Variances or covariance of one reading of each probe; alike and independent if omitted.
-    u_reading : float, m, optional
-        Standard deviation of one reading; with `cov`, its root mean square over the probes.
-    u_angles : float or array_like, shape (n,), rad, optional
-        Standard uncertainty of the probe angles.
-    u_sensitivity : float or array_like, shape (n,), optional
-        Relative standard uncertainty of the probe sensitivities.
-    max_gain : float, optional
-        Noise magnification above which an undulation counts as suppressed.
-    turn : {1, -1}, optional
-        +1: the part turns against the count of the probe angles; -1: with it.
-    radius : float, m, optional
-        Radius of the artefact, for the second undulation of an eccentric circle.
     angle : array_like, shape (N,), rad, optional
         Angle of rotation at each sample of `m` given as arrays; from 0 in equal steps if omitted.
 
@@ -315,18 +289,11 @@ def multiprobe(
 
     Raises
     ------
-    TooFewSamplesError
-        If there are fewer than 3 probes or kmax is not below N/2.
     InvalidSamplesError
         If readings or angles are not finite or of the wrong shape, or the angle of rotation is not
         in equal steps over whole revolutions.
-    UnitError
-        If the angles look like degrees, `radius` like mm.
-    NotSeparableError
-        If the probes stand on one line or their angles suppress everything.
     DataError
-        If an uncertainty, kmax, `turn` or `radius` is out of range, or the profiles do not lie on
-        the same angles.
+        If a setting is out of range, or the profiles do not lie on the same angles.
 
     Notes
     -----
@@ -354,20 +321,9 @@ def multiprobe(
     True
     """
     method = MultiprobeRoundness(
-        angles,
-        kmax,
-        cov=cov,
-        u_angles=u_angles,
-        u_sensitivity=u_sensitivity,
-        max_gain=max_gain,
-        turn=turn,
-        radius=radius,
+        angles, kmax, cov, u_angles, u_sensitivity, max_gain, turn, radius
     )
-    given = circle_readings(m, what="multiprobe", angle=angle)
-    found = method.separate(
-        given.values, u_reading=u_reading, start_angle=given.start_angle, history=given.history
-    )
-    return with_messages(found, given.messages)
+    return circle_readings(m, what="multiprobe", angle=angle).separated(method, u_reading)
 
 
 # ---- the work of `MultiprobeRoundness.separate`: harmonics, uncertainty, audit, messages -------
@@ -381,95 +337,6 @@ _DISAGREE = 5.0
 
 _ROUNDING = 1e-12
 """Disagreement of this share of the readings is rounding."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Noise:
-    """Type A: of one reading, and of each harmonic of each part."""
-
-    value: float
-    u_value: float | None
-    source: str
-    harmonics: FloatArray
-
-    @property
-    def quantity(self) -> Quantity:
-        return Quantity(
-            self.value, "m", f"standard deviation of one reading; {self.source}", self.u_value, "s"
-        )
-
-
-def separate_probes(
-    method: MultiprobeRoundness,
-    geometry: ProbeGeometry,
-    readings: ArrayLike,
-    u_reading: float | None,
-    start_angle: float,
-    history: tuple[Step, ...],
-) -> Separation:
-    """Return the separation that the method's estimators make of the readings."""
-    n = len(method.angles)
-    given = revolutions(readings, n, what="probes", n_min=2 * method.kmax + 1)
-    array = given.values
-    messages = [*given.messages, *size_doubts(centred(array), method.name)]
-    n_samples, n_turns = array.shape[2], array.shape[1]
-    each = harmonics_of(array, method.kmax)
-    mean = each.mean(axis=1)
-    found = _parts(geometry, mean)
-    misfit, freedom = _misfit(geometry, mean)
-    noise = _noise(method, geometry, array, each, misfit, freedom, u_reading)
-    terms = _type_b(method, geometry, mean, found, n_samples)
-    curves = curve(found, n_samples)
-    u_curves = np.sqrt(
-        np.nansum(noise.harmonics**2, axis=1)[:, np.newaxis]
-        + sum((square for square, _ in terms.values()), np.zeros((3, n_samples)))
-    )
-    if math.isnan(noise.value):
-        u_curves[:] = np.nan
-        messages.append(noise.source)
-    u_harmonics = np.sqrt(noise.harmonics**2 + sum(square for _, square in terms.values()))
-    null_space = method.null_space()
-    ratio = _chi2_ratio(geometry, each, noise, misfit, freedom, n_samples)
-    messages += _messages(method, null_space, noise, n_turns, ratio, freedom)
-    audit: dict[str, Any] = {
-        "angles_deg": np.rad2deg(method.angles).tolist(),
-        "turn": method.turn,
-        "kmax": method.kmax,
-        "n_samples": n_samples,
-        "n_revolutions": n_turns,
-        "n_revolutions_left_out": given.n_left_out,
-        "start_angle_deg": math.degrees(start_angle),
-        "max_gain": method.max_gain,
-        "gain": [float(g) if math.isfinite(g) else None for g in geometry.gain[0]],
-        "suppressed": suppressed_harmonics(null_space),
-        "removed": "k = 0 and k = 1 of every part, k > kmax",
-        "noise_source": noise.source,
-        "residual_chi2_ratio": ratio,
-        "residual_freedom": freedom,
-        **_eccentricity(method, mean),
-        "type_b": {
-            part: {
-                f"{label} / m": float(math.sqrt(square[i].mean()))
-                for label, (square, _) in terms.items()
-            }
-            for i, part in enumerate(PARTS)
-        },
-    }
-    messages += _limacon_message(audit)
-    return Separation(
-        method.name,
-        dict(zip(PARTS, curves, strict=True)),
-        dict(zip(PARTS, u_curves, strict=True)),
-        dict.fromkeys(PARTS, "m"),
-        {"angle": start_angle + grid(n_samples)},
-        null_space,
-        noise.quantity,
-        dict(zip(PARTS, referred_to_zero(found, start_angle), strict=True)),
-        dict(zip(PARTS, np.where(np.isnan(found), np.nan, u_harmonics), strict=True)),
-        audit,
-        tuple(messages),
-        (*history, Step(method.name, {"kmax": method.kmax, "angles_deg": audit["angles_deg"]})),
-    )
 
 
 def _parts(geometry: ProbeGeometry, spectra: ComplexArray) -> ComplexArray:
@@ -487,12 +354,6 @@ def _rest(geometry: ProbeGeometry, spectra: ComplexArray) -> ComplexArray:
     return out
 
 
-def _misfit(geometry: ProbeGeometry, mean: ComplexArray) -> tuple[float, int]:
-    """Return sum of squares of the whitened rest of the mean, and its real degrees of freedom."""
-    rest = _rest(geometry, mean)
-    return float(np.sum(np.abs(rest) ** 2)), 2 * int(geometry.freedom.sum())
-
-
 def _noise(
     method: MultiprobeRoundness,
     geometry: ProbeGeometry,
@@ -501,33 +362,35 @@ def _noise(
     misfit: float,
     freedom: int,
     u_reading: float | None,
-) -> _Noise:
-    """Return the noise: stated, else scatter of revolutions, else disagreement of the probes."""
+) -> tuple[Quantity, str, FloatArray]:
+    """Return noise, its source, u of harmonics: stated, else of revolutions, else of the misfit."""
     n, n_turns, n_samples = array.shape
     gain = np.where(np.isinf(geometry.gain), np.nan, geometry.gain)
     white = gain * math.sqrt(2.0 / (n_samples * n_turns))
+    value, u, u_k = math.nan, None, None
     if u_reading is not None:
-        return _Noise(u_reading, None, "as stated (u_reading)", white * u_reading)
-    if method.cov is not None:
-        size = math.sqrt(float(np.trace(np.array(method.cov))) / n)
-        return _Noise(size, None, "as stated (cov, root mean square)", white * size)
-    if n_turns > 1:
+        value, source = u_reading, "as stated (u_reading)"
+    elif method.cov is not None:
+        value = math.sqrt(float(np.trace(np.array(method.cov))) / n)
+        source = "as stated (cov, root mean square)"
+    elif n_turns > 1:
         about = centred(array - array.mean(axis=1, keepdims=True))
         dof = n * (n_samples - 3) * (n_turns - 1)
-        size = math.sqrt(float(np.sum(about**2)) / dof)
+        value = math.sqrt(float(np.sum(about**2)) / dof)
+        u = value / math.sqrt(2.0 * dof)
         scatter = _parts(geometry, each - each.mean(axis=1, keepdims=True))
-        variance = np.sum(np.abs(scatter) ** 2, axis=1) / (2.0 * (n_turns - 1) * n_turns)
+        u_k = np.sqrt(np.sum(np.abs(scatter) ** 2, axis=1) / (2.0 * (n_turns - 1) * n_turns))
         source = f"type A from {n_turns} revolutions, asynchronous motion included"
-        return _Noise(size, size / math.sqrt(2.0 * dof), source, np.sqrt(variance))
-    if freedom > 0:
-        size = math.sqrt(misfit / freedom * n_samples / 2.0)
+    elif freedom > 0:
+        value = math.sqrt(misfit / freedom * n_samples / 2.0)
+        u = value / math.sqrt(2.0 * freedom)
         source = f"type A from what {n} probes disagree by, {freedom} degrees of freedom"
-        return _Noise(size, size / math.sqrt(2.0 * freedom), source, white * size)
-    source = (
-        "the noise of a reading is not known (three probes, one revolution): give u_reading, cov, "
-        "repeated revolutions or a fourth probe; no uncertainty is stated"
-    )
-    return _Noise(math.nan, None, source, white * math.nan)
+    else:
+        source = (
+            "the noise of a reading is not known (three probes, one revolution): give u_reading, "
+            "cov, repeated revolutions or a fourth probe; no uncertainty is stated"
+        )
+    return reading_noise(value, source, u), source, white * value if u_k is None else u_k
 
 
 def _type_b(
@@ -555,17 +418,15 @@ def _type_b(
         if not any(u):
             continue
         moved = geometry.rows.transpose(0, 2, 1) * (per_unit * np.array(u)[:, np.newaxis])
-        out[label] = (
-            np.sum(curve(moved, n_samples) ** 2, axis=1),
-            np.sum(np.abs(moved) ** 2, axis=1) / 2.0,
-        )
+        out[label] = variances(moved, n_samples)
     return out
 
 
 def _chi2_ratio(
     geometry: ProbeGeometry,
     each: ComplexArray,
-    noise: _Noise,
+    noise: float,
+    source: str,
     misfit: float,
     freedom: int,
     n_samples: int,
@@ -576,10 +437,10 @@ def _chi2_ratio(
     differ from revolution to revolution do not hide it.
     """
     n_turns = each.shape[1]
-    if freedom == 0 or math.isnan(noise.value):
+    if freedom == 0 or math.isnan(noise):
         return None
-    if noise.source.startswith("as stated") or n_turns == 1:
-        explained = noise.value**2 * 2.0 / (n_samples * n_turns)
+    if source.startswith("as stated") or n_turns == 1:
+        explained = noise**2 * 2.0 / (n_samples * n_turns)
     else:
         scatter = _rest(geometry, each - each.mean(axis=1, keepdims=True))
         explained = float(np.sum(np.abs(scatter) ** 2)) / (freedom * (n_turns - 1) * n_turns)
@@ -601,7 +462,7 @@ def _eccentricity(method: MultiprobeRoundness, mean: ComplexArray) -> dict[str, 
     }
 
 
-def _limacon_message(audit: dict[str, Any]) -> list[str]:
+def _limacon_message(audit: Mapping[str, float | None]) -> list[str]:
     second = audit["eccentric_circle_k2_nm"]
     if second is None or second < 0.1:
         return []
@@ -612,22 +473,9 @@ def _limacon_message(audit: dict[str, Any]) -> list[str]:
     return [text]
 
 
-def _messages(
-    method: MultiprobeRoundness,
-    null_space: Any,
-    noise: _Noise,
-    n_turns: int,
-    ratio: float | None,
-    freedom: int,
-) -> list[str]:
+def _noise_messages(source: str, n_turns: int, ratio: float | None, freedom: int) -> list[str]:
     out = []
-    hidden = suppressed_harmonics(null_space)
-    if hidden:
-        out.append(
-            f"k={names_of_k(hidden)} {'is' if len(hidden) == 1 else 'are'} suppressed by these "
-            "probe angles: NaN in harmonics, absent from the curves"
-        )
-    if "revolutions" in noise.source and 1 < n_turns < _FEW_REVOLUTIONS:
+    if "revolutions" in source and 1 < n_turns < _FEW_REVOLUTIONS:
         out.append(
             f"u of single harmonics comes from {n_turns} revolutions only "
             f"({2 * (n_turns - 1)} degrees of freedom each)"
@@ -641,31 +489,7 @@ def _messages(
     return out
 
 
-# ---- what `MultiprobeRoundness` checks of its settings, and its null space ---------------------
-
-PARTS = ("artefact", "x", "y")
-
-
-def probe_null_space(gain: FloatArray, max_gain: float) -> tuple[Unobservable, ...]:
-    """Return offset, eccentricity and the undulations of infinite gain, part by part."""
-    found = []
-    for part, row in zip(PARTS, gain, strict=True):
-        found.append(centring(part))
-        hidden = tuple(int(k) for k in np.flatnonzero(np.isinf(row)) if k > 1)
-        if hidden:
-            found.append(
-                Unobservable(
-                    part,
-                    "harmonic",
-                    hidden,
-                    "suppressed by these probe angles (noise gain of the artefact above "
-                    f"{max_gain:g}); other angles or one more probe show them",
-                )
-            )
-    return tuple(found)
-
-
-def each_probe(values: Any, n: int, name: str, unit: str, most: float) -> tuple[float, ...]:
+def _each_probe(values: Any, n: int, name: str, unit: str, most: float) -> tuple[float, ...]:
     """Return one uncertainty for each probe, refused beyond what can be meant."""
     array = np.atleast_1d(numbers(values, f"{name} must be one number or {n}"))
     if array.shape not in ((1,), (n,)):
@@ -678,7 +502,7 @@ def each_probe(values: Any, n: int, name: str, unit: str, most: float) -> tuple[
     return tuple(np.broadcast_to(array, n).tolist())
 
 
-def checked_covariance(cov: Any, n: int) -> tuple[tuple[float, ...], ...] | None:
+def _covariance(cov: Any, n: int) -> tuple[tuple[float, ...], ...] | None:
     """Return the covariance of the probes as rows, refused where it is none."""
     if cov is None:
         return None

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.inputs import Readings, Results
+from metrosep.core.numbers import between, count, positive, real
 from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
+from metrosep.separation._methods import RecordedMethod, described_by, settle
 from metrosep.separation._readings import (
     average_repeats,
     checked_readings,
@@ -32,18 +34,16 @@ from metrosep.separation._readings import (
     stacked,
     without_basis,
 )
-from metrosep.separation.circles._circle import check_kmax, curve, grid, names_of_k
+from metrosep.separation.circles._circle import curve, grid, names_of_k
 from metrosep.separation.contract import (
     U_READING,
     NamedMethod,
     Separation,
-    SeparationMethod,
     Unobservable,
     over_turn,
     suppressed_harmonics,
 )
-from metrosep.separation.lines.reversals import reverse_pair, simulated_pair, with_type_b_curve
-from metrosep.spectral.dft import finite_number, real_number
+from metrosep.separation.lines.reversals import ReversedPair
 
 __all__ = ["DonaldsonReversal", "FaceReversal", "combine_harmonics", "donaldson", "face_reversal"]
 
@@ -51,11 +51,15 @@ _CENTRING = "the mean and the eccentricity are the centring of each set-up, not 
 
 
 @dataclass(frozen=True, slots=True)
-class DonaldsonReversal(SeparationMethod):
+class DonaldsonReversal(ReversedPair):
     """Radial reversal of a roundness artefact on a spindle.
 
     Reading 1: ``m1 = P + S``. For reading 2 the artefact and the probe are both turned by half a
     revolution about the spindle axis: ``m2 = P - S``, over the same angle of the artefact.
+
+    Readings: m1 and m2 (2, n) in m over equal angles of one revolution, or M revolutions of each.
+    Parts: ``artefact``, radius deviation; ``spindle``, radial error motion towards the probe of
+    reading 1.
 
     Parameters
     ----------
@@ -81,42 +85,9 @@ class DonaldsonReversal(SeparationMethod):
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("spindle",)
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
-        """Return the two readings of given parts.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n,), m
-            ``artefact``: radius deviation over the angle.
-        errors : mapping of str to array_like, shape (n,), m
-            ``spindle``: radial error motion towards the probe of reading 1.
-
-        Returns
-        -------
-        ndarray, shape (2, n), m
-            m1, m2.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown or none is given.
-        """
-        return simulated_pair(self, truth, errors)
-
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return offset and eccentricity of both parts.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Mean and eccentricity, k = 0 and 1.
-        """
-        return tuple(
-            Unobservable(p, "term", ("offset", "eccentricity"), _CENTRING)
-            for p in ("artefact", "spindle")
-        )
+        terms = ("offset", "eccentricity")
+        return tuple(Unobservable(p, "term", terms, _CENTRING) for p in ("artefact", "spindle"))
 
     def separate(
         self,
@@ -125,46 +96,43 @@ class DonaldsonReversal(SeparationMethod):
         u_reading: float | None = None,
         history: tuple[Step, ...] = (),
     ) -> Separation:
-        """Return artefact and spindle.
-
-        Parameters
-        ----------
-        readings : array_like, shape (2, n) or (2, M, n), m
-            m1 and m2 over equal angles of one revolution, or M revolutions of each.
-        u_reading : float, m, optional
-            Standard uncertainty of one reading; the scatter of the revolutions if omitted.
-        history : tuple of Step, optional
-            Where the readings came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``artefact`` and ``spindle``, with harmonics.
-
-        Raises
-        ------
-        InvalidSamplesError, TooFewSamplesError
-            If the readings are no two curves of at least 8 samples.
-        NotSeparableError
-            If too few angles were measured in both set-ups.
-        DataError
-            If `u_reading` or `u_index` is negative or out of range.
-        """
-        u_index = real_number(self.u_index, "u_index", "a standard uncertainty in rad")
-        if not 0.0 <= u_index <= _LARGEST_INDEX:
-            raise DataError(
-                f"u_index is {u_index} rad; it must lie between 0 and {_LARGEST_INDEX}: "
-                "0.1 deg is 1.7e-3"
-            )
+        u_index = between(self.u_index, "u_index", 0.0, _LARGEST_INDEX, why="0.1 deg is 1.7e-3")
+        start = real(self.start, "start", dimension="angle")
         array = checked_readings(readings, names=("m1", "m2"), minimum=8, what=self.name)
-        start = finite_number(self.start, "start", "an angle in rad")
-        angle = start + 2.0 * np.pi * np.arange(array.shape[2]) / array.shape[2]
-        result = reverse_pair(
-            self, array, low_harmonics(angle), {"angle": angle}, "spindle", u_reading
+        angle = start + grid(array.shape[2])
+        result = self._halves(array, low_harmonics(angle), {"angle": angle}, u_reading)
+        weights = {"artefact": np.array([0.5, 0.5]), "spindle": np.array([0.5, -0.5])}
+        harmonics = {
+            name: harmonics_of(values, start=start, hidden=(0, 1))
+            for name, values in result.parts.items()
+        }
+        spread = {k: harmonics_u(array, w, result.noise.value) for k, w in weights.items()}
+        # an index off by u turns P: dP/dangle of the harmonics that stand out of the noise
+        c, k = harmonics["artefact"], np.arange(harmonics["artefact"].size)
+        known = np.where(np.isfinite(c), c, 0.0)
+        clear = np.isfinite(c) & ~(np.abs(known) < 3.0 * spread["artefact"])
+        slope = np.where(clear, 1j * k * known, 0.0)
+        turned = np.abs(slope) * u_index / 2.0 / np.sqrt(2.0)
+        along = np.abs(np.real(np.exp(1j * np.outer(angle, k)) @ slope)) * u_index / 2.0
+        return replace(
+            result,
+            u={name: np.sqrt(u**2 + along**2) for name, u in result.u.items()},
+            harmonics=harmonics,
+            harmonics_u={
+                name: np.where(np.isfinite(harmonics[name]), np.sqrt(u**2 + turned**2), np.nan)
+                for name, u in spread.items()
+            },
+            audit={**result.audit, "u_index_rad": u_index},
+            messages=(
+                *result.messages,
+                *gap_message(result.parts["artefact"]),
+                *_set_up_messages(array),
+            ),
+            history=(*history, Step(self.name, {"u_index_rad": u_index})),
         )
-        return _finish_round(self, array, result, history)
 
 
+@described_by(DonaldsonReversal, DonaldsonReversal.separate)
 def donaldson(
     m1: ArrayLike | Profile,
     m2: ArrayLike | Profile,
@@ -182,10 +150,6 @@ def donaldson(
         the same angles of the artefact, equally spaced over one revolution; or M revolutions.
     angle : array_like, shape (n,), rad, optional
         Angles of the samples, if the readings are arrays; from 0 if omitted.
-    u_reading : float, m, optional
-        Standard uncertainty of one reading; the scatter of the revolutions if omitted.
-    u_index : float, rad, optional
-        Standard uncertainty of the half turn.
 
     Returns
     -------
@@ -220,52 +184,20 @@ def donaldson(
     >>> bool(abs(result.spindle - spindle).max() < 1e-20)
     True
     """
-    readings, positions, history = curves((m1, m2), what="donaldson", axis="angle")
-    array = stacked(readings, "donaldson")
-    start = first_angle(positions, angle, array.shape[2], "donaldson")
-    method = DonaldsonReversal(u_index, start)
-    return method.separate(array, u_reading=u_reading, history=history)
+    array, start, history = _turns((m1, m2), angle, "donaldson")
+    return DonaldsonReversal(u_index, start).separate(array, u_reading=u_reading, history=history)
 
 
-def _finish_round(
-    method: DonaldsonReversal, array: FloatArray, result: Separation, history: tuple[Step, ...]
-) -> Separation:
-    """Add harmonics, the share of the index angle, and what looks like a missing half turn."""
-    weights = {"artefact": (0.5, 0.5), "spindle": (0.5, -0.5)}
-    harmonics = {
-        name: harmonics_of(values, start=method.start, hidden=(0, 1))
-        for name, values in result.parts.items()
-    }
-    spread = {
-        name: harmonics_u(array, np.array(w), result.noise.value) for name, w in weights.items()
-    }
-    k = np.arange(harmonics["artefact"].size)
-    slope = _significant_slope(harmonics["artefact"], spread["artefact"])
-    turned = np.abs(slope) * method.u_index / 2.0 / np.sqrt(2.0)
-    angle = result.coordinates["angle"]
-    along = np.abs(np.real(np.exp(1j * np.outer(angle, k)) @ slope)) * method.u_index / 2.0
-    for name, values in spread.items():
-        combined = np.sqrt(values**2 + turned**2)
-        combined[:2] = np.nan
-        spread[name] = np.where(np.isfinite(harmonics[name]), combined, np.nan)
-    return with_type_b_curve(
-        result,
-        along,
-        {"u_index_rad": method.u_index},
-        history=(*history, Step(method.name, {"u_index_rad": method.u_index})),
-        more_messages=(*gap_message(result.parts["artefact"]), *_set_up_doubts(array)),
-        harmonics=(harmonics, spread),
-    )
+def _turns(
+    items: Sequence[ArrayLike | Profile], angle: ArrayLike | None, what: str
+) -> tuple[FloatArray, float, tuple[Step, ...]]:
+    """Return readings over a turn as one array, the angle of the first sample, and the history."""
+    readings, positions, history = curves(items, what=what, axis="angle")
+    array = stacked(readings, what)
+    return array, first_angle(positions, angle, array.shape[2], what), history
 
 
-def _significant_slope(c: NDArray[np.complex128], spread: FloatArray) -> NDArray[np.complex128]:
-    """Return the coefficients of dP/dangle of the harmonics that stand out of the noise."""
-    known = np.where(np.isfinite(c), c, 0.0)
-    out = np.isfinite(c) & ~(np.abs(known) < 3.0 * spread)
-    return np.asarray(np.where(out, 1j * np.arange(c.size) * known, 0.0))
-
-
-def _set_up_doubts(array: FloatArray) -> tuple[str, ...]:
+def _set_up_messages(array: FloatArray) -> tuple[str, ...]:
     """Say it where the second set-up looks as if it was not what a reversal asks for."""
     n = array.shape[2]
     if n % 2 or np.isnan(array).any():
@@ -313,11 +245,16 @@ _LARGEST_RADIUS = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class FaceReversal(SeparationMethod):
+class FaceReversal(RecordedMethod):
     """Face reversal of a plate on a spindle with probes at the centre and at a radius.
 
     Centre probe: ``A(theta)``. Face probe at the radius r: ``F1 = A + r T + P``; with plate and
     face probe turned by half a revolution ``F2 = A - r T + P``, over the same angle of the plate.
+
+    Readings: F1, F2 and A (3, n) in m, or M revolutions of each; a fourth one is A measured again
+    in set-up 2, and the third is then that of set-up 1. Parts: ``artefact`` in m, height of the
+    plate on the circle of the face probe; ``axial`` in m, towards the probes, its fundamental kept;
+    ``tilt`` in rad, positive where it lifts the face probe of set-up 1.
 
     Parameters
     ----------
@@ -357,36 +294,17 @@ class FaceReversal(SeparationMethod):
         )
 
     def __post_init__(self) -> None:
-        radius = real_number(self.radius, "radius", "a distance in m, 25 mm is 25e-3")
-        if not (math.isfinite(radius) and 0.0 < radius <= _LARGEST_RADIUS):
+        radius = positive(self.radius, "radius", dimension="length", why="25 mm is 25e-3")
+        if radius > _LARGEST_RADIUS:
             raise DataError(
                 f"radius is {radius} m; the distance of the face probe from the axis must be "
                 f"positive and at most {_LARGEST_RADIUS} m: 25 mm is 25e-3"
             )
+        settle(self, radius=radius, start=real(self.start, "start", dimension="angle"))
 
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return the three readings of given parts.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n,), m
-            ``artefact``: height of the plate on the circle of the face probe.
-        errors : mapping of str to array_like, shape (n,)
-            ``axial`` in m, towards the probes; ``tilt`` in rad, positive where it lifts the face
-            probe of set-up 1.
-
-        Returns
-        -------
-        ndarray, shape (3, n), m
-            F1, F2, A.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown or none is given.
-        """
         plate, axial, tilt = given_parts(
             self.name,
             truth,
@@ -398,13 +316,6 @@ class FaceReversal(SeparationMethod):
         return np.stack([axial + lift + plate, axial - lift + plate, axial])
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return squareness of the plate and zero of the probe.
-
-        Returns
-        -------
-        tuple of Unobservable
-            k = 0 and 1 of plate and tilt, 0 of the axial motion.
-        """
         return (
             Unobservable("artefact", "term", ("offset", "once per revolution"), _SQUARENESS),
             Unobservable("axial", "term", ("offset",), _ZERO),
@@ -424,36 +335,8 @@ class FaceReversal(SeparationMethod):
         u_reading: float | None = None,
         history: tuple[Step, ...] = (),
     ) -> Separation:
-        """Return plate, axial and tilt error motion.
-
-        Parameters
-        ----------
-        readings : array_like, shape (3 or 4, n) or (3 or 4, M, n), m
-            F1, F2 and A; a fourth one is A measured again in set-up 2, and the third is then that
-            of set-up 1.
-        u_reading : float, m, optional
-            Standard uncertainty of one reading; the scatter of the revolutions if omitted.
-        history : tuple of Step, optional
-            Where the readings came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``artefact`` (m), ``axial`` (m, its fundamental kept), ``tilt`` (rad).
-
-        Raises
-        ------
-        DataError
-            If `u_reading` is negative.
-        InvalidSamplesError, TooFewSamplesError
-            If the readings are no curves of at least 8 samples.
-        NotSeparableError
-            If too few angles were measured in every set-up.
-        """
         array = checked_readings(readings, names=_names(readings), minimum=8, what="face_reversal")
-        n = array.shape[2]
-        start = finite_number(self.start, "start", "an angle in rad")
-        angle = start + 2.0 * np.pi * np.arange(n) / n
+        angle = self.start + grid(array.shape[2])
         both, mean = low_harmonics(angle), low_harmonics(angle, highest=0)
         averaged = average_repeats(array, both, u_reading=u_reading)
         weights = _weights(self.radius, array.shape[0])
@@ -471,7 +354,7 @@ class FaceReversal(SeparationMethod):
                 )
             u[name] = np.sqrt(np.where(valid, variance, np.nan) * left_share(valid, basis))
             hidden = (0,) if name == "axial" else (0, 1)
-            harmonics[name] = harmonics_of(parts[name], start=start, hidden=hidden)
+            harmonics[name] = harmonics_of(parts[name], start=self.start, hidden=hidden)
             spread[name] = np.where(
                 np.isfinite(harmonics[name]), harmonics_u(array, w, averaged.noise.value), np.nan
             )
@@ -488,7 +371,7 @@ class FaceReversal(SeparationMethod):
             audit={
                 "radius_mm": self.radius * 1e3,
                 "n_repeats": averaged.n_repeats,
-                "n_samples": n,
+                "n_samples": angle.size,
                 "axial_readings": array.shape[0] - 2,
                 "removed": "least squares: mean of all, once-per-revolution of plate and tilt",
             },
@@ -501,6 +384,7 @@ class FaceReversal(SeparationMethod):
         )
 
 
+@described_by(FaceReversal, FaceReversal.separate)
 def face_reversal(
     f1: ArrayLike | Profile,
     f2: ArrayLike | Profile,
@@ -520,14 +404,10 @@ def face_reversal(
         over the same angles of the plate, equally spaced over one revolution.
     axial : array_like, shape (n,) or (M, n), m, or Profile
         Reading at the centre.
-    radius : float, m
-        Distance of the face probe from the axis.
     axial2 : array_like, shape (n,) or (M, n), m, or Profile, optional
         Reading at the centre in the second set-up.
     angle : array_like, shape (n,), rad, optional
         Angles of the samples, if the readings are arrays; from 0 if omitted.
-    u_reading : float, m, optional
-        Standard uncertainty of one reading; the scatter of the revolutions if omitted.
 
     Returns
     -------
@@ -564,11 +444,8 @@ def face_reversal(
     True
     """
     items = [f1, f2, axial] if axial2 is None else [f1, f2, axial, axial2]
-    readings, positions, history = curves(items, what="face_reversal", axis="angle")
-    array = stacked(readings, "face_reversal")
-    start = first_angle(positions, angle, array.shape[2], "face_reversal")
-    method = FaceReversal(radius, start)
-    return method.separate(array, u_reading=u_reading, history=history)
+    array, start, history = _turns(items, angle, "face_reversal")
+    return FaceReversal(radius, start).separate(array, u_reading=u_reading, history=history)
 
 
 def _names(readings: ArrayLike) -> tuple[str, ...]:
@@ -684,7 +561,7 @@ def combine_harmonics(
             _check_has(item, part, i)
     top = max(item.harmonics[part].size for item in separations for part in parts) - 1
     if kmax is not None:
-        wanted = check_kmax(kmax)
+        wanted = count(kmax, "kmax", least=2)
         if wanted > top:
             raise DataError(f"kmax must be from 2 to {top}, what the separations have, got {kmax}")
         top = wanted

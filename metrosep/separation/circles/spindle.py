@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 from metrosep.core import inputs
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, FormatMismatchError, InvalidSamplesError
+from metrosep.core.numbers import choice, count, positive
 from metrosep.core.options import Option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -29,11 +30,6 @@ from metrosep.core.recording import Recording
 from metrosep.core.units import format_engineering
 from metrosep.parameters.table import Context, ParameterTable
 from metrosep.separation.circles._spindle_input import (
-    Circles,
-    NoiseEffect,
-    Readings,
-    Spectrum,
-    Trend,
     centre_of,
     circles_of,
     harmonics_of,
@@ -180,19 +176,35 @@ def iso230_7(
     >>> print(f"{result.synchronous.value:.3g} m, {result['eccentricity'].value:.3g} m")
     2e-08 m, 5e-06 m
     """
-    names = _channels_of(direction, sensitive)
-    _check_options(direction, center, distance, kmax, drift, artefact_radius)
-    readings = readings_of(signals, angle, names=names, channels=channels, n=n)
-    if seed < 0:
-        raise DataError(f"seed must not be negative, got {seed}")
+    options = _Options(
+        choice(direction, "direction", ("radial", "axial", "tilt", "face")),
+        choice(sensitive, "the sensitive direction", ("fixed", "rotating")),
+        _CENTERS[choice(center, "center", _CENTERS)],
+        None if distance is None else positive(distance, "distance", dimension="length"),
+        None if kmax is None else count(kmax, "kmax", least=2),
+        choice(drift, "drift", ("keep", "linear")),
+        None
+        if artefact_radius is None
+        else positive(artefact_radius, "artefact_radius", dimension="length"),
+        count(seed, "seed", least=0),
+    )
+    if (direction, sensitive) not in _CHANNELS:
+        raise DataError(
+            f"{direction} motion is along the axis: it has no rotating sensitive direction"
+        )
+    if (direction == "tilt") != (distance is not None):
+        raise DataError(
+            "tilt needs distance= of its two sensors along the axis, in m"
+            if direction == "tilt"
+            else f"distance= belongs to tilt, not to {direction}: leave it out"
+        )
+    names = _CHANNELS[direction, sensitive]
+    readings, history = readings_of(signals, angle, names=names, channels=channels, n=n)
     if kmax is not None and kmax > readings.angle.size // 2:
         raise DataError(
             f"kmax={kmax} with {readings.angle.size} angles: at most {readings.angle.size // 2}"
         )
-    options = _Options(
-        direction, sensitive, _CENTERS[center], distance, kmax, drift, artefact_radius, seed
-    )
-    return _evaluate(readings, options)
+    return _Evaluation(readings, options).result(history)
 
 
 class SpindleTest(NamedMethod):
@@ -328,130 +340,7 @@ class _Options:
         return self.center if self.centred else "PC"
 
 
-def _evaluate(readings: Readings, options: _Options) -> SpindleMotion:
-    raw = sensed_motion(readings, options.direction, options.sensitive, options.distance)
-    trend = trend_of(raw, readings)
-    if options.drift == "linear":
-        raw = raw - trend.line
-    rotating = options.sensitive == "rotating"
-    circles = circles_of(readings, options.distance) if rotating else None
-    spectrum = spectrum_of(raw, float(readings.angle[0]))
-    mean = raw.mean(axis=0)
-    curve = mean if options.kmax is None else limited(mean, options.kmax)
-    reference = options.reference
-    centre, level = centre_of(readings.angle, curve, reference)
-    flat = centre[0] * np.cos(readings.angle) + centre[1] * np.sin(readings.angle) + level
-    motion, curve = raw - flat, curve - flat
-    deviation = raw - mean
-    effect = noise_effect(
-        spectrum,
-        kept_harmonics(spectrum, options.kmax, centred=options.centred),
-        width_about(readings.angle, reference),
-        n_draws=_DRAWS if reference in ("LSC", "PC") else _DRAWS_EXTREME,
-        seed=options.seed,
-    )
-    spread = raw.max(axis=0) - raw.min(axis=0)
-    sd = np.sqrt((deviation * deviation).sum(axis=0) / (raw.shape[0] - 1))
-    table = motion_table(
-        direction=options.direction,
-        center=reference,
-        motion=motion,
-        curve=curve,
-        spread=spread,
-        sd=sd,
-        spectrum=spectrum,
-        effect=effect,
-        circles=circles,
-        kmax=options.kmax,
-        history=readings.history,
-    )
-    messages = motion_messages(
-        direction=options.direction,
-        table=table,
-        spectrum=spectrum,
-        effect=effect,
-        correlation=revolution_correlation(deviation),
-        trend=None if options.drift == "linear" else trend,
-        circles=circles,
-        kmax=options.kmax,
-        artefact_radius=options.artefact_radius,
-        noise_gain=readings.noise_gain,
-    )
-    if not options.centred and options.center != "LSC":
-        messages.append(
-            f"{options.direction} motion has no centre to choose: {options.center} changes nothing"
-        )
-    audit = {
-        **readings.audit,
-        **({} if circles is None else circles.to_audit()),
-        **asdict(options),
-        "center": reference,
-        "removed": "mean and k=1 about the centre" if options.centred else "mean",
-        "centre_cos": centre[0],
-        "centre_sin": centre[1],
-        "level": level,
-        "drift_per_revolution": trend.slope,
-        "u_drift_per_revolution": trend.u,
-        "revolutions_used": int(raw.shape[0]),
-    }
-    for array in (motion, curve, spread, sd):
-        array.setflags(write=False)
-    return SpindleMotion(
-        direction=options.direction,
-        sensitive=options.sensitive,
-        center=reference,
-        table=table,
-        angle=readings.angle,
-        motion=motion,
-        synchronous_motion=curve,
-        asynchronous_range=spread,
-        asynchronous_sd=sd,
-        harmonics=harmonics_of(spectrum, centred=options.centred),
-        centre=centre,
-        revolutions=readings.revolutions,
-        audit=audit,
-        messages=(*readings.messages, *messages),
-    )
-
-
-def _channels_of(direction: str, sensitive: str) -> tuple[str, ...]:
-    if sensitive not in ("fixed", "rotating"):
-        raise DataError(f"the sensitive direction is 'fixed' or 'rotating', got {sensitive!r}")
-    if direction not in ("radial", "axial", "tilt", "face"):
-        raise DataError(f"direction is radial, axial, tilt or face, got {direction!r}")
-    if (direction, sensitive) not in _CHANNELS:
-        raise DataError(
-            f"{direction} motion is along the axis: it has no rotating sensitive direction"
-        )
-    return _CHANNELS[direction, sensitive]
-
-
-def _check_options(
-    direction: str,
-    center: str,
-    distance: float | None,
-    kmax: int | None,
-    drift: str,
-    artefact_radius: float | None,
-) -> None:
-    if center not in _CENTERS:
-        raise DataError(f"center is one of {', '.join(_CENTERS)}, got {center!r}")
-    if drift not in ("keep", "linear"):
-        raise DataError(f"drift is 'keep' or 'linear', got {drift!r}")
-    if (direction == "tilt") != (distance is not None):
-        raise DataError(
-            "tilt needs distance= of its two sensors along the axis, in m"
-            if direction == "tilt"
-            else f"distance= belongs to tilt, not to {direction}: leave it out"
-        )
-    for name, value in (("distance", distance), ("artefact_radius", artefact_radius)):
-        if value is not None and not (math.isfinite(value) and value > 0.0):
-            raise DataError(f"{name} must be positive, in m, got {value}")
-    if kmax is not None and (not np.issubdtype(type(kmax), np.integer) or kmax < 2):
-        raise DataError(f"kmax must be an integer of at least 2, got {kmax!r}")
-
-
-# ---- private helpers of `iso230_7`: the table of values with uncertainties, and the warnings ----
+# ---- the evaluation: motion about its centre, table of values with uncertainties, warnings -----
 
 _EDITION = "ISO 230-7:2015"
 _CENTRES = {
@@ -476,227 +365,255 @@ _FAR = 1e-3
 """Motion in m beyond which the unit is doubted."""
 
 
-def motion_table(
-    *,
-    direction: str,
-    center: str,
-    motion: FloatArray,
-    curve: FloatArray,
-    spread: FloatArray,
-    sd: FloatArray,
-    spectrum: Spectrum,
-    effect: NoiseEffect,
-    circles: Circles | None,
-    kmax: int | None,
-    history: tuple[Step, ...],
-) -> ParameterTable:
-    """Return all values with unit, definition and standard uncertainty."""
-    unit = "rad" if direction == "tilt" else "m"
-    m, n = motion.shape
-    name = f"{direction} error motion"
-    about = f"about the {_CENTRES[center]}"
-    band = "" if kmax is None else f", harmonics up to {kmax}"
-    value = float(curve.max() - curve.min())
-    pooled = math.sqrt(float((sd * sd).mean()))
-    u_pooled = u_of_sd(spectrum)
-    largest = float(spread.max())
-    rows = [
-        (
-            "synchronous",
-            value,
-            effect.sd,
-            f"synchronous {name}: peak-to-valley width of the mean of {m} turns {about}{band}",
-        ),
-        (
-            "asynchronous",
-            largest,
-            u_of_range(largest, pooled),
-            f"asynchronous {name}: largest range of {m} revolutions at one angle",
-        ),
-        (
-            "total",
-            float(motion.max() - motion.min()),
-            u_of_total(motion, spectrum),
-            f"total {name}: width of all readings of {m} revolutions {about}",
-        ),
-        (
-            "asynchronous_sd",
-            pooled,
-            u_pooled,
-            "standard deviation over revolutions (ddof 1), root mean square over the angles",
-        ),
-        (
-            "asynchronous_4s",
-            4.0 * pooled,
-            4.0 * u_pooled,
-            "4 standard deviations over revolutions; does not grow with their number",
-        ),
-        (
-            "synchronous_corrected",
-            max(value - effect.bias, 0.0),
-            effect.sd,
-            "synchronous value less the mean effect of noise on it",
-        ),
-        (
-            "noise_floor",
-            effect.floor,
-            None,
-            f"synchronous value that the scatter alone gives with {m} revolutions",
-        ),
-        *_once_rows(direction, curve, spectrum, effect, circles),
-    ]
-    return ParameterTable(
-        [Quantity(v, unit, text, u=u, symbol=s) for s, v, u, text in rows],
-        Context(
-            edition=_EDITION,
-            n_valid=m * n,
-            n_total=m * n,
-            history=history,
-            settings={"direction": direction, "center": center, "revolutions": m, "kmax": kmax},
-            notes=("u holds the scatter between revolutions, not the form of the artefact",),
-        ),
-    )
+class _Evaluation:
+    """One spindle test: motion about the centre, scatter, and what noise does to the values."""
 
-
-def _once_rows(
-    direction: str,
-    curve: FloatArray,
-    spectrum: Spectrum,
-    effect: NoiseEffect,
-    circles: Circles | None,
-) -> list[tuple[str, float, float | None, str]]:
-    """Return what becomes of k = 1."""
-    once = float(np.abs(spectrum.mean[1]))
-    u = math.sqrt(0.5 * float(spectrum.power[1]) / spectrum.n_revolutions)
-    if circles is not None:
-        once, u = circles.size[1], circles.u[1]
-    if direction in ("radial", "tilt"):
-        what = "eccentricity" if direction == "radial" else "inclination"
-        how = "removed" if circles is None else "constant in a rotating sensitive direction"
-        symbol = "eccentricity" if direction == "radial" else "artefact_tilt"
-        return [(symbol, once, u, f"amplitude of k=1, {what} of the artefact: {how}")]
-    lines = np.fft.rfft(curve)
-    lines[1] = 0.0
-    rest = np.fft.irfft(lines, curve.size)
-    return [
-        ("fundamental", 2.0 * once, 2.0 * u, f"fundamental {direction} motion: twice k=1, kept"),
-        (
-            "residual_synchronous",
-            float(rest.max() - rest.min()),
-            effect.sd,
-            f"residual synchronous {direction} motion: peak to valley without k=1",
-        ),
-    ]
-
-
-def motion_messages(
-    *,
-    direction: str,
-    table: ParameterTable,
-    spectrum: Spectrum,
-    effect: NoiseEffect,
-    correlation: float,
-    trend: Trend | None,
-    circles: Circles | None,
-    kmax: int | None,
-    artefact_radius: float | None,
-    noise_gain: float,
-) -> list[str]:
-    """Return the warnings, one sentence each."""
-    m = spectrum.n_revolutions
-    value = table["synchronous"].value
-    unit = table["synchronous"].unit
-    said = [f"asynchronous is the largest range of {m} revolutions and grows with their number"]
-    if m < _USUAL_REVOLUTIONS:
-        said.append(
-            f"{m} revolutions: ISO 230-7 asks for {_USUAL_REVOLUTIONS} or more, and the "
-            "asynchronous value is too small for comparison"
+    def __init__(self, readings: AngleSynchronous, options: _Options) -> None:
+        raw = sensed_motion(readings, options.direction, options.sensitive, options.distance)
+        self.readings, self.options = readings, options
+        self.trend = trend_of(raw, readings)
+        if options.drift == "linear":
+            raw = raw - self.trend.line
+        rotating = options.sensitive == "rotating"
+        self.circles = circles_of(readings, options.distance) if rotating else None
+        self.spectrum = spectrum_of(raw, float(readings.angle[0]))
+        mean = raw.mean(axis=0)
+        curve = mean if options.kmax is None else limited(mean, options.kmax)
+        self.centre, self.level = centre_of(readings.angle, curve, options.reference)
+        a, b = self.centre
+        flat = a * np.cos(readings.angle) + b * np.sin(readings.angle) + self.level
+        self.motion, self.curve = raw - flat, curve - flat
+        deviation = raw - mean
+        self.correlation = revolution_correlation(deviation)
+        self.effect = noise_effect(
+            self.spectrum,
+            kept_harmonics(self.spectrum, options.kmax, centred=options.centred),
+            width_about(readings.angle, options.reference),
+            n_draws=_DRAWS if options.reference in ("LSC", "PC") else _DRAWS_EXTREME,
+            seed=options.seed,
         )
-    if unit == "m" and value > _FAR:
-        said.append(
-            f"the synchronous motion is {value:.3g} m: signals must be in metres (1e-6 times "
-            "micrometres)"
+        self.spread = raw.max(axis=0) - raw.min(axis=0)
+        self.sd = np.sqrt((deviation * deviation).sum(axis=0) / (raw.shape[0] - 1))
+
+    def result(self, history: tuple[Step, ...]) -> SpindleMotion:
+        """Return all that was found."""
+        options, readings = self.options, self.readings
+        table = self._table(history)
+        for array in (self.motion, self.curve, self.spread, self.sd):
+            array.setflags(write=False)
+        return SpindleMotion(
+            direction=options.direction,
+            sensitive=options.sensitive,
+            center=options.reference,
+            table=table,
+            angle=readings.angle,
+            motion=self.motion,
+            synchronous_motion=self.curve,
+            asynchronous_range=self.spread,
+            asynchronous_sd=self.sd,
+            harmonics=harmonics_of(self.spectrum, centred=options.centred),
+            centre=self.centre,
+            revolutions=readings.revolutions,
+            audit={
+                **readings.audit,
+                **({} if self.circles is None else self.circles.to_audit()),
+                **asdict(options),
+                "center": options.reference,
+                "removed": "mean and k=1 about the centre" if options.centred else "mean",
+                "centre_cos": self.centre[0],
+                "centre_sin": self.centre[1],
+                "level": self.level,
+                "drift_per_revolution": self.trend.slope,
+                "u_drift_per_revolution": self.trend.u,
+                "revolutions_used": int(self.motion.shape[0]),
+            },
+            messages=(*readings.messages, *self._messages(table)),
         )
-    said += _noise_messages(value, unit, effect, spectrum, kmax)
-    rounding = _is_rounding(table, spectrum)
-    if m >= 5 and correlation > _CORRELATED and not rounding:
-        said.append(
-            f"successive revolutions deviate alike (correlation {correlation:.2f}): a slow motion "
-            "or a drift; the uncertainties, made for independent revolutions, are too small"
+
+    def _table(self, history: tuple[Step, ...]) -> ParameterTable:
+        """Return all values with unit, definition and standard uncertainty."""
+        direction, center, kmax = self.options.direction, self.options.reference, self.options.kmax
+        effect, (m, n) = self.effect, self.motion.shape
+        name, about = f"{direction} error motion", f"about the {_CENTRES[center]}"
+        band = "" if kmax is None else f", harmonics up to {kmax}"
+        value, largest = float(np.ptp(self.curve)), float(self.spread.max())
+        pooled = math.sqrt(float((self.sd * self.sd).mean()))
+        u_pooled = u_of_sd(self.spectrum)
+        rows: list[tuple[str, float, float | None, str]] = [
+            (
+                "synchronous",
+                value,
+                effect.sd,
+                f"synchronous {name}: peak-to-valley width of the mean of {m} turns {about}{band}",
+            ),
+            (
+                "asynchronous",
+                largest,
+                u_of_range(largest, pooled),
+                f"asynchronous {name}: largest range of {m} revolutions at one angle",
+            ),
+            (
+                "total",
+                float(np.ptp(self.motion)),
+                u_of_total(self.motion, self.spectrum),
+                f"total {name}: width of all readings of {m} revolutions {about}",
+            ),
+            (
+                "asynchronous_sd",
+                pooled,
+                u_pooled,
+                "standard deviation over revolutions (ddof 1), root mean square over the angles",
+            ),
+            (
+                "asynchronous_4s",
+                4.0 * pooled,
+                4.0 * u_pooled,
+                "4 standard deviations over revolutions; does not grow with their number",
+            ),
+            (
+                "synchronous_corrected",
+                max(value - effect.bias, 0.0),
+                effect.sd,
+                "synchronous value less the mean effect of noise on it",
+            ),
+            (
+                "noise_floor",
+                effect.floor,
+                None,
+                f"synchronous value that the scatter alone gives with {m} revolutions",
+            ),
+            *self._once_rows(),
+        ]
+        unit = "rad" if direction == "tilt" else "m"
+        settings = {"direction": direction, "center": center, "revolutions": m, "kmax": kmax}
+        return ParameterTable(
+            [Quantity(v, unit, text, u=u, symbol=s) for s, v, u, text in rows],
+            Context(
+                edition=_EDITION,
+                n_valid=m * n,
+                n_total=m * n,
+                history=history,
+                settings=settings,
+                notes=("u holds the scatter between revolutions, not the form of the artefact",),
+            ),
         )
-    if not rounding:
-        said += _drift_messages(trend, table, m)
-    said += _circle_messages(direction, table, circles, artefact_radius)
-    if direction == "face":
-        said.append(
-            "k=1 of face motion holds the squareness of the plate: quote residual_synchronous, or "
-            "separate them by face_reversal"
-        )
-    if math.isnan(noise_gain):
-        said.append("cubic interpolation lowers broadband scatter: asynchronous values are low")
-    return said
 
+    def _once_rows(self) -> list[tuple[str, float, float | None, str]]:
+        """Return what becomes of k = 1."""
+        direction, circles = self.options.direction, self.circles
+        once = float(np.abs(self.spectrum.mean[1]))
+        u = math.sqrt(0.5 * float(self.spectrum.power[1]) / self.spectrum.n_revolutions)
+        if circles is not None:
+            once, u = circles.size[1], circles.u[1]
+        if self.options.centred:
+            what = "eccentricity" if direction == "radial" else "inclination"
+            how = "removed" if circles is None else "constant in a rotating sensitive direction"
+            symbol = "eccentricity" if direction == "radial" else "artefact_tilt"
+            return [(symbol, once, u, f"amplitude of k=1, {what} of the artefact: {how}")]
+        lines = np.fft.rfft(self.curve)
+        lines[1] = 0.0
+        rest = np.fft.irfft(lines, self.curve.size)
+        return [
+            (
+                "fundamental",
+                2.0 * once,
+                2.0 * u,
+                f"fundamental {direction} motion: twice k=1, kept",
+            ),
+            (
+                "residual_synchronous",
+                float(np.ptp(rest)),
+                self.effect.sd,
+                f"residual synchronous {direction} motion: peak to valley without k=1",
+            ),
+        ]
 
-def _is_rounding(table: ParameterTable, spectrum: Spectrum) -> bool:
-    """Whether the revolutions differ by no more than the rounding of their numbers."""
-    scale = max(table["total"].value, _ROUNDING_READ * float(np.abs(spectrum.mean).max()))
-    return table["asynchronous"].value <= _ROUNDING * scale
-
-
-def _noise_messages(
-    value: float, unit: str, effect: NoiseEffect, spectrum: Spectrum, kmax: int | None
-) -> list[str]:
-    said = []
-    if not spectrum.significant.any():
-        said.append(
-            "no harmonic repeats: the synchronous value is noise, about "
-            f"{format_engineering(effect.floor, unit)} for this scatter"
-        )
-    elif effect.bias > _BIAS * value:
-        said.append(
-            f"noise adds about {format_engineering(effect.bias, unit)} to the synchronous value: "
-            "synchronous_corrected is without it; kmax= or more revolutions lower it"
-        )
-    if kmax is not None:
-        beyond = np.flatnonzero(spectrum.significant[kmax + 1 :]) + kmax + 1
-        strong = [int(k) for k in beyond if abs(spectrum.mean[k]) > _BIAS * value]
-        if strong:
-            named = ", ".join(str(k) for k in strong[:8])
-            said.append(f"harmonics that repeat are left out by kmax={kmax}: k={named}")
-    return said
-
-
-def _drift_messages(trend: Trend | None, table: ParameterTable, m: int) -> list[str]:
-    if trend is None or math.isnan(trend.u):
-        return []
-    rise = abs(trend.slope) * (m - 1)
-    if abs(trend.slope) < 4.0 * trend.u or rise < 0.1 * table["asynchronous"].value:
-        return []
-    unit = table["total"].unit
-    text = (
-        f"the readings drift by {format_engineering(rise, unit)} over the record: it is in the "
-        "asynchronous and total values; drift='linear' removes a straight line"
-    )
-    return [text]
-
-
-def _circle_messages(
-    direction: str, table: ParameterTable, circles: Circles | None, artefact_radius: float | None
-) -> list[str]:
-    said = []
-    value = table["synchronous"].value
-    if artefact_radius is not None and direction == "radial":
-        size = table["eccentricity"].value
-        false = size**2 / (4.0 * artefact_radius)
-        if false > _BIAS * value:
+    def _messages(self, table: ParameterTable) -> list[str]:
+        """Return the warnings, one sentence each."""
+        m, options = self.spectrum.n_revolutions, self.options
+        value, unit = table["synchronous"].value, table["synchronous"].unit
+        said = [
+            f"asynchronous is the largest range of {m} revolutions and grows with their number"
+        ]
+        if m < _USUAL_REVOLUTIONS:
             said.append(
-                f"an eccentricity of {format_engineering(size, 'm')} on this radius gives a false "
-                f"k=2 of {format_engineering(false, 'm')}: centre the artefact better"
+                f"{m} revolutions: ISO 230-7 asks for {_USUAL_REVOLUTIONS} or more, and the "
+                "asynchronous value is too small for comparison"
             )
-    if circles is not None and circles.size[2] > max(5.0 * circles.u[2], _BIAS * value):
-        said.append(
-            "the axis also circles forward twice per revolution by "
-            f"{format_engineering(circles.size[2], table['total'].unit)}: in a rotating sensitive "
-            "direction that is k=1 and is removed with the zeros of the sensors"
-        )
-    return said
+        if unit == "m" and value > _FAR:
+            said.append(
+                f"the synchronous motion is {value:.3g} m: signals must be in metres (1e-6 times "
+                "micrometres)"
+            )
+        said += self._noise_messages(value, unit)
+        # revolutions that differ by the rounding of their numbers only say nothing
+        scale = max(table["total"].value, _ROUNDING_READ * float(np.abs(self.spectrum.mean).max()))
+        if table["asynchronous"].value > _ROUNDING * scale:
+            if m >= 5 and self.correlation > _CORRELATED:
+                said.append(
+                    f"successive revolutions deviate alike (correlation {self.correlation:.2f}): a "
+                    "slow motion or a drift; the uncertainties, made for independent revolutions, "
+                    "are too small"
+                )
+            rise = abs(self.trend.slope) * (m - 1)
+            clear = abs(self.trend.slope) >= 4.0 * self.trend.u
+            if options.drift == "keep" and clear and rise >= 0.1 * table["asynchronous"].value:
+                said.append(
+                    f"the readings drift by {format_engineering(rise, unit)} over the record: it "
+                    "is in the asynchronous and total values; drift='linear' removes a straight line"
+                )
+        said += self._circle_messages(table)
+        if options.direction == "face":
+            said.append(
+                "k=1 of face motion holds the squareness of the plate: quote residual_synchronous, "
+                "or separate them by face_reversal"
+            )
+        if math.isnan(self.readings.noise_gain):
+            said.append(
+                "cubic interpolation lowers broadband scatter: asynchronous values are low"
+            )
+        if not options.centred and options.center != "LSC":
+            said.append(
+                f"{options.direction} motion has no centre to choose: {options.center} changes "
+                "nothing"
+            )
+        return said
+
+    def _noise_messages(self, value: float, unit: str) -> list[str]:
+        said, effect, spectrum, kmax = [], self.effect, self.spectrum, self.options.kmax
+        if not spectrum.significant.any():
+            said.append(
+                "no harmonic repeats: the synchronous value is noise, about "
+                f"{format_engineering(effect.floor, unit)} for this scatter"
+            )
+        elif effect.bias > _BIAS * value:
+            said.append(
+                f"noise adds about {format_engineering(effect.bias, unit)} to the synchronous "
+                "value: synchronous_corrected is without it; kmax= or more revolutions lower it"
+            )
+        if kmax is not None:
+            beyond = np.flatnonzero(spectrum.significant[kmax + 1 :]) + kmax + 1
+            strong = [int(k) for k in beyond if abs(spectrum.mean[k]) > _BIAS * value]
+            if strong:
+                named = ", ".join(str(k) for k in strong[:8])
+                said.append(f"harmonics that repeat are left out by kmax={kmax}: k={named}")
+        return said
+
+    def _circle_messages(self, table: ParameterTable) -> list[str]:
+        said, circles, radius = [], self.circles, self.options.artefact_radius
+        value = table["synchronous"].value
+        if radius is not None and self.options.direction == "radial":
+            size = table["eccentricity"].value
+            false = size**2 / (4.0 * radius)
+            if false > _BIAS * value:
+                said.append(
+                    f"an eccentricity of {format_engineering(size, 'm')} on this radius gives a "
+                    f"false k=2 of {format_engineering(false, 'm')}: centre the artefact better"
+                )
+        if circles is not None and circles.size[2] > max(5.0 * circles.u[2], _BIAS * value):
+            said.append(
+                "the axis also circles forward twice per revolution by "
+                f"{format_engineering(circles.size[2], table['total'].unit)}: in a rotating "
+                "sensitive direction that is k=1 and is removed with the zeros of the sensors"
+            )
+        return said

@@ -16,8 +16,10 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.numbers import choice, not_negative, real
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
+from metrosep.separation._methods import RecordedMethod, settle
 from metrosep.separation._readings import (
     as_numbers,
     checked_readings,
@@ -25,12 +27,10 @@ from metrosep.separation._readings import (
     harmonics_u,
     known_parts,
     part_of,
-    stated_u,
 )
 from metrosep.separation.circles.spindle import iso230_7
 from metrosep.separation.circles.spindle_result import SpindleMotion
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
-from metrosep.spectral.dft import finite_number
+from metrosep.separation.contract import Separation, Unobservable
 
 __all__ = ["SpindleSplit"]
 
@@ -45,8 +45,12 @@ _MEAN = "what all revolutions share is synchronous by definition"
 
 
 @dataclass(frozen=True, slots=True)
-class SpindleSplit(SeparationMethod):
+class SpindleSplit(RecordedMethod):
     """One fixed sensor over whole revolutions, after ISO 230-7, about the least-squares centre.
+
+    Readings (M, n) in m: at least 2 revolutions at the same n angles; one with a NaN is left out.
+    Parts: ``setting`` and ``synchronous``, (n,), over the angle; ``asynchronous``, (M, n), of each
+    revolution (two revolutions are simulated where it is not given).
 
     Parameters
     ----------
@@ -60,6 +64,12 @@ class SpindleSplit(SeparationMethod):
     ------
     DataError
         If the direction is unknown or the start no finite number.
+
+    Notes
+    -----
+    `iso230_7` does the work; values after the standard (widths, with their u) are there. With
+    white scatter s: ``s sqrt((1 - p/n)/M)`` for the synchronous motion, p = 3 functions of the
+    setting (1 in axial motion), ``s sqrt(1 - 1/M)`` for the asynchronous.
 
     Examples
     --------
@@ -77,9 +87,8 @@ class SpindleSplit(SeparationMethod):
     error_parts: ClassVar[tuple[str, ...]] = ("synchronous", "asynchronous")
 
     def __post_init__(self) -> None:
-        if self.direction not in ("radial", "axial", "face"):
-            raise DataError(f"direction is radial, axial or face, got {self.direction!r}")
-        finite_number(self.start, "start", "an angle in rad")
+        choice(self.direction, "direction", ("radial", "axial", "face"))
+        settle(self, start=real(self.start, "start", dimension="angle"))
 
     @property
     def _hidden(self) -> tuple[int, ...]:
@@ -88,26 +97,6 @@ class SpindleSplit(SeparationMethod):
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return the revolutions of given parts.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n,), m
-            ``setting`` over the angle.
-        errors : mapping of str to array_like, m
-            ``synchronous``, shape (n,); ``asynchronous`` of each revolution, shape (M, n), two
-            revolutions without any if omitted.
-
-        Returns
-        -------
-        ndarray, shape (M, n), m
-            Readings.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown, none is given, or of another shape.
-        """
         parts = known_parts(self, truth, errors)
         shape = parts["asynchronous"].shape if "asynchronous" in parts else None
         if shape is None:
@@ -122,14 +111,6 @@ class SpindleSplit(SeparationMethod):
         return setting + synchronous + part_of(parts, "asynchronous", shape, self.name)
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what one fixed sensor cannot tell.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Mean (and eccentricity) of the synchronous motion, the form of the artefact in it, and
-            what all revolutions share in the asynchronous motion.
-        """
         reason = _ECCENTRIC if self.direction == "radial" else _ZERO
         return (
             Unobservable("synchronous", "harmonic", self._hidden, reason),
@@ -144,38 +125,9 @@ class SpindleSplit(SeparationMethod):
         u_reading: float | None = None,
         history: tuple[Step, ...] = (),
     ) -> Separation:
-        """Return setting, synchronous and asynchronous motion.
-
-        Parameters
-        ----------
-        readings : array_like, shape (M, n), m
-            At least 2 revolutions at the same n angles; one with a NaN is left out.
-        u_reading : float, m, optional
-            Standard uncertainty of one reading; the scatter of the revolutions if omitted.
-        history : tuple of Step, optional
-            Where they came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``setting`` and ``synchronous`` (n,), ``asynchronous`` (M, n).
-
-        Raises
-        ------
-        DataError
-            If `u_reading` is negative or no number.
-        InvalidSamplesError
-            If the readings are no revolutions of finite numbers.
-        TooFewSamplesError
-            If fewer than 2 whole revolutions or 8 angles are left.
-
-        Notes
-        -----
-        `iso230_7` does the work; values after the standard (widths, with their u) are there. With
-        white scatter s: ``s sqrt((1 - p/n)/M)`` for the synchronous motion, p = 3 functions of the
-        setting (1 in axial motion), ``s sqrt(1 - 1/M)`` for the asynchronous.
-        """
-        sd = stated_u(u_reading, "m")
+        sd = u_reading
+        if sd is not None:
+            sd = not_negative(sd, "u_reading", dimension="length")
         array = as_numbers(readings, f"{self.name} needs revolutions (M, n) as numbers")
         if array.ndim != 2:
             raise InvalidSamplesError(
@@ -183,9 +135,7 @@ class SpindleSplit(SeparationMethod):
             )
         array = checked_readings(array[None], names=("sensor",), minimum=8, what=self.name)
         _, count, n = array.shape
-        angle = (
-            finite_number(self.start, "start", "an angle in rad") + 2 * np.pi * np.arange(n) / n
-        )
+        angle = self.start + 2 * np.pi * np.arange(n) / n
         motion = iso230_7(array[0], angle, self.direction)
         mean = array[0, motion.revolutions].mean(axis=0)
         rest = np.full((count, n), np.nan)

@@ -16,54 +16,55 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import ComplexArray, FloatArray
-from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError, UnitError
+from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError
+from metrosep.core.numbers import choice, count, is_real, positive, real
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
+from metrosep.separation._methods import described_by, settle
 from metrosep.separation._readings import size_doubts
 from metrosep.separation.circles._circle import (
+    CircleMethod,
     Revolutions,
+    Terms,
     angle_tuple,
     centred,
-    check_kmax,
-    check_number,
-    check_start,
-    check_turn,
-    check_u_reading,
-    check_whole,
+    check_sign,
+    check_small_angle,
     circle_readings,
-    curve,
-    grid,
     harmonics_of,
-    names_of_k,
+    hidden_message,
+    hidden_of,
     part_arrays,
-    referred_to_zero,
-    revolutions,
+    reading_noise,
     turned,
-    with_messages,
+    u_of_curves,
+    unseen,
+    variances,
 )
 from metrosep.separation.contract import (
     U_READING,
     Separation,
-    SeparationMethod,
     Unobservable,
     suppressed_harmonics,
 )
 
 __all__ = ["MultistepRoundness", "multistep"]
 
-_PARTS = ("artefact", "spindle")
-
 
 @dataclass(frozen=True)
-class MultistepRoundness(SeparationMethod):
+class MultistepRoundness(CircleMethod):
     """An artefact indexed to several angles on a spindle.
+
+    Readings: one row for each index position, in m. Parts: ``artefact``, radius deviation over its
+    own angle; ``spindle``, what the spindle adds, over its angle. Noise that is not stated comes
+    from what more than two positions disagree by, else from the revolutions.
 
     Parameters
     ----------
@@ -150,23 +151,25 @@ class MultistepRoundness(SeparationMethod):
     }
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("spindle",)
+    _sources: ClassVar[str] = "index positions"
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "angles", angle_tuple(self.angles, least=2, what="index"))
-        object.__setattr__(self, "kmax", check_kmax(self.kmax))
-        object.__setattr__(self, "u_index", check_number(self.u_index, "u_index", unit="rad"))
-        if self.u_index > 0.2:
-            raise UnitError(f"u_index of {self.u_index} rad; degrees? give numpy.deg2rad")
-        object.__setattr__(self, "turn", check_turn(self.turn))
-        for name, known in (("eccentricity", ("fixed", "free")), ("drift", ("none", "linear"))):
-            if getattr(self, name) not in known:
-                raise DataError(f"{name} must be one of {known}, got {getattr(self, name)!r}")
-        if self.step_revolutions is not None:
-            steps = check_number(self.step_revolutions, "step_revolutions")
+        steps = self.step_revolutions
+        if steps is not None:
+            steps = real(steps, "step_revolutions")
             if steps < 1.0:
                 raise DataError(f"step_revolutions must be >= 1, got {steps}")
-            object.__setattr__(self, "step_revolutions", steps)
-        object.__setattr__(self, "max_gain", check_number(self.max_gain, "max_gain", above=0.0))
+        settle(
+            self,
+            angles=angle_tuple(self.angles, least=2, what="index"),
+            kmax=count(self.kmax, "kmax", least=2),
+            u_index=check_small_angle(self.u_index, "u_index"),
+            eccentricity=choice(self.eccentricity, "eccentricity", ("fixed", "free")),
+            drift=choice(self.drift, "drift", ("none", "linear")),
+            step_revolutions=steps,
+            max_gain=positive(self.max_gain, "max_gain"),
+            turn=check_sign(self.turn, "turn"),
+        )
         if np.isinf(self.gain[2:]).all():
             raise NotSeparableError(
                 f"these {len(self.angles)} index positions separate no undulation up to "
@@ -174,107 +177,105 @@ class MultistepRoundness(SeparationMethod):
             )
 
     @property
+    def _n_sources(self) -> int:
+        return len(self.angles)
+
+    @property
     def gain(self) -> FloatArray:
         """Noise of the artefact harmonics 0 ... kmax over that of a reading's; inf: suppressed."""
-        gain: FloatArray = step_geometry(self).gain[0]
+        gain: FloatArray = _geometry(self).gain[0]
         return gain
 
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return what the probe reads at each index position.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (N,), m
-            ``artefact``: radius deviation over its own angle.
-        errors : mapping of str to array_like, shape (N,), m
-            ``spindle``: what the spindle adds, over its angle.
-
-        Returns
-        -------
-        ndarray, shape (P, N), m
-            One row for each index position.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown, none is given, or their lengths differ.
-        """
-        parts, _ = part_arrays(_PARTS, truth, errors)
+        parts, _ = part_arrays(self._parts, truth, errors)
         out: FloatArray = turned(parts["artefact"], self.turn * np.array(self.angles))
         return out + parts["spindle"]
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return the mean, the undulations that all positions show alike, and a free eccentricity.
-
-        Returns
-        -------
-        tuple of Unobservable
-            The same for both parts: their sum is known there, not their shares.
-        """
-        hidden = tuple(int(k) for k in np.flatnonzero(np.isinf(self.gain)) if k > 1)
+        gain = self.gain
         terms: tuple[str, ...] = ("offset",)
         why = "the offset (k = 0) is the zero of the probe"
-        if math.isinf(self.gain[1]):
+        if math.isinf(gain[1]):
             terms += ("eccentricity",)
             why += "; k = 1 is centring and spindle in one"
-        found = []
-        for part in _PARTS:
-            found.append(Unobservable(part, "term", terms, why))
-            if hidden:
-                found.append(
-                    Unobservable(
-                        part,
-                        "harmonic",
-                        hidden,
-                        "all index positions show these alike, so artefact and spindle are not "
-                        "told apart; a second run with a coprime number of steps does it",
-                    )
-                )
-        return tuple(found)
+        alike = (
+            "all index positions show these alike, so artefact and spindle are not told apart; a "
+            "second run with a coprime number of steps does it"
+        )
+        return tuple(
+            item
+            for part in self._parts
+            for item in unseen(part, hidden_of(gain), alike, terms=terms, why=why)
+        )
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        start_angle: float = 0.0,
-        history: tuple[Step, ...] = (),
+    def _separated(
+        self, given: Revolutions, stated: float | None, start: float, history: tuple[Step, ...]
     ) -> Separation:
-        """Return artefact and spindle.
-
-        Parameters
-        ----------
-        readings : array_like, shape (P, N) or (P, M, N), m
-            At each index position over one revolution of N equal steps, or M revolutions.
-        u_reading : float, m, optional
-            Standard deviation of one reading. If omitted: what the positions disagree by (P > 2),
-            else the scatter of the revolutions.
-        start_angle : float, rad, optional
-            Angle of the spindle at the first sample; ``harmonics`` are referred to the angle 0.
-        history : tuple of Step, optional
-            Where the readings came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``artefact`` and ``spindle`` over ``angle``, with ``harmonics``.
-
-        Raises
-        ------
-        InvalidSamplesError
-            If the readings have another shape, are infinite, or no revolution is complete.
-        TooFewSamplesError
-            If kmax is not below half the samples.
-        DataError
-            If `u_reading` is negative or not finite.
-        """
-        return separate_steps(
-            self, readings, check_u_reading(u_reading), check_start(start_angle), history
+        array, rate, u_rate = _without_drift(self, given)
+        positions, turns, n = array.shape
+        geometry = _geometry(self)
+        each = harmonics_of(array, self.kmax)
+        mean = each.mean(axis=1)
+        found: ComplexArray = np.einsum("akp,pk->ak", geometry.rows, mean)
+        rest = mean - geometry.phase.T * found[0] - found[1]
+        noise, u_k, from_steps = _noise(geometry, each, rest, stated, n)
+        terms: Terms = {}
+        if self.u_index > 0.0 and not from_steps:
+            k = np.arange(self.kmax + 1)
+            shown = 1j * self.turn * k * geometry.phase.T * found[0] * self.u_index
+            moved = geometry.rows.transpose(0, 2, 1) * shown
+            terms = {"index angles": variances(moved, n)}
+        u_spindle = u_of_curves(u_k, terms, n)[1]
+        hidden = suppressed_harmonics(self.null_space())
+        seen = np.isfinite(found[0])
+        angles_deg = np.rad2deg(self.angles).tolist()
+        messages = [*given.messages, *size_doubts(centred(given.values), self.name)]
+        if math.isnan(noise.value):
+            messages.append(
+                "the noise is not known from two positions and one revolution: give u_reading or "
+                "more steps or repeated revolutions; no uncertainty is stated"
+            )
+        messages += hidden_message(
+            hidden, "alike at all index positions: NaN in harmonics, absent from the curves"
+        )
+        if from_steps and self.u_index > 0.0:
+            messages.append(
+                "the index errors show in what the positions disagree by, so u_index is not added "
+                "to it"
+            )
+        messages += _drift_left(self, rate, u_rate, positions * turns - 2, u_spindle)
+        messages += _wide_index(self)
+        messages += _first_harmonic(self, rest, float(np.abs(mean).max()))
+        power = np.sum(np.abs(rest[:, seen]) ** 2, axis=1)
+        free = self.eccentricity == "free"
+        return self._result(
+            given,
+            found,
+            noise,
+            u_k,
+            terms,
+            start=start,
+            settings={"angles_deg": angles_deg, "turn": self.turn, "kmax": self.kmax},
+            audit={
+                "gain": [float(g) if math.isfinite(g) else None for g in geometry.gain[0]],
+                "suppressed": hidden,
+                "eccentricity": self.eccentricity,
+                "removed": "k = 0 of both parts, k > kmax" + (", k = 1" if free else ""),
+                "drift": self.drift,
+                "drift_nm_per_revolution": rate * 1e9,
+                "u_drift_nm_per_revolution": None if math.isnan(u_rate) else u_rate * 1e9,
+                "residual_rms_nm": 1e9 * math.sqrt(float(np.mean(power) / 2.0)),
+                "noise_source": noise.definition,
+            },
+            messages=messages,
+            step=Step(self.name, {"kmax": self.kmax, "angles_deg": angles_deg}),
+            history=history,
         )
 
 
+@described_by(MultistepRoundness, MultistepRoundness.separate)
 def multistep(
     m: Any,
     steps: int | Sequence[int] | None = None,
@@ -304,18 +305,6 @@ def multistep(
         Index positions where they are not equal steps.
     kmax : int, optional
         Highest undulation; all below N/2 if omitted.
-    u_reading : float, m, optional
-        Standard deviation of one reading; from the data if omitted.
-    u_index : float, rad, optional
-        Standard uncertainty of each index position.
-    eccentricity : {"fixed", "free"}, optional
-        ``"free"`` if the artefact was centred anew at each step: k = 1 is then left out.
-    drift : {"none", "linear"}, optional
-        Whether a linear drift of the level is taken off first.
-    step_revolutions : float, optional
-        Time from step to step in revolutions, for the drift.
-    turn : {1, -1}, optional
-        +1: a step brings points of larger artefact angle to the probe.
     angle : array_like, shape (N,), rad, optional
         Angle of the spindle at each sample of `m` given as arrays; from 0 in equal steps if
         omitted.
@@ -332,10 +321,6 @@ def multistep(
     InvalidSamplesError
         If readings or angles are not finite or of the wrong shape, or the angle of the spindle is
         not in equal steps over whole revolutions.
-    UnitError
-        If the angles look like degrees.
-    NotSeparableError
-        If the positions separate nothing.
     DataError
         If `steps` and `angles` are both given or do not fit the rows, or a setting is out of range.
 
@@ -367,25 +352,19 @@ def multistep(
             f"multistep needs at least 5 samples in a revolution, got {shape[-1]}"
         )
     method = MultistepRoundness(
-        index_positions(steps, angles, shape[0]),
+        _index_positions(steps, angles, shape[0]),
         (shape[-1] - 1) // 2 if kmax is None else kmax,
-        u_index=u_index,
-        eccentricity=eccentricity,
-        drift=drift,
-        step_revolutions=step_revolutions,
+        u_index,
+        eccentricity,
+        drift,
+        step_revolutions,
         turn=turn,
     )
-    found = method.separate(
-        given.values, u_reading=u_reading, start_angle=given.start_angle, history=given.history
-    )
-    return with_messages(found, given.messages)
+    return given.separated(method, u_reading)
 
 
-# ---- index positions of `multistep`, from numbers of steps or from angles ----------------------
-
-
-def index_positions(steps: Any, angles: ArrayLike | None, rows: int) -> ArrayLike:
-    """Return the index positions in rad of rows of readings."""
+def _index_positions(steps: Any, angles: ArrayLike | None, rows: int) -> ArrayLike:
+    """Return the index positions in rad of rows of readings, from numbers of steps or from angles."""
     if angles is not None:
         if steps is not None:
             raise DataError("give steps or angles, not both")
@@ -396,15 +375,13 @@ def index_positions(steps: Any, angles: ArrayLike | None, rows: int) -> ArrayLik
         raise TooFewSamplesError(
             f"multistep: at least 2 positions are needed, one row of readings each, got {rows}"
         )
-    whole = (Sequence, np.ndarray)
-    given = (
-        [rows]
-        if steps is None
-        else list(steps)
-        if isinstance(steps, whole) and np.ndim(steps)
-        else [steps]
-    )
-    counts = [check_whole(n, "steps", least=2) for n in given]
+    several = isinstance(steps, (Sequence, np.ndarray)) and np.ndim(steps) > 0
+    given = [rows] if steps is None else list(steps) if several else [steps]
+    # a whole float is a number of steps, as numpy makes it
+    counts = [
+        count(int(n) if is_real(n) and float(n).is_integer() else n, "steps", least=2)
+        for n in given
+    ]
     if sum(counts) != rows:
         raise DataError(
             f"steps = {steps} needs {sum(counts)} rows of readings, one each, got {rows}"
@@ -421,18 +398,15 @@ _ROUNDING = 1e-9
 """Differences of this share of the readings are no finding."""
 
 
-@dataclass(frozen=True, slots=True)
-class StepGeometry:
+class _Geometry(NamedTuple):
     """Estimators of R and S from the P positions, for k = 0 ... kmax."""
 
-    rows: ComplexArray  # of complex, shape (2, kmax + 1, P): naN where not observable
-    # shape (2, kmax + 1): noise of R and S over that of a reading's harmonic; inf where not
-    # observable
-    gain: FloatArray
-    phase: ComplexArray  # of complex, shape (kmax + 1, P): ``exp(j k t alpha_p)``
+    rows: ComplexArray  # shape (2, kmax + 1, P): NaN where not observable
+    gain: FloatArray  # shape (2, kmax + 1): noise of R, S over that of a reading; inf: not seen
+    phase: ComplexArray  # shape (kmax + 1, P): ``exp(j k t alpha_p)``
 
 
-def step_geometry(method: MultistepRoundness) -> StepGeometry:
+def _geometry(method: MultistepRoundness) -> _Geometry:
     """Return the least-squares estimators of an arrangement of steps."""
     alpha = method.turn * np.array(method.angles)
     k = np.arange(method.kmax + 1)
@@ -448,90 +422,7 @@ def step_geometry(method: MultistepRoundness) -> StepGeometry:
     rows = np.stack([row_r, 1.0 / alpha.size - common[:, np.newaxis] * row_r])
     rows[:, hidden] = np.nan
     gain = np.sqrt(np.sum(np.abs(rows) ** 2, axis=2))
-    return StepGeometry(rows, np.where(np.isnan(gain), np.inf, gain), phase)
-
-
-def separate_steps(
-    method: MultistepRoundness,
-    readings: ArrayLike,
-    u_reading: float | None,
-    start_angle: float,
-    history: tuple[Step, ...],
-) -> Separation:
-    """Return the separation that the method's estimators make of the readings."""
-    positions = len(method.angles)
-    given = revolutions(readings, positions, what="index positions", n_min=2 * method.kmax + 1)
-    messages = [*given.messages, *size_doubts(centred(given.values), method.name)]
-    array, rate, u_rate = _without_drift(method, given)
-    turns, n = array.shape[1:]
-    geometry = step_geometry(method)
-    each = harmonics_of(array, method.kmax)
-    mean = each.mean(axis=1)
-    found: ComplexArray = np.einsum("akp,pk->ak", geometry.rows, mean)
-    rest = mean - geometry.phase.T * found[0] - found[1]
-    noise, u_k, from_steps = _noise(geometry, each, rest, u_reading, n)
-    term = None if from_steps else _index_term(method, geometry, found, n)
-    square_curve, square_k = (0.0, 0.0) if term is None else term
-    u_curve = np.zeros((2, n)) + np.sqrt(np.nansum(u_k**2, axis=1)[:, np.newaxis] + square_curve)
-    if math.isnan(noise.value):
-        u_curve[:] = np.nan
-        messages.append(
-            "the noise is not known from two positions and one revolution: give u_reading or more "
-            "steps or repeated revolutions; no uncertainty is stated"
-        )
-    null_space = method.null_space()
-    hidden = suppressed_harmonics(null_space)
-    if hidden:
-        messages.append(
-            f"k={names_of_k(hidden)} {'is' if len(hidden) == 1 else 'are'} alike at all index "
-            "positions: NaN in harmonics, absent from the curves"
-        )
-    if from_steps and method.u_index > 0.0:
-        messages.append(
-            "the index errors show in what the positions disagree by, so u_index is not added to it"
-        )
-    seen = np.isfinite(found[0])
-    audit: dict[str, Any] = {
-        "angles_deg": np.rad2deg(method.angles).tolist(),
-        "turn": method.turn,
-        "kmax": method.kmax,
-        "n_samples": n,
-        "n_revolutions": turns,
-        "n_revolutions_left_out": given.n_left_out,
-        "start_angle_deg": math.degrees(start_angle),
-        "gain": [float(g) if math.isfinite(g) else None for g in geometry.gain[0]],
-        "suppressed": hidden,
-        "eccentricity": method.eccentricity,
-        "removed": "k = 0 of both parts, k > kmax"
-        + (", k = 1" if method.eccentricity == "free" else ""),
-        "drift": method.drift,
-        "drift_nm_per_revolution": rate * 1e9,
-        "u_drift_nm_per_revolution": None if math.isnan(u_rate) else u_rate * 1e9,
-        "residual_rms_nm": 1e9
-        * math.sqrt(float(np.mean(np.sum(np.abs(rest[:, seen]) ** 2, axis=1)) / 2.0)),
-        "noise_source": noise.definition,
-        "type_b": {
-            part: {} if term is None else {"index angles / m": math.sqrt(term[0][i].mean())}
-            for i, part in enumerate(_PARTS)
-        },
-    }
-    dof = positions * turns - 2
-    messages += _drift_left(method, rate, u_rate, dof, u_curve[1]) + _wide_index(method)
-    messages += _first_harmonic(method, rest, float(np.abs(mean).max()))
-    return Separation(
-        method.name,
-        dict(zip(_PARTS, curve(found, n), strict=True)),
-        dict(zip(_PARTS, u_curve, strict=True)),
-        dict.fromkeys(_PARTS, "m"),
-        {"angle": start_angle + grid(n)},
-        null_space,
-        noise,
-        dict(zip(_PARTS, referred_to_zero(found, start_angle), strict=True)),
-        dict(zip(_PARTS, np.sqrt(u_k**2 + square_k), strict=True)),
-        audit,
-        tuple(messages),
-        (*history, Step(method.name, {"kmax": method.kmax, "angles_deg": audit["angles_deg"]})),
-    )
+    return _Geometry(rows, np.where(np.isnan(gain), np.inf, gain), phase)
 
 
 def _without_drift(
@@ -588,7 +479,7 @@ def _wide_index(method: MultistepRoundness) -> list[str]:
 
 
 def _noise(
-    geometry: StepGeometry,
+    geometry: _Geometry,
     each: ComplexArray,
     rest: ComplexArray,
     u_reading: float | None,
@@ -597,44 +488,28 @@ def _noise(
     """Return noise of one reading, u of harmonics, and whether it came from the steps."""
     positions, turns = each.shape[:2]
     gain = np.where(np.isinf(geometry.gain), np.nan, geometry.gain)
-    text = "standard deviation of one reading; "
     if u_reading is not None:
         u_k = gain * u_reading * math.sqrt(2.0 / (n * turns))
-        return Quantity(u_reading, "m", text + "as stated", None, "s"), u_k, False
+        return reading_noise(u_reading, "as stated"), u_k, False
     seen = np.isfinite(rest[0])
     if positions > 2:
         per_k = np.sum(np.abs(rest) ** 2, axis=0) / (2.0 * (positions - 2))
         dof = 2 * (positions - 2) * int(seen.sum())
         value = math.sqrt(float(per_k[seen].mean()) * n * turns / 2.0)
-        text += (
+        text = (
             f"type A from what {positions} positions disagree by, spindle not repeating included"
         )
-        return (
-            Quantity(value, "m", text, value / math.sqrt(2.0 * dof), "s"),
-            gain * np.sqrt(per_k),
-            True,
-        )
-    if turns > 1:
+        u_k = gain * np.sqrt(per_k)
+    elif turns > 1:
         about = each - each.mean(axis=1, keepdims=True)
         per_k = np.sum(np.abs(about) ** 2, axis=(0, 1)) / (2.0 * positions * (turns - 1))
         dof = 2 * positions * (turns - 1) * int(seen.sum())
         value = math.sqrt(float(per_k[seen].mean()) * n / 2.0)
-        text += f"type A from {turns} revolutions"
+        text = f"type A from {turns} revolutions"
         u_k = gain * np.sqrt(per_k / turns)
-        return Quantity(value, "m", text, value / math.sqrt(2.0 * dof), "s"), u_k, False
-    return Quantity(math.nan, "m", text + "not known", None, "s"), gain * math.nan, False
-
-
-def _index_term(
-    method: MultistepRoundness, geometry: StepGeometry, found: ComplexArray, n: int
-) -> tuple[FloatArray, FloatArray] | None:
-    """Return variances of curves (2, N) and harmonics (2, kmax + 1) from independent index errors."""
-    if method.u_index == 0.0:
-        return None
-    k = np.arange(method.kmax + 1)
-    shown = 1j * method.turn * k * geometry.phase.T * found[0] * method.u_index
-    moved = geometry.rows.transpose(0, 2, 1) * shown
-    return np.sum(curve(moved, n) ** 2, axis=1), np.sum(np.abs(moved) ** 2, axis=1) / 2.0
+    else:
+        return reading_noise(math.nan, "not known"), gain * math.nan, False
+    return reading_noise(value, text, value / math.sqrt(2.0 * dof)), u_k, positions > 2
 
 
 def _first_harmonic(method: MultistepRoundness, rest: ComplexArray, size: float) -> list[str]:

@@ -23,6 +23,7 @@ from metrosep.separation.lines._line_probes import (
 from metrosep.separation.lines._line_problem import (
     Problem,
     Stations,
+    longest_run,
     needed_travel,
     probe_places,
     read_samples,
@@ -66,15 +67,12 @@ def solve(problem: Problem, *, method: str, smoothing: float, degree: int) -> Fo
 
 def _longest_piece(problem: Problem) -> slice:
     """Return the longest run of positions at which every probe was measured."""
-    whole = problem.stations.whole(problem.n_probes, problem.x.size)
-    edges = np.diff(np.concatenate([[0], whole.astype(np.int8), [0]]))
-    first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    if first.size == 0:
+    piece = longest_run(problem.stations.whole(problem.n_probes, problem.x.size))
+    if piece.stop == piece.start:
         raise NotSeparableError(
             "at no position were all probes measured: nothing can be separated"
         )
-    best = int(np.argmax(last - first))
-    return slice(int(first[best]), int(last[best]))
+    return piece
 
 
 def _solve_piece(

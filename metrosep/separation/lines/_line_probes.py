@@ -21,6 +21,7 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
+from metrosep.core.numbers import positive
 from metrosep.core.units import format_length
 
 if TYPE_CHECKING:
@@ -98,21 +99,18 @@ def checked_row(
             f"{what}: probes must sit at rising, finite offsets in m (distances above zero), got "
             f"{o.tolist()}; order the readings from the trailing to the leading probe (rising x)"
         )
-    if step is None or not (math.isfinite(step) and step > 0.0):
-        raise DataError(
-            f"{what} needs the step between carriage positions in m, above zero, got {step}"
-        )
+    step = positive(step, f"{what}: the step between carriage positions", dimension="length")
     if float(np.ptp(o)) > 100.0:
         raise UnitError(
             f"{what}: the probes span {float(np.ptp(o)):g} m; distances are given in m, not in mm"
         )
-    if float(np.ptp(o)) < float(step) * (1.0 - GRID_RTOL):
+    if float(np.ptp(o)) < step * (1.0 - GRID_RTOL):
         raise DataError(
             f"{what}: the probes span {format_length(float(np.ptp(o)))}, less than the step of "
-            f"{format_length(float(step))}: no place is read by two probes; move in steps of at most "
+            f"{format_length(step)}: no place is read by two probes; move in steps of at most "
             "the distance of the probes"
         )
-    return Row(tuple(o.tolist()), float(step), pitch, zero_known)
+    return Row(tuple(o.tolist()), step, pitch, zero_known)
 
 
 def positions(x: ArrayLike | None, step: float | None, n: int, what: str) -> FloatArray:

@@ -5,13 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, as_float
-from metrosep.core.errors import DataError, InvalidSamplesError, NotUniformError, UnitError
+from metrosep.core.errors import (
+    DataError,
+    InvalidSamplesError,
+    NotUniformError,
+    OptionError,
+    UnitError,
+)
+from metrosep.core.numbers import positive, real
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.units import format_length
@@ -31,8 +38,7 @@ MAX_ANGLE = 0.02
 """A pitch above 20 mrad is no straightness error of a carriage: it was given in another unit."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Sensor:
+class Sensor(NamedTuple):
     """Independent readings of the pitch of the carriage."""
 
     values: FloatArray  # shape (n,), rad: positive where the leading end raises the reading
@@ -80,11 +86,9 @@ def checked_sensor(pitch: ArrayLike | None, u_pitch: float | None, n: int) -> Se
             f"pitch varies by {np.nanmax(values) - np.nanmin(values):.4g} rad; it is given in rad, "
             "not in arc seconds, degrees or urad"
         )
-    if u_pitch is None or not (math.isfinite(u_pitch) and u_pitch > 0.0):
-        raise DataError(
-            f"pitch readings need their standard uncertainty u_pitch in rad, above zero; got {u_pitch}"
-        )
-    return Sensor(values, float(u_pitch))
+    if u_pitch is None:
+        raise DataError("pitch readings need their standard uncertainty u_pitch in rad")
+    return Sensor(values, positive(u_pitch, "u_pitch", dimension="angle"))
 
 
 def problem_of(
@@ -116,6 +120,16 @@ def _without_lines(lines: FloatArray) -> FloatArray:
     """Return orthonormal zeros that no offset or pitch of the carriage could be."""
     left, _, _ = np.linalg.svd(lines, full_matrices=True)
     return np.asarray(left[:, lines.shape[1] :])
+
+
+def longest_run(whole: NDArray[np.bool_]) -> slice:
+    """Return the longest run of true values; an empty slice where there is none."""
+    edges = np.diff(np.concatenate([[0], whole.astype(np.int8), [0]]))
+    first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    if first.size == 0:
+        return slice(0, 0)
+    best = int(np.argmax(last - first))
+    return slice(int(first[best]), int(last[best]))
 
 
 def check_size(n: int, what: str) -> None:
@@ -241,7 +255,7 @@ def _codes(valid: NDArray[np.bool_]) -> NDArray[np.int64]:
     return np.asarray(np.tensordot(weights, valid.astype(np.int64), axes=1))
 
 
-# ---- what is asked of probes in a row: probes, estimator, zero; numbers as callers give them ----
+# ---- names of the estimators ------------------------------------------------------------------
 
 METHODS = ("sequential", "generalised", "combined", "least_squares")
 
@@ -252,48 +266,13 @@ _SPELLINGS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Zero:
-    """A known zero difference of three probes and its standard uncertainty, m."""
-
-    value: float
-    u: float
-
-
-@dataclass(frozen=True, slots=True)
-class Request:
-    """What is to be evaluated and how."""
-
-    name: str  # of the method, for messages
-    row: Row  # probes
-    method: str  # estimator
-    smoothing: float  # weight of the penalty of the generalised estimator
-    zero: Zero | None = None  # known zero difference
-
-
-def number(value: Any, name: str, unit: str = "m") -> float:
-    """Return one number, or refuse what is none."""
-    try:
-        return float(value) if not isinstance(value, (str, bytes)) else float("none")
-    except (TypeError, ValueError):
-        raise DataError(f"{name} must be one number in {unit}, got {value!r}") from None
-
-
 def method_named(name: Any, known: tuple[str, ...], what: str) -> str:
     """Return the name of an estimator, spelt in one way."""
     word = name.lower() if isinstance(name, str) else ""
     word = _SPELLINGS.get(word, word)
     if word not in known:
-        raise DataError(f"{what} has no method {name!r}; it has {', '.join(known)}")
+        raise OptionError(f"{what} has no method {name!r}; it has {', '.join(known)}")
     return word
-
-
-def checked_smoothing(value: Any, what: str) -> float:
-    """Return the weight of the penalty, or refuse it."""
-    weight = number(value, f"{what}: smoothing", "1")
-    if not 0.0 < weight < float("inf"):
-        raise DataError(f"{what}: smoothing is {value}; it must be above zero")
-    return weight
 
 
 # ---- arguments of the public functions for probes in a row, as people call them ----------------
@@ -309,11 +288,23 @@ class Given:
     history: tuple[Step, ...]  # of profiles
     messages: tuple[str, ...]  # what was assumed
 
-    def told(self, result: Separation) -> Separation:
-        """Return a result that says what was assumed."""
-        if not self.messages:
-            return result
-        return replace(result, messages=(*self.messages, *result.messages))
+    def separated(
+        self,
+        method: Any,
+        u_reading: float | None,
+        pitch: ArrayLike | None,
+        u_pitch: float | None,
+    ) -> Separation:
+        """Return what a method makes of them, with what was assumed."""
+        found: Separation = method.separate(
+            self.readings,
+            u_reading=u_reading,
+            x=self.x,
+            pitch=pitch,
+            u_pitch=u_pitch,
+            history=self.history,
+        )
+        return replace(found, messages=(*self.messages, *found.messages))
 
 
 def split_call(m: Any, more: Sequence[Any], distance: Any, n_probes: int, what: str) -> Any:
@@ -339,7 +330,9 @@ def given_readings(
         m, x, history = _of_profiles(m, x, what)
     readings = _array(m, what)
     n = readings.shape[-1]
-    spacing = None if step is None else number(step, f"{what}: step")
+    spacing = (
+        None if step is None else real(step, f"{what}: step", dimension="length", finite=False)
+    )
     if x is not None:
         at = positions(as_float(x), None, n, what)
         return Given(readings, at, spacing or uniform_step(at, what), history, ())

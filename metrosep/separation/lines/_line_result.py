@@ -1,109 +1,268 @@
-"""From checked readings of probes in a row to a `Separation`: noise, zero, null space, messages."""
+"""What methods with probes in a row share, from readings to a `Separation`.
+
+Noise, zero, null space, audit, messages; readings that known parts produce.
+"""
 
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
+from metrosep.core.numbers import not_negative
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
-from metrosep.separation._readings import NOISE_UNKNOWN
+from metrosep.separation._methods import RecordedMethod
+from metrosep.separation._readings import NOISE_UNKNOWN, checked_readings
 from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.lines._line_found import Found, solve
-from metrosep.separation.lines._line_probes import Row, positions
+from metrosep.separation.lines._line_probes import Row, interpolation, positions
 from metrosep.separation.lines._line_problem import (
     PARABOLA,
     Problem,
-    Request,
     Sensor,
-    Zero,
     check_overlap,
     check_size,
     check_steps,
     checked_sensor,
     has_end_waves,
     null_space_of,
-    number,
     pooled_noise,
     problem_of,
+    transfer_of,
 )
 
-__all__ = ["Request", "Zero", "evaluate"]
 
+class ProbeRowMethod(RecordedMethod):
+    """Probes in a row on one carriage; derived classes say where they sit."""
 
-def evaluate(
-    request: Request,
-    readings: FloatArray,
-    *,
-    x: ArrayLike | None,
-    u_reading: float | None,
-    pitch: ArrayLike | None = None,
-    u_pitch: float | None = None,
-    history: tuple[Step, ...] = (),
-) -> Separation:
-    """Return the separation of checked readings, shape (n_probes, R, n)."""
-    row, n = request.row, readings.shape[2]
-    check_size(n + row.span, request.name)
-    at = positions(x, row.step, n, request.name)
-    if request.method == "sequential":
-        check_steps(row, at, request.name)
-    check_overlap(row, at, request.name)
-    if request.method == "sequential" and pitch is not None:
-        raise DataError(
-            f"{request.name}: sums of readings have no place for a pitch sensor; use "
-            "method='least_squares', 'generalised' or 'combined' with pitch"
+    method: str
+    smoothing: float
+    _probe_names: ClassVar[tuple[str, ...]] = ()  # probe 1, 2, ... if empty
+    _normed: ClassVar[bool] = False  # whether the transfer is that of orthonormal combinations
+
+    @property
+    @abstractmethod
+    def _row(self) -> Row:
+        """Offsets, step and what is known of the probes."""
+
+    @property
+    def _zero(self) -> tuple[float, float] | None:
+        """Known zero difference of three probes and its standard uncertainty, m."""
+        return None
+
+    def simulate(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> FloatArray:
+        for given, known, kind in (
+            (truth, self.truth_parts, "truth"),
+            (errors, self.error_parts, "error"),
+        ):
+            for name in given:
+                if name not in known:
+                    has = ", ".join(known)
+                    raise DataError(f"{self.name} has no {kind} part {name!r}; it has {has}")
+        row = self._row
+        parts = {k: np.asarray(v, dtype=np.float64) for k, v in {**truth, **errors}.items()}
+        n = _n_positions(row, parts, self.name)
+        o = np.array(row.offsets)
+        readings = np.zeros((o.size, n))
+        if "artefact" in parts:
+            grid = (o[0] + row.step * np.arange(n + row.span)).astype(np.float64)
+            at = [interpolation(grid, row.step * np.arange(n) + v) for v in o]
+            readings += np.array([p @ parts["artefact"] for p in at])
+        nothing = np.zeros(n)
+        readings += parts.get("straightness", nothing) + o[:, None] * parts.get("pitch", nothing)
+        if "zero" in parts and np.isfinite(parts["zero"]).all():
+            w = row.weights
+            readings += (w * float(parts["zero"]) / (w @ w))[:, None]
+        return readings
+
+    def transfer(self, wavelengths: ArrayLike) -> FloatArray:
+        """Return what is left of a unit wave when the carriage has cancelled.
+
+        Parameters
+        ----------
+        wavelengths : array_like, shape (k,), m
+            Above zero.
+
+        Returns
+        -------
+        ndarray, shape (k,)
+            0 where the wave is not seen; the class says what becomes of the noise.
+        """
+        row = self._row
+        lengths = np.asarray(wavelengths, dtype=np.float64)
+        nuisance = np.column_stack([np.ones(len(row.offsets)), row.offsets])
+        size = 1.0 if self._normed else float(np.linalg.norm(row.weights))
+        return size * transfer_of(row.offsets, nuisance if row.pitch else nuisance[:, :1], lengths)
+
+    def null_space(self) -> tuple[Unobservable, ...]:
+        row = self._row
+        return null_space_of(row, 2 if row.pitch and not row.zero_known else 1, pitch_part=True)
+
+    def separate(
+        self,
+        readings: ArrayLike,
+        *,
+        u_reading: float | None = None,
+        x: ArrayLike | None = None,
+        pitch: ArrayLike | None = None,
+        u_pitch: float | None = None,
+        history: tuple[Step, ...] = (),
+    ) -> Separation:
+        """Return artefact and straightness, and pitch and zero where they are determined.
+
+        Parameters
+        ----------
+        readings : array_like, shape (n_probes, n) or (n_probes, R, n), m
+            From the trailing to the leading probe; or R passes. NaN = not measured.
+        u_reading : float, m, optional
+            Standard uncertainty of one reading; from passes or redundancy if omitted.
+        x : array_like, shape (n,), m, optional
+            Positions of the carriage, rising; steps from zero if omitted.
+        pitch : array_like, shape (n,), rad, optional
+            Readings of an angle sensor on the carriage, positive where the leading end reads more;
+            with `u_pitch`, and not with "sequential". It determines the parabola and the zero.
+        u_pitch : float, rad, optional
+            Standard uncertainty of one of them; needed with `pitch`.
+        history : tuple of Step, optional
+            Where the readings came from.
+
+        Returns
+        -------
+        Separation
+            ``.artefact`` over ``coordinates["x"]``, least-squares line (and parabola, where it is
+            not known) removed; ``.straightness`` and ``.pitch`` over
+            ``coordinates["carriage_x"]``, such that all add up to the readings.
+
+        Raises
+        ------
+        DataError
+            If the pitch, `u_reading` or `u_pitch` cannot be used.
+        InvalidSamplesError, NotUniformError, TooFewSamplesError
+            If readings or positions cannot be used.
+        NotSeparableError
+            If gaps leave no chain, the positions leave samples open, or the pitch runs opposite to
+            that of the probes.
+        UnitError
+            If the probes are farther apart than the carriage travels, or the pitch readings vary
+            more than 3 times (of three probes, also less than 0.3 times) what the probes see.
+        """
+        row = self._row
+        names = self._probe_names or tuple(f"probe {j + 1}" for j in range(len(row.offsets)))
+        array = checked_readings(readings, names=names, minimum=3, what=self.name)
+        n = array.shape[2]
+        check_size(n + row.span, self.name)
+        at = positions(x, row.step, n, self.name)
+        sequential = self.method == "sequential"
+        if sequential:
+            check_steps(row, at, self.name)
+        check_overlap(row, at, self.name)
+        if sequential and pitch is not None:
+            raise DataError(
+                f"{self.name}: sums of readings have no place for a pitch sensor; use "
+                "method='least_squares', 'generalised' or 'combined' with pitch"
+            )
+        noise = _stated_noise(array, row, u_reading)
+        sensor = checked_sensor(pitch, u_pitch, n)
+        clean = array
+        if self._zero is not None:  # the smallest zeros that have this difference
+            w = row.weights
+            clean = np.asarray(array - (w * self._zero[0] / (w @ w))[:, None, None])
+        problem = problem_of(row, at, clean, sensor, noise.value)
+        if sensor is not None:
+            check_angle(self.name, row, at, clean, sensor)
+        degree = 1 if sensor is not None or row.zero_known or not row.pitch else 2
+        found = solve(problem, method=self.method, smoothing=self.smoothing, degree=degree)
+        most = problem.stations.most
+        if math.isnan(noise.value) and found.freedom > 0:
+            noise = _noise_of_rest(found, most)
+        scale = noise.value / math.sqrt(most)
+        parts, u = _scaled(found, scale, with_pitch=row.pitch or sensor is not None)
+        if row.pitch:
+            _add_zero(parts, u, self._zero, found, scale, problem)
+        gap = lost_samples(parts["artefact"], found)
+        null_space = null_space_of(row, degree, pitch_part=sensor is None) + gap
+        return Separation(
+            self.name,
+            parts,
+            u,
+            {k: "rad" if k == "pitch" else "m" for k in parts},
+            {"x": problem.grid, "carriage_x": at},
+            null_space,
+            noise=noise,
+            audit=self._audit(problem, found, array.shape[1], degree),
+            messages=(
+                *noise_messages(found, noise, scale, self.method),
+                *reading_messages(array, problem),
+                *null_space_messages(
+                    self.name, self.method, row, null_space, at, degree, found, parts["artefact"]
+                ),
+            ),
+            history=(*history, Step(self.name, {"method": self.method})),
         )
-    noise = _stated_noise(readings, row, u_reading)
-    sensor = checked_sensor(pitch, u_pitch, n)
-    clean = readings if request.zero is None else _without_zero(readings, row, request.zero.value)
-    problem = problem_of(row, at, clean, sensor, noise.value)
-    if sensor is not None:
-        check_angle(request.name, row, at, clean, sensor)
-    seen = sensor is not None or row.zero_known or not row.pitch
-    degree = 1 if seen else 2
-    found = solve(problem, method=request.method, smoothing=request.smoothing, degree=degree)
-    if math.isnan(noise.value) and found.freedom > 0:
-        noise = _noise_of_rest(found, problem.stations.most)
-    scale = noise.value / math.sqrt(problem.stations.most)
-    parts, u = _scaled(found, scale, with_pitch=row.pitch or sensor is not None)
-    if row.pitch:
-        _add_zero(parts, u, request, found, scale, problem)
-    gap = lost_samples(parts["artefact"], found)
-    null_space = null_space_of(row, degree, pitch_part=sensor is None) + gap
-    messages = [
-        *noise_messages(found, noise, scale, request.method),
-        *reading_messages(readings, problem),
-        *null_space_messages(request, null_space, at, degree, found, parts["artefact"]),
-    ]
-    return Separation(
-        request.name,
-        parts,
-        u,
-        {k: "rad" if k == "pitch" else "m" for k in parts},
-        {"x": problem.grid, "carriage_x": at},
-        null_space,
-        noise=noise,
-        audit=_audit(request, problem, found, readings, degree),
-        messages=tuple(messages),
-        history=(*history, Step(request.name, {"method": request.method})),
-    )
+
+    def _audit(self, problem: Problem, found: Found, repeats: int, degree: int) -> dict[str, Any]:
+        row = problem.row
+        o = np.array(row.offsets)
+        audit: dict[str, Any] = {
+            "method": self.method,
+            "offsets_mm": (o * 1e3).tolist(),
+            "step_mm": row.step * 1e3,
+            "n_positions": int(problem.x.size),
+            "n_positions_used": int(found.used.stop - found.used.start),
+            "n_repeats": int(repeats),
+            "passes_per_position": passes_per_position(problem),
+            "n_artefact": int(problem.grid.size),
+            "degrees_of_freedom": int(found.freedom),
+            "removed": "least squares: "
+            + ("offset, line" if degree < 2 else "offset, line, parabola"),
+        }
+        if self.method in ("generalised", "combined"):
+            audit["smoothing"] = self.smoothing
+        if row.shifts is None:
+            audit["interpolation"] = "spline of degree 5"
+        if row.pitch:
+            audit["sag_of_zero_error"] = _sag(row, float(np.ptp(problem.grid)))
+        if self._zero is not None:
+            audit["zero_nm"], audit["u_zero_nm"] = (v * 1e9 for v in self._zero)
+        if problem.n_sensors > o.size:
+            audit["pitch_sensor"] = True
+        return audit
+
+
+def _n_positions(row: Row, parts: Mapping[str, FloatArray], what: str) -> int:
+    counts = {k: v.size for k, v in parts.items() if k in ("straightness", "pitch")}
+    if "artefact" in parts:
+        counts["artefact"] = parts["artefact"].size - row.span
+    if len(set(counts.values())) != 1 or min(counts.values()) < 2:
+        sizes = ", ".join(f"{k} {v.size}" for k, v in parts.items()) or "none is given"
+        raise DataError(
+            f"{what}: for n >= 2 carriage positions straightness and pitch have n values, the artefact "
+            f"n + {row.span}; got {sizes}"
+        )
+    return next(iter(counts.values()))
+
+
+def _sag(row: Row, length: float) -> float:
+    """Return the sag over a length into which a zero difference of 1 bends the artefact."""
+    o = row.offsets
+    return float(length**2 / (4.0 * (o[1] - o[0]) * (o[2] - o[0])))
 
 
 def _stated_noise(readings: FloatArray, row: Row, u_reading: float | None) -> Quantity:
     """Return the noise of one reading, stated or from the passes; NaN if neither."""
     if u_reading is not None:
-        value = number(u_reading, "u_reading")
-        if not (math.isfinite(value) and value >= 0.0):
-            raise DataError(
-                f"u_reading is {u_reading}; it must be a standard uncertainty >= 0 in m"
-            )
+        value = not_negative(u_reading, "u_reading", dimension="length")
         text = "standard uncertainty of one reading, as stated"
         return Quantity(value, "m", text, symbol="s")
     o = np.array(row.offsets)
@@ -126,12 +285,6 @@ def _noise_of_rest(found: Found, most: int) -> Quantity:
     return Quantity(one, "m", text, u=one / math.sqrt(2.0 * found.freedom), symbol="s")
 
 
-def _without_zero(readings: FloatArray, row: Row, zero: float) -> FloatArray:
-    """Return readings minus the smallest zeros that have this difference."""
-    w = row.weights
-    return np.asarray(readings - (w * zero / (w @ w))[:, None, None])
-
-
 def _scaled(
     found: Found, scale: float, *, with_pitch: bool
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
@@ -147,23 +300,23 @@ def _scaled(
 def _add_zero(
     parts: dict[str, FloatArray],
     u: dict[str, FloatArray],
-    request: Request,
+    zero: tuple[float, float] | None,
     found: Found,
     scale: float,
     problem: Problem,
 ) -> None:
     """Add the zero difference as a part, and the parabola of its uncertainty where it was given."""
-    row, n = request.row, len(request.row.offsets)
+    row, n = problem.row, len(problem.row.offsets)
     if n == 3:
         w = np.append(row.weights, np.zeros(problem.n_sensors - n))
-        if request.zero is not None:
-            parts["zero"], u["zero"] = np.array(request.zero.value), np.array(request.zero.u)
+        if zero is not None:
+            parts["zero"], u["zero"] = np.array(zero[0]), np.array(zero[1])
         else:
             parts["zero"], u["zero"] = _zero_difference(found, w, scale)
-    if request.zero is None or request.zero.u == 0.0:
+    if zero is None or zero[1] == 0.0:
         return
     d1 = row.offsets[1] - row.offsets[0]
-    q = request.zero.u / (d1 * (row.offsets[2] - row.offsets[0]))
+    q = zero[1] / (d1 * (row.offsets[2] - row.offsets[0]))
     known = ~np.isnan(parts["artefact"])
     centre = float(np.mean(problem.grid[known]))
     square = (problem.grid - centre) ** 2
@@ -186,38 +339,6 @@ def _zero_difference(found: Found, w: FloatArray, scale: float) -> tuple[FloatAr
         return np.array(np.nan), np.array(np.nan)
     spread = math.sqrt(max(float(w @ found.zeros_cov @ w), 0.0))
     return np.array(w @ found.zeros), np.array(spread * scale)
-
-
-def _audit(
-    request: Request, problem: Problem, found: Found, readings: FloatArray, degree: int
-) -> dict[str, Any]:
-    row = request.row
-    o = np.array(row.offsets)
-    audit: dict[str, Any] = {
-        "method": request.method,
-        "offsets_mm": (o * 1e3).tolist(),
-        "step_mm": row.step * 1e3,
-        "n_positions": int(problem.x.size),
-        "n_positions_used": int(found.used.stop - found.used.start),
-        "n_repeats": int(readings.shape[1]),
-        "passes_per_position": passes_per_position(problem),
-        "n_artefact": int(problem.grid.size),
-        "degrees_of_freedom": int(found.freedom),
-        "removed": "least squares: "
-        + ("offset, line" if degree < 2 else "offset, line, parabola"),
-    }
-    if request.method in ("generalised", "combined"):
-        audit["smoothing"] = request.smoothing
-    if row.shifts is None:
-        audit["interpolation"] = "spline of degree 5"
-    if row.pitch:
-        length = float(np.ptp(problem.grid))
-        audit["sag_of_zero_error"] = float(length**2 / (4.0 * (o[1] - o[0]) * (o[2] - o[0])))
-    if request.zero is not None:
-        audit["zero_nm"], audit["u_zero_nm"] = request.zero.value * 1e9, request.zero.u * 1e9
-    if problem.n_sensors > o.size:
-        audit["pitch_sensor"] = True
-    return audit
 
 
 # ---- whether an angle sensor on the carriage tells of the pitch that the probes see ------------
@@ -325,7 +446,7 @@ def noise_messages(found: Found, noise: Quantity, scale: float, method: str) -> 
 
 
 def reading_messages(readings: FloatArray, problem: Problem) -> list[str]:
-    """Return doubts about the unit, and what became of passes that lack a reading."""
+    """Return warnings about the unit, and what became of passes that lack a reading."""
     out = []
     span = float(np.nanmax(readings) - np.nanmin(readings))
     if span > LARGE_RANGE:
@@ -352,7 +473,9 @@ def reading_messages(readings: FloatArray, problem: Problem) -> list[str]:
 
 
 def null_space_messages(
-    request: Request,
+    name: str,
+    method: str,
+    row: Row,
     null_space: tuple[Unobservable, ...],
     x: FloatArray,
     degree: int,
@@ -361,22 +484,19 @@ def null_space_messages(
 ) -> list[str]:
     """Return what these probes do not see."""
     out = []
-    row = request.row
     if degree == 2:
-        o = row.offsets
-        length = float(x[-1] - x[0]) + o[-1] - o[0]
-        sag = length**2 / (4.0 * (o[1] - o[0]) * (o[2] - o[0]))
-        keep = "pass zero=0.0 to keep the parabola, " if request.name == "three_point" else ""
+        length = float(x[-1] - x[0]) + row.offsets[-1] - row.offsets[0]
+        keep = "pass zero=0.0 to keep the parabola, " if name == "three_point" else ""
         out.append(
             "the parabola is not known and left out: a zero error of 1 nm would be a sag of "
-            f"{format_length(sag * 1e-9)} over {format_length(length)}; {keep}{PARABOLA}"
+            f"{format_length(_sag(row, length) * 1e-9)} over {format_length(length)}; {keep}{PARABOLA}"
         )
     for item in null_space:
         if item.kind == "wavelength":
             named = ", ".join(format_length(float(w)) for w in item.indices[:4])
             more = " ..." if len(item.indices) > 4 else ""
             out.append(f"the wavelengths {named}{more} are suppressed by these probe distances")
-    if has_end_waves(row) and request.method == "least_squares":
+    if has_end_waves(row) and method == "least_squares":
         out.append(
             "waves that die away from the ends are not determined by these distances and removed by "
             "least squares: the ends are doubtful; method='generalised' takes the smoothest curve"

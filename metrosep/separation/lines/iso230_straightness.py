@@ -16,17 +16,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.numbers import choice, count, not_negative
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.deviation import form_deviation
 from metrosep.parameters.form_result import FormDeviation
+from metrosep.separation._methods import RecordedMethod
 from metrosep.separation._readings import (
     as_numbers,
     average_repeats,
     checked_readings,
-    checked_sd,
-    checked_seed,
     known_parts,
     left_share,
     line_basis,
@@ -35,7 +35,7 @@ from metrosep.separation._readings import (
     reduced,
     size_doubts,
 )
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import Separation, Unobservable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -218,7 +218,8 @@ def straightness_iso230_1(
     if str(reference).lower() not in known:
         raise DataError(f"reference is 'MZ', 'LS' or 'EP', got {reference!r}")
     reference = known[str(reference).lower()]
-    sd, seed = checked_sd(sd, "m"), checked_seed(seed)
+    sd = None if sd is None else not_negative(sd, "sd", dimension="length")
+    seed = count(seed, "seed", least=0)
     curve = _as_profile(profile, z)
     deviations: dict[str, FormDeviation] = {
         key: form_deviation(curve, kind="straightness", reference=key) for key in _LINES
@@ -284,7 +285,7 @@ def _simulated(
         noise = sd * rng.standard_normal((min(_CHUNK, draws - start), x.size))
         for key, deviation in deviations.items():
             residual = cast(Profile, deviation.residual).z[valid]
-            values[key].append(_RANGES[key](x, residual + noise))
+            values[key].append(_range(key, x, residual + noise))
     found = {}
     for key, parts in values.items():
         every = np.concatenate(parts)
@@ -295,16 +296,6 @@ def _simulated(
 
 def _width(z: FloatArray) -> FloatArray:
     return np.asarray(z.max(axis=1) - z.min(axis=1))
-
-
-def _least_squares_range(x: FloatArray, z: FloatArray) -> FloatArray:
-    slope = z @ x / float(x @ x)
-    return _width(z - slope[:, None] * x)
-
-
-def _end_point_range(x: FloatArray, z: FloatArray) -> FloatArray:
-    slope = (z[:, -1] - z[:, 0]) / (x[-1] - x[0])
-    return _width(z - slope[:, None] * x)
 
 
 def _minimum_zone_range(x: FloatArray, z: FloatArray) -> FloatArray:
@@ -323,7 +314,12 @@ def _minimum_zone_range(x: FloatArray, z: FloatArray) -> FloatArray:
     return np.minimum(at_inner, at_outer)
 
 
-_RANGES = {"MZ": _minimum_zone_range, "LS": _least_squares_range, "EP": _end_point_range}
+def _range(key: str, x: FloatArray, z: FloatArray) -> FloatArray:
+    """Return the straightness of rows from a reference line."""
+    if key == "MZ":
+        return _minimum_zone_range(x, z)
+    slope = z @ x / float(x @ x) if key == "LS" else (z[:, -1] - z[:, 0]) / (x[-1] - x[0])
+    return _width(z - slope[:, None] * x)
 
 
 def _messages(
@@ -357,8 +353,11 @@ _FORM = "the form of the reference reads like the axis: reverse it (straightedge
 
 
 @dataclass(frozen=True, slots=True)
-class ReferenceLine(SeparationMethod):
+class ReferenceLine(RecordedMethod):
     """Runs along a straightedge, a wire or a beam, at the same positions.
+
+    Readings (M, n) in m: runs. Parts (n,): ``straightness`` error of the axis; ``reference``, form
+    of the reference in the sense of the reading, NaN: it is not seen.
 
     Parameters
     ----------
@@ -376,6 +375,13 @@ class ReferenceLine(SeparationMethod):
         If the positions are not finite and rising.
     TooFewSamplesError
         If there are fewer than 4.
+
+    Notes
+    -----
+    `straightness_iso230_1` does the work on the mean of the runs, and gives each value its
+    uncertainty and bias; the values of all three lines are in the audit. Noise s of M runs:
+    ``u = s sqrt((1 - h)/M)``, h the leverage of the line; from end points
+    ``s sqrt((1 + t^2 + (1 - t)^2)/M)``, t = 0 ... 1 between them, where u is 0 by definition.
 
     Examples
     --------
@@ -395,44 +401,17 @@ class ReferenceLine(SeparationMethod):
         x = frozen_float(self.x, name="x", ndim=1, min_size=4)
         if not (np.isfinite(x).all() and (np.diff(x) > 0.0).all()):
             raise InvalidSamplesError(f"{self.name}: positions must be finite and rising, in m")
-        if self.line not in ("LS", "EP"):
-            raise DataError(f"line is 'LS' or 'EP', got {self.line!r}")
+        choice(self.line, "line", ("LS", "EP"))
 
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return one run, the reference aligned.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n,), m
-            ``reference``: form of the reference, in the sense of the reading.
-        errors : mapping of str to array_like, shape (n,), m
-            ``straightness`` error of the axis.
-
-        Returns
-        -------
-        ndarray, shape (1, n), m
-            Reading.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown, none is given, or of another shape.
-        """
         parts = known_parts(self, truth, errors)
         shape = (len(self.x),)
         both = [part_of(parts, n, shape, self.name) for n in ("straightness", "reference")]
         return np.asarray(both[0] + both[1])[np.newaxis]
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what one reference cannot tell.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Offset and slope, and the form of the reference.
-        """
         return (
             Unobservable("straightness", "polynomial", (0, 1), _LINE),
             Unobservable("reference", "term", ("all of it",), _FORM),
@@ -445,40 +424,6 @@ class ReferenceLine(SeparationMethod):
         u_reading: float | None = None,
         history: tuple[Step, ...] = (),
     ) -> Separation:
-        """Return the straightness error at each position.
-
-        Parameters
-        ----------
-        readings : array_like, shape (M, n), m
-            Runs; NaN = not measured.
-        u_reading : float, m, optional
-            Standard uncertainty of one reading; the scatter of the runs about their lines if
-            omitted.
-        history : tuple of Step, optional
-            Where they came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``straightness`` (n,) and ``reference`` (n,) NaN: it is not seen. The values after
-            ISO 230-1 (minimum zone, least squares, end points) are in the audit.
-
-        Raises
-        ------
-        DataError
-            If `u_reading` is negative or no number.
-        InvalidSamplesError
-            If the readings have another shape or are infinite.
-        TooFewSamplesError
-            If fewer than 4 positions were measured.
-
-        Notes
-        -----
-        `straightness_iso230_1` does the work on the mean of the runs, and gives each value its
-        uncertainty and bias. Noise s of M runs: ``u = s sqrt((1 - h)/M)``, h the leverage of the
-        line; from end points ``s sqrt((1 + t^2 + (1 - t)^2)/M)``, t = 0 ... 1 between them, where u
-        is 0 by definition.
-        """
         array = as_numbers(readings, f"{self.name} needs runs (M, n) as numbers")
         if array.ndim != 2 or array.shape[1] != len(self.x):
             raise InvalidSamplesError(
@@ -488,14 +433,14 @@ class ReferenceLine(SeparationMethod):
         array = checked_readings(array[np.newaxis], names=("runs",), minimum=4, what=self.name)
         x = np.array(self.x)
         averaged = average_repeats(array, line_basis(x), u_reading=u_reading)
-        mean, count = averaged.mean[0], averaged.counts[0]
+        mean, runs = averaged.mean[0], averaged.counts[0]
         sheet = straightness_iso230_1(x, mean, reference=self.line)
         valid = ~np.isnan(mean)
         share = left_share(valid, line_basis(x))
         if self.line == "EP":
-            share = _end_point_share(x, valid, count)
+            share = _end_point_share(x, valid, runs)
         else:
-            share = share / np.maximum(count, 1.0)
+            share = share / np.maximum(runs, 1.0)
         unknown = np.full(x.size, np.nan)
         return Separation(
             self.name,

@@ -8,126 +8,23 @@ found from the readings, and fewer wavelengths are lost.
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
+from metrosep.core.numbers import flag, positive
 from metrosep.core.profile import Profile
-from metrosep.core.provenance import Step
-from metrosep.separation._readings import checked_readings
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
-from metrosep.separation.lines._line_probes import Row, checked_row, interpolation
-from metrosep.separation.lines._line_problem import (
-    Request,
-    checked_smoothing,
-    given_readings,
-    method_named,
-    null_space_of,
-    transfer_of,
-)
-from metrosep.separation.lines._line_result import evaluate
+from metrosep.separation._methods import described_by, settle
+from metrosep.separation.contract import Separation
+from metrosep.separation.lines._line_probes import Row, checked_row
+from metrosep.separation.lines._line_problem import given_readings, method_named
+from metrosep.separation.lines._line_result import ProbeRowMethod
 
 __all__ = ["MultiProbe", "multi_probe_straightness"]
-
-
-# ---- what the methods with probes in a row on one carriage share: readings of known parts ------
-
-
-class ProbeRowMethod(SeparationMethod):
-    """Probes in a row; derived classes say where they sit."""
-
-    @property
-    @abstractmethod
-    def _row(self) -> Row:
-        """Offsets, step and what is known of the probes."""
-
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
-        """Return the readings of given parts.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like
-            ``artefact``, shape (n + span/step rounded up,), m, from the first probe at the first
-            position on; the span is the distance of the first and the last probe.
-        errors : mapping of str to array_like
-            ``straightness``, shape (n,), m, and ``pitch``, shape (n,), rad; of three probes
-            ``zero`` too, scalar, m (NaN is no zero difference).
-
-        Returns
-        -------
-        ndarray, shape (n_probes, n), m
-            From the trailing to the leading probe, in the order of the offsets.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown, none is given, or the lengths do not fit.
-        """
-        return simulated(
-            self._row,
-            truth,
-            errors,
-            truth_parts=self.truth_parts,
-            error_parts=self.error_parts,
-            what=self.name,
-        )
-
-
-# ---- readings that known parts produce on probes in a row --------------------------------------
-
-
-def simulated(
-    row: Row,
-    truth: Mapping[str, ArrayLike],
-    errors: Mapping[str, ArrayLike],
-    *,
-    truth_parts: Sequence[str],
-    error_parts: Sequence[str],
-    what: str,
-) -> FloatArray:
-    """Return the readings of parts: artefact (m,), straightness, pitch (n,), zero (scalar)."""
-    for given, known, kind in ((truth, truth_parts, "truth"), (errors, error_parts, "error")):
-        for name in given:
-            if name not in known:
-                raise DataError(f"{what} has no {kind} part {name!r}; it has {', '.join(known)}")
-    parts = {k: np.asarray(v, dtype=np.float64) for k, v in {**truth, **errors}.items()}
-    n = _n_positions(row, parts, what)
-    o = np.array(row.offsets)
-    readings = np.zeros((o.size, n))
-    if "artefact" in parts:
-        grid = (o[0] + row.step * np.arange(n + row.span)).astype(np.float64)
-        at = [interpolation(grid, row.step * np.arange(n) + v) for v in o]
-        readings += np.array([p @ parts["artefact"] for p in at])
-    zero = np.zeros(n)
-    readings += parts.get("straightness", zero) + o[:, None] * parts.get("pitch", zero)
-    if "zero" in parts and np.isfinite(parts["zero"]).all():
-        w = row.weights
-        readings += (w * float(parts["zero"]) / (w @ w))[:, None]
-    return readings
-
-
-def _n_positions(row: Row, parts: Mapping[str, FloatArray], what: str) -> int:
-    counts = {k: v.size for k, v in parts.items() if k in ("straightness", "pitch")}
-    if "artefact" in parts:
-        counts["artefact"] = parts["artefact"].size - row.span
-    if len(set(counts.values())) != 1 or min(counts.values()) < 2:
-        sizes = ", ".join(f"{k} {v.size}" for k, v in parts.items()) or "none is given"
-        raise DataError(
-            f"{what}: for n >= 2 carriage positions straightness and pitch have n values, the artefact "
-            f"n + {row.span}; got {sizes}"
-        )
-    return next(iter(counts.values()))
-
-
-# ------------------------------------------------------------------------------------------------
 
 _METHODS = ("least_squares", "generalised")
 
@@ -135,6 +32,10 @@ _METHODS = ("least_squares", "generalised")
 @dataclass(frozen=True, slots=True)
 class MultiProbe(ProbeRowMethod):
     """Probes at offsets on one carriage, evaluated by least squares.
+
+    Parts: ``artefact``, (n + span/step rounded up,), from the first probe at the first position on;
+    ``straightness`` and ``pitch`` (rad), (n,), of the carriage. `transfer` is the norm over the
+    orthonormal combinations without carriage: noise s of a reading becomes ``s / transfer``.
 
     Parameters
     ----------
@@ -165,11 +66,16 @@ class MultiProbe(ProbeRowMethod):
     name: ClassVar[str] = "multi_probe_straightness"
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("straightness", "pitch")
+    _normed: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "offsets", tuple(np.ravel(self.offsets).tolist()))
-        object.__setattr__(self, "method", method_named(self.method, _METHODS, self.name))
-        checked_smoothing(self.smoothing, self.name)
+        settle(
+            self,
+            offsets=tuple(np.ravel(self.offsets).tolist()),
+            method=method_named(self.method, _METHODS, self.name),
+            zeros_known=flag(self.zeros_known, "zeros_known"),
+            smoothing=positive(self.smoothing, f"{self.name}: smoothing"),
+        )
         _ = self._row
 
     @property
@@ -183,90 +89,8 @@ class MultiProbe(ProbeRowMethod):
             zero_known=three and self.zeros_known,
         )
 
-    def transfer(self, wavelengths: ArrayLike) -> FloatArray:
-        """Return what is left of a unit wave when the carriage has cancelled.
 
-        Parameters
-        ----------
-        wavelengths : array_like, shape (k,), m
-            Above zero.
-
-        Returns
-        -------
-        ndarray, shape (k,)
-            Norm over the orthonormal combinations without carriage; noise s becomes
-            ``s / transfer``.
-        """
-        row = self._row
-        nuisance = np.column_stack([np.ones(len(row.offsets)), row.offsets])
-        return transfer_of(
-            row.offsets,
-            nuisance if row.pitch else nuisance[:, :1],
-            np.asarray(wavelengths, dtype=np.float64),
-        )
-
-    def null_space(self) -> tuple[Unobservable, ...]:
-        """Return offset, line, with unknown zeros the parabola, and the wavelengths not seen.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Of whole readings without an angle sensor.
-        """
-        row = self._row
-        return null_space_of(row, 2 if row.pitch and not row.zero_known else 1, pitch_part=True)
-
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        x: ArrayLike | None = None,
-        pitch: ArrayLike | None = None,
-        u_pitch: float | None = None,
-        history: tuple[Step, ...] = (),
-    ) -> Separation:
-        """Return artefact, straightness and pitch.
-
-        Parameters
-        ----------
-        readings : array_like, shape (n_probes, n) or (n_probes, R, n), m
-            In the order of the offsets; or R passes. NaN = not measured.
-        u_reading : float, m, optional
-            Standard uncertainty of one reading; from passes or redundancy if omitted.
-        x : array_like, shape (n,), m, optional
-            Positions of the carriage, rising, of any steps; steps from zero if omitted.
-        pitch : array_like, shape (n,), rad, optional
-            Readings of an angle sensor on the carriage, positive where the leading end reads more.
-        u_pitch : float, rad, optional
-            Standard uncertainty of one of them; needed with `pitch`.
-        history : tuple of Step, optional
-            Where the readings came from.
-
-        Returns
-        -------
-        Separation
-            As `multi_probe_straightness`.
-
-        Raises
-        ------
-        DataError
-            If the readings or the pitch cannot be used.
-        """
-        names = tuple(f"probe {j + 1}" for j in range(len(self.offsets)))
-        array = checked_readings(readings, names=names, minimum=3, what=self.name)
-        request = Request(self.name, self._row, self.method, self.smoothing)
-        return evaluate(
-            request,
-            array,
-            x=x,
-            u_reading=u_reading,
-            pitch=pitch,
-            u_pitch=u_pitch,
-            history=history,
-        )
-
-
+@described_by(MultiProbe, MultiProbe.separate)
 def multi_probe_straightness(
     m: ArrayLike | Sequence[Profile],
     offsets: ArrayLike,
@@ -287,44 +111,16 @@ def multi_probe_straightness(
     m : array_like, shape (n_probes, n) or (n_probes, R, n), m, or Profiles
         Readings in the order of the offsets at the same positions of the carriage; or R passes.
         NaN or masked = not measured.
-    offsets : array_like, shape (n_probes,), m
-        Positions of the probes on the carriage, rising, two at least.
     x : array_like, shape (n,), m, optional
         Positions of the carriage, rising; of any steps if `step` is given too.
     step : float, m, optional
         Between the samples of the artefact.
-    method : {"least_squares", "generalised"}, optional
-        Without or with a penalty on third differences.
-    zeros_known : bool, optional
-        Whether the readings are free of the zeros of the probes.
-    u_reading : float, m, optional
-        Standard uncertainty of one reading; from passes or redundancy if omitted.
-    pitch : array_like, shape (n,), rad, optional
-        Readings of an angle sensor on the carriage, positive where the leading end reads more;
-        with `u_pitch`. It determines the parabola.
-    u_pitch : float, rad, optional
-        Standard uncertainty of one of them.
-    smoothing : float, optional
-        Weight of the penalty.
 
     Returns
     -------
     Separation
         ``.artefact`` over ``coordinates["x"]``, ``.straightness`` and ``.pitch`` over
         ``coordinates["carriage_x"]``, where the offset is 0.
-
-    Raises
-    ------
-    DataError
-        If offsets, step, method or pitch do not fit.
-    InvalidSamplesError, NotUniformError, TooFewSamplesError
-        If readings or positions cannot be used.
-    NotSeparableError
-        If gaps or positions leave samples that do not hang together, or the pitch runs opposite to
-        that of the probes.
-    UnitError
-        If the probes are farther apart than the carriage travels, or the pitch readings vary by
-        less than 0.3 or more than 3 times what the probes see.
 
     Notes
     -----
@@ -358,11 +154,5 @@ def multi_probe_straightness(
         raise DataError(
             f"{MultiProbe.name}: offsets must be the positions of the probes in m, got {offsets!r}"
         ) from None
-    return MultiProbe(places, given.step, method, zeros_known, smoothing).separate(
-        given.readings,
-        u_reading=u_reading,
-        x=given.x,
-        pitch=pitch,
-        u_pitch=u_pitch,
-        history=given.history,
-    )
+    probes = MultiProbe(places, given.step, method, zeros_known, smoothing)
+    return given.separated(probes, u_reading, pitch, u_pitch)

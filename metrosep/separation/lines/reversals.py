@@ -9,16 +9,18 @@ separated; the scatter of the repeats is the uncertainty.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.numbers import not_negative
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
+from metrosep.separation._methods import RecordedMethod, described_by
 from metrosep.separation._readings import (
     average_repeats,
     checked_readings,
@@ -31,21 +33,73 @@ from metrosep.separation._readings import (
     stacked,
     without_basis,
 )
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
-from metrosep.spectral.dft import real_number
+from metrosep.separation.contract import Separation, Unobservable
 
 __all__ = ["StraightedgeReversal", "straightedge_reversal"]
+
+
+class ReversedPair(RecordedMethod):
+    """Two readings ``A + M`` and ``A - M``; methods say what alignment takes from each."""
+
+    def simulate(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> FloatArray:
+        part, machine = given_parts(
+            self.name, truth, errors, truth_parts=self.truth_parts, error_parts=self.error_parts
+        ).values()
+        return np.stack([part + machine, part - machine])
+
+    def _halves(
+        self,
+        array: FloatArray,
+        basis: FloatArray,
+        coordinates: Mapping[str, FloatArray],
+        u_reading: float | None,
+    ) -> Separation:
+        """Return half the sum and half the difference of the readings, a basis removed from each."""
+        averaged = average_repeats(array, basis, u_reading=u_reading)
+        m1, m2 = averaged.mean
+        valid = ~np.isnan(m1 + m2)
+        require_common(valid, basis, self.name)
+        artefact, machine = self.truth_parts[0], self.error_parts[0]
+        parts = {
+            artefact: without_basis((m1 + m2) / 2.0, basis),
+            machine: without_basis((m1 - m2) / 2.0, basis),
+        }
+        with np.errstate(divide="ignore"):
+            variance = averaged.noise.value**2 / 4.0 * (1.0 / averaged.counts).sum(axis=0)
+        u = np.sqrt(np.where(valid, variance, np.nan) * left_share(valid, basis))
+        return Separation(
+            self.name,
+            parts,
+            dict.fromkeys(parts, u),
+            dict.fromkeys(parts, "m"),
+            coordinates,
+            self.null_space(),
+            noise=averaged.noise,
+            audit={
+                "n_repeats": averaged.n_repeats,
+                "n_samples": int(array.shape[2]),
+                "n_not_measured": int(array.shape[2] - valid.sum()),
+                "removed": "least squares: offset and "
+                + ("eccentricity" if "angle" in coordinates else "line"),
+            },
+            messages=(*averaged.messages, *size_doubts(array, self.name)),
+        )
 
 
 _LINE = "line and offset are the alignment of each set-up; measure them against another reference"
 
 
 @dataclass(frozen=True, slots=True)
-class StraightedgeReversal(SeparationMethod):
+class StraightedgeReversal(ReversedPair):
     """Reversal of a straightedge against a slide.
 
     Reading 1: ``m1 = T + S``. For reading 2 the edge is turned about its long axis and the probe
     set to its other side: ``m2 = T - S``, at the same positions of the edge.
+
+    Readings: m1 and m2 (2, n) in m, or M passes of each. Parts: ``artefact``, deviation of the edge
+    towards the probe of reading 1; ``machine``, straightness error of the slide in the same sense.
 
     Parameters
     ----------
@@ -63,38 +117,7 @@ class StraightedgeReversal(SeparationMethod):
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("machine",)
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
-        """Return the two readings of given parts.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n,), m
-            ``artefact``: deviation of the edge, towards the probe of reading 1.
-        errors : mapping of str to array_like, shape (n,), m
-            ``machine``: straightness error of the slide, in the same sense.
-
-        Returns
-        -------
-        ndarray, shape (2, n), m
-            m1, m2.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown or none is given.
-        """
-        return simulated_pair(self, truth, errors)
-
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return offset and slope of both parts.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Polynomial degrees 0 and 1.
-        """
         return tuple(Unobservable(p, "polynomial", (0, 1), _LINE) for p in ("artefact", "machine"))
 
     def separate(
@@ -104,53 +127,22 @@ class StraightedgeReversal(SeparationMethod):
         u_reading: float | None = None,
         history: tuple[Step, ...] = (),
     ) -> Separation:
-        """Return straightedge and machine.
-
-        Parameters
-        ----------
-        readings : array_like, shape (2, n) or (2, M, n), m
-            m1 and m2 at the same positions, or M passes of each.
-        u_reading : float, m, optional
-            Standard uncertainty of one reading; the scatter of the passes if omitted.
-        history : tuple of Step, optional
-            Where the readings came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``artefact`` and ``machine``, least-squares line removed from each.
-
-        Raises
-        ------
-        InvalidSamplesError, TooFewSamplesError
-            If the readings are no two curves of at least 4 samples.
-        NotSeparableError
-            If too few positions were measured in both set-ups.
-        DataError
-            If `u_reading` or `u_registration` is negative, `u_registration` comes without `x`, or
-            `x` has another length.
-        """
-        u_registration = real_number(
-            self.u_registration, "u_registration", "a standard uncertainty in m"
-        )
-        if not (np.isfinite(u_registration) and u_registration >= 0.0):
-            raise DataError(
-                f"u_registration is {u_registration}; it is a standard uncertainty in m, >= 0"
-            )
-        if self.u_registration > 0.0 and self.x is None:
+        u_registration = not_negative(self.u_registration, "u_registration", dimension="length")
+        if u_registration > 0.0 and self.x is None:
             raise DataError("u_registration is a length: it needs the positions x in m")
         array = checked_readings(readings, names=("m1", "m2"), minimum=4, what=self.name)
         x = _positions(self.x, array.shape[2])
-        result = reverse_pair(self, array, line_basis(x), {"x": x}, "machine", u_reading)
-        u_shift = _shift_uncertainty(result.parts["artefact"], x, self.u_registration / 2.0)
-        return with_type_b_curve(
+        result = self._halves(array, line_basis(x), {"x": x}, u_reading)
+        u_shift = _shift_uncertainty(result.parts["artefact"], x, u_registration / 2.0)
+        return replace(
             result,
-            u_shift,
-            {"u_registration_mm": self.u_registration * 1e3},
-            history=(*history, Step(self.name, {"u_registration_m": self.u_registration})),
+            u={name: np.sqrt(u**2 + u_shift**2) for name, u in result.u.items()},
+            audit={**result.audit, "u_registration_mm": u_registration * 1e3},
+            history=(*history, Step(self.name, {"u_registration_m": u_registration})),
         )
 
 
+@described_by(StraightedgeReversal, StraightedgeReversal.separate)
 def straightedge_reversal(
     m1: ArrayLike | Profile,
     m2: ArrayLike | Profile,
@@ -168,10 +160,6 @@ def straightedge_reversal(
         its other side, at the same positions of the edge; or M passes of each.
     x : array_like, shape (n,), m, optional
         Positions, if the readings are arrays; equal steps if omitted.
-    u_reading : float, m, optional
-        Standard uncertainty of one reading; the scatter of the passes if omitted.
-    u_registration : float, m, optional
-        Standard uncertainty of the position of the edge in the second set-up.
 
     Returns
     -------
@@ -217,60 +205,6 @@ def straightedge_reversal(
     return method.separate(array, u_reading=u_reading, history=history)
 
 
-def simulated_pair(
-    method: SeparationMethod, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-) -> FloatArray:
-    """Return ``A + M`` and ``A - M`` of given parts."""
-    part, machine = given_parts(
-        method.name,
-        truth,
-        errors,
-        truth_parts=method.truth_parts,
-        error_parts=method.error_parts,
-    ).values()
-    return np.stack([part + machine, part - machine])
-
-
-def reverse_pair(
-    method: SeparationMethod,
-    array: FloatArray,
-    basis: FloatArray,
-    coordinates: Mapping[str, FloatArray],
-    machine: str,
-    u_reading: float | None,
-) -> Separation:
-    """Return half the sum and half the difference of two readings, a basis removed from each."""
-    averaged = average_repeats(array, basis, u_reading=u_reading)
-    m1, m2 = averaged.mean
-    valid = ~np.isnan(m1 + m2)
-    require_common(valid, basis, method.name)
-    parts = {
-        "artefact": without_basis((m1 + m2) / 2.0, basis),
-        machine: without_basis((m1 - m2) / 2.0, basis),
-    }
-    share = left_share(valid, basis)
-    with np.errstate(divide="ignore"):
-        variance = averaged.noise.value**2 / 4.0 * (1.0 / averaged.counts).sum(axis=0)
-    u = np.sqrt(np.where(valid, variance, np.nan) * share)
-    return Separation(
-        method.name,
-        parts,
-        dict.fromkeys(parts, u),
-        dict.fromkeys(parts, "m"),
-        coordinates,
-        method.null_space(),
-        noise=averaged.noise,
-        audit={
-            "n_repeats": averaged.n_repeats,
-            "n_samples": int(array.shape[2]),
-            "n_not_measured": int(array.shape[2] - valid.sum()),
-            "removed": "least squares: offset and "
-            + ("eccentricity" if machine == "spindle" else "line"),
-        },
-        messages=(*averaged.messages, *size_doubts(array, method.name)),
-    )
-
-
 def _shift_uncertainty(values: FloatArray, x: FloatArray, u: float) -> FloatArray:
     """Return |dT/dx| u; where a neighbour is missing, the steepest slope stands for it."""
     if u == 0.0:
@@ -279,32 +213,6 @@ def _shift_uncertainty(values: FloatArray, x: FloatArray, u: float) -> FloatArra
     if np.isnan(slope).all():
         raise DataError("the slope of the edge cannot be found: no three neighbours were measured")
     return np.array(np.where(np.isnan(slope), np.nanmax(slope), slope) * u)
-
-
-def with_type_b_curve(
-    result: Separation,
-    u_more: FloatArray,
-    audit: Mapping[str, object],
-    *,
-    history: tuple[Step, ...],
-    more_messages: tuple[str, ...] = (),
-    harmonics: tuple[Mapping[str, NDArray[np.complex128]], Mapping[str, FloatArray]] = ({}, {}),
-) -> Separation:
-    """Return a result with a further uncertainty, sample by sample, and more to say."""
-    return Separation(
-        result.method,
-        result.parts,
-        {k: np.sqrt(v**2 + u_more**2) for k, v in result.u.items()},
-        result.units,
-        result.coordinates,
-        result.null_space,
-        noise=result.noise,
-        harmonics=harmonics[0],
-        harmonics_u=harmonics[1],
-        audit={**result.audit, **audit},
-        messages=(*result.messages, *more_messages),
-        history=history,
-    )
 
 
 def _positions(x: tuple[float, ...] | None, n: int) -> FloatArray:

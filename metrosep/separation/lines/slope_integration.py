@@ -22,12 +22,14 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
+from metrosep.core.numbers import flag, not_negative, positive
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
-from metrosep.separation._readings import as_numbers, known_parts, line_basis, stated_u
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
-from metrosep.separation.lines._line_problem import method_named, number
+from metrosep.separation._methods import RecordedMethod, described_by, settle
+from metrosep.separation._readings import as_numbers, known_parts, line_basis
+from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.lines._line_problem import longest_run, method_named
 
 __all__ = ["SlopeIntegration", "integrate_slopes", "slope_transfer"]
 
@@ -43,6 +45,129 @@ _GOOD = 0.01
 """Amplitude error up to which a wavelength counts as integrated well."""
 
 
+_HEIGHT = "slopes do not tell the height"
+_LINE = "; the zero of the angle sensor is a line: calibrate it, then say zero_known=True"
+_ZERO = "the zero of the sensor and the line of the artefact read alike"
+_KNOWN = "the zero is taken as known: what is wrong with it tilts the heights"
+
+
+@dataclass(frozen=True, slots=True)
+class SlopeIntegration(RecordedMethod):
+    """An angle sensor that is moved along an artefact.
+
+    ``slope_r(x) = dz/dx + zero_r``; for a sledge on two feet ``(z(x + step) - z(x)) / step +
+    zero_r``. Readings (M, n) in rad: slopes of M passes, positive where the surface rises with x.
+    Parts: ``height`` in m at the positions, for "feet" also one step beyond the last; ``zero`` of
+    the sensor in rad, one number, NaN: it is not seen, and adds nothing. But for "feet" simulated
+    slopes are those of the cubic spline through the heights: exact for cubics, good for waves above
+    some ten steps.
+
+    Parameters
+    ----------
+    x : tuple of float, m
+        At least 4 positions of the slopes, rising; for "feet" of the rear foot.
+    method : {"spline", "trapezoid", "simpson", "fourier", "feet"}, optional
+        "spline" integrates the cubic spline through the slopes; "fourier" a cosine series about a
+        cubic. "feet" is for a sledge whose feet are one step apart: it reads
+        ``(z(x + step) - z(x)) / step``, and heights are sums, exact at n + 1 places. "simpson",
+        "fourier" and "feet" need equal steps.
+    zero_known : bool, optional
+        Whether the zero of the angle sensor is known. If not, the line is left out.
+
+    Raises
+    ------
+    DataError
+        If the rule is unknown.
+    InvalidSamplesError
+        If the positions are not finite and rising.
+    TooFewSamplesError
+        If there are fewer than 4.
+
+    Examples
+    --------
+    >>> method = SlopeIntegration((0.0, 0.1, 0.2, 0.3), "feet", zero_known=True)
+    >>> slopes = method.simulate({"height": [2e-6, 1e-6, -4e-6, 3e-6, -2e-6]}, {})
+    >>> (method.separate(slopes).height * 1e6).round(6).tolist()
+    [2.0, 1.0, -4.0, 3.0, -2.0]
+    """
+
+    x: tuple[float, ...]
+    method: str = "spline"
+    zero_known: bool = False
+
+    name: ClassVar[str] = "integrate_slopes"
+    truth_parts: ClassVar[tuple[str, ...]] = ("height",)
+    error_parts: ClassVar[tuple[str, ...]] = ("zero",)
+
+    def __post_init__(self) -> None:
+        method = method_named(self.method, RULES, self.name)
+        settle(self, method=method, zero_known=flag(self.zero_known, "zero_known"))
+        x = frozen_float(self.x, name="x", ndim=1, min_size=4)
+        if not (np.isfinite(x).all() and (np.diff(x) > 0.0).all()):
+            raise InvalidSamplesError(f"{self.name}: positions must be finite and rising, in m")
+
+    def simulate(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> FloatArray:
+        parts = known_parts(self, truth, errors)
+        x = np.array(self.x)
+        zero = parts.get("zero", np.zeros(()))
+        if zero.ndim:
+            raise DataError(f"{self.name}: the zero of the sensor is one number, got {zero.shape}")
+        slopes = np.full(x.size, float(np.nan_to_num(zero, nan=0.0)))
+        if "height" in parts:
+            at = heights_at(x, self.method)
+            height = parts["height"]
+            if height.shape != at.shape or not np.isfinite(height).all():
+                raise DataError(
+                    f"{self.name}: the height must hold {at.size} finite values, got the shape "
+                    f"{height.shape}"
+                )
+            if self.method == "feet":
+                slopes += np.diff(height) / np.diff(at)
+            else:
+                from scipy.interpolate import CubicSpline
+
+                slopes += CubicSpline(at, height)(at, 1)
+        return slopes[np.newaxis]
+
+    def null_space(self) -> tuple[Unobservable, ...]:
+        degrees, more = ((0,), "") if self.zero_known else ((0, 1), _LINE)
+        return (
+            Unobservable("height", "polynomial", degrees, _HEIGHT + more),
+            Unobservable("zero", "term", ("all of it",), _KNOWN if self.zero_known else _ZERO),
+        )
+
+    def separate(
+        self,
+        readings: ArrayLike,
+        *,
+        u_reading: float | None = None,
+        history: tuple[Step, ...] = (),
+    ) -> Separation:
+        array = as_numbers(readings, f"{self.name} needs slopes (M, n) as numbers")
+        if array.ndim != 2 or array.shape[1] != len(self.x):
+            raise InvalidSamplesError(
+                f"{self.name} needs slopes at the {len(self.x)} positions, shape (M, {len(self.x)}), "
+                f"got {array.shape}"
+            )
+        found = integrate_slopes(
+            array, self.x, method=self.method, u_slope=u_reading, zero_known=self.zero_known
+        )
+        unknown = np.array(np.nan)
+        cut = tuple(item for item in found.null_space if item.kind == "samples")
+        return replace(
+            found,
+            parts={**found.parts, "zero": unknown},
+            u={**found.u, "zero": unknown},
+            units={**found.units, "zero": "rad"},
+            null_space=(*self.null_space(), *cut),
+            messages=tuple(m.replace("u_slope", "u_reading") for m in found.messages),
+            history=(*history, *found.history),
+        )
+
+
+@described_by(SlopeIntegration)
 def integrate_slopes(
     slope: ArrayLike,
     x: ArrayLike,
@@ -59,15 +184,8 @@ def integrate_slopes(
         Positive where the surface rises with x; or R passes. NaN = not measured.
     x : array_like, shape (n,), m
         Positions, rising. For "feet": of the rear foot.
-    method : {"spline", "trapezoid", "simpson", "fourier", "feet"}, optional
-        "spline" integrates the cubic spline through the slopes; "fourier" a cosine series about a
-        cubic. "feet" is for a sledge whose feet are one step apart: it reads
-        ``(z(x + step) - z(x)) / step``, and heights are sums, exact at n + 1 places. "simpson",
-        "fourier" and "feet" need equal steps.
     u_slope : float, rad, optional
         Standard uncertainty of one slope; the scatter of the passes if omitted.
-    zero_known : bool, optional
-        Whether the zero of the angle sensor is known. If not, the line is left out.
 
     Returns
     -------
@@ -197,9 +315,8 @@ def slope_transfer(
     """
     method = method_named(method, RULES, "slope_transfer")
     lengths = np.asarray(wavelengths, dtype=np.float64)
-    step, aperture = number(step, "step"), number(aperture, "aperture")
-    if not (math.isfinite(step) and step > 0.0 and math.isfinite(aperture) and aperture >= 0.0):
-        raise DataError(f"step {step} must be above zero, aperture {aperture} not below, in m")
+    step = positive(step, "step", dimension="length")
+    aperture = not_negative(aperture, "aperture", dimension="length")
     if not (lengths > 2.0 * step * (1.0 - 1e-12)).all():
         raise DataError(
             f"waves below two steps ({format_length(2.0 * step)}) are not sampled; leave them out"
@@ -247,16 +364,13 @@ def _checked(slope: ArrayLike, x: ArrayLike) -> tuple[FloatArray, FloatArray]:
 
 
 def _longest_piece(passes: FloatArray) -> slice:
-    whole = ~np.isnan(passes).any(axis=0)
-    edges = np.diff(np.concatenate([[0], whole.astype(np.int8), [0]]))
-    first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    longest = int((last - first).max(initial=0))
-    if longest < 4:
+    piece = longest_run(np.asarray(~np.isnan(passes).any(axis=0)))
+    if piece.stop - piece.start < 4:
         raise TooFewSamplesError(
-            f"integrate_slopes needs 4 slopes in a row, measured in every pass; got {longest}"
+            "integrate_slopes needs 4 slopes in a row, measured in every pass; got "
+            f"{piece.stop - piece.start}"
         )
-    best = int(np.argmax(last - first))
-    return slice(int(first[best]), int(last[best]))
+    return piece
 
 
 def _check_uniform(x: FloatArray, method: str) -> None:
@@ -275,11 +389,9 @@ def _noise(values: FloatArray, u_slope: float | None) -> tuple[Quantity, float]:
     """Return the noise of one slope and the uncertainty of the mean of the passes."""
     repeats, n = values.shape
     if u_slope is not None:
-        u_slope = number(u_slope, "u_slope", "rad")
-        if not (math.isfinite(u_slope) and u_slope >= 0.0):
-            raise DataError(f"u_slope is {u_slope}; it must be a standard uncertainty >= 0 in rad")
+        u_slope = not_negative(u_slope, "u_slope", dimension="angle")
         text = "standard uncertainty of one slope, as stated"
-        return Quantity(float(u_slope), "rad", text, symbol="s"), u_slope / math.sqrt(repeats)
+        return Quantity(u_slope, "rad", text, symbol="s"), u_slope / math.sqrt(repeats)
     if repeats < 2:
         text = "standard deviation of one slope; not known"
         return Quantity(math.nan, "rad", text, symbol="s"), math.nan
@@ -293,11 +405,7 @@ def _noise(values: FloatArray, u_slope: float | None) -> tuple[Quantity, float]:
 
 
 def _unseen(height: FloatArray, degree: int) -> tuple[tuple[Unobservable, ...], list[str]]:
-    reason = "slopes do not tell the height" + (
-        "; the zero of the angle sensor is a line: calibrate it, then say zero_known=True"
-        if degree
-        else ""
-    )
+    reason = _HEIGHT + (_LINE if degree else "")
     items = [Unobservable("height", "polynomial", tuple(range(degree + 1)), reason)]
     lost = np.flatnonzero(np.isnan(height))
     if lost.size == 0:
@@ -418,184 +526,3 @@ def _walk_uncertainty(x: FloatArray, method: str, grid: FloatArray, degree: int)
     core = q.T @ spread
     variance = own - 2.0 * np.sum(spread * q, axis=1) + np.sum((q @ core) * q, axis=1)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
-
-
-# ---- `SlopeIntegration`: slopes along an artefact separated into its heights and the zero of the sensor ----
-# ``slope_r(x) = dz/dx + zero_r``; for a sledge on two feet ``(z(x + step) - z(x)) / step + zero_r``.
-
-_HEIGHT = "slopes do not tell the height"
-_LINE = "; the zero of the angle sensor is a line: calibrate it, then say zero_known=True"
-_ZERO = "the zero of the sensor and the line of the artefact read alike"
-_KNOWN = "the zero is taken as known: what is wrong with it tilts the heights"
-
-
-@dataclass(frozen=True, slots=True)
-class SlopeIntegration(SeparationMethod):
-    """An angle sensor that is moved along an artefact.
-
-    Parameters
-    ----------
-    x : tuple of float, m
-        At least 4 positions of the slopes, rising; for "feet" of the rear foot.
-    method : {"spline", "trapezoid", "simpson", "fourier", "feet"}, optional
-        As for `integrate_slopes`; "feet" is exact.
-    zero_known : bool, optional
-        Whether the zero of the sensor is known. If not, the line is left out.
-
-    Raises
-    ------
-    DataError
-        If the rule is unknown.
-    InvalidSamplesError
-        If the positions are not finite and rising.
-    TooFewSamplesError
-        If there are fewer than 4.
-
-    Examples
-    --------
-    >>> method = SlopeIntegration((0.0, 0.1, 0.2, 0.3), "feet", zero_known=True)
-    >>> slopes = method.simulate({"height": [2e-6, 1e-6, -4e-6, 3e-6, -2e-6]}, {})
-    >>> (method.separate(slopes).height * 1e6).round(6).tolist()
-    [2.0, 1.0, -4.0, 3.0, -2.0]
-    """
-
-    x: tuple[float, ...]
-    method: str = "spline"
-    zero_known: bool = False
-
-    name: ClassVar[str] = "integrate_slopes"
-    truth_parts: ClassVar[tuple[str, ...]] = ("height",)
-    error_parts: ClassVar[tuple[str, ...]] = ("zero",)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "method", method_named(self.method, RULES, self.name))
-        x = frozen_float(self.x, name="x", ndim=1, min_size=4)
-        if not (np.isfinite(x).all() and (np.diff(x) > 0.0).all()):
-            raise InvalidSamplesError(f"{self.name}: positions must be finite and rising, in m")
-
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
-        """Return the slopes of one pass.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n,), m
-            ``height`` at the positions, (n + 1,) for "feet": one step beyond the last.
-        errors : mapping of str to array_like, scalar, rad
-            ``zero`` of the sensor; NaN is not known and adds nothing.
-
-        Returns
-        -------
-        ndarray, shape (1, n), rad
-            Slopes.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown, none is given, or of another shape.
-
-        Notes
-        -----
-        But for "feet" the slope is that of the cubic spline through the heights: exact for cubics,
-        good for waves above some ten steps.
-        """
-        parts = known_parts(self, truth, errors)
-        x = np.array(self.x)
-        zero = parts.get("zero", np.zeros(()))
-        if zero.ndim:
-            raise DataError(f"{self.name}: the zero of the sensor is one number, got {zero.shape}")
-        slopes = np.full(x.size, float(np.nan_to_num(zero, nan=0.0)))
-        if "height" in parts:
-            at = heights_at(x, self.method)
-            height = parts["height"]
-            if height.shape != at.shape or not np.isfinite(height).all():
-                raise DataError(
-                    f"{self.name}: the height must hold {at.size} finite values, got the shape "
-                    f"{height.shape}"
-                )
-            slopes += self._slopes(at, height)
-        return slopes[np.newaxis]
-
-    def _slopes(self, at: FloatArray, height: FloatArray) -> FloatArray:
-        if self.method == "feet":
-            return np.asarray(np.diff(height) / np.diff(at))
-        from scipy.interpolate import CubicSpline
-
-        return np.asarray(CubicSpline(at, height)(at, 1))
-
-    def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what slopes cannot tell.
-
-        Returns
-        -------
-        tuple of Unobservable
-            The height, with an unknown zero the line; the zero itself.
-        """
-        degrees, more = ((0,), "") if self.zero_known else ((0, 1), _LINE)
-        return (
-            Unobservable("height", "polynomial", degrees, _HEIGHT + more),
-            Unobservable("zero", "term", ("all of it",), _KNOWN if self.zero_known else _ZERO),
-        )
-
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
-    ) -> Separation:
-        """Return the heights.
-
-        Parameters
-        ----------
-        readings : array_like, shape (M, n), rad
-            Slopes of M passes, positive where the surface rises with x; NaN = not measured.
-        u_reading : float, rad, optional
-            Standard uncertainty of one slope; the scatter of the passes if omitted.
-        history : tuple of Step, optional
-            Where they came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``height`` and ``zero`` (NaN: it is not seen).
-
-        Raises
-        ------
-        DataError
-            If `u_reading` is negative or no number.
-        InvalidSamplesError
-            If the slopes are no numbers, infinite or of another shape.
-        NotUniformError
-            If the rule needs equal steps.
-        TooFewSamplesError
-            If fewer than 4 slopes in a row were measured.
-        UnitError
-            If the slopes are beyond 0.5 rad.
-
-        Notes
-        -----
-        `integrate_slopes` does the work: its u is that of white noise.
-        """
-        stated = stated_u(u_reading, "rad")
-        array = as_numbers(readings, f"{self.name} needs slopes (M, n) as numbers")
-        if array.ndim != 2 or array.shape[1] != len(self.x):
-            raise InvalidSamplesError(
-                f"{self.name} needs slopes at the {len(self.x)} positions, shape (M, {len(self.x)}), "
-                f"got {array.shape}"
-            )
-        found = integrate_slopes(
-            array, self.x, method=self.method, u_slope=stated, zero_known=self.zero_known
-        )
-        unknown = np.array(np.nan)
-        cut = tuple(item for item in found.null_space if item.kind == "samples")
-        return replace(
-            found,
-            parts={**found.parts, "zero": unknown},
-            u={**found.u, "zero": unknown},
-            units={**found.units, "zero": "rad"},
-            null_space=(*self.null_space(), *cut),
-            messages=tuple(m.replace("u_slope", "u_reading") for m in found.messages),
-            history=(*history, *found.history),
-        )

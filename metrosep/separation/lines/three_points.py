@@ -7,7 +7,6 @@ A zero difference ``delta = e1 - 2 e2 + e3`` bends the artefact: ``f + delta x^2
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -15,27 +14,19 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
+from metrosep.core.numbers import not_negative, positive, real
 from metrosep.core.profile import Profile
-from metrosep.core.provenance import Step
-from metrosep.separation._readings import checked_readings
-from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation._methods import described_by, settle
+from metrosep.separation.contract import Separation
 from metrosep.separation.lines._line_probes import Row, checked_row
 from metrosep.separation.lines._line_problem import (
     METHODS,
-    Request,
-    Zero,
-    checked_smoothing,
     given_readings,
     method_named,
-    null_space_of,
-    number,
     split_call,
-    transfer_of,
 )
-from metrosep.separation.lines._line_result import evaluate
-from metrosep.separation.lines.multi_probes import ProbeRowMethod
+from metrosep.separation.lines._line_result import ProbeRowMethod
 from metrosep.separation.lines.zero_adjustment import ZeroCalibration, distances
 
 __all__ = ["ThreePoint", "TwoPoint", "three_point", "two_point", "zero_error_sag"]
@@ -80,6 +71,11 @@ def zero_error_sag(zero: float, length: float, distance: float | tuple[float, fl
 class ThreePoint(ProbeRowMethod):
     """Three probes at x, x + d1 and x + d1 + d2 on one carriage.
 
+    Parts: ``artefact``, (n + span/step rounded up,), from the trailing probe at the first position
+    on; ``straightness`` and ``pitch`` (rad), (n,), of the carriage; ``zero``, one number, NaN where
+    it is not known. `transfer` is ``|H| = |1 - 2 exp(j w d) + exp(2 j w d)|``, or its like for two
+    distances: noise s of a reading becomes ``sqrt(6) s / |H|``.
+
     Parameters
     ----------
     distance : float or tuple of (float, float), m
@@ -87,9 +83,14 @@ class ThreePoint(ProbeRowMethod):
     step : float, m
         Between the positions of the carriage, and between the samples of the artefact.
     method : {"sequential", "generalised", "combined", "least_squares"}, optional
-        See `three_point`.
+        "sequential" sums second differences along chains of samples one distance apart.
+        "generalised" finds a curve at any distances by least squares with a penalty on third
+        differences. "combined" keeps the chains, exact at steps and short waves, and takes only
+        offset and line of each chain from "generalised". "least_squares" uses no penalty.
     zero : float or None, m, optional
-        Zero difference ``e1 - (1 + d1/d2) e2 + (d1/d2) e3``; the parabola is left out if None.
+        Zero difference ``e1 - 2 e2 + e3`` of the probes (``e1 - (1 + r) e2 + r e3``, r = d1/d2):
+        an error e of the middle probe alone is ``-2 e``. 0.0 for probes adjusted to one line.
+        Without it (and without an angle sensor) the parabola is not known and left out.
     u_zero : float, m, optional
         Its standard uncertainty.
     smoothing : float, optional
@@ -112,18 +113,18 @@ class ThreePoint(ProbeRowMethod):
     name: ClassVar[str] = "three_point"
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("straightness", "pitch", "zero")
+    _probe_names: ClassVar[tuple[str, ...]] = ("trailing probe", "middle probe", "leading probe")
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "method", method_named(self.method, METHODS, self.name))
-        checked_smoothing(self.smoothing, self.name)
-        check_multiple(self._row, self.method, self.name)
-        if self.zero is not None and not abs(number(self.zero, "zero")) <= _MAX_ZERO:
-            raise DataError(f"zero is {self.zero}; it is the zero difference of the probes in m")
-        u_zero = number(self.u_zero, "u_zero")
-        if not (math.isfinite(u_zero) and u_zero >= 0.0):
-            raise DataError(
-                f"u_zero is {self.u_zero}; it must be a standard uncertainty >= 0 in m"
-            )
+        smoothing = positive(self.smoothing, f"{self.name}: smoothing")
+        settle(self, method=method_named(self.method, METHODS, self.name), smoothing=smoothing)
+        _check_multiple(self._row, self.method, self.name)
+        zero = self.zero
+        if zero is not None:
+            zero = real(zero, "zero", dimension="length", finite=False)
+            if not abs(zero) <= _MAX_ZERO:
+                raise DataError(f"zero is {zero}; it is the zero difference of the probes in m")
+        settle(self, zero=zero, u_zero=not_negative(self.u_zero, "u_zero", dimension="length"))
 
     @property
     def _row(self) -> Row:
@@ -136,89 +137,12 @@ class ThreePoint(ProbeRowMethod):
             zero_known=self.zero is not None,
         )
 
-    def transfer(self, wavelengths: ArrayLike) -> FloatArray:
-        """Return ``|H| = |1 - 2 exp(j w d) + exp(2 j w d)|``, or its like for two distances.
-
-        Parameters
-        ----------
-        wavelengths : array_like, shape (k,), m
-            Above zero.
-
-        Returns
-        -------
-        ndarray, shape (k,)
-            0 where the wave is not seen; noise s of a reading becomes ``sqrt(6) s / |H|``.
-        """
-        row = self._row
-        nuisance = np.column_stack([np.ones(3), row.offsets])
-        length = float(np.linalg.norm(row.weights))
-        lengths = np.asarray(wavelengths, dtype=np.float64)
-        return length * transfer_of(row.offsets, nuisance, lengths)
-
-    def null_space(self) -> tuple[Unobservable, ...]:
-        """Return offset, line, without a zero the parabola, and the wavelengths not seen.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Of whole readings without an angle sensor.
-        """
-        return null_space_of(self._row, 2 if self.zero is None else 1, pitch_part=True)
-
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        x: ArrayLike | None = None,
-        pitch: ArrayLike | None = None,
-        u_pitch: float | None = None,
-        history: tuple[Step, ...] = (),
-    ) -> Separation:
-        """Return artefact, straightness, pitch and zero.
-
-        Parameters
-        ----------
-        readings : array_like, shape (3, n) or (3, R, n), m
-            Trailing, middle, leading probe; or R passes. NaN = not measured.
-        u_reading : float, m, optional
-            Standard uncertainty of one reading; the scatter of the passes if omitted.
-        x : array_like, shape (n,), m, optional
-            Positions of the carriage; steps from zero if omitted.
-        pitch : array_like, shape (n,), rad, optional
-            Readings of an angle sensor on the carriage, positive where the leading end reads more.
-        u_pitch : float, rad, optional
-            Standard uncertainty of one of them; needed with `pitch`.
-        history : tuple of Step, optional
-            Where the readings came from.
-
-        Returns
-        -------
-        Separation
-            As `three_point`.
-
-        Raises
-        ------
-        DataError
-            If the readings or the pitch cannot be used.
-        NotSeparableError
-            If gaps leave no chain, or the pitch runs opposite to that of the probes.
-        """
-        names = ("trailing probe", "middle probe", "leading probe")
-        array = checked_readings(readings, names=names, minimum=3, what=self.name)
-        zero = None if self.zero is None else Zero(float(self.zero), float(self.u_zero))
-        request = Request(self.name, self._row, self.method, self.smoothing, zero)
-        return evaluate(
-            request,
-            array,
-            x=x,
-            u_reading=u_reading,
-            pitch=pitch,
-            u_pitch=u_pitch,
-            history=history,
-        )
+    @property
+    def _zero(self) -> tuple[float, float] | None:
+        return None if self.zero is None else (self.zero, self.u_zero)
 
 
+@described_by(ThreePoint, ThreePoint.separate)
 def three_point(
     m: ArrayLike | Sequence[Profile],
     *more: Any,
@@ -256,28 +180,8 @@ def three_point(
     step : float, m, optional
         Step between the positions, instead of `x`; the distance if neither is given. With both,
         the step between the samples of the artefact (not with "sequential").
-    method : {"sequential", "generalised", "combined", "least_squares"}, optional
-        "sequential" sums second differences along chains of samples one distance apart.
-        "generalised" finds a curve at any distances by least squares with a penalty on third
-        differences. "combined" keeps the chains, exact at steps and short waves, and takes only
-        offset and line of each chain from "generalised". "least_squares" uses no penalty.
-    zero : float, m, optional
-        Zero difference ``e1 - 2 e2 + e3`` of the probes (``e1 - (1 + r) e2 + r e3``, r = d1/d2):
-        an error e of the middle probe alone is ``-2 e``. 0.0 for probes adjusted to one line.
-        Without it, `zero_cal` or `pitch`, the parabola is not known and left out.
-    u_zero : float, m, optional
-        Its standard uncertainty.
     zero_cal : ZeroCalibration, optional
         Instead of both: what `zero_calibration` found.
-    u_reading : float, m, optional
-        Standard uncertainty of one reading; the scatter of the passes if omitted.
-    pitch : array_like, shape (n,), rad, optional
-        Readings of an angle sensor on the carriage, positive where the leading end reads more;
-        with `u_pitch`. It determines the parabola and the zero. Not with "sequential".
-    u_pitch : float, rad, optional
-        Standard uncertainty of one of them.
-    smoothing : float, optional
-        Weight of the penalty.
 
     Returns
     -------
@@ -290,14 +194,6 @@ def three_point(
     ------
     DataError
         If distances, step, method, zero or pitch do not fit.
-    InvalidSamplesError, NotUniformError, TooFewSamplesError
-        If readings or positions cannot be used.
-    NotSeparableError
-        If gaps leave no chain, the positions leave samples open, or the pitch runs opposite to that
-        of the probes.
-    UnitError
-        If the probes are farther apart than the carriage travels, or the pitch readings vary by
-        less than 0.3 or more than 3 times what the probes see.
 
     Notes
     -----
@@ -336,15 +232,8 @@ def three_point(
         if zero is not None or u_zero != 0.0:
             raise DataError("three_point: give zero with u_zero, or zero_cal, not both")
         zero, u_zero = zero_cal.zero_for(apart), zero_cal.u
-    result = ThreePoint(apart, given.step, method, zero, u_zero, smoothing).separate(
-        given.readings,
-        u_reading=u_reading,
-        x=given.x,
-        pitch=pitch,
-        u_pitch=u_pitch,
-        history=given.history,
-    )
-    return given.told(result)
+    probes = ThreePoint(apart, given.step, method, zero, u_zero, smoothing)
+    return given.separated(probes, u_reading, pitch, u_pitch)
 
 
 # ---- straightness from two probes on one carriage: sequential, generalised, combined, least squares ----
@@ -357,6 +246,10 @@ def three_point(
 class TwoPoint(ProbeRowMethod):
     """Two probes at x and x + distance on one carriage.
 
+    Parts: ``artefact``, (n + distance/step rounded up,), from the trailing probe at the first
+    position on; ``straightness``, (n,), and ``pitch`` (rad), (n,), if it was read. `transfer` is
+    ``|H| = |exp(2 pi j d / wavelength) - 1|``: noise s of a reading becomes ``sqrt(2) s / |H|``.
+
     Parameters
     ----------
     distance : float, m
@@ -364,7 +257,10 @@ class TwoPoint(ProbeRowMethod):
     step : float, m
         Between the positions of the carriage, and between the samples of the artefact.
     method : {"sequential", "generalised", "combined", "least_squares"}, optional
-        See `two_point`.
+        "sequential" sums differences along chains of samples one distance apart. "generalised"
+        finds a curve at any distance by least squares with a penalty on third differences.
+        "combined" keeps the chains and takes only their offsets from "generalised".
+        "least_squares" uses no penalty.
     smoothing : float, optional
         Weight of the penalty of "generalised" and "combined".
 
@@ -383,99 +279,26 @@ class TwoPoint(ProbeRowMethod):
     name: ClassVar[str] = "two_point"
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("straightness", "pitch")
+    _probe_names: ClassVar[tuple[str, ...]] = ("trailing probe", "leading probe")
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "method", method_named(self.method, METHODS, self.name))
-        number(self.distance, f"{self.name}: distance")
-        checked_smoothing(self.smoothing, self.name)
-        check_multiple(self._row, self.method, self.name)
+        settle(
+            self,
+            distance=real(
+                self.distance, f"{self.name}: distance", dimension="length", finite=False
+            ),
+            method=method_named(self.method, METHODS, self.name),
+            smoothing=positive(self.smoothing, f"{self.name}: smoothing"),
+        )
+        _check_multiple(self._row, self.method, self.name)
 
     @property
     def _row(self) -> Row:
-        offsets = np.array([0.0, float(self.distance)])
-        return checked_row(offsets, self.step, what=self.name, pitch=False)
-
-    def transfer(self, wavelengths: ArrayLike) -> FloatArray:
-        """Return ``|H| = |exp(2 pi j d / wavelength) - 1|``.
-
-        Parameters
-        ----------
-        wavelengths : array_like, shape (k,), m
-            Above zero.
-
-        Returns
-        -------
-        ndarray, shape (k,)
-            0 where the wave is not seen; noise s of a reading becomes ``sqrt(2) s / |H|``.
-        """
-        lengths = np.asarray(wavelengths, dtype=np.float64)
-        return math.sqrt(2.0) * transfer_of(self._row.offsets, np.ones((2, 1)), lengths)
-
-    def null_space(self) -> tuple[Unobservable, ...]:
-        """Return offset and line, the pitch, and the wavelengths ``distance/n``.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Of whole readings without an angle sensor.
-        """
-        return null_space_of(self._row, 1, pitch_part=True)
-
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        x: ArrayLike | None = None,
-        pitch: ArrayLike | None = None,
-        u_pitch: float | None = None,
-        history: tuple[Step, ...] = (),
-    ) -> Separation:
-        """Return artefact and straightness.
-
-        Parameters
-        ----------
-        readings : array_like, shape (2, n) or (2, R, n), m
-            Trailing, leading probe; or R passes. NaN = not measured.
-        u_reading : float, m, optional
-            Standard uncertainty of one reading; the scatter of the passes if omitted.
-        x : array_like, shape (n,), m, optional
-            Positions of the carriage; steps from zero if omitted.
-        pitch : array_like, shape (n,), rad, optional
-            Readings of an angle sensor on the carriage, positive where the leading end reads more.
-        u_pitch : float, rad, optional
-            Standard uncertainty of one of them; needed with `pitch`.
-        history : tuple of Step, optional
-            Where the readings came from.
-
-        Returns
-        -------
-        Separation
-            As `two_point`.
-
-        Raises
-        ------
-        DataError
-            If the readings or the pitch cannot be used.
-        """
-        names = ("trailing probe", "leading probe")
-        array = checked_readings(readings, names=names, minimum=3, what=self.name)
-        request = Request(self.name, self._row, self.method, self.smoothing)
-        return evaluate(
-            request,
-            array,
-            x=x,
-            u_reading=u_reading,
-            pitch=pitch,
-            u_pitch=u_pitch,
-            history=history,
-        )
+        return checked_row((0.0, self.distance), self.step, what=self.name, pitch=False)
 
 
-def check_multiple(row: Row, method: str, what: str) -> None:
+def _check_multiple(row: Row, method: str, what: str) -> None:
     """Refuse sums where the distance is no multiple of the step."""
-    from metrosep.core.errors import DataError
-
     if method in ("sequential", "combined") and row.shifts is None:
         raise DataError(
             f"{what}: the distances {[o * 1e3 for o in row.offsets[1:]]} mm are no multiples of the step "
@@ -491,6 +314,7 @@ def check_multiple(row: Row, method: str, what: str) -> None:
             )
 
 
+@described_by(TwoPoint, TwoPoint.separate)
 def two_point(
     m: ArrayLike | Sequence[Profile],
     *more: Any,
@@ -522,20 +346,6 @@ def two_point(
     step : float, m, optional
         Step between the positions, instead of `x`; the distance if neither is given. With both,
         the step between the samples of the artefact (not with "sequential").
-    method : {"sequential", "generalised", "combined", "least_squares"}, optional
-        "sequential" sums differences along chains of samples one distance apart. "generalised"
-        finds a curve at any distance by least squares with a penalty on third differences.
-        "combined" keeps the chains and takes only their offsets from "generalised".
-        "least_squares" uses no penalty.
-    u_reading : float, m, optional
-        Standard uncertainty of one reading; the scatter of the passes if omitted.
-    pitch : array_like, shape (n,), rad, optional
-        Readings of an angle sensor on the carriage, positive where the leading end reads more;
-        with `u_pitch`, and not with "sequential".
-    u_pitch : float, rad, optional
-        Standard uncertainty of one of them.
-    smoothing : float, optional
-        Weight of the penalty.
 
     Returns
     -------
@@ -548,13 +358,6 @@ def two_point(
     ------
     DataError
         If the distance, the step, the method or the pitch do not fit.
-    InvalidSamplesError, NotUniformError, TooFewSamplesError
-        If readings or positions cannot be used.
-    NotSeparableError
-        If gaps leave no chain, or the positions leave samples open.
-    UnitError
-        If the probes are farther apart than the carriage travels, or the pitch readings vary more
-        than the slope between the probes.
 
     Notes
     -----
@@ -584,12 +387,5 @@ def two_point(
     """
     readings, apart = split_call(m, more, distance, 2, TwoPoint.name)
     given = given_readings(readings, x, step, TwoPoint.name, distance=apart)
-    result = TwoPoint(apart, given.step, method, smoothing).separate(
-        given.readings,
-        u_reading=u_reading,
-        x=given.x,
-        pitch=pitch,
-        u_pitch=u_pitch,
-        history=given.history,
-    )
-    return given.told(result)
+    probes = TwoPoint(apart, given.step, method, smoothing)
+    return given.separated(probes, u_reading, pitch, u_pitch)

@@ -16,15 +16,16 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, as_float
 from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.numbers import flag, not_negative, positive
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
-from metrosep.separation._readings import checked_readings, known_parts, stated_u
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
-from metrosep.separation.lines._line_problem import number
+from metrosep.separation._methods import RecordedMethod, settle
+from metrosep.separation._readings import checked_readings, known_parts
+from metrosep.separation.contract import Separation, Unobservable
 
 __all__ = ["ZeroAdjustment", "ZeroCalibration", "zero_calibration"]
 
-_NAMES = ("trailing probe", "middle probe", "leading probe")
+_PROBES = ("trailing probe", "middle probe", "leading probe")
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,9 +168,7 @@ def zero_calibration(
         )
     if pitch is not None:
         return _from_pitch(m, distance, pitch, u_pitch, step, u_reading)
-    d = distances(distance)
-    ratio = d[0] / d[1]
-    w = np.array([1.0, -(1.0 + ratio), ratio])
+    d, w = distances(distance), _weights(distance)
     first, count = _differences(m, w)
     if reversed_m is not None:
         second, other = _differences(reversed_m, w)
@@ -181,29 +180,25 @@ def zero_calibration(
         both = count * other / np.maximum(count + other, 1.0)
         return _mean((first + second) / 2.0, both, d, "reversal", w, u_reading, 2.0, 0.0)
     known = np.broadcast_to(_flat_differences(flat, w, first.size), first.shape)
-    u_known = _not_negative(u_flat, "u_flat")
+    u_known = not_negative(u_flat, "u_flat", dimension="length")
     return _mean(first - known, count, d, "flat", w, u_reading, 1.0, u_known)
-
-
-def _not_negative(value: Any, name: str) -> float:
-    """Return a standard uncertainty, or refuse it."""
-    u = number(value, name)
-    if not (math.isfinite(u) and u >= 0.0):
-        raise DataError(f"{name} is {value}; it must be a standard uncertainty >= 0 in m")
-    return u
 
 
 def distances(distance: float | tuple[float, float]) -> tuple[float, float]:
     """Return both distances of three probes."""
-    try:
-        values = np.empty(0)
-        if not isinstance(distance, (str, bytes)):
-            values = np.asarray(distance, dtype=np.float64).ravel()
-    except (TypeError, ValueError):
-        values = np.empty(0)
-    if values.size not in (1, 2) or not np.isfinite(values).all() or (values <= 0.0).any():
+    several = isinstance(distance, (tuple, list, np.ndarray)) and np.ndim(distance) > 0
+    values = np.ravel(distance).tolist() if several else [distance]
+    if len(values) not in (1, 2):
         raise DataError(f"distance is one length in m above zero, or two, got {distance}")
-    return float(values[0]), float(values[-1])
+    both = [positive(v, "distance", dimension="length") for v in values]
+    return both[0], both[-1]
+
+
+def _weights(distance: float | tuple[float, float]) -> FloatArray:
+    """Return the combination of three readings that cancels straightness and pitch."""
+    first, second = distances(distance)
+    ratio = first / second
+    return np.array([1.0, -(1.0 + ratio), ratio])
 
 
 def _differences(m: ArrayLike, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -211,7 +206,7 @@ def _differences(m: ArrayLike, weights: FloatArray) -> tuple[FloatArray, FloatAr
 
     A pass in which a probe is missing does not count there: its carriage would not cancel.
     """
-    array = checked_readings(m, names=_NAMES, minimum=1, what="zero_calibration")
+    array = checked_readings(m, names=_PROBES, minimum=1, what="zero_calibration")
     d = np.tensordot(weights, array, axes=1)
     count = (~np.isnan(d)).sum(axis=0).astype(np.float64)
     total = np.where(np.isnan(d), 0.0, d).sum(axis=0)
@@ -263,7 +258,11 @@ def _mean(
         )
     zero = float(share @ known / share.sum())
     if u_reading is not None:
-        one = _not_negative(u_reading, "u_reading") * float(np.linalg.norm(weights)) / n_sets
+        one = (
+            not_negative(u_reading, "u_reading", dimension="length")
+            * float(np.linalg.norm(weights))
+            / n_sets
+        )
         kind = "stated"
     elif known.size > 1:
         one = math.sqrt(float(share @ (known - zero) ** 2) / (known.size - 1))
@@ -315,7 +314,6 @@ def _from_pitch(
 # ``d(x) = m1 - (1 + r) m2 + r m3 = bend(x) + zero``; in the reversal ``-bend(x) + zero``. Straightness and
 # pitch of the carriage drop out of d.
 
-_PROBES = ("trailing", "middle", "leading")
 _CHANGES = (
     "a zero that changes with the reversal looks like bend: turn back and repeat the first set-up"
 )
@@ -323,8 +321,13 @@ _FLAT = "the mean bend is taken as that of a perfect flat: reverse it to see its
 
 
 @dataclass(frozen=True, slots=True)
-class ZeroAdjustment(SeparationMethod):
+class ZeroAdjustment(RecordedMethod):
     """Three probes on an artefact and on its reversal, or on a flat.
+
+    Readings (6, n) in m: the probes, then the probes on the reversed artefact; (3, n) on a flat.
+    Parts: ``bend``, (n,), second difference of the artefact at each position; ``zero``, one number,
+    the difference of the probes. Where parts are simulated, both are spread over the probes in
+    proportion to their weights, and the carriage is straight.
 
     Parameters
     ----------
@@ -340,6 +343,11 @@ class ZeroAdjustment(SeparationMethod):
     ------
     DataError
         If a distance is not above zero or `u_flat` negative.
+
+    Notes
+    -----
+    `zero_calibration` does the work. With noise s of a reading and equal distances:
+    ``s sqrt(6/(2 n M))`` for the zero from a reversal, ``s sqrt(6/(n M))`` and `u_flat` from a flat.
 
     Examples
     --------
@@ -359,57 +367,25 @@ class ZeroAdjustment(SeparationMethod):
     error_parts: ClassVar[tuple[str, ...]] = ("zero",)
 
     def __post_init__(self) -> None:
-        distances(self.distance)
-        stated_u(self.u_flat, "m", "u_flat")
-
-    @property
-    def _weights(self) -> FloatArray:
-        first, second = distances(self.distance)
-        ratio = first / second
-        return np.array([1.0, -(1.0 + ratio), ratio])
-
-    @property
-    def _names(self) -> tuple[str, ...]:
-        again = () if self.flat else tuple(f"{p} probe reversed" for p in _PROBES)
-        return (*(f"{p} probe" for p in _PROBES), *again)
+        d = distances(self.distance)
+        settle(
+            self,
+            distance=d if np.ndim(self.distance) else d[0],
+            flat=flag(self.flat, "flat"),
+            u_flat=not_negative(self.u_flat, "u_flat", dimension="length"),
+        )
 
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return the readings of given parts, the carriage straight.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n,), m
-            ``bend``: second difference of the artefact at each position.
-        errors : mapping of str to array_like, scalar, m
-            ``zero`` difference of the probes.
-
-        Returns
-        -------
-        ndarray, shape (6, n), (3, n) on a flat, m
-            The probes, then the probes on the reversed artefact; n = 1 without bend. Both parts
-            are spread over the probes in proportion to their weights.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown or none is given.
-        """
         parts = known_parts(self, truth, errors)
         zero, bend = parts.get("zero", np.zeros(())), parts.get("bend", np.zeros(1))
-        w = self._weights / float(self._weights @ self._weights)
+        w = _weights(self.distance)
+        w = w / float(w @ w)
         first = np.multiply.outer(w, bend + zero)
         return first if self.flat else np.concatenate([first, np.multiply.outer(w, zero - bend)])
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what the set-up cannot tell.
-
-        Returns
-        -------
-        tuple of Unobservable
-            A zero that changes between the readings, or the mean bend of the flat.
-        """
         if self.flat:
             return (Unobservable("bend", "term", ("mean",), _FLAT),)
         return (Unobservable("bend", "term", ("change of the zero",), _CHANGES),)
@@ -421,39 +397,11 @@ class ZeroAdjustment(SeparationMethod):
         u_reading: float | None = None,
         history: tuple[Step, ...] = (),
     ) -> Separation:
-        """Return the zero difference and the bend of the artefact.
-
-        Parameters
-        ----------
-        readings : array_like, shape (6, n) or (6, M, n), of a flat (3, n) or (3, M, n), m
-            As `simulate` returns them; NaN = not measured.
-        u_reading : float, m, optional
-            Standard uncertainty of one reading; the scatter over the positions if omitted.
-        history : tuple of Step, optional
-            Where they came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``zero`` (scalar) and ``bend`` (n,).
-
-        Raises
-        ------
-        DataError
-            If `u_reading` is negative or no number.
-        InvalidSamplesError
-            If the readings are no curves of equal length.
-        TooFewSamplesError
-            If at no position all probes were measured, or at one only without `u_reading`.
-
-        Notes
-        -----
-        `zero_calibration` does the work. With noise s of a reading and equal distances:
-        ``s sqrt(6/(2 n M))`` for the zero from a reversal, ``s sqrt(6/(n M))`` and `u_flat` from a
-        flat.
-        """
-        stated = stated_u(u_reading, "m")
-        array = checked_readings(readings, names=self._names, minimum=1, what=self.name)
+        stated = u_reading
+        if stated is not None:
+            stated = not_negative(stated, "u_reading", dimension="length")
+        again = () if self.flat else tuple(f"{p} reversed" for p in _PROBES)
+        array = checked_readings(readings, names=(*_PROBES, *again), minimum=1, what=self.name)
         turned = None if self.flat else array[3:]
         found = zero_calibration(
             array[:3],
@@ -463,18 +411,19 @@ class ZeroAdjustment(SeparationMethod):
             u_flat=self.u_flat,
             u_reading=stated,
         )
-        first, count = self._differences(array[:3])
+        weights = _weights(self.distance)
+        first, count = _differences(array[:3], weights)
         if turned is None:
             bend, own = first - found.zero, count
             inverse = 1.0 / np.maximum(count, 1.0) - 1.0 / count.sum()
         else:
-            second, other = self._differences(turned)
+            second, other = _differences(turned, weights)
             bend = (first - second) / 2.0
             own = np.where(
                 (count > 0) & (other > 0), count * other / (count + other + 1e-300), 0.0
             )
             inverse = 0.25 / np.where(own > 0, own, np.nan)
-        w = float(np.linalg.norm(self._weights))
+        w = float(np.linalg.norm(weights))
         n_sets = 1.0 if self.flat else 2.0
         random = math.sqrt(max(found.u**2 - (self.u_flat**2 if self.flat else 0.0), 0.0))
         s = random * math.sqrt(float(own.sum())) * n_sets / w if stated is None else stated
@@ -491,12 +440,6 @@ class ZeroAdjustment(SeparationMethod):
             messages=found.messages,
             history=(*history, Step(self.name, {"distance_m": list(distances(self.distance))})),
         )
-
-    def _differences(self, array: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the second difference at each position, mean over the passes, and their number."""
-        d = np.tensordot(self._weights, array, axes=1)
-        count = (~np.isnan(d)).sum(axis=0).astype(np.float64)
-        return np.where(count > 0, np.nansum(d, axis=0) / np.maximum(count, 1.0), np.nan), count
 
 
 def _noise(s: float, n_positions: int, stated: float | None) -> Quantity:
