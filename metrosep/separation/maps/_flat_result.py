@@ -77,7 +77,7 @@ def by_pixels(
     noise = noise_of(residual, freedom, u_reading)
 
     def linear(one: FloatArray) -> FloatArray:
-        return np.stack([without_plane(z, grid, removed=removed) for z in solver.parts(one, grid)])
+        return without_plane(solver.parts(one, grid), grid, removed=removed)
 
     share = registration_of_flats(linear, found, solver.setups, grid, solver.flip, u_shift)
     u = np.sqrt(noise.value**2 * variance + share**2)
@@ -392,7 +392,7 @@ class FlatPixelSolver:
         """Return parts, their variance, the residual of the readings, its freedom and smoothness."""
         parts = self.parts(stack, grid)
         variance = TurnedNoise(grid, self.n, self.flip).variance(self.direct, self.mirrored)
-        parts = np.stack([without_plane(z, grid, removed=removed) for z in parts])
+        parts = without_plane(parts, grid, removed=removed)
         residual = self.residual(stack, grid, removed)
         measured = float(np.isfinite(residual).all(axis=0).sum())
         if self.n in (1, 2, 4):
@@ -411,8 +411,8 @@ class FlatPixelSolver:
         out = []
         for z, item in zip(stack, self.setups, strict=True):
             first, second = facing(least, item, grid, self.flip)
-            out.append(without_plane(z - first - second, grid, removed=removed))
-        return np.stack(out)
+            out.append(z - first - second)
+        return without_plane(np.stack(out), grid, removed=removed)
 
 
 # ---- three flats in a Zernike basis: one least-squares system for each angular order -----------

@@ -19,9 +19,9 @@ from metrosep.core.surface import Surface
 from metrosep.separation._methods import described_by
 from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.maps._map_input import (
+    MapGrid,
     MapMethod,
     checked_removed,
-    checked_u,
     map_separation,
     map_stack,
     noise_of,
@@ -101,7 +101,7 @@ def ball_average(
     checked_removed(removed)
     common = require_overlap(stack, "ball_average")
     units = unit_doubts(stack, grid)
-    stack = np.stack([without_plane(z, grid, removed=removed, mask=common) for z in stack])
+    stack = without_plane(stack, grid, removed=removed, mask=common)
     stack[:, ~common] = np.nan
     n = stack.shape[0]
     tau, lags = _repetition(stack[:, common]) if correlated else (1.0, 0)
@@ -192,16 +192,17 @@ class ThreePositions(MapMethod):
         )  # fmt: skip
         return (even, *rigid_terms((*self.truth_parts, *self.error_parts), self.removed))
 
-    def separate(
+    def _names(self) -> tuple[str, ...]:
+        return ("0 deg", "180 deg", "cat's eye")
+
+    def _separated(
         self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
+        stack: FloatArray,
+        grid: MapGrid,
+        common: NDArray[np.bool_],
+        u_reading: float | None,
+        history: tuple[Step, ...],
     ) -> Separation:
-        stack, grid, own = self._read(readings, ("0 deg", "180 deg", "cat's eye"))
-        u_reading = checked_u(u_reading, "u_reading")
-        common = require_overlap(stack, self.name)
         units = unit_doubts(stack, grid)
         common = common & common[::-1, ::-1]
         if common.sum() < 30:
@@ -209,9 +210,7 @@ class ThreePositions(MapMethod):
                 f"{self.name}: only {int(common.sum())} pixels have a measured counterpart half a "
                 "turn away; centre the aperture in the map"
             )
-        stack = np.stack(
-            [without_plane(z, grid, removed=self.removed, mask=common) for z in stack]
-        )
+        stack = without_plane(stack, grid, removed=self.removed, mask=common)
         stack[:, ~common] = np.nan
         turned = _half_turn(stack)
         even, odd = (stack + turned) / 2.0, (stack - turned) / 2.0
@@ -233,7 +232,7 @@ class ThreePositions(MapMethod):
         }
         return map_separation(
             self.name, grid, parts, u, self.null_space(), noise, audit,
-            (*units, *_doubts(stack, common)), (*own, *history), {"removed": list(self.removed)},
+            (*units, *_doubts(stack, common)), history, {"removed": list(self.removed)},
         )  # fmt: skip
 
 

@@ -123,7 +123,7 @@ def register_maps(
         raise DataError(
             f"register_maps: the start angle {start[2]} rad is more than a turn; it looks like degrees"
         )
-    stack = np.stack([without_plane(z, grid) for z in stack])
+    stack = without_plane(stack, grid)
     first = np.array(start, dtype=np.float64)
     p = _coarse_shift(stack, first, grid)
     free = np.array([True, True, rotation])
@@ -646,9 +646,7 @@ def registration_share(
             stack = np.zeros((angles.size, *grid.shape))
             stack[i] = effect * u
             found = solver.parts(stack, grid)
-            square = np.stack(
-                [without_plane(z, grid, removed=removed, mask=known) ** 2 for z in found]
-            )
+            square = without_plane(found, grid, removed=removed, mask=known) ** 2
             total = square if total is None else total + square
     if total is None:
         return np.zeros((1, *grid.shape))

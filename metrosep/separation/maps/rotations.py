@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import ComplexArray, FloatArray
-from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, NotSeparableError
 from metrosep.core.numbers import not_negative, positive
 from metrosep.core.provenance import Step
@@ -27,7 +26,6 @@ from metrosep.separation.maps._map_input import (
     TurnedNoise,
     checked_angles,
     checked_removed,
-    checked_u,
     class_share,
     coarse,
     combined,
@@ -37,7 +35,6 @@ from metrosep.separation.maps._map_input import (
     mirrored_trials,
     noise_of,
     orders_of,
-    require_overlap,
     require_scale,
     residual_doubts,
     rigid_terms,
@@ -136,31 +133,19 @@ class RotationTest(MapMethod):
         )
         return orders + rigid_terms(("part", "instrument"), self.removed)
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
-    ) -> Separation:
-        names = [f"map {i + 1}" for i in range(len(self.angles))]
-        stack, grid, own = self._read(readings, names)
-        u_reading = checked_u(u_reading, "u_reading")
-        require_scale(grid, self.u_registration, self.name)
-        common = require_overlap(stack, self.name)
-        stack = np.stack(
-            [without_plane(z, grid, removed=self.removed, mask=common) for z in stack]
-        )
-        with one_blas_thread():
-            return self._separated(stack, grid, u_reading, (*own, *history))
+    def _names(self) -> list[str]:
+        return [f"map {i + 1}" for i in range(len(self.angles))]
 
     def _separated(
         self,
         stack: FloatArray,
         grid: MapGrid,
+        common: NDArray[np.bool_],
         u_reading: float | None,
         history: tuple[Step, ...],
     ) -> Separation:
+        require_scale(grid, self.u_registration, self.name)
+        stack = without_plane(stack, grid, removed=self.removed, mask=common)
         angles = np.array(self.angles)
         solver = RotationSolver(angles, self.largest_gain)
         solution = solver.solve(stack, grid, removed=self.removed)
@@ -446,17 +431,17 @@ class RotationSolver:
         self, stack: FloatArray, grid: MapGrid, removed: Sequence[str]
     ) -> tuple[FloatArray, FloatArray, bool]:
         parts = self._parts_in_first(stack, grid)
-        parts = np.stack([without_plane(z, grid, removed=removed) for z in parts])
+        parts = without_plane(parts, grid, removed=removed)
         residual, exact = [], True
         for z, angle in zip(stack, self.angles, strict=True):
             moved, share = turned(parts[1:2], float(angle), grid)
             exact = exact and share == 1.0
             rest = z - parts[0] - moved[0] - parts[2]
-            residual.append(without_plane(rest, grid, removed=removed))
+            residual.append(rest)
         at_zero = self._at_zero(parts, stack, grid)
         if at_zero is not parts:
             at_zero[1] = without_plane(at_zero[1], grid, removed=removed)
-        return at_zero, np.stack(residual), exact
+        return at_zero, without_plane(np.stack(residual), grid, removed=removed), exact
 
 
 @lru_cache(maxsize=32)
