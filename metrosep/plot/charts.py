@@ -26,6 +26,7 @@ from metrosep.plot.style import (
     DOTTED,
     axes_or_new,
     house_style,
+    new_figure,
     shades,
 )
 from metrosep.separation.runs.planner import FeedPlan
@@ -173,8 +174,6 @@ def draw_chart(chart: Chart) -> Figure | Axes:
 
 
 def _curves(chart: Chart) -> Figure:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
     panels = chart["panels"]
     name, unit = chart["x"]["name"], chart["x"]["unit"]
@@ -184,8 +183,7 @@ def _curves(chart: Chart) -> Figure:
     with house_style():
         usual = not any(_is_beside(p) or "\n" in f"{p['title']}{name}" for p in panels)
         size = (7.2, 0.8 + 2.0 * len(panels))
-        figure = Figure(figsize=size, layout=None if usual else "constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure(size, layout=None if usual else "constrained")
         grid = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for i, (axes, each) in enumerate(zip(grid, panels, strict=True)):
             _panel(axes, each, factor, scales[each["unit"]], colours[i])
@@ -485,11 +483,9 @@ def plan_sd(plan: FeedPlan, ax: Axes | None = None) -> Axes:
                 linewidth=1.8 if name == "sd_nm" else 1.2,
                 label=f"{label}",
             )
-        axes.set_xscale("log")
-        axes.set_yscale("log")
+        axes.set(xscale="log", yscale="log")
         _plain_ticks(axes)
-        axes.set_xlabel("wavelength / mm")
-        axes.set_ylabel("sd of an amplitude coefficient / nm")
+        axes.set(xlabel="wavelength / mm", ylabel="sd of an amplitude coefficient / nm")
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=1, borderaxespad=0.2)
     return axes
 
@@ -550,13 +546,14 @@ def plan_density(
                 va="center",
                 fontsize=8.0,
             )
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.set_xlim(low, high * 1.3)
-        axes.set_ylim(float(np.nanmin(s)) * 0.7, top * 3.0 * 2.6 ** len(chosen))
+        axes.set(
+            xscale="log",
+            yscale="log",
+            xlim=(low, high * 1.3),
+            ylim=(float(np.nanmin(s)) * 0.7, top * 3.0 * 2.6 ** len(chosen)),
+        )
         _plain_ticks(axes, which="x")
-        axes.set_xlabel("frequency / Hz")
-        axes.set_ylabel("density / (nm²/Hz)")
+        axes.set(xlabel="frequency / Hz", ylabel="density / (nm²/Hz)")
         axes.legend(
             loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=min(4, feeds.size + 1), borderaxespad=0.2
         )  # fmt: skip
@@ -655,8 +652,9 @@ def positioning_chart(test: PositioningTest, ax: Axes | None = None) -> Axes:
                 label=label,
             )
         axes.axhline(0.0, color=COLOURS["line"], linewidth=0.7, zorder=1.5)
-        axes.set_xlabel(f"target / {coarse_name}")
-        axes.set_ylabel(f"error (reached − target) / {fine_name}")
+        axes.set(
+            xlabel=f"target / {coarse_name}", ylabel=f"error (reached − target) / {fine_name}"
+        )
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
         axes.text(
             1.02,

@@ -10,7 +10,15 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.plot.style import COLOURS, DASHED, DOTTED, axes_or_new, house_style, values
+from metrosep.plot.style import (
+    COLOURS,
+    DASHED,
+    DOTTED,
+    axes_or_new,
+    house_style,
+    new_figure,
+    values,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,13 +39,9 @@ _UNITS: Mapping[str, tuple[tuple[float, str], ...]] = {
 
 def draw_part_series(series: Mapping[str, Any]) -> Figure:
     """Return one picture of a series of parts."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     terms = sorted(series["terms"], key=lambda t: _or_one(t["p"]))
     with house_style():
-        figure = Figure(figsize=(11.0, 7.6), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure((11.0, 7.6))
         halves: Any = figure.subfigures(1, 2, width_ratios=(1.0, 1.1))
         left, right = halves
         shown = terms[:_MOST_CURVES]
@@ -182,16 +186,12 @@ def trend_chart(
     limits: tuple[float | None, float | None] = (None, None),
 ) -> Figure:
     """Return the chart of individuals of a characteristic, with its moving ranges."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     z = np.array([math.nan if v is None else v for v in values], dtype=np.float64)
     if not np.isfinite(z).any():
         raise DataError(f"{name} has no value in this batch, so there is no trend to draw")
     x = np.arange(1, z.size + 1)
     with house_style():
-        figure = Figure(figsize=(7.2, 3.9), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure((7.2, 3.9))
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1.0])
         _panel(upper, x, z, None if control is None else control[1:])
         if control is not None:
@@ -211,8 +211,10 @@ def trend_chart(
             _line(lower, ranges[0], "", "-")
             _line(lower, ranges[1], "", "--")
         lower.set_ylim(bottom=0.0)
-        lower.set_ylabel(f"range / {unit}" if unit else "range")
-        lower.set_xlabel("part, in the order of their names")
+        lower.set(
+            ylabel=f"range / {unit}" if unit else "range",
+            xlabel="part, in the order of their names",
+        )
         _whole_numbers(lower)
     return figure
 
@@ -296,8 +298,7 @@ def drift_chart(test: DriftTest, ax: Axes | None = None) -> Axes:
         total = ", ".join(f"{q.value * scale:.3g}" for q in test.combined)
         axes.plot([], [], " ", label=f"combined (RSS): {total} {unit}")
         axes.axhline(0.0, color=COLOURS["line"], linewidth=0.7, zorder=1.5)
-        axes.set_xlabel(f"time / {time_unit}")
-        axes.set_ylabel(f"drift / {unit}")
+        axes.set(xlabel=f"time / {time_unit}", ylabel=f"drift / {unit}")
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
     return axes
 
@@ -343,8 +344,7 @@ def allan_plot(
     scale, unit = (1e6, "µm") if float(np.nanmax(y)) >= 2e-6 else (1e9, "nm")
     with house_style():
         axes = axes_or_new(ax, size=(6.2, 4.2))
-        axes.set_xscale("log")
-        axes.set_yscale("log")
+        axes.set(xscale="log", yscale="log")
         if u is not None:
             band = 2.0 * np.asarray(u, dtype=np.float64)
             low = np.maximum(y - band, 0.2 * y)
@@ -371,7 +371,6 @@ def allan_plot(
             mew=1.6,
             label=f"best: {y[best] * scale:.3g} {unit} at {x[best]:.3g} s",
         )
-        axes.set_xlabel("averaging time / s")
-        axes.set_ylabel(f"Allan deviation / {unit}")
+        axes.set(xlabel="averaging time / s", ylabel=f"Allan deviation / {unit}")
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2)
     return axes

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -34,6 +34,7 @@ __all__ = [
     "house_style",
     "label_decades",
     "length_scale",
+    "new_figure",
     "shades",
     "speed_name",
     "values",
@@ -151,14 +152,19 @@ def axes_or_new(ax: Axes | None, *, size: tuple[float, float] = _FIGURE_SIZE) ->
     matplotlib Axes
         Where to draw.
     """
-    if ax is not None:
-        return ax
+    return new_figure(size).add_subplot() if ax is None else ax
+
+
+def new_figure(
+    size: tuple[float, float], *, layout: Literal["constrained"] | None = "constrained"
+) -> Figure:
+    """Return an empty figure, width and height in inches, that no window manager knows."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Figure(figsize=size, layout=layout)
     FigureCanvasAgg(figure)
-    return figure.add_subplot()
+    return figure
 
 
 def values(column: Sequence[float | None] | None) -> FloatArray:

@@ -20,6 +20,7 @@ from metrosep.plot.style import (
     axes_or_new,
     house_style,
     length_scale,
+    new_figure,
     shades,
     speed_name,
     values,
@@ -115,13 +116,9 @@ def overview(document: Mapping[str, Any]) -> Figure:
     DataError
         If the result holds no curves over position.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     with house_style():
         two = "spectrum" in drawable(document)
-        figure = Figure(figsize=(8.0, 7.2 if two else 4.2), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure((8.0, 7.2 if two else 4.2))
         before_after(document, figure.add_subplot(2 if two else 1, 1, 1))
         if two:
             spectrum(document, figure.add_subplot(2, 1, 2))
@@ -170,8 +167,7 @@ def before_after(document: Mapping[str, Any], ax: Axes | None = None) -> Axes:
         for name, error, sd in estimates:
             _draw_estimate(axes, x, error * scale, sd * scale, name)
         axes.axhline(0.0, color=COLOURS["line"], linewidth=0.7, zorder=1.5)
-        axes.set_xlabel("position / mm")
-        axes.set_ylabel(f"error (actual − nominal) / {unit}")
+        axes.set(xlabel="position / mm", ylabel=f"error (actual − nominal) / {unit}")
         axes.set_xlim(*_limits(plots, x))
         _legend_above(axes)
     return axes
@@ -292,9 +288,6 @@ def reversal_quartet(
     DataError
         If the separation does not have two parts, or the readings another length.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     array = np.asarray(readings, dtype=np.float64)
     if len(separation.parts) != 2:
         raise DataError(f"a quartet shows two parts, this has {', '.join(separation.parts)}")
@@ -302,8 +295,7 @@ def reversal_quartet(
     if array.ndim not in (2, 3) or array.shape[0] != 2 or array.shape[-1] != x.size:
         raise DataError(f"readings must be (2, {x.size}) or (2, M, {x.size}), got {array.shape}")
     with house_style():
-        figure = Figure(figsize=(8.0, 5.6), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure((8.0, 5.6))
         grid = figure.subplots(2, 2, sharex=True, sharey="row")
         repeats = array if array.ndim == 3 else array[:, None]
         centred = repeats - np.nanmean(repeats, axis=2, keepdims=True)
@@ -340,9 +332,6 @@ def parts_plot(separation: Separation, ax: Axes | None = None) -> Figure | Axes:
     DataError
         If the parts are maps, or axes were given for several parts.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     x, label = _abscissa(separation)
     shown = {k: v for k, v in separation.parts.items() if v.shape == x.shape}
     if ax is not None and len(shown) != 1:
@@ -352,8 +341,7 @@ def parts_plot(separation: Separation, ax: Axes | None = None) -> Figure | Axes:
             _draw_parts([ax], separation, x)
             _label_abscissa(ax, label)
             return ax
-        figure = Figure(figsize=(7.2, 0.6 + 2.1 * len(shown)), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure((7.2, 0.6 + 2.1 * len(shown)))
         panels = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
         _draw_parts(list(panels), separation, x)
         _label_abscissa(panels[-1], label)
@@ -385,7 +373,7 @@ def separation_parts(document: Mapping[str, Any]) -> Figure:
         raise DataError("this result holds no separation: nothing to draw")
     drawn = parts_plot(Separation.from_dict(separation))
     if not isinstance(drawn, Figure):
-        raise DataError("the parts of this separation are no curves")
+        raise DataError("the parts of this separation are not curves")
     return drawn
 
 

@@ -25,7 +25,7 @@ from metrosep.separation.maps._map_input import (
     mirrored_trials,
     noise_of,
     orders_of,
-    residual_doubts,
+    residual_warnings,
     smoothness,
     solve_order,
     turned,
@@ -54,7 +54,7 @@ class FlatResult:
     coordinates: dict[str, FloatArray] = field(default_factory=dict)  # to ndarray: beside x and y
     messages: tuple[str, ...] = ()  # what is to be said
     audit: dict[str, object] = field(default_factory=dict)  # plain values
-    # that the residual is no noise; said where nothing explains it better
+    # that the residual is not noise; said where nothing explains it better
     unexplained: tuple[str, ...] = ()
 
 
@@ -82,7 +82,7 @@ def by_pixels(
     share = registration_of_flats(linear, found, solver.setups, grid, solver.flip, u_shift)
     u = np.sqrt(noise.value**2 * variance + share**2)
     u = np.where(np.isfinite(found), u, np.nan)
-    odd = residual_doubts(residual, stack, expected=smooth)
+    odd = residual_warnings(residual, stack, expected=smooth)
     if solver.n > 1:
         return FlatResult(dict(zip(FLATS, found, strict=True)),
                           dict(zip(FLATS, u, strict=True)), noise, unexplained=odd)  # fmt: skip
@@ -181,7 +181,9 @@ def registration_of_flats(
     return np.sqrt(total)
 
 
-def doubts_of_flats(solver: FlatPixelSolver, stack: FloatArray, grid: MapGrid) -> tuple[str, ...]:
+def warnings_of_flats(
+    solver: FlatPixelSolver, stack: FloatArray, grid: MapGrid
+) -> tuple[str, ...]:
     """Return which reading would fit much better if it were mirrored or turned the other way."""
     small, small_grid = coarse(stack, grid, _COARSE)
 
@@ -278,7 +280,7 @@ def undescribed(residual: FloatArray, stack: FloatArray) -> tuple[str, ...]:
         return ()
     text = (
         f"the readings hold {whole * 1e9:.3g} nm RMS that these Zernike terms do not describe and "
-        "that is no noise; it counts as noise here, and method='pixel' would keep it. If the flats "
+        "that is not noise; it counts as noise here, and method='pixel' would keep it. If the flats "
         "have no such waves, check the set-up: which flat was turned, angles, order of the readings"
     )
     return (text,)

@@ -837,10 +837,10 @@ def smoothness(residual: FloatArray) -> float:
     return math.sqrt(float(np.mean(known**2))) / rough if rough > 0.0 else math.inf
 
 
-def residual_doubts(
+def residual_warnings(
     residual: FloatArray, readings: FloatArray, *, expected: float = 1.0
 ) -> tuple[str, ...]:
-    """Say that the residual is no noise: neighbours resemble each other more than noise would."""
+    """Say that the residual is not noise: neighbours resemble each other more than noise would."""
     known = residual[np.isfinite(residual)]
     read = readings[np.isfinite(readings)]
     if known.size < 200 or read.size == 0:
@@ -858,7 +858,7 @@ def residual_doubts(
     return (text,)
 
 
-def unit_doubts(
+def unit_warnings(
     stack: FloatArray, grid: MapGrid, angles: FloatArray | None = None
 ) -> tuple[str, ...]:
     """Say that heights, steps or angles look as if they were in other units."""

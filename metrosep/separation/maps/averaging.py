@@ -28,7 +28,7 @@ from metrosep.separation.maps._map_input import (
     require_overlap,
     rigid_terms,
     stored_in_si,
-    unit_doubts,
+    unit_warnings,
     without_plane,
 )
 
@@ -100,7 +100,7 @@ def ball_average(
     )
     checked_removed(removed)
     common = require_overlap(stack, "ball_average")
-    units = unit_doubts(stack, grid)
+    units = unit_warnings(stack, grid)
     stack = without_plane(stack, grid, removed=removed, mask=common)
     stack[:, ~common] = np.nan
     n = stack.shape[0]
@@ -203,7 +203,7 @@ class ThreePositions(MapMethod):
         u_reading: float | None,
         history: tuple[Step, ...],
     ) -> Separation:
-        units = unit_doubts(stack, grid)
+        units = unit_warnings(stack, grid)
         common = common & common[::-1, ::-1]
         if common.sum() < 30:
             raise DataError(
@@ -232,7 +232,7 @@ class ThreePositions(MapMethod):
         }
         return map_separation(
             self.name, grid, parts, u, self.null_space(), noise, audit,
-            (*units, *_doubts(stack, common)), history, {"removed": list(self.removed)},
+            (*units, *_warnings(stack, common)), history, {"removed": list(self.removed)},
         )  # fmt: skip
 
 
@@ -310,7 +310,7 @@ def _repetition(values: FloatArray) -> tuple[float, int]:
     return tau, used
 
 
-def _doubts(stack: FloatArray, common: NDArray[np.bool_]) -> tuple[str, ...]:
+def _warnings(stack: FloatArray, common: NDArray[np.bool_]) -> tuple[str, ...]:
     """Say that the reading at 180 degrees is that at 0 degrees."""
     size = float(np.sqrt(np.mean(stack[0][common] ** 2)))
     difference = float(np.sqrt(np.mean((stack[0] - stack[1])[common] ** 2)))

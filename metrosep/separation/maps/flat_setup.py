@@ -26,10 +26,10 @@ from metrosep.separation.maps._flat_result import (
     FlatZernikeSolver,
     by_pixels,
     by_terms,
-    doubts_of_flats,
     facing,
     hidden_orders,
     of_terms,
+    warnings_of_flats,
     zernike_terms_of,
 )
 from metrosep.separation.maps._map_input import (
@@ -44,7 +44,7 @@ from metrosep.separation.maps._map_input import (
     require_scale,
     rigid_terms,
     stored_in_si,
-    unit_doubts,
+    unit_warnings,
     without_plane,
 )
 
@@ -125,7 +125,7 @@ class ThreeFlat(MapMethod):
         angles = checked_angles(self.angles, n, self.name) if n else np.zeros(0)
         if angles.size and np.abs(np.exp(1j * angles) - 1.0).min() < 1e-6:
             raise NotSeparableError(
-                f"{self.name}: a turned reading has the angle 0, which says nothing new; give the "
+                f"{self.name}: a turned reading has the angle 0, which adds nothing; give the "
                 "angle by which the flat was turned"
             )
         object.__setattr__(self, "angles", tuple(angles.tolist()))
@@ -209,7 +209,7 @@ class ThreeFlat(MapMethod):
             basis = DiscBasis(grid, common, solver.nm, self.radius)
             found = by_terms(solver, basis, planar, grid, **known)
         on_pixels = self._n() is not None
-        doubts = doubts_of_flats(self._pixels(), planar, grid) if on_pixels else ()
+        warnings = warnings_of_flats(self._pixels(), planar, grid) if on_pixels else ()
         audit = {
             "method": self._chosen(),
             "readings": [s.pair for s in self.setups()],
@@ -221,10 +221,10 @@ class ThreeFlat(MapMethod):
             "u_registration_um": (self._shifts() * 1e6).tolist(),
             **found.audit,
         }
-        units = unit_doubts(stack, grid, np.array(self.angles))
+        units = unit_warnings(stack, grid, np.array(self.angles))
         return map_separation(
             self.name, grid, found.parts, found.u, self.null_space(), found.noise, audit,
-            (*found.messages, *units, *(doubts or found.unexplained)), history,
+            (*found.messages, *units, *(warnings or found.unexplained)), history,
             {"angles_rad": list(self.angles)}, found.coordinates,
         )  # fmt: skip
 

@@ -29,7 +29,7 @@ from metrosep.separation.maps._map_input import (
     require_overlap,
     rigid_terms,
     stored_in_si,
-    unit_doubts,
+    unit_warnings,
 )
 
 __all__ = ["ShiftRotation", "shift_rotation"]
@@ -219,7 +219,7 @@ class ShiftRotation(MapMethod):
                 for j, ok, g in zip(free, seen, gain, strict=True)
                 if not ok
             ]
-        messages = unit_doubts(stack, grid, np.array(self.angles))
+        messages = unit_warnings(stack, grid, np.array(self.angles))
         weak = {k: [t for t, _ in v if t != "defocus"] for k, v in hidden.items()}
         if any(weak.values()):
             text = "; ".join(f"{k}: {', '.join(v)}" for k, v in weak.items() if v)

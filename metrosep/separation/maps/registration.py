@@ -152,7 +152,7 @@ def register_maps(
         "rms_nm": rms * 1e9,
         "smoothing_of_slopes_pixels": end.smoothing,
     }
-    messages = _doubts(stack, rms, form, p, grid, free)
+    messages = _warnings(stack, rms, form, p, grid, free)
     x, y, angle = (float(v) for v in end.p)
     return Registration(x, y, angle, cov, rms, grid.centre, messages, MappingProxyType(audit))
 
@@ -383,7 +383,7 @@ def _solved(at: _Linearised, free: NDArray[np.bool_]) -> FloatArray:
 def _left(
     stack: FloatArray, end: _Rest, grid: MapGrid, free: NDArray[np.bool_]
 ) -> tuple[float, float]:
-    """Return the RMS of what parameters leave of the difference, and of its share that is no noise."""
+    """Return the RMS of what parameters leave of the difference, and of its share that is not noise."""
     at = _linearised(stack, end.p, grid, free, smoothing=end.smoothing)
     found = _solved(at, free)
     square = float(np.mean((at.rest - at.design @ found) ** 2))
@@ -403,7 +403,7 @@ def _mirrored_left(
         return math.inf
 
 
-def _doubts(
+def _warnings(
     stack: FloatArray,
     rms: float,
     form: float,
@@ -411,7 +411,7 @@ def _doubts(
     grid: MapGrid,
     free: NDArray[np.bool_],
 ) -> tuple[str, ...]:
-    """Say that much is left that is no noise, and whether a mirrored map would fit much better."""
+    """Say that much is left that is not noise, and whether a mirrored map would fit much better."""
     size = math.sqrt(float(np.nanmean(stack[0] ** 2)))
     if form < 0.3 * size:
         return ()
@@ -592,9 +592,9 @@ def map_gradient(
         a, b, c = m20 - m10**2 / m00, m11 - m10 * m01 / m00, m02 - m01**2 / m00
         p, q = z10 - m10 * z00 / m00, z01 - m01 * z00 / m00
         determinant = a * c - b**2
-        told = valid & (determinant > 1e-3 * smoothing**4 * m00**2)
-        gx = np.where(told, (c * p - b * q) / determinant / grid.dx, 0.0)
-        gy = np.where(told, (a * q - b * p) / determinant / grid.dy, 0.0)
+        shown = valid & (determinant > 1e-3 * smoothing**4 * m00**2)
+        gx = np.where(shown, (c * p - b * q) / determinant / grid.dx, 0.0)
+        gy = np.where(shown, (a * q - b * p) / determinant / grid.dy, 0.0)
     return np.where(valid, gx, np.nan), np.where(valid, gy, np.nan)
 
 

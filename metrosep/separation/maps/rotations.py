@@ -36,13 +36,13 @@ from metrosep.separation.maps._map_input import (
     noise_of,
     orders_of,
     require_scale,
-    residual_doubts,
+    residual_warnings,
     rigid_terms,
     smoothness,
     solve_order,
     stored_in_si,
     turned,
-    unit_doubts,
+    unit_warnings,
     without_plane,
 )
 from metrosep.separation.maps.registration import registration_share
@@ -171,10 +171,10 @@ class RotationTest(MapMethod):
             for name, share in zip(("instrument", "part", "unseparated"), shares, strict=True):
                 both = np.hypot(u_maps[name], share)
                 u_maps[name] = np.where(np.isfinite(named[name]), both, np.nan)
-        messages = doubts_of_rotations(stack, angles, grid, self.largest_gain)
+        messages = warnings_of_rotations(stack, angles, grid, self.largest_gain)
         if not messages:
-            messages = residual_doubts(solution.residual, stack, expected=solution.smoothness)
-        messages = (*unit_doubts(stack, grid, angles), *messages, *lost_pixels(stack, part))
+            messages = residual_warnings(solution.residual, stack, expected=solution.smoothness)
+        messages = (*unit_warnings(stack, grid, angles), *messages, *lost_pixels(stack, part))
         audit = {
             "angles_deg": [math.degrees(a) for a in self.angles],
             "method": "pixels, classes of angular orders" if solver.n else "circles",
@@ -251,7 +251,7 @@ def rotation_average(
     return method.separate(maps, u_reading=u_reading)
 
 
-# ---- doubts about maps that a separation can raise itself: mirrored maps, angles of the other sign ----
+# ---- warnings about maps that a separation can raise itself: mirrored maps, angles of the other sign ----
 
 _COARSE = 64
 _BETTER = 0.5
@@ -260,7 +260,7 @@ _RIM = 9.0
 _MUCH = 0.02
 
 
-def doubts_of_rotations(
+def warnings_of_rotations(
     stack: FloatArray, angles: FloatArray, grid: MapGrid, largest_gain: float
 ) -> tuple[str, ...]:
     """Return what would explain the readings much better: other signs, a mirrored map."""

@@ -165,7 +165,7 @@ def iso230_6_diagonals(
     Raises
     ------
     DataError
-        If a name is no diagonal or stands twice, there is none, a diagonal is no triple, size is
+        If a name is not a diagonal or is given twice, there is none, a diagonal is not a triple, size is
         not three positive lengths, or the targets are longer than the diagonal or shorter than
         half of it.
     TooFewSamplesError
@@ -205,7 +205,7 @@ def iso230_6_diagonals(
     for name, data in diagonals.items():
         own, _ = canonical_name(name)
         if own in lengths:
-            raise DataError(f"diagonal {own} stands twice ({name!r} is the same line)")
+            raise DataError(f"diagonal {own} is given twice ({name!r} is the same line)")
         if not isinstance(data, (tuple, list)):
             raise DataError(
                 f"{name}: pass (targets, forward, backward), got a {type(data).__name__}"
@@ -281,15 +281,15 @@ def _nominal(name: str, travel: FloatArray) -> float:
 
 
 def _extrapolated(tests: Mapping[str, PositioningTest], travel: FloatArray) -> list[str]:
-    said = []
+    messages = []
     for name, test in tests.items():
         share = float(np.ptp(test.targets)) / _nominal(canonical_name(name)[0], travel)
         if share < _WHOLE_SHARE:
-            said.append(
+            messages.append(
                 f"{name}: the targets cover {100.0 * share:.0f} % of the diagonal: its length error "
                 "is extrapolated"
             )
-    return said
+    return messages
 
 
 def _largest(tests: Mapping[str, PositioningTest], keys: tuple[str, ...], text: str) -> Quantity:
@@ -350,7 +350,7 @@ class Diagonals(RecordedMethod):
     Raises
     ------
     DataError
-        If a name is no diagonal or stands twice, or the size is not three positive lengths.
+        If a name is not a diagonal or is given twice, or the size is not three positive lengths.
     NotSeparableError
         If no angle is determined by these diagonals.
 
@@ -379,7 +379,7 @@ class Diagonals(RecordedMethod):
     def _solve(self, lengths: FloatArray, u: FloatArray | None) -> Squareness:
         own = [canonical_name(n)[0] for n in self.names]
         if len(set(own)) < len(own):
-            raise DataError(f"a diagonal stands twice in {', '.join(self.names)}")
+            raise DataError(f"a diagonal is given twice in {', '.join(self.names)}")
         table = dict(zip(own, lengths.tolist(), strict=True))
         spread = None if u is None else dict(zip(own, u.tolist(), strict=True))
         return squareness_from_diagonals(table, self.size, u=spread)

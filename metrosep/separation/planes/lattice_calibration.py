@@ -89,7 +89,7 @@ def grid_calibration(
     No length enters, so none comes out; calibrate one distance of the plate. u is from the
     covariance of the fit with the noise of its residuals; it grows slowly with the lattice. Where
     all repeats of a view read the same marks, both kinds of `repeats` give the same parts; a plate
-    that was placed anew and is said to have stayed makes noise of its placements (told).
+    that was placed anew and is said to have stayed makes noise of its placements.
 
     References
     ----------
@@ -209,7 +209,7 @@ _SUSPECT = 0.02
 """Residual over readings from which another sense of the turns is tried."""
 
 _BETTER = 0.5
-"""Residual with the other sense over the residual as stated, below which it is told."""
+"""Residual with the other sense over the residual as stated, below which it is reported."""
 
 
 class Lattice:
@@ -583,7 +583,7 @@ class GridCalibration(RecordedMethod):
     Raises
     ------
     DataError
-        If the pitch is not positive, a turn or a shift is no whole number, or
+        If the pitch is not positive, a turn or a shift is not a whole number, or
         `repeats` is unknown.
 
     Examples

@@ -533,7 +533,7 @@ def plane_origin(origin: tuple[float, float]) -> tuple[float, float]:
 
 
 def described(values: FloatArray, u: FloatArray) -> str:
-    """Return peak to valley and typical standard uncertainty in words."""
+    """Return peak to valley and typical standard uncertainty as a text."""
     known = values[np.isfinite(values)]
     if not known.size:
         return "not determined"
@@ -576,7 +576,7 @@ class PlaneModel(RecordedMethod):
     Raises
     ------
     DataError
-        If a step is not positive or the origin is no pair of finite numbers.
+        If a step is not positive or the origin is not a pair of finite numbers.
 
     Examples
     --------

@@ -148,8 +148,8 @@ def squareness_from_diagonals(
     NotSeparableError
         If no angle is determined by these diagonals.
     DataError
-        If lengths is no mapping, a name is not known, a diagonal stands twice, `size` is not three
-        positive lengths, or u is no number, negative or lacks a diagonal.
+        If lengths is not a mapping, a name is not known, a diagonal is given twice, `size` is not three
+        positive lengths, or u is not a number, negative or lacks a diagonal.
     InvalidSamplesError
         If a length error is no finite number.
     UnitError
@@ -241,7 +241,7 @@ def canonical_name(name: str) -> tuple[str, bool]:
     text = str(name).lower()
     if len(text) != 3 or set(text) - set(_SIGN) or text.count("0") > 1:
         raise DataError(
-            f"{name!r} is no diagonal; name the sign of travel along X, Y, Z, such as 'ppp', 'npp', "
+            f"{name!r} is not a diagonal; name the sign of travel along X, Y, Z, such as 'ppp', 'npp', "
             "or 'pp0' in a face"
         )
     text = text.replace("+", "p").replace("-", "n")
@@ -262,7 +262,7 @@ def _by_canonical_name(lengths: Mapping[str, float]) -> dict[str, float]:
         own, _ = canonical_name(name)
         if own in table:
             raise DataError(
-                f"diagonal {own} stands twice ({name!r} is the same line); average them"
+                f"diagonal {own} is given twice ({name!r} is the same line); average them"
             )
         try:
             table[own] = float(getattr(value, "value", value))
@@ -368,16 +368,16 @@ def _common(table: Mapping[str, float]) -> float:
 
 
 def _messages(known: NDArray[np.bool_], sd: FloatArray | None) -> list[str]:
-    said = []
+    messages = []
     lost = [p for p, k in zip(PAIRS, known[:3], strict=True) if not k]
     if lost:
-        said.append(f"{', '.join(lost)} not determined by these diagonals: NaN")
+        messages.append(f"{', '.join(lost)} not determined by these diagonals: NaN")
     if not known[3:].all():
-        said.append(
+        messages.append(
             "scale errors of the single axes are not seen, only what they add to the diagonals; in "
             "the angles they cancel"
         )
     if sd is None:
-        said.append("no standard uncertainty: pass u= of a length error")
-    said.append("straightness and angular errors at the end points count as squareness")
-    return said
+        messages.append("no standard uncertainty: pass u= of a length error")
+    messages.append("straightness and angular errors at the end points count as squareness")
+    return messages
