@@ -24,10 +24,14 @@ from metrosep.plot.style import (
     COLOURS,
     DASHED,
     DOTTED,
+    UNITS,
     axes_or_new,
+    draw_band,
     house_style,
     new_figure,
+    scale_of,
     shades,
+    write_beside,
 )
 from metrosep.separation.runs.planner import FeedPlan
 
@@ -49,10 +53,6 @@ __all__ = [
 # ---- bars of a result: rankings, budgets and coefficients, from the plain values of a chart ----
 
 _COLOURS = ("estimate", "after", "before", "reverse")
-_UNITS: Mapping[str, tuple[tuple[float, str], ...]] = {
-    "m": ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"), (1e-12, "pm")),
-    "rad": ((1.0, "rad"), (1e-3, "mrad"), (1e-6, "µrad"), (1e-9, "nrad")),
-}
 _MANY = 7
 """Labels beyond which they stand upright."""
 
@@ -76,7 +76,7 @@ def draw_bars(chart: Mapping[str, Any], *, ax: Axes | None = None) -> Axes:
     spread = {k: np.array(v, dtype=np.float64) for k, v in (chart.get("u") or {}).items()}
     labels = list(chart["labels"])
     largest = max((float(np.nanmax(np.abs(v), initial=0.0)) for v in series.values()), default=0.0)
-    unit, symbol = _unit(chart["unit"], largest)
+    scale, symbol = scale_of(chart["unit"], largest)
     with house_style():
         axes = axes_or_new(ax)
         place = np.arange(len(labels), dtype=np.float64)
@@ -84,7 +84,7 @@ def draw_bars(chart: Mapping[str, Any], *, ax: Axes | None = None) -> Axes:
         width = 0.8 if chart["stacked"] else 0.8 / max(len(series), 1)
         for k, (name, values) in enumerate(series.items()):
             shift = 0.0 if chart["stacked"] else (k - 0.5 * (len(series) - 1)) * width
-            bars = values / unit
+            bars = values * scale
             error = spread.get(name)
             axes.bar(
                 place + shift,
@@ -93,7 +93,7 @@ def draw_bars(chart: Mapping[str, Any], *, ax: Axes | None = None) -> Axes:
                 bottom=bottom if chart["stacked"] else 0.0,
                 color=COLOURS[_COLOURS[k % len(_COLOURS)]],
                 label=name or None,
-                yerr=None if error is None else 2.0 * np.where(error > 0.0, error, np.nan) / unit,
+                yerr=None if error is None else 2.0 * np.where(error > 0.0, error, np.nan) * scale,
                 error_kw={"elinewidth": 0.9, "capsize": 2.0, "ecolor": COLOURS["text"]},
             )
             if chart["stacked"]:
@@ -115,24 +115,10 @@ def draw_bars(chart: Mapping[str, Any], *, ax: Axes | None = None) -> Axes:
     return axes
 
 
-def _unit(unit: str, largest: float) -> tuple[float, str]:
-    steps = _UNITS.get(unit)
-    if steps is None:
-        return 1.0, "" if unit == "1" else unit
-    if not largest > 0.0:
-        return steps[-1]
-    return next((s for s in steps if largest >= 2.0 * s[0]), steps[-1])
-
-
 # ------------------------------------------------------------------------------------------------
 
 Chart = Mapping[str, Any]
 
-_SCALES: Mapping[str, Sequence[tuple[float, str]]] = {
-    "m": ((1.0, "m"), (1e3, "mm"), (1e6, "µm"), (1e9, "nm"), (1e12, "pm")),
-    "rad": ((1.0, "rad"), (1e3, "mrad"), (1e6, "µrad"), (1e9, "nrad")),
-    "s": ((1.0 / 3600.0, "h"), (1.0 / 60.0, "min"), (1.0, "s"), (1e3, "ms")),
-}
 _LINES = ("estimate", "after", "reverse", "before")
 _MORE_LINES = ("#009E73", "#CC79A7", "#56B4E9", "#B8860B")
 """Beside the first four: told apart with any colour vision, after Okabe and Ito."""
@@ -234,9 +220,7 @@ def _panel(
     for (item, x, y), colour in zip(curves, colours, strict=True):
         if item.get("u") is not None:
             half = BAND_FACTOR * _numbers(item["u"])
-            axes.fill_between(
-                x, (y - half) * scale, (y + half) * scale, color=colour, alpha=0.25, linewidth=0.0
-            )
+            draw_band(axes, x, y * scale, half * scale, colour)
         style: dict[str, Any] = {"linewidth": 1.3}
         if item.get("points"):
             style = {"marker": ".", "linestyle": "none"}
@@ -276,7 +260,7 @@ def _abscissa(name: str, unit: str, positions: Sequence[Any]) -> tuple[float, st
         return 1.0, name
     if unit == "s":
         largest = max(float(np.nanmax(np.abs(_numbers(x)))) for x in positions)
-        factor, text = next((s for s in _SCALES["s"] if largest * s[0] >= 2.0), (1.0, "s"))
+        factor, text = next((s for s in UNITS["s"] if largest * s[0] >= 2.0), (1.0, "s"))
         return factor, f"{name} / {text}"
     return 1e3, f"{name} / mm"
 
@@ -298,7 +282,7 @@ def _scales(panels: Sequence[Chart]) -> dict[str, tuple[float, str]]:
 def _scale(sizes: Sequence[float], unit: str) -> tuple[float, str]:
     """Return factor and name of a unit that fits the largest values of several panels."""
     known = [s for s in sizes if s > 0.0]
-    steps = _SCALES.get(unit)
+    steps = UNITS.get(unit)
     if steps is None or not known:
         return 1.0, unit if unit != "1" else ""
     first = next((i for i, s in enumerate(steps) if max(known) * s[0] >= 2.0), len(steps) - 1)
@@ -538,13 +522,8 @@ def plan_density(
                 label = f"{v * 6e4:.0f} mm/min" if row == 0 else "_"
                 axes.plot(x, height, "v", color=tone, markersize=6, label=label)
                 axes.plot([x, x], [float(np.nanmin(s)), height], color=tone, linewidth=0.5)
-            axes.annotate(
-                f"{wave * 1e3:.3g} mm",
-                (float(at.max()), height),
-                xytext=(7, 0),
-                textcoords="offset points",
-                va="center",
-                fontsize=8.0,
+            write_beside(
+                axes, f"{wave * 1e3:.3g} mm", (float(at.max()), height), (7, 0), va="center"
             )
         axes.set(
             xscale="log",
@@ -636,9 +615,7 @@ def positioning_chart(test: PositioningTest, ax: Axes | None = None) -> Axes:
                 continue
             tone = COLOURS[colour]
             label = f"{name}: mean, ± 2 s"
-            axes.fill_between(
-                x, (mean - 2 * sd) * fine, (mean + 2 * sd) * fine, color=tone, alpha=0.16, lw=0
-            )
+            draw_band(axes, x, mean * fine, 2 * sd * fine, tone, alpha=0.16)
             for run in each.T:
                 axes.plot(x, run * fine, ".", color=tone, markersize=2.6, alpha=0.55)
             axes.plot(

@@ -28,6 +28,7 @@ from metrosep.plot.style import (
     length_scale,
     speed_name,
     values,
+    write_beside,
 )
 
 if TYPE_CHECKING:
@@ -411,16 +412,8 @@ def _draw_waves(axes: Axes, waves: Sequence[tuple[float, float]]) -> None:
 
 
 def _name(axes: Axes, text: str, x: float, y: float, colour: str) -> None:
-    axes.annotate(
-        text,
-        (x, y),
-        xytext=(0, 3),
-        textcoords="offset points",
-        ha="center",
-        va="bottom",
-        fontsize=8.5,
-        color=colour,
-    )
+    style: Any = {"ha": "center", "va": "bottom", "fontsize": 8.5, "color": colour}
+    write_beside(axes, text, (x, y), (0, 3), **style)
 
 
 def _explain_lines(axes: Axes) -> None:

@@ -16,6 +16,7 @@ from metrosep.plot.style import (
     BAND_FACTOR,
     COLOURS,
     axes_or_new,
+    draw_band,
     house_style,
     length_scale,
     new_figure,
@@ -430,9 +431,7 @@ def stitched_surface(result: Separation, ax: Axes | None = None) -> Axes | Figur
         axes = axes_or_new(ax)
         half = BAND_FACTOR * u
         light = shades(COLOURS["estimate"], 3)[0]
-        axes.fill_between(
-            x, (z - half) * factor, (z + half) * factor, color=light, lw=0, label="± 2 u"
-        )
+        draw_band(axes, x, z * factor, half * factor, light, alpha=None, label="± 2 u")
         axes.plot(x, z * factor, color=COLOURS["estimate"], lw=1.0, label="stitched")
         axes.set(xlabel="x / mm", ylabel=f"height / {unit}")
         axes.legend(loc="best")

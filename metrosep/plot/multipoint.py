@@ -18,10 +18,12 @@ from metrosep.plot.style import (
     DASHED,
     DOTTED,
     axes_or_new,
+    draw_band,
     house_style,
     label_decades,
     length_scale,
     new_figure,
+    write_beside,
 )
 
 if TYPE_CHECKING:
@@ -193,7 +195,7 @@ def _draw_part(axes: Axes, name: str, results: Mapping[str, Separation]) -> None
         half = BAND_FACTOR * result.u[name] * scale
         colour = _LINES[i % 4]
         if np.isfinite(half).any():
-            axes.fill_between(x, y - half, y + half, color=colour, alpha=0.22, linewidth=0.0)
+            draw_band(axes, x, y, half, colour, alpha=0.22)
         text = f"{label} ± {BAND_FACTOR:.0f} u" if np.isfinite(half).any() else label
         axes.plot(
             x,
@@ -270,16 +272,8 @@ def probe_gain_chart(
             )
         limit = 1.0 / math.sqrt(len(angles))
         axes.axhline(limit, color=COLOURS["text"], linestyle=DOTTED, linewidth=1.2)
-        axes.annotate(
-            "1/√n",
-            (1.0, limit),
-            xycoords=("axes fraction", "data"),
-            xytext=(3, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=8.0,
-            annotation_clip=False,
-        )
+        beside: Any = {"xycoords": ("axes fraction", "data"), "annotation_clip": False}
+        write_beside(axes, "1/√n", (1.0, limit), (3, 0), va="center", **beside)
         axes.set(yscale="log", ylim=(0.8 * limit, 1.25 * _CEILING))
         axes.set_yticks([0.5, 1.0, 2.0, 5.0, 10.0], ["0.5", "1", "2", "5", "≥ 10"])
         axes.minorticks_off()
@@ -444,14 +438,7 @@ def speed_plot(
             )
             line, half = fit.evaluate(fine), fit.half_width(fine)
             axes.plot(60.0 * fine, line * scale, color=colour, lw=1.4, ls=DASHED if i else "-")
-            axes.fill_between(
-                60.0 * fine,
-                (line - half) * scale,
-                (line + half) * scale,
-                color=colour,
-                alpha=0.15,
-                lw=0,
-            )
+            draw_band(axes, 60.0 * fine, line * scale, half * scale, colour, alpha=0.15)
         axes.set_ylim(bottom=0.0)
         _critical(axes, sweep)
         axes.set(xlabel="speed in rev/min", ylabel=f"error motion in {unit}")
@@ -470,13 +457,5 @@ def _critical(axes: Axes, sweep: SpeedSweep) -> None:
     for k, speed in sweep.critical.items():
         if sweep.speed[0] <= speed <= sweep.speed[-1]:
             axes.axvline(60.0 * speed, color=COLOURS["line"], lw=0.9, ls=DOTTED)
-            axes.annotate(
-                f"k={k}",
-                (60.0 * speed, 1.0),
-                xycoords=("data", "axes fraction"),
-                xytext=(3, -2),
-                textcoords="offset points",
-                ha="left",
-                va="bottom",
-                fontsize=8,
-            )
+            top: Any = {"xycoords": ("data", "axes fraction"), "ha": "left", "va": "bottom"}
+            write_beside(axes, f"k={k}", (60.0 * speed, 1.0), (3, -2), **top)

@@ -17,7 +17,9 @@ from metrosep.plot.style import (
     axes_or_new,
     house_style,
     new_figure,
+    scale_of,
     values,
+    write_beside,
 )
 
 if TYPE_CHECKING:
@@ -31,10 +33,6 @@ __all__ = ["allan_plot", "draw_part_series", "drift_chart", "trend_chart"]
 _MOST_BARS = 14
 _MOST_CURVES = 3
 _MOST_PAIRS = 16
-_UNITS: Mapping[str, tuple[tuple[float, str], ...]] = {
-    "m": ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"), (1e-12, "pm")),
-    "rad": ((1.0, "rad"), (1e-3, "mrad"), (1e-6, "µrad"), (1e-9, "nrad")),
-}
 
 
 def draw_part_series(series: Mapping[str, Any]) -> Figure:
@@ -68,18 +66,10 @@ def _drifts(axes: Axes, terms: Sequence[Mapping[str, Any]]) -> None:
     reach = 1.55 * max((abs(r) for r in ratios), default=1.0) + 1.0
     axes.set_xlim(-reach, reach)
     for y, (t, ratio) in enumerate(zip(chosen, ratios, strict=True)):
-        unit, symbol = _unit(t["unit"], abs(float(t["drift"])))
-        words = f"{float(t['drift']) / unit:+.3g} {symbol}"
-        side = 1.0 if ratio >= 0 else -1.0
-        axes.annotate(
-            words,
-            (ratio, y),
-            xytext=(4.0 * side, 0.0),
-            textcoords="offset points",
-            ha="left" if side > 0 else "right",
-            va="center",
-            fontsize=8.0,
-        )
+        scale, symbol = scale_of(t["unit"], abs(float(t["drift"])), least=1.0)
+        text, side = f"{float(t['drift']) * scale:+.3g} {symbol}", 1.0 if ratio >= 0 else -1.0
+        where = {"ha": "left" if side > 0 else "right", "va": "center"}
+        write_beside(axes, text, (ratio, float(y)), (4.0 * side, 0.0), **where)
     axes.set_yticks(place, [_short(t["name"]) for t in chosen])
     axes.invert_yaxis()
     axes.grid(visible=False, axis="y")
@@ -101,18 +91,21 @@ def _curve(axes: Axes, term: Mapping[str, Any], *, is_last: bool) -> None:
 
     heights = values(term["values"])
     part = np.arange(1, heights.size + 1)
-    unit, symbol = _unit(term["unit"], float(np.nanmax(np.abs(heights), initial=0.0)))
-    axes.plot(part, heights / unit, "o-", color=COLOURS["estimate"], markersize=3.0, linewidth=0.9)
+    largest = float(np.nanmax(np.abs(heights), initial=0.0))
+    scale, symbol = scale_of(term["unit"], largest, least=1.0)
+    axes.plot(
+        part, heights * scale, "o-", color=COLOURS["estimate"], markersize=3.0, linewidth=0.9
+    )
     beyond = np.array(term["beyond"], dtype=int)
     if beyond.size:
         axes.plot(
-            part[beyond], heights[beyond] / unit, "s", color=COLOURS["after"], markersize=5.5,
+            part[beyond], heights[beyond] * scale, "s", color=COLOURS["after"], markersize=5.5,
             fillstyle="none", label="outside the limits",
         )  # fmt: skip
-    axes.axhline(term["mean"] / unit, color=COLOURS["line"], linewidth=0.8)
+    axes.axhline(term["mean"] * scale, color=COLOURS["line"], linewidth=0.8)
     for limit in (term["lower"], term["upper"]):
         if limit is not None and np.isfinite(limit):
-            axes.axhline(limit / unit, color=COLOURS["line"], linewidth=0.8, linestyle=DASHED)
+            axes.axhline(limit * scale, color=COLOURS["line"], linewidth=0.8, linestyle=DASHED)
     axes.set_ylabel(symbol, fontsize=8.5)
     axes.set_title(str(term["name"]), fontsize=8.5, loc="left", pad=3.0)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -156,13 +149,6 @@ def _pairs(figure: Any, series: Mapping[str, Any], names: Sequence[str]) -> None
     pairs = len(series["correlated"])
     found = "none beyond chance" if pairs == 0 else f"{pairs} beyond chance (framed)"
     axes.set_title(f"Pairs of terms: {found}", fontsize=9.5, loc="left")
-
-
-def _unit(unit: str, largest: float) -> tuple[float, str]:
-    for factor, symbol in _UNITS.get(unit, ()):
-        if largest >= factor:
-            return factor, symbol
-    return (1.0, "" if unit == "1" else unit) if unit not in _UNITS else _UNITS[unit][-1]
 
 
 def _short(name: str) -> str:

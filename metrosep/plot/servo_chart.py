@@ -19,6 +19,7 @@ from metrosep.plot.style import (
     DASHED,
     DOTTED,
     axes_or_new,
+    draw_band,
     house_style,
     length_scale,
     new_figure,
@@ -208,10 +209,7 @@ def straightness_chart(
             label = f"{len(runs)} runs" if i == len(runs) - 1 else None
             axes.plot(run.x * 1e3, run.z * 1e6, color=shade, lw=0.7, label=label)
         if np.isfinite(u).all():
-            axes.fill_between(
-                x * 1e3, y - BAND_FACTOR * u, y + BAND_FACTOR * u,
-                color=COLOURS["after"], alpha=0.25, lw=0.0, label="2 u",
-            )  # fmt: skip
+            draw_band(axes, x * 1e3, y, BAND_FACTOR * u, COLOURS["after"], label="2 u")
         label = f"polynomial of degree {polynomial.degree} ({polynomial.quantity})"
         axes.plot(x * 1e3, y, color=COLOURS["after"], lw=1.4, label=label)
         axes.set(xlabel="position x (mm)", ylabel=f"{polynomial.quantity} (µm)")
@@ -572,14 +570,8 @@ def knots_plot(x: ArrayLike, c: ArrayLike, knots: Knots, ax: Axes | None = None)
     rest = knots.residual * 1e9 * scale
     with house_style():
         axes = axes_or_new(ax)
-        axes.fill_between(
-            places,
-            curve * scale - rest,
-            curve * scale + rest,
-            color=COLOURS["zone"],
-            lw=0,
-            label=f"± {format_length(knots.residual, digits=3).replace('um', 'µm')}",
-        )
+        label = f"± {format_length(knots.residual, digits=3).replace('um', 'µm')}"
+        draw_band(axes, places, curve * scale, rest, COLOURS["zone"], alpha=None, label=label)
         axes.plot(places, curve * scale, color=COLOURS["before"], lw=1.2, label="curve")
         axes.plot(
             knots.positions * 1e3,

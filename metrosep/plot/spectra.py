@@ -22,6 +22,7 @@ from metrosep.plot.style import (
     length_scale,
     speed_name,
     values,
+    write_beside,
 )
 
 if TYPE_CHECKING:
@@ -179,15 +180,8 @@ def residual_psd(document: Mapping[str, Any], ax: Axes | None = None) -> Axes:
         )
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.3)
         for f, level in _peaks(table, ways[0][1]):
-            axes.annotate(
-                f"{f:.3g} Hz",
-                (f, level),
-                xytext=(0, 5),
-                textcoords="offset points",
-                ha="center",
-                fontsize=8.5,
-                color=COLOURS["text"],
-            )
+            style: Any = {"ha": "center", "fontsize": 8.5, "color": COLOURS["text"]}
+            write_beside(axes, f"{f:.3g} Hz", (f, level), (0, 5), **style)
     return axes
 
 

@@ -18,6 +18,7 @@ from metrosep.plot.style import (
     COLOURS,
     DASHED,
     axes_or_new,
+    draw_band,
     house_style,
     length_scale,
     new_figure,
@@ -186,9 +187,7 @@ def _draw_estimate(axes: Axes, x: FloatArray, error: FloatArray, sd: FloatArray,
     label = f"estimate, {way}" if way else "estimate"
     if sd.size == x.size and np.isfinite(sd).any():
         half = BAND_FACTOR * sd
-        axes.fill_between(
-            x, error - half, error + half, color=colour, alpha=0.25, linewidth=0.0, zorder=3
-        )
+        draw_band(axes, x, error, half, colour, zorder=3)
         label += f" ± {BAND_FACTOR:.0f} sd"
     width, dash, order = (1.4, DASHED, 4.1) if way == "reverse" else (1.8, "-", 4.0)
     axes.plot(x, error, color=colour, linewidth=width, linestyle=dash, zorder=order, label=label)
@@ -389,14 +388,7 @@ def _draw_parts(panels: Sequence[Axes], separation: Separation, x: FloatArray) -
         half = BAND_FACTOR * separation.u[name]
         text = name.replace("_", " ")
         if np.isfinite(half).any():
-            axes.fill_between(
-                x,
-                (drawn - half) * factor,
-                (drawn + half) * factor,
-                color=colour,
-                alpha=0.25,
-                linewidth=0.0,
-            )
+            draw_band(axes, x, drawn * factor, half * factor, colour)
             text += f" ± {BAND_FACTOR:.0f} u"
         else:
             text += " (u not known)"

@@ -31,7 +31,11 @@ from metrosep.separation.maps._map_input import (
     turned,
     without_plane,
 )
-from metrosep.separation.maps.registration import extended, map_gradient
+from metrosep.separation.maps.registration import (
+    extended,
+    map_gradient,
+    registration_spread,
+)
 
 _BETTER = 0.5
 _COARSE = 64
@@ -166,19 +170,17 @@ def registration_of_flats(
     grid: MapGrid,
     flip: str,
     u_shift: FloatArray,
-) -> FloatArray:
+) -> FloatArray | float:
     """Return the standard uncertainty of A, B, C from the registration of the readings."""
-    total = np.zeros(found.shape)
-    for i, item in enumerate(setups):
-        if not u_shift[i].any():
-            continue
-        first, second = facing(found, item, grid, flip)
-        slopes = map_gradient(first if item.turn_first else second, grid)
-        for slope, u in zip(slopes, u_shift[i], strict=True):
-            one = np.zeros((len(setups), *grid.shape))
-            one[i] = extended(slope) * u
-            total = total + linear(one) ** 2
-    return np.sqrt(total)
+
+    def effects() -> Iterator[tuple[int, FloatArray]]:
+        for i, item in enumerate(setups):
+            if u_shift[i].any():
+                first, second = facing(found, item, grid, flip)
+                slopes = map_gradient(first if item.turn_first else second, grid)
+                yield from ((i, extended(s) * u) for s, u in zip(slopes, u_shift[i], strict=True))
+
+    return registration_spread(linear, len(setups), effects())
 
 
 def warnings_of_flats(

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,6 @@ from metrosep.core.errors import (
 from metrosep.core.numbers import not_negative
 from metrosep.core.surface import Surface
 from metrosep.separation.maps._map_input import (
-    RIGID,
     MapGrid,
     checked_u,
     coarse,
@@ -572,10 +571,6 @@ _SMOOTHING = 1.0
 _REACH = 4
 
 
-class _Linear(Protocol):
-    def parts(self, stack: FloatArray, grid: MapGrid) -> FloatArray: ...
-
-
 def map_gradient(
     z: FloatArray, grid: MapGrid, *, smoothing: float = _SMOOTHING
 ) -> tuple[FloatArray, FloatArray]:
@@ -622,32 +617,18 @@ def extended(field: FloatArray) -> FloatArray:
     return np.asarray(field[tuple(nearest)])
 
 
-def registration_share(
-    solver: _Linear,
-    part: FloatArray,
-    angles: FloatArray,
-    grid: MapGrid,
-    u_shift: float,
-    u_angle: float,
-    *,
-    unseparated: FloatArray | float = 0.0,
-    removed: Sequence[str] = RIGID,
-) -> FloatArray:
-    """Return the standard uncertainty of each part from centring and angles."""
-    total: FloatArray | None = None
-    known = np.isfinite(part)
-    for i, angle in enumerate(angles):
-        moved = turned(part[None], float(angle), grid)[0][0] + unseparated
-        gx, gy = (extended(g) for g in map_gradient(moved, grid))
-        fields = [(gx, u_shift), (gy, u_shift), (grid.x * gy - grid.y[:, None] * gx, u_angle)]
-        for effect, u in fields:
-            if u == 0.0:
-                continue
-            stack = np.zeros((angles.size, *grid.shape))
-            stack[i] = effect * u
-            found = solver.parts(stack, grid)
-            square = without_plane(found, grid, removed=removed, mask=known) ** 2
-            total = square if total is None else total + square
-    if total is None:
-        return np.zeros((1, *grid.shape))
+def registration_spread(
+    linear: Callable[[FloatArray], FloatArray],
+    n_readings: int,
+    effects: Iterable[tuple[int, FloatArray]],
+) -> FloatArray | float:
+    """Return the standard uncertainty of what a linear operation makes of n readings.
+
+    Each effect is the change of one reading for one standard uncertainty of its position.
+    """
+    total: FloatArray | float = 0.0
+    for i, change in effects:
+        stack = np.zeros((n_readings, *change.shape))
+        stack[i] = change
+        total = total + linear(stack) ** 2
     return np.sqrt(total)

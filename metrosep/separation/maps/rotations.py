@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar, cast
@@ -45,7 +45,11 @@ from metrosep.separation.maps._map_input import (
     unit_warnings,
     without_plane,
 )
-from metrosep.separation.maps.registration import registration_share
+from metrosep.separation.maps.registration import (
+    extended,
+    map_gradient,
+    registration_spread,
+)
 
 __all__ = ["RotationTest", "rotation_average"]
 
@@ -164,10 +168,14 @@ class RotationTest(MapMethod):
         }
         if self.u_registration > 0.0 or self.u_angle > 0.0:
             # the unseparated sum may be the part's: its slopes count wholly, an upper bound
-            shares = registration_share(
-                solver, part, angles, grid, self.u_registration, self.u_angle,
-                unseparated=solution.parts[2], removed=self.removed,
-            )  # fmt: skip
+            known = np.isfinite(part)
+
+            def linear(readings: FloatArray) -> FloatArray:
+                found = solver.parts(readings, grid)
+                return without_plane(found, grid, removed=self.removed, mask=known)
+
+            whole = self._effects(part, solution.parts[2], grid)
+            shares = np.asarray(registration_spread(linear, angles.size, whole))
             for name, share in zip(("instrument", "part", "unseparated"), shares, strict=True):
                 both = np.hypot(u_maps[name], share)
                 u_maps[name] = np.where(np.isfinite(named[name]), both, np.nan)
@@ -189,6 +197,19 @@ class RotationTest(MapMethod):
             self.name, grid, named, u_maps, self.null_space(), noise, audit, messages, history,
             {"angles_rad": list(self.angles)},
         )  # fmt: skip
+
+    def _effects(
+        self, part: FloatArray, unseparated: FloatArray, grid: MapGrid
+    ) -> Iterator[tuple[int, FloatArray]]:
+        """Yield what centring and angle of each reading change in it: gradient times shift."""
+        for i, angle in enumerate(self.angles):
+            moved = turned(part[None], angle, grid)[0][0] + unseparated
+            gx, gy = (extended(g) for g in map_gradient(moved, grid))
+            if self.u_registration > 0.0:
+                yield i, gx * self.u_registration
+                yield i, gy * self.u_registration
+            if self.u_angle > 0.0:
+                yield i, (grid.x * gy - grid.y[:, None] * gx) * self.u_angle
 
 
 @described_by(RotationTest, RotationTest.separate)
