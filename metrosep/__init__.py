@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from metrosep._version import __version__
-from metrosep.core._lazy import lazy_names
-from metrosep.core.methods import METHODS
+from metrosep import _assembly as _assembly
+from metrosep._version import __version__ as __version__
+from metrosep.core._lazy import lazy_package
 
 if TYPE_CHECKING:
     from metrosep import (
@@ -39,45 +39,4 @@ if TYPE_CHECKING:
     from metrosep.io.write import write as write
     from metrosep.recipe.recipe import Recipe as Recipe
 
-_HOMES = {
-    "core.profile": ("Profile",),
-    "core.quantity": ("Quantity",),
-    "core.recording": ("Recording",),
-    "core.runset": ("Run", "RunSet"),
-    "core.surface": ("Surface",),
-    "io.read": ("read",),
-    "io.runs": ("read_runs",),
-    "io.write": ("write",),
-    "recipe.recipe": ("Recipe",),
-}
-
-_PACKAGES = (
-    "compensation",
-    "controllers",
-    "errors",
-    "filters",
-    "forms",
-    "io",
-    "machine",
-    "optics",
-    "parameters",
-    "plot",
-    "process",
-    "report",
-    "separation",
-    "spectral",
-)
-
-__all__ = [  # noqa: PLE0604
-    "__version__",
-    *sorted((*_PACKAGES, *(name for names in _HOMES.values() for name in names))),
-]
-
-__getattr__ = lazy_names(__name__, _HOMES)
-
-METHODS.packages = ("metrosep.separation", "metrosep.recipe")
-"""Packages whose methods recipes, the command line and `separate` know by name."""
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazy_package(__name__)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import os
 import sys
@@ -45,6 +44,8 @@ class _Commands(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the command that is called; of a name that is none, say which one is near."""
+        import difflib
+
         near = difflib.get_close_matches(args[0], list(_HOMES), n=1)
         if args[0] in _HOMES or not near or args[0].startswith("-"):
             return super().resolve_command(ctx, args)

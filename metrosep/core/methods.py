@@ -11,6 +11,7 @@ import importlib
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal
 
+from metrosep.core.attached import attached
 from metrosep.core.options import Option, options_of
 
 __all__ = ["METHODS", "Method", "Methods"]
@@ -90,14 +91,10 @@ class Method:
 class Methods(Mapping[str, type[Method]]):
     """The methods of some packages by name; a module is loaded when one of its methods is asked for."""
 
-    def __init__(self) -> None:
-        # of str: their ``METHODS`` map names to "module:Class"; named by what assembles the house
-        self.packages: tuple[str, ...] = ()
-
     def _places(self) -> dict[str, tuple[str, str]]:
         return {
             name: (package, place)
-            for package in self.packages
+            for package in attached.method_packages  # names to "module:Class"
             for name, place in importlib.import_module(package).METHODS.items()
         }
 

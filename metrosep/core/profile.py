@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, frozen_float, heights_as, same_length
 from metrosep.core._thumbnails import png_image, profile_thumbnail
-from metrosep.core._upwards import explored
+from metrosep.core.attached import attached
 from metrosep.core.errors import InvalidSamplesError, NotUniformError, TooFewSamplesError
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.units import format_length
@@ -256,7 +256,7 @@ class Profile:
         >>> widget.band
         (5.0, 9.0)
         """
-        return explored(self, options)
+        return attached.explore(self, **options)
 
 
 def html_summary(

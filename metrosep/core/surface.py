@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, frozen_float, heights_as
 from metrosep.core._thumbnails import map_thumbnail
-from metrosep.core._upwards import explored
+from metrosep.core.attached import attached
 from metrosep.core.errors import OptionError
 from metrosep.core.numbers import positive, quantity
 from metrosep.core.profile import html_summary
@@ -201,4 +201,4 @@ class Surface:
         >>> widget.section.z[-1].item()
         3e-09
         """
-        return explored(self, options)
+        return attached.explore(self, **options)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from metrosep.core.errors import (
     NotUniformError,
     TooFewSamplesError,
 )
+from metrosep.core.numbers import choice, positive
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
@@ -25,9 +26,60 @@ from metrosep.filters.kind import (
     filtered_profile,
     profile_kind,
 )
-from metrosep.spectral.dft import instance_of, real_number
+from metrosep.spectral.dft import instance_of
 
 FilterBand = Literal["long", "short"]
+
+Measured = TypeVar("Measured", Profile, Surface)
+
+Wavelength = float | str | None
+"""Of a profile, in m or a text with its unit."""
+
+Wavelengths = float | str | tuple[float | str, float | str] | None
+"""Of a surface, one for both axes or ``(x, y)``."""
+
+DOCS = {
+    "obj": """
+        obj : Profile or Surface
+            Uniform; NaN = not measured.
+        """,
+    "cutoff": """
+        cutoff : float (m) or str with unit
+            Cut-off wavelength of a profile: more than two steps, at most its measured length
+            ``n dx``.
+        nesting_index : float (m), str with unit, or a pair of them
+            Cut-off of a surface, one for both axes or ``(x, y)``; limits as of `cutoff`.
+        """,
+    "refilter": """
+        refilter : bool, optional
+            Filter a roughness profile, or take the short band of a surface, once more.
+        """,
+    "element": """
+        radius : float (m) or str with unit, optional
+            Radius of the disc (profile) or ball (surface), at least one step.
+        length : float (m) or str with unit, optional
+            Length of the flat segment (profile) or side of the square (surface), from two steps up
+            to the measured length ``n dx``. Give one of the two.
+        """,
+    "twice": """
+        DoubleFilterError
+            If the profile is a roughness profile, or the short band of a surface is asked that has
+            passed a filter with the short band already, and `refilter` is false.
+        """,
+    "uniform": """
+        NotUniformError
+            If the positions of the profile are not uniform.
+        """,
+    "element_raises": """
+        InvalidSamplesError
+            If `radius` or `length` is not positive and finite.
+        NotUniformError
+            If the positions of the profile are not uniform.
+        TooFewSamplesError
+            If nothing was measured, or there is one sample only.
+        """,
+}
+"""Parts of the docstrings of the filters."""
 
 SHORTFALL = 0.1
 """Of one section: a length that lacks no more than this of n cut-offs holds n sections.
@@ -59,6 +111,13 @@ class Task:
     steps: tuple[float, ...]
     wavelengths: tuple[float, ...]
 
+    @property
+    def named(self) -> dict[str, float]:
+        """The cut-offs under the names that people use."""
+        if len(self.wavelengths) == 1:
+            return {"cutoff_m": self.wavelengths[0]}
+        return {"nesting_index_x_m": self.wavelengths[1], "nesting_index_y_m": self.wavelengths[0]}
+
     def place(self, low: FloatArray, shape: tuple[int, ...]) -> FloatArray:
         """Return a result on the grid of the object, NaN outside the box."""
         whole = np.full(shape, np.nan)
@@ -68,10 +127,7 @@ class Task:
 
 def check_band(band: str) -> None:
     """Refuse a band that is neither long nor short."""
-    if band not in ("long", "short"):
-        raise DataError(
-            f'band must be "long" (the mean line) or "short" (what it leaves), got {band!r}'
-        )
+    choice(band, "band", ("long", "short"))
 
 
 def check_object(obj: object) -> None:
@@ -155,13 +211,32 @@ def require_valid(z: FloatArray, minimum: int, what: str) -> None:
         )
 
 
+def task_of(
+    obj: Profile | Surface,
+    cutoff: object,
+    nesting_index: object,
+    *,
+    what: str,
+    areal: str,
+    minimum: tuple[int, int],
+    closed: bool = False,
+    name: str = "cutoff",
+) -> Task:
+    """Return the checked task of a filter; what it is called, and its least samples, of each kind."""
+    if isinstance(obj, Surface):
+        return surface_task(obj, cutoff, nesting_index, areal, minimum[1], closed=closed)
+    if closed:
+        check_not_repeated(obj)
+    return profile_task(obj, cutoff, nesting_index, what, minimum[0], closed=closed, name=name)
+
+
 def profile_task(
     profile: Profile,
-    *,
     cutoff: object,
     nesting_index: object,
     what: str,
     minimum: int,
+    *,
     closed: bool = False,
     name: str = "cutoff",
 ) -> Task:
@@ -180,11 +255,11 @@ def profile_task(
 
 def surface_task(
     surface: Surface,
-    *,
     cutoff: object,
     nesting_index: object,
     what: str,
     minimum: int,
+    *,
     closed: bool = False,
 ) -> Task:
     """Return the checked task of an areal filter; one index serves both axes."""
@@ -228,22 +303,20 @@ def measured_box(z: FloatArray) -> tuple[slice, ...]:
     return tuple(box)
 
 
-def finish(
-    obj: Profile | Surface, low: FloatArray, *, band: FilterBand, step: Step
-) -> Profile | Surface:
+def finish(obj: Measured, low: FloatArray, *, band: FilterBand, step: Step) -> Measured:
     """Return the asked side of a filter as the kind of object that came in."""
     z = low if band == "long" else obj.z - low
     return like(obj, z, step=step, short=band == "short")
 
 
 def like(
-    obj: Profile | Surface,
+    obj: Measured,
     z: FloatArray,
     *,
     step: Step,
     short: bool,
     kept: tuple[slice, ...] | None = None,
-) -> Profile | Surface:
+) -> Measured:
     """Return heights as the kind of object that came in, with one step more; `kept` cuts the grid."""
     if isinstance(obj, Profile):
         x = obj.x if kept is None else obj.x[kept]
@@ -274,7 +347,7 @@ def kind_of_band(profile: Profile, *, short: bool) -> ProfileKind | None:
 
 def checked_wavelength(value: object, name: str, step: float, length: float) -> float:
     """Return a cut-off that exceeds two steps and is at most the length ``n dx``, whoever filters."""
-    wavelength = positive_length(value, name, "a wavelength in m")
+    wavelength = positive(value, name, dimension="length")
     limit = 2.0 * step
     if wavelength <= limit * (1.0 + ON_LIMIT):
         given, least = _told_apart(wavelength, limit)
@@ -284,14 +357,6 @@ def checked_wavelength(value: object, name: str, step: float, length: float) -> 
         )
     check_not_longer(wavelength, name, length)
     return wavelength
-
-
-def positive_length(value: object, name: str, what: str) -> float:
-    """Return a length that is positive and finite."""
-    length = real_number(value, name, what)
-    if not (math.isfinite(length) and length > 0.0):
-        raise InvalidSamplesError(f"{name} must be positive and finite, got {length} m")
-    return length
 
 
 def check_not_longer(size: float, name: str, length: float) -> None:

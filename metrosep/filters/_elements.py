@@ -9,6 +9,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.numbers import positive
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
@@ -63,7 +64,7 @@ def checked_element(
     else:
         steps = arguments.surface_steps(obj)
     name = "length" if radius is None else "radius"
-    size = arguments.positive_length(length if radius is None else radius, name, "a length in m")
+    size = positive(length if radius is None else radius, name, dimension="length")
     # unlike a cut-off, a segment of just two steps is of use: it reaches a neighbour on each side
     smallest = max(steps) * (2.0 if radius is None else 1.0)
     if size < smallest * (1.0 - _ON_LIMIT):

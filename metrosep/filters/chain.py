@@ -8,17 +8,18 @@ no link of the chain is applied twice without `refilter`.
 
 from __future__ import annotations
 
-from typing import Any
+from itertools import pairwise
 
 from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.numbers import count, positive
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.units import format_length
-from metrosep.filters._arguments import ALL_THE_SAME, SHORTFALL, counted
+from metrosep.filters._arguments import ALL_THE_SAME, SHORTFALL, FilterBand, counted
 from metrosep.filters._gaussian_task import End
 from metrosep.filters.gaussian import gaussian
 from metrosep.filters.kind import DoubleFilterError, ProfileKind, profile_kind
-from metrosep.spectral.dft import instance_of, real_number, whole_number
+from metrosep.spectral.dft import instance_of
 
 __all__ = ["primary", "roughness", "waviness"]
 
@@ -30,7 +31,7 @@ _ALREADY = {
 
 
 def primary(
-    profile: Profile, *, lambda_s: float, end: End = "moment", refilter: bool = False
+    profile: Profile, *, lambda_s: float | str, end: End = "moment", refilter: bool = False
 ) -> Profile:
     """Return the primary profile: what is longer than lambda-s.
 
@@ -38,7 +39,7 @@ def primary(
     ----------
     profile : Profile
         As measured, form removed; NaN = not measured.
-    lambda_s : float, m
+    lambda_s : float (m) or str with unit
         Cut-off against noise and tip effects, 2.5e-6 for lambda-c = 0.8e-3.
     end : {"moment", "renormalise", "closed", "cut"}, optional
         End rule of the Gaussian filter.
@@ -79,16 +80,14 @@ def primary(
     ('P', 2.5e-06)
     """
     _refuse(profile, ("P", "R", "W"), refilter)
-    real_number(lambda_s, "lambda_s", "a wavelength in m")
-    result = gaussian(profile, cutoff=lambda_s, end=end, refilter=refilter)
-    return _declare(result, "P", "primary", {"lambda_s_m": float(lambda_s)})
+    return _passed(profile, "P", "primary", end, refilter, lambda_s_m=lambda_s)
 
 
 def roughness(
     profile: Profile,
     *,
-    lambda_c: float,
-    lambda_s: float | None = None,
+    lambda_c: float | str,
+    lambda_s: float | str | None = None,
     end: End = "moment",
     sections: int | None = None,
     refilter: bool = False,
@@ -99,9 +98,9 @@ def roughness(
     ----------
     profile : Profile
         Form removed; a primary profile, or as measured.
-    lambda_c : float, m
+    lambda_c : float (m) or str with unit
         Cut-off between roughness and waviness.
-    lambda_s : float, m, optional
+    lambda_s : float (m) or str with unit, optional
         Applied first when given; a primary profile has passed it already.
     end : {"moment", "renormalise", "closed", "cut"}, optional
         End rule of the Gaussian filter; ``"cut"`` discards one cut-off at each end, as
@@ -145,26 +144,26 @@ def roughness(
     (8000, 'R')
     """
     _refuse(profile, ("R", "W") if lambda_s is None else ("P", "R", "W"), refilter)
-    _in_order(lambda_s, "lambda_s", lambda_c, "lambda_c")
     if sections is not None:
-        sections = whole_number(sections, "sections")
-    facts: dict[str, Any] = {"lambda_c_m": real_number(lambda_c, "lambda_c", "a wavelength in m")}
-    result = profile
-    if lambda_s is not None:
-        facts["lambda_s_m"] = float(lambda_s)
-        result = gaussian(result, cutoff=lambda_s, end=end, refilter=refilter)
-    result = gaussian(result, cutoff=lambda_c, band="short", end=end, refilter=refilter)
-    if sections is not None:
-        result = _middle(result, sections, lambda_c)
-    return _declare(result, "R", "roughness", facts)
+        sections = count(sections, "sections")
+    return _passed(
+        profile,
+        "R",
+        "roughness",
+        end,
+        refilter,
+        sections,
+        lambda_s_m=lambda_s,
+        lambda_c_m=lambda_c,
+    )
 
 
 def waviness(
     profile: Profile,
     *,
-    lambda_c: float,
-    lambda_f: float | None = None,
-    lambda_s: float | None = None,
+    lambda_c: float | str,
+    lambda_f: float | str | None = None,
+    lambda_s: float | str | None = None,
     end: End = "moment",
     refilter: bool = False,
 ) -> Profile:
@@ -174,11 +173,11 @@ def waviness(
     ----------
     profile : Profile
         Form removed; a primary profile, or as measured.
-    lambda_c : float, m
+    lambda_c : float (m) or str with unit
         Cut-off between roughness and waviness.
-    lambda_f : float, m, optional
+    lambda_f : float (m) or str with unit, optional
         Cut-off between waviness and form; without it only the nominal form is out.
-    lambda_s : float, m, optional
+    lambda_s : float (m) or str with unit, optional
         Applied first when given. It hardly matters to the waviness.
     end : {"moment", "renormalise", "closed", "cut"}, optional
         End rule of the Gaussian filter.
@@ -216,18 +215,43 @@ def waviness(
     ('W', 0.0008)
     """
     _refuse(profile, ("R", "W") if lambda_s is None else ("P", "R", "W"), refilter)
-    _in_order(lambda_s, "lambda_s", lambda_c, "lambda_c")
-    _in_order(lambda_c, "lambda_c", lambda_f, "lambda_f")
-    facts: dict[str, Any] = {"lambda_c_m": real_number(lambda_c, "lambda_c", "a wavelength in m")}
+    cutoffs = {"lambda_s_m": lambda_s, "lambda_c_m": lambda_c, "lambda_f_m": lambda_f}
+    return _passed(profile, "W", "waviness", end, refilter, **cutoffs)
+
+
+def _passed(
+    profile: Profile,
+    kind: ProfileKind,
+    name: str,
+    end: End,
+    refilter: bool,
+    sections: int | None = None,
+    **cutoffs: float | str | None,
+) -> Profile:
+    """Return the profile after its cut-offs, shortest first; the last one takes off what is longer."""
+    needed = "lambda_s_m" if kind == "P" else "lambda_c_m"
+    given = {k: v for k, v in cutoffs.items() if v is not None or k == needed}
+    facts = {k: positive(v, k[:-2], dimension="length") for k, v in given.items()}
+    for (short, low), (long, high) in pairwise(facts.items()):
+        if not low < high:
+            raise DataError(
+                f"{short[:-2]} {format_length(low)} must be shorter than {long[:-2]} "
+                f"{format_length(high)}"
+            )
     result = profile
-    if lambda_s is not None:
-        facts["lambda_s_m"] = float(lambda_s)
-        result = gaussian(result, cutoff=lambda_s, end=end, refilter=refilter)
-    result = gaussian(result, cutoff=lambda_c, end=end, refilter=refilter)
-    if lambda_f is not None:
-        facts["lambda_f_m"] = float(lambda_f)
-        result = gaussian(result, cutoff=lambda_f, band="short", end=end, refilter=refilter)
-    return _declare(result, "W", "waviness", facts)
+    for key, cutoff in facts.items():
+        is_long = key == {"R": "lambda_c_m", "W": "lambda_f_m"}.get(kind)
+        band: FilterBand = "short" if is_long else "long"
+        result = gaussian(result, cutoff=cutoff, band=band, end=end, refilter=refilter)
+    if sections is not None:
+        result = _middle(result, sections, facts["lambda_c_m"])
+    facts = {k: facts[k] for k in ("lambda_c_m", "lambda_s_m", "lambda_f_m") if k in facts}
+    return Profile(
+        result.x,
+        result.z,
+        metadata={**result.metadata, "profile_kind": kind, **facts},
+        history=(*result.history, Step(name, facts)),
+    )
 
 
 def _refuse(profile: Profile, kinds: tuple[ProfileKind, ...], refilter: bool) -> None:
@@ -237,17 +261,6 @@ def _refuse(profile: Profile, kinds: tuple[ProfileKind, ...], refilter: bool) ->
         raise DoubleFilterError(
             f"the profile is {_ALREADY[kind]}; start from the profile before that filter "
             f"{ALL_THE_SAME}"
-        )
-
-
-def _in_order(short: float | None, short_name: str, long: float | None, long_name: str) -> None:
-    for name, value in ((short_name, short), (long_name, long)):
-        if value is not None:
-            real_number(value, name, "a wavelength in m")
-    if short is not None and long is not None and not short < long:
-        raise DataError(
-            f"{short_name} {format_length(short)} must be shorter than {long_name} "
-            f"{format_length(long)}"
         )
 
 
@@ -271,14 +284,4 @@ def _middle(profile: Profile, sections: int, length: float) -> Profile:
         profile.z[part],
         metadata=profile.metadata,
         history=(*profile.history, step),
-    )
-
-
-def _declare(profile: Profile, kind: ProfileKind, name: str, facts: dict[str, Any]) -> Profile:
-    """Return the profile with its kind and cut-offs said."""
-    return Profile(
-        profile.x,
-        profile.z,
-        metadata={**profile.metadata, "profile_kind": kind, **facts},
-        history=(*profile.history, Step(name, facts)),
     )

@@ -11,71 +11,44 @@ renormalised weights (order 0) only constants: they bend a trend by 0.148 slope 
 
 from __future__ import annotations
 
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import documented
 from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.numbers import between, positive
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.filters import _areal as areal, _arguments as arguments, _convolve as convolve
-from metrosep.filters._arguments import FilterBand
+from metrosep.filters._arguments import DOCS, FilterBand, Measured, Wavelength, Wavelengths
 from metrosep.filters._gaussian_task import End, GaussianTask, gaussian_task
-from metrosep.spectral.dft import Band, real_number
+from metrosep.spectral.dft import Band
 
 __all__ = ["gaussian", "gaussian_support"]
 
 
-@overload
+@documented(**DOCS)
 def gaussian(
-    obj: Profile,
+    obj: Measured,
     *,
-    cutoff: float | None = None,
-    nesting_index: None = None,
+    cutoff: Wavelength = None,
+    nesting_index: Wavelengths = None,
     upr: float | None = None,
     band: FilterBand | Band = "long",
     end: End = "moment",
     min_support: float = 0.1,
     fill: bool = False,
     refilter: bool = False,
-) -> Profile: ...
-@overload
-def gaussian(
-    obj: Surface,
-    *,
-    cutoff: None = None,
-    nesting_index: float | tuple[float, float] | None = None,
-    upr: None = None,
-    band: FilterBand | Band = "long",
-    end: End = "moment",
-    min_support: float = 0.1,
-    fill: bool = False,
-    refilter: bool = False,
-) -> Surface: ...
-def gaussian(
-    obj: Profile | Surface,
-    *,
-    cutoff: float | None = None,
-    nesting_index: float | tuple[float, float] | None = None,
-    upr: float | None = None,
-    band: FilterBand | Band = "long",
-    end: End = "moment",
-    min_support: float = 0.1,
-    fill: bool = False,
-    refilter: bool = False,
-) -> Profile | Surface:
+) -> Measured:
     """Return the Gaussian mean line or surface, what it leaves, or a band of wavelengths.
 
     Parameters
     ----------
-    obj : Profile or Surface
-        Uniform; NaN = not measured.
-    cutoff : float, m
-        Cut-off wavelength of a profile: more than two steps, at most its measured length ``n dx``.
-    nesting_index : float or tuple of (float, float), m
-        Cut-off of a surface, one for both axes or ``(x, y)``; limits as of `cutoff`.
+    $obj
+    $cutoff
     upr : float, undulations per revolution, >= 1
         Cut-off of a closed profile instead of `cutoff`; 15, 50, 150 are usual.
     band : {"long", "short"} or Band, optional
@@ -89,8 +62,7 @@ def gaussian(
         is NaN.
     fill : bool, optional
         Also give the mean line in gaps, inside the range that was measured.
-    refilter : bool, optional
-        Filter a roughness profile, or take the short band of a surface, once more.
+    $refilter
 
     Returns
     -------
@@ -104,13 +76,10 @@ def gaussian(
     DataError
         If the cut-off has the wrong name for the object or lies outside its limits, options
         contradict each other, the surface has no lateral step, or the band is open on both sides.
-    DoubleFilterError
-        If the profile is a roughness profile, or the short band of a surface is asked that has
-        passed a filter with the short band already, and `refilter` is false.
+    $twice
     InvalidSamplesError
         If the cut-off is not positive and finite, or a closed profile repeats its first sample.
-    NotUniformError
-        If the positions of the profile are not uniform.
+    $uniform
     TooFewSamplesError
         If nothing was measured, too little for a line or plane, cutting the ends leaves nothing,
         or no sample reaches `min_support`.
@@ -158,42 +127,21 @@ def gaussian(
     )
 
 
-@overload
+@documented(**DOCS)
 def gaussian_support(
-    obj: Profile,
+    obj: Measured,
     *,
-    cutoff: float | None = None,
-    nesting_index: None = None,
+    cutoff: Wavelength = None,
+    nesting_index: Wavelengths = None,
     upr: float | None = None,
     end: End = "moment",
-) -> Profile: ...
-@overload
-def gaussian_support(
-    obj: Surface,
-    *,
-    cutoff: None = None,
-    nesting_index: float | tuple[float, float] | None = None,
-    upr: None = None,
-    end: End = "moment",
-) -> Surface: ...
-def gaussian_support(
-    obj: Profile | Surface,
-    *,
-    cutoff: float | None = None,
-    nesting_index: float | tuple[float, float] | None = None,
-    upr: float | None = None,
-    end: End = "moment",
-) -> Profile | Surface:
+) -> Measured:
     """Return the share of the weighting function that lies on measured samples, 0 to 1.
 
     Parameters
     ----------
-    obj : Profile or Surface
-        Uniform; NaN = not measured.
-    cutoff : float, m
-        Cut-off of a profile.
-    nesting_index : float or tuple of (float, float), m
-        Cut-off of a surface, one for both axes or ``(x, y)``.
+    $obj
+    $cutoff
     upr : float, undulations per revolution, >= 1
         Cut-off of a closed profile instead of `cutoff`.
     end : {"moment", "renormalise", "closed", "cut"}, optional
@@ -211,8 +159,7 @@ def gaussian_support(
         contradict each other, or the surface has no lateral step.
     InvalidSamplesError
         If the cut-off is not positive and finite, or a closed profile repeats its first sample.
-    NotUniformError
-        If the positions of the profile are not uniform.
+    $uniform
     TooFewSamplesError
         If nothing was measured, or cutting the ends leaves nothing.
 
@@ -226,7 +173,7 @@ def gaussian_support(
     task = gaussian_task(obj, cutoff=cutoff, nesting_index=nesting_index, upr=upr, end=end)
     kept = task.cut() if end == "cut" else tuple(slice(0, n) for n in obj.z.shape)
     if end == "closed":
-        share = convolve.closed_support(obj.z, obj.z.size * task.steps[0] / task.cutoffs[0])
+        share = convolve.closed_support(obj.z, obj.z.size * task.steps[0] / task.wavelengths[0])
     elif isinstance(obj, Profile):
         share = convolve.profile_support(obj.z, task.sds[0])
     else:
@@ -248,21 +195,21 @@ def gaussian_support(
 
 
 def _filtered(
-    obj: Profile | Surface,
+    obj: Measured,
     *,
-    cutoff: float | None = None,
-    nesting_index: float | tuple[float, float] | None = None,
+    cutoff: Wavelength = None,
+    nesting_index: Wavelengths = None,
     upr: float | None = None,
     band: FilterBand,
     end: End,
     min_support: float,
     fill: bool,
     refilter: bool,
-) -> Profile | Surface:
+) -> Measured:
     """Return the long or the short side of one filter."""
     arguments.check_object(obj)
     arguments.check_band(band)
-    _check_support(min_support)
+    between(positive(min_support, "min_support"), "min_support", 0.0, 1.0)
     arguments.check_single_filtering(obj, refilter, band=band)
     task = gaussian_task(obj, cutoff=cutoff, nesting_index=nesting_index, upr=upr, end=end)
     kept = task.cut() if end == "cut" else tuple(slice(0, n) for n in obj.z.shape)
@@ -295,8 +242,8 @@ def _filtered(
 
 
 def _band(
-    obj: Profile | Surface, band: Band, end: End, min_support: float, fill: bool, refilter: bool
-) -> Profile | Surface:
+    obj: Measured, band: Band, end: End, min_support: float, fill: bool, refilter: bool
+) -> Measured:
     """Return the object after its S-filter and its L-filter."""
     if band.shortest is None and band.longest is None:
         raise DataError("the band is open on both sides: nothing is to be filtered")
@@ -316,17 +263,12 @@ def _band(
     return obj
 
 
-def _check_support(min_support: float) -> None:
-    if not 0.0 < real_number(min_support, "min_support") <= 1.0:
-        raise DataError(f"min_support must lie in 0 < min_support <= 1, got {min_support}")
-
-
 def _mean(
     z: FloatArray, task: GaussianTask, end: End, min_support: float, fill: bool
 ) -> FloatArray:
     """Return the mean line or surface on the whole grid, NaN outside what was measured."""
     if end == "closed":
-        harmonic = z.size * task.steps[0] / task.cutoffs[0]
+        harmonic = z.size * task.steps[0] / task.wavelengths[0]
         return convolve.closed_gaussian(z, harmonic, min_support=min_support, fill=fill)
     part = z[task.inside]
     order = 0 if end == "renormalise" else 1

@@ -12,37 +12,30 @@ horizontal segment or square of a length.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, TypeVar, overload
+from typing import Literal
 
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import documented
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.filters import _arguments as arguments
-from metrosep.filters._arguments import FilterBand
+from metrosep.filters._arguments import DOCS, FilterBand, Measured, Wavelength
 from metrosep.filters._elements import Element, checked_element
 
 __all__ = ["closing", "dilation", "erosion", "opening"]
 
-Measured = TypeVar("Measured", Profile, Surface)
 
-
-def dilation(
-    obj: Measured, *, radius: float | None = None, length: float | None = None
-) -> Measured:
+@documented(**DOCS)
+def dilation(obj: Measured, *, radius: Wavelength = None, length: Wavelength = None) -> Measured:
     """Return the heights of an element that lies on the surface from above.
 
     Parameters
     ----------
-    obj : Profile or Surface
-        Uniform; NaN = not measured.
-    radius : float, m, optional
-        Radius of the disc (profile) or ball (surface), at least one step.
-    length : float, m, optional
-        Length of the flat segment (profile) or side of the square (surface), from two steps up
-        to the measured length ``n dx``. Give one of the two.
+    $obj
+    $element
 
     Returns
     -------
@@ -55,12 +48,7 @@ def dilation(
     DataError
         If not exactly one of `radius` and `length` is given, it is too small or too large for the
         grid, or the surface has no lateral step.
-    InvalidSamplesError
-        If it is not positive and finite.
-    NotUniformError
-        If the positions of the profile are not uniform.
-    TooFewSamplesError
-        If nothing was measured, or there is one sample only.
+    $element_raises
 
     Notes
     -----
@@ -80,20 +68,14 @@ def dilation(
     return _replaced(obj, _on_measured(obj.z, steps, element.dilate), "dilation", element)
 
 
-def erosion(
-    obj: Measured, *, radius: float | None = None, length: float | None = None
-) -> Measured:
+@documented(**DOCS)
+def erosion(obj: Measured, *, radius: Wavelength = None, length: Wavelength = None) -> Measured:
     """Return the heights of an element that lies on the surface from inside the material.
 
     Parameters
     ----------
-    obj : Profile or Surface
-        Uniform; NaN = not measured.
-    radius : float, m, optional
-        Radius of the disc (profile) or ball (surface), at least one step.
-    length : float, m, optional
-        Length of the flat segment (profile) or side of the square (surface), from two steps up
-        to the measured length ``n dx``. Give one of the two.
+    $obj
+    $element
 
     Returns
     -------
@@ -105,12 +87,7 @@ def erosion(
     DataError
         If not exactly one of `radius` and `length` is given, it is too small or too large for the
         grid, or the surface has no lateral step.
-    InvalidSamplesError
-        If it is not positive and finite.
-    NotUniformError
-        If the positions of the profile are not uniform.
-    TooFewSamplesError
-        If nothing was measured, or there is one sample only.
+    $element_raises
 
     Notes
     -----
@@ -129,43 +106,21 @@ def erosion(
     return _replaced(obj, -_on_measured(-obj.z, steps, element.dilate), "erosion", element)
 
 
-@overload
+@documented(**DOCS)
 def closing(
-    obj: Profile,
+    obj: Measured,
     *,
-    radius: float | None = None,
-    length: float | None = None,
+    radius: Wavelength = None,
+    length: Wavelength = None,
     band: FilterBand = "long",
     refilter: bool = False,
-) -> Profile: ...
-@overload
-def closing(
-    obj: Surface,
-    *,
-    radius: float | None = None,
-    length: float | None = None,
-    band: FilterBand = "long",
-    refilter: bool = False,
-) -> Surface: ...
-def closing(
-    obj: Profile | Surface,
-    *,
-    radius: float | None = None,
-    length: float | None = None,
-    band: FilterBand = "long",
-    refilter: bool = False,
-) -> Profile | Surface:
+) -> Measured:
     """Return the envelope that an element from above can touch, or what lies below it.
 
     Parameters
     ----------
-    obj : Profile or Surface
-        Uniform; NaN = not measured.
-    radius : float, m, optional
-        Radius of the disc (profile) or ball (surface), at least one step.
-    length : float, m, optional
-        Length of the flat segment (profile) or side of the square (surface), from two steps up
-        to the measured length ``n dx``. Give one of the two.
+    $obj
+    $element
     band : {"long", "short"}, optional
         The envelope e >= z, or z - e.
     refilter : bool, optional
@@ -184,12 +139,7 @@ def closing(
         grid, `band` is unknown, or the surface has no lateral step.
     DoubleFilterError
         If the profile is a roughness profile and `refilter` is false.
-    InvalidSamplesError
-        If `radius` or `length` is not positive and finite.
-    NotUniformError
-        If the positions of the profile are not uniform.
-    TooFewSamplesError
-        If nothing was measured, or there is one sample only.
+    $element_raises
 
     Notes
     -----
@@ -210,43 +160,21 @@ def closing(
     return _filtered(obj, radius, length, band, refilter, name="closing", sign=1.0)
 
 
-@overload
+@documented(**DOCS)
 def opening(
-    obj: Profile,
+    obj: Measured,
     *,
-    radius: float | None = None,
-    length: float | None = None,
+    radius: Wavelength = None,
+    length: Wavelength = None,
     band: FilterBand = "long",
     refilter: bool = False,
-) -> Profile: ...
-@overload
-def opening(
-    obj: Surface,
-    *,
-    radius: float | None = None,
-    length: float | None = None,
-    band: FilterBand = "long",
-    refilter: bool = False,
-) -> Surface: ...
-def opening(
-    obj: Profile | Surface,
-    *,
-    radius: float | None = None,
-    length: float | None = None,
-    band: FilterBand = "long",
-    refilter: bool = False,
-) -> Profile | Surface:
+) -> Measured:
     """Return the envelope that an element from inside the material can touch, or what lies above.
 
     Parameters
     ----------
-    obj : Profile or Surface
-        Uniform; NaN = not measured.
-    radius : float, m, optional
-        Radius of the disc (profile) or ball (surface), at least one step.
-    length : float, m, optional
-        Length of the flat segment (profile) or side of the square (surface), from two steps up
-        to the measured length ``n dx``. Give one of the two.
+    $obj
+    $element
     band : {"long", "short"}, optional
         The envelope e <= z, or z - e.
     refilter : bool, optional
@@ -265,12 +193,7 @@ def opening(
         grid, `band` is unknown, or the surface has no lateral step.
     DoubleFilterError
         If the profile is a roughness profile and `refilter` is false.
-    InvalidSamplesError
-        If `radius` or `length` is not positive and finite.
-    NotUniformError
-        If the positions of the profile are not uniform.
-    TooFewSamplesError
-        If nothing was measured, or there is one sample only.
+    $element_raises
 
     Notes
     -----
@@ -290,15 +213,15 @@ def opening(
 
 
 def _filtered(
-    obj: Profile | Surface,
-    radius: float | None,
-    length: float | None,
+    obj: Measured,
+    radius: Wavelength,
+    length: Wavelength,
     band: FilterBand,
     refilter: bool,
     *,
     name: Literal["closing", "opening"],
     sign: float,
-) -> Profile | Surface:
+) -> Measured:
     arguments.check_object(obj)
     arguments.check_band(band)
     if isinstance(obj, Profile):

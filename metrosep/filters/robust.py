@@ -12,21 +12,19 @@ The width constant a in ``g = exp(-pi (x / (a Lc))^2)`` makes the transmission 1
 from __future__ import annotations
 
 import math
-import operator
-from typing import Any, Literal, overload
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, DegenerateFitError, NotConvergedError
-from metrosep.core.profile import Profile
+from metrosep.core.docs import documented
+from metrosep.core.errors import DegenerateFitError, NotConvergedError
+from metrosep.core.numbers import choice, count, positive
 from metrosep.core.provenance import Step
-from metrosep.core.surface import Surface
 from metrosep.filters import _arguments as arguments
-from metrosep.filters._arguments import FilterBand
+from metrosep.filters._arguments import DOCS, FilterBand, Measured, Wavelength, Wavelengths
 from metrosep.filters._robust_moments import Kernel, local_regression
-from metrosep.spectral.dft import real_number, whole_number
 
 __all__ = ["regression_constant", "robust_gaussian"]
 
@@ -70,7 +68,7 @@ def regression_constant(order: int) -> float:
     >>> round(regression_constant(2), 7)
     0.7309134
     """
-    degree = _checked_order(order)
+    degree = count(order, "order", least=0, most=2)
     u = math.log(2.0)
     if degree == 2:
         u = 1.7
@@ -79,12 +77,12 @@ def regression_constant(order: int) -> float:
     return math.sqrt(u / math.pi)
 
 
-@overload
+@documented(**DOCS)
 def robust_gaussian(
-    obj: Profile,
+    obj: Measured,
     *,
-    cutoff: float | None = None,
-    nesting_index: None = None,
+    cutoff: Wavelength = None,
+    nesting_index: Wavelengths = None,
     band: FilterBand = "long",
     order: int = 2,
     robust: bool = True,
@@ -92,44 +90,13 @@ def robust_gaussian(
     tolerance: float = 1e-6,
     max_iterations: int = 100,
     refilter: bool = False,
-) -> Profile: ...
-@overload
-def robust_gaussian(
-    obj: Surface,
-    *,
-    cutoff: None = None,
-    nesting_index: float | tuple[float, float] | None = None,
-    band: FilterBand = "long",
-    order: int = 2,
-    robust: bool = True,
-    unsupported: Literal["raise", "nan"] = "raise",
-    tolerance: float = 1e-6,
-    max_iterations: int = 100,
-    refilter: bool = False,
-) -> Surface: ...
-def robust_gaussian(
-    obj: Profile | Surface,
-    *,
-    cutoff: float | None = None,
-    nesting_index: float | tuple[float, float] | None = None,
-    band: FilterBand = "long",
-    order: int = 2,
-    robust: bool = True,
-    unsupported: Literal["raise", "nan"] = "raise",
-    tolerance: float = 1e-6,
-    max_iterations: int = 100,
-    refilter: bool = False,
-) -> Profile | Surface:
+) -> Measured:
     """Return the mean line or surface that grooves and spikes do not pull, or what it leaves.
 
     Parameters
     ----------
-    obj : Profile or Surface
-        Uniform; NaN = not measured.
-    cutoff : float, m
-        Cut-off wavelength of a profile: more than two steps, at most its measured length ``n dx``.
-    nesting_index : float or tuple of (float, float), m
-        Cut-off of a surface, one for both axes or ``(x, y)``; limits as of `cutoff`.
+    $obj
+    $cutoff
     band : {"long", "short"}, optional
         The mean line w, or z - w.
     order : {0, 1, 2}, optional
@@ -142,8 +109,7 @@ def robust_gaussian(
         Relative change of c at which the iteration ends.
     max_iterations : int, optional
         Largest number of regressions after the first.
-    refilter : bool, optional
-        Filter a roughness profile, or take the short band of a surface, once more.
+    $refilter
 
     Returns
     -------
@@ -156,13 +122,10 @@ def robust_gaussian(
     DataError
         If the argument is of the wrong name for the object, the cut-off is outside its limits, an
         option is unknown or of the wrong type, or the surface has no lateral step.
-    DoubleFilterError
-        If the profile is a roughness profile, or the short band of a surface is asked that has
-        passed a filter with the short band already, and `refilter` is false.
+    $twice
     InvalidSamplesError
         If the cut-off is not positive and finite.
-    NotUniformError
-        If the positions of the profile are not uniform.
+    $uniform
     TooFewSamplesError
         If fewer samples were measured than the polynomial has freedoms, and at least 3.
     DegenerateFitError
@@ -194,55 +157,25 @@ def robust_gaussian(
     """
     arguments.check_object(obj)
     arguments.check_band(band)
-    order = _checked_order(order)
-    if unsupported not in ("raise", "nan"):
-        raise DataError(f'unsupported must be "raise" or "nan", got {unsupported!r}')
-    max_iterations = whole_number(max_iterations, "max_iterations")
-    tolerance = real_number(tolerance, "tolerance")
-    if not (math.isfinite(tolerance) and tolerance > 0.0):
-        raise DataError(f"tolerance > 0 and finite is needed, got {tolerance}")
+    order = count(order, "order", least=0, most=2)
+    choice(unsupported, "unsupported", ("raise", "nan"))
+    max_iterations = count(max_iterations, "max_iterations")
+    tolerance = positive(tolerance, "tolerance")
     arguments.check_single_filtering(obj, refilter, band=band)
-    if isinstance(obj, Profile):
-        task = arguments.profile_task(
-            obj,
-            cutoff=cutoff,
-            nesting_index=nesting_index,
-            what=f"robust regression of order {order}",
-            minimum=3,
-        )
-        named: dict[str, Any] = {"cutoff_m": task.wavelengths[0]}
-    else:
-        task = arguments.surface_task(
-            obj,
-            cutoff=cutoff,
-            nesting_index=nesting_index,
-            what=f"areal robust regression of order {order}",
-            minimum=max(3, (order + 1) * (order + 2) // 2),
-        )
-        named = {
-            "nesting_index_x_m": task.wavelengths[1],
-            "nesting_index_y_m": task.wavelengths[0],
-        }
+    task = arguments.task_of(
+        obj,
+        cutoff,
+        nesting_index,
+        what=f"robust regression of order {order}",
+        areal=f"areal robust regression of order {order}",
+        minimum=(3, max(3, (order + 1) * (order + 2) // 2)),
+    )
     kernel = Kernel.of(task.steps, task.wavelengths, regression_constant(order), order)
     low, facts = _iterate(task.z, kernel, tolerance, max_iterations if robust else 0)
     if facts["n_unsupported"] and unsupported == "raise":
         _refuse_unsupported(task, low)
-    step = Step("robust_gaussian", {**named, "band": band, "order": order, **facts})
+    step = Step("robust_gaussian", {**task.named, "band": band, "order": order, **facts})
     return arguments.finish(obj, task.place(low, obj.z.shape), band=band, step=step)
-
-
-def _checked_order(order: object) -> int:
-    """Return a degree as a Python integer; a bool, a float or a text is none."""
-    message = f"order must be one of the whole numbers 0, 1 and 2, got {order!r}"
-    if isinstance(order, bool | np.bool_):
-        raise DataError(message)
-    try:
-        degree = operator.index(order)  # type: ignore[arg-type]
-    except TypeError:
-        raise DataError(message) from None
-    if degree not in (0, 1, 2):
-        raise DataError(message)
-    return degree
 
 
 def _iterate(

@@ -13,24 +13,22 @@ per cut-off. The same solution with the bending ``m = k^2 D w`` as a second unkn
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Literal, overload
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
+from metrosep.core.docs import documented
 from metrosep.core.errors import (
-    DataError,
     DegenerateFitError,
     NotConvergedError,
 )
-from metrosep.core.profile import Profile
+from metrosep.core.numbers import between, choice, count
 from metrosep.core.provenance import Step
-from metrosep.core.surface import Surface
 from metrosep.filters import _arguments as arguments
-from metrosep.filters._arguments import FilterBand
-from metrosep.spectral.dft import real_number, whole_number
+from metrosep.filters._arguments import DOCS, FilterBand, Measured, Wavelength, Wavelengths
 
 __all__ = ["spline"]
 
@@ -46,54 +44,25 @@ _GAP_TOLERANCE = 1e-10
 """Residual of the iteration over gaps relative to its start: far below any instrument's noise."""
 
 
-@overload
+@documented(**DOCS)
 def spline(
-    obj: Profile,
+    obj: Measured,
     *,
-    cutoff: float | None = None,
-    nesting_index: None = None,
+    cutoff: Wavelength = None,
+    nesting_index: Wavelengths = None,
     band: FilterBand = "long",
     end: Literal["natural", "closed"] = "natural",
     tension: float = 0.0,
     fill: bool = False,
     refilter: bool = False,
     max_iterations: int = 1000,
-) -> Profile: ...
-@overload
-def spline(
-    obj: Surface,
-    *,
-    cutoff: None = None,
-    nesting_index: float | tuple[float, float] | None = None,
-    band: FilterBand = "long",
-    end: Literal["natural", "closed"] = "natural",
-    tension: float = 0.0,
-    fill: bool = False,
-    refilter: bool = False,
-    max_iterations: int = 1000,
-) -> Surface: ...
-def spline(
-    obj: Profile | Surface,
-    *,
-    cutoff: float | None = None,
-    nesting_index: float | tuple[float, float] | None = None,
-    band: FilterBand = "long",
-    end: Literal["natural", "closed"] = "natural",
-    tension: float = 0.0,
-    fill: bool = False,
-    refilter: bool = False,
-    max_iterations: int = 1000,
-) -> Profile | Surface:
+) -> Measured:
     """Return the spline mean line or surface, or what it leaves.
 
     Parameters
     ----------
-    obj : Profile or Surface
-        Uniform; NaN = not measured.
-    cutoff : float, m
-        Cut-off wavelength of a profile: more than two steps, at most its measured length ``n dx``.
-    nesting_index : float or tuple of (float, float), m
-        Cut-off of a surface, one for both axes or ``(x, y)``; limits as of `cutoff`.
+    $obj
+    $cutoff
     band : {"long", "short"}, optional
         The mean line w, or z - w.
     end : {"natural", "closed"}, optional
@@ -103,8 +72,7 @@ def spline(
     fill : bool, optional
         Also give the mean line (``band="long"``) in the gaps. Beyond the first and the last
         measured row, column or sample it stays NaN: nothing is extrapolated.
-    refilter : bool, optional
-        Filter a roughness profile, or take the short band of a surface, once more.
+    $refilter
     max_iterations : int, optional
         Limit of the iteration that a surface or a closed profile with gaps needs.
 
@@ -119,13 +87,10 @@ def spline(
     DataError
         If the argument is of the wrong name for the object, the cut-off is outside its limits, an
         option is unknown, or the surface has no lateral step.
-    DoubleFilterError
-        If the profile is a roughness profile, or the short band of a surface is asked that has
-        passed a filter with the short band already, and `refilter` is false.
+    $twice
     InvalidSamplesError
         If the cut-off is not positive and finite, or a closed profile repeats its first sample.
-    NotUniformError
-        If the positions of the profile are not uniform.
+    $uniform
     TooFewSamplesError
         If fewer than 3 samples, rows or columns, or fewer than 4 pixels were measured.
     DegenerateFitError
@@ -161,49 +126,24 @@ def spline(
     """
     arguments.check_object(obj)
     arguments.check_band(band)
-    if end not in ("natural", "closed"):
-        raise DataError(f'end must be "natural" or "closed", got {end!r}')
-    tension = _checked_tension(tension)
-    whole_number(max_iterations, "max_iterations", minimum=0)
-    closed = end == "closed"
+    choice(end, "end", ("natural", "closed"))
+    tension = between(tension, "tension", 0.0, 1.0)
+    count(max_iterations, "max_iterations", least=0)
     arguments.check_single_filtering(obj, refilter, band=band)
-    if isinstance(obj, Profile):
-        if closed:
-            arguments.check_not_repeated(obj)
-        task = arguments.profile_task(
-            obj,
-            cutoff=cutoff,
-            nesting_index=nesting_index,
-            what="a spline filter",
-            minimum=3,
-            closed=closed,
-        )
-        named: dict[str, Any] = {"cutoff_m": task.wavelengths[0]}
-    else:
-        task = arguments.surface_task(
-            obj,
-            cutoff=cutoff,
-            nesting_index=nesting_index,
-            what="an areal spline filter",
-            minimum=4,
-            closed=closed,
-        )
-        named = {
-            "nesting_index_x_m": task.wavelengths[1],
-            "nesting_index_y_m": task.wavelengths[0],
-        }
+    task = arguments.task_of(
+        obj,
+        cutoff,
+        nesting_index,
+        what="a spline filter",
+        areal="an areal spline filter",
+        minimum=(3, 4),
+        closed=end == "closed",
+    )
     low = task.place(_mean(task, end, tension, max_iterations), obj.z.shape)
     if not fill:
         low[np.isnan(obj.z)] = np.nan
-    step = Step("spline", {**named, "band": band, "end": end, "tension": tension})
+    step = Step("spline", {**task.named, "band": band, "end": end, "tension": tension})
     return arguments.finish(obj, low, band=band, step=step)
-
-
-def _checked_tension(tension: object) -> float:
-    share = real_number(tension, "tension")
-    if not 0.0 <= share <= 1.0:
-        raise DataError(f"tension must lie in 0 <= tension <= 1, got {tension}")
-    return share
 
 
 def _mean(task: arguments.Task, end: str, tension: float, max_iterations: int) -> FloatArray:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from metrosep.forms.base import Form
 from metrosep.forms.catalogue import form_from_text
-from metrosep.forms.conic import Asphere, Conic
-from metrosep.forms.cylinder import Cylinder
+from metrosep.forms.conic import Asphere, Conic, Cylinder, Plane, Sphere
 from metrosep.forms.expression import Expression
 from metrosep.forms.fit import fit, remove
 from metrosep.forms.linear import LinearFit, LinearForm
@@ -15,13 +14,11 @@ from metrosep.forms.moments import (
     fit_grid_polynomial,
     remove_grid,
 )
-from metrosep.forms.plane import Plane
 from metrosep.forms.points import PointSet
 from metrosep.forms.polynomial import XY, Chebyshev, Legendre, Polynomial
 from metrosep.forms.qforbes import QForbes
 from metrosep.forms.result import FitResult
 from metrosep.forms.sine_grid import SineGrid
-from metrosep.forms.sphere import Sphere
 from metrosep.forms.stl import GridForm, MeshForm, from_triangles
 from metrosep.forms.toric import Biconic, Toric
 from metrosep.forms.zernike import (

@@ -290,8 +290,8 @@ def checked(
 
 
 # ---- what shapes with a few named parameters share: frozen fields, names checked, curvature guessed ----
-# A subclass is a frozen dataclass whose parameters are fields named as in `units`. It writes
-# `_derivatives`; this class checks the names before.
+# A subclass is a frozen dataclass whose parameters are fields named as in `units`, which says their
+# dimension too. It writes `_derivatives`; this class checks the names before.
 
 
 class Shape(Form):
@@ -309,6 +309,13 @@ class Shape(Form):
     def derivatives(self, x: FloatArray, y: FloatArray, names: Sequence[str]) -> list[FloatArray]:
         self._check_names(names)
         return self._derivatives(x, y, names)
+
+    def __post_init__(self) -> None:
+        for name, unit in self.units.items():
+            dimension = {"m": "length", "rad": "angle"}.get(unit)
+            zero = name not in self.radii
+            value = checked(getattr(self, name), name, zero=zero, dimension=dimension)
+            self._set(**{name: value})
 
     @abstractmethod
     def _derivatives(self, x: FloatArray, y: FloatArray, names: Sequence[str]) -> list[FloatArray]:

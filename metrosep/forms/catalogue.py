@@ -81,12 +81,12 @@ def parameter_value(text: str, unit: str, name: str) -> float:
 def _pairs(rest: str, text: str) -> dict[str, str]:
     pairs: dict[str, str] = {}
     for part in filter(None, (p.strip() for p in rest.split(","))):
-        key, mark, value = part.partition("=")
-        if not mark or not key.strip() or not value.strip():
+        key, _, value = (p.strip() for p in part.partition("="))
+        if not key or not value:
             raise DataError(f"{text!r}: expected key=value between the commas, found {part!r}")
-        if key.strip() in pairs:
-            raise DataError(f"{text!r}: {key.strip()} stands twice")
-        pairs[key.strip()] = value.strip()
+        if key in pairs:
+            raise DataError(f"{text!r}: {key} is given twice")
+        pairs[key] = value
     return pairs
 
 
@@ -133,21 +133,10 @@ def _asphere(pairs: dict[str, str]) -> Form:
     )
 
 
-def _toric(pairs: dict[str, str]) -> Form:
-    return _simple("toric", "Toric")(pairs)
-
-
 def _sine_grid(pairs: dict[str, str]) -> Form:
     from metrosep.forms.sine_grid import SineGrid
 
-    units = {
-        "amplitude": "m",
-        "wavelength": "m",
-        "amplitude_y": "m",
-        "wavelength_y": "m",
-        "phase_x": "rad",
-        "phase_y": "rad",
-    }
+    units = SineGrid(amplitude_y=None, wavelength_y=None).units
     return SineGrid(**_take(pairs, units, "sine grid"))
 
 
@@ -218,12 +207,12 @@ def _expression(rest: str) -> Form:
 
 
 _BUILDERS: dict[str, Callable[[dict[str, str]], Form]] = {
-    "plane": _simple("plane", "Plane"),
-    "sphere": _simple("sphere", "Sphere"),
-    "cylinder": _simple("cylinder", "Cylinder"),
+    "plane": _simple("conic", "Plane"),
+    "sphere": _simple("conic", "Sphere"),
+    "cylinder": _simple("conic", "Cylinder"),
     "conic": _simple("conic", "Conic"),
     "asphere": _asphere,
-    "toric": _toric,
+    "toric": _simple("toric", "Toric"),
     "biconic": _simple("toric", "Biconic"),
     "sine_grid": _sine_grid,
     "polynomial": _polynomial,

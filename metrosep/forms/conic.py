@@ -1,4 +1,4 @@
-"""Conics of revolution: sphere, ellipsoid, paraboloid, hyperboloid.
+"""Surfaces of revolution: conics, spheres, aspheres, the plane; and the cylinder.
 
 Sag of ISO 10110-12: ``z = c r^2 / (1 + sqrt(1 - (1 + k) c^2 r^2))`` with ``c = 1/R``; R > 0 opens
 towards +z, out of the material, and is a concave part.
@@ -15,13 +15,73 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
+from metrosep.core.numbers import positive
 from metrosep.forms.base import Shape, checked, positive_root, root
 
-__all__ = ["Asphere", "Conic"]
+__all__ = ["Asphere", "Conic", "Cylinder", "Plane", "Sphere"]
+
+
+class _Revolution(Shape):
+    """A conic of revolution in R and k; `k` of a class is 0 where it is no parameter."""
+
+    R: Any
+    k: Any
+    radii = ("R",)
+
+    def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
+        # R by algebraic regression with tilt and piston, finite also for a flat part; an unknown k
+        # is 0, or -1 where a sphere of that R would end before the data do.
+        extent = float(np.sqrt((x * x + y * y).max())) if x.size else 0.0
+        values: dict[str, float] = {}
+        k = self.k
+        if k is None:
+            k = 0.0
+            if self.R is None or abs(self.R) <= EQUATOR * extent:
+                parabola = radius_of(mean_curvature(x, y, z, name=self.name, k=-1.0))
+                k = 0.0 if abs(self.R or parabola) > EQUATOR * extent else -1.0
+            values["k"] = k
+        if self.R is None:
+            R = radius_of(mean_curvature(x, y, z, name=self.name, k=k))
+            values["R"] = inside(R, extent * math.sqrt(max(1.0 + k, 0.0)))
+        return self.with_parameters(**values) if values else self
+
+    def _parts(self, x: FloatArray, y: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Return R, r^2, and the square of the root."""
+        R, k = (*self._known(*self.units), 0.0)[:2]
+        square = x * x + y * y
+        return R, square, 1.0 - ((1.0 + k) / R / R) * square
+
+    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        R, square, w = self._parts(x, y)
+        return square / (R * (1.0 + root(w)))
+
+    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        R, _, w = self._parts(x, y)
+        rate = 1.0 / (R * positive_root(w))
+        return x * rate, y * rate
+
+    def _derivatives(self, x: FloatArray, y: FloatArray, names: Sequence[str]) -> list[FloatArray]:
+        return self.expansion(x, y, names, slopes=False)[2]
+
+    def expansion(
+        self, x: FloatArray, y: FloatArray, names: Sequence[str], *, slopes: bool
+    ) -> tuple[FloatArray, tuple[FloatArray, FloatArray] | None, list[FloatArray]]:
+        # From one square root; heights are NaN also on the equator, where slopes are infinite.
+        self._check_names(names)
+        R, square, w = self._parts(x, y)
+        w = positive_root(w)
+        height = square / (R * (1.0 + w))
+        found = None
+        if slopes:
+            rate = 1.0 / (R * w)
+            found = x * rate, y * rate
+        common = height / (R * w) if names else w
+        derived = [-common if n == "R" else 0.5 * common * height for n in names]
+        return height, found, derived
 
 
 @dataclass(frozen=True, repr=False)
-class Conic(Shape):
+class Conic(_Revolution):
     """A conic of revolution about z with its vertex at the origin.
 
     Parameters
@@ -61,65 +121,7 @@ class Conic(Shape):
 
     name = "conic"
     units = {"R": "m", "k": "1"}  # noqa: RUF012
-    radii = ("R",)
     weak = ("k",)
-
-    def __post_init__(self) -> None:
-        self._set(R=checked(self.R, "R", zero=False, dimension="length"), k=checked(self.k, "k"))
-
-    def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
-        # R by algebraic regression with tilt and piston; an unknown k is 0, or -1 where a sphere of
-        # that R would end before the data do.
-        extent = float(np.sqrt((x * x + y * y).max())) if x.size else 0.0
-        values: dict[str, float] = {}
-        k = self.k
-        if k is None:
-            k = 0.0
-            if self.R is None or abs(self.R) <= EQUATOR * extent:
-                parabola = radius_of(mean_curvature(x, y, z, name=self.name, k=-1.0))
-                k = 0.0 if abs(self.R or parabola) > EQUATOR * extent else -1.0
-            values["k"] = k
-        if self.R is None:
-            R = radius_of(mean_curvature(x, y, z, name=self.name, k=k))
-            least = EQUATOR * extent * math.sqrt(max(1.0 + k, 0.0))
-            values["R"] = math.copysign(max(abs(R), least), R)
-        return self.with_parameters(**values) if values else self
-
-    def _parts(self, x: FloatArray, y: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        R, k = self._known("R", "k")
-        square = x * x + y * y
-        return R, square, 1.0 - ((1.0 + k) / R / R) * square
-
-    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        R, square, w = self._parts(x, y)
-        return square / (R * (1.0 + root(w)))
-
-    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        R, _, w = self._parts(x, y)
-        rate = 1.0 / (R * positive_root(w))
-        return x * rate, y * rate
-
-    def _derivatives(self, x: FloatArray, y: FloatArray, names: Sequence[str]) -> list[FloatArray]:
-        R, square, w = self._parts(x, y)
-        w = positive_root(w)
-        common = square / (R * R * w * (1.0 + w))
-        return [-common if n == "R" else common * square / (2.0 * R * (1.0 + w)) for n in names]
-
-    def expansion(
-        self, x: FloatArray, y: FloatArray, names: Sequence[str], *, slopes: bool
-    ) -> tuple[FloatArray, tuple[FloatArray, FloatArray] | None, list[FloatArray]]:
-        # From one square root; heights are NaN also on the equator, where slopes are infinite.
-        self._check_names(names)
-        R, square, w = self._parts(x, y)
-        w = positive_root(w)
-        height = square / (R * (1.0 + w))
-        found = None
-        if slopes:
-            rate = 1.0 / (R * w)
-            found = x * rate, y * rate
-        common = height / (R * w) if names else w
-        derived = [-common if n == "R" else 0.5 * common * height for n in names]
-        return height, found, derived
 
 
 # ---- curvature of points, to start the fit of a curved form ------------------------------------
@@ -281,9 +283,9 @@ class Asphere(Shape):
                 raise DataError(f"the power {power} stands twice in the asphere; give it once")
             terms[power] = value
         ordered = tuple(sorted(terms.items()))
-        norm = checked(self.norm_radius, "norm_radius", zero=False, dimension="length")
-        if norm is not None and norm < 0.0:
-            raise DataError(f"norm_radius must be positive, got {norm} m")
+        norm = self.norm_radius
+        if norm is not None:
+            norm = positive(norm, "norm_radius", dimension="length")
         units = {"R": "m", "k": "1"}
         units |= {f"a{n}": "m" if norm else f"m^{1 - n}" for n, _ in ordered}
         self._set(
@@ -399,3 +401,180 @@ def _terms(given: Terms, *, first: int, is_odd: bool) -> dict[int, float | None]
             raise DataError(f"odd= has the even power {power}; put it into coefficients=")
         terms[int(power)] = checked(value, f"a{power}")
     return terms
+
+
+# ---- the plane z = 0 ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, repr=False)
+class Plane(Shape):
+    """The plane ``z = 0``; its height and inclination are rigid-body freedoms of a fit.
+
+    Notes
+    -----
+    It has no parameters and no centre: a map is not moved for it.
+
+    Examples
+    --------
+    >>> Plane()(1e-3, 2e-3).item()
+    0.0
+    """
+
+    name = "plane"
+    has_centre = False
+    is_everywhere = True
+
+    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        return np.zeros_like(x)
+
+    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return np.zeros_like(x), np.zeros_like(x)
+
+    def _derivatives(self, x: FloatArray, y: FloatArray, names: Sequence[str]) -> list[FloatArray]:
+        return []
+
+
+# ---- the sphere --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, repr=False)
+class Sphere(_Revolution):
+    """A sphere that touches the plane z = 0 at the origin.
+
+    Parameters
+    ----------
+    R : float or None, m
+        Radius, not zero and finite; > 0 for a concave part (it opens towards +z), < 0 for a
+        convex one. None: not known, a fit finds it.
+
+    Raises
+    ------
+    DataError
+        If R is zero or not finite.
+
+    Notes
+    -----
+    ``z = (r^2/R) / (1 + sqrt(1 - (r/R)^2))``, which keeps all digits of a nearly flat part. NaN
+    beyond ``r = |R|``; slopes and the derivative also on it, where they are infinite.
+
+    Examples
+    --------
+    Points of the circle with the sides 3, 4, 5:
+
+    >>> round(Sphere(R=5e-3)(3e-3).item(), 15)
+    0.001
+    """
+
+    R: float | None = None
+
+    name = "sphere"
+    k = 0.0
+    units = {"R": "m"}  # noqa: RUF012
+
+
+# ---- the circular cylinder that lies on the plane z = 0 ----------------------------------------
+
+
+@dataclass(frozen=True, repr=False)
+class Cylinder(Shape):
+    """A circular cylinder that touches the plane z = 0 along its axis direction.
+
+    Parameters
+    ----------
+    R : float or None, m
+        Radius, not zero and finite; > 0 for a concave part (a trough), < 0 for a convex one.
+        None: not known, a fit finds it.
+    angle : float or None, rad
+        Direction of the axis in the xy plane, from +x towards +y. With 0 the part is curved along
+        y, with pi/2 along x, which is what a profile sees. None: not known, a fit finds it.
+
+    Raises
+    ------
+    DataError
+        If R is zero, or a value is not finite.
+
+    Notes
+    -----
+    ``z = (t^2/R) / (1 + sqrt(1 - (t/R)^2))`` with the distance from the axis ``t = y cos(angle) -
+    x sin(angle)``. Angles that differ by pi are the same cylinder. NaN beyond ``|t| = |R|``; slopes
+    and derivatives also on it.
+
+    Examples
+    --------
+    >>> round(Cylinder(R=5e-3)(1.0, 3e-3).item(), 15)
+    0.001
+    """
+
+    R: float | None = None
+    angle: float | None = 0.0
+
+    name = "cylinder"
+    units = {"R": "m", "angle": "rad"}  # noqa: RUF012
+    radii = ("R",)
+    weak = ("angle",)
+
+    def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
+        # The axis, -pi/2 < angle <= pi/2, in which a parabolic cylinder with tilt and piston leaves
+        # least; R by algebraic regression across it.
+        values: dict[str, float] = {}
+        angle = self.angle
+        if angle is None:
+            scaled(x, y, z, self.name, 4)
+            angle = values["angle"] = _best_direction(x, y, z)
+        if self.R is None:
+            across = y * math.cos(angle) - x * math.sin(angle)
+            extent = float(np.abs(across).max(initial=0.0))
+            if extent < 1e-12 * float(np.hypot(x, y).max(initial=0.0)):
+                raise DegenerateFitError(
+                    f"the points have no extent across the axis of the cylinder (angle {angle:.4g}"
+                    " rad from +x): its radius shows nowhere; along a profile a cylinder is curved "
+                    "with angle=pi/2"
+                )
+            R = radius_of(mean_curvature(x, y, z, name=self.name, across=across))
+            values["R"] = inside(R, extent)
+        return self.with_parameters(**values) if values else self
+
+    def _parts(self, x: FloatArray, y: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        R, angle = self._known("R", "angle")
+        t = y * math.cos(angle) - x * math.sin(angle)
+        u = t / R
+        return R, t, 1.0 - u * u
+
+    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        R, t, w = self._parts(x, y)
+        return t * (t / R) / (1.0 + root(w))
+
+    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        R, t, w = self._parts(x, y)
+        (angle,) = self._known("angle")
+        rate = t / (R * positive_root(w))
+        return -math.sin(angle) * rate, math.cos(angle) * rate
+
+    def _derivatives(self, x: FloatArray, y: FloatArray, names: Sequence[str]) -> list[FloatArray]:
+        R, t, w = self._parts(x, y)
+        (angle,) = self._known("angle")
+        w = positive_root(w)
+        u = t / R
+        along = x * math.cos(angle) + y * math.sin(angle)
+        return [-u * u / (w * (1.0 + w)) if n == "R" else -along * u / w for n in names]
+
+
+def _best_direction(x: FloatArray, y: FloatArray, z: FloatArray) -> float:
+    """Return the axis of the parabolic cylinder that leaves least, rad; a saddle has two valleys.
+
+    With t^2 = x^2 sin^2 - 2 x y sin cos + y^2 cos^2 beside 1, x, y: what t^2 explains is
+    (t^2 . z)^2 / (t^2 . t^2) of what the plane leaves, from the 3 x 3 sums of x^2, x y, y^2.
+    """
+    half = max(float(np.abs(x).max()), float(np.abs(y).max())) or 1.0
+    u, v = x / half, y / half
+    plane = np.linalg.qr(np.stack([np.ones_like(u), u, v], axis=1))[0]
+    bent = np.stack([u * u, u * v, v * v], axis=1)
+    bent = bent - plane @ (plane.T @ bent)
+    sums, right = bent.T @ bent, bent.T @ (z - z.mean())
+    angle = 0.5 * math.pi - math.pi / 720.0 * np.arange(720)
+    s, c = np.sin(angle), np.cos(angle)
+    square = np.stack([s * s, -2.0 * s * c, c * c])
+    length = np.einsum("in,ij,jn->n", square, sums, square)
+    gain = np.square(right @ square) / np.where(length > 0.0, length, np.inf)
+    # A profile shows no direction: the first of equals, curved along x.
+    return float(angle[int(np.argmax(gain >= (1.0 - 1e-9) * gain.max()))])

@@ -23,9 +23,9 @@ from metrosep.core.errors import (
     DegenerateFitError,
     InvalidSamplesError,
     NotConvergedError,
-    TooFewSamplesError,
 )
 from metrosep.forms.base import Form, Freedoms, Placement
+from metrosep.forms.moments import LeastSquares
 from metrosep.forms.points import Points
 
 __all__ = [
@@ -221,7 +221,7 @@ class LinearForm(Form):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LinearFit:
+class LinearFit(LeastSquares):
     """A fitted linear form.
 
     Parameters
@@ -240,36 +240,6 @@ class LinearFit:
     inverse: FloatArray
     residual_sum: float
     n_valid: int
-
-    @property
-    def residual_sd(self) -> float:
-        """Standard deviation of the residual in m, with the parameters taken off the freedoms.
-
-        Raises
-        ------
-        TooFewSamplesError
-            If there are no more points than parameters.
-        """
-        freedoms = self.n_valid - self.inverse.shape[0]
-        if freedoms < 1:
-            raise TooFewSamplesError(
-                f"{self.n_valid} points and {self.inverse.shape[0]} parameters leave nothing to "
-                "estimate the scatter from; use fewer parameters"
-            )
-        return float(np.sqrt(max(self.residual_sum, 0.0) / freedoms))
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Covariance of the parameters in SI, in the order of ``form.parameters``.
-
-        Valid for independent noise of one size in every point of weight 1.
-
-        Raises
-        ------
-        TooFewSamplesError
-            If there are no more points than parameters.
-        """
-        return self.inverse * self.residual_sd**2
 
 
 def solve_blocks(

@@ -26,11 +26,11 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import (
-    DataError,
     DegenerateFitError,
     InvalidSamplesError,
     TooFewSamplesError,
 )
+from metrosep.core.numbers import choice, count
 from metrosep.forms._orthogonal import linearisation, values, values_on_axis
 
 __all__ = [
@@ -54,8 +54,47 @@ MAX_DEGREE = 40
 """Far above what a surface needs; the normal matrix has up to 1681 rows there."""
 
 
+class LeastSquares:
+    """What every linear fit says of its scatter: `inverse`, `residual_sum` and `n_valid` are its fields."""
+
+    __slots__ = ()
+    inverse: FloatArray
+    residual_sum: float
+    n_valid: int
+
+    @property
+    def residual_sd(self) -> float:
+        """Standard deviation of the residual in m, with the parameters taken off the freedoms.
+
+        Raises
+        ------
+        TooFewSamplesError
+            If there are no more points than parameters.
+        """
+        p = self.inverse.shape[0]
+        if self.n_valid <= p:
+            raise TooFewSamplesError(
+                f"{self.n_valid} valid points and {p} parameters leave nothing to estimate the "
+                "scatter from; use fewer parameters or a lower degree"
+            )
+        return float(np.sqrt(max(self.residual_sum, 0.0) / (self.n_valid - p)))
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance of the parameters in SI, in the order of `inverse`.
+
+        Valid for independent noise of one size in every point of weight 1.
+
+        Raises
+        ------
+        TooFewSamplesError
+            If there are no more points than parameters.
+        """
+        return self.inverse * self.residual_sd**2
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class GridPolynomial:
+class GridPolynomial(LeastSquares):
     """A Legendre polynomial on the pixels of a grid.
 
     Parameters
@@ -90,36 +129,6 @@ class GridPolynomial:
     def degree(self) -> int:
         """Highest degree in x or y."""
         return int(self.coefficients.shape[0]) - 1
-
-    @property
-    def residual_sd(self) -> float:
-        """Standard deviation of the residual in m, with the terms taken off the freedoms.
-
-        Raises
-        ------
-        TooFewSamplesError
-            If there are no more pixels than terms.
-        """
-        freedoms = self.n_valid - len(self.terms)
-        if freedoms < 1:
-            raise TooFewSamplesError(
-                f"{self.n_valid} valid pixels and {len(self.terms)} terms leave nothing to "
-                "estimate the scatter from; lower the degree"
-            )
-        return float(np.sqrt(max(self.residual_sum, 0.0) / freedoms))
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Covariance of the fitted coefficients in m^2, in the order of `terms`.
-
-        Valid for independent noise of one size in every pixel of weight 1.
-
-        Raises
-        ------
-        TooFewSamplesError
-            If there are no more pixels than terms.
-        """
-        return self.inverse * self.residual_sd**2
 
 
 def fit_grid_polynomial(
@@ -260,22 +269,22 @@ def _checked(z: ArrayLike, weights: ArrayLike | None) -> tuple[FloatArray, Float
         raise InvalidSamplesError(f"z must have 2 dimensions, got shape {heights.shape}")
     if weights is None:
         return heights, None
+    return heights, checked_weights(weights, heights.shape)
+
+
+def checked_weights(weights: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """Return the weights of the pixels of a map, 0 to 1."""
     given = np.asarray(weights, dtype=np.float64)
-    if given.shape != heights.shape:
-        raise InvalidSamplesError(
-            f"weights must have the shape of z, {heights.shape}, got {given.shape}"
-        )
+    if given.shape != shape:
+        raise InvalidSamplesError(f"weights must have the shape of z, {shape}, got {given.shape}")
     if not (given.min(initial=0.0) >= 0.0 and given.max(initial=0.0) <= 1.0):
         raise InvalidSamplesError("weights must lie between 0 and 1, and none may be NaN")
-    return heights, given
+    return given
 
 
 def _span(degree: int, kind: Kind) -> Span:
-    if int(degree) != degree or not 0 <= degree <= MAX_DEGREE:
-        raise DataError(f"degree must be a whole number from 0 to {MAX_DEGREE}, got {degree}")
-    if kind not in ("total", "tensor"):
-        raise DataError(f'kind must be "total" or "tensor", got {kind!r}')
-    return _legendre(int(degree), kind)
+    choice(kind, "kind", ("total", "tensor"))
+    return _legendre(count(degree, "degree", least=0, most=MAX_DEGREE), kind)
 
 
 @lru_cache(maxsize=16)

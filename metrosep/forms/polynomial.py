@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
+from metrosep.core.numbers import choice, count
 from metrosep.forms._orthogonal import Basis, values, values_and_slopes
 from metrosep.forms.base import checked
 from metrosep.forms.linear import LinearFit, LinearForm
@@ -90,15 +91,10 @@ class Polynomial(LinearForm):
         centre: float | Sequence[float] | None = None,
         half_width: float | Sequence[float] | None = None,
     ) -> None:
-        if basis not in _LETTERS:
-            raise DataError(f"basis must be one of {', '.join(_LETTERS)}, got {basis!r}")
-        if kind not in ("total", "tensor"):
-            raise DataError(f'kind must be "total" or "tensor", got {kind!r}')
-        given: Any = degree
-        is_whole = isinstance(given, int | np.integer) and not isinstance(given, bool)
-        if not is_whole or not 0 <= degree <= MAX_DEGREE:
-            raise DataError(f"degree must be a whole number from 0 to {MAX_DEGREE}, got {degree}")
-        self.degree, self.kind, self.basis_name = int(degree), kind, basis
+        choice(basis, "basis", _LETTERS)
+        choice(kind, "kind", ("total", "tensor"))
+        self.degree = count(degree, "degree", least=0, most=MAX_DEGREE)
+        self.kind, self.basis_name = kind, basis
         self.variables = _variables(variables, coefficients)
         self.terms = (
             polynomial_terms(self.degree, kind)

@@ -19,6 +19,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
+from metrosep.core.numbers import choice, positive
 from metrosep.forms.base import Shape, checked, positive_root
 from metrosep.forms.conic import Conic
 
@@ -159,15 +160,14 @@ class QForbes(Shape):
     name = "qforbes"
 
     def __post_init__(self) -> None:
-        if self.kind not in ("bfs", "con"):
-            raise DataError(f'kind must be "bfs" or "con", got {self.kind!r}')
+        choice(self.kind, "kind", ("bfs", "con"))
         values = tuple(checked(v, f"a{m}") for m, v in enumerate(self.coefficients))
         if len(values) > _HIGHEST:
             raise DataError(f"at most {_HIGHEST} coefficients, got {len(values)}")
         R, k = checked(self.R, "R", zero=False, dimension="length"), checked(self.k, "k")
-        radius = checked(self.radius, "radius", zero=False, dimension="length")
-        if radius is not None and radius < 0.0:
-            raise DataError(f"radius must be positive, got {radius} m")
+        radius = self.radius
+        if radius is not None:
+            radius = positive(radius, "radius", dimension="length")
         if self.kind == "bfs" and k != 0.0:
             raise DataError(
                 f'"bfs" departs from a sphere, so k must be 0, got {k}; use kind="con"'

@@ -10,8 +10,9 @@ from typing import Literal, Self
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
-from metrosep.forms.base import Shape, checked
+from metrosep.core.errors import DegenerateFitError, TooFewSamplesError
+from metrosep.core.numbers import positive
+from metrosep.forms.base import Shape
 
 __all__ = ["SineGrid"]
 
@@ -73,12 +74,10 @@ class SineGrid(Shape):
         units |= {n: "m" for n in ("amplitude_y", "wavelength_y") if getattr(self, n) != "same"}
         units |= {"phase_x": "rad", "phase_y": "rad"}
         self._set(units=units)
+        super().__post_init__()
         for name, value in self.parameters.items():
-            kind = "angle" if units[name] == "rad" else "length"
-            number = checked(value, name, dimension=kind)
-            if number is not None and name.startswith("wavelength") and number <= 0.0:
-                raise DataError(f"{name} must be positive, got {number} m")
-            self._set(**{name: number})
+            if value is not None and name.startswith("wavelength"):
+                positive(value, name, dimension="length")
 
     @property
     def period(self) -> tuple[float, float]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DegenerateFitError
-from metrosep.forms.base import Shape, checked, positive_root, root
+from metrosep.forms.base import Shape, positive_root, root
 from metrosep.forms.conic import EQUATOR, hessian, inside, radius_of
 
 __all__ = ["Biconic", "Toric"]
@@ -78,12 +78,6 @@ class Toric(Shape):
     name = "toric"
     units = {"Rb": "m", "Rd": "m"}  # noqa: RUF012
     radii = ("Rb", "Rd")
-
-    def __post_init__(self) -> None:
-        self._set(
-            Rb=checked(self.Rb, "Rb", zero=False, dimension="length"),
-            Rd=checked(self.Rd, "Rd", zero=False, dimension="length"),
-        )
 
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
         # Radii from the best quadratic, with all points in the domain.
@@ -173,13 +167,6 @@ class Biconic(Shape):
     units = {"Rx": "m", "Ry": "m", "kx": "1", "ky": "1"}  # noqa: RUF012
     radii = ("Rx", "Ry")
     weak = ("kx", "ky")
-
-    def __post_init__(self) -> None:
-        self._set(
-            Rx=checked(self.Rx, "Rx", zero=False, dimension="length"),
-            Ry=checked(self.Ry, "Ry", zero=False, dimension="length"),
-        )
-        self._set(kx=checked(self.kx, "kx"), ky=checked(self.ky, "ky"))
 
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
         # Radii from the best quadratic; an unknown conic constant is 0, or -1 where the data would

@@ -7,7 +7,7 @@ the rms height of that term over the disc; of one normalised to "peak" it is its
 from __future__ import annotations
 
 import math
-import operator
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from functools import lru_cache
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
+from metrosep.core.numbers import choice, count, positive
 from metrosep.forms.base import checked
 from metrosep.forms.linear import LinearFit, LinearForm
 from metrosep.forms.zernike_fit import (
@@ -111,14 +112,10 @@ class Zernike(LinearForm):
         known = _numbered(terms, order) if type(terms) is int else _counted(terms, order)
         self.indices, self.nm, self.names = known
         self.order = order
-        if normalisation not in (None, "rms", "peak"):
-            raise DataError(f'normalisation must be "rms" or "peak", got {normalisation!r}')
-        self.normalisation: Normalisation = normalisation or (
-            "peak" if order == "fringe" else "rms"
-        )
-        self.radius = checked(radius, "radius", zero=False, dimension="length")
-        if self.radius is not None and self.radius < 0.0:
-            raise DataError(f"radius must be positive, got {radius}")
+        usual: Normalisation = "peak" if order == "fringe" else "rms"
+        self.normalisation: Normalisation = usual if normalisation is None else normalisation
+        choice(self.normalisation, "normalisation", ("rms", "peak"))
+        self.radius = None if radius is None else positive(radius, "radius", dimension="length")
         self.units = dict.fromkeys(self.names, "m")
         self._values = self._given(coefficients)
         self._norms: FloatArray = np.array(
@@ -294,7 +291,7 @@ def ansi_to_nm(j: int) -> tuple[int, int]:
     >>> ansi_to_nm(12), ansi_to_nm(8), ansi_to_nm(3)
     ((4, 0), (3, 1), (2, -2))
     """
-    j = _whole(j, "ansi", 0)
+    j = count(j, "the number of an ANSI term", least=0)
     n = (isqrt(8 * j + 1) - 1) // 2
     return n, 2 * j - n * (n + 2)
 
@@ -348,7 +345,7 @@ def noll_to_nm(j: int) -> tuple[int, int]:
     >>> noll_to_nm(11), noll_to_nm(8), noll_to_nm(5)
     ((4, 0), (3, 1), (2, -2))
     """
-    j = _whole(j, "noll", 1)
+    j = count(j, "the number of a Noll term")
     n = (isqrt(8 * j - 7) - 1) // 2
     place = j - n * (n + 1) // 2 - 1
     m = place + 1 - (n + place + 1) % 2 if n % 2 else 2 * ((place + 1) // 2)
@@ -406,7 +403,7 @@ def fringe_to_nm(j: int) -> tuple[int, int]:
     >>> fringe_to_nm(9), fringe_to_nm(7), fringe_to_nm(6)
     ((4, 0), (3, 1), (2, -2))
     """
-    j = _whole(j, "fringe", 1)
+    j = count(j, "the number of a Fringe term")
     half = isqrt(j - 1)  # (n + |m|) / 2
     place = j - 1 - half * half
     m = half - place // 2
@@ -441,12 +438,6 @@ def to_nm(index: int, order: ZernikeOrder) -> tuple[int, int]:
     return _to_nm(order)(index)
 
 
-def _number_of(number: object) -> int:
-    if isinstance(number, bool):
-        raise TypeError("a truth value is no number")
-    return operator.index(number)  # type: ignore[arg-type]
-
-
 def term_indices(terms: int | Sequence[int], order: ZernikeOrder) -> tuple[int, ...]:
     """Return the numbers of the first terms of an order, or the given ones, checked.
 
@@ -461,7 +452,7 @@ def term_indices(terms: int | Sequence[int], order: ZernikeOrder) -> tuple[int, 
         indices = tuple(range(first, first + terms))
     else:
         try:
-            indices = tuple(_number_of(i) for i in terms)  # type: ignore[union-attr]
+            indices = tuple(count(i, "a term", least=-sys.maxsize) for i in terms)  # type: ignore[union-attr]
         except TypeError:
             raise DataError(
                 f"terms is a number of terms or a list of them, got {terms!r}"
@@ -470,7 +461,6 @@ def term_indices(terms: int | Sequence[int], order: ZernikeOrder) -> tuple[int, 
         raise DataError(f"terms must name at least one Zernike term, got {terms}")
     for index in indices:
         check(index)
-    indices = tuple(int(i) for i in indices)
     if len(set(indices)) != len(indices):
         raise DataError(f"a Zernike term occurs twice in {list(indices)}")
     return indices
@@ -517,15 +507,7 @@ def term_name(n: int, m: int) -> str:
 
 def _to_nm(order: str) -> Callable[[int], tuple[int, int]]:
     table = {"ansi": ansi_to_nm, "noll": noll_to_nm, "fringe": fringe_to_nm}
-    if order not in table:
-        raise DataError(f"order must be one of {', '.join(table)}, got {order!r}")
-    return table[order]
-
-
-def _whole(j: int, order: str, first: int) -> int:
-    if isinstance(j, bool) or int(j) != j or j < first:
-        raise DataError(f"{order} terms are whole numbers from {first}, got {j}")
-    return int(j)
+    return table[choice(order, "order", table)]
 
 
 def _orders(n: int, m: int) -> tuple[int, int]:

@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.blas import one_blas_thread
-from metrosep.core.errors import DataError, DegenerateFitError, InvalidSamplesError
+from metrosep.core.errors import DegenerateFitError, InvalidSamplesError
+from metrosep.core.numbers import positive
 from metrosep.forms._orthogonal import values, values_on_axis
 from metrosep.forms.linear import solve_blocks
 from metrosep.forms.moments import (
@@ -24,6 +25,7 @@ from metrosep.forms.moments import (
     Span,
     Terms,
     UnsignedArray,
+    checked_weights,
     grid_values,
     inverse_of,
     polynomial_terms,
@@ -75,8 +77,12 @@ def fit_zernike_grid(
         raise InvalidSamplesError(
             f"z must have shape (n_y, n_x) = {(ys.size, xs.size)}, got {heights.shape}"
         )
-    given = _weights(weights, heights.shape)
-    size = _farthest(xs, ys, heights, given) if radius is None else _radius(radius)
+    given = None if weights is None else checked_weights(weights, heights.shape)
+    size = (
+        _farthest(xs, ys, heights, given)
+        if radius is None
+        else positive(radius, "radius", dimension="length")
+    )
     u, v = xs / size, ys / size
     rows, columns = (slice(*np.searchsorted(p, (-1 - RIM, 1 + RIM))) for p in (v, u))
     u, v = u[columns], v[rows]
@@ -114,7 +120,11 @@ def fit_zernike_points(
     keep = ~np.isnan(zs) if w is None else ~np.isnan(zs) & (w > 0.0)
     _enough(int(keep.sum()), len(nm))
     rho = np.hypot(xs, ys)
-    size = _positive(float(rho[keep].max())) if radius is None else _radius(radius)
+    size = (
+        _positive(float(rho[keep].max()))
+        if radius is None
+        else positive(radius, "radius", dimension="length")
+    )
     keep &= rho <= size * (1.0 + RIM)
     _enough(int(keep.sum()), len(nm))
     u, v, inside = xs[keep] / size, ys[keep] / size, zs[keep]
@@ -173,17 +183,6 @@ def _axis(values_: ArrayLike, name: str) -> FloatArray:
     return np.asarray(values_, dtype=np.float64) if n > 1 else np.array([first])
 
 
-def _weights(weights: ArrayLike | None, shape: tuple[int, ...]) -> FloatArray | None:
-    if weights is None:
-        return None
-    given = np.asarray(weights, dtype=np.float64)
-    if given.shape != shape:
-        raise InvalidSamplesError(f"weights must have the shape of z, {shape}, got {given.shape}")
-    if not (given.min(initial=0.0) >= 0.0 and given.max(initial=0.0) <= 1.0):
-        raise InvalidSamplesError("weights must lie between 0 and 1, and none may be NaN")
-    return given
-
-
 def _farthest(
     x: FloatArray, y: FloatArray, heights: FloatArray, weights: FloatArray | None
 ) -> float:
@@ -204,12 +203,6 @@ def _positive(radius: float) -> float:
     if not radius > 0.0:
         raise DegenerateFitError("all valid points are at the centre; a disc needs a radius")
     return radius
-
-
-def _radius(radius: float) -> float:
-    if not (np.isfinite(radius) and radius > 0.0):
-        raise DataError(f"radius must be positive and finite, got {radius}")
-    return float(radius)
 
 
 def _enough(n: int, needed: int) -> None:

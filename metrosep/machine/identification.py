@@ -21,7 +21,7 @@ from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.forms.plane import Plane
+from metrosep.forms.conic import Plane
 from metrosep.machine._measured import Measured, map_noise, measured_points
 from metrosep.machine._mesh import Positions, axis_positions, checked_place
 from metrosep.machine._responses import (

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from metrosep.core._lazy import lazy_names
+from metrosep.core._lazy import lazy_package
 
 if TYPE_CHECKING:
     from metrosep.optics.image_quality import (
@@ -27,22 +27,4 @@ if TYPE_CHECKING:
         wavefront as wavefront,
     )
 
-_HOMES = {
-    "image_quality": (
-        "ModulationTransfer",
-        "PointSpread",
-        "marechal",
-        "point_spread",
-        "strehl_ratio",
-    ),
-    "rays": ("path_difference", "path_sensitivity"),
-    "wavefronts": ("Wavefront", "ZernikeTable", "wavefront"),
-}
-
-__all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605
-
-__getattr__ = lazy_names(__name__, _HOMES)
-
-
-def __dir__() -> list[str]:
-    return list(__all__)
+__getattr__, __dir__ = lazy_package(__name__)

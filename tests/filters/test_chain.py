@@ -187,3 +187,12 @@ def test_refusal_names_the_way_round_it_in_python() -> None:
         DoubleFilterError, match=r"\(refilter=True in Python does it all the same\)"
     ):
         roughness(p, lambda_c=LAMBDA_C)
+
+
+def test_a_cutoff_may_be_a_text_with_its_unit() -> None:
+    p = Profile(X, 1e-6 * np.sin(2 * np.pi * X / 50e-6))
+    text = roughness(p, lambda_c="0.25 mm", lambda_s="2.5 um")
+    number = roughness(p, lambda_c=0.25e-3, lambda_s=2.5e-6)
+
+    assert np.array_equal(text.z, number.z, equal_nan=True)
+    assert text.metadata["lambda_c_m"] == pytest.approx(0.25e-3, rel=1e-15)

@@ -212,7 +212,7 @@ def test_bands_kind_origin_and_history():
         ({"length": 100}, DataError, "longer than what was measured"),
         ({"radius": np.inf}, InvalidSamplesError, "positive and finite"),
         ({"radius": -5}, InvalidSamplesError, "positive and finite"),
-        ({"radius": 5, "band": "x"}, DataError, "band must be"),
+        ({"radius": 5, "band": "x"}, DataError, "band is one of"),
     ],
 )
 def test_bad_options(options, error, match):

@@ -270,13 +270,13 @@ def test_feature_wider_than_the_cutoff_is_refused_or_marked():
 @pytest.mark.parametrize(
     ("options", "match"),
     [
-        ({"cutoff": 30, "order": 3}, "order must be one of the whole numbers"),
-        ({"cutoff": 30, "unsupported": "drop"}, "unsupported must be"),
-        ({"cutoff": 30, "tolerance": 0.0}, "tolerance > 0"),
+        ({"cutoff": 30, "order": 3}, "order must be a whole number"),
+        ({"cutoff": 30, "unsupported": "drop"}, "unsupported is one of"),
+        ({"cutoff": 30, "tolerance": 0.0}, "tolerance must be positive"),
         ({"nesting_index": 30}, "a profile takes cutoff="),
         ({"cutoff": 1.5}, "does not exceed the sampling limit"),
         ({"cutoff": 1000}, "longer than what was measured"),
-        ({"cutoff": 30, "band": "mid"}, "band must be"),
+        ({"cutoff": 30, "band": "mid"}, "band is one of"),
     ],
 )
 def test_bad_options(options, match):

@@ -186,7 +186,7 @@ def test_numpy_integers_are_orders(profile, order):
     ids=repr,
 )
 def test_what_is_no_order_is_refused_by_name(profile, order):
-    expected = f"order must be one of the whole numbers 0, 1 and 2, got {order!r}"
+    expected = f"order must be a whole number from 0 to 2, got {order!r}"
 
     assert _message(lambda: robust_gaussian(profile, cutoff=20 * UM, order=order)) == expected
     assert _message(lambda: regression_constant(order)) == expected
@@ -212,7 +212,7 @@ def test_what_is_no_number_of_iterations_or_sections_is_refused_by_name(profile,
 def test_a_tolerance_that_cannot_be_met_is_refused_alone(profile, value):
     text = _message(lambda: robust_gaussian(profile, cutoff=20 * UM, tolerance=value))
 
-    assert text == f"tolerance > 0 and finite is needed, got {value}"
+    assert text == f"tolerance must be positive and finite, got {value}"
 
 
 @pytest.mark.parametrize("end", ["natural", "closed"])

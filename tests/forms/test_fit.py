@@ -11,13 +11,11 @@ from metrosep.core.errors import (
     TooFewSamplesError,
 )
 from metrosep.forms.base import Form
-from metrosep.forms.conic import Conic
+from metrosep.forms.conic import Conic, Plane, Sphere
 from metrosep.forms.fit import fit, remove
-from metrosep.forms.plane import Plane
 from metrosep.forms.points import PointSet
 from metrosep.forms.polynomial import Polynomial
 from metrosep.forms.sine_grid import SineGrid
-from metrosep.forms.sphere import Sphere
 from metrosep.forms.zernike import Zernike
 
 EXACT = 1e-8

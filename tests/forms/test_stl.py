@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
-from metrosep.forms.sphere import Sphere
+from metrosep.forms.conic import Sphere
 from metrosep.forms.stl import MeshForm, from_triangles
 
 ROUNDING = 1e-14

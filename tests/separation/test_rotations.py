@@ -11,7 +11,6 @@ from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
     NotSeparableError,
-    TooFewSamplesError,
 )
 from metrosep.separation.maps.rotations import RotationTest, rotation_average
 

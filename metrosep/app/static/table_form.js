@@ -161,7 +161,7 @@ export function makeForm(el, acts) {
     });
     return [
       key("axis", { required: true, help: "its position is looked up" }),
-      key("compensates", { help: "is corrected; the same axis if empty", hint: output.axis }),
+      key("compensates", { help: "is corrected: the same axis for positioning, the one across for straightness", hint: output.axis }),
       ...(one.carries === "polynomial"
         ? [key("degree", { kind: "integer", hint: "chosen by the data", help: "degree of the polynomial" })]
         : [

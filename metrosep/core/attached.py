@@ -1,0 +1,27 @@
+"""What objects of the core do by upper layers: a place for each, which the top fills.
+
+The core imports nothing from above, not even by a string; `metrosep._assembly` sets these once,
+when the package is imported.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+__all__ = ["Explore", "attached"]
+
+
+class Explore(Protocol):
+    """Show an object in a notebook, and return the widget."""
+
+    def __call__(self, obj: Any, /, **options: Any) -> Any:
+        """Return the widget that shows an object."""
+
+
+class _Attached:
+    explore: Explore
+    # packages whose ``METHODS`` recipes, the command line and `separate` know by name
+    method_packages: tuple[str, ...]
+
+
+attached = _Attached()
