@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotSeparableError
-from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.separation._methods import RecordedMethod
 from metrosep.separation._readings import (
@@ -24,11 +24,10 @@ from metrosep.separation._readings import (
     checked_readings,
     known_parts,
     part_of,
-    plain,
-    reduced,
     stated_u,
 )
 from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.planes._result import PlainResult
 from metrosep.separation.planes.squareness import (
     PAIRS,
     Squareness,
@@ -56,7 +55,7 @@ Reached = tuple[ArrayLike, ArrayLike | None, ArrayLike | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class DiagonalTest:
+class DiagonalTest(PlainResult):
     """Result of diagonal displacement tests.
 
     Parameters
@@ -106,26 +105,6 @@ class DiagonalTest:
             rows[name]["length_error_um"] = q.value * 1e6
             rows[name]["u_length_error_um"] = math.nan if q.u is None else q.u * 1e6
         return pd.DataFrame.from_dict(rows, orient="index").rename_axis("diagonal")
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI, NaN as None.
-
-        Returns
-        -------
-        dict
-            ``tests`` and ``length_errors`` by diagonal, ``systematic``, ``reversal``,
-            ``squareness``, ``audit``, ``messages``.
-        """
-        angles = self.squareness
-        found: dict[str, Any] = plain({f.name: getattr(self, f.name) for f in fields(self)})
-        return {
-            **found,
-            "tests": plain({name: test.to_dict() for name, test in self.tests.items()}),
-            "squareness": None if angles is None else angles.to_dict(),
-        }
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
 
     def __repr__(self) -> str:
         parts = [f"{len(self.tests)} diagonals", f"E {self.systematic}"]
@@ -218,20 +197,18 @@ def iso230_6_diagonals(
     if travel is not None:
         messages += _extrapolated(tests, travel)
     return DiagonalTest(
-        tests=freeze_mapping(tests),
+        tests=tests,
         systematic=_largest(
             tests, ("E", "E_fwd", "E_bwd"), "systematic deviation of the diagonals"
         ),
         reversal=_reversal(tests),
-        length_errors=freeze_mapping(lengths),
+        length_errors=lengths,
         squareness=squareness,
-        audit=freeze_mapping(
-            {
-                "diagonals": list(tests),
-                "size_mm": None if travel is None else [float(v) * 1e3 for v in travel],
-                "length": "least-squares slope times the diagonal",
-            }
-        ),
+        audit={
+            "diagonals": list(tests),
+            "size_mm": None if travel is None else [float(v) * 1e3 for v in travel],
+            "length": "least-squares slope times the diagonal",
+        },
         messages=(*messages, *(f"{n}: {m}" for n, t in tests.items() for m in t.messages)),
     )
 

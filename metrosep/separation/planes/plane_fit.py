@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -25,7 +25,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.numbers import positive, real
 from metrosep.core.profile import Profile, html_table
-from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering
@@ -33,12 +33,11 @@ from metrosep.separation._methods import RecordedMethod, settle
 from metrosep.separation._readings import (
     known_parts,
     part_of,
-    plain,
     real_numbers,
-    reduced,
 )
 from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.planes._grid_solution import moved_between
+from metrosep.separation.planes._result import PlainResult
 
 __all__ = [
     "Interaction",
@@ -83,7 +82,7 @@ class Interaction:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PlaneFit:
+class PlaneFit(PlainResult):
     """Sum model of a plane and what it leaves.
 
     Parameters
@@ -118,24 +117,6 @@ class PlaneFit:
     noise: Quantity
     audit: Mapping[str, Any] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "audit", freeze_mapping(self.audit))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI, NaN as None.
-
-        Returns
-        -------
-        dict
-            One key for each field; profiles as ``x``, ``z``; surfaces with steps and origin.
-        """
-        found = {f.name: getattr(self, f.name) for f in fields(self)}
-        found["interaction"] = asdict(self.interaction)
-        return {name: plain(value) for name, value in found.items()}
 
     def _rows(self) -> dict[str, str]:
         test = self.interaction

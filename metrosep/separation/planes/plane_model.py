@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -21,11 +21,12 @@ from metrosep.core.inputs import Results
 from metrosep.core.numbers import real
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile, html_table
-from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.separation._readings import plain, real_numbers, reduced
+from metrosep.separation._readings import real_numbers
 from metrosep.separation.contract import NamedMethod
+from metrosep.separation.planes._result import PlainResult
 from metrosep.separation.planes.plane_fit import described, plane_origin, plane_steps
 from metrosep.separation.runs.base import ErrorEstimate
 
@@ -78,7 +79,7 @@ _MOST_PIXELS = 10_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PlaneMap:
+class PlaneMap(PlainResult):
     """Error of an XY plane with its standard uncertainty.
 
     Parameters
@@ -101,23 +102,6 @@ class PlaneMap:
     beta: Quantity
     audit: Mapping[str, Any] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "audit", freeze_mapping(self.audit))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI, NaN as None.
-
-        Returns
-        -------
-        dict
-            ``surface`` and ``u`` with steps and origin, ``alpha``, ``beta``, ``audit``,
-            ``messages``.
-        """
-        return {f.name: plain(getattr(self, f.name)) for f in fields(self)}
 
     def __repr__(self) -> str:
         n_y, n_x = self.surface.shape

@@ -14,7 +14,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,9 +23,8 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError, UnitError
 from metrosep.core.numbers import not_negative, positive, real
-from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
-from metrosep.separation._readings import plain, reduced
+from metrosep.separation.planes._result import PlainResult
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,7 +39,7 @@ _ESTIMABLE = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Squareness:
+class Squareness(PlainResult):
     """Squareness errors of the axis pairs and scale errors of the axes.
 
     Parameters
@@ -101,21 +100,6 @@ class Squareness:
             for k, q in rows.items()
         }
         return pd.DataFrame.from_dict(data, orient="index").rename_axis("name")
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI, NaN as None.
-
-        Returns
-        -------
-        dict
-            ``angles``, ``scales``, ``remainder``, ``residuals``, ``common``, ``audit``,
-            ``messages``.
-        """
-        found: dict[str, Any] = plain({f.name: getattr(self, f.name) for f in fields(self)})
-        return found
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
 
     def __repr__(self) -> str:
         return "Squareness(" + ", ".join(f"{k} {q}" for k, q in self.angles.items()) + ")"
@@ -202,19 +186,17 @@ def squareness_from_diagonals(
     residuals = dl - design @ least
     found = _quantities(values, spread, known)
     return Squareness(
-        angles=freeze_mapping(dict(zip(PAIRS, found[:3], strict=True))),
-        scales=freeze_mapping(dict(zip("xyz", found[3:], strict=True))),
-        remainder=freeze_mapping(_remainder(signs, travel, least, inverse, known)),
-        residuals=freeze_mapping(dict(zip(table, residuals.tolist(), strict=True))),
+        angles=dict(zip(PAIRS, found[:3], strict=True)),
+        scales=dict(zip("xyz", found[3:], strict=True)),
+        remainder=_remainder(signs, travel, least, inverse, known),
+        residuals=dict(zip(table, residuals.tolist(), strict=True)),
         common=_common(table),
-        audit=freeze_mapping(
-            {
-                "size_mm": [float(v) * 1e3 for v in travel],
-                "diagonals": list(table),
-                "redundancy": int(dl.size - np.linalg.matrix_rank(design)),
-                "residual_rms_nm": float(np.sqrt(np.mean(residuals**2))) * 1e9,
-            }
-        ),
+        audit={
+            "size_mm": [float(v) * 1e3 for v in travel],
+            "diagonals": list(table),
+            "redundancy": int(dl.size - np.linalg.matrix_rank(design)),
+            "residual_rms_nm": float(np.sqrt(np.mean(residuals**2))) * 1e9,
+        },
         messages=tuple(_messages(known, sd)),
     )
 
