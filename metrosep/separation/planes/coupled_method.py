@@ -47,7 +47,8 @@ class CoupledGrid(RecordedMethod):
 
     Readings (2, n_y, n_x) or (2, M, n_y, n_x) in m: lines along x (rows), lines along y (columns),
     NaN where no line was run. Part: ``error`` of the plane, (n_y, n_x) in m. The artefact counts as
-    straight, and how it lies is no part: simulated lines have offset and slope zero.
+    straight, and how it lies is not a part: simulated lines have offset and slope zero. `u_reading` is
+    used where redundancy is missing.
 
     Parameters
     ----------
@@ -140,6 +141,8 @@ def coupled_grid(
         Readings of lines along y, one a column; columns without a line are NaN.
     dx, dy : float, m, optional
         Steps of the grid, for plain arrays.
+    u_reading : float, m, optional
+        Standard uncertainty of one reading, where redundancy is missing.
 
     Returns
     -------

@@ -23,7 +23,7 @@ from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.core.numbers import not_negative, positive
 from metrosep.core.provenance import Step
-from metrosep.separation._methods import RecordedMethod, settle
+from metrosep.separation._methods import RecordedMethod, described_by, settle
 from metrosep.separation._readings import known_parts, part_of, real_numbers
 from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.planes._grid_solution import (
@@ -40,6 +40,138 @@ __all__ = ["GridCalibration", "GridView", "grid_calibration"]
 _TERMS = ("translation x", "translation y", "rotation", "scale")
 
 
+_MOST_SITES = 31 * 31
+
+_NAMED = {"initial": (0, (0, 0)), "rotated": (1, (0, 0)), "shifted": (0, (1, 0))}
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class GridView:
+    """Readings of a grid plate in one placement.
+
+    Parameters
+    ----------
+    readings : array_like, shape (n_y, n_x, 2) or (n_repeats, n_y, n_x, 2), m
+        Reading minus nominal position of the mark at each site of the stage, x and y component
+        along the axes of the stage; NaN where no mark is or was read.
+    turns : int, optional
+        Quarter turns of the plate about the centre of the lattice, from x towards y.
+    shift : tuple of (int, int), pitches, optional
+        Shift of the plate along x and y of the stage, after the turn.
+    """
+
+    readings: ArrayLike
+    turns: int = 0
+    shift: tuple[int, int] = (0, 0)
+
+    def __repr__(self) -> str:
+        return f"GridView({np.shape(self.readings)}, turns={self.turns}, shift={self.shift})"
+
+
+Placement = tuple[int, tuple[int, int]]
+
+_INITIAL_ROTATED_SHIFTED: tuple[Placement, ...] = ((0, (0, 0)), (1, (0, 0)), (0, (1, 0)))
+
+
+@dataclass(frozen=True, slots=True)
+class GridCalibration(RecordedMethod):
+    """Views of a grid plate on a stage.
+
+    Readings (n_views, n_y, n_x, 2) or (n_views, M, n_y, n_x, 2) in m: reading minus nominal position
+    along the axes of the stage, NaN where no mark is or was read. Parts (n_y, n_x, 2) in m: ``stage``,
+    what the stage adds at each site, and ``plate``, the error of each mark along the axes of the
+    plate. `u_reading` is what the noise is believed to be. Simulated views are placed without translation and rotation. Readings larger than half the
+    pitch are refused with a UnitError.
+
+    Parameters
+    ----------
+    pitch : float, m
+        Pitch of the lattice.
+    placements : tuple of (int, (int, int)), optional
+        Quarter turns from x to y, and the shift along x and y in pitches after it, of each view:
+        as placed, turned once, and shifted by one pitch along x if omitted.
+    repeats : {"relaid", "passes"}, optional
+        Whether the plate was placed anew for each repeat of a view, with a translation and rotation
+        of its own, or stayed where it lay.
+
+    Raises
+    ------
+    DataError
+        If the pitch is not positive, a turn or a shift is not a whole number, or
+        `repeats` is unknown.
+
+    Examples
+    --------
+    >>> method = GridCalibration(1e-2)
+    >>> plate = np.zeros((3, 3, 2))
+    >>> plate[0, 0] = (1e-9, 0.0)
+    >>> views = method.simulate({"plate": plate}, {})
+    >>> (views[1, 0, 2] * 1e9).tolist(), bool(np.isnan(views[2, :, 0]).all())
+    ([0.0, 1.0], True)
+    """
+
+    pitch: float
+    placements: tuple[Placement, ...] = _INITIAL_ROTATED_SHIFTED
+    repeats: Repeats = "relaid"
+
+    name: ClassVar[str] = "grid_calibration"
+    truth_parts: ClassVar[tuple[str, ...]] = ("plate",)
+    error_parts: ClassVar[tuple[str, ...]] = ("stage",)
+
+    def __post_init__(self) -> None:
+        settle(self, pitch=positive(self.pitch, "pitch", dimension="length"))
+        refuse_unknown("free", self.repeats)
+        for i, placement in enumerate(self.placements, start=1):
+            try:
+                turns, shift = placement
+            except (TypeError, ValueError):
+                raise DataError(
+                    f"placement {i} is {placement!r}; give (turns, (shift x, shift y))"
+                ) from None
+            checked_placement(GridView((), turns, shift), i)
+
+    def simulate(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> FloatArray:
+        parts = known_parts(self, truth, errors)
+        shape = next(iter(parts.values())).shape
+        if len(shape) != 3 or shape[2] != 2:
+            raise DataError(f"{self.name}: parts have the shape (n_y, n_x, 2), got {shape}")
+        odd = any(turns % 2 for turns, _ in self.placements)
+        if odd and (shape[0] - shape[1]) % 2:
+            raise DataError(
+                f"{self.name}: a lattice of {shape[0]} x {shape[1]} does not fall onto itself when "
+                "turned by a quarter; take rows and columns that are both even or both odd"
+            )
+        plate, stage = (part_of(parts, n, shape, self.name) for n in ("plate", "stage"))
+        return np.stack([stage + _on_stage(plate, *p) for p in self.placements])
+
+    def null_space(self) -> tuple[Unobservable, ...]:
+        return unseen_terms()
+
+    def separate(
+        self,
+        readings: ArrayLike,
+        *,
+        u_reading: float | None = None,
+        history: tuple[Step, ...] = (),
+    ) -> Separation:
+        views = np.asarray(real_numbers(readings, f"{self.name}: readings"), dtype=np.float64)
+        count = len(self.placements)
+        if views.ndim not in (4, 5) or views.shape[0] != count or views.shape[-1] != 2:
+            raise DataError(
+                f"{self.name} has {count} placements: the readings need the shape ({count}, n_y, n_x, "
+                f"2) or ({count}, repeats, n_y, n_x, 2), got {views.shape}"
+            )
+        given = [GridView(v, *p) for v, p in zip(views, self.placements, strict=True)]
+        found = grid_calibration(
+            given, pitch=self.pitch, repeats=self.repeats, u_reading=u_reading
+        )
+        step = Step(self.name, {"pitch_m": self.pitch, "repeats": self.repeats})
+        return replace(found, history=(*history, step))
+
+
+@described_by(GridCalibration, GridCalibration.separate)
 def grid_calibration(
     views: Mapping[str, ArrayLike] | Sequence[GridView],
     *,
@@ -54,13 +186,8 @@ def grid_calibration(
     views : mapping of str to array_like, or sequence of GridView
         Readings under the names ``initial``, ``rotated`` (a quarter turn from x to y) and
         ``shifted`` (one pitch along +x), or views with turns and shifts of their own.
-    pitch : float, m
-        Pitch of the lattice.
-    repeats : {"relaid", "passes"}, optional
-        Whether the plate was placed anew for each repeat of a view, with a translation and rotation
-        of its own, or stayed where it lay.
     u_reading : float, m, optional
-        Standard uncertainty of one reading as it is believed; a message tells if the residuals
+        Standard uncertainty of one reading as it is believed; a message says if the residuals
         exceed it.
 
     Returns
@@ -144,6 +271,20 @@ def grid_calibration(
         },
         messages=_messages(fit, sigma, stated, step, parsed, other),
     )  # fmt: skip
+
+
+def _on_stage(plate: FloatArray, turns: int, shift: tuple[int, int]) -> FloatArray:
+    """Return what the marks of a turned and shifted plate add at the sites of the stage."""
+    n_y, n_x = plate.shape[:2]
+    turn = _quarter_turns(turns)
+    middle = np.array([(n_x - 1) / 2, (n_y - 1) / 2])
+    rows, columns = np.mgrid[:n_y, :n_x]
+    sites = np.stack([columns, rows], axis=-1) - middle - np.array(shift)
+    marks = np.rint(sites @ turn + middle).astype(np.intp)  # turn transposed, times the site
+    on_plate = ((marks >= 0) & (marks < np.array([n_x, n_y]))).all(axis=-1)
+    seen = np.full(plate.shape, np.nan)
+    seen[on_plate] = plate[marks[on_plate][:, 1], marks[on_plate][:, 0]] @ turn.T
+    return seen
 
 
 def unseen_terms() -> tuple[Unobservable, ...]:
@@ -438,34 +579,7 @@ def better_turns(
     return best
 
 
-# ---- `GridView` and the checks on views of a grid plate ----------------------------------------
-
-_MOST_SITES = 31 * 31
-
-_NAMED = {"initial": (0, (0, 0)), "rotated": (1, (0, 0)), "shifted": (0, (1, 0))}
-
-
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class GridView:
-    """Readings of a grid plate in one placement.
-
-    Parameters
-    ----------
-    readings : array_like, shape (n_y, n_x, 2) or (n_repeats, n_y, n_x, 2), m
-        Reading minus nominal position of the mark at each site of the stage, x and y component
-        along the axes of the stage; NaN where no mark is or was read.
-    turns : int, optional
-        Quarter turns of the plate about the centre of the lattice, from x towards y.
-    shift : tuple of (int, int), pitches, optional
-        Shift of the plate along x and y of the stage, after the turn.
-    """
-
-    readings: ArrayLike
-    turns: int = 0
-    shift: tuple[int, int] = (0, 0)
-
-    def __repr__(self) -> str:
-        return f"GridView({np.shape(self.readings)}, turns={self.turns}, shift={self.shift})"
+# ---- the checks on views of a grid plate --------------------------------------------------------
 
 
 def parsed_views(
@@ -549,123 +663,3 @@ def refuse_inseparable(views: list[tuple[GridView, FloatArray]]) -> None:
         raise NotSeparableError(
             f"these views cannot tell the stage from the plate: {' and '.join(missing)} is missing"
         )
-
-
-# ---- `GridCalibration`: a stage and a grid plate separated from views of the same plate --------
-# ``reading(site) = plate(mark) + stage(site) + placement``: the plate as placed, turned by quarter
-# turns and shifted by whole pitches. Arrays are (n_y, n_x, 2), last axis x and y component.
-
-Placement = tuple[int, tuple[int, int]]
-
-_INITIAL_ROTATED_SHIFTED: tuple[Placement, ...] = ((0, (0, 0)), (1, (0, 0)), (0, (1, 0)))
-
-
-@dataclass(frozen=True, slots=True)
-class GridCalibration(RecordedMethod):
-    """Views of a grid plate on a stage.
-
-    Readings (n_views, n_y, n_x, 2) or (n_views, M, n_y, n_x, 2) in m: reading minus nominal position
-    along the axes of the stage, NaN where no mark is or was read. Parts (n_y, n_x, 2) in m: ``stage``,
-    what the stage adds at each site, and ``plate``, the error of each mark along the axes of the
-    plate. Simulated views are placed without translation and rotation. Readings larger than half the
-    pitch are refused with a UnitError.
-
-    Parameters
-    ----------
-    pitch : float, m
-        Pitch of the lattice.
-    placements : tuple of (int, (int, int)), optional
-        Quarter turns from x to y, and the shift along x and y in pitches after it, of each view:
-        as placed, turned once, and shifted by one pitch along x if omitted.
-    repeats : {"relaid", "passes"}, optional
-        Whether the plate was placed anew for each repeat of a view, or stayed.
-
-    Raises
-    ------
-    DataError
-        If the pitch is not positive, a turn or a shift is not a whole number, or
-        `repeats` is unknown.
-
-    Examples
-    --------
-    >>> method = GridCalibration(1e-2)
-    >>> plate = np.zeros((3, 3, 2))
-    >>> plate[0, 0] = (1e-9, 0.0)
-    >>> views = method.simulate({"plate": plate}, {})
-    >>> (views[1, 0, 2] * 1e9).tolist(), bool(np.isnan(views[2, :, 0]).all())
-    ([0.0, 1.0], True)
-    """
-
-    pitch: float
-    placements: tuple[Placement, ...] = _INITIAL_ROTATED_SHIFTED
-    repeats: Repeats = "relaid"
-
-    name: ClassVar[str] = "grid_calibration"
-    truth_parts: ClassVar[tuple[str, ...]] = ("plate",)
-    error_parts: ClassVar[tuple[str, ...]] = ("stage",)
-
-    def __post_init__(self) -> None:
-        settle(self, pitch=positive(self.pitch, "pitch", dimension="length"))
-        refuse_unknown("free", self.repeats)
-        for i, placement in enumerate(self.placements, start=1):
-            try:
-                turns, shift = placement
-            except (TypeError, ValueError):
-                raise DataError(
-                    f"placement {i} is {placement!r}; give (turns, (shift x, shift y))"
-                ) from None
-            checked_placement(GridView((), turns, shift), i)
-
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
-        parts = known_parts(self, truth, errors)
-        shape = next(iter(parts.values())).shape
-        if len(shape) != 3 or shape[2] != 2:
-            raise DataError(f"{self.name}: parts have the shape (n_y, n_x, 2), got {shape}")
-        odd = any(turns % 2 for turns, _ in self.placements)
-        if odd and (shape[0] - shape[1]) % 2:
-            raise DataError(
-                f"{self.name}: a lattice of {shape[0]} x {shape[1]} does not fall onto itself when "
-                "turned by a quarter; take rows and columns that are both even or both odd"
-            )
-        plate, stage = (part_of(parts, n, shape, self.name) for n in ("plate", "stage"))
-        return np.stack([stage + _on_stage(plate, *p) for p in self.placements])
-
-    def null_space(self) -> tuple[Unobservable, ...]:
-        return unseen_terms()
-
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
-    ) -> Separation:
-        views = np.asarray(real_numbers(readings, f"{self.name}: readings"), dtype=np.float64)
-        count = len(self.placements)
-        if views.ndim not in (4, 5) or views.shape[0] != count or views.shape[-1] != 2:
-            raise DataError(
-                f"{self.name} has {count} placements: the readings need the shape ({count}, n_y, n_x, "
-                f"2) or ({count}, repeats, n_y, n_x, 2), got {views.shape}"
-            )
-        given = [GridView(v, *p) for v, p in zip(views, self.placements, strict=True)]
-        found = grid_calibration(
-            given, pitch=self.pitch, repeats=self.repeats, u_reading=u_reading
-        )
-        step = Step(self.name, {"pitch_m": self.pitch, "repeats": self.repeats})
-        return replace(found, history=(*history, step))
-
-
-def _on_stage(plate: FloatArray, turns: int, shift: tuple[int, int]) -> FloatArray:
-    """Return what the marks of a turned and shifted plate add at the sites of the stage."""
-    n_y, n_x = plate.shape[:2]
-    turn = _quarter_turns(turns)
-    middle = np.array([(n_x - 1) / 2, (n_y - 1) / 2])
-    rows, columns = np.mgrid[:n_y, :n_x]
-    sites = np.stack([columns, rows], axis=-1) - middle - np.array(shift)
-    marks = np.rint(sites @ turn + middle).astype(np.intp)  # turn transposed, times the site
-    on_plate = ((marks >= 0) & (marks < np.array([n_x, n_y]))).all(axis=-1)
-    seen = np.full(plate.shape, np.nan)
-    seen[on_plate] = plate[marks[on_plate][:, 1], marks[on_plate][:, 0]] @ turn.T
-    return seen
