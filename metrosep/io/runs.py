@@ -34,7 +34,7 @@ from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import parse_quantity, parse_unit
 from metrosep.io import registry
 from metrosep.io._roles import BLOCKS, jumps_back, runs_in
-from metrosep.io.source import RawFile, open_file
+from metrosep.io.source import RawFile, open_file, rate_of
 from metrosep.io.text.dialect import Dialect, decode
 from metrosep.io.text.table import (
     Column,
@@ -283,10 +283,7 @@ def _clock(t: FloatArray | None, rows: NDArray[np.intp], request: _Request) -> F
         return t[rows]
     if request.sampling_rate is None:
         return None
-    rate = parse_quantity(request.sampling_rate, dimension="frequency", name="sampling_rate")
-    if rate <= 0.0:
-        raise InvalidSamplesError(f"sampling_rate is {rate} Hz; it must be positive")
-    return np.arange(rows.size) / rate
+    return np.arange(rows.size) / rate_of(request.sampling_rate)
 
 
 def _feed_column(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import math
 import os
 import threading
 from collections.abc import Iterator, Mapping
@@ -26,8 +25,8 @@ from metrosep.core.errors import (
     ReadError,
     UnsupportedFeatureError,
 )
+from metrosep.core.numbers import positive
 from metrosep.core.provenance import Step, hash_bytes
-from metrosep.core.units import parse_quantity
 
 __all__ = [
     "HEAD_BYTES",
@@ -36,6 +35,7 @@ __all__ = [
     "flat_map",
     "lateral_steps",
     "open_file",
+    "rate_of",
     "refuse_options",
 ]
 
@@ -297,18 +297,38 @@ def lateral_steps(
     UnitError
         If text has no length unit.
     ReadError
-        If a step is not positive and finite, or there are not one or two.
+        If there are not one or two.
+    DataError
+        If a step is not positive and finite.
     """
     if override is None:
         return None
     items = tuple(override) if isinstance(override, (tuple, list)) else (override, override)
     if len(items) != 2:
         raise ReadError(f"lateral_step has {len(items)} values; give one step or (dx, dy)")
-    steps = tuple(parse_quantity(s, dimension="length", name="lateral_step") for s in items)
-    for step in steps:
-        if not math.isfinite(step) or step <= 0.0:
-            raise ReadError(f"lateral_step is {step} m; a step must be positive and finite")
-    return steps[0], steps[1]
+    first, second = (positive(s, "lateral_step", dimension="length") for s in items)
+    return first, second
+
+
+def rate_of(sampling_rate: float | str) -> float:
+    """Return a declared sampling rate in Hz.
+
+    Parameters
+    ----------
+    sampling_rate : float (Hz) or str with unit
+        What the caller declares.
+
+    Returns
+    -------
+    float
+        In Hz, positive and finite.
+
+    Raises
+    ------
+    DataError
+        If it is not, or has no unit of frequency.
+    """
+    return positive(sampling_rate, "sampling_rate", dimension="frequency")
 
 
 def flat_map(z: FloatArray) -> tuple[str, ...]:

@@ -14,8 +14,6 @@ from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, Protocol
 
-import numpy as np
-
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     DataError,
@@ -24,9 +22,9 @@ from metrosep.core.errors import (
     UnsupportedFeatureError,
 )
 from metrosep.core.text_options import accepted_options
-from metrosep.core.units import Unit, parse_quantity
+from metrosep.core.units import Unit
 from metrosep.io.read import recognise
-from metrosep.io.source import RawFile, open_file
+from metrosep.io.source import RawFile, open_file, rate_of
 from metrosep.io.text.logger import with_units
 
 __all__ = ["ChunkSource", "Stream", "open_stream"]
@@ -240,9 +238,7 @@ def _interval(file: RawFile, own: float | None, sampling_rate: float | str | Non
     """Return the sampling interval; a rate that contradicts the file is refused."""
     if sampling_rate is None:
         return own
-    rate = parse_quantity(sampling_rate, dimension="frequency", name="sampling_rate")
-    if not (np.isfinite(rate) and rate > 0.0):
-        raise DataError(f"sampling_rate must be positive, got {sampling_rate!r}")
+    rate = rate_of(sampling_rate)
     if own is not None and abs(own * rate - 1.0) > _SAME_STEP:
         raise FormatMismatchError(
             f"{file.path}: samples are {own:g} s apart by the file, but sampling_rate is {rate:g} Hz; leave "

@@ -16,8 +16,9 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import FormatMismatchError, ReadError, UnitError
+from metrosep.core.numbers import positive
 from metrosep.core.profile import Profile
-from metrosep.core.units import Unit, format_length, parse_quantity, parse_unit
+from metrosep.core.units import Unit, format_length, parse_unit
 from metrosep.io.containers.workbook import Workbook
 from metrosep.io.declared import mismatch, zip_members
 from metrosep.io.objects import make_profile, only_channels
@@ -161,7 +162,4 @@ def _radius(file: RawFile, radius: float | str | None, values: FloatArray) -> fl
             f"{format_length(float(valid.mean()))}, P-V {format_length(float(np.ptp(valid)))}) and no "
             "radius of the part; declare it, such as radius='25 mm'"
         )
-    length = parse_quantity(radius, dimension="length", name="radius")
-    if not length > 0.0:
-        raise ReadError(f"{file.path}: the radius is {length} m; it must be positive")
-    return length
+    return positive(radius, "radius", dimension="length")

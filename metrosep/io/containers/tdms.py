@@ -25,7 +25,6 @@ from metrosep.core.errors import (
     UnsupportedFeatureError,
 )
 from metrosep.core.recording import Recording
-from metrosep.core.units import parse_quantity
 from metrosep.io.containers.tdms_segments import (
     DAQMX_RAW,
     TdmsChannel,
@@ -33,7 +32,7 @@ from metrosep.io.containers.tdms_segments import (
     read_structure,
 )
 from metrosep.io.declared import sniffer
-from metrosep.io.source import MAX_PIXELS, RawFile, refuse_options
+from metrosep.io.source import MAX_PIXELS, RawFile, rate_of, refuse_options
 from metrosep.io.text.logger import Channels, with_units
 
 __all__ = ["channels", "iter_chunks", "read", "sampling", "sniff", "unit_labels"]
@@ -273,10 +272,7 @@ def _times(
     if time is not None:
         refuse_options(file, "read with a channel of times", sampling_rate=sampling_rate)
         return _by_channel(file, chosen, values, time, unit), {"time_channel": time}
-    declared = None
-    if sampling_rate is not None:
-        rate = parse_quantity(sampling_rate, dimension="frequency", name="sampling_rate")
-        declared = 1.0 / _positive(file, "sampling_rate", rate)
+    declared = None if sampling_rate is None else 1.0 / rate_of(sampling_rate)
     starts = {name: _start(file, c) for name, c in chosen.items()}
     first = min((s for s in starts.values() if s is not None), default=None)
     times = {}

@@ -10,8 +10,6 @@ import itertools
 import re
 from typing import Any
 
-import numpy as np
-
 from metrosep.core.errors import UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, parse_unit
@@ -24,7 +22,7 @@ from metrosep.io.objects import (
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
 from metrosep.io.text.dialect import is_number
-from metrosep.io.text.logger import first_lines, text_lines, to_number
+from metrosep.io.text.logger import first_lines, number_block, numbered_rows, text_lines
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -54,23 +52,12 @@ def read(
     own = _unit(lines[0])
     if sniff(file) is Match.NO or own is None:
         raise mismatch(file, FORMAT)
-    rows = [(n, s.split(",")) for n, s in enumerate(lines[2:], start=3) if s.strip()]
-    points = np.empty((2, len(rows)))
-    for k, (line, fields) in enumerate(rows):
-        if len(fields) != 2:
-            raise file.corrupt(
-                "a row does not hold a position and a height",
-                field=f"line {line}",
-                expected=2,
-                found=len(fields),
-            )
-        for j, name in enumerate(("x", "z")):
-            points[j, k] = to_number(file, fields[j], line=line, name=name)
+    points = number_block(file, numbered_rows(lines[2:], 3), names=("x", "z"), separator=",").T
     warnings = file.cut_text()
     declared = int(lines[1])
-    if declared != len(rows):
+    if declared != points.shape[1]:
         warnings.append(
-            f"line 2 declares {declared} points and the file holds {len(rows)}; all were read"
+            f"line 2 declares {declared} points and the file holds {points.shape[1]}; all were read"
         )
     return make_profile(
         file,

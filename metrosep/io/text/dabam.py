@@ -29,7 +29,14 @@ from metrosep.io.declared import mismatch
 from metrosep.io.objects import make_profile, only_channels
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
-from metrosep.io.text.logger import also_read, beside, first_lines, number_rows, text_lines
+from metrosep.io.text.logger import (
+    also_read,
+    beside,
+    first_lines,
+    number_block,
+    numbered_rows,
+    text_lines,
+)
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -172,8 +179,10 @@ def _columns(
     file: RawFile, data: RawFile, header: dict[str, Any], column: int
 ) -> tuple[FloatArray, FloatArray, int]:
     """Return positions in m and one column in SI, and how many columns of values there are."""
-    lines, rows = number_rows(file, data, skip=header["FILE_HEADER_LINES"])
-    table = np.array(rows)
+    skip = header["FILE_HEADER_LINES"]
+    rows = numbered_rows(text_lines(data)[skip:], skip + 1)
+    lines = [line for line, _ in rows]
+    table = number_block(file, rows, where=f" in {data.name}")
     if len(rows) < 2:
         raise file.corrupt(
             f"there is one row in {data.name}", field=f"line {lines[0]}", expected=2

@@ -11,8 +11,6 @@ import itertools
 import re
 from typing import Any
 
-import numpy as np
-
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import UnitError
 from metrosep.core.surface import Surface
@@ -28,7 +26,7 @@ from metrosep.io.objects import (
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
 from metrosep.io.text.dialect import MISSING, is_number
-from metrosep.io.text.logger import first_lines, text_lines, to_number
+from metrosep.io.text.logger import first_lines, number_block, numbered_rows, text_lines, to_number
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -121,21 +119,7 @@ def _size(file: RawFile, n: int, text: str, warnings: list[str]) -> float | None
 
 
 def _matrix(file: RawFile, lines: list[str]) -> FloatArray:
-    rows = [
-        (n, s.split())
-        for n, s in enumerate(lines[_N_HEADER:], start=_N_HEADER + 1)
-        if s.strip() and not s.startswith("#")
-    ]
-    width = len(rows[0][1])
-    decimal = "," if any("," in f for _, fields in rows for f in fields) else "."
-    z = np.empty((len(rows), width))
-    for k, (line, fields) in enumerate(rows):
-        if len(fields) != width:
-            raise file.corrupt(
-                "a row has another length than the first",
-                field=f"line {line}",
-                expected=width,
-                found=len(fields),
-            )
-        z[k] = [to_number(file, f, line=line, name="a height", decimal=decimal) for f in fields]
-    return z
+    rows = numbered_rows(lines[_N_HEADER:], _N_HEADER + 1)
+    rows = [(n, line) for n, line in rows if not line.startswith("#")]
+    decimal = "," if any("," in line for _, line in rows) else "."
+    return number_block(file, rows, decimal=decimal)

@@ -95,8 +95,7 @@ def read(
             warnings.append(
                 "the first column counts up by one; if halsampler ran with -t, read it with numbered=True"
             )
-    if lines[-1]:
-        warnings.append("the file does not end with a line end; its last row may be cut off")
+    warnings += file.cut_text()
     data = Channels(file)
     pins = column_names(file, names, body.shape[1], _PIN)
     scales = scales_of(file, scale, pins)

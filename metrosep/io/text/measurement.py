@@ -17,11 +17,11 @@ from metrosep.core.errors import DataError, FormatMismatchError, ReadError, Unit
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
-from metrosep.core.units import Unit, likely_meaning, parse_quantity, parse_unit
+from metrosep.core.units import Unit, likely_meaning, parse_unit
 from metrosep.io._roles import role_of, runs_in
 from metrosep.io.objects import SI_NAMES, make_surface, scaled, to_grid
 from metrosep.io.own_notes import header_notes
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile, lateral_steps, rate_of, refuse_options
 from metrosep.io.text.delimited_maps import (
     declared_units,
     is_matrix,
@@ -325,10 +325,7 @@ def _recording(
     if timed is not None:
         t = to_si(file, timed, timed.unit, dimension="time", role="time")
     else:
-        rate = parse_quantity(sampling_rate or 0.0, dimension="frequency", name="sampling_rate")
-        if rate <= 0.0:
-            raise ReadError(f"{file.path}: sampling_rate is {rate} Hz; it must be positive")
-        t = np.arange(len(table), dtype=np.float64) / rate
+        t = np.arange(len(table), dtype=np.float64) / rate_of(sampling_rate or 0.0)
         table = replace(table, warnings=(*table.warnings, *interruption(table)))
     chosen = [c for c in table.numbers if timed is None or c.name != timed.name]
     if channel is not None:

@@ -121,8 +121,7 @@ def _rows(file: RawFile) -> tuple[dict[str, list[tuple[float, float]]], list[str
         slices.setdefault(fields[2].strip(), []).append((x, z))
     if not slices:
         raise file.corrupt("holds no row", field="line 2")
-    cut = "the file does not end with a line end; its last row may be cut off"
-    return slices, [cut] if lines[-1] else []
+    return slices, file.cut_text()
 
 
 def _choose(file: RawFile, labels: tuple[str, ...], channel: str | None) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import ReadError
+from metrosep.core.numbers import count
 from metrosep.core.recording import Recording
 from metrosep.io.declared import sniffer
 from metrosep.io.source import RawFile, refuse_options
@@ -20,6 +20,7 @@ from metrosep.io.text.logger import (
     column_names,
     interval,
     number_block,
+    numbered_rows,
     scales_of,
     text_lines,
 )
@@ -37,8 +38,8 @@ sniff = sniffer(FORMAT)
 def channels(file: RawFile) -> tuple[str, ...]:
     """Return the names of the columns when none are declared."""
     lines = text_lines(file)
-    rows = [(k, line) for k, line in enumerate(lines, start=1) if line.strip()]
-    return tuple(column_names(file, None, number_block(file, rows).shape[1], _COLUMN))
+    n = number_block(file, numbered_rows(lines)).shape[1]
+    return tuple(column_names(file, None, n, _COLUMN))
 
 
 def read(
@@ -49,26 +50,19 @@ def read(
     unit: Any = None,
     sampling_rate: float | str | None = None,
     servo_period: float | str | None = None,
-    gather_period: Any = 1,
+    gather_period: int = 1,
     names: Sequence[str] | None = None,
     scale: Any = None,
 ) -> Recording:
     """Return the columns of a gather."""
     refuse_options(file, "a gather of a PMAC", lateral_step=lateral_step)
-    if isinstance(gather_period, bool) or not (
-        isinstance(gather_period, (int, float, np.integer, np.floating))
-        and gather_period >= 1
-        and gather_period % 1 == 0
-    ):
-        raise ReadError(
-            f"{file.path}: gather_period is {gather_period!r}; give the servo cycles per row, 1 or more"
-        )
-    if servo_period is None and gather_period != 1:
+    cycles = count(gather_period, "gather_period")
+    if servo_period is None and cycles != 1:
         refuse_options(file, "read with a sampling rate", gather_period=gather_period)
     period = interval(file, sampling_rate=sampling_rate, period=servo_period, name="servo_period")
-    step = period * float(gather_period)
+    step = period * cycles
     lines = text_lines(file)
-    body = number_block(file, [(k, line) for k, line in enumerate(lines, start=1) if line.strip()])
+    body = number_block(file, numbered_rows(lines))
     columns = column_names(file, names, body.shape[1], _COLUMN)
     scales = scales_of(file, scale, columns)
     t = step * np.arange(len(body), dtype=np.float64)
@@ -76,13 +70,12 @@ def read(
     for name, column in zip(columns, body.T, strict=True):
         factor, label = scales[name]
         data.add(name, t, column * factor, label)
-    cut = "the file does not end with a line end; its last row may be cut off"
     return data.recording(
         FORMAT,
         {"rows": len(body), "columns": body.shape[1]},
         channel=channel,
         unit=unit,
-        warnings=(cut,) if lines[-1] else (),
+        warnings=tuple(file.cut_text()),
         sampling_interval_s=step,
         count_scale={
             name: f"{factor!r} {label}".strip() for name, (factor, label) in scales.items()
