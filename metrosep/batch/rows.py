@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from metrosep.io.measuring_time import moment_of
+from metrosep.io.own_notes import moment_of
 from metrosep.recipe.reasons import reason_of
 
 __all__ = ["STATUSES", "exit_code", "row_of"]

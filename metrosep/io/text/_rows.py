@@ -23,8 +23,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import AmbiguousFormatError, CorruptFileError
 from metrosep.core.text_options import TextOptions
 from metrosep.io.source import RawFile
-from metrosep.io.text._table_layout import Layout
-from metrosep.io.text.dialect import MISSING, is_comment, n_used
+from metrosep.io.text.dialect import MISSING, Layout, is_comment, n_used
 
 __all__ = ["Block", "Body", "Ledger", "bad_field", "marker_of", "refuse_quotes"]
 
