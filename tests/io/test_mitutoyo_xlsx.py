@@ -12,7 +12,7 @@ import pytest
 import metrosep as ms
 from metrosep.io.containers import mitutoyo_xlsx
 from metrosep.io.containers.workbook import Workbook
-from metrosep.io.declared import zip_members
+from metrosep.io.archive import zip_members
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
 

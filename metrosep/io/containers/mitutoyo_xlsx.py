@@ -16,8 +16,9 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, format_length, parse_quantity, parse_unit
+from metrosep.io.archive import zip_members
 from metrosep.io.containers.workbook import Cells, Workbook
-from metrosep.io.declared import mismatch, zip_members
+from metrosep.io.declared import mismatch
 from metrosep.io.objects import make_profile, only_channels
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, lateral_steps, refuse_options

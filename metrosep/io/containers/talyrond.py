@@ -19,8 +19,9 @@ from metrosep.core.errors import FormatMismatchError, ReadError, UnitError
 from metrosep.core.numbers import positive
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, format_length, parse_unit
+from metrosep.io.archive import zip_members
 from metrosep.io.containers.workbook import Workbook
-from metrosep.io.declared import mismatch, zip_members
+from metrosep.io.declared import mismatch
 from metrosep.io.objects import make_profile, only_channels
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
