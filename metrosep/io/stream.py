@@ -57,20 +57,7 @@ class ChunkSource(Protocol):
     """Sampling interval in s where the file declares it."""
 
     def chunks(self, names: Sequence[str], size: int) -> Iterator[dict[str, FloatArray]]:
-        """Yield the samples as they stand in the file.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Channels.
-        size : int
-            Samples of each; the last chunk may be shorter.
-
-        Yields
-        ------
-        dict of str to ndarray, shape (n,)
-            In the unit of the file, NaN = not measured.
-        """
+        """Yield the samples of channels in the unit of the file, NaN = not measured; the last part is short."""
 
 
 @dataclass(slots=True, eq=False)

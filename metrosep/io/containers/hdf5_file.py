@@ -29,6 +29,7 @@ from metrosep.core.errors import (
     UnsupportedFeatureError,
 )
 from metrosep.io.declared import HDF5_MAGIC, has_hdf5_magic
+from metrosep.io.objects import check_area
 from metrosep.io.source import MAX_PIXELS, RawFile
 
 __all__ = ["Hdf5File", "look_into", "open_hdf5"]
@@ -247,6 +248,16 @@ class Hdf5File:
         if "content" not in answer or len(answer["content"]) != count * dtype.itemsize:
             raise _damaged(self._file, f"dataset {name!r}", answer)
         return np.frombuffer(answer["content"], dtype=dtype).reshape(part)
+
+    def read_map(self, name: str, max_pixels: int | None) -> NDArray[Any]:
+        """Return the numbers of a dataset that must be a map."""
+        shape = self.shape(name)
+        if len(shape) != 2:
+            raise self._file.corrupt(
+                "a map has two dimensions", field=name, expected="2", found=len(shape)
+            )
+        check_area(self._file, shape[1], shape[0], max_pixels=max_pixels)
+        return self.read(name, max_pixels=max_pixels)
 
     def _direct(
         self, name: str, offset: int, dtype: np.dtype[Any], shape: tuple[int, ...]

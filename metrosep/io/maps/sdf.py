@@ -243,25 +243,7 @@ _DOUBLE = 7
 
 
 def sdf_bytes(surface: Surface, *, binary: bool = False) -> bytes:
-    """Return a surface as the content of an SDF file, version 1.0.
-
-    Parameters
-    ----------
-    surface : Surface
-        With both lateral steps, at most 65535 points a side.
-    binary : bool, optional
-        Write ``bISO-1.0`` instead of the text ``aISO-1.0``.
-
-    Returns
-    -------
-    bytes
-        Header, heights and trailer.
-
-    Raises
-    ------
-    WriteError
-        If a step is missing, nothing was measured, or the surface is too large.
-    """
+    """Return a surface as an SDF file, version 1.0: text ``aISO-1.0`` or ``bISO-1.0``."""
     if np.isnan(surface.z).all():
         raise WriteError("nothing was measured, so there is nothing to write as SDF")
     if surface.dx is None or surface.dy is None:
