@@ -221,6 +221,17 @@ class Structure:
             found[name] = value
         return found
 
+    def pack(self, values: Mapping[str, Any], size: int) -> bytes:
+        """Return a header with these values; text is padded with blanks, all else is zero."""
+        packed = bytearray(size)
+        for offset, code, name in self.layout:
+            if name in values:
+                value = values[name]
+                if code.endswith("s"):
+                    value = str(value).encode("ascii").ljust(int(code[:-1]))
+                struct.pack_into(self.order + code, packed, offset, value)
+        return bytes(packed)
+
 
 class Fields(dict[str, Any]):
     """Values of a binary header by name, which know the offset that they come from."""

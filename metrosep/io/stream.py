@@ -24,6 +24,7 @@ from metrosep.core.errors import (
 from metrosep.core.text_options import accepted_options
 from metrosep.core.units import Unit
 from metrosep.io.read import recognise
+from metrosep.io.registry import formats
 from metrosep.io.source import RawFile, open_file, rate_of
 from metrosep.io.text.logger import with_units
 
@@ -34,14 +35,6 @@ CHUNK = 2**18
 
 _SAME_STEP = 1e-4
 """Largest relative difference of a stated rate from the file's own: digits of a header."""
-
-_SOURCES = {
-    "hdf5": "metrosep.io.containers.hdf5",
-    "metrosep-h5": "metrosep.io.containers.hdf5",
-    "matlab": "metrosep.io.containers.hdf5",
-    "tdms": "metrosep.io.containers.tdms",
-    "delimited": "metrosep.io.text.delimited",
-}
 
 
 class ChunkSource(Protocol):
@@ -192,16 +185,16 @@ def open_stream(
     """
     file = open_file(path)
     description = recognise(file, format, options)
-    module = _SOURCES.get(description.id)
+    module = description.facts.get("chunks")
     if module is None:
-        known = ", ".join(_SOURCES)
+        known = ", ".join(f.id for f in formats() if "chunks" in f.facts)
         raise UnsupportedFeatureError(
             f"{file.path}: {description.title} is not read in chunks (those are {known}); read it whole "
             "with metrosep.read"
         )
     stack = ExitStack()
     try:
-        opener = importlib.import_module(module).open_source
+        opener = importlib.import_module(f"metrosep.io.{module}").open_source
         _refuse_unknown(file, opener, options)
         source: ChunkSource = opener(file, stack, **options)
         units = with_units(file, source.labels, unit)

@@ -8,7 +8,6 @@ a `Profile`. See ``data_formats/sdf/SPEC.md``.
 
 from __future__ import annotations
 
-import struct
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -258,42 +257,23 @@ def sdf_bytes(surface: Surface, *, binary: bool = False) -> bytes:
         )
     x, y = surface.origin
     trailer = f"<Origin> {x!r} {y!r} </Origin>\n"
-    if binary:
-        return _header(surface) + surface.z.astype("<f8").tobytes() + trailer.encode("ascii")
     fields = {
         "ManufacID": "metrosep",
         "CreateDate": _NO_DATE,
         "ModDate": _NO_DATE,
         "NumPoints": columns,
         "NumProfiles": rows,
-        "Xscale": repr(surface.dx),
-        "Yscale": repr(surface.dy),
-        "Zscale": "1.0",
-        "Zresolution": "-1.0",
+        "Xscale": surface.dx,
+        "Yscale": surface.dy,
+        "Zscale": 1.0,
+        "Zresolution": -1.0,
         "Compression": 0,
         "DataType": _DOUBLE,
         "CheckType": 0,
     }
+    if binary:
+        header = _HEADER.pack({"version": "bISO-1.0", **fields}, _HEADER.size)
+        return header + surface.z.astype("<f8").tobytes() + trailer.encode("ascii")
     lines = ["aISO-1.0", *(f"{k:<12}= {v}" for k, v in fields.items()), "*"]
     lines += [" ".join("BAD" if v != v else repr(v) for v in row) for row in surface.z.tolist()]
     return ("\n".join(lines) + f"\n*\n{trailer}*\n").encode("ascii")
-
-
-def _header(surface: Surface) -> bytes:
-    rows, columns = surface.shape
-    return struct.pack(
-        "<8s10s12s12sHHddddBBB",
-        b"bISO-1.0",
-        b"metrosep".ljust(10),
-        _NO_DATE.encode("ascii"),
-        _NO_DATE.encode("ascii"),
-        columns,
-        rows,
-        surface.dx,
-        surface.dy,
-        1.0,
-        -1.0,
-        0,
-        _DOUBLE,
-        0,
-    )
