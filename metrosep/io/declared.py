@@ -454,7 +454,9 @@ class TextFields:
         """Return the error about a value that is missing or not usable."""
         text = self.texts.get(name)
         line = self.lines.get(name)
-        state = "is missing" if text is None else "is not usable" if self.noun else "is no number"
+        state = (
+            "is missing" if text is None else "is not usable" if self.noun else "is not a number"
+        )
         return self.file.corrupt(
             f"{self.noun} {name} {state}".strip(),
             field=f"line {line}, {name}" if line else name,

@@ -165,10 +165,10 @@ def _take_fact(file: RawFile, name: str, text: str, facts: dict[str, Any]) -> li
         facts[name] = value
         return []
     if name == _COUNT:
-        return [f"{name} of the file, {text[:40]!r}, is damaged or stands there twice: left out"]
+        return [f"{name} of the file, {text[:40]!r}, is damaged or is given twice: left out"]
     twice = name in facts
     raise file.corrupt(
-        f"what metrosep noted of the object {'stands there twice' if twice else 'is damaged'}",
+        f"what metrosep noted of the object {'is given twice' if twice else 'is damaged'}",
         field=name,
         expected="one line" if twice else _EXPECTED.get(name, "a positive length in m"),
         found=None if twice else repr(text)[:40],

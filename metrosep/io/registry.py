@@ -381,7 +381,7 @@ def _load(file: Path) -> Format:
     try:
         entries = tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as exc:
-        raise ReadError(f"{file}: is no readable TOML ({exc}); correct it") from None
+        raise ReadError(f"{file}: is not readable TOML ({exc}); correct it") from None
     facts = {k: v for k, v in entries.items() if k not in _KEYS}
     try:
         return Format(

@@ -217,7 +217,9 @@ class Hdf5File:
         """Return the values of a small dataset of text or records as plain Python."""
         rows = self._described(name)["rows"]
         if rows is None:
-            raise UnsupportedFeatureError(f"{self._file.path}: {name!r} is no short list of texts")
+            raise UnsupportedFeatureError(
+                f"{self._file.path}: {name!r} is not a short list of texts"
+            )
         return list(rows)
 
     def read(
@@ -334,7 +336,7 @@ def open_hdf5(file: RawFile) -> Iterator[Hdf5File]:
     """Open an HDF5 file for reading."""
     if not has_hdf5_magic(file):
         raise FormatMismatchError(
-            f"{file.path}: is no HDF5 file: expected {HDF5_MAGIC[:4]!r} at offset 0, found {file.head[:4]!r}"
+            f"{file.path}: is not an HDF5 file: expected {HDF5_MAGIC[:4]!r} at offset 0, found {file.head[:4]!r}"
         )
     handle = Hdf5File(file)
     try:

@@ -159,7 +159,7 @@ def _columns(file: RawFile, rows: Cells) -> tuple[Any, Any]:
         for column, value in ((_X, cells.get(_X)), (_Z, cells.get(_Z, 0.0))):
             if not isinstance(value, float):
                 raise file.corrupt(
-                    "a cell of worksheet DATA is no number",
+                    "a cell of worksheet DATA is not a number",
                     field=f"{column}{number}",
                     expected="a number",
                     found=repr(value)[:40],

@@ -134,7 +134,7 @@ def _numbers(file: RawFile) -> tuple[str, FloatArray]:
             value = cells.get(column, math.nan)
             if not isinstance(value, float):
                 raise file.corrupt(
-                    "a cell is no number",
+                    "a cell is not a number",
                     field=f"{column}{number}",
                     expected="a number",
                     found=repr(value)[:40],

@@ -93,7 +93,7 @@ class Workbook:
                 return self._shared()[_index(text)]
             number = float(text)
         except (ValueError, IndexError):
-            raise self._corrupt(f"has a cell {text[:20]!r} that is no value", member) from None
+            raise self._corrupt(f"has a cell {text[:20]!r} that is not a value", member) from None
         if not np.isfinite(number):
             raise self._corrupt(f"has a cell {text[:20]!r} that is not finite", member)
         return number

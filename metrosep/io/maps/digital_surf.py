@@ -168,7 +168,7 @@ def _scale(file: RawFile, item: SurfObject) -> dict[str, float]:
 
 
 def _factor(unit: str) -> float | None:
-    """Return metres per unit, None if it is no length; old files have the micro sign of DOS."""
+    """Return metres per unit, None if it is not a length; old files have the micro sign of DOS."""
     try:
         return parse_unit(unit.replace("\xe6", "u"), dimension="length").factor
     except UnitError:

@@ -152,7 +152,7 @@ def _trailer(file: RawFile, start: int) -> str:
     trailer = file.data[start : start + _MAX_TRAILER].strip(b"\0 \r\n*")
     if not trailer.isascii() or b"\0" in trailer:
         raise file.corrupt(
-            "what follows the heights is no text",
+            "what follows the heights is not text",
             offset=start,
             field="NumPoints, NumProfiles, DataType",
             expected=f"the end of the file at {start}",

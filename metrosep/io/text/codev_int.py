@@ -165,10 +165,10 @@ def _integers(file: RawFile, header: _Header, max_pixels: int | None) -> FloatAr
             expected=f"{columns} x {rows} = {columns * rows}",
             found=raw.size,
         )
-    if not np.array_equal(raw, np.rint(raw)):  # NaN is no whole number either
+    if not np.array_equal(raw, np.rint(raw)):  # NaN is not a whole number either
         k = int(np.argmin(raw == np.rint(raw)))
         raise file.corrupt(
-            "a count is no whole number", field=f"count {k + 1}", found=f"{raw[k]:g}"
+            "a count is not a whole number", field=f"count {k + 1}", found=f"{raw[k]:g}"
         )
     return raw.reshape(rows, columns)
 

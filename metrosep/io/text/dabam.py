@@ -128,7 +128,7 @@ def _header(file: RawFile) -> dict[str, Any]:
         reason = f"the JSON is damaged ({str(exc)[:80]})"
         raise file.corrupt(reason, hint="copy the .txt again") from None
     if not isinstance(header, dict):
-        raise file.corrupt("the JSON is no object", expected="{...}")
+        raise file.corrupt("the JSON is not an object", expected="{...}")
     if str(header.get("FILE_FORMAT")) not in {str(k) for k in _KIND}:
         raise UnsupportedFeatureError(
             f"{file.path}: FILE_FORMAT is {str(header.get('FILE_FORMAT'))[:20]}; metrosep reads 1 "

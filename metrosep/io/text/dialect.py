@@ -147,7 +147,7 @@ def decode(data: bytes, path: object, encoding: str | None = None) -> tuple[str,
 
 
 def head_text(file: RawFile) -> str | None:
-    """Return the text of the first whole lines of a file, None where it is no text."""
+    """Return the text of the first whole lines of a file, None where it is not text."""
     try:
         return decode(file.head_lines, file.path)[0]
     except ReadError:

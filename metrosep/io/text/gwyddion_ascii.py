@@ -94,7 +94,7 @@ def _value_unit(file: RawFile, text: str, declared: Any) -> Unit:
             return parse_unit(text, dimension="length")
         except UnitError as exc:
             raise UnitError(
-                f"{file.path}: the values are in {text!r}, which is no height ({str(exc)[:60]})"
+                f"{file.path}: the values are in {text!r}, which is not a height ({str(exc)[:60]})"
             ) from None
     if declared is None:
         raise UnitError(
@@ -113,7 +113,7 @@ def _size(file: RawFile, n: int, text: str, warnings: list[str]) -> float | None
         return value * parse_unit(match[2] if match else "", dimension="length").factor
     except UnitError:
         warnings.append(
-            f"line {n + 1} gives {text!r}, which is no length: taken as not calibrated"
+            f"line {n + 1} gives {text!r}, which is not a length: taken as not calibrated"
         )
         return None
 

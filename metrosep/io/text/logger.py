@@ -81,7 +81,7 @@ def to_number(file: RawFile, text: str, *, line: int, name: str, decimal: str = 
         if np.isfinite(value):
             return value
     raise file.corrupt(
-        f"{name} is no number",
+        f"{name} is not a number",
         field=f"line {line}",
         expected=f"a number with decimal mark {decimal!r}",
         found=repr(field[:40]),
@@ -386,7 +386,7 @@ def _scale(file: RawFile, scale: Any) -> tuple[float, str]:
     try:
         factor = float(number)
     except (TypeError, ValueError):
-        raise ReadError(f"{file.path}: scale {scale!r} is no number") from None
+        raise ReadError(f"{file.path}: scale {scale!r} is not a number") from None
     if not math.isfinite(factor) or factor == 0.0:
         raise ReadError(f"{file.path}: scale {scale!r} must be finite and not zero")
     return factor, label
