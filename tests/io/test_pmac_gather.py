@@ -8,7 +8,7 @@ import pytest
 import metrosep as ms
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
-from metrosep.io.text import pmac_gather
+from metrosep.io.text.sampled import pmac_gather
 
 
 @pytest.fixture

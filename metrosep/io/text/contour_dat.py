@@ -8,19 +8,18 @@ from __future__ import annotations
 
 import itertools
 import re
-from typing import Any
 
 from metrosep.core.errors import UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, parse_unit
 from metrosep.io.declared import mismatch
 from metrosep.io.objects import (
+    Request,
     height_only as channels,
-    make_profile,
-    only_channels,
+    map_reader,
 )
 from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile
 from metrosep.io.text.dialect import is_number
 from metrosep.io.text.logger import first_lines, number_block, numbered_rows, text_lines
 
@@ -41,13 +40,10 @@ def sniff(file: RawFile) -> Match:
     return Match.YES if is_row else Match.NO
 
 
-def read(
-    file: RawFile, *, channel: str | None = None, lateral_step: Any = None, unit: Any = None
-) -> Profile:
+@map_reader(FORMAT, "contour", "a contour with its own unit", pixels=False)
+def read(asked: Request) -> Profile:
     """Return the profile of a contour file."""
-    refuse_options(file, "a contour with its own unit", unit=unit)
-    only_channels(file, "contour", channel)
-    override = lateral_steps(lateral_step)
+    file = asked.file
     lines = text_lines(file)
     own = _unit(lines[0])
     if sniff(file) is Match.NO or own is None:
@@ -59,13 +55,10 @@ def read(
         warnings.append(
             f"line 2 declares {declared} points and the file holds {points.shape[1]}; all were read"
         )
-    return make_profile(
-        file,
-        FORMAT,
+    return asked.profile(
         points[0] * own.factor,
         points[1] * own.factor,
         header={"unit": lines[0].strip(), "count": declared},
-        override=override[0] if override else None,
         warnings=warnings,
         unit_in_file=own.name,
     )

@@ -18,13 +18,13 @@ from metrosep.core.units import Unit, parse_unit
 from metrosep.io.declared import mismatch
 from metrosep.io.objects import (
     ROW_ORDERS,
+    Request,
     height_only as channels,
     lateral_or_none,
-    make_surface,
-    only_channels,
+    map_reader,
 )
 from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.dialect import MISSING, is_number
 from metrosep.io.text.logger import first_lines, number_block, numbered_rows, text_lines, to_number
 
@@ -51,18 +51,16 @@ def sniff(file: RawFile) -> Match:
     return Match.YES if row and all(numbers) else Match.NO
 
 
-def read(
-    file: RawFile, *, channel: str | None = None, lateral_step: Any = None, unit: Any = None
-) -> Surface:
+@map_reader(FORMAT, "Gwyddion ASCII", pixels=False)
+def read(asked: Request) -> Surface:
     """Return the map of a Gwyddion ASCII export."""
-    only_channels(file, "Gwyddion ASCII", channel)
-    override = lateral_steps(lateral_step)
+    file = asked.file
     if sniff(file) is Match.NO:
         raise mismatch(file, FORMAT)
     lines = text_lines(file)
     comments = [_COMMENT.fullmatch(line) for line in lines[:_N_HEADER]]
     words, values = zip(*((m[1], m[2]) for m in comments if m), strict=True)
-    z_unit = _value_unit(file, values[3], unit)
+    z_unit = _value_unit(file, values[3], asked.unit)
     z = _matrix(file, lines)
     warnings = file.cut_text()
     sizes = tuple(_size(file, n, values[n], warnings) for n in (1, 2))
@@ -70,14 +68,11 @@ def read(
         None if s is None else lateral_or_none(file, words[n], s / count, warnings)
         for n, s, count in zip((1, 2), sizes, z.shape[::-1], strict=True)
     )
-    return make_surface(
-        file,
-        FORMAT,
+    return asked.surface(
         z * z_unit.factor,
         (own[0], own[1]),
         row_order=ROW_ORDERS[1],
         header=dict(zip(words, values, strict=True)),
-        override=override,
         warnings=warnings,
         title=values[0],
         width_m=sizes[0],

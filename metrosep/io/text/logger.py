@@ -6,10 +6,7 @@ field, so that damage is named by its line; a unit is what the file or the calle
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -21,25 +18,21 @@ from metrosep.core.errors import (
     ReadError,
     UnitError,
 )
-from metrosep.core.numbers import positive
 from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.core.units import Unit, parse_unit
 from metrosep.io.objects import SI_NAMES
-from metrosep.io.source import RawFile, open_file, rate_of
+from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.dialect import MISSING, decode, is_number
 
 __all__ = [
     "Channels",
     "also_read",
     "beside",
-    "column_names",
     "first_lines",
-    "interval",
     "number_block",
     "numbered_rows",
     "plain_block",
-    "scales_of",
     "text_lines",
     "to_number",
     "with_units",
@@ -277,7 +270,6 @@ def beside(file: RawFile, suffixes: Sequence[str]) -> RawFile:
 # Shared by the formats that nothing in the file describes (LinuxCNC halsampler, PMAC gather).
 
 _OTHER_FILE = {"hint": "check how many lines stand above the rows, or copy both files again"}
-_SCALE = re.compile(r"\s*([+-]?[0-9.]+(?:[eE][+-]?\d+)?)\s*(\S+)\s*")
 
 
 def number_block(
@@ -322,71 +314,3 @@ def number_block(
 def numbered_rows(lines: Iterable[str], first: int = 1) -> list[tuple[int, str]]:
     """Return the lines that are not blank, each with its number."""
     return [(n, line) for n, line in enumerate(lines, start=first) if line.strip()]
-
-
-def column_names(file: RawFile, names: Sequence[str] | None, n: int, usual: str) -> list[str]:
-    """Return the names of columns."""
-    if names is None:
-        return [f"{usual} {k}" for k in range(n)]
-    if not isinstance(names, (str, Sequence)):
-        raise FormatMismatchError(
-            f"{file.path}: names must list a name for each column, got {names!r}"
-        )
-    given = [names] if isinstance(names, str) else [str(name) for name in names]
-    if len(given) != n or len(set(given)) != n:
-        raise FormatMismatchError(
-            f"{file.path}: has {n} columns of samples, but names= gives {len(set(given))} different ones; "
-            "name each column once"
-        )
-    return given
-
-
-def interval(
-    file: RawFile, *, sampling_rate: float | str | None, period: float | str | None, name: str
-) -> float:
-    """Return the sampling interval that the caller declares."""
-    if (sampling_rate is None) == (period is None):
-        what = "neither" if period is None else "both"
-        options = "sampling_rate=" if name == "sampling_rate" else f"sampling_rate= or {name}="
-        raise ReadError(
-            f"{file.path}: the file does not tell its sampling interval and {what} was given; give {options}"
-        )
-    if period is not None:
-        return positive(period, name, dimension="time")
-    return 1.0 / rate_of(sampling_rate or 0.0)
-
-
-def scales_of(file: RawFile, scale: Any, names: Sequence[str]) -> dict[str, tuple[float, str]]:
-    """Return what one count of each column is."""
-    if scale is None:
-        return dict.fromkeys(names, (1.0, ""))
-    if isinstance(scale, Mapping):
-        unknown = [str(name) for name in scale if name not in names]
-        if unknown:
-            raise FormatMismatchError(
-                f"{file.path}: has no channel {unknown[0]!r}; the channels are {', '.join(names[:20])}"
-            )
-        return {n: _scale(file, scale[n]) if n in scale else (1.0, "") for n in names}
-    given = [scale] * len(names) if isinstance(scale, (Real, str)) else list(scale)
-    if len(given) != len(names):
-        raise FormatMismatchError(
-            f"{file.path}: scale has {len(given)} entries for {len(names)} columns; give one for each"
-        )
-    return {n: _scale(file, one) for n, one in zip(names, given, strict=True)}
-
-
-def _scale(file: RawFile, scale: Any) -> tuple[float, str]:
-    number, label = scale, ""
-    if isinstance(scale, str):
-        match = _SCALE.fullmatch(scale)
-        if match is None:
-            raise ReadError(f"{file.path}: scale {scale!r} is not a number with a unit ('0.5 nm')")
-        number, label = match.groups()
-        parse_unit(label)
-    try:
-        factor = float(number)
-    except (TypeError, ValueError):
-        raise ReadError(f"{file.path}: scale {scale!r} is not a number") from None
-    if not math.isfinite(factor) or factor == 0.0:
-        raise ReadError(f"{file.path}: scale {scale!r} must be finite and not zero")
-    return factor, label
