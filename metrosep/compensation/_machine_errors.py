@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.area_errors import ErrorMap, area_error, format_position, rising
-from metrosep.compensation.map_sampling import sample_area
+from metrosep.compensation.sampling import sample_area
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError, TableError

@@ -23,8 +23,8 @@ from metrosep.compensation.area_errors import (
     rising,
 )
 from metrosep.compensation.limits import Finding, Limits, require_findings
-from metrosep.compensation.map_sampling import inverse_along, sample_area
 from metrosep.compensation.map_verify import MapRemoved, MapVerification, dry_run_map
+from metrosep.compensation.sampling import inverse_along, sample_area
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.profile import html_table

@@ -13,6 +13,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from metrosep.compensation.area_errors import column
 from metrosep.compensation.folds import Folds
 from metrosep.compensation.limits import Finding, Limits, check_limits, require_findings
 from metrosep.compensation.polynomial import exact_correction
@@ -20,7 +21,6 @@ from metrosep.compensation.sampling import (
     Direction,
     ErrorSource,
     SampledError,
-    column,
     sample_error,
     significant_lost_motion,
 )
@@ -226,6 +226,7 @@ class CompensationTable:
             direction=direction,
             positions=positions,
             reference=reference,
+            axis=axis,
             on_axis=target == axis,
         )
         invert = exact and target == axis

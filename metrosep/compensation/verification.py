@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from metrosep.compensation._acceptance import Judgement, Reason, graded, length_text
@@ -242,18 +242,7 @@ class Verification:
                 {
                     "direction": DIRECTION_NAMES[r.direction],
                     "n_runs": r.n_runs,
-                    "before_pv_m": r.before_pv,
-                    "after_pv_m": r.after_pv,
-                    "wrong_sign_pv_m": r.wrong_sign_pv,
-                    "before_rms_m": r.before_rms,
-                    "after_rms_m": r.after_rms,
-                    "wrong_sign_rms_m": r.wrong_sign_rms,
-                    "run_before_rms_m": r.run_before_rms,
-                    "run_after_rms_m": r.run_after_rms,
-                    "u_after_rms_m": r.u_after_rms,
-                    "u_before_rms_m": r.u_before_rms,
-                    "u_after_pv_m": r.u_after_pv,
-                    "u_before_pv_m": r.u_before_pv,
+                    **{f"{k}_m": v for k, v in asdict(r).items() if k.endswith(("_pv", "_rms"))},
                 }
                 for r in self.residuals
             ],

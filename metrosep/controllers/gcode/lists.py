@@ -33,6 +33,7 @@ from metrosep.controllers.gcode.columns import (
 )
 from metrosep.controllers.gcode.corrections import PathCorrection, as_path_correction
 from metrosep.controllers.gcode.words import decimals_of, format_number
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
@@ -206,11 +207,12 @@ def rewrite_points(
     10.0, 90,1.501000,keep
     <BLANKLINE>
     """
-    for name, value in (("resolution", resolution), ("stroke", stroke)):
-        if not (math.isfinite(value) and value > 0.0):
-            raise DataError(f"{name} is {value}; it must be positive and finite")
-    if decimals is not None and not (int(decimals) == decimals and 1 <= decimals <= _MOST_DIGITS):
-        raise DataError(f"decimals is {decimals}; 1 to 12 digits, a whole number, can be written")
+    resolution, stroke = (
+        numbers.positive(v, name, dimension="length")
+        for v, name in ((resolution, "resolution"), (stroke, "stroke"))
+    )
+    if decimals is not None:
+        numbers.count(decimals, "decimals", most=_MOST_DIGITS)
     made = as_path_correction(correction, c_sense=c_sense, c_zero=c_zero)
     if made.x is not None:
         raise DataError(
