@@ -222,6 +222,38 @@ def _settings(code: Sequence[tuple[int, str]], path: Path, sets: Sequence[int]) 
     return values
 
 
+def rolled_size(program: Program, path: Path) -> tuple[int, int]:
+    """Return entries and counts of a table over one motor, and refuse one that jumps at the roll-over."""
+    n, counts = program.entries.size, int(program.define["span"])
+    if n == 0 or counts < n:
+        raise CorruptFileError(
+            path,
+            f"{n} entries over {counts} counts are no table",
+            field="DEFINE line",
+            hint=AGAIN,
+        )
+    if program.entries[-1] != 0:
+        raise CorruptFileError(
+            path,
+            "the last entry stands at the roll-over, where the table is zero by definition: the axis "
+            "would jump there",
+            field="last entry",
+            expected=0,
+            found=int(program.entries[-1]),
+            hint=AGAIN,
+        )
+    return n, counts
+
+
+def refuse_ends(given: Mapping[str, Any], span: Mapping[str, float]) -> None:
+    """Refuse options for reading that contradict the ends of what is written."""
+    for name, end in span.items():
+        if given[name] not in (None, end):
+            raise TableError(
+                f"{name}= is for reading; what is written ends at {format_length(end)}"
+            )
+
+
 def entry_lines(entries: Sequence[int]) -> list[str]:
     """Return entries as lines of at most ten."""
     words = [str(int(v)) for v in entries]
@@ -615,24 +647,7 @@ class PMAC(Dialect):
             for name, own in (("source_count", "count"), ("target_sign", "source_sign")):
                 sources = {f"{own} of the one motor": known[own], "the file or user": known[name]}
                 known[name] = agreed(path, name, sources)
-        n, counts = program.entries.size, int(program.define["span"])
-        if n == 0 or counts < n:
-            raise CorruptFileError(
-                path,
-                f"{n} entries over {counts} counts are no table",
-                field="DEFINE COMP",
-                hint=AGAIN,
-            )
-        if program.entries[-1] != 0:
-            raise CorruptFileError(
-                path,
-                "the last entry stands at the roll-over, where the correction is zero by definition: "
-                "the axis would jump there",
-                field="last entry",
-                expected=0,
-                found=int(program.entries[-1]),
-                hint=AGAIN,
-            )
+        n, counts = rolled_size(program, path)
         nodes = np.concatenate([[0.0], program.entries * known["count"] / SCALE])
         return nodes, counts * known["source_count"] / n, known, program
 
@@ -676,12 +691,7 @@ def _checked_motors(table: CompensationTable, options: Mapping[str, Any]) -> dic
             f"source and target are both motor #{given['source_motor']}: its count and its sign are "
             "one; leave source_count and target_sign away"
         )
-    low, high = table.span
-    for name, end in (("first", low), ("last", high)):
-        if given[name] is not None and given[name] != end:
-            raise TableError(
-                f"{name}= is for reading; the table itself ends at {format_length(end)}"
-            )
+    refuse_ends(given, dict(zip(("first", "last"), table.span, strict=True)))
     return given
 
 

@@ -57,8 +57,10 @@ from metrosep.controllers.pmac import (
     motors_of,
     named_axes,
     read_program,
+    refuse_ends,
     refuse_turning,
     require_short_span,
+    rolled_size,
     rounded_entries,
     signed,
 )
@@ -297,24 +299,7 @@ class PMACBacklash(Dialect):
             settled(self.options, options, path, file=program.facts, needed=_STATED),
             path,
         )
-        n, counts = program.entries.size, int(program.define["span"])
-        if n == 0 or counts < n:
-            raise CorruptFileError(
-                path,
-                f"{n} entries over {counts} counts are no table",
-                field="DEFINE BLCOMP",
-                hint=AGAIN,
-            )
-        if program.entries[-1] != 0:
-            raise CorruptFileError(
-                path,
-                "the last entry stands at the roll-over, where the table is zero by definition: the "
-                "axis would jump there",
-                field="last entry",
-                expected=0,
-                found=int(program.entries[-1]),
-                hint=AGAIN,
-            )
+        n, counts = rolled_size(program, path)
         if program.settings.get(size, -1) not in range(LARGEST + 1):
             raise CorruptFileError(
                 path,
@@ -387,10 +372,7 @@ def _check(table: CompensationTable, options: Mapping[str, Any]) -> None:
             "forward_active= says that the forward corrections acted while the runs were measured, "
             "comp= names forward corrections that are new: say one of them"
         )
-    low, high = table.span
-    for name, end in (("first", low), ("last", high)):
-        if options[name] is not None and options[name] != end:
-            raise TableError(f"{name}= is for reading; the table ends at {format_length(end)}")
+    refuse_ends(options, dict(zip(("first", "last"), table.span, strict=True)))
 
 
 def _text(

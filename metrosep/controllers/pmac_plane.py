@@ -54,6 +54,7 @@ from metrosep.controllers.pmac import (
     motor_range,
     motors_of,
     read_program,
+    refuse_ends,
     refuse_turning,
     require_short_span,
     rounded_entries,
@@ -438,10 +439,8 @@ def _checked(table: CompensationMap, options: Mapping[str, Any]) -> dict[str, An
             f"{own}_count and target_sign away"
         )
     given["owner"] = given["owner"] or given["target_motor"]
-    for name, (low, high) in zip("xy", table.span, strict=True):
-        for key, end in ((f"{name}_first", low), (f"{name}_last", high)):
-            if given[key] is not None and given[key] != end:
-                raise TableError(f"{key}= is for reading; the map ends at {format_length(end)}")
+    for name, span in zip("xy", table.span, strict=True):
+        refuse_ends(given, dict(zip((f"{name}_first", f"{name}_last"), span, strict=True)))
     return given
 
 

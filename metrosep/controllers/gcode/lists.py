@@ -211,8 +211,9 @@ def rewrite_points(
         numbers.positive(v, name, dimension="length")
         for v, name in ((resolution, "resolution"), (stroke, "stroke"))
     )
-    if decimals is not None:
-        numbers.count(decimals, "decimals", most=_MOST_DIGITS)
+    digits = 0 if decimals is None else numbers.count(decimals, "decimals", least=0)
+    if decimals is not None and not 1 <= digits <= _MOST_DIGITS:
+        raise DataError(f"decimals is {decimals}; 1 to 12 digits can be written")
     made = as_path_correction(correction, c_sense=c_sense, c_zero=c_zero)
     if made.x is not None:
         raise DataError(
@@ -233,7 +234,7 @@ def rewrite_points(
     rows.half_x = 0.5 if diameter else 1.0
     dz = _correction(made, rows, found, stroke, start)
     scale = found["Z"].scale
-    wanted = int(decimals or 0) or max(1, math.ceil(-math.log10(resolution / scale) - 1e-9))
+    wanted = digits or max(1, math.ceil(-math.log10(resolution / scale) - 1e-9))
     changed = _written(rows, found, dz, wanted, sep)
     data = "".join(rows.lines).encode("latin-1")
     written = [part.decode("latin-1") for part in data.splitlines(keepends=True)]

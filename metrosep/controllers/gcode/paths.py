@@ -338,7 +338,9 @@ def _settings(
     if sorted(axes) not in (["Z"], ["X", "Z"]):
         raise DataError(f"axes are {axes}; they are ('Z',) or ('Z', 'X')")
     numbers.choice(outside, "outside", ("refuse", "zero", "hold"))
-    digits = None if decimals is None else numbers.count(decimals, "decimals", most=9)
+    digits = None if decimals is None else numbers.count(decimals, "decimals", least=0)
+    if digits is not None and not 1 <= digits <= 9:
+        raise DataError(f"decimals is {decimals}; 1 to 9 digits can be written")
     if c_rollover is not None:
         numbers.flag(c_rollover, "c_rollover")
     resolution, stroke = (
