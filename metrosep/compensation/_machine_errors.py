@@ -90,10 +90,7 @@ class VolumetricError:
         return {a: np.array(parts[..., k]) for k, a in enumerate(self.names)}
 
     def remaining(
-        self,
-        q: Mapping[str, Any],
-        c: Mapping[str, FloatArray],
-        full: Mapping[str, ArrayLike],
+        self, q: Mapping[str, Any], c: Mapping[str, FloatArray], full: Mapping[str, ArrayLike]
     ) -> FloatArray:
         """Return ``E(q + c) + J full``: the error with corrections c, moved to another zero."""
         error = self.moved(q, c)

@@ -27,12 +27,7 @@ from metrosep.compensation._knot_search import (
 )
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray, frozen_float
-from metrosep.core.errors import (
-    DataError,
-    InvalidSamplesError,
-    TableError,
-    TooFewSamplesError,
-)
+from metrosep.core.errors import DataError, InvalidSamplesError, TableError, TooFewSamplesError
 from metrosep.core.units import format_length
 
 __all__ = ["Curve", "Knots", "choose_knots", "knots_for_tolerance", "optimal_values"]

@@ -406,10 +406,7 @@ def sample_area(
         given = (None, None)
     columns = grid_positions(given[0], function, 0, axes[0])
     rows = grid_positions(given[1], function, 1, axes[1])
-    zero = (
-        _zero(columns, first, axes[0]),
-        _zero(rows, second, axes[1]),
-    )
+    zero = (_zero(columns, first, axes[0]), _zero(rows, second, axes[1]))
     dense_x, dense_y = _dense(columns, rows, function)
     looked = np.asarray(function(*np.meshgrid(dense_x, dense_y)), dtype=np.float64)
     _refuse_gaps(looked, dense_x, dense_y, axes)

@@ -30,13 +30,7 @@ from metrosep.compensation.sampling import (
     sample_error,
     significant_lost_motion,
 )
-from metrosep.compensation.verify import (
-    Against,
-    Removed,
-    Unknown,
-    Verification,
-    judged_table,
-)
+from metrosep.compensation.verify import Against, Removed, Unknown, Verification, judged_table
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.profile import html_table

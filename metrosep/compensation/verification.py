@@ -10,11 +10,7 @@ from typing import Any, Literal
 from metrosep.compensation._acceptance import Judgement, Reason, graded, length_text
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.reversal import LostMotion
-from metrosep.core.errors import (
-    InconclusiveTableError,
-    PointlessTableError,
-    SignCheckFailedError,
-)
+from metrosep.core.errors import InconclusiveTableError, PointlessTableError, SignCheckFailedError
 
 __all__ = ["DIRECTION_NAMES", "DirectionResidual", "Unknown", "Verification"]
 

@@ -107,38 +107,18 @@ class DialectInfo:
 
 @dataclass(frozen=True, slots=True)
 class Encoded:
-    """A file ready to be written.
-
-    Parameters
-    ----------
-    data : bytes
-        Its content.
-    quantisation : float, m
-        Largest rounding of an entry.
-    notes : dict
-        More for the sidecar.
-    step : float, m, optional
-        Smallest difference that two entries can have; 0 where the digits are ample.
-    carried : object, optional
-        What the bytes must read back as, where it is not the table itself but was resampled.
-    resampling_error : float, m, optional
-        Largest deviation of what is carried from the table, between the entries too.
-    findings : tuple of Finding, optional
-        What is doubtful about it.
-    options : dict, optional
-        Options that the writer chose itself, to be read back with.
-    verification : dict or None, optional
-        Dry-run that the dialect has judged itself, where the general one does not apply.
-    """
+    """A file ready to be written."""
 
     data: bytes
-    quantisation: float
-    notes: dict[str, Any] = field(default_factory=dict)
-    step: float = 0.0
+    quantisation: float  # m: largest rounding of an entry
+    notes: dict[str, Any] = field(default_factory=dict)  # more for the sidecar
+    step: float = 0.0  # m: smallest difference of two entries; 0 where the digits are ample
+    # what the bytes must read back as, where it is not the table itself but was resampled
     carried: Any = None
-    resampling_error: float = 0.0
-    findings: tuple[Finding, ...] = ()
-    options: dict[str, Any] = field(default_factory=dict)
+    resampling_error: float = 0.0  # m: largest deviation of it, between the entries too
+    findings: tuple[Finding, ...] = ()  # what is doubtful about it
+    options: dict[str, Any] = field(default_factory=dict)  # that the writer chose itself
+    # dry-run that the dialect has judged itself, where the general one does not apply
     verification: dict[str, Any] | None = None
 
 
@@ -155,78 +135,21 @@ class Dialect(ABC):
 
     @abstractmethod
     def encode(self, table: Any, **options: Any) -> Encoded:
-        """Return the bytes of the file for a table, map or polynomial.
-
-        Parameters
-        ----------
-        table : CompensationTable, CompensationMap or PolynomialFit
-            As `info.carries` says.
-        **options
-            Every declared option, checked.
-
-        Returns
-        -------
-        Encoded
-            Bytes and what they cost.
-        """
+        """Return bytes and what they cost of a CompensationTable, CompensationMap or PolynomialFit."""
 
     @abstractmethod
     def decode(self, data: bytes, path: Path, **options: Any) -> Any:
-        """Return what the bytes hold; strict.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            Declared options that the user gave.
-
-        Returns
-        -------
-        CompensationTable, CompensationMap or PolynomialFit
-            Corrections c = -e that are added to the command.
-        """
+        """Return what the bytes hold, strict: corrections c = -e; the path is for messages and the sidecar."""
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
-        """Return what the controller adds to the command, as a function.
+        """Return what the controller adds, in m: ``(position, direction=1)``, of a map ``(x, y, direction=1)``.
 
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            Declared options that the user gave.
-
-        Returns
-        -------
-        callable
-            ``(position, direction=1)``, or ``(x, y, direction=1)`` of a map, to the correction in
-            m; here linear between the entries and constant outside.
+        Here linear between the entries and constant outside.
         """
         return table_lookup(self.decode(data, path, **options))
 
     def limits(self, **machine: Any) -> Limits:
-        """Return the limits of controller and machine.
-
-        Parameters
-        ----------
-        **machine
-            Fields of `metrosep.compensation.limits.Limits`.
-
-        Returns
-        -------
-        Limits
-            With the controller's number of points.
-
-        Raises
-        ------
-        DataError
-            If a keyword is unknown.
-        """
+        """Return the limits of controller and machine, of fields of `Limits`."""
         try:
             return Limits(**{"max_points": self.info.max_points, **machine})
         except TypeError as exc:

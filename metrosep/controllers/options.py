@@ -32,40 +32,19 @@ LIMIT_DIMENSIONS = {
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """One fact about a machine or a file that a dialect takes.
+    """One fact about a machine or a file that a dialect takes."""
 
-    Parameters
-    ----------
-    name : str
-        Keyword of `metrosep.controllers.write`; NAME of ``--machine NAME=VALUE``.
-    help : str
-        What it is, for lists and refusals.
-    kind : str
-        "integer", "number", "text", "flag", "choice", "object" (taken as it is, for a calibration
-        that no text can give), or a dimension of
-        `metrosep.core.units.parse_quantity` such as "length" or "speed": then a number in SI or a
-        text with its unit.
-    default : object, optional
-        Value if it is not given; None where it may stay away.
-    required : bool, optional
-        Refuse to write without it.
-    choices : tuple, optional
-        For kind "choice".
-    lowest, highest : float or None, optional
-        Range of numbers, both ends allowed.
-    positive : bool, optional
-        Numbers must be above zero.
-    """
-
-    name: str
-    help: str
+    name: str  # keyword of `metrosep.controllers.write`; NAME of ``--machine NAME=VALUE``
+    help: str  # what it is, for lists and refusals
+    # "integer", "number", "text", "flag", "choice", "object" (taken as it is, for a calibration that
+    # no text can give), or a dimension such as "length": then a number in SI or a text with its unit
     kind: str
-    default: Any = None
-    required: bool = False
+    default: Any = None  # None where it may stay away
+    required: bool = False  # refuse to write without it
     choices: tuple[Any, ...] = ()
-    lowest: float | None = None
+    lowest: float | None = None  # range of numbers, both ends allowed
     highest: float | None = None
-    positive: bool = False
+    positive: bool = False  # numbers must be above zero
 
     def checked(self, value: Any, controller: str) -> Any:
         """Return a value, of a user or a text from a command line, as the dialect takes it, in SI."""

@@ -25,7 +25,7 @@ from metrosep.compensation.area_errors import bilinear
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers._facts import printable, settled
-from metrosep.controllers._grammar import joined
+from metrosep.controllers._grammar import damaged, joined
 from metrosep.controllers._grids import (
     RollingGrid,
     enclosing_nodes,
@@ -44,7 +44,6 @@ from metrosep.controllers.base import (
 from metrosep.controllers.options import Option
 from metrosep.controllers.pmac import (
     ACTIVATION,
-    AGAIN,
     MOTORS,
     SCALE,
     Program,
@@ -61,7 +60,7 @@ from metrosep.controllers.pmac import (
     signed,
 )
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, TableError
+from metrosep.core.errors import TableError
 from metrosep.core.units import format_length
 
 __all__ = ["PMACPlane"]
@@ -263,21 +262,19 @@ class PMACPlane(Dialect):
         rows, columns = int(program.define["rows"]), int(program.define["columns"])
         spans = int(program.define["row_span"]), int(program.define["column_span"])
         if rows < 1 or columns < 1 or spans[0] < columns or spans[1] < rows:
-            raise CorruptFileError(
+            raise damaged(
                 path,
                 f"{rows} rows and {columns} columns over {spans[1]} and {spans[0]} counts are no table",
                 field="DEFINE COMP",
-                hint=AGAIN,
             )
         entries = np.concatenate([[0], program.entries]).reshape(rows + 1, columns + 1)
         if (entries[:, 0] != entries[:, -1]).any() or (entries[0] != entries[-1]).any():
-            raise CorruptFileError(
+            raise damaged(
                 path,
                 "the last column or row differs from the first: they are one place by roll-over, the "
                 "axis would jump there",
                 field="last column and row",
                 expected="those of column 0 and row 0",
-                hint=AGAIN,
             )
         steps = (
             spans[0] * known["x_count"] / columns,  # columns lie along the row motor
@@ -462,16 +459,15 @@ def _named(path: Path, facts: Mapping[str, str]) -> dict[str, Any]:
     stated = {n: facts[n] for n in names if n in facts}
     if stated and len(stated) < len(names):
         missing = next(n for n in names if n not in stated)
-        raise CorruptFileError(path, f"the comment that names {missing} is missing", hint=AGAIN)
+        raise damaged(path, f"the comment that names {missing} is missing")
     x, y, compensates = (facts.get(n, usual) for n, usual in zip(names, "XYZ", strict=True))
     known = map_identity(path, axes=(x, y), compensates=compensates, first=(0.0, 0.0))
     found = (*known["axes"], known["compensates"])
     if stated and found != (x, y, compensates):
-        raise CorruptFileError(
+        raise damaged(
             path,
             "comments and sidecar name other axes",
             expected=", ".join(stated.values()),
             found=f"{', '.join(known['axes'])}, {known['compensates']}",
-            hint=AGAIN,
         )
     return known

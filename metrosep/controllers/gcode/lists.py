@@ -414,11 +414,7 @@ def _rows(
 
 
 def _correction(
-    made: PathCorrection,
-    rows: _Rows,
-    columns: Mapping[str, _Column],
-    stroke: float,
-    path: Path,
+    made: PathCorrection, rows: _Rows, columns: Mapping[str, _Column], stroke: float, path: Path
 ) -> FloatArray:
     x = rows.values["X"] * columns["X"].scale * rows.half_x
     c = rows.values["C"] * columns["C"].scale if "C" in columns else np.zeros(x.size)
