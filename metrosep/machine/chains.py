@@ -148,10 +148,7 @@ class Chain:
         Raises
         ------
         DataError
-            The file is no TOML, a key, a unit or a parameter is unknown or missing, or the chain
-            does not close; the message names file and key.
-        InvalidSamplesError
-            A value is no finite number.
+            The file is no TOML, or as of `from_dict`; the message names file and key.
 
         Notes
         -----
@@ -316,15 +313,11 @@ class Chain:
         Raises
         ------
         DataError
-            A position is missing, an axis, a term or `exact` is unknown, a position lies outside a
-            term's table.
-        InvalidSamplesError
-            Positions or errors are no real numbers, infinite, or do not broadcast; a term is not
-            known at a position.
+            A position is missing, an axis, a term or `exact` is unknown, a position lies outside a term's
+            table; positions or errors are no real numbers, infinite, or do not broadcast; a term is not
+            known at a position, or is above 1 m or 1 rad (degrees as rad, um as m).
         LimitError
             A polynomial of `metrosep.process.run_polynomial` was not measured at a position.
-        UnitError
-            An error is above 1 m or 1 rad, no error of a machine (degrees as rad, um as m).
 
         Notes
         -----
@@ -364,14 +357,10 @@ class Chain:
 
         Parameters
         ----------
-        q : mapping of str to array_like, m or rad
-            Position of every axis; parked axes may be missing.
+        q, tool, exact : as of `volumetric_error`
+            By default with true rotations; False adds the errors to first order.
         errors : ErrorSet or mapping of str to float, callable or ErrorTerm, optional
             Error terms by name; none gives the nominal pose.
-        tool : array_like, shape (3,) or (..., 3), m
-            Tool point in the frame of the last element of the tool branch.
-        exact : bool or str
-            As in `volumetric_error`; False adds the errors to first order.
 
         Returns
         -------
@@ -381,16 +370,8 @@ class Chain:
 
         Raises
         ------
-        DataError
-            A position is missing, an axis, a term or `exact` is unknown, a position lies outside a
-            term's table.
-        InvalidSamplesError
-            Positions or errors are no real numbers, infinite, or do not broadcast; a term is not
-            known at a position.
-        LimitError
-            A polynomial of `metrosep.process.run_polynomial` was not measured at a position.
-        UnitError
-            An error is above 1 m or 1 rad, no error of a machine (degrees as rad, um as m).
+        DataError, LimitError
+            As of `volumetric_error`.
 
         Examples
         --------
@@ -422,12 +403,10 @@ class Chain:
 
         Parameters
         ----------
-        q : mapping of str to array_like, m or rad
-            Position of every axis; parked axes may be missing.
+        q, tool : as of `volumetric_error`
+            Where the machine stands.
         errors : ErrorSet
             Error terms with standard uncertainties (``u=``) and correlations.
-        tool : array_like, shape (3,) or (..., 3), m
-            Tool point in the frame of the last element of the tool branch.
 
         Returns
         -------
@@ -437,12 +416,7 @@ class Chain:
         Raises
         ------
         DataError
-            A position is missing, an axis or a term is unknown, a position lies outside a table.
-        InvalidSamplesError
-            Positions are no real numbers, infinite, or do not broadcast; an uncertainty is not
-            known at a position.
-        UnitError
-            An uncertainty is above 1 m or 1 rad, no error of a machine.
+            As of `volumetric_error`.
 
         Notes
         -----

@@ -192,7 +192,7 @@ def shares(matrix: ArrayLike, covariance: ArrayLike) -> FloatArray:
     Raises
     ------
     InvalidSamplesError
-        If shapes do not fit, a value is not finite or the Gram matrix is not symmetric.
+        As of `expected_mean_square`.
 
     Examples
     --------

@@ -517,11 +517,7 @@ def _group(
 
 
 def _about_curves(
-    curves: _CurvesLeft,
-    solver: Solver,
-    solution: Solution,
-    moved: NDArray[np.bool_],
-    exact: bool,
+    curves: _CurvesLeft, solver: Solver, solution: Solution, moved: NDArray[np.bool_], exact: bool
 ) -> Iterator[str]:
     """Yield what the reader must know of curves in the residual, and of the terms they shift."""
     for name, size, alike in curves.found:

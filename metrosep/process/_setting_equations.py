@@ -17,10 +17,7 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
-from metrosep.core.errors import (
-    DataError,
-    NotConvergedError,
-)
+from metrosep.core.errors import DataError, NotConvergedError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.forms.points import Points
@@ -414,12 +411,7 @@ def paper_errors(
 
 
 def height_errors(
-    form: Form,
-    x: FloatArray,
-    y: FloatArray,
-    setting: tuple[float, float, float],
-    *,
-    exact: bool,
+    form: Form, x: FloatArray, y: FloatArray, setting: tuple[float, float, float], *, exact: bool
 ) -> FloatArray:
     """Return actual - nominal at flat arrays of points; NaN in the core and off the form."""
     found = np.empty(x.size)

@@ -509,14 +509,8 @@ def sweep_gains(
     Raises
     ------
     DataError
-        If a gain is out of range, there are more than 20000 settings, only one of `t` and
-        `command` is given, or the reference is unstable.
-    InvalidSamplesError
-        If a gain is not a real number, or `t` or `command` holds NaN.
-    NotUniformError
-        If time is not uniform.
-    TooFewSamplesError
-        If there are fewer than 4 samples.
+        If a gain is out of range, there are more than 20000 settings, only one of `t` and `command`
+        is given, the reference is unstable, or as of `ServoModel.simulate`.
 
     Notes
     -----

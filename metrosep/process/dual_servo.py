@@ -269,12 +269,7 @@ def before_after(
 
 
 def _pair(
-    part: Profile,
-    primary: Profile,
-    lambda_c: float,
-    lambda_s: float | None,
-    form: str,
-    span: str,
+    part: Profile, primary: Profile, lambda_c: float, lambda_s: float | None, form: str, span: str
 ) -> dict[str, Quantity]:
     from metrosep.filters.chain import roughness
     from metrosep.parameters.profile import profile_parameters

@@ -149,10 +149,8 @@ class FlexureCalibration(Frozen):
         ------
         LimitError
             If a displacement is beyond the calibrated stroke.
-        InvalidSamplesError
-            If the curve is not monotone.
         DataError
-            If the direction is unknown or was not run.
+            If the curve is not monotone, or as of `evaluate`.
         """
         d = frozen_float(np.atleast_1d(np.asarray(displacement)), name="displacement", ndim=1)
         curve = self._curve(direction)
@@ -619,9 +617,7 @@ def _joined(last: Run, first: Run) -> tuple[Run, float]:
     return (run[0], run[1]), float(first[1][0]) - below
 
 
-def on_common_voltages(
-    runs: list[Run],
-) -> tuple[FloatArray, FloatArray]:
+def on_common_voltages(runs: list[Run]) -> tuple[FloatArray, FloatArray]:
     """Return the voltages that all sweeps share and one curve for each sweep."""
     low = max(float(v.min()) for v, _ in runs)
     high = min(float(v.max()) for v, _ in runs)

@@ -255,14 +255,8 @@ class TurningJob:
 
         Raises
         ------
-        LimitError
-            If no number of blocks holds it.
-        DataError
-            If an argument is not one that can be used.
-        UnitError
-            If the tolerance is above 1 mm.
-        InvalidSamplesError
-            If the form has no height at a point.
+        LimitError, DataError
+            As of `points_for_tolerance`.
         """
         for name in options:
             if name in _OF_THE_JOB:
@@ -351,12 +345,8 @@ class TurningJob:
         Raises
         ------
         DataError
-            If the path is of another job, the log is of another spiral or does not tell its turns,
-            or an argument is not one that can be used.
-        TooFewSamplesError
-            If the log has no sample on the part.
-        InvalidSamplesError
-            If the form has no height at a point.
+            If the path is of another job, the log is of another spiral, does not tell its turns or has no
+            sample on the part, or an argument is not one that can be used.
         NotConvergedError
             If dR exceeds what the curvature of the surface allows.
         LimitError
@@ -441,17 +431,13 @@ class TurningJob:
         Raises
         ------
         DataError
-            If there is nothing to make up for, an argument cannot be used, the path is of another
-            job, or the log is of another spiral, starts late or has a long hole.
-        TooFewSamplesError
-            If the log has no sample on the part.
+            If there is nothing to make up for, an argument cannot be used, the path is of another job, or
+            the log is of another spiral, starts late, has a long hole or no sample on the part.
         NotConvergedError
             If the setting cannot be inverted.
-        InvalidSamplesError
-            If the form has no height at a point.
         LimitError
-            If there are too many points to work on, the nose gouges, or the surface touches it
-            beyond its window.
+            If there are too many points to work on, the nose gouges, or the surface touches it beyond its
+            window.
 
         Notes
         -----

@@ -163,12 +163,7 @@ class RoundNose:
 
 
 def rake_error(
-    form: Form,
-    x: ArrayLike,
-    y: ArrayLike = 0.0,
-    *,
-    nose: RoundNose,
-    sense: Sense | None = None,
+    form: Form, x: ArrayLike, y: ArrayLike = 0.0, *, nose: RoundNose, sense: Sense | None = None
 ) -> FloatArray:
     """Return the error of a path made without rake and cut with it, turns infinitely close.
 

@@ -16,12 +16,7 @@ from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, LimitError, TooFewSamplesError, UnitError
 from metrosep.process._plain import Frozen, frozen, length
-from metrosep.process.interpolation import (
-    EndCondition,
-    Interpolation,
-    angle_at_length,
-    arc_length,
-)
+from metrosep.process.interpolation import EndCondition, Interpolation, angle_at_length, arc_length
 
 if TYPE_CHECKING:
     from metrosep.process.path_errors import PathErrorMap
@@ -194,11 +189,8 @@ def points_for_tolerance(
         If no count up to `max_points` holds the tolerance, or eight points a turn are more, or a
         path is too large to work on.
     DataError
-        If a number or an option cannot be used, or as of `SpiralPath` and the region.
-    UnitError
-        If the tolerance is above 1 mm, or as of `SpiralPath`.
-    InvalidSamplesError
-        If the form has no height at a point.
+        If a number or an option cannot be used, the form has no height at a point, or as of
+        `SpiralPath` and the region.
 
     Notes
     -----
@@ -483,12 +475,10 @@ class SpiralPath:
     Raises
     ------
     DataError
-        If a length is not positive and finite, the feed is above the radius, a word is not known,
-        or the end condition and the knots contradict each other.
-    UnitError
-        If the step is too wide to be in rad or m, the radius above 5 m or the start beyond a turn.
-    TooFewSamplesError
-        If no interval fits (or fewer points than the spline needs).
+        If a length is not positive and finite, the feed is above the radius, a word is not known, or
+        the end condition and the knots contradict each other; also if the step is too wide to be in
+        rad or m, the radius above 5 m or the start beyond a turn (UnitError), and if no interval fits
+        or there are fewer points than the spline needs (TooFewSamplesError).
 
     Notes
     -----
@@ -593,12 +583,7 @@ class SpiralPath:
         Raises
         ------
         DataError
-            If `n_points` is no whole number of 1 or more, an option is not known, or as of the
-            class.
-        UnitError
-            As of the class.
-        TooFewSamplesError
-            As of the class.
+            If `n_points` is no whole number of 1 or more, an option is not known, or as of the class.
         """
         checked_options(options, taken={"step": "step follows from n_points; leave it out"})
         count = numbers.count(n_points, "n_points")
@@ -723,10 +708,6 @@ class SpiralPath:
         ------
         DataError
             If an option is not known, or as of the class.
-        UnitError
-            As of the class.
-        TooFewSamplesError
-            As of the class.
         """
         checked_options(options, taken={"n_points": "n_points follows from the step"})
         return replace(self, **options)
@@ -775,13 +756,10 @@ class SpiralPath:
 
         Raises
         ------
-        InvalidSamplesError
-            If the form has no height at a point of the path.
         DataError
-            If the form cannot be called, the ends are clamped and it has no gradient, or
-            `sub_points` is below 2.
+            As of `points`, or `sub_points` is below 2.
         LimitError
-            If there are more than 10 million points or 50 million samples.
+            As of `points`, or there are more than 50 million samples.
         """
         from metrosep.process.path_errors import path_error_map
 

@@ -443,10 +443,8 @@ class ErrorBudget:
 
         Parameters
         ----------
-        draws : int, optional
-            Of the Monte Carlo.
-        seed : int, optional
-            Of the Monte Carlo.
+        draws, seed : int, optional
+            As of `combine`.
 
         Returns
         -------
@@ -455,10 +453,8 @@ class ErrorBudget:
 
         Raises
         ------
-        TooFewSamplesError
-            If no point has all maps, or fewer than 100 draws are wanted.
         DataError
-            If a number cannot be used.
+            As of `combine`.
         """
         whole = all(c.map is not None for c in self.contributions)
         ways = WAYS if whole else WAYS[1:3]
@@ -486,9 +482,7 @@ class ErrorBudget:
         Raises
         ------
         DataError
-            If the measured value is negative or not finite.
-        TooFewSamplesError
-            If no point has all maps.
+            If the measured value is negative or not finite, or as of `combine`.
         """
         import pandas as pd
 
@@ -518,8 +512,8 @@ class ErrorBudget:
 
         Raises
         ------
-        TooFewSamplesError
-            If no point has all maps.
+        DataError
+            As of `combine`.
         """
         rows = []
         for c in self.contributions:

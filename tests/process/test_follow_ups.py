@@ -470,7 +470,7 @@ class TestMap:
         assert both.x[quarter] > 0.99 * both.rho[quarter]
         assert (both.rho == there.rho).all()
         for bad in ({"spiral_sense": "left"}, {"spiral_start": np.nan}):
-            with pytest.raises(DataError, match="clockwise|spiral_start must be"):
+            with pytest.raises(DataError, match=r"clockwise|spiral_start must be"):
                 follow_up(log, spiral=(RHO, feed, SPEED), **bad)
 
     @pytest.mark.parametrize(
