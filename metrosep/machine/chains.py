@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.machine import _poses as ps
@@ -83,7 +84,12 @@ class Chain:
         for element in self.elements:
             if not isinstance(element, Element):
                 raise DataError(f"a chain is made of Element objects, got {element!r}")
-        refuse_open(self.elements, self.name)
+        for branch in BRANCHES:
+            if not any(e.branch == branch for e in self.elements):
+                raise DataError(
+                    f"chain {self.name!r} does not close: no element has branch = {branch!r}; a part "
+                    "that is fixed to the bed is an element of kind 'fixed'"
+                )
         refuse_twice([e.name for e in self.elements], "element")
         terms = tuple(term for element in self.elements for term in element_terms(element))
         refuse_twice(terms, "term")
@@ -513,9 +519,7 @@ def _columns(element: Element, states: States, chosen: Sequence[str]) -> dict[st
 def _rule(exact: bool | str) -> str | None:
     """Return the kind of product, None for the first order."""
     if isinstance(exact, str):
-        if exact not in ps.EXACT:
-            raise DataError(f"exact is {exact!r}; known are False, True and {', '.join(ps.EXACT)}")
-        return exact
+        return numbers.choice(exact, "exact, if no truth value,", ps.EXACT)
     return ps.EXACT[0] if exact else None
 
 
@@ -535,21 +539,11 @@ def _line_column(element: Element, states: States, line: Sequence[float]) -> ps.
 _PARALLEL = 1e-6  # rad; axes of one kind closer than this are the same axis
 
 
-def refuse_open(elements: Sequence[Element], name: str) -> None:
-    """Refuse a chain without a tool or a workpiece."""
-    for branch in BRANCHES:
-        if not any(e.branch == branch for e in elements):
-            raise DataError(
-                f"chain {name!r} does not close: no element has branch = {branch!r}; "
-                "a part that is fixed to the bed is an element of kind 'fixed'"
-            )
-
-
 def refuse_twice(names: Sequence[str], what: str) -> None:
-    """Refuse a name that stands twice."""
+    """Refuse a name that is used twice."""
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
-        raise DataError(f"{what} {twice[0]!r} stands twice in the chain; names are unique")
+        raise DataError(f"{what} {twice[0]!r} is used twice in the chain; names are unique")
 
 
 def refuse_strange_names(elements: Sequence[Element]) -> None:

@@ -660,7 +660,7 @@ def long_run(columns: FloatArray, residual: FloatArray, at: NDArray[np.intp]) ->
     for block in _BLOCK_SIZES:
         blocks = -(-size // block)
         q, r, count = _means(columns, residual, place, block, blocks)
-        pieces = _pieces(r, count >= 0.5 * block)
+        pieces = [r[a:b] for a, b in stretches(count >= 0.5 * block)]
         usable = sum(p.size for p in pieces)
         if block > 1 and (usable < _FEWEST or np.linalg.svd(q, compute_uv=False)[-1] ** 2 < _KEPT):
             break
@@ -691,11 +691,6 @@ def _means(
     q = np.column_stack([np.bincount(which, weights=c, minlength=blocks) for c in columns.T])
     r = np.bincount(which, weights=residual, minlength=blocks) / np.maximum(count, 1.0)
     return q / root, r * root, count
-
-
-def _pieces(r: FloatArray, used: NDArray[np.bool_]) -> list[FloatArray]:
-    """Return the stretches of blocks that were used."""
-    return [r[a:b] for a, b in stretches(used)]
 
 
 def _burg(pieces: list[FloatArray], n: int) -> tuple[FloatArray, float]:

@@ -392,7 +392,16 @@ def _in_best_period(task: Task, found: Settled) -> tuple[Settled, tuple[str, ...
             f"another period of the {task.form.name} than the nearest explains the map: the part "
             f"is taken to be shifted by {_shift(found)} instead of {_shift(first)}"
         )
-    said.extend(_as_good(task, found, rival) for rival in rivals if _rivals(found, rival))
+    for rival in rivals:  # another period that fits as well and gives another setting
+        worse = found.sums.n * (rival.sums.mean_square / found.sums.mean_square - 1.0)
+        gap = np.array([rival.values[n] - found.values[n] for n in FACTORS])
+        if worse < _TOLD_APART and (np.abs(gap) > _OTHER * _u_setting(found)).any():
+            given = ", ".join(f"{n} = {format_length(rival.values[n])}" for n in FACTORS)
+            said.append(
+                f"another period of the {task.form.name} fits as well: a part shifted by "
+                f"{_shift(rival)} instead of {_shift(found)} gives {given}; measure where the spindle "
+                "axis is on the map"
+            )
     return found, tuple(said)
 
 
@@ -465,21 +474,6 @@ def _u_setting(found: Settled) -> FloatArray:
     """Return the standard uncertainties of the three factors; infinite where not determined."""
     known = _u(found)
     return np.array([known.get(n, math.inf) for n in FACTORS])
-
-
-def _rivals(found: Settled, rival: Settled) -> bool:
-    """Return whether another period fits as well and gives another setting."""
-    worse = found.sums.n * (rival.sums.mean_square / found.sums.mean_square - 1.0)
-    gap = np.array([rival.values[n] - found.values[n] for n in FACTORS])
-    return worse < _TOLD_APART and bool((np.abs(gap) > _OTHER * _u_setting(found)).any())
-
-
-def _as_good(task: Task, found: Settled, rival: Settled) -> str:
-    given = ", ".join(f"{n} = {format_length(rival.values[n])}" for n in FACTORS)
-    return (
-        f"another period of the {task.form.name} fits as well: a part shifted by {_shift(rival)} "
-        f"instead of {_shift(found)} gives {given}; measure where the spindle axis is on the map"
-    )
 
 
 def _shift(found: Settled) -> str:

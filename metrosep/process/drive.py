@@ -230,7 +230,12 @@ def drive_table(
         and numbers.real(calibration, "calibration") == 0.0
     ):
         raise DataError("a sensitivity of 0 m/V is of no use")
-    stroke = (-travel, 0.0) if _moves_down(calibration) else (0.0, travel)
+    curve = (
+        calibration.mean
+        if isinstance(calibration, FlexureCalibration)
+        else np.array([calibration])
+    )
+    stroke = (-travel, 0.0) if float(curve.min() + curve.max()) < 0.0 else (0.0, travel)
     finite = math.isfinite(travel)
     violations = _beyond_stroke(d, given, quantity, offset, stroke) if finite else []
     wanted, beyond = _voltages(d, calibration)
@@ -284,13 +289,6 @@ def _outside(d: FloatArray, low: float, high: float) -> int | None:
     if not (beyond > _SLACK * span).any():
         return None
     return int(np.nanargmax(beyond))
-
-
-def _moves_down(calibration: FlexureCalibration | float) -> bool:
-    """Return whether a stage moves from 0 to negative displacements."""
-    if isinstance(calibration, FlexureCalibration):
-        return float(calibration.mean.min() + calibration.mean.max()) < 0.0
-    return float(calibration) < 0.0
 
 
 def _beyond_stroke(

@@ -623,10 +623,13 @@ def on_common_voltages(runs: list[Run]) -> tuple[FloatArray, FloatArray]:
     high = min(float(v.max()) for v, _ in runs)
     if not high > low:
         raise DegenerateFitError("the sweeps share no range of voltage")
-    for v, _ in runs:
-        if v.size < 3:
-            raise TooFewSamplesError(f"a sweep has {v.size} voltages; a curve needs at least 3")
-    ordered = [_rising(v, d) for v, d in runs]
+    fewest = min(v.size for v, _ in runs)
+    if fewest < 3:
+        raise TooFewSamplesError(f"a sweep has {fewest} voltages; a curve needs at least 3")
+    ordered = []
+    for v, d in runs:  # by voltage, equal voltages averaged
+        at, which = np.unique(v, return_inverse=True)
+        ordered.append((at, np.asarray(np.bincount(which, weights=d) / np.bincount(which))))
     first = ordered[0][0]
     tolerance = _SAME * (high - low)
     shared = all(
@@ -638,12 +641,6 @@ def on_common_voltages(runs: list[Run]) -> tuple[FloatArray, FloatArray]:
     else:
         grid = np.linspace(low, high, _LEVELS)
     return grid, np.array([_resampled(v, d, grid) for v, d in ordered])
-
-
-def _rising(v: FloatArray, d: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a sweep ordered by voltage, equal voltages averaged."""
-    levels, at = np.unique(v, return_inverse=True)
-    return levels, np.asarray(np.bincount(at, weights=d) / np.bincount(at))
 
 
 def _resampled(v: FloatArray, d: FloatArray, grid: FloatArray) -> FloatArray:

@@ -534,15 +534,9 @@ def shares(
             Quantity(abs(c) * pv, "m", f"P-V of the {name} share of the error", u * pv, "PV"),
             Quantity(abs(c) * rms, "m", f"RMS of the {name} share of the error", u * rms, "RMS"),
             c * float(part @ y) / power if varies else 0.0,
-            _significance(abs(c), u) if varies else 0.0,
+            (abs(c) / u if u > 0.0 else math.inf if c else 0.0) if varies else 0.0,
         )
     return found
-
-
-def _significance(c: float, u: float) -> float:
-    if u > 0.0:
-        return c / u
-    return math.inf if c > 0.0 else 0.0
 
 
 def hints(found: Mapping[str, TermShare], fit: Regression, kept: tuple[str, ...]) -> list[str]:

@@ -624,7 +624,10 @@ def _modes(
             continue
         step = u if math.isfinite(u) else _STEP[name]
         try:
-            ahead, behind = _either_side(form, tool, at, i, step)
+            ahead, behind = (
+                height_errors(form, *at, _off_by(tool, i, way * step), exact=True)
+                for way in (1.0, -1.0)
+            )
         except MetrosepError as error:
             messages.append(f"the P-V of the {_NAME} has no u: with {name} one u off, {error}")
             return [], None
@@ -660,16 +663,10 @@ def _modes(
     return maps, np.where(np.isfinite(square), square, 0.0)
 
 
-def _either_side(
-    form: Form, tool: ToolSetting, at: tuple[FloatArray, FloatArray], factor: int, step: float
-) -> tuple[FloatArray, FloatArray]:
-    def off_by(change: float) -> FloatArray:
-        values = tool.values
-        values[factor] += change
-        dx, dy, dR = (float(v) for v in values)
-        return height_errors(form, *at, (dx, dy, dR), exact=True)
-
-    return off_by(step), off_by(-step)
+def _off_by(tool: ToolSetting, factor: int, change: float) -> tuple[float, float, float]:
+    """Return a setting with one factor changed."""
+    dx, dy, dR = (v + (change if k == factor else 0.0) for k, v in enumerate(tool.values.tolist()))
+    return dx, dy, dR
 
 
 def _extent(values: FloatArray) -> float:

@@ -233,7 +233,10 @@ def points_for_tolerance(
     tried: dict[int, float] = {}
     low, high = _bracket(error, tolerance, fewest, most)
     while True:
-        best = _bisected(error, tolerance, low, high, resolution)
+        while high - low > max(1.0, resolution * high):
+            middle = (low + high) // 2
+            low, high = (low, middle) if error(middle) <= tolerance else (middle, high)
+        best = high
         below = _beside(best, _BELOW, low=fewest)
         lucky = [n for n in below if error(n) <= tolerance]
         if not lucky:
@@ -364,15 +367,6 @@ def _bracket(
         f"{error(failed):.6g} m: allow more points or a larger tolerance, leave out the centre "
         "with annulus=(inner radius, None) where CAL is coarse, or use CA"
     )
-
-
-def _bisected(
-    error: Callable[[int], float], tolerance: float, low: int, high: int, resolution: float
-) -> int:
-    while high - low > max(1.0, resolution * high):
-        middle = (low + high) // 2
-        low, high = (low, middle) if error(middle) <= tolerance else (middle, high)
-    return high
 
 
 def _beside(n: int, fractions: tuple[float, ...], *, low: int) -> list[int]:
@@ -533,7 +527,12 @@ class SpiralPath:
             )
         object.__setattr__(self, "lead_in", numbers.count(self.lead_in, "lead_in", least=0))
         object.__setattr__(self, "step", _checked_step(self))
-        n = _whole_count((self._total - self._uncut) / self.step)
+        count = (self._total - self._uncut) / self.step
+        n = (
+            round(count)
+            if abs(count - round(count)) <= _WHOLE * max(count, 1.0)
+            else math.floor(count)
+        )
         fewest = 1 if self.interpolation == "linear" else 3
         if n < 1 or n + self.lead_in < fewest:
             raise TooFewSamplesError(
@@ -831,11 +830,6 @@ def checked_options(options: Mapping[str, Any], *, taken: Mapping[str, str]) -> 
             raise DataError(taken[name])
         if name not in known:
             raise DataError(f"a path has no option {name!r}; it has {', '.join(known)}")
-
-
-def _whole_count(count: float) -> int:
-    nearest = round(count)
-    return nearest if abs(count - nearest) <= _WHOLE * max(count, 1.0) else math.floor(count)
 
 
 def _checked_step(path: SpiralPath) -> float:

@@ -404,7 +404,7 @@ TABLE = linear("T", (0, 1, 0), branch="workpiece")
     [
         ([linear("X", (1, 0, 0))], "does not close.*'workpiece'"),
         ([TABLE], "does not close.*'tool'"),
-        ([TABLE, linear("X", (1, 0, 0)), linear("X", (0, 0, 1))], "'X' stands twice"),
+        ([TABLE, linear("X", (1, 0, 0)), linear("X", (0, 0, 1))], "'X' is used twice"),
         ([TABLE, linear("X", (1, 0, 0)), linear("U", (-1, 0, 0))], "parallel_to"),
         ([TABLE, "X"], "Element objects"),
     ],
