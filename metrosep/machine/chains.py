@@ -118,7 +118,7 @@ class Chain:
         DataError
             A key, a unit or a parameter is unknown or missing, or the chain does not close.
         InvalidSamplesError
-            A value is no finite number.
+            A value is not a finite number.
 
         Examples
         --------
@@ -154,7 +154,7 @@ class Chain:
         Raises
         ------
         DataError
-            The file is no TOML, or as of `from_dict`; the message names file and key.
+            The file is not TOML, or as of `from_dict`; the message names file and key.
 
         Notes
         -----
@@ -254,7 +254,7 @@ class Chain:
         DataError
             A position is missing, an axis or a term is unknown.
         InvalidSamplesError
-            Positions or tool points are no real numbers, infinite, or do not broadcast.
+            Positions or tool points are not real numbers, infinite, or do not broadcast.
 
         Notes
         -----
@@ -320,7 +320,7 @@ class Chain:
         ------
         DataError
             A position is missing, an axis, a term or `exact` is unknown, a position lies outside a term's
-            table; positions or errors are no real numbers, infinite, or do not broadcast; a term is not
+            table; positions or errors are not real numbers, infinite, or do not broadcast; a term is not
             known at a position, or is above 1 m or 1 rad (degrees as rad, um as m).
         LimitError
             A polynomial of `metrosep.process.run_polynomial` was not measured at a position.
@@ -484,7 +484,7 @@ class Chain:
         Raises
         ------
         DataError
-            A name is no term of this chain.
+            A name is not a term of this chain.
 
         Examples
         --------
@@ -498,7 +498,7 @@ class Chain:
         unknown = [name for name in names if name not in self.terms]
         if unknown:
             raise DataError(
-                f"{unknown[0]!r} is no error term of chain {self.name!r}; "
+                f"{unknown[0]!r} is not an error term of chain {self.name!r}; "
                 f"known are {', '.join(self.terms)}" + paper_hint(unknown[0])
             )
         return names

@@ -64,9 +64,9 @@ class ErrorSet:
     DataError
         A name follows no rule, an uncertainty, a correlation or a direction belongs to no term or is
         given twice, or the correlations contradict each other (no covariance has them); a value, an
-        uncertainty or a correlation is no finite real number, or out of range.
+        uncertainty or a correlation is not a finite real number, or out of range.
     UnitError
-        A number is above 1 m or 1 rad, no error of a machine (degrees as rad, um as m); a curve in m
+        A number is above 1 m or 1 rad, not an error of a machine (degrees as rad, um as m); a curve in m
         stands for an angle.
 
     Notes
@@ -169,7 +169,7 @@ class ErrorSet:
         LimitError
             A polynomial of `metrosep.process.run_polynomial` was not measured at a position.
         UnitError
-            An amount is above 1 m or 1 rad, no error of a machine.
+            An amount is above 1 m or 1 rad, not an error of a machine.
 
         Notes
         -----
@@ -216,7 +216,7 @@ class ErrorSet:
         Raises
         ------
         DataError
-            A name is no term of the set.
+            A name is not a term of the set.
         """
         wanted = self._known(names)
         matrix = np.eye(len(wanted))
@@ -246,7 +246,7 @@ class ErrorSet:
         Raises
         ------
         DataError
-            A name is no term of the set, an uncertainty depends on the position and there is no `q`, or as
+            A name is not a term of the set, an uncertainty depends on the position and there is no `q`, or as
             of `u_at`.
 
         Examples
@@ -279,7 +279,9 @@ class ErrorSet:
         wanted = self.names if names is None else tuple(names)
         for name in wanted:
             if name not in self.terms:
-                raise DataError(f"{name!r} is no term of the set; it has {', '.join(self.names)}")
+                raise DataError(
+                    f"{name!r} is not a term of the set; it has {', '.join(self.names)}"
+                )
         return wanted
 
     def _check_correlations(self) -> None:
@@ -321,7 +323,7 @@ def as_error_set(errors: ErrorSet | Mapping[str, Any]) -> ErrorSet:
     Raises
     ------
     DataError
-        The values are no mapping, or as of `ErrorSet`.
+        The values are not a mapping, or as of `ErrorSet`.
 
     Examples
     --------

@@ -288,7 +288,7 @@ _PERIODS = 4
 """Periods tried to each side where the nearest do not explain the map."""
 _MOST_MOVES = 4
 _TOLD_APART = 9.0
-"""Of chi-square: a period that fits worse by less cannot be told from the best."""
+"""Of chi-square: a period that fits worse by less cannot be distinguished from the best."""
 _OTHER = 2.0
 """Standard uncertainties by which a setting is another one."""
 
@@ -303,7 +303,7 @@ class Guess:
 
 
 def settle_in_period(task: Task, start: Mapping[str, float]) -> tuple[Settled, tuple[str, ...]]:
-    """Return the fit in the period that explains the map best, and what stays doubtful."""
+    """Return the fit in the period that explains the map best, and what stays uncertain."""
     found, failed = None, None
     try:
         found = settle(task, start)
@@ -368,7 +368,7 @@ def _thinned(task: Task) -> Task:
 
 
 def _in_best_period(task: Task, found: Settled) -> tuple[Settled, tuple[str, ...]]:
-    """Return the best of a fit and those one or more periods on, and what stays doubtful."""
+    """Return the best of a fit and those one or more periods on, and what stays uncertain."""
     free = [n for n in ("shift_x", "shift_y") if n in found.choice.used]
     if task.form.period is None or not free:
         return found, ()

@@ -120,7 +120,7 @@ def stage_displacement(
     LimitError
         If the stage would leave its travel; the offending value is named.
     DataError
-        If `quantity` is not one of its choices, or offset or travel is no length.
+        If `quantity` is not one of its choices, or offset or travel is not a length.
 
     References
     ----------

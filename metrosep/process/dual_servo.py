@@ -75,7 +75,7 @@ def cumulative_error(
     straightness : RunPolynomial, callable or array_like
         Straightness at the positions, in m.
     quantity : {"error", "compensation"}, optional
-        What `straightness` holds. A `RunPolynomial` knows; everything else must be told.
+        What `straightness` holds. A `RunPolynomial` knows; of everything else it must be stated.
 
     Returns
     -------

@@ -179,7 +179,7 @@ def corrected_path(
         If the form is none or has unknown parameters, or the surface is not defined where a point
         is cut.
     InvalidSamplesError
-        If a position is no finite number, or the lengths differ.
+        If a position is not a finite number, or the lengths differ.
     TooFewSamplesError
         If there is no point.
     UnitError
@@ -277,7 +277,7 @@ def corrected_points(
     DataError
         If the points have another shape, or tolerance or steps are out of range.
     InvalidSamplesError
-        If a point or an error is no finite number, or the errors have another shape.
+        If a point or an error is not a finite number, or the errors have another shape.
     UnitError
         If the tolerance cannot be in metres.
     NotConvergedError

@@ -179,7 +179,7 @@ class PathErrorMap:
         Raises
         ------
         DataError
-            If the annulus is no pair, empty, lies outside of the path or within its uncut core, or holds
+            If the annulus is not a pair, empty, lies outside of the path or within its uncut core, or holds
             fewer than two samples.
 
         Notes

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, LimitError, TooFewSamplesError, UnitError
-from metrosep.process._plain import Frozen, frozen, length
+from metrosep.process._plain import Frozen, OnPart, frozen, length
 from metrosep.process.interpolation import EndCondition, Interpolation, angle_at_length, arc_length
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ _LOOSEST = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PathPoints(Frozen):
+class PathPoints(Frozen, OnPart):
     """Points of a block program, in the order of cutting; read-only arrays of equal length.
 
     Parameters
@@ -73,16 +73,6 @@ class PathPoints(Frozen):
 
     def __len__(self) -> int:
         return int(self.z.size)
-
-    @property
-    def x(self) -> FloatArray:
-        """Position on the part along x, m."""
-        return np.asarray(self.rho * np.cos(self.azimuth), dtype=np.float64)
-
-    @property
-    def y(self) -> FloatArray:
-        """Position on the part along y, m."""
-        return np.asarray(self.rho * np.sin(self.azimuth), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -306,7 +296,7 @@ def errors_by_count(
     Raises
     ------
     DataError
-        If no count is given or one is no whole number, or as of `SpiralPath` and the region.
+        If no count is given or one is not a whole number, or as of `SpiralPath` and the region.
     InvalidSamplesError
         If the form has no height at a point.
 
@@ -510,7 +500,7 @@ class SpiralPath:
     n_points: int = field(init=False)
 
     def __post_init__(self) -> None:
-        self._check_words()
+        self._check_choices()
         object.__setattr__(self, "radius", checked_radius(self.radius))
         object.__setattr__(self, "feed", length(self.feed, "feed"))
         if self.feed > self.radius:
@@ -541,7 +531,7 @@ class SpiralPath:
             )
         object.__setattr__(self, "n_points", n)
 
-    def _check_words(self) -> None:
+    def _check_choices(self) -> None:
         kinds: dict[str, Any] = {"distribution": Distribution, "interpolation": Interpolation}
         kinds |= {"end": EndCondition, "knots": Knots, "sense": Sense}
         for name, kind in kinds.items():
@@ -582,7 +572,7 @@ class SpiralPath:
         Raises
         ------
         DataError
-            If `n_points` is no whole number of 1 or more, an option is not known, or as of the class.
+            If `n_points` is not a whole number of 1 or more, an option is not known, or as of the class.
         """
         checked_options(options, taken={"step": "step follows from n_points; leave it out"})
         count = numbers.count(n_points, "n_points")

@@ -1,4 +1,4 @@
-"""Which tool setting explains a measured map: linear start, exact finish, uncertainty, doubts.
+"""Which tool setting explains a measured map: linear start, exact finish, uncertainty, warnings.
 
 The heights of the part as cut are compared with what the exact model of `ToolSetting` cuts, moved
 by what the microscope does not know: piston, tilts, lateral shift and, if wanted, rotation.
@@ -67,7 +67,7 @@ class SettingFit(Frozen):
     n_used : int
         Points used.
     groups : tuple of (str, str, float)
-        Pairs of fitted freedoms that are told apart badly (``|r| > 0.9``), with their correlation.
+        Pairs of fitted freedoms that are hardly distinguished (``|r| > 0.9``), with their correlation.
     held : mapping of str to tuple of str
         Freedoms that were wanted and are not determined, and what holds their effect.
     messages : tuple of str
@@ -405,7 +405,7 @@ def _held(settled: Settled) -> list[str]:
         at = at if value else "0"
         if partners:
             said.append(
-                f"{name} cannot be told from {', '.join(partners)} on these points and is held at "
+                f"{name} cannot be distinguished from {', '.join(partners)} on these points and is held at "
                 f"{at}: what it would be is in {partners[-1]}"
             )
         else:
@@ -433,7 +433,7 @@ def _confounded(settled: Settled, groups: Sequence[tuple[str, str, float]]) -> l
         )
     for first, second, r in groups:
         if {first, second} & {*FACTORS}:
-            said.append(f"{first} and {second} are told apart badly (r = {r:.3f})")
+            said.append(f"{first} and {second} are hardly distinguished (r = {r:.3f})")
     return said
 
 

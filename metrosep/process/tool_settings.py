@@ -73,7 +73,7 @@ class ToolSetting:
     Raises
     ------
     DataError
-        If a value is no finite number, an uncertainty is negative or NaN, or the covariance is not
+        If a value is not a finite number, an uncertainty is negative or NaN, or the covariance is not
         symmetric and positive.
     UnitError
         If a value is so large that it cannot be in metres.
@@ -198,7 +198,7 @@ class ToolSetting:
             If the form is none or has unknown parameters, the factor is unknown, or the surface is
             not defined at a point.
         InvalidSamplesError
-            If a position is no finite number, the positions do not broadcast, or one lies in the
+            If a position is not a finite number, the positions do not broadcast, or one lies in the
             uncut core ``rho < |dy|``.
         UnitError
             If a position is so large that it cannot be in metres.

@@ -378,7 +378,7 @@ def test_bad_positions(q, message):
 def test_bad_terms_tools_and_products():
     chain = presets("fts_lathe", radius=0.02)
     q = {"C": 0.0, "X": 0.0, "FTS": 0.0}
-    with pytest.raises(DataError, match="'EXQ' is no error term"):
+    with pytest.raises(DataError, match="'EXQ' is not an error term"):
         chain.jacobian(q, terms=["EXQ"])
     with pytest.raises(DataError, match=r"'dxx' .* paper.*EXX"):
         chain.volumetric_error(q, {"dxx": 1e-6})

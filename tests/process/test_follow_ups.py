@@ -393,7 +393,7 @@ def test_one_frequency_cannot_tell_velocity_from_jerk():
     z = A * np.sin(13.0 * t)
     r = follow_up(Recording(t, {"command": z, "actual": z + CV * 13.0 * A * np.cos(13.0 * t)}))
     assert np.isnan(r.cj)
-    assert any("jerk and velocity cannot be told apart" in m for m in r.messages)
+    assert any("jerk and velocity cannot be distinguished" in m for m in r.messages)
     assert r.cv == pytest.approx(CV, abs=1e-6)
 
 
