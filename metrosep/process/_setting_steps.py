@@ -32,6 +32,7 @@ from metrosep.process._setting_equations import (
     levelled,
     modelled,
     solve,
+    unit_gram,
 )
 
 # The sums of `_setting_equations` are solved again and again. A step that does not make the residual
@@ -266,7 +267,7 @@ def _tried(
             left = equations(task.points, task.form, values, region)
     except NotConvergedError:
         size = len(FREEDOMS)
-        return values, Equations(np.zeros((size, size)), np.zeros(size), math.inf, 0, 0)
+        return values, Equations(np.zeros((size, size)), np.zeros(size), math.inf, 0)
     return values, left
 
 
@@ -557,8 +558,7 @@ def covariance(
         variance = square or sums.square / (sums.n - len(choice.used))
         return variance * inverse, variance
     rows = choice.rows
-    norms = np.sqrt(np.diag(sums.gram)[rows])
-    gram = sums.gram[np.ix_(rows, rows)] / np.outer(norms, norms)
+    norms, gram = unit_gram(sums.gram, rows)
     lagged = _lagged_gram(task, settled, found.kernel)[np.ix_(rows, rows)] / np.outer(norms, norms)
     size, turn = np.linalg.eigh(gram)
     root = turn / np.sqrt(size)
