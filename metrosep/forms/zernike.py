@@ -109,6 +109,7 @@ class Zernike(LinearForm):
         radius: float | None = None,
         normalisation: Normalisation | None = None,
     ) -> None:
+        choice(order, "order", ("ansi", "noll", "fringe"))
         known = _numbered(terms, order) if type(terms) is int else _counted(terms, order)
         self.indices, self.nm, self.names = known
         self.order = order
@@ -448,7 +449,7 @@ def term_indices(terms: int | Sequence[int], order: ZernikeOrder) -> tuple[int, 
     """
     check = _to_nm(order)
     first = 0 if order == "ansi" else 1
-    if isinstance(terms, int) and not isinstance(terms, bool):
+    if isinstance(terms, int | np.integer) and not isinstance(terms, bool):
         indices = tuple(range(first, first + terms))
     else:
         try:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import choice, not_negative, positive
 from metrosep.core.units import format_length
 from metrosep.filters.kind import ProfileKind
 from metrosep.parameters.material_ratio import CoreHeight, CoreLine, abbott_curve, core_height
@@ -244,8 +245,7 @@ def local_gradient(heights: ArrayLike, *, dx: float) -> FloatArray:
     np.float64(0.5)
     """
     z = np.asarray(heights, dtype=np.float64)
-    if not (np.isfinite(dx) and dx > 0.0):
-        raise DataError(f"the step dx must be finite and positive, got {dx}")
+    dx = positive(dx, "the step dx", dimension="length")
     if z.ndim != 1 or np.isinf(z).any():
         raise InvalidSamplesError("heights for a gradient must be one row without infinite values")
     gradient = np.full(z.size, np.nan)
@@ -407,15 +407,10 @@ def profile_elements(
     if not (np.isfinite(xs).all() and (np.diff(xs) > 0).all()):
         raise InvalidSamplesError("positions x must be finite and rise")
     depth = min_height if min_depth is None else min_depth
-    for name, limit in (
-        ("min_height", min_height),
-        ("min_depth", depth),
-        ("min_width", min_width),
-    ):
-        if not (np.isfinite(limit) and limit >= 0.0):
-            raise DataError(f"{name} must be finite and not negative, got {limit}")
-    if pairs not in ("first", "both"):
-        raise DataError(f'pairs is "first" or "both", got {pairs!r}')
+    min_height = not_negative(min_height, "min_height", dimension="length")
+    depth = not_negative(depth, "min_depth", dimension="length")
+    min_width = not_negative(min_width, "min_width", dimension="length")
+    choice(pairs, "pairs", ("first", "both"))
     found = [
         _elements_of_run(_portions(xs[run], zs[run]), min_height, depth, min_width, pairs)
         for run in _runs(~np.isnan(zs))

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import choice, positive, real
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.parameters.areal_heights import HeightStatistics, height_statistics
@@ -43,7 +44,7 @@ from metrosep.parameters.watershed import (
     mean_peak_curvature,
     significant_peaks,
 )
-from metrosep.spectral.dft import instance_of, real_number
+from metrosep.spectral.dft import instance_of
 
 __all__ = ["EDITION", "ArealParameterTable", "areal_parameters", "is_form_removed"]
 
@@ -143,9 +144,9 @@ def areal_parameters(
     """
     instance_of(surface, Surface, "a table of areal parameters")
     rows = chosen_rows(_ROWS, names, "an areal parameter", _ALIASES)
-    if line not in ("lsq", "secant"):
-        raise DataError(f'line is "lsq" or "secant", got {line!r}')
-    if not 0.0 <= real_number(pruning, "pruning", "a share of Sz") < 1.0:
+    choice(line, "line", ("lsq", "secant"))
+    pruning = real(pruning, "pruning", what="a share of Sz")
+    if not 0.0 <= pruning < 1.0:
         raise DataError(f"pruning is a share of Sz from 0 to below 1, got {pruning}")
     work = _Work(surface, line, pruning)
     n_valid = work.heights.n_valid
@@ -464,8 +465,7 @@ def surface_slopes(z: ArrayLike, dx: float, dy: float) -> tuple[FloatArray, Floa
 
 def _checked(z: ArrayLike, dx: float, dy: float) -> FloatArray:
     for name, step in (("dx", dx), ("dy", dy)):
-        if not (math.isfinite(step) and step > 0.0):
-            raise InvalidSamplesError(f"{name} is {step} m; a lateral step must be positive")
+        positive(step, name, dimension="length")
     heights = frozen_float(z, name="z", ndim=2)
     if min(heights.shape) < 2:
         raise TooFewSamplesError(

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import positive
 
 __all__ = [
     "Autocorrelation",
@@ -151,8 +152,7 @@ def _centred(heights: FloatArray, measured: NDArray[np.bool_], n: int) -> FloatA
 
 def _check_map(heights: FloatArray, dx: float, dy: float) -> None:
     for name, step in (("dx", dx), ("dy", dy)):
-        if not (math.isfinite(step) and step > 0.0):
-            raise InvalidSamplesError(f"{name} is {step} m; a lateral step must be positive")
+        positive(step, name, dimension="length")
     if min(heights.shape) < _MIN_SIZE:
         raise TooFewSamplesError(
             f"an autocorrelation needs at least {_MIN_SIZE} x {_MIN_SIZE} pixels, got "

@@ -17,6 +17,7 @@ from metrosep.core.errors import (
     InvalidSamplesError,
     TooFewSamplesError,
 )
+from metrosep.core.numbers import choice, flag, positive
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -25,7 +26,6 @@ from metrosep.core.units import format_length
 from metrosep.parameters.circle import CirclePoints, CircleSolution, best_circle
 from metrosep.parameters.form_result import FormDeviation, Kind, Reference, Support, form_table
 from metrosep.parameters.straightness import Optimum, optimum, straightness_deviation
-from metrosep.parameters.table import true_or_false
 
 __all__ = ["form_deviation"]
 
@@ -100,10 +100,9 @@ def form_deviation(
     >>> result
     FormDeviation(STRt = 3 um, MZ, proven by its support)
     """
-    normal, exact = true_or_false(normal, "normal"), true_or_false(exact, "exact")
+    normal, exact = flag(normal, "normal"), flag(exact, "exact")
     options = {"normal": normal, "exact": exact, "radius": radius is not None}
-    if kind not in _OPTIONS:
-        raise DataError(f"a form is straightness, flatness or roundness, not {kind!r}")
+    choice(kind, "the form", _OPTIONS)
     foreign = [name for name, given in options.items() if given and name not in _OPTIONS[kind]]
     if foreign:
         raise DataError(f"{kind} has no option {', '.join(foreign)}: leave it out")
@@ -156,8 +155,7 @@ def flatness_deviation(surface: Surface, *, reference: Reference = "MZ") -> Form
     >>> round(zone.value * 1e6, 6), zone.support.sides.tolist(), zone.is_optimal
     (1.0, [1, 1, -1, -1], True)
     """
-    if reference not in ("MZ", "LS"):
-        raise DataError(f"flatness has the references MZ and LS, not {reference!r}")
+    choice(reference, "the reference of flatness", ("MZ", "LS"))
     grid = _Grid(surface)
     plane = grid.least_squares()
     bound = objective = math.nan
@@ -387,9 +385,8 @@ def roundness_deviation(
     >>> round(result.value * 1e6, 6), round(result.reference_parameters["a"].value * 1e6, 6)
     (2.0, 5.0)
     """
-    if reference not in ("MZ", "LS", "MC", "MI"):
-        raise DataError(f"roundness has the references MZ, LS, MC and MI, not {reference!r}")
-    exact = true_or_false(exact, "exact")
+    choice(reference, "the reference of roundness", ("MZ", "LS", "MC", "MI"))
+    exact = flag(exact, "exact")
     valid = np.flatnonzero(~np.isnan(profile.z))
     x, z = profile.x[valid], profile.z[valid]
     gap, closed = _check_angles(x, len(profile))
@@ -450,8 +447,7 @@ def _datum(z: FloatArray, radius: float | None, exact: bool) -> tuple[float, flo
     """Return what to subtract from z, and the radius of that datum where it is known."""
     mean = float(z.mean())
     if radius is not None:
-        if not (math.isfinite(radius) and radius > 0.0):
-            raise DataError(f"radius must be finite and positive, got {radius} m")
+        radius = positive(radius, "radius", dimension="length")
         if abs(mean) > 0.5 * radius or radius + float(z.min()) <= 0.0:
             raise DataError(
                 f"z is {format_length(mean)} on average, not a small deviation from the radius "

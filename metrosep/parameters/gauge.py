@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import between, positive
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.decision import limits_error
 from metrosep.parameters.repeats import RELATIVE_FLOOR
@@ -291,10 +292,9 @@ def _checked(readings: ArrayLike, name: str) -> FloatArray:
 
 
 def _check_options(tolerance: float | None, pool: float, coverage: float) -> None:
-    if tolerance is not None and not (math.isfinite(tolerance) and tolerance > 0.0):
-        raise DataError(f"the width of the tolerance must be above zero, got {tolerance}")
-    if not 0.0 <= pool <= 1.0:
-        raise DataError(f"pool is a probability from 0 to 1, got {pool}")
+    if tolerance is not None:
+        positive(tolerance, "the width of the tolerance")
+    between(pool, "pool", 0.0, 1.0)
     if not 0.0 < coverage < 1.0:
         raise DataError(f"coverage lies between 0 and 1, got {coverage}")
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import flag
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
@@ -27,8 +28,6 @@ from metrosep.parameters.noise import (
 )
 from metrosep.parameters.table import (
     Evaluate,
-    true_false_or_none,
-    true_or_false,
     value_of,
     with_heights,
 )
@@ -230,7 +229,7 @@ def from_repeats(
     -----
     All repeats are evaluated on the points that are valid in all of them.
     """
-    centre = true_false_or_none(centre, "centre")
+    centre = centre if centre is None else flag(centre, "centre")
     stack = stack_repeats(objects)
     common = [with_heights(o, z) for o, z in zip(objects, stack, strict=True)]
     values = np.array([value_of(evaluate, o, centre=centre) for o in common])
@@ -309,7 +308,7 @@ def noise_free_rms(objects: Sequence[Profile | Surface], *, centre: bool = True)
     the noise; near the noise floor the first holds part of the second (u some 10 % too large).
     Then u(rms) = u(mean square) / (2 rms), or its root near zero.
     """
-    centre = true_or_false(centre, "centre")
+    centre = flag(centre, "centre")
     stack = stack_repeats(objects)
     noise = noise_of_repeats(objects, remove_mean=centre)
     z = stack[:, np.isfinite(stack[0])]

@@ -16,13 +16,13 @@ from difflib import get_close_matches
 from typing import Any, Literal
 
 from metrosep.core.errors import DataError, MetrosepError, UnitError
+from metrosep.core.numbers import choice, count, flag, not_negative, positive
 from metrosep.core.profile import Profile
 from metrosep.core.units import format_engineering, parse_unit
 from metrosep.filters.kind import ProfileKind
 from metrosep.parameters._profile_rows import named_edition
 from metrosep.parameters.sections import sections_that_fit
-from metrosep.parameters.table import true_or_false
-from metrosep.spectral.dft import finite_number, instance_of, whole_number
+from metrosep.spectral.dft import instance_of
 
 __all__ = [
     "Expectation",
@@ -226,9 +226,9 @@ def verify_softgauge(
     """
     instance_of(profile, Profile, "a software gauge")
     _check_options(kind, edition, sections, line, relative_tolerance)
-    if lambda_c is not None and finite_number(lambda_c, "lambda_c", "a wavelength in m") <= 0.0:
-        raise DataError(f"lambda_c must be positive, got {lambda_c}")
-    centre = true_or_false(centre, "centre")
+    if lambda_c is not None:
+        lambda_c = positive(lambda_c, "lambda_c", dimension="length")
+    centre = flag(centre, "centre")
     header = profile.metadata.get("header")
     lines: Sequence[str] = header.get("information", ()) if isinstance(header, Mapping) else ()
     expected, settings = expectations(lines)
@@ -358,14 +358,11 @@ def _check_options(
 ) -> None:
     """Refuse at the call what would else stand as a reason in every row."""
     named_edition(edition)
-    if kind not in ("P", "W", "R"):
-        raise DataError(f'kind is "P", "W" or "R", got {kind!r}')
-    if line not in ("lsq", "secant"):
-        raise DataError(f'line is "lsq" or "secant", got {line!r}')
+    choice(kind, "kind", ("P", "W", "R"))
+    choice(line, "line", ("lsq", "secant"))
     if sections is not None:
-        whole_number(sections, "sections")
-    if finite_number(relative_tolerance, "relative_tolerance") < 0.0:
-        raise DataError(f"relative_tolerance must not be negative, got {relative_tolerance}")
+        count(sections, "sections")
+    not_negative(relative_tolerance, "relative_tolerance")
 
 
 # ---- what record 2 of an ``.smd`` software gauge states: expected values and cut-offs ----------

@@ -22,11 +22,11 @@ from metrosep.core.errors import (
     NotConvergedError,
     TooFewSamplesError,
 )
+from metrosep.core.numbers import flag
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.form_result import FormDeviation, Reference, Support, form_table
-from metrosep.parameters.table import true_or_false
 
 __all__ = ["Mode", "Optimum", "chunk_extremes", "optimum", "straightness_deviation"]
 
@@ -60,7 +60,7 @@ def straightness_deviation(
     >>> round(zone.value * 1e6, 6), zone.support.indices.tolist(), zone.is_optimal
     (2.0, [0, 3, 1], True)
     """
-    normal = true_or_false(normal, "normal")
+    normal = flag(normal, "normal")
     valid = np.flatnonzero(~np.isnan(profile.z))
     if valid.size <= _FREEDOMS:
         raise TooFewSamplesError(

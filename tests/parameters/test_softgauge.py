@@ -369,7 +369,7 @@ def test_a_cutoff_of_the_file_must_be_positive(length):
         expectations([f"PROFILE_FILTER Gaussian LC {length}"])
 
 
-@pytest.mark.parametrize("lambda_c", [np.nan, 0.0, -1e-3, np.inf, "0.8 mm"])
+@pytest.mark.parametrize("lambda_c", [np.nan, 0.0, -1e-3, np.inf, "0.8"])
 def test_a_cutoff_of_the_caller_must_be_positive(tmp_path, lambda_c):
     sound = gauge(tmp_path / "a.smd", sine(), 1e-3, ["PARAMETER_VALUE Pt 1.000 um 0.5"])
 
