@@ -103,9 +103,7 @@ def same_length(**arrays: NDArray[Any]) -> None:
 def benjamini_hochberg(p_values: FloatArray, *, rate: float) -> NDArray[np.bool_]:
     """Return which hypotheses are rejected at a false discovery rate.
 
-    References
-    ----------
-    .. [1] Benjamini and Hochberg 1995.
+    Source: Benjamini and Hochberg 1995.
 
     Examples
     --------

@@ -795,8 +795,6 @@ def vertex(x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[float, float]:
 def best_shift(form: Form, points: Points, *, free: tuple[bool, bool]) -> tuple[float, float]:
     """Return the shift of the form, in whole samples, that leaves the smallest sum of squares.
 
-    Notes
-    -----
     The sum of squares for every shift comes from three correlations by FFT; the piston is taken
     out for each. A large map is thinned to 512 points per side first.
     """

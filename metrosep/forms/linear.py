@@ -251,8 +251,6 @@ def solve_blocks(
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return the least-squares coefficients, the inverse normal matrix, the sum of squares left.
 
-    Notes
-    -----
     Each block is reduced to its triangle R by Householder reflections, and stacked triangles are
     reduced again. The mean height, if the functions can hold it, should be removed before.
     """
@@ -474,9 +472,7 @@ def robust_weights(deviation: FloatArray, scale: float, rule: Robust) -> FloatAr
 def robust_variance(deviation: FloatArray, scale: float, rule: Robust, p: int) -> float:
     """Return the factor of ``(J'J)^-1`` in the covariance of a robust fit.
 
-    References
-    ----------
-    .. [1] Huber 1981, Robust Statistics, Eq. (6.5).
+    Source: Huber 1981, Robust Statistics, Eq. (6.5).
     """
     r = deviation[~np.isnan(deviation)]
     if r.size <= p:

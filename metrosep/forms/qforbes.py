@@ -36,13 +36,9 @@ _HIGHEST = 100
 def q_con(X: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
     """Return Qcon_0 ... Qcon_(n-1) and their derivatives by X.
 
-    Notes
-    -----
     Jacobi polynomials P_m^(0,4)(2 X - 1), by their recurrence.
 
-    References
-    ----------
-    .. [1] Forbes, Opt. Express 15 (2007) 5218, appendix A.
+    Source: Forbes, Opt. Express 15 (2007) 5218, appendix A.
     """
     steps = [(6.0, -5.0, 0.0)]
     for m in range(2, n):
@@ -56,14 +52,10 @@ def q_con(X: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
 def q_bfs(X: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
     """Return Qbfs_0 ... Qbfs_(n-1) and their derivatives by X.
 
-    Notes
-    -----
     ``S_m = X (1 - X) Qbfs_m`` have ``integral_0^1 S_m' S_n' (2/pi) / sqrt(1 - u^2) du = delta_mn``,
     with derivatives by u.
 
-    References
-    ----------
-    .. [1] Forbes, Opt. Express 18 (2010) 19700, for P_m and the recurrence of f, g, h.
+    Source: Forbes, Opt. Express 18 (2010) 19700, for P_m and the recurrence of f, g, h.
     """
     p, dp = _climb(X, n, [(-4.0, 3.0, 0.0), *((-4.0, 2.0, 1.0) for _ in range(2, n))])
     p, dp = 2.0 * p, 2.0 * dp

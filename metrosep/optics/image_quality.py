@@ -90,8 +90,8 @@ class PointSpread:
         spectrum = np.abs(np.fft.fft2(np.fft.ifftshift(self.intensity)))
         spectrum /= spectrum[0, 0]
         n_y, n_x = self.intensity.shape
-        fx = np.fft.rfftfreq(n_x, float(self.angle_x[1] - self.angle_x[0]))
-        fy = np.fft.rfftfreq(n_y, float(self.angle_y[1] - self.angle_y[0]))
+        fx = _frequencies(n_x, self.angle_x)
+        fy = _frequencies(n_y, self.angle_y)
         return ModulationTransfer(
             fx,
             spectrum[0, : fx.size],
@@ -324,6 +324,10 @@ def marechal(rms: float, *, wavelength: float | str) -> float:
     light, size = wavelength_of(wavelength), not_negative(rms, "rms", dimension="length")
     phase = min(2.0 * np.pi * size / light, _SMALL)
     return float(np.exp(-(phase**2))) if phase < _SMALL else 0.0
+
+
+def _frequencies(n: int, angle: FloatArray) -> FloatArray:
+    return np.asarray(np.fft.rfftfreq(n, float(angle[1] - angle[0])), dtype=np.float64)
 
 
 def _light(path: FloatArray, amplitude: ArrayLike | None) -> FloatArray:

@@ -292,7 +292,7 @@ def _filled_notes(work: _Work, given: set[str]) -> list[str]:
 
 
 _ROWS = (
-    Row("Sq", "m", "root mean square height about the mean", lambda w: w.heights.Sq),
+    Row("Sq", "m", "root mean square height about the mean", "heights.Sq"),
     Row("Ssk", "1", "skewness of the heights", lambda w: _given(w.heights.Ssk, _CONSTANT)),
     Row(
         "Sku",
@@ -300,15 +300,15 @@ _ROWS = (
         "kurtosis of the heights, 3 for Gaussian ones",
         lambda w: _given(w.heights.Sku, _CONSTANT),
     ),
-    Row("Sp", "m", "highest peak above the mean", lambda w: w.heights.Sp),
-    Row("Sv", "m", "deepest pit below the mean, positive", lambda w: w.heights.Sv),
-    Row("Sz", "m", "maximum height Sp + Sv", lambda w: w.heights.Sz),
-    Row("Sa", "m", "arithmetic mean height about the mean", lambda w: w.heights.Sa),
+    Row("Sp", "m", "highest peak above the mean", "heights.Sp"),
+    Row("Sv", "m", "deepest pit below the mean, positive", "heights.Sv"),
+    Row("Sz", "m", "maximum height Sp + Sv", "heights.Sz"),
+    Row("Sa", "m", "arithmetic mean height about the mean", "heights.Sa"),
     Row(
         "Sal",
         "m",
         "autocorrelation length, shortest distance of the decay to 0.2",
-        lambda w: w.lobe.shortest,
+        "lobe.shortest",
     ),
     Row(
         "Str",
@@ -323,32 +323,19 @@ _ROWS = (
         "angles to it",
         lambda w: texture_direction(w.acf),
     ),
-    Row("Sdq", "1", "root mean square gradient", lambda w: w.gradients.Sdq),
+    Row("Sdq", "1", "root mean square gradient", "gradients.Sdq"),
+    Row("Sdr", "1", "developed interfacial area ratio, as a number (1 is 100 %)", "gradients.Sdr"),
+    Row("Sk", "m", "core height", "core.k"),
+    Row("Spk", "m", "reduced peak height", "core.pk"),
+    Row("Svk", "m", "reduced dale height", "core.vk"),
+    Row("Smr1", "1", "material ratio at the top of the core, 0 to 1 (Smrk1 of 2021)", "core.mr1"),
     Row(
-        "Sdr",
-        "1",
-        "developed interfacial area ratio, as a number (1 is 100 %)",
-        lambda w: w.gradients.Sdr,
+        "Smr2", "1", "material ratio at the bottom of the core, 0 to 1 (Smrk2 of 2021)", "core.mr2"
     ),
-    Row("Sk", "m", "core height", lambda w: w.core.k),
-    Row("Spk", "m", "reduced peak height", lambda w: w.core.pk),
-    Row("Svk", "m", "reduced dale height", lambda w: w.core.vk),
-    Row(
-        "Smr1",
-        "1",
-        "material ratio at the top of the core, 0 to 1 (Smrk1 of 2021)",
-        lambda w: w.core.mr1,
-    ),
-    Row(
-        "Smr2",
-        "1",
-        "material ratio at the bottom of the core, 0 to 1 (Smrk2 of 2021)",
-        lambda w: w.core.mr2,
-    ),
-    Row("Vmp", "m", "peak material volume per area, Vm(10 %)", lambda w: w.volumes.Vmp),
-    Row("Vmc", "m", "core material volume per area, Vm(80 %) - Vm(10 %)", lambda w: w.volumes.Vmc),
-    Row("Vvc", "m", "core void volume per area, Vv(10 %) - Vv(80 %)", lambda w: w.volumes.Vvc),
-    Row("Vvv", "m", "dale void volume per area, Vv(80 %)", lambda w: w.volumes.Vvv),
+    Row("Vmp", "m", "peak material volume per area, Vm(10 %)", "volumes.Vmp"),
+    Row("Vmc", "m", "core material volume per area, Vm(80 %) - Vm(10 %)", "volumes.Vmc"),
+    Row("Vvc", "m", "core void volume per area, Vv(10 %) - Vv(80 %)", "volumes.Vvc"),
+    Row("Vvv", "m", "dale void volume per area, Vv(80 %)", "volumes.Vvv"),
     Row(
         "Sxp",
         "m",
@@ -419,15 +406,11 @@ class GradientStatistics:
 def gradient_statistics(z: ArrayLike, dx: float, dy: float) -> GradientStatistics:
     """Return the root mean square gradient and the developed area ratio.
 
-    Notes
-    -----
     Sdq^2 = mean(zx^2 + zy^2), Sdr = mean(sqrt(1 + zx^2 + zy^2) - 1) over the pixels that have
     both slopes. Each pixel stands for the area dx dy around it. The standard leaves the numerical
     derivative open; see the page on Sdq for what other choices give.
 
-    References
-    ----------
-    .. [1] ISO 25178-2:2021, hybrid parameters (clause 4.4; number recalled, not checked).
+    Source: ISO 25178-2:2021, hybrid parameters (clause 4.4; number recalled, not checked).
 
     Examples
     --------
@@ -553,14 +536,10 @@ class Volumes:
 def material_volume(curve: AbbottCurve, p: float) -> float:
     """Return the material volume Vm(p) above the height at a material ratio.
 
-    Notes
-    -----
     Vm(p) = integral from 0 to p of Smc(q) - Smc(p) over q, here as the mean of
     max(z - Smc(p), 0) over the pixels.
 
-    References
-    ----------
-    .. [1] ISO 25178-2:2021, 4.5.6 (number recalled, not checked).
+    Source: ISO 25178-2:2021, 4.5.6 (number recalled, not checked).
 
     Examples
     --------
@@ -576,14 +555,10 @@ def material_volume(curve: AbbottCurve, p: float) -> float:
 def void_volume(curve: AbbottCurve, p: float) -> float:
     """Return the void volume Vv(p) below the height at a material ratio.
 
-    Notes
-    -----
     Vv(p) = integral from p to 1 of Smc(p) - Smc(q) over q, here as the mean of
     max(Smc(p) - z, 0) over the pixels. Vv(p) - Vm(p) = Smc(p) - mean(z).
 
-    References
-    ----------
-    .. [1] ISO 25178-2:2021, 4.5.7 (number recalled, not checked).
+    Source: ISO 25178-2:2021, 4.5.7 (number recalled, not checked).
     """
     cut, above = _cut(curve, p)
     return float(np.add.reduce(cut - curve.heights[above:])) / curve.heights.size
@@ -592,9 +567,7 @@ def void_volume(curve: AbbottCurve, p: float) -> float:
 def volumes(curve: AbbottCurve, *, peak: float = _PEAK, valley: float = _VALLEY) -> Volumes:
     """Return the four volume parameters.
 
-    References
-    ----------
-    .. [1] ISO 25178-2:2021, 4.5.6 and 4.5.7; ratios of ISO 25178-3 (recalled, not checked).
+    Source: ISO 25178-2:2021, 4.5.6 and 4.5.7; ratios of ISO 25178-3 (recalled, not checked).
 
     Examples
     --------

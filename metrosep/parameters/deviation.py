@@ -136,17 +136,13 @@ _COLLINEAR = 1e-12
 def flatness_deviation(surface: Surface, *, reference: Reference = "MZ") -> FormDeviation:
     """Return the flatness deviation FLTt of a surface.
 
-    Notes
-    -----
     The minimum zone is exact. It touches four points, 3 on one side and 1 on the other or 2 and 2,
     or fewer in special positions. Seen along z, the triangle holds the single point, or the two
     segments cross: with the weights of the support both sides have the same centre of gravity, and
     their mean heights differ by the width. No plane can bring the two closer together, so the
     support proves the zone. NaN is excluded and counted. No filter is applied. O(n).
 
-    References
-    ----------
-    .. [1] ISO 12781-1:2011 (parameters), ISO 1101:2017 (default reference).
+    Source: ISO 12781-1:2011 (parameters), ISO 1101:2017 (default reference).
 
     Examples
     --------
@@ -361,8 +357,6 @@ def roundness_deviation(
 ) -> FormDeviation:
     """Return the roundness deviation RONt of a trace.
 
-    Notes
-    -----
     Supports: MZ two points outside and two inside, alternating in angle; MC and MI three points
     not within half a turn, or two opposite ones. Limacons are solved exactly and proven. For exact
     circles the proof is global for MC, and local (against small moves of the centre) for MZ and
@@ -372,9 +366,7 @@ def roundness_deviation(
     smallest (MC) or largest (MI) offset from the least-squares centre. A last sample one turn after the first is the same place: each of the
     two has half the weight in least squares. NaN is excluded and counted. No filter is applied.
 
-    References
-    ----------
-    .. [1] ISO 12181-1:2011 (parameters), ISO 1101:2017 (default reference).
+    Source: ISO 12181-1:2011 (parameters), ISO 1101:2017 (default reference).
 
     Examples
     --------

@@ -247,14 +247,10 @@ class Amplitudes:
 def amplitudes(heights: ArrayLike) -> Amplitudes:
     """Return the amplitude parameters of heights.
 
-    Notes
-    -----
     ``a = mean|z|``, ``q = sqrt(mean z^2)``, ``sk = mean (z/q)^3``, ``ku = mean (z/q)^4``,
     ``p = max z``, ``v = -min z``. No division by n - 1.
 
-    References
-    ----------
-    .. [1] ISO 4287:1997, 4.1.1, 4.1.2, 4.2.1 to 4.2.4 (recalled).
+    Source: ISO 4287:1997, 4.1.1, 4.1.2, 4.2.1 to 4.2.4 (recalled).
 
     Examples
     --------

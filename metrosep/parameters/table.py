@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -268,12 +269,12 @@ class ParameterTable(Mapping[str, Quantity]):
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One parameter of a table; `value` takes what the parameters share."""
+    """One parameter of a table; `value` takes what the parameters share, or names its attribute."""
 
     symbol: str
     unit: str
     text: str
-    value: Callable[[Any], float]
+    value: Callable[[Any], float] | str
 
 
 def chosen_rows(
@@ -302,7 +303,8 @@ def evaluated(rows: Iterable[Row], work: object) -> tuple[list[Quantity], dict[s
     unavailable: dict[str, str] = {}
     for row in rows:
         try:
-            value = float(row.value(work))
+            of = attrgetter(row.value) if isinstance(row.value, str) else row.value
+            value = float(of(work))
         except (DataError, FitError) as reason:
             unavailable[row.symbol] = str(reason)
         else:
