@@ -672,7 +672,7 @@ def _asked(form: Form, free: Sequence[str] | None, default: tuple[str, ...]) -> 
     names = [_known(n, form) for n in ((free,) if isinstance(free, str) else free)]
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
-        raise DataError(f"{', '.join(twice)} stands twice in free")
+        raise DataError(f"{', '.join(twice)} is given twice in free")
     return names
 
 

@@ -248,7 +248,7 @@ class Asphere(Shape):
     ------
     DataError
         If R or norm_radius is zero, a value is not finite, a power is not an integer from 2 to 40,
-        stands twice, or is even in `odd`.
+        is given twice, or is even in `odd`.
 
     Notes
     -----
@@ -280,7 +280,7 @@ class Asphere(Shape):
         terms = _terms(self.coefficients, first=4, is_odd=False)
         for power, value in _terms(self.odd, first=3, is_odd=True).items():
             if power in terms:
-                raise DataError(f"the power {power} stands twice in the asphere; give it once")
+                raise DataError(f"the power {power} is given twice in the asphere; give it once")
             terms[power] = value
         ordered = tuple(sorted(terms.items()))
         norm = self.norm_radius

@@ -262,7 +262,7 @@ def _tied(names: Sequence[str], cov: FloatArray) -> list[str]:
         return []
     r = cov / np.outer(sd, sd)
     pairs = [
-        (abs(r[i, j]), f"{names[i]} and {names[j]} hang together (correlation {r[i, j]:+.4f})")
+        (abs(r[i, j]), f"{names[i]} and {names[j]} are strongly correlated ( {r[i, j]:+.4f})")
         for i in range(len(names))
         for j in range(i)
         if abs(r[i, j]) > _STRONG

@@ -233,7 +233,7 @@ def _coverage(area: float, radius: float, inner: float) -> tuple[str, ...]:
         return ()
     note = (
         f"the measured pixels cover {100.0 * share:.2g} % of the aperture of radius "
-        f"{1e3 * radius:.6g} mm: Zernike terms lean on each other there; check radius and centre"
+        f"{1e3 * radius:.6g} mm: Zernike terms are strongly correlated there; check radius and centre"
     )
     return (note,)
 

@@ -108,15 +108,15 @@ class GaugeResult:
         Why the file proves nothing at all: gaps.
     unread : tuple of str, optional
         Lines that seem to state a value and were not taken.
-    doubts : tuple of str, optional
-        What the reader warned of, such as a wrong checksum: told with any result. Publishers sum
+    reader_warnings : tuple of str, optional
+        What the reader warned of, such as a wrong checksum: reported with any result. Publishers sum
         in more than one way, so it alone decides nothing; values that all agree outweigh it.
     """
 
     rows: tuple[GaugeRow, ...]
     damage: tuple[str, ...] = ()
     unread: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
+    reader_warnings: tuple[str, ...] = ()
 
     def __iter__(self) -> Iterator[GaugeRow]:
         return iter(self.rows)
@@ -149,7 +149,7 @@ class GaugeResult:
         """Why the file is not verified, or is only in part, and what to doubt; else empty."""
         missing = self._missing
         n = f"{len(missing)} of {len(self.rows)} values were not compared: {', '.join(missing)}"
-        return (*self.doubts, *self.damage, *self.unread, *((n,) if missing else ()))
+        return (*self.reader_warnings, *self.damage, *self.unread, *((n,) if missing else ()))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON.
@@ -218,7 +218,7 @@ def verify_softgauge(
     uncertainty. A zero without decimals is a placeholder, and a length or an angle whose tolerance
     reaches down to 0 would agree with nothing at all: neither is compared. Heights that are
     not measured make the whole file prove nothing; what the reader warned of (the checksum) is
-    told with the result.
+    reported with the result.
 
     References
     ----------
@@ -259,8 +259,8 @@ def verify_softgauge(
                 line=line,
             )
         rows.append(_row(item, tables[letter], relative_tolerance))
-    doubts = tuple(f"{w}; {_ANEW}" for w in profile.metadata.get("warnings", ()))
-    return GaugeResult(tuple(rows), _damage(profile), settings.unread, doubts)
+    reader_warnings = tuple(f"{w}; {_ANEW}" for w in profile.metadata.get("warnings", ()))
+    return GaugeResult(tuple(rows), _damage(profile), settings.unread, reader_warnings)
 
 
 def _damage(profile: Profile) -> tuple[str, ...]:
@@ -379,7 +379,7 @@ _CUTOFFS = ("LC", "LS")
 _PURE = {"1": 1.0, "-": 1.0, "none": 1.0, "%": 0.01}
 
 _ALIKE = 0.8
-"""Similarity (`difflib`) from which another keyword is told as a slip: three letters of fifteen."""
+"""Similarity (`difflib`) from which another keyword is reported as a slip: three letters of fifteen."""
 
 _LARGEST = 30
 """Powers of ten that a value may have: more is none."""
@@ -499,7 +499,7 @@ def _expectation(text: str) -> Expectation:
     try:
         printed = Decimal(number)
     except InvalidOperation:
-        raise DataError(f"the value in {text!r} is no number") from None
+        raise DataError(f"the value in {text!r} is not a number") from None
     if not printed.is_finite() or printed.adjusted() > _LARGEST:
         raise DataError(f"the value in {text!r} is not finite")
     # "Psk 0.0888 1" states the unit of a pure number, "Psk 0.0888 0.01" its uncertainty
@@ -535,7 +535,7 @@ def _is_number(word: str) -> bool:
 def _uncertainty(word: str, text: str) -> float:
     u = float(word) if _is_number(word) else math.nan
     if not math.isfinite(u):
-        raise DataError(f"the uncertainty {word!r} in {text!r} is no finite number")
+        raise DataError(f"the uncertainty {word!r} in {text!r} is not a finite number")
     if u < 0.0:
         raise DataError(f"the uncertainty {word!r} in {text!r} is negative: it must be 0 or more")
     return u
@@ -555,7 +555,7 @@ def _unit(unit: str, text: str) -> tuple[float, str]:
 def _cutoff(number: str, unit: str, text: str) -> float:
     factor, dimension = _unit(unit, text)
     if not _is_number(number) or dimension != "length":
-        raise DataError(f"the cut-off {number} {unit} in {text!r} is no length")
+        raise DataError(f"the cut-off {number} {unit} in {text!r} is not a length")
     cutoff = float(number) * factor
     if not 0.0 < cutoff < math.inf:
         raise DataError(f"the cut-off {number} {unit} in {text!r} is not positive and finite")

@@ -423,7 +423,7 @@ def check_range(low: float, high: float) -> None:
     largest = max(abs(low), abs(high))
     if largest > LARGEST:
         raise DataError(
-            f"the heights reach {largest:.3g} m, beyond {LARGEST:g} m, where their powers are no "
+            f"the heights reach {largest:.3g} m, beyond {LARGEST:g} m, where their powers are not "
             "numbers any more; is the unit m, and is a code for missing samples among them?"
         )
     if 0.0 < high - low < LEAST:

@@ -170,7 +170,7 @@ def test_reason_keeps_its_quotes(tmp_path):
 @pytest.mark.parametrize(
     ("lines", "match"),
     [
-        (["PARAMETER_VALUE Ra lots um 0"], "no number"),
+        (["PARAMETER_VALUE Ra lots um 0"], "not a number"),
         (["PARAMETER_VALUE Ra"], "expected PARAMETER_VALUE"),
         (["PARAMETER_VALUE Ra nan um 0"], "not finite"),
         (["PARAMETER_VALUE Ra 1 um 0", "PARAMETER_VALUE Ra 2 um 0"], "two values of Ra"),
