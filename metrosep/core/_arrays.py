@@ -73,14 +73,47 @@ def as_float(values: Any) -> FloatArray:
     return array
 
 
-def heights_as(z: FloatArray, dtype: Any, copy: bool | None) -> FloatArray:
-    """Return what ``__array__`` of an object with heights gives numpy."""
-    wanted = np.dtype(np.float64 if dtype is None else dtype)
-    if wanted == z.dtype and not copy:
-        return z
-    if copy is False:
-        raise ValueError(f"heights are float64: {wanted} needs a copy")
-    return z.astype(wanted)
+class Heights:
+    """What every object with heights `z` says of those that were measured, nothing removed or filtered."""
+
+    __slots__ = ()
+    z: FloatArray
+
+    @property
+    def n_invalid(self) -> int:
+        """Number of points that were not measured."""
+        return int(np.count_nonzero(np.isnan(self.z)))
+
+    def peak_to_valley(self) -> float:
+        """Return the largest minus the smallest valid height, nothing removed or filtered.
+
+        Returns
+        -------
+        float
+            P-V in m; NaN when nothing is valid.
+        """
+        valid = self.z[~np.isnan(self.z)]
+        return float(np.ptp(valid)) if valid.size else float("nan")
+
+    def rms(self) -> float:
+        """Return the root mean square of the valid heights about their mean.
+
+        Returns
+        -------
+        float
+            RMS in m; NaN when nothing is valid.
+        """
+        valid = self.z[~np.isnan(self.z)]
+        return float(valid.std()) if valid.size else float("nan")
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> FloatArray:
+        """Return the heights: as they are, which cannot be written to, or a copy where one is asked for."""
+        wanted = np.dtype(np.float64 if dtype is None else dtype)
+        if wanted == self.z.dtype and not copy:
+            return self.z
+        if copy is False:
+            raise ValueError(f"heights are float64: {wanted} needs a copy")
+        return self.z.astype(wanted)
 
 
 def _is_frozen(values: ArrayLike) -> TypeGuard[FloatArray]:

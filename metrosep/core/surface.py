@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import FloatArray, frozen_float, heights_as
+from metrosep.core._arrays import FloatArray, Heights, frozen_float
 from metrosep.core._thumbnails import map_thumbnail
 from metrosep.core.attached import attached
 from metrosep.core.errors import OptionError
@@ -35,7 +35,7 @@ def _checked_origin(origin: Any) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Surface:
+class Surface(Heights):
     """Heights on a grid; frozen, SI, NaN = not measured.
 
     Row index grows with y and column index with x, z points out of the material: ``z[0, 0]`` is
@@ -100,41 +100,10 @@ class Surface:
         object.__setattr__(self, "metadata", freeze_mapping(metadata))
         object.__setattr__(self, "history", tuple(history))
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> FloatArray:
-        """Return the heights: as they are, which cannot be written to, or a copy where one is asked for."""
-        return heights_as(self.z, dtype, copy)
-
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns, ``(n_y, n_x)``."""
         return (int(self.z.shape[0]), int(self.z.shape[1]))
-
-    @property
-    def n_invalid(self) -> int:
-        """Number of pixels that were not measured."""
-        return int(np.count_nonzero(np.isnan(self.z)))
-
-    def peak_to_valley(self) -> float:
-        """Return the largest minus the smallest valid height, nothing removed or filtered.
-
-        Returns
-        -------
-        float
-            P-V in m; NaN when nothing is valid.
-        """
-        valid = self.z[~np.isnan(self.z)]
-        return float(np.ptp(valid)) if valid.size else float("nan")
-
-    def rms(self) -> float:
-        """Return the root mean square of the valid heights about their mean.
-
-        Returns
-        -------
-        float
-            RMS in m; NaN when nothing is valid.
-        """
-        valid = self.z[~np.isnan(self.z)]
-        return float(valid.std()) if valid.size else float("nan")
 
     def __repr__(self) -> str:
         valid = self.z[~np.isnan(self.z)]

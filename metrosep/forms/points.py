@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import FloatArray, frozen_float, same_length
+from metrosep.core._arrays import FloatArray, Heights, frozen_float, same_length
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.middle import assumed_axis
 from metrosep.core.numbers import is_real
@@ -28,7 +28,7 @@ SAMPLE = 20_000
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PointSet:
+class PointSet(Heights):
     """Heights at scattered positions, such as the list of a coordinate measuring machine.
 
     Parameters
@@ -82,22 +82,6 @@ class PointSet:
             object.__setattr__(self, name, array)
         object.__setattr__(self, "metadata", freeze_mapping(metadata))
         object.__setattr__(self, "history", tuple(history))
-
-    @property
-    def n_invalid(self) -> int:
-        """Number of points that were not measured."""
-        return int(np.isnan(self.z).sum())
-
-    def peak_to_valley(self) -> float:
-        """Return the largest minus the smallest valid height.
-
-        Returns
-        -------
-        float
-            P-V in m; NaN when nothing is valid.
-        """
-        valid = self.z[~np.isnan(self.z)]
-        return float(np.ptp(valid)) if valid.size else float("nan")
 
     def __repr__(self) -> str:
         return f"PointSet({self.z.size} points)"

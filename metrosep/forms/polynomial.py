@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import documented
 from metrosep.core.errors import DataError
 from metrosep.core.numbers import choice, count
 from metrosep.forms._orthogonal import Basis, values, values_and_slopes
 from metrosep.forms.base import checked
 from metrosep.forms.linear import LinearFit, LinearForm
-from metrosep.forms.moments import MAX_DEGREE, Kind, polynomial_terms
+from metrosep.forms.moments import DOCS, MAX_DEGREE, Kind, polynomial_terms
 from metrosep.forms.polynomial_fit import (
     Domain,
     fit_grid,
@@ -37,15 +38,13 @@ _BLOCK = 65536
 """Points that are evaluated at once."""
 
 
+@documented(**DOCS)
 class Polynomial(LinearForm):
     """A polynomial in x, or in x and y.
 
     Parameters
     ----------
-    degree : int
-        Highest degree, 0 to 40.
-    kind : {"total", "tensor"}, optional
-        Terms with ``i + j <= degree``, or with each of i and j ``<= degree``.
+    $degree
     basis : {"power", "legendre", "chebyshev"}, optional
         Functions of each variable.
     variables : {1, 2}, optional
@@ -381,6 +380,7 @@ def _few(names: Sequence[str]) -> str:
 # ---- polynomials by the name of their basis: Legendre, Chebyshev, XY ---------------------------
 
 
+@documented(**DOCS)
 def Legendre(  # noqa: N802  # a form, though made by a function
     degree: int, *, kind: Kind = "total", **options: Any
 ) -> Polynomial:
@@ -388,10 +388,7 @@ def Legendre(  # noqa: N802  # a form, though made by a function
 
     Parameters
     ----------
-    degree : int
-        Highest degree, 0 to 40.
-    kind : {"total", "tensor"}, optional
-        Terms with ``i + j <= degree``, or with each of i and j ``<= degree``.
+    $degree
     **options : object
         Of `Polynomial`.
 
@@ -403,6 +400,7 @@ def Legendre(  # noqa: N802  # a form, though made by a function
     return Polynomial(degree, kind=kind, basis="legendre", **options)
 
 
+@documented(**DOCS)
 def Chebyshev(  # noqa: N802  # a form, though made by a function
     degree: int, *, kind: Kind = "total", **options: Any
 ) -> Polynomial:
@@ -410,10 +408,7 @@ def Chebyshev(  # noqa: N802  # a form, though made by a function
 
     Parameters
     ----------
-    degree : int
-        Highest degree, 0 to 40.
-    kind : {"total", "tensor"}, optional
-        Terms with ``i + j <= degree``, or with each of i and j ``<= degree``.
+    $degree
     **options : object
         Of `Polynomial`.
 

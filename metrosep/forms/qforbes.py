@@ -20,8 +20,8 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.numbers import choice, positive
-from metrosep.forms.base import Shape, checked, positive_root
-from metrosep.forms.conic import Conic
+from metrosep.forms.base import checked, positive_root
+from metrosep.forms.conic import Conic, Departing
 
 __all__ = ["QForbes", "q_bfs", "q_con"]
 
@@ -100,7 +100,7 @@ def _bfs_steps(n: int) -> tuple[tuple[float, float, float], ...]:
 
 
 @dataclass(frozen=True, repr=False)
-class QForbes(Shape):
+class QForbes(Departing):
     """A rotationally symmetric asphere in Forbes' polynomials.
 
     Parameters
@@ -197,23 +197,6 @@ class QForbes(Shape):
         return self._with(now, radius)
 
     def departure(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the height above the sphere or conic, along the axis.
-
-        Parameters
-        ----------
-        x, y : ndarray, m
-            Positions in the form's frame.
-
-        Returns
-        -------
-        ndarray, m
-            Heights.
-
-        Raises
-        ------
-        DataError
-            If a parameter or the radius is not known yet.
-        """
         return self._sum(self._basis(x * x + y * y)[0])
 
     def _sum(self, functions: FloatArray) -> FloatArray:

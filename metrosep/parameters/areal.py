@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core.docs import documented
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.numbers import choice, positive, real
 from metrosep.core.provenance import Step
@@ -36,7 +37,7 @@ from metrosep.parameters.material_ratio import (
     abbott_curve,
     core_height,
 )
-from metrosep.parameters.table import Context, ParameterTable, Row, chosen_rows, evaluated
+from metrosep.parameters.table import TABLE, Context, ParameterTable, Row, chosen_rows, evaluated
 from metrosep.parameters.watershed import (
     LARGEST_HOLE,
     Peaks,
@@ -60,17 +61,13 @@ _FEATURES = {"S5p", "S5v", "S10z", "Spd", "Spc"}
 _CONSTANT = "all valid heights are equal, so Sq is zero and the ratio is not defined"
 
 
+@documented(table=TABLE)
 class ArealParameterTable(ParameterTable):
     """Areal parameters; Smrk1 and Smrk2 find Smr1 and Smr2.
 
     Parameters
     ----------
-    quantities : sequence of Quantity
-        Each with its symbol.
-    context : Context
-        Edition, filter chain, valid share, settings.
-    unavailable : mapping of str to str, optional
-        Symbols that could not be evaluated, each with the reason and what to do.
+    $table
 
     Examples
     --------

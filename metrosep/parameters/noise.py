@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import documented
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -45,6 +46,15 @@ __all__ = [
 
 _REACH = 6.0
 """The Gaussian ACF is 2e-16 at this many correlation lengths: the far end does not see it."""
+
+
+REPEATS = """
+    TooFewSamplesError
+        If there are fewer than 2 repeats or fewer than 2 points valid in all.
+    InvalidSamplesError
+        If profiles and surfaces are mixed, or the points differ.
+    """
+"""What every function of repeats raises."""
 
 
 class Sampling(NamedTuple):
@@ -373,6 +383,7 @@ class NoiseFromPsd(StationaryNoise):
         return total
 
 
+@documented(repeats=REPEATS)
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseFromRepeats(Noise):
     """Noise drawn from what repeats of the same measurement differ by.
@@ -390,10 +401,7 @@ class NoiseFromRepeats(Noise):
 
     Raises
     ------
-    TooFewSamplesError
-        If there are fewer than 2 repeats or fewer than 2 points valid in all.
-    InvalidSamplesError
-        If profiles and surfaces are mixed, or the points differ.
+    $repeats
     DataError
         If the method is not known, a point is missing and the method shifts, or `remove_mean` is
         not True or False.
@@ -463,6 +471,7 @@ _SAME_POSITION = 1e-6
 """Largest difference of two positions, relative to the step, that counts as the same."""
 
 
+@documented(repeats=REPEATS)
 def stack_repeats(objects: Sequence[Profile | Surface]) -> FloatArray:
     """Return the heights of repeats on top of each other, NaN unless valid in all.
 
@@ -478,10 +487,7 @@ def stack_repeats(objects: Sequence[Profile | Surface]) -> FloatArray:
 
     Raises
     ------
-    TooFewSamplesError
-        If there are fewer than 2 repeats or fewer than 2 points valid in all.
-    InvalidSamplesError
-        If profiles and surfaces are mixed, or the points differ.
+    $repeats
     """
     if len(objects) < 2:
         raise TooFewSamplesError(f"at least 2 repeats are needed, got {len(objects)}")
@@ -519,6 +525,7 @@ def _same_step(a: float | None, b: float | None, n: int) -> bool:
     return abs(a - b) * n <= _SAME_POSITION * a * max(n, 1)
 
 
+@documented(repeats=REPEATS)
 def mean_of_repeats(objects: Sequence[Profile | Surface]) -> Profile | Surface:
     """Return the mean profile or surface, NaN unless valid in all.
 
@@ -534,10 +541,7 @@ def mean_of_repeats(objects: Sequence[Profile | Surface]) -> Profile | Surface:
 
     Raises
     ------
-    TooFewSamplesError
-        If there are fewer than 2 repeats or fewer than 2 points valid in all.
-    InvalidSamplesError
-        If profiles and surfaces are mixed, or the points differ.
+    $repeats
 
     Notes
     -----
@@ -577,6 +581,7 @@ class NoiseEstimate:
     n_effective: float
 
 
+@documented(repeats=REPEATS)
 def noise_of_repeats(
     objects: Sequence[Profile | Surface], *, remove_mean: bool = True
 ) -> NoiseEstimate:
@@ -596,10 +601,7 @@ def noise_of_repeats(
 
     Raises
     ------
-    TooFewSamplesError
-        If there are fewer than 2 repeats or fewer than 2 points valid in all.
-    InvalidSamplesError
-        If profiles and surfaces are mixed, or the points differ.
+    $repeats
     DataError
         If `remove_mean` is not True or False.
 

@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from metrosep.core.docs import documented
 from metrosep.core.errors import DataError, NotConvergedError
 from metrosep.core.numbers import choice, flag, positive
 from metrosep.core.profile import Profile
@@ -33,7 +34,7 @@ from metrosep.parameters._profile_rows import (
 )
 from metrosep.parameters.material_ratio import CoreLine
 from metrosep.parameters.sections import Evaluation, sections_in
-from metrosep.parameters.table import Context, ParameterTable, evaluated
+from metrosep.parameters.table import TABLE, Context, ParameterTable, evaluated
 from metrosep.spectral.dft import instance_of, symbols
 
 __all__ = [
@@ -68,17 +69,13 @@ _OTHER_SPELLINGS = {
 """Spelling without kind, small letters, to the one spelling that entries are compared by."""
 
 
+@documented(table=TABLE)
 class ProfileParameterTable(ParameterTable):
     """Profile parameters; a symbol of the other edition finds the same parameter.
 
     Parameters
     ----------
-    quantities : sequence of Quantity
-        Each with its symbol.
-    context : Context
-        Edition, filter chain, valid share, settings.
-    unavailable : mapping of str to str, optional
-        Symbols that could not be evaluated, each with the reason and what to do.
+    $table
 
     Examples
     --------

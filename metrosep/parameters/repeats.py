@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import documented
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 from metrosep.core.numbers import flag
 from metrosep.core.profile import Profile
@@ -21,6 +22,7 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.parameters.budget import coverage_factor
 from metrosep.parameters.noise import (
+    REPEATS,
     NoiseEstimate,
     mean_of_repeats,
     noise_of_repeats,
@@ -194,6 +196,7 @@ class RepeatResult:
         return self.type_a.mean - self.value_of_mean
 
 
+@documented(repeats=REPEATS)
 def from_repeats(
     objects: Sequence[Profile | Surface], evaluate: Evaluate, *, centre: bool | None = None
 ) -> RepeatResult:
@@ -217,10 +220,7 @@ def from_repeats(
 
     Raises
     ------
-    TooFewSamplesError
-        If there are fewer than 2 repeats or fewer than 2 points valid in all.
-    InvalidSamplesError
-        If profiles and surfaces are mixed, or the points differ.
+    $repeats
     DataError
         If the name is not known, an evaluation is not finite, or `centre` is not True, False or
         None.
@@ -274,6 +274,7 @@ class NoiseFreeRms:
     dof: int
 
 
+@documented(repeats=REPEATS)
 def noise_free_rms(objects: Sequence[Profile | Surface], *, centre: bool = True) -> NoiseFreeRms:
     """Return the rms height that repeats share: Rq^2 = mean product of two repeats.
 
@@ -291,10 +292,7 @@ def noise_free_rms(objects: Sequence[Profile | Surface], *, centre: bool = True)
 
     Raises
     ------
-    TooFewSamplesError
-        If there are fewer than 2 repeats or fewer than 2 points valid in all.
-    InvalidSamplesError
-        If profiles and surfaces are mixed, or the points differ.
+    $repeats
     DataError
         If `centre` is not True or False.
 

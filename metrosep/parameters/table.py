@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from metrosep._version import __version__
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import documented
 from metrosep.core.errors import DataError, FitError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
@@ -100,17 +101,23 @@ def _step_text(step: Step) -> str:
     return f"{step.name}({inside})"
 
 
-class ParameterTable(Mapping[str, Quantity]):
-    """Parameters by symbol, in the order in which the standard lists them.
-
-    Parameters
-    ----------
+TABLE = """
     quantities : sequence of Quantity
         Each with its symbol.
     context : Context
         Edition, filter chain, valid share, settings.
     unavailable : mapping of str to str, optional
         Symbols that could not be evaluated, each with the reason and what to do.
+    """
+
+
+@documented(table=TABLE)
+class ParameterTable(Mapping[str, Quantity]):
+    """Parameters by symbol, in the order in which the standard lists them.
+
+    Parameters
+    ----------
+    $table
 
     Raises
     ------
