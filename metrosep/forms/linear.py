@@ -19,11 +19,11 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import (
-    DataError,
     DegenerateFitError,
     InvalidSamplesError,
     NotConvergedError,
 )
+from metrosep.core.numbers import choice
 from metrosep.forms.base import Form, Freedoms, Placement
 from metrosep.forms.moments import LeastSquares
 from metrosep.forms.points import Points
@@ -457,8 +457,7 @@ def spread(deviation: FloatArray) -> float:
 
 def robust_weights(deviation: FloatArray, scale: float, rule: Robust) -> FloatArray:
     """Return the weight of each point, 0 to 1."""
-    if rule not in _TUNING:
-        raise DataError(f"robust must be one of {', '.join(_TUNING)}, got {rule!r}")
+    choice(rule, "robust", _TUNING)
     limit = _TUNING[rule] * scale
     magnitude = np.abs(deviation)
     if limit == 0.0:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray, Heights, frozen_float, same_length
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.middle import assumed_axis
-from metrosep.core.numbers import is_real
+from metrosep.core.numbers import quantity
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.surface import Surface
@@ -243,10 +243,8 @@ def points_of(
 
 def _pair(centre: Any) -> tuple[float, float]:
     """Return the centre as two finite numbers."""
-    try:
-        x0, y0 = (float(v) if is_real(v) else float("nan") for v in centre)
-    except (TypeError, ValueError):
-        x0 = y0 = float("nan")
-    if not (np.isfinite(x0) and np.isfinite(y0)):
+    pair = () if isinstance(centre, str) or not hasattr(centre, "__len__") else tuple(centre)
+    if len(pair) != 2:
         raise DataError(f"centre is a pair of finite positions (x, y) in m, got {centre!r}")
+    x0, y0 = (quantity(v, f"{k} of centre", "length") for k, v in zip("xy", pair, strict=True))
     return x0, y0
