@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 
-__all__ = ["benjamini_hochberg", "by_number"]
-
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 BoolArray = NDArray[np.bool_]
@@ -34,7 +32,7 @@ def frozen_float(values: ArrayLike, *, name: str, ndim: int, min_size: int = 1) 
         checked.setflags(write=False)
         return checked
     try:
-        array = values if _is_frozen(values) else as_float(values)
+        array = values if is_frozen(values) else as_float(values)
     except (TypeError, ValueError) as exc:
         raise InvalidSamplesError(
             f"{name} must hold real numbers in SI, got {type(values).__name__}: {exc}"
@@ -116,7 +114,7 @@ class Heights:
         return self.z.astype(wanted)
 
 
-def _is_frozen(values: ArrayLike) -> TypeGuard[FloatArray]:
+def is_frozen(values: ArrayLike) -> TypeGuard[FloatArray]:
     if not isinstance(values, np.ndarray) or values.dtype != np.float64:
         return False
     return values.base is None and values.flags.c_contiguous and not values.flags.writeable

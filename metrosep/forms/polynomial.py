@@ -139,7 +139,8 @@ class Polynomial(LinearForm):
         if isinstance(given, Mapping):
             stray = [k for k in given if k not in names]
             if stray:
-                raise DataError(f"{self.name} has no parameter {stray[0]!r}; {_few(names)}")
+                there = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+                raise DataError(f"{self.name} has no parameter {stray[0]!r}; there are: {there}")
             return tuple(checked(given.get(k), k) for k in names)
         c = np.asarray(given, dtype=np.float64)
         n = self.degree + 1
@@ -161,7 +162,9 @@ class Polynomial(LinearForm):
     def units(self) -> Mapping[str, str]:  # type: ignore[override]
         if self.basis_name != "power":
             return dict.fromkeys(self.names, "m")
-        return dict(zip(self.names, (_unit(i + j) for i, j in self.terms), strict=True))
+        powers = {0: "m", 1: "1"}
+        units = (powers.get(i + j, f"m^{1 - i - j}") for i, j in self.terms)
+        return dict(zip(self.names, units, strict=True))
 
     @property
     def spanned(self) -> frozenset[str]:
@@ -367,14 +370,6 @@ def _each(value: float | Sequence[float], n: int, name: str) -> tuple[float, ...
     if len(numbers) != n or not np.isfinite(numbers).all():
         raise DataError(f"{name} must be {n} finite value(s) in m, got {value}")
     return numbers
-
-
-def _unit(power: int) -> str:
-    return {0: "m", 1: "1"}.get(power, f"m^{1 - power}")
-
-
-def _few(names: Sequence[str]) -> str:
-    return "there are: " + ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
 
 
 # ---- polynomials by the name of their basis: Legendre, Chebyshev, XY ---------------------------

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
 
-from metrosep.core._arrays import FloatArray, as_float
+from metrosep.core._arrays import FloatArray, as_float, is_frozen
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.numbers import between, quantity
 
@@ -55,13 +55,7 @@ def freeze_fields(obj: object, *names: str) -> None:
     """Make fields arrays that cannot be written to; one that nobody can write to is taken as it is."""
     for name in names:
         values = getattr(obj, name)
-        if not _is_own(values) or np.isinf(values).any():
+        if not (is_frozen(values) and type(values) is np.ndarray) or np.isinf(values).any():
             values = np.ascontiguousarray(real_array(values, name))
             values.setflags(write=False)
         object.__setattr__(obj, name, values)
-
-
-def _is_own(values: Any) -> TypeGuard[FloatArray]:
-    if type(values) is not np.ndarray or values.dtype != np.float64:
-        return False
-    return values.base is None and values.flags.c_contiguous and not values.flags.writeable

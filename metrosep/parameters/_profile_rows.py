@@ -22,20 +22,6 @@ from metrosep.parameters.material_ratio import CoreHeight, CoreLine, abbott_curv
 from metrosep.parameters.sections import Evaluation
 from metrosep.parameters.table import Row
 
-__all__ = [
-    "HEIGHT_THRESHOLD",
-    "NEW",
-    "OLD",
-    "ROWS",
-    "SPACING_THRESHOLD",
-    "Edition",
-    "ProfileElements",
-    "ProfileRow",
-    "Work",
-    "named_edition",
-    "profile_elements",
-]
-
 Edition = Literal["ISO 21920-2:2021", "ISO 4287:1997"]
 
 OLD: Edition = "ISO 4287:1997"

@@ -58,6 +58,11 @@ _ALIASES = {"Smrk1": "Smr1", "Smrk2": "Smr2"}
 _FEATURES = {"S5p", "S5v", "S10z", "Spd", "Spc"}
 """Parameters of peaks and pits, from the segmentation."""
 
+_NO_DECAY = (
+    "the autocorrelation does not fall to 0.2 within half the map in its longest direction; "
+    "map a larger area, or remove form and waviness"
+)
+
 _CONSTANT = "all valid heights are equal, so Sq is zero and the ratio is not defined"
 
 
@@ -237,25 +242,16 @@ class _Work:
     def pits(self) -> Peaks:
         return significant_peaks(-self.centred, pruning=self.pruning)
 
+    @property
+    def peak_density(self) -> float:
+        dx, dy = self.steps
+        return len(self.peaks) / ((self.heights.n_valid + self.peaks.n_filled) * dx * dy)
+
 
 def _given(value: float | None, reason: str) -> float:
     if value is None:
         raise DataError(reason)
     return value
-
-
-def _aspect_ratio(work: _Work) -> float:
-    return _given(
-        work.lobe.aspect_ratio,
-        "the autocorrelation does not fall to 0.2 within half the map in its longest direction; "
-        "map a larger area, or remove form and waviness",
-    )
-
-
-def _peak_density(work: _Work) -> float:
-    dx, dy = work.steps
-    n = work.heights.n_valid + work.peaks.n_filled
-    return len(work.peaks) / (n * dx * dy)
 
 
 def _filled_notes(work: _Work, given: set[str]) -> list[str]:
@@ -311,7 +307,7 @@ _ROWS = (
         "Str",
         "1",
         "texture aspect ratio, shortest over longest distance of the decay to 0.2",
-        _aspect_ratio,
+        lambda w: _given(w.lobe.aspect_ratio, _NO_DECAY),
     ),
     Row(
         "Std",
@@ -357,7 +353,7 @@ _ROWS = (
         "ten-point height S5p + S5v",
         lambda w: five_point_height(w.peaks, 0.0) + five_point_height(w.pits, 0.0),
     ),
-    Row("Spd", "1/m^2", "density of significant peaks", _peak_density),
+    Row("Spd", "1/m^2", "density of significant peaks", "peak_density"),
     Row(
         "Spc",
         "1/m",

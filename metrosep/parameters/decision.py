@@ -362,9 +362,10 @@ def judge(
     positive(coverage_factor, "a coverage factor")
     chance = conformance_probability(value, u, lower=lower, upper=upper)
     if rule == "pfa":
-        guard = _pfa_guard(pfa) * u
+        guard = guard_factor(1.0 - _between(pfa, 0.0, 0.5, "pfa"), coverage_factor=1.0) * u
         acceptance = _pfa_zone(low, high, u, pfa, guard)
-        verdict = _pfa_verdict(chance, pfa)
+        verdict = "reject" if chance <= pfa else "inconclusive"
+        verdict = "accept" if chance >= 1.0 - pfa else verdict
         sentence = (
             f"accepted or rejected where a false decision has a probability of at most {pfa:g}"
         )
@@ -409,16 +410,6 @@ def _uncertainty_ratio(low: float, high: float, U: float, tolerance: float | Non
             f"tolerance= (the limit itself for a parameter that starts at zero), got {tolerance}"
         )
     return width / (2.0 * U) if U > 0.0 else math.inf
-
-
-def _pfa_guard(pfa: float) -> float:
-    return guard_factor(1.0 - _between(pfa, 0.0, 0.5, "pfa"), coverage_factor=1.0)
-
-
-def _pfa_verdict(chance: float, pfa: float) -> Verdict:
-    if chance >= 1.0 - pfa:
-        return "accept"
-    return "reject" if chance <= pfa else "inconclusive"
 
 
 def _pfa_zone(low: float, high: float, u: float, pfa: float, guard: float) -> tuple[float, float]:

@@ -162,7 +162,7 @@ def flatness_deviation(surface: Surface, *, reference: Reference = "MZ") -> Form
         found = _zone(grid, plane, scale)
         plane, bound = found.coefficients, found.bound
         local = grid.residual(plane)
-        top, bottom = _range(local)
+        top, bottom = (float(f.reduce(local, axis=None)) for f in (np.fmax, np.fmin))
         plane[0] += 0.5 * (top + bottom)
         local -= 0.5 * (top + bottom)
         objective = top - bottom
@@ -320,17 +320,9 @@ class _Grid:
 def _zone(grid: _Grid, plane: FloatArray, scale: float) -> Optimum:
     """Return the minimum zone, started from the extremes of the least-squares residual."""
     flat = np.flatnonzero(grid.valid.ravel()) if grid.has_gaps else np.arange(grid.z.size)
-    seed = np.concatenate([grid.extremes(plane), flat[_spread(flat.size)]])
+    spread = np.unique(np.linspace(0, flat.size - 1, min(flat.size, 20)).astype(np.intp))
+    seed = np.concatenate([grid.extremes(plane), flat[spread]])
     return optimum(grid.basis, grid.extremes, seed, mode="zone", start=plane, scale=scale)
-
-
-def _spread(n: int) -> IntArray:
-    """Return about 20 positions out of n."""
-    return np.unique(np.linspace(0, n - 1, min(n, 20)).astype(np.intp))
-
-
-def _range(values: FloatArray) -> tuple[float, float]:
-    return float(np.fmax.reduce(values, axis=None)), float(np.fmin.reduce(values, axis=None))
 
 
 # ---- roundness of a trace: least squares, minimum zone, circumscribed and inscribed circle -----

@@ -97,7 +97,8 @@ class AbbottCurve:
         choice(reference, "reference", ("mean", "peak"))
         level = c if reference == "mean" else float(self.heights[0]) - c
         level -= _TIE * self.total_height
-        return _n_at_or_above(self.heights, level) / self.heights.size
+        below = int(np.searchsorted(self.heights[::-1], level, side="left"))
+        return (self.heights.size - below) / self.heights.size
 
     def height(self, p: float) -> float:
         """Return the height mc(p) at a material ratio, the inverse of `ratio`.
@@ -327,10 +328,6 @@ def core_height(heights_sorted_desc: ArrayLike, *, line: CoreLine = "lsq") -> Co
         start=start,
         line=line,
     )
-
-
-def _n_at_or_above(falling: FloatArray, level: float) -> int:
-    return int(falling.size - np.searchsorted(falling[::-1], level, side="left"))
 
 
 def _falling(heights: ArrayLike) -> FloatArray:

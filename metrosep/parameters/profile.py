@@ -293,7 +293,8 @@ def _notes(
             f"The mean of the heights is {format_length(mean)}, not 0; a, q, sk, ku, p and v count "
             "from z = 0 (centre=True removes it)."
         )
-    if kind == "R" and any(r.new in ("k", "pk", "vk") for r in wanted) and not _robust(profile):
+    robust = any("robust" in s.name or "13565" in s.name for s in profile.history)
+    if kind == "R" and any(r.new in ("k", "pk", "vk") for r in wanted) and not robust:
         notes.append(
             "The core family is of the profile as it is; ISO 13565-1 and ISO 21920 ask for a "
             "valley-suppressing (robust) filter before it."
@@ -341,10 +342,6 @@ def _advice(e: Evaluation, cutoff: float, kind: str) -> str:
     if n == len(e.parts):
         return f"the length is short of {count}: measure longer."
     return f"pass sections={n}, or measure longer: the length is short of {count}."
-
-
-def _robust(profile: Profile) -> bool:
-    return any("robust" in s.name or "13565" in s.name for s in profile.history)
 
 
 # ---- default settings: setting classes of ISO 21920-3:2021 and the cutoff rule of ISO 4288:1996 ----

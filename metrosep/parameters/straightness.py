@@ -100,7 +100,12 @@ def straightness_deviation(
             settings={"width": "normal" if normal else "vertical"},
             notes=_notes(profile, x, slope, reference, normal),
         ),
-        reference_parameters=_line(slope, height - slope * centre, reference),
+        reference_parameters={
+            "slope": Quantity(slope, "1", f"slope dz/dx of the {reference} line"),
+            "intercept": Quantity(
+                height - slope * centre, "m", f"height of the {reference} line at x = 0"
+            ),
+        },
         residual=_residual(profile, valid, local, reference, normal),
         support=Support(valid[at], x[at], z[at], sides, weights),
         objective=float(np.ptp(local)) if reference == "MZ" else math.nan,
@@ -120,13 +125,6 @@ def _total_least_squares(
     # tan of half the angle, from the side that loses no digits
     slope = both / (difference + length) if difference > 0.0 else (length - difference) / both
     return slope, height, centre
-
-
-def _line(slope: float, intercept: float, reference: str) -> dict[str, Quantity]:
-    return {
-        "slope": Quantity(slope, "1", f"slope dz/dx of the {reference} line"),
-        "intercept": Quantity(intercept, "m", f"height of the {reference} line at x = 0"),
-    }
 
 
 def _residual(
@@ -240,7 +238,8 @@ def minimum_zone_line(x: FloatArray, z: FloatArray, *, normal: bool = False) -> 
         if normal:
             heights = (slope * half * along + scale * residual[support]) / half
             along = along + slopes[:, None] * heights
-        share = _shares(along)
+        # where the foot of the vertex lies on its edge, 0 at the first end and 1 at the last
+        share = (along[:, 2] - along[:, 0]) / (along[:, 1] - along[:, 0])
         best = _best(widths, share)
         np.multiply(t, -zones.slope[best], out=left)
         left += residual
@@ -319,11 +318,6 @@ def _hull(t: FloatArray, r: FloatArray, side: float) -> IntArray:
             hull.pop()
         hull.append(k)
     return np.array(hull, dtype=np.intp)
-
-
-def _shares(along: FloatArray) -> FloatArray:
-    """Return where the foot of the vertex lies on its edge, 0 at the first end and 1 at the last."""
-    return (along[:, 2] - along[:, 0]) / (along[:, 1] - along[:, 0])
 
 
 def _best(widths: FloatArray, share: FloatArray) -> int:
