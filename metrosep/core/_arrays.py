@@ -8,7 +8,8 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
+from metrosep.core.errors import InvalidSamplesError, OptionError, TooFewSamplesError
+from metrosep.core.numbers import quantity
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -118,6 +119,15 @@ def is_frozen(values: ArrayLike) -> TypeGuard[FloatArray]:
     if not isinstance(values, np.ndarray) or values.dtype != np.float64:
         return False
     return values.base is None and values.flags.c_contiguous and not values.flags.writeable
+
+
+def position(value: Any, name: str) -> tuple[float, float]:
+    """Return a position (x, y) in m of two lengths, each a number in m or a text with its unit."""
+    pair = () if isinstance(value, str | bytes) or not hasattr(value, "__len__") else tuple(value)
+    if len(pair) != 2:
+        raise OptionError(f"{name} must be two positions (x, y) in m, got {value!r}")
+    x, y = (quantity(v, f"{k} of {name}", "length") for k, v in zip("xy", pair, strict=True))
+    return x, y
 
 
 def same_length(**arrays: NDArray[Any]) -> None:

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import FloatArray, Heights, frozen_float
+from metrosep.core._arrays import FloatArray, Heights, frozen_float, position
 from metrosep.core._thumbnails import map_thumbnail
 from metrosep.core.attached import attached
-from metrosep.core.errors import OptionError
-from metrosep.core.numbers import positive, quantity
+from metrosep.core.numbers import positive
 from metrosep.core.profile import html_summary
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.units import format_length
@@ -24,14 +23,6 @@ __all__ = ["Surface"]
 def _checked_step(value: float | str | None, name: str) -> float | None:
     why = "a lateral step that the instrument did not calibrate is None"
     return None if value is None else positive(value, name, dimension="length", why=why)
-
-
-def _checked_origin(origin: Any) -> tuple[float, float]:
-    pair = () if isinstance(origin, str) or not hasattr(origin, "__len__") else tuple(origin)
-    if len(pair) != 2:
-        raise OptionError(f"origin must be two numbers (x, y) in m, got {origin!r}")
-    x, y = (quantity(v, f"{k} of origin", "length") for k, v in zip("xy", pair, strict=True))
-    return x, y
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -96,7 +87,7 @@ class Surface(Heights):
         object.__setattr__(self, "z", frozen_float(z, name="z", ndim=2))
         object.__setattr__(self, "dx", _checked_step(dx, "dx"))
         object.__setattr__(self, "dy", _checked_step(dy, "dy"))
-        object.__setattr__(self, "origin", _checked_origin(origin))
+        object.__setattr__(self, "origin", position(origin, "origin"))
         object.__setattr__(self, "metadata", freeze_mapping(metadata))
         object.__setattr__(self, "history", tuple(history))
 

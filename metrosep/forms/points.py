@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import FloatArray, Heights, frozen_float, same_length
+from metrosep.core._arrays import FloatArray, Heights, frozen_float, position, same_length
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.middle import assumed_axis
-from metrosep.core.numbers import quantity
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.surface import Surface
@@ -211,7 +210,7 @@ def points_of(
     obj: Surface | Profile | PointSet, *, centre: tuple[float, float] | None, middle: bool
 ) -> Points:
     """Return the points of an object, measured from a centre."""
-    centre = None if centre is None else _pair(centre)
+    centre = None if centre is None else position(centre, "centre")
     if isinstance(obj, Profile):
         x0 = 0.0 if centre is None else float(centre[0])
         points = Points(obj.x - x0, np.zeros(1), obj.z[None, :], (x0, 0.0))
@@ -239,12 +238,3 @@ def points_of(
     if points.is_empty:
         raise TooFewSamplesError("no sample was measured (all are NaN): nothing can be fitted")
     return points
-
-
-def _pair(centre: Any) -> tuple[float, float]:
-    """Return the centre as two finite numbers."""
-    pair = () if isinstance(centre, str) or not hasattr(centre, "__len__") else tuple(centre)
-    if len(pair) != 2:
-        raise DataError(f"centre is a pair of finite positions (x, y) in m, got {centre!r}")
-    x0, y0 = (quantity(v, f"{k} of centre", "length") for k, v in zip("xy", pair, strict=True))
-    return x0, y0

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from metrosep.core._arrays import FloatArray, as_float, is_frozen
-from metrosep.core.errors import DataError, InvalidSamplesError
-from metrosep.core.numbers import between, quantity
+from metrosep.core.errors import InvalidSamplesError
+from metrosep.core.numbers import between
 
 WAVELENGTHS = (1e-8, 1e-2)
 """m: from the extreme ultraviolet to microwaves; beyond lie nanometres or micrometres taken as m."""
@@ -18,17 +18,6 @@ def wavelength_of(value: object) -> float:
     """Return a wavelength of light in m."""
     why = "633 nm is 633e-9"
     return between(value, "wavelength", *WAVELENGTHS, dimension="length", why=why)
-
-
-def pair_of(value: object, name: str) -> tuple[float, float]:
-    """Return two finite floats in m."""
-    try:
-        both = () if isinstance(value, str | bytes) else tuple(value)  # type: ignore[arg-type]
-    except TypeError:
-        both = ()
-    if len(both) != 2:
-        raise DataError(f"{name} must be two numbers (x, y), in m, got {value!r}")
-    return quantity(both[0], f"x of {name}", "length"), quantity(both[1], f"y of {name}", "length")
 
 
 def real_array(values: Any, name: str, unit: str = "m") -> FloatArray:

@@ -8,13 +8,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import FloatArray, position
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.middle import measured_middle
 from metrosep.core.numbers import choice, count, positive, quantity
 from metrosep.core.surface import Surface
 from metrosep.forms.base import Form
-from metrosep.optics._checks import pair_of
 
 __all__ = ["Grid", "Sampled", "form_points", "map_points"]
 
@@ -181,7 +180,7 @@ def _about_the_axis(
     y = surface.origin[1] + surface.dy * np.arange(rows, dtype=np.float64)
     notes: tuple[str, ...] = ()
     if centre is not None:
-        axis = pair_of(centre, "centre")
+        axis = position(centre, "centre")
     elif surface.origin == (0.0, 0.0):
         axis = measured_middle(surface.z, x, y)
         note = (

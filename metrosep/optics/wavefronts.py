@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import FloatArray, position
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.numbers import choice, positive, quantity
 from metrosep.core.provenance import freeze_mapping
@@ -21,7 +21,7 @@ from metrosep.core.surface import Surface
 from metrosep.forms.base import Form
 from metrosep.forms.zernike import Zernike, ZernikeOrder
 from metrosep.forms.zernike_fit import RIM
-from metrosep.optics._checks import freeze_fields, pair_of, wavelength_of
+from metrosep.optics._checks import freeze_fields, wavelength_of
 from metrosep.optics.image_quality import PointSpread, point_spread, strehl_ratio
 from metrosep.optics.rays import Mode, Side, check_mode, path_difference, path_sensitivity
 from metrosep.optics.sampling import GRIDS, Grid, Sampled, form_points, map_points
@@ -96,7 +96,7 @@ class Wavefront:
         object.__setattr__(self, "n", check_mode(self.mode, self.n, self.side))
         object.__setattr__(self, "radius", positive(self.radius, "radius", dimension="length"))
         if self.steps is not None:
-            steps = pair_of(self.steps, "steps")
+            steps = position(self.steps, "steps")
             object.__setattr__(self, "steps", tuple(positive(v, "a step") for v in steps))
         object.__setattr__(self, "audit", freeze_mapping(self.audit))
         self._check_points()
