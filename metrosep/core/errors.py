@@ -15,6 +15,7 @@
     |   |-- NotUniformError
     |   |-- TooFewSamplesError
     |   |-- InvalidSamplesError
+    |   |   `-- OptionRangeError    an argument out of its range
     |   |-- OptionError (TypeError)   an argument of the wrong kind, an unknown keyword
     |   `-- UnitError
     |-- FitError
@@ -52,6 +53,7 @@ __all__ = [
     "NotSeparableError",
     "NotUniformError",
     "OptionError",
+    "OptionRangeError",
     "PointlessTableError",
     "ReadError",
     "ReadOptionError",
@@ -196,6 +198,10 @@ class TooFewSamplesError(DataError):
 
 class InvalidSamplesError(DataError):
     """Samples are NaN, infinite, out of order or inconsistent."""
+
+
+class OptionRangeError(InvalidSamplesError):
+    """An argument that is a number, but not one that can be used: NaN, negative, out of its range."""
 
 
 class OptionError(DataError, TypeError):

@@ -28,6 +28,7 @@ EXIT_CODES: Codes = (
     (errors.WriteError, 2),
     (errors.UnitError, 2),
     (errors.OptionError, 2),
+    (errors.OptionRangeError, 2),
     (errors.ReadError, 4),
     (errors.SeparationError, 4),
     (errors.FitError, 4),

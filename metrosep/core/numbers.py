@@ -2,7 +2,7 @@
 
 Truth values, None, complex numbers, arrays, dates and texts without a unit are refused in one way:
 `OptionError`, which is a `DataError` and a TypeError, with the name of the argument and what was
-given. What is a number but cannot be used (NaN, infinite, zero, negative) is an `InvalidSamplesError`.
+given. What is a number but cannot be used (NaN, infinite, zero, negative) is an `OptionRangeError`.
 Where `dimension` is named, a text with a unit of it is a number, too: ``"0.5 mm"``.
 """
 
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import InvalidSamplesError, OptionError
+from metrosep.core.errors import OptionError, OptionRangeError
 from metrosep.core.units import parse_quantity
 
 __all__ = [
@@ -63,7 +63,7 @@ def real(
     if finite and not math.isfinite(number):
         unit = f" in {_UNITS[dimension]}" if dimension else ""
         plain = what.replace("a number", "a finite number")
-        raise InvalidSamplesError(f"{name} must be {plain}{unit}, got {number}")
+        raise OptionRangeError(f"{name} must be {plain}{unit}, got {number}")
     return number
 
 
@@ -109,7 +109,7 @@ def count(value: Any, name: str, *, least: int = 1, most: int | None = None) -> 
     except TypeError:
         raise OptionError(message) from None
     if number < least or (most is not None and number > most):
-        raise InvalidSamplesError(message)
+        raise OptionRangeError(message)
     return number
 
 
@@ -130,10 +130,10 @@ def choice(value: Any, name: str, known: Iterable[str]) -> str:
 
 def _outside(
     name: str, range_: str, number: float, dimension: str | None, why: str
-) -> InvalidSamplesError:
+) -> OptionRangeError:
     """Return the error of a number out of its range."""
     unit = f" {_UNITS[dimension]}" if dimension in _UNITS else ""
-    return InvalidSamplesError(f"{name} must be {range_}, got {number}{unit}{why and f'; {why}'}")
+    return OptionRangeError(f"{name} must be {range_}, got {number}{unit}{why and f'; {why}'}")
 
 
 def _in(dimension: str | None) -> str:
