@@ -16,12 +16,13 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, as_float
 from metrosep.core.errors import DataError, TooFewSamplesError
-from metrosep.core.numbers import flag, not_negative, positive
+from metrosep.core.numbers import flag, not_negative
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.separation._methods import History, RecordedMethod, as_stated, settle, type_a
 from metrosep.separation._readings import checked_readings, known_parts
 from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.lines._line_problem import distances
 
 __all__ = ["ZeroAdjustment", "ZeroCalibration", "zero_calibration"]
 
@@ -194,16 +195,6 @@ def zero_calibration(
     known = np.broadcast_to(_flat_differences(flat, w, first.size), first.shape)
     u_known = not_negative(u_flat, "u_flat", dimension="length")
     return _mean(first - known, count, d, "flat", w, u_reading, 1.0, u_known)
-
-
-def distances(distance: float | tuple[float, float]) -> tuple[float, float]:
-    """Return both distances of three probes."""
-    several = isinstance(distance, (tuple, list, np.ndarray)) and np.ndim(distance) > 0
-    values = np.ravel(distance).tolist() if several else [distance]
-    if len(values) not in (1, 2):
-        raise DataError(f"distance is one length in m above zero, or two, got {distance}")
-    both = [positive(v, "distance", dimension="length") for v in values]
-    return both[0], both[-1]
 
 
 def _weights(distance: float | tuple[float, float]) -> FloatArray:
