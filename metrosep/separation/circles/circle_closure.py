@@ -34,7 +34,7 @@ from metrosep.core.numbers import count
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import History, RecordedMethod, described_by, settle
+from metrosep.separation._methods import History, Parts, RecordedMethod, described_by, settle
 from metrosep.separation.circles._circle import (
     check_sign,
     check_u_reading,
@@ -156,9 +156,7 @@ class CircleClosure(RecordedMethod):
                 "cannot be separated; turn the artefact between set-ups"
             )
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts = dict.fromkeys(_PARTS, np.zeros(self.n))
         if not truth and not errors:
             raise DataError("give the artefact or the machine to simulate")

@@ -31,7 +31,7 @@ from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import described_by, settle
+from metrosep.separation._methods import Parts, described_by, settle
 from metrosep.separation._readings import unit_message
 from metrosep.separation.circles._circle import (
     CircleMethod,
@@ -141,9 +141,7 @@ class OrthogonalMixed(CircleMethod):
         if self.u_radius > 0.5 * self.radius:
             raise DataError(f"u_radius of {self.u_radius} m does not fit a radius {self.radius} m")
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts, n = part_arrays(self._parts, truth, errors)
         k = np.arange((n - 1) // 2 + 1)
         c = harmonics_of(parts["artefact"], int(k[-1]))

@@ -31,7 +31,7 @@ from metrosep.core.numbers import count, positive
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import described_by, settle
+from metrosep.separation._methods import Parts, described_by, settle
 from metrosep.separation._readings import unit_message
 from metrosep.separation.circles._circle import (
     CircleMethod,
@@ -185,9 +185,7 @@ class MultiprobeRoundness(CircleMethod):
         gain: FloatArray = self._geometry().gain[0]
         return gain
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         # the artefact is turned by its Fourier phases, exact for harmonics below N/2
         parts, _ = part_arrays(self._parts, truth, errors)
         phi = np.array(self.angles)

@@ -27,7 +27,7 @@ from metrosep.core.numbers import choice, count, is_real, positive, real
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import described_by, settle
+from metrosep.separation._methods import Parts, described_by, settle
 from metrosep.separation._readings import unit_message
 from metrosep.separation.circles._circle import (
     CircleMethod,
@@ -186,9 +186,7 @@ class MultistepRoundness(CircleMethod):
         gain: FloatArray = _geometry(self).gain[0]
         return gain
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts, _ = part_arrays(self._parts, truth, errors)
         out: FloatArray = turned(parts["artefact"], self.turn * np.array(self.angles))
         return out + parts["spindle"]

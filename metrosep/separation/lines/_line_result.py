@@ -20,7 +20,7 @@ from metrosep.core.numbers import not_negative
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
-from metrosep.separation._methods import as_stated, not_known, type_a
+from metrosep.separation._methods import Parts, as_stated, not_known, type_a
 from metrosep.separation._readings import NOISE_UNKNOWN, checked_readings
 from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 from metrosep.separation.lines._line_found import Found, solve
@@ -59,9 +59,7 @@ class ProbeRowMethod(SeparationMethod):
         """Known zero difference of three probes and its standard uncertainty, m."""
         return None
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         for given, known, kind in (
             (truth, self.truth_parts, "truth"),
             (errors, self.error_parts, "error"),

@@ -19,7 +19,7 @@ from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.numbers import flag, not_negative
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import History, RecordedMethod, as_stated, settle, type_a
+from metrosep.separation._methods import History, Parts, RecordedMethod, as_stated, settle, type_a
 from metrosep.separation._readings import checked_readings, known_parts
 from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.lines._line_problem import distances
@@ -345,9 +345,7 @@ class ZeroAdjustment(RecordedMethod):
             u_flat=not_negative(self.u_flat, "u_flat", dimension="length"),
         )
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts = known_parts(self, truth, errors)
         zero, bend = parts.get("zero", np.zeros(())), parts.get("bend", np.zeros(1))
         w = _weights(self.distance)
