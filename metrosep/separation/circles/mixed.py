@@ -43,7 +43,6 @@ from metrosep.separation.circles._circle import (
     circle_readings,
     curve,
     harmonics_of,
-    part_arrays,
     reading_noise,
     unseen,
     variances,
@@ -142,7 +141,8 @@ class OrthogonalMixed(CircleMethod):
             raise DataError(f"u_radius of {self.u_radius} m does not fit a radius {self.radius} m")
 
     def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
-        parts, n = part_arrays(self._parts, truth, errors)
+        parts = self._rows_of(truth, errors)
+        n = parts["x"].size
         k = np.arange((n - 1) // 2 + 1)
         c = harmonics_of(parts["artefact"], int(k[-1]))
         rising = curve(1j * self.turn * k * np.exp(0.5j * np.pi * self.turn * k) * c, n)

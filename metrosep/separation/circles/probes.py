@@ -46,7 +46,6 @@ from metrosep.separation.circles._circle import (
     hidden_message,
     hidden_of,
     numbers,
-    part_arrays,
     probe_geometry,
     reading_noise,
     turned,
@@ -187,7 +186,7 @@ class MultiprobeRoundness(CircleMethod):
 
     def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         # the artefact is turned by its Fourier phases, exact for harmonics below N/2
-        parts, _ = part_arrays(self._parts, truth, errors)
+        parts = self._rows_of(truth, errors)
         phi = np.array(self.angles)
         out: FloatArray = (
             turned(parts["artefact"], self.turn * phi)

@@ -41,7 +41,6 @@ from metrosep.separation.circles._circle import (
     harmonics_of,
     hidden_message,
     hidden_of,
-    part_arrays,
     reading_noise,
     turned,
     u_of_curves,
@@ -187,7 +186,7 @@ class MultistepRoundness(CircleMethod):
         return gain
 
     def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
-        parts, _ = part_arrays(self._parts, truth, errors)
+        parts = self._rows_of(truth, errors)
         out: FloatArray = turned(parts["artefact"], self.turn * np.array(self.angles))
         return out + parts["spindle"]
 
