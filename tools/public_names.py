@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import metrosep
 
-__all__ = ["exported", "packages", "public_objects"]
+__all__ = ["exported", "inherited", "packages", "public_objects"]
 
 
 def packages() -> tuple[str, ...]:
@@ -49,9 +49,19 @@ _OF_THE_CONTRACT = {"from_inputs"}
 
 
 def _members(path: str, owner: type) -> Iterator[tuple[str, object]]:
-    for name, value in vars(owner).items():
+    for name, value in {**vars(owner), **inherited(owner)}.items():
         is_member = isinstance(value, classmethod | staticmethod | property)
         if name in _OF_THE_CONTRACT:
             continue
         if not name.startswith("_") and (inspect.isfunction(value) or is_member):
             yield f"{path}.{name}", value
+
+
+def inherited(owner: type) -> dict[str, object]:
+    """Return the public members that a class has from bases which no package exports, by name."""
+    found: dict[str, object] = {}
+    for base in reversed(owner.__mro__[1:]):
+        is_private = base.__name__.startswith("_") or "._" in base.__module__
+        if is_private and base.__module__.startswith("metrosep"):
+            found |= {name: value for name, value in vars(base).items() if name[0] != "_"}
+    return {name: value for name, value in found.items() if name not in vars(owner)}

@@ -50,7 +50,7 @@ def main(folder):
     for name, text, match in (
         ("cut-off.txt", INTERLEAVED[: INTERLEAVED.rindex("00:00:01") + 6], "none of camonitor"),
         ("clock-set-back.txt", INTERLEAVED.replace("00:00:01.0", "00:00:00.0"), "goes back"),
-        ("word.txt", INTERLEAVED.replace(" 1.75", " 1.7S"), "stage:x is no number"),
+        ("word.txt", INTERLEAVED.replace(" 1.75", " 1.7S"), "stage:x is not a number"),
     ):
         files[name] = text
         truths[name] = {"error": "CorruptFileError", "match": match}

@@ -62,7 +62,7 @@ def main(folder):
     for name, text, match in (
         ("cut-off.dat", whole[: whole.rindex("-0.25")], "count of rows is wrong"),
         ("half-row.dat", whole[: whole.rindex(" -0.5")] + "\n", "expected 2 numbers"),
-        ("word.dat", whole.replace("0.375", "0.3z5"), "Actual Position of AXIS:1 is no number"),
+        ("word.dat", whole.replace("0.375", "0.3z5"), "Actual Position of AXIS:1 is not a number"),
     ):
         files[name] = text
         truths[name] = {"error": "CorruptFileError", "match": match}

@@ -104,7 +104,7 @@ def damaged():
         binary(7).replace(b"\x07\x00", b"\x05\x00", 1),
         {
             **corrupt,
-            "match": "is no text",
+            "match": "is not text",
         },
     )
     yield "all-bad.sdf", text([None] * 12), {**corrupt, "match": "no point was measured"}

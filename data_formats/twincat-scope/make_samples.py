@@ -105,7 +105,7 @@ def main(folder):
     for name, text, match in (
         ("cut-off.csv", whole[: whole.rindex(";1.5;")], "does not end with a group"),
         ("no-rows.csv", whole[: whole.index(TICKS[0][0])], "no row of numbers"),
-        ("word.csv", whole.replace("359.5", "35g.5"), "Axis C is no number"),
+        ("word.csv", whole.replace("359.5", "35g.5"), "Axis C is not a number"),
     ):
         files[name] = text
         truths[name] = {"error": "CorruptFileError", "match": match}

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "tools"))
 
-from public_names import exported  # noqa: E402
+from public_names import exported, inherited  # noqa: E402
 
 PACKAGES = {
     "core": "Objects, units, errors",
@@ -82,7 +82,11 @@ def package_page(name: str, title: str) -> str:
 
 def _directive(target: str, value: object) -> list[str]:
     if inspect.isclass(value):
-        return [f".. autoclass:: {target}", "   :members:", ""]
+        lines = [f".. autoclass:: {target}", "   :members:", ""]
+        for name, member in sorted(inherited(value).items()):
+            kind = "autoproperty" if isinstance(member, property) else "automethod"
+            lines += [f"   .. {kind}:: {target}.{name}", ""]
+        return lines
     if inspect.isfunction(value):
         return [f".. autofunction:: {target}", ""]
     return [f".. py:data:: {target}", "   :no-index-entry:", ""]

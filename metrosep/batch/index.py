@@ -21,7 +21,7 @@ from metrosep._version import __version__
 from metrosep.batch.units import FAILED, RESULT, LeftOut, read_mark, sentences, short_version
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, RecipeError
-from metrosep.io.measuring_time import moment_of
+from metrosep.io.own_notes import moment_of
 from metrosep.recipe.index_rows import index_columns, index_rows
 from metrosep.recipe.reasons import reason_of
 from metrosep.recipe.result import clean

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING
 from metrosep.core._lazy import lazy_names
 
 if TYPE_CHECKING:
-    from metrosep.compensation.area_errors import (
-        ErrorMap as ErrorMap,
-    )
+    from metrosep.compensation.area_errors import ErrorMap as ErrorMap
     from metrosep.compensation.closed_loop import (
         LoopCut as LoopCut,
         LoopHistory as LoopHistory,
@@ -18,9 +16,7 @@ if TYPE_CHECKING:
         iterate_loop as iterate_loop,
         run_closed_loop as run_closed_loop,
     )
-    from metrosep.compensation.combine import (
-        combine_tables as combine_tables,
-    )
+    from metrosep.compensation.combine import combine_tables as combine_tables
     from metrosep.compensation.from_machine import (
         MachineTables as MachineTables,
         tables_from_machine as tables_from_machine,
@@ -56,21 +52,14 @@ if TYPE_CHECKING:
         exact_correction as exact_correction,
         fit_polynomial as fit_polynomial,
     )
-    from metrosep.compensation.products import (
-        ProductTables as ProductTables,
-        rank_one as rank_one,
-    )
-    from metrosep.compensation.reversal import (
-        LostMotion as LostMotion,
-    )
+    from metrosep.compensation.products import ProductTables as ProductTables, rank_one as rank_one
+    from metrosep.compensation.reversal import LostMotion as LostMotion
     from metrosep.compensation.rounding import (
         Rounded as Rounded,
         round_entries as round_entries,
         round_increments as round_increments,
     )
-    from metrosep.compensation.table import (
-        CompensationTable as CompensationTable,
-    )
+    from metrosep.compensation.table import CompensationTable as CompensationTable
     from metrosep.compensation.trial import (
         TrialMap as TrialMap,
         TrialTable as TrialTable,
@@ -87,9 +76,7 @@ if TYPE_CHECKING:
         DirectionResidual as DirectionResidual,
         Verification as Verification,
     )
-    from metrosep.compensation.verify import (
-        dry_run as dry_run,
-    )
+    from metrosep.compensation.verify import dry_run as dry_run
 
 _HOMES = {
     "area_errors": ("ErrorMap",),
@@ -102,68 +89,20 @@ _HOMES = {
         "run_closed_loop",
     ),
     "combine": ("combine_tables",),
-    "from_machine": (
-        "MachineTables",
-        "tables_from_machine",
-    ),
-    "knots": (
-        "Knots",
-        "choose_knots",
-        "knots_for_tolerance",
-        "optimal_values",
-    ),
-    "limits": (
-        "Finding",
-        "Limits",
-        "check_limits",
-        "dead_zone",
-    ),
-    "loop_machines": (
-        "AxisMachine",
-        "FaceMachine",
-        "LoopMachine",
-        "Servo",
-    ),
-    "map_verify": (
-        "MapVerification",
-        "dry_run_map",
-    ),
-    "maps": (
-        "CompensationMap",
-        "check_map_limits",
-    ),
-    "polynomial": (
-        "PolynomialFit",
-        "exact_correction",
-        "fit_polynomial",
-    ),
-    "products": (
-        "ProductTables",
-        "rank_one",
-    ),
+    "from_machine": ("MachineTables", "tables_from_machine"),
+    "knots": ("Knots", "choose_knots", "knots_for_tolerance", "optimal_values"),
+    "limits": ("Finding", "Limits", "check_limits", "dead_zone"),
+    "loop_machines": ("AxisMachine", "FaceMachine", "LoopMachine", "Servo"),
+    "map_verify": ("MapVerification", "dry_run_map"),
+    "maps": ("CompensationMap", "check_map_limits"),
+    "polynomial": ("PolynomialFit", "exact_correction", "fit_polynomial"),
+    "products": ("ProductTables", "rank_one"),
     "reversal": ("LostMotion",),
-    "rounding": (
-        "Rounded",
-        "round_entries",
-        "round_increments",
-    ),
+    "rounding": ("Rounded", "round_entries", "round_increments"),
     "table": ("CompensationTable",),
-    "trial": (
-        "TrialMap",
-        "TrialTable",
-        "trial_map",
-        "trial_table",
-    ),
-    "uniform": (
-        "is_uniform",
-        "resample_uniform",
-        "resampling_error",
-        "uniform_spacing",
-    ),
-    "verification": (
-        "DirectionResidual",
-        "Verification",
-    ),
+    "trial": ("TrialMap", "TrialTable", "trial_map", "trial_table"),
+    "uniform": ("is_uniform", "resample_uniform", "resampling_error", "uniform_spacing"),
+    "verification": ("DirectionResidual", "Verification"),
     "verify": ("dry_run",),
 }
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.area_errors import ErrorMap, area_error, format_position, rising
-from metrosep.compensation.map_sampling import sample_area
+from metrosep.compensation.sampling import sample_area
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError, TableError
@@ -90,10 +90,7 @@ class VolumetricError:
         return {a: np.array(parts[..., k]) for k, a in enumerate(self.names)}
 
     def remaining(
-        self,
-        q: Mapping[str, Any],
-        c: Mapping[str, FloatArray],
-        full: Mapping[str, ArrayLike],
+        self, q: Mapping[str, Any], c: Mapping[str, FloatArray], full: Mapping[str, ArrayLike]
     ) -> FloatArray:
         """Return ``E(q + c) + J full``: the error with corrections c, moved to another zero."""
         error = self.moved(q, c)

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.compensation.sampling import column
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.provenance import Step
@@ -26,6 +25,7 @@ __all__ = [
     "ErrorMap",
     "area_error",
     "bilinear",
+    "column",
     "format_position",
     "is_rotary",
     "rising",
@@ -92,6 +92,21 @@ class ErrorMap:
 
 
 AreaSource = Surface | ErrorMap | AreaFunction
+
+
+def column(values: ArrayLike, name: str) -> FloatArray:
+    """Return a read-only copy of a column of a table."""
+    copied = np.array(values, dtype=np.float64)
+    if copied.ndim != 1:
+        raise TableError(f"{name} must be one-dimensional, got shape {copied.shape}")
+    if not np.isfinite(copied).all():
+        i = int(np.flatnonzero(~np.isfinite(copied))[0])
+        raise TableError(
+            f"{name}[{i}] is {copied[i]}: a table must be finite everywhere; narrow the positions to "
+            "what was measured"
+        )
+    copied.setflags(write=False)
+    return copied
 
 
 def rising(values: ArrayLike, name: str) -> FloatArray:

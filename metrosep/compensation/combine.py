@@ -196,12 +196,7 @@ def _maps(old: CompensationMap, new: CompensationMap) -> CompensationMap:
 
 
 def _sum_of(
-    old: CompensationMap,
-    new: CompensationMap,
-    x: FloatArray,
-    y: FloatArray,
-    *,
-    grid: bool = True,
+    old: CompensationMap, new: CompensationMap, x: FloatArray, y: FloatArray, *, grid: bool = True
 ) -> FloatArray:
     px, py = np.meshgrid(x, y) if grid else (x, y)
     c = new.correction(px, py)

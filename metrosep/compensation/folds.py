@@ -41,10 +41,14 @@ def made_of(
     if told and told == set(mine):
         return "all", []
     if told and len(others) == len(mine):
-        return ("file" if _files(history) & _files(runs.history) else "none"), others
+        return (
+            "file" if set(source_hashes(history)) & set(source_hashes(runs.history)) else "none"
+        ), others
     if told:
         return ("none" if others else "file"), others
-    return ("all" if _files(history) & _files(runs.history) else "none"), others
+    return (
+        "all" if set(source_hashes(history)) & set(source_hashes(runs.history)) else "none"
+    ), others
 
 
 def used_runs(history: Sequence[Step], runs: RunSet) -> RunSet:
@@ -56,12 +60,13 @@ def used_runs(history: Sequence[Step], runs: RunSet) -> RunSet:
     return RunSet(kept, metadata=runs.metadata, history=runs.history)
 
 
-def _files(history: Sequence[Step]) -> set[str]:
-    found: set[str] = set()
+def source_hashes(history: Sequence[Step]) -> tuple[str, ...]:
+    """Return the hashes of the files that a history begins with."""
+    found: list[str] = []
     for step in history:
         value = step.parameters.get("sha256", ())
-        found |= {value} if isinstance(value, str) else set(map(str, value))
-    return found
+        found.extend([value] if isinstance(value, str) else map(str, value))
+    return tuple(found)
 
 
 def _groups(runs: RunSet, most: int | None) -> list[tuple[int, ...]]:

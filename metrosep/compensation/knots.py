@@ -7,8 +7,6 @@ that polyline small, with values on the curve or free; a free value halves the d
 
 from __future__ import annotations
 
-import math
-import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -27,19 +25,16 @@ from metrosep.compensation._knot_search import (
     padded_on_curve,
     residual,
 )
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray, frozen_float
-from metrosep.core.errors import (
-    DataError,
-    InvalidSamplesError,
-    TableError,
-    TooFewSamplesError,
-)
+from metrosep.core.errors import DataError, InvalidSamplesError, TableError, TooFewSamplesError
 from metrosep.core.units import format_length
 
 __all__ = ["Curve", "Knots", "choose_knots", "knots_for_tolerance", "optimal_values"]
 
 Curve = ArrayLike | Callable[[FloatArray], FloatArray]
 Values = Literal["free", "on curve"]
+_VALUES = ("free", "on curve")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,8 +153,10 @@ def choose_knots(
     True
     """
     places, curve = _samples(x, c)
-    _check_choice(values)
-    n = _number(n)
+    numbers.choice(values, "values", _VALUES)
+    n = numbers.count(n, "the number of knots", least=0)
+    if n < 2:
+        raise TooFewSamplesError(f"a polyline needs at least 2 knots, got n={n}")
     places, curve, zero = _with_reference(places, curve, reference)
     if grid is not None:
         allowed = frozen_float(grid, name="grid", ndim=1)
@@ -176,7 +173,7 @@ def choose_knots(
 def knots_for_tolerance(
     x: ArrayLike,
     c: Curve,
-    tolerance: float,
+    tolerance: float | str,
     *,
     values: Values = "free",
     reference: float | None = None,
@@ -190,8 +187,8 @@ def knots_for_tolerance(
         Positions of the samples, strictly rising.
     c : array_like, shape (m,), m, or callable
         Error or correction at `x`.
-    tolerance : float, m
-        Largest deviation allowed, positive.
+    tolerance : float or str, m
+        Largest deviation allowed, positive; "50 nm" works, too.
     values : {"free", "on curve"}, optional
         Free values, or those of the curve.
     reference : float, m, optional
@@ -227,9 +224,8 @@ def knots_for_tolerance(
     3
     """
     places, curve = _samples(x, c)
-    _check_choice(values)
-    if not (math.isfinite(tolerance) and tolerance > 0.0):
-        raise DataError(f"the tolerance must be positive and finite, got {tolerance!r} m")
+    numbers.choice(values, "values", _VALUES)
+    tolerance = numbers.positive(tolerance, "the tolerance", dimension="length")
     least = NOTHING * float(np.abs(curve).max())
     if tolerance < least:
         raise DataError(
@@ -237,7 +233,7 @@ def knots_for_tolerance(
             "a larger one"
         )
     places, curve, zero = _with_reference(places, curve, reference)
-    found = fewest_knots(places, curve, float(tolerance), values, zero)
+    found = fewest_knots(places, curve, tolerance, values, zero)
     if max_knots is not None and found[0].size > max_knots:
         best = choose_knots(places, curve, max_knots, values=values, reference=zero)
         raise TableError(
@@ -329,21 +325,6 @@ def _check_rising(x: FloatArray, name: str) -> None:
             f"{name} must rise strictly: entry {i} is {x[i] * 1e3:.9g} mm, entry {i + 1} is "
             f"{x[i + 1] * 1e3:.9g} mm; sort and remove duplicates"
         )
-
-
-def _number(n: object) -> int:
-    try:
-        number = operator.index(n)  # type: ignore[arg-type]
-    except TypeError:
-        raise DataError(f"the number of knots is a whole number, got {n!r}") from None
-    if number < 2:
-        raise TooFewSamplesError(f"a polyline needs at least 2 knots, got n={n}")
-    return number
-
-
-def _check_choice(values: str) -> None:
-    if values not in ("free", "on curve"):
-        raise DataError(f"values={values!r}; use 'free' or 'on curve'")
 
 
 def _with_reference(

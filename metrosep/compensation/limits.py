@@ -21,6 +21,9 @@ __all__ = ["Finding", "Limits", "check_limits", "dead_zone", "require_findings"]
 _EDGE = 1e-6
 """Share of a limit of the dead zone: the controller keeps its entries as float32."""
 
+_COARSE = 0.1
+"""Interpolation error over the span of the corrections beyond which a table or map is too coarse."""
+
 _STEEP = 1e-3
 """Slope of a correction beyond which it is no longer metrology."""
 
@@ -87,6 +90,19 @@ class Limits:
     travel_high: float | None = None
     soft_low: float | None = None
     soft_high: float | None = None
+
+
+def coarse_finding(error: float | None, corrections: FloatArray, what: str) -> tuple[Finding, ...]:
+    """Return a warning where the interpolation error is more than a tenth of the corrections' span."""
+    span = float(np.ptp(corrections))
+    if error is None or error <= _COARSE * span:
+        return ()
+    nodes = "entries" if what == "table" else "nodes"
+    text = (
+        f"between the {nodes} the {what} misses the error by up to {format_length(error, digits=2)}, "
+        f"its corrections span {format_length(span, digits=3)}"
+    )
+    return (Finding("warning", text, "use a finer spacing", "coarse"),)
 
 
 def dead_zone(acceleration: float, servo_period: float) -> tuple[float, float]:

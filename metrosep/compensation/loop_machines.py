@@ -8,12 +8,13 @@ where the axis then is. What the part shows is actual minus nominal.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 
@@ -57,12 +58,9 @@ class Servo:
     count: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("period", "count"):
-            _check(getattr(self, name), name, zero=True)
-        if isinstance(self.latency, bool) or int(self.latency) != self.latency or self.latency < 0:
-            raise DataError(f"latency is a number of servo periods from 0, got {self.latency!r}")
-        if self.between not in ("hold", "linear"):
-            raise DataError(f"between={self.between!r}; use 'hold' or 'linear'")
+        _settle(self, {"period": "time", "count": "length"})
+        numbers.count(self.latency, "latency", least=0)
+        numbers.choice(self.between, "between", ("hold", "linear"))
 
     def output(
         self, lookup: Lookup, place: Callable[[FloatArray], FloatArray], t: FloatArray, way: int
@@ -162,13 +160,14 @@ class AxisMachine:
     n_points: int = 1001
 
     def __post_init__(self) -> None:
-        low, high = self.travel
-        if not (math.isfinite(low) and math.isfinite(high) and high > low):
+        low, high = (
+            numbers.quantity(end, "an end of the travel", "length") for end in self.travel
+        )
+        if not high > low:
             raise DataError(f"the travel must rise from first to last, got {self.travel!r} m")
-        for name in ("feed", "lost_motion", "repeatability", "measuring_noise"):
-            _check(getattr(self, name), name, zero=True)
-        if int(self.n_points) < 2:
-            raise DataError(f"at least 2 points are measured, got {self.n_points}")
+        object.__setattr__(self, "travel", (low, high))
+        _settle(self, {"feed": "speed", **dict.fromkeys(_NOISE, "length")})
+        numbers.count(self.n_points, "n_points", least=2)
 
     @property
     def directions(self) -> tuple[int, ...]:
@@ -188,8 +187,7 @@ class AxisMachine:
             "travel_mm": [1e3 * p for p in self.travel],
             "feed_mm_min": self.feed * 6e4,
             "lost_motion_nm": self.lost_motion * 1e9,
-            **_servo_audit(self.servo),
-            **_noise_audit(self),
+            **_audit(self),
         }
 
     def cut(
@@ -285,15 +283,15 @@ class FaceMachine:
     measuring_noise: float = 0.0
 
     def __post_init__(self) -> None:
-        _check(self.radius, "radius")
-        for name in ("inner_radius", "speed", "lost_motion", "repeatability", "measuring_noise"):
-            _check(getattr(self, name), name, zero=True)
+        _settle(self, {"radius": "length"}, numbers.positive)
+        lengths = dict.fromkeys(("inner_radius", *_NOISE), "length")
+        _settle(self, {"speed": "frequency", **lengths})
         if self.inner_radius >= self.radius:
             raise DataError(
                 f"the inner radius {self.inner_radius!r} m must be below the radius {self.radius!r} m"
             )
-        if int(self.revolutions) < 1 or int(self.points_per_turn) < 3:
-            raise DataError("at least 1 revolution and 3 points of a turn are needed")
+        numbers.count(self.revolutions, "revolutions")
+        numbers.count(self.points_per_turn, "points_per_turn", least=3)
 
     @property
     def on_axis(self) -> bool:
@@ -320,8 +318,7 @@ class FaceMachine:
             "speed_per_min": self.speed * 60.0,
             "revolutions": int(self.revolutions),
             "lost_motion_nm": self.lost_motion * 1e9,
-            **_servo_audit(self.servo),
-            **_noise_audit(self),
+            **_audit(self),
         }
 
     def _spiral(self, turns: FloatArray) -> FloatArray:
@@ -371,10 +368,15 @@ class FaceMachine:
 LoopMachine = AxisMachine | FaceMachine
 
 
-def _check(value: float, name: str, *, zero: bool = False) -> None:
-    if not math.isfinite(value) or value < 0.0 or (value == 0.0 and not zero):
-        least = "not negative" if zero else "positive"
-        raise DataError(f"{name} must be finite and {least}, got {value!r}")
+_NOISE = ("lost_motion", "repeatability", "measuring_noise")
+
+
+def _settle(
+    machine: Any, quantities: Mapping[str, str], check: Callable[..., float] = numbers.not_negative
+) -> None:
+    """Store quantities of a frozen object in SI, by their dimensions."""
+    for name, dimension in quantities.items():
+        object.__setattr__(machine, name, check(getattr(machine, name), name, dimension=dimension))
 
 
 def _finite(values: Any, places: FloatArray, name: str) -> FloatArray:
@@ -411,17 +413,14 @@ def _noisy(left: FloatArray, machine: LoopMachine, rng: np.random.Generator) -> 
     return left + rng.normal(0.0, sd, left.shape) if sd > 0.0 else np.array(left)
 
 
-def _servo_audit(servo: Servo) -> dict[str, Any]:
+def _audit(machine: LoopMachine) -> dict[str, Any]:
+    """Return servo and noise of a machine."""
+    servo = machine.servo
     return {
         "servo_period_ms": servo.period * 1e3,
         "latency_periods": int(servo.latency),
         "between_periods": servo.between,
         "count_nm": servo.count * 1e9,
-    }
-
-
-def _noise_audit(machine: LoopMachine) -> dict[str, Any]:
-    return {
         "repeatability_nm": machine.repeatability * 1e9,
         "measuring_noise_nm": machine.measuring_noise * 1e9,
         "n_points": int(machine.places.shape[0]),

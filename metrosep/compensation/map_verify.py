@@ -28,12 +28,7 @@ from metrosep.compensation._coverage import COVERED
 from metrosep.compensation.area_errors import AreaFunction, ErrorMap, area_error, format_position
 from metrosep.compensation.limits import Finding
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import (
-    DataError,
-    PointlessTableError,
-    SignCheckFailedError,
-    TableError,
-)
+from metrosep.core.errors import DataError, PointlessTableError, SignCheckFailedError, TableError
 from metrosep.core.units import format_length
 
 __all__ = ["MapRemoved", "MapVerification", "dry_run_map"]

@@ -22,9 +22,10 @@ from metrosep.compensation.area_errors import (
     is_rotary,
     rising,
 )
-from metrosep.compensation.limits import Finding, Limits, require_findings
-from metrosep.compensation.map_sampling import inverse_along, sample_area
+from metrosep.compensation.folds import source_hashes
+from metrosep.compensation.limits import Finding, Limits, coarse_finding, require_findings
 from metrosep.compensation.map_verify import MapRemoved, MapVerification, dry_run_map
+from metrosep.compensation.sampling import inverse_along, sample_area
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.profile import html_table
@@ -32,9 +33,6 @@ from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.units import format_length
 
 __all__ = ["CompensationMap", "check_map_limits"]
-
-_COARSE = 0.1
-"""Interpolation error over the span of the corrections beyond which a map is too coarse."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -272,7 +270,7 @@ class CompensationMap:
             is_exact_inverse=invert,
             border=border,
             offset_removed=sampled.offset,
-            source_sha256=source_sha256 or _hashes(sampled.source),
+            source_sha256=source_sha256 or source_hashes(sampled.source.history),
             history=(
                 *sampled.source.history,
                 Step("map", {**given, "reference_si": list(sampled.reference)}),
@@ -373,18 +371,7 @@ class CompensationMap:
         if all(a <= r <= b for r, (a, b) in zip(self.reference, self.span, strict=True)):
             there = float(self.correction(*self.reference)[0])
             findings += reference_finding(there, self._reference_text())
-        span = float(np.ptp(self.values))
-        if self.interpolation_error is None or self.interpolation_error <= _COARSE * span:
-            return findings
-        coarse = Finding(
-            "warning",
-            f"between the nodes the map misses the error by up to "
-            f"{format_length(self.interpolation_error, digits=2)}, its corrections span "
-            f"{format_length(span, digits=3)}",
-            "use a finer spacing",
-            "coarse",
-        )
-        return (*findings, coarse)
+        return (*findings, *coarse_finding(self.interpolation_error, self.values, "map"))
 
     def require_limits(
         self, limits: Limits, *, feeds: Mapping[str, float] | None = None
@@ -572,14 +559,6 @@ def _with_ends(positions: FloatArray) -> FloatArray:
 
 def _listed(grid: FloatArray) -> list[list[float | None]]:
     return [[None if np.isnan(v) else float(v) for v in row] for row in grid]
-
-
-def _hashes(source: ErrorMap) -> tuple[str, ...]:
-    found: list[str] = []
-    for step in source.history:
-        value = step.parameters.get("sha256", ())
-        found.extend([value] if isinstance(value, str) else map(str, value))
-    return tuple(found)
 
 
 # ---- whether a map of corrections stays inside what a machine or a controller allows -----------

@@ -535,10 +535,7 @@ def _solve(basis: FloatArray, z: FloatArray, degree: int) -> FloatArray:
 
 
 def choose_degree(
-    curves: Curves,
-    domain: tuple[float, float],
-    degree: SupportsIndex | str,
-    max_degree: int,
+    curves: Curves, domain: tuple[float, float], degree: SupportsIndex | str, max_degree: int
 ) -> tuple[int, list[dict[str, float]], str]:
     """Return a degree, the scores of all that were tried, and who chose it."""
     if isinstance(degree, SupportsIndex) and not isinstance(degree, bool):

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.limits import Finding
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.units import format_length
@@ -73,7 +74,7 @@ class Rounded:
 
 
 def round_entries(
-    values: ArrayLike, unit: float, *, limits: tuple[int, int] | None = None
+    values: ArrayLike, unit: float | str, *, limits: tuple[int, int] | None = None
 ) -> Rounded:
     """Return values as whole numbers of a unit.
 
@@ -81,7 +82,7 @@ def round_entries(
     ----------
     values : array_like, shape (n,), m
         Corrections or errors in the sign that the controller takes.
-    unit : float, m
+    unit : float or str, m
         What one unit of an entry is, such as 1/16 count.
     limits : tuple of (int, int), optional
         Smallest and largest entry.
@@ -110,7 +111,8 @@ def round_entries(
     >>> round_entries([0.0, 0.24e-6, -0.5e-6], 1e-7).entries.tolist()
     [0, 2, -5]
     """
-    wanted = _wanted(values, unit)
+    unit = numbers.positive(unit, "the unit of an entry", dimension="length")
+    wanted = _wanted(values)
     low, high = _ordered(limits)
     entries = _whole(wanted, unit)
     findings = _coarse(wanted, unit)
@@ -130,7 +132,7 @@ def round_entries(
 
 def round_increments(
     values: ArrayLike,
-    unit: float,
+    unit: float | str,
     magnification: int = 1,
     limits: tuple[int, int] | None = (-128, 127),
     *,
@@ -143,7 +145,7 @@ def round_increments(
     values : array_like, shape (n,), m
         Corrections or errors in the sign that the controller takes, n >= 2; what the controller
         makes of them begins with the first of them, rounded.
-    unit : float, m
+    unit : float or str, m
         Detection unit.
     magnification : int, optional
         Units for one entry (Fanuc 3623, Mitsubishi scale factor).
@@ -178,8 +180,9 @@ def round_increments(
     >>> round_increments(np.arange(6) * 0.4e-6, 1e-6).entries.tolist()
     [0, 1, 0, 1, 0]
     """
-    scale = _whole_number(magnification)
-    wanted = _wanted(values, unit, at_least=2)
+    unit = numbers.positive(unit, "the unit of an entry", dimension="length")
+    scale = numbers.count(magnification, "the magnification")
+    wanted = _wanted(values, at_least=2)
     low, high = _ordered(limits)
     step = unit * scale
     curve = _whole(wanted, step)
@@ -191,9 +194,7 @@ def round_increments(
     return _rounded(entries, float(step) * curve.astype(np.float64), wanted, step, findings)
 
 
-def _wanted(values: ArrayLike, unit: float, at_least: int = 1) -> FloatArray:
-    if not _is_positive(unit):
-        raise DataError(f"the unit of an entry must be positive and finite, got {unit!r} m")
+def _wanted(values: ArrayLike, at_least: int = 1) -> FloatArray:
     wanted = frozen_float(values, name="values", ndim=1, min_size=at_least)
     bad = np.flatnonzero(~np.isfinite(wanted))
     if bad.size:
@@ -202,17 +203,6 @@ def _wanted(values: ArrayLike, unit: float, at_least: int = 1) -> FloatArray:
             "positions to what was measured"
         )
     return wanted
-
-
-def _is_positive(unit: object) -> bool:
-    return isinstance(unit, float | int | np.number) and bool(math.isfinite(unit) and unit > 0.0)
-
-
-def _whole_number(magnification: object) -> int:
-    whole = isinstance(magnification, int | np.integer) and not isinstance(magnification, bool)
-    if not whole or magnification < 1:  # type: ignore[operator]
-        raise DataError(f"the magnification is a whole number from 1, got {magnification!r}")
-    return int(magnification)  # type: ignore[call-overload, no-any-return]
 
 
 def _ordered(limits: tuple[int, int] | None) -> tuple[int, int]:

@@ -13,24 +13,24 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.compensation.folds import Folds
-from metrosep.compensation.limits import Finding, Limits, check_limits, require_findings
+from metrosep.compensation.area_errors import column
+from metrosep.compensation.folds import Folds, source_hashes
+from metrosep.compensation.limits import (
+    Finding,
+    Limits,
+    check_limits,
+    coarse_finding,
+    require_findings,
+)
 from metrosep.compensation.polynomial import exact_correction
 from metrosep.compensation.sampling import (
     Direction,
     ErrorSource,
     SampledError,
-    column,
     sample_error,
     significant_lost_motion,
 )
-from metrosep.compensation.verify import (
-    Against,
-    Removed,
-    Unknown,
-    Verification,
-    judged_table,
-)
+from metrosep.compensation.verify import Against, Removed, Unknown, Verification, judged_table
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.profile import html_table
@@ -40,9 +40,6 @@ from metrosep.core.units import format_length
 from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = ["CompensationTable"]
-
-_COARSE = 0.1
-"""Interpolation error over the span of the corrections beyond which a table is too coarse."""
 
 _SOURCE_POINTS = 10
 """Positions kept between two entries of the error that a table was made of."""
@@ -226,6 +223,7 @@ class CompensationTable:
             direction=direction,
             positions=positions,
             reference=reference,
+            axis=axis,
             on_axis=target == axis,
         )
         invert = exact and target == axis
@@ -247,7 +245,7 @@ class CompensationTable:
             made_over=(error.start, error.stop) if isinstance(error, ErrorEstimate) else None,
             is_exact_inverse=invert,
             offset_removed=sampled.offset,
-            source_sha256=source_sha256 or _hashes(error),
+            source_sha256=source_sha256 or source_hashes(getattr(error, "history", ())),
             history=(
                 *getattr(error, "history", ()),
                 Step(
@@ -344,18 +342,7 @@ class CompensationTable:
         findings = check_limits(
             self.positions, self.forward, self.reverse, chosen, on_axis=self.is_on_axis
         )
-        span = float(np.ptp(self.forward))
-        if self.interpolation_error is None or self.interpolation_error <= _COARSE * span:
-            return findings
-        coarse = Finding(
-            "warning",
-            f"between the entries the table misses the error by up to "
-            f"{format_length(self.interpolation_error, digits=2)}, its corrections span "
-            f"{format_length(span, digits=3)}",
-            "use a finer spacing",
-            "coarse",
-        )
-        return (*findings, coarse)
+        return (*findings, *coarse_finding(self.interpolation_error, self.forward, "table"))
 
     def require_limits(self, limits: Limits) -> tuple[Finding, ...]:
         """Return the warnings, and refuse on an error.
@@ -536,11 +523,3 @@ def _source(sampled: SampledError) -> RunSet:
     if sampled.reverse is not None:
         runs.append(Run(x[::-1], sampled.reverse(x)[::-1], run_id="reverse"))
     return RunSet(runs)
-
-
-def _hashes(error: object) -> tuple[str, ...]:
-    found: list[str] = []
-    for step in getattr(error, "history", ()):
-        value = step.parameters.get("sha256", ())
-        found.extend([value] if isinstance(value, str) else map(str, value))
-    return tuple(found)

@@ -6,7 +6,6 @@ controller adds the correction, subtracts it, mirrors the positions, or does not
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -15,6 +14,7 @@ import numpy as np
 from metrosep.compensation.area_errors import ErrorMap, format_position
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.provenance import Step
@@ -114,10 +114,10 @@ class TrialTable:
         Clear is a reading within a fifth of the amplitude of one of the two, widened by nothing: two
         standard uncertainties must fit into that fifth.
         """
-        if not math.isfinite(change) or not (math.isfinite(u) and u >= 0.0):
-            raise DataError(f"change and u must be finite, u >= 0: got {change!r}, {u!r}")
-        if at_mirror is not None and not math.isfinite(at_mirror):
-            raise DataError(f"at_mirror must be finite, got {at_mirror!r}")
+        change = numbers.quantity(change, "change", "length")
+        u = numbers.not_negative(u, "u", dimension="length")
+        if at_mirror is not None:
+            at_mirror = numbers.quantity(at_mirror, "at_mirror", "length")
         room = _CLEAR * abs(self.amplitude) - 2.0 * u
         if room <= 0.0:
             raise DataError(
@@ -155,7 +155,7 @@ class TrialTable:
 
 def trial_table(
     table: CompensationTable,
-    amplitude: float,
+    amplitude: float | str,
     *,
     third: Third = "auto",
     slope_max: float = _SLOPE,
@@ -166,7 +166,7 @@ def trial_table(
     ----------
     table : CompensationTable
         The real one: its positions, axes and reference are kept, its corrections are not.
-    amplitude : float, m
+    amplitude : float or str, m
         Correction at the peak, with its sign; some ten times what the indicator resolves.
     third : {"auto", "first", "middle", "last"}, optional
         Part of the travel that holds the bump; "auto" takes the first of last, first and middle that
@@ -203,10 +203,8 @@ def trial_table(
     >>> round(trial.position * 1e3, 6), int((trial.table.forward != 0.0).sum())
     (45.0, 3)
     """
-    if not (math.isfinite(amplitude) and amplitude != 0.0):
-        raise DataError(f"the amplitude must be finite and not zero, got {amplitude!r} m")
-    if not (math.isfinite(slope_max) and slope_max > 0.0):
-        raise DataError(f"slope_max must be positive, got {slope_max!r}")
+    amplitude = _amplitude(amplitude)
+    numbers.positive(slope_max, "slope_max")
     p = table.positions
     first, last, share = _part(table, third)
     shape, peak = _bump(p, first, last, share)
@@ -233,13 +231,20 @@ def trial_table(
     return _described(bumped, float(p[peak]), amplitude)
 
 
+def _amplitude(value: float | str) -> float:
+    """Return the height of a bump in m."""
+    amplitude = numbers.quantity(value, "the amplitude", "length")
+    if amplitude == 0.0:
+        raise DataError("the amplitude must be a length other than zero")
+    return amplitude
+
+
 def _part(table: CompensationTable, third: str) -> tuple[float, float, float]:
     low, high = table.span
     zero, p = table.reference, table.positions
     room = _NODE * (high - low)
     free = True
-    if third not in ("auto", *_BOUNDS):
-        raise DataError(f"third={third!r}; use auto, first, middle or last")
+    numbers.choice(third, "third", ("auto", *_BOUNDS))
     for name in ("last", "first", "middle") if third == "auto" else (third,):
         first, last, end = (low + (high - low) * k / 6 for k in _BOUNDS[name])
         free = not first + room < zero < end - room
@@ -356,14 +361,14 @@ class TrialMap:
     if_wrong: str
 
 
-def trial_map(table: CompensationMap, amplitude: float) -> TrialMap:
+def trial_map(table: CompensationMap, amplitude: float | str) -> TrialMap:
     """Return a map with one bump at the positions of a real one.
 
     Parameters
     ----------
     table : CompensationMap
         The real one: its positions, axes and reference are kept, its corrections are not.
-    amplitude : float, m
+    amplitude : float or str, m
         Correction at the peak, with its sign; some ten times what the indicator resolves.
 
     Returns
@@ -386,8 +391,7 @@ def trial_map(table: CompensationMap, amplitude: float) -> TrialMap:
     >>> trial.place, float(trial.table.correction(*trial.place)[0])
     ((3.0, 4.0), 2e-06)
     """
-    if isinstance(amplitude, bool | str) or not math.isfinite(amplitude) or amplitude == 0.0:
-        raise DataError(f"the amplitude must be a length other than zero in m, got {amplitude!r}")
+    amplitude = _amplitude(amplitude)
     if min(table.x.size, table.y.size) < 5:
         raise TableError("a trial needs at least 5 positions along each axis of the map")
     for share_x, share_y in _PLACES:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.compensation.table import CompensationTable
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotUniformError, TableError
 from metrosep.core.provenance import Step
@@ -92,10 +93,10 @@ def uniform_spacing(positions: ArrayLike) -> tuple[float, float]:
 def resample_uniform(
     table: CompensationTable,
     *,
-    start: float,
-    step: float,
+    start: float | str,
+    step: float | str,
     n: int | None = None,
-    span: float | None = None,
+    span: float | str | None = None,
     outside: Outside = "refuse",
     taper: float | None = None,
     slope_max: float | None = None,
@@ -106,13 +107,13 @@ def resample_uniform(
     ----------
     table : CompensationTable
         Corrections at any rising positions.
-    start : float, m
+    start : float or str, m
         First position.
-    step : float, m
-        Step, positive.
+    step : float or str, m
+        Step, positive; "0.5 mm" works, too.
     n : int, optional
         Number of entries; or give `span`.
-    span : float, m, optional
+    span : float or str, m, optional
         Length from the first to the last entry, a multiple of the step.
     outside : {"refuse", "hold", "zero", "taper"}, optional
         For entries beyond the old table: refuse, end value, zero, or a line down to zero.
@@ -149,13 +150,14 @@ def resample_uniform(
     >>> (r.forward * 1e9).round(6).tolist(), r.interpolation_error
     ([0.0, 1000.0, 500.0, 0.0], 0.0)
     """
+    start = numbers.quantity(start, "start", "length")
+    step = numbers.positive(step, "step", dimension="length")
     grid = _grid(start, step, n, span)
     p = table.positions
     margin = _SAME * step
     if p.size == grid.size and np.abs(p - grid).max() <= margin:
         return table
-    if outside not in ("refuse", "hold", "zero", "taper"):
-        raise DataError(f"outside={outside!r}; use refuse, hold, zero or taper")
+    numbers.choice(outside, "outside", ("refuse", "hold", "zero", "taper"))
     beyond = grid[(grid < p[0] - margin) | (grid > p[-1] + margin)]
     if beyond.size:
         _check_outside(table, beyond, step, outside, taper, slope_max)
@@ -225,18 +227,14 @@ def resampling_error(old: CompensationTable, new: CompensationTable) -> float:
     )
 
 
-def _grid(start: float, step: float, n: int | None, span: float | None) -> FloatArray:
-    if not (math.isfinite(start) and math.isfinite(step) and step > 0.0):
-        raise DataError(
-            f"start and step must be finite, the step positive: got {start!r}, {step!r}"
-        )
+def _grid(start: float, step: float, n: int | None, span: float | str | None) -> FloatArray:
     if (n is None) == (span is None):
         raise DataError("give the number of entries n or the span, one of them")
     if span is not None:
-        count = span / step
-        if not math.isfinite(count) or abs(count - round(count)) > _SAME * max(abs(count), 1.0):
+        count = numbers.quantity(span, "span", "length") / step
+        if abs(count - round(count)) > _SAME * max(abs(count), 1.0):
             raise DataError(
-                f"the span {format_length(span)} is not a multiple of the step {format_length(step)}"
+                f"the span {span!r} is not a multiple of the step {format_length(step)}"
             )
         n = round(count) + 1
     if n is None or not 2 <= n <= _MAX_ENTRIES or n != int(n):
@@ -261,8 +259,8 @@ def _check_outside(
         )
     if outside == "hold":
         return
-    if slope_max is not None and not slope_max > 0.0:
-        raise DataError(f"slope_max must be positive, got {slope_max!r}")
+    if slope_max is not None:
+        numbers.positive(slope_max, "slope_max")
     columns = [table.forward] if table.reverse is None else [table.forward, table.reverse]
     ends = [c[0] for c in columns if beyond[0] < low] + [
         c[-1] for c in columns if beyond[-1] > high

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from metrosep.compensation._acceptance import Judgement, Reason, graded, length_text
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.reversal import LostMotion
-from metrosep.core.errors import (
-    InconclusiveTableError,
-    PointlessTableError,
-    SignCheckFailedError,
-)
+from metrosep.core.errors import InconclusiveTableError, PointlessTableError, SignCheckFailedError
 
 __all__ = ["DIRECTION_NAMES", "DirectionResidual", "Unknown", "Verification"]
 
@@ -242,18 +238,7 @@ class Verification:
                 {
                     "direction": DIRECTION_NAMES[r.direction],
                     "n_runs": r.n_runs,
-                    "before_pv_m": r.before_pv,
-                    "after_pv_m": r.after_pv,
-                    "wrong_sign_pv_m": r.wrong_sign_pv,
-                    "before_rms_m": r.before_rms,
-                    "after_rms_m": r.after_rms,
-                    "wrong_sign_rms_m": r.wrong_sign_rms,
-                    "run_before_rms_m": r.run_before_rms,
-                    "run_after_rms_m": r.run_after_rms,
-                    "u_after_rms_m": r.u_after_rms,
-                    "u_before_rms_m": r.u_before_rms,
-                    "u_after_pv_m": r.u_after_pv,
-                    "u_before_pv_m": r.u_before_pv,
+                    **{f"{k}_m": v for k, v in asdict(r).items() if k.endswith(("_pv", "_rms"))},
                 }
                 for r in self.residuals
             ],

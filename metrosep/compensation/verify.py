@@ -31,11 +31,7 @@ from metrosep.compensation.folds import Folds, own_runs
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.measured import Against, Measured, Row, measured_error
 from metrosep.compensation.reversal import judge_lost_motion
-from metrosep.compensation.verification import (
-    DirectionResidual,
-    Unknown,
-    Verification,
-)
+from metrosep.compensation.verification import DirectionResidual, Unknown, Verification
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TableError
 from metrosep.core.runset import RunSet

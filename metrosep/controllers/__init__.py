@@ -30,11 +30,7 @@ if TYPE_CHECKING:
         PathResult as PathResult,
         rewrite_path as rewrite_path,
     )
-    from metrosep.controllers.registry import (
-        describe as describe,
-        find as find,
-        names as names,
-    )
+    from metrosep.controllers.registry import describe as describe, find as find, names as names
 
 _HOMES = {
     "files": ["dry_run_carried", "read", "simulate", "write"],

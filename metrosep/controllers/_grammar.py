@@ -23,7 +23,13 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError
 
-AGAIN = "the file was cut or edited: write the table again"
+AGAIN = "it was cut short, edited or mixed up: write the table again"
+
+
+def damaged(path: Path, reason: str, **more: Any) -> CorruptFileError:
+    """Return the error of a file that is not as it was written."""
+    return CorruptFileError(path, reason, **{"hint": AGAIN, **more})
+
 
 # ---- numbers as text ----------------------------------------------------------------------------
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.compensation.area_errors import format_position, is_rotary
 from metrosep.controllers._facts import note, read_notes, settled
-from metrosep.controllers._grammar import code_rows, decoded, joined, short
+from metrosep.controllers._grammar import code_rows, damaged, decoded, joined, short
 from metrosep.controllers._grids import format_amount, format_span
 from metrosep.controllers.base import Simulator
 from metrosep.controllers.options import Option
@@ -173,11 +173,10 @@ def grid_of(
     if abs(count - round(count)) > _WHOLE * max(count, 1.0):
         raise CorruptFileError(path, f"{what}: MAX - MIN is not a multiple of STEP", found=count)
     if len(values) != round(count) + 1 or max(values) != round(count):
-        raise CorruptFileError(
+        raise damaged(
             path,
             f"{what}: MIN, MAX and STEP ask for the entries 0 ... {round(count)}",
             found=f"{len(values)} entries, the last {max(values, default=-1)}",
-            hint="lines are missing or too many: write the file again",
         )
     entries = np.array([_number(values[i], path) for i in range(len(values))])
     modulo = facts["IS_MODULO"].value == "1"
@@ -465,11 +464,7 @@ def factors(tables: Mapping[int, CecTable], path: Path) -> tuple[CecTable, CecTa
 
 
 def opened(
-    data: bytes,
-    path: Path,
-    known: tuple[Option, ...],
-    options: Mapping[str, Any],
-    controller: str,
+    data: bytes, path: Path, known: tuple[Option, ...], options: Mapping[str, Any], controller: str
 ) -> tuple[dict[int, CecTable], dict[str, Any], dict[str, str]]:
     """Return the tables of a file by index, and what is known about them."""
     assignments, noted = read_assignments(data, path)

@@ -107,38 +107,18 @@ class DialectInfo:
 
 @dataclass(frozen=True, slots=True)
 class Encoded:
-    """A file ready to be written.
-
-    Parameters
-    ----------
-    data : bytes
-        Its content.
-    quantisation : float, m
-        Largest rounding of an entry.
-    notes : dict
-        More for the sidecar.
-    step : float, m, optional
-        Smallest difference that two entries can have; 0 where the digits are ample.
-    carried : object, optional
-        What the bytes must read back as, where it is not the table itself but was resampled.
-    resampling_error : float, m, optional
-        Largest deviation of what is carried from the table, between the entries too.
-    findings : tuple of Finding, optional
-        What is doubtful about it.
-    options : dict, optional
-        Options that the writer chose itself, to be read back with.
-    verification : dict or None, optional
-        Dry-run that the dialect has judged itself, where the general one does not apply.
-    """
+    """A file ready to be written."""
 
     data: bytes
-    quantisation: float
-    notes: dict[str, Any] = field(default_factory=dict)
-    step: float = 0.0
+    quantisation: float  # m: largest rounding of an entry
+    notes: dict[str, Any] = field(default_factory=dict)  # more for the sidecar
+    step: float = 0.0  # m: smallest difference of two entries; 0 where the digits are ample
+    # what the bytes must read back as, where it is not the table itself but was resampled
     carried: Any = None
-    resampling_error: float = 0.0
-    findings: tuple[Finding, ...] = ()
-    options: dict[str, Any] = field(default_factory=dict)
+    resampling_error: float = 0.0  # m: largest deviation of it, between the entries too
+    findings: tuple[Finding, ...] = ()  # what is doubtful about it
+    options: dict[str, Any] = field(default_factory=dict)  # that the writer chose itself
+    # dry-run that the dialect has judged itself, where the general one does not apply
     verification: dict[str, Any] | None = None
 
 
@@ -155,78 +135,21 @@ class Dialect(ABC):
 
     @abstractmethod
     def encode(self, table: Any, **options: Any) -> Encoded:
-        """Return the bytes of the file for a table, map or polynomial.
-
-        Parameters
-        ----------
-        table : CompensationTable, CompensationMap or PolynomialFit
-            As `info.carries` says.
-        **options
-            Every declared option, checked.
-
-        Returns
-        -------
-        Encoded
-            Bytes and what they cost.
-        """
+        """Return bytes and what they cost of a CompensationTable, CompensationMap or PolynomialFit."""
 
     @abstractmethod
     def decode(self, data: bytes, path: Path, **options: Any) -> Any:
-        """Return what the bytes hold; strict.
-
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            Declared options that the user gave.
-
-        Returns
-        -------
-        CompensationTable, CompensationMap or PolynomialFit
-            Corrections c = -e that are added to the command.
-        """
+        """Return what the bytes hold, strict: corrections c = -e; the path is for messages and the sidecar."""
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
-        """Return what the controller adds to the command, as a function.
+        """Return what the controller adds, in m: ``(position, direction=1)``, of a map ``(x, y, direction=1)``.
 
-        Parameters
-        ----------
-        data : bytes
-            Content of the file.
-        path : Path
-            Its name, for messages and the sidecar.
-        **options
-            Declared options that the user gave.
-
-        Returns
-        -------
-        callable
-            ``(position, direction=1)``, or ``(x, y, direction=1)`` of a map, to the correction in
-            m; here linear between the entries and constant outside.
+        Here linear between the entries and constant outside.
         """
         return table_lookup(self.decode(data, path, **options))
 
     def limits(self, **machine: Any) -> Limits:
-        """Return the limits of controller and machine.
-
-        Parameters
-        ----------
-        **machine
-            Fields of `metrosep.compensation.limits.Limits`.
-
-        Returns
-        -------
-        Limits
-            With the controller's number of points.
-
-        Raises
-        ------
-        DataError
-            If a keyword is unknown.
-        """
+        """Return the limits of controller and machine, of fields of `Limits`."""
         try:
             return Limits(**{"max_points": self.info.max_points, **machine})
         except TypeError as exc:
@@ -234,19 +157,7 @@ class Dialect(ABC):
 
 
 def table_lookup(table: Any) -> Simulator:
-    """Return a lookup that is linear between entries and constant outside.
-
-    Parameters
-    ----------
-    table : CompensationTable or CompensationMap
-        Anything with ``correction(position, direction)`` or ``correction(x, y, direction)``.
-
-    Returns
-    -------
-    callable
-        ``(position, direction=1)`` or ``(x, y, direction=1)`` to the correction in m; arguments
-        are broadcast. It raises DataError if the direction is neither 1 nor -1.
-    """
+    """Return a lookup that is linear between entries and constant outside, over one axis or two."""
 
     def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
         return _both_ways(table, (position,), direction)
@@ -268,41 +179,12 @@ def _both_ways(table: Any, places: tuple[ArrayLike, ...], direction: ArrayLike) 
 
 
 def sidecar_path(path: Path) -> Path:
-    """Return where the sidecar of a table lies: the same name with ``.json`` after it.
-
-    Parameters
-    ----------
-    path : Path
-        The table.
-
-    Returns
-    -------
-    Path
-        The sidecar.
-    """
+    """Return where the sidecar of a table lies: the same name with ``.json`` after it."""
     return path.with_name(path.name + ".json")
 
 
 def load_bytes(path: Path, *, max_bytes: int = 50_000_000) -> bytes:
-    """Return the content of a table file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    max_bytes : int, optional
-        Larger files are refused.
-
-    Returns
-    -------
-    bytes
-        Content.
-
-    Raises
-    ------
-    ReadError
-        If it is missing, a folder, not readable, empty or too large.
-    """
+    """Return the content of a table file, refused if it is missing, empty or too large."""
     try:
         if path.is_dir():
             raise ReadError(f"{path}: is a folder, a table file is needed")
@@ -320,23 +202,7 @@ def load_bytes(path: Path, *, max_bytes: int = 50_000_000) -> bytes:
 
 
 def load_sidecar(path: Path) -> dict[str, Any]:
-    """Return the sidecar of a table, empty if there is none.
-
-    Parameters
-    ----------
-    path : Path
-        The table.
-
-    Returns
-    -------
-    dict
-        Content of the JSON file beside it.
-
-    Raises
-    ------
-    CorruptFileError
-        If the sidecar is not a JSON object.
-    """
+    """Return the sidecar of a table, empty if there is none, refused if it is no JSON object."""
     beside = sidecar_path(path)
     if not beside.is_file():
         return {}
@@ -363,25 +229,7 @@ def _no_constant(name: str) -> float:
 
 
 def sidecar_options(path: Path, known: tuple[Option, ...]) -> dict[str, Any]:
-    """Return the options a file was written with, as its sidecar states them.
-
-    Parameters
-    ----------
-    path : Path
-        The table.
-    known : tuple of Option
-        Of the dialect; others are not returned.
-
-    Returns
-    -------
-    dict
-        By name, checked; empty if there is no sidecar.
-
-    Raises
-    ------
-    CorruptFileError
-        If there is a sidecar that is not one of metrosep.
-    """
+    """Return the options a file was written with, by name and checked, as its sidecar states them."""
     stored = load_sidecar(path).get("options", {})
     if not isinstance(stored, dict):
         raise _not_ours(path, "options", "an object", stored)
@@ -396,20 +244,7 @@ def sidecar_options(path: Path, known: tuple[Option, ...]) -> dict[str, Any]:
 
 
 def require_unchanged(path: Path, data: bytes) -> None:
-    """Refuse a file that is not the one its sidecar describes.
-
-    Parameters
-    ----------
-    path : Path
-        The table.
-    data : bytes
-        Its content.
-
-    Raises
-    ------
-    CorruptFileError
-        If the hash in the sidecar is another: the file was cut short, edited or mixed up.
-    """
+    """Refuse a file that is not the one its sidecar describes: cut short, edited or mixed up."""
     wanted = load_sidecar(path).get("file_sha256")
     found = hashlib.sha256(data).hexdigest()
     if wanted is not None and found != wanted:
@@ -424,25 +259,7 @@ def require_unchanged(path: Path, data: bytes) -> None:
 
 
 def identity(path: Path, *, first: float) -> dict[str, Any]:
-    """Return what a table's file cannot hold: axes, reference, what is not in it.
-
-    Parameters
-    ----------
-    path : Path
-        The table.
-    first : float, m
-        Its first position, the reference where there is no sidecar.
-
-    Returns
-    -------
-    dict
-        Fields of `CompensationTable`.
-
-    Raises
-    ------
-    CorruptFileError
-        If there is a sidecar that is not one of metrosep.
-    """
+    """Return what a table's file cannot hold: axes, reference (m, else `first`), what is not in it."""
     beside = load_sidecar(path)
     table = beside.get("table", {})
     if not isinstance(table, dict):
@@ -473,29 +290,7 @@ def map_identity(
     first: tuple[float, float],
     turns: tuple[bool, bool] | None = None,
 ) -> dict[str, Any]:
-    """Return what a map's file cannot hold, of its sidecar: axes, reference, what is not in it.
-
-    Parameters
-    ----------
-    path : Path
-        The map.
-    axes, compensates : tuple of (str, str) and str
-        Names where there is no sidecar.
-    first : tuple of (float, float), m or rad
-        Reference where there is no sidecar.
-    turns : tuple of (bool, bool), optional
-        Whether the axes turn, where the file states it.
-
-    Returns
-    -------
-    dict
-        Fields of `CompensationMap`.
-
-    Raises
-    ------
-    CorruptFileError
-        If there is a sidecar that is not one of a map.
-    """
+    """Return what a map's file cannot hold, of its sidecar, or these axes and this reference (m or rad)."""
     beside = load_sidecar(path)
     if "table" not in beside:
         return {"axes": axes, "compensates": compensates, "reference": first}

@@ -195,10 +195,7 @@ def _parameter(table: CompensationTable, wanted: str | None) -> str:
 
 def _units(parameter: str) -> tuple[float, float]:
     """Return the units of positions and entries, m or rad."""
-    return (
-        _DEGREE if parameter[2] in _TURNING else _MM,
-        1.0 if parameter[1] in _TURNING else _MM,
-    )
+    return (_DEGREE if parameter[2] in _TURNING else _MM, 1.0 if parameter[1] in _TURNING else _MM)
 
 
 def _chosen(tables: Mapping[str, _Rows], wanted: str | None, path: Path) -> _Rows:

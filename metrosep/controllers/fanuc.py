@@ -30,6 +30,7 @@ from metrosep.controllers._grammar import (
     Text,
     Word,
     ascii_lines,
+    damaged,
     joined,
 )
 from metrosep.controllers._grids import (
@@ -87,12 +88,10 @@ def _opened(data: bytes, path: Path, head: Line) -> tuple[Text, dict[str, Any]]:
     """Return the lines of a file of parameters, and what its comment states."""
     lines = ascii_lines(data, path, "Fanuc parameter file")
     if len(lines) < 3 or not lines[0].startswith("%") or lines[-1] != "%":
-        raise CorruptFileError(
-            path, "a parameter file begins and ends with %", hint="write the table again"
-        )
+        raise damaged(path, "a parameter file begins and ends with %")
     stated = head.read(lines[0])
     if stated is None and lines[0].startswith("%(FANUC"):
-        raise CorruptFileError(path, "line 1: the comment is damaged", hint="write it again")
+        raise damaged(path, "line 1: the comment is damaged")
     rows = list(enumerate(lines, start=1))[1:-1]
     return Text(path, rows, "Fanuc parameter file"), stated or {}
 
@@ -233,12 +232,11 @@ class Fanuc(Resampling):
         entries = _entries(words, first, last, options.get("largest", 127), path)
         require_capacity(self, entries.size, options, path)
         if not (first - 1 <= number <= last and steps > 0 and 1 <= magnification <= 100):
-            raise CorruptFileError(
+            raise damaged(
                 path,
                 "3620 to 3624 do not fit: the reference must lie between the extremes, the interval "
                 "be positive and the magnification 1 to 100",
                 found=f"{number}, {first}, {last}, {magnification}, {steps}",
-                hint="write the table again",
             )
         zero = known["reference_position"]
         positions, forward = walked(
@@ -528,18 +526,15 @@ def _numbers(set_number: int) -> list[int]:
     ]
 
 
-def _parameters(
-    text: Text,
-) -> tuple[tuple[int, int], NDArray[np.int64], NDArray[np.int64]]:
+def _parameters(text: Text) -> tuple[tuple[int, int], NDArray[np.int64], NDArray[np.int64]]:
     """Return the two axes, the points and the entries of one set."""
     words = {number: row["value"] for number, row in text.table(_ENTRY, "number").items()}
     wanted = next((n for n in map(_numbers, (1, 2, 3)) if set(n) == set(words)), None)
     if wanted is None:
-        raise CorruptFileError(
+        raise damaged(
             text.path,
             "the ten parameters of one set must be there, 5711, 5721, 5731 to 5734, 5761 to 5764",
             found=", ".join(map(str, sorted(words)))[:80],
-            hint="write the table again",
         )
     values = np.array([words[n] for n in wanted], dtype=np.int64)
     points, entries = values[2:6], values[6:]
@@ -552,10 +547,9 @@ def _parameters(
         or (points > _LAST_NUMBER).any()
         or (np.abs(entries) > _STRAIGHTNESS_LARGEST).any()
     ):
-        raise CorruptFileError(
+        raise damaged(
             text.path,
             "two axes, four rising points from 0 to 1023 and values up to 32767 are needed",
             found=", ".join(map(str, values.tolist())),
-            hint="write the table again",
         )
     return axes, points, entries

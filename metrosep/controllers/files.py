@@ -42,11 +42,7 @@ from metrosep.controllers.safety import (
     table_findings,
     waived_names,
 )
-from metrosep.core.errors import (
-    SignCheckFailedError,
-    SignNotConfirmedError,
-    TableError,
-)
+from metrosep.core.errors import SignCheckFailedError, SignNotConfirmedError, TableError
 
 __all__ = ["dry_run_carried", "read", "simulate", "write"]
 
@@ -405,12 +401,7 @@ def _apart(a: Any, b: Any) -> float:
 
 
 def _verification(
-    table: Any,
-    lookup: Simulator,
-    against: Any,
-    target: Path,
-    waived: Sequence[str],
-    **more: Any,
+    table: Any, lookup: Simulator, against: Any, target: Path, waived: Sequence[str], **more: Any
 ) -> Any:
     measured = getattr(table, "source", None) if against is None else against
     if measured is None:

@@ -19,7 +19,7 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.rounding import round_entries
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._facts import agreed, settled
-from metrosep.controllers._grammar import ascii_lines, fixed, joined, mm_value
+from metrosep.controllers._grammar import ascii_lines, damaged, fixed, joined, mm_value
 from metrosep.controllers._grids import (
     Resampling,
     carry,
@@ -120,11 +120,7 @@ class Heidenhain(Resampling):
         decimals = _decimals(unit)
         digit = min(unit, _DIGIT)
         positions = uniform_positions(
-            table,
-            interval=options["interval"],
-            quantum=digit,
-            max_points=_CAPACITY,
-            title=_TITLE,
+            table, interval=options["interval"], quantum=digit, max_points=_CAPACITY, title=_TITLE
         )
         positions = np.rint(positions / digit) * digit
         carried = carry(table, positions)
@@ -159,9 +155,7 @@ class Heidenhain(Resampling):
         """Return the table."""
         lines = ascii_lines(data, path, "HEIDENHAIN table")
         if len(lines) < 3 or lines[-1] != "[END]":
-            raise CorruptFileError(
-                path, "the table does not end with [END]: it was cut short", hint="write it again"
-            )
+            raise damaged(path, "the table does not end with [END]: it was cut short")
         begin = _BEGIN.fullmatch(lines[0])
         if begin is None:
             raise CorruptFileError(
@@ -201,13 +195,7 @@ def _looked_up(
     """Return the axis that is looked up: of the name of the table, the sidecar, BACKLASH or user."""
     named = _NAME.fullmatch(name)
     if named is not None and named[2] != target:
-        raise CorruptFileError(
-            path,
-            "name and column say another axis",
-            expected=named[2],
-            found=target,
-            hint="write the table again",
-        )
+        raise damaged(path, "name and column say another axis", expected=named[2], found=target)
     beside: Any = load_sidecar(path).get("table")
     beside = beside if isinstance(beside, dict) else {}
     told = {

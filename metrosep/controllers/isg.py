@@ -26,6 +26,7 @@ from metrosep.controllers._grammar import (
     Line,
     Word,
     ascii_lines,
+    damaged,
     fixed,
     joined,
     require_rising,
@@ -93,11 +94,7 @@ AXIS_NUMBER = Option(
     highest=999,
 )
 INTERVAL = Option(
-    "interval",
-    "equal spacing; as the table if omitted",
-    "length",
-    positive=True,
-    highest=100.0,
+    "interval", "equal spacing; as the table if omitted", "length", positive=True, highest=100.0
 )
 NUMBER_TYPE = Option(
     "number_type",
@@ -535,10 +532,8 @@ class IsgPlane(_List):
         if not room:
             self._require_room(max(n, m), _PER_AXIS, path, "along an axis without max_points")
         if step <= 0.0 or n < 2 or m < 2 or n * m > len(cells.entries):
-            raise CorruptFileError(
-                path,
-                f"{m} x {n} points every {step:g} are announced, the list does not hold them",
-                hint="write the table again",
+            raise damaged(
+                path, f"{m} x {n} points every {step:g} are announced, the list does not hold them"
             )
         values = np.array([cells.column("correction", n, f"[{j}]") for j in range(m)])
         cells.end()
@@ -549,11 +544,7 @@ class IsgPlane(_List):
             for i, k in ((1, n), (2, m))
         )
         fields = map_identity(
-            path,
-            axes=("X", "Y"),
-            compensates=name,
-            first=nearest_zero(x, y),
-            turns=(False, False),
+            path, axes=("X", "Y"), compensates=name, first=nearest_zero(x, y), turns=(False, False)
         )
         sources = {"the file": name, "its sidecar": fields["compensates"]}
         agreed(path, "the corrected axis", sources)
@@ -711,22 +702,16 @@ class _Cells:
             )
         text, line = self.entries.pop(key)
         if not re.fullmatch(word.pattern, text, re.ASCII):
-            raise CorruptFileError(
-                self.path, f"line {line}: {key} cannot be {text[:30]!r}", hint="mend it"
-            )
+            raise damaged(self.path, f"line {line}: {key} cannot be {text[:30]!r}")
         value = word.read(text)
         if isinstance(value, float) and abs(value) > _SGN32:
-            raise CorruptFileError(self.path, f"{key} leaves 32 bits", found=value, hint="mend it")
+            raise damaged(self.path, f"{key} leaves 32 bits", found=value)
         return value
 
     def column(self, field: str, n: int, row: str = "") -> FloatArray:
         """Return one field of all points."""
         if n < 2 or n > len(self.entries):
-            raise CorruptFileError(
-                self.path,
-                f"{n} points are announced, the list does not hold them",
-                hint="write it again",
-            )
+            raise damaged(self.path, f"{n} points are announced, the list does not hold them")
         table = f"{self.key}.table{row}"
         return np.array([self.take(f"{table}[{i}].{field}", _REAL) for i in range(n)])
 
@@ -750,9 +735,7 @@ def _entries(
     for line in comments:
         found = _SIGN.read(line)
         if found is None and line.startswith("# metrosep"):
-            raise CorruptFileError(
-                path, "the comment of the sign is damaged", hint="write it again"
-            )
+            raise damaged(path, "the comment of the sign is damaged")
         sign = (found or {}).get("entry_sign")
         if sign is not None and stated.setdefault("entry_sign", sign) != sign:
             raise CorruptFileError(

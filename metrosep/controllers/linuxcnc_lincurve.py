@@ -23,6 +23,7 @@ import numpy as np
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._grammar import damaged
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -196,12 +197,7 @@ def _found(rows: Sequence[tuple[int, str]], pattern: str, path: Path) -> str:
         match = re.fullmatch(pattern, " ".join(line.split()))
         if match:
             return match[1]
-    raise CorruptFileError(
-        path,
-        "a line of the wiring is missing",
-        expected=pattern.replace("\\", ""),
-        hint="write the table again",
-    )
+    raise damaged(path, "a line of the wiring is missing", expected=pattern.replace("\\", ""))
 
 
 def _curves(rows: Sequence[tuple[int, str]], path: Path) -> tuple[Curve, ...]:
@@ -209,13 +205,12 @@ def _curves(rows: Sequence[tuple[int, str]], path: Path) -> tuple[Curve, ...]:
     sizes = _found(rows, r"loadrt lincurve names=\S+ personality=(\d{1,2}(?:,\d{1,2})*)", path)
     counts = [int(s) for s in sizes.split(",")]
     if len(counts) > MAX_CURVES or not all(2 <= c <= POINTS_PER_CURVE for c in counts):
-        raise CorruptFileError(
+        raise damaged(
             path,
             "LinuxCNC would not load these curves or change them",
             field="personality",
             expected=f"at most {MAX_CURVES} numbers from 2 to {POINTS_PER_CURVE}",
             found=sizes[:80],
-            hint="write the table again",
         )
     values: dict[str, tuple[int, Decimal]] = {}
     for number, line in rows:
@@ -238,30 +233,22 @@ def _point(
     x, y = (f"comp-{curve}.{axis}-val-{i:02d}" for axis in "xy")
     for name in (x, y):
         if name not in values:
-            raise CorruptFileError(
-                path, f"{name} is not set: it would be 0", hint="write the table again"
-            )
+            raise damaged(path, f"{name} is not set: it would be 0")
     return values[x][1], values[y][1]
 
 
 def _check_chain(
-    curves: Sequence[Curve],
-    values: dict[str, tuple[int, Decimal]],
-    path: Path,
+    curves: Sequence[Curve], values: dict[str, tuple[int, Decimal]], path: Path
 ) -> None:
     for k, curve in enumerate(curves):
         for i in range(1, len(curve)):
             if curve[i][0] <= curve[i - 1][0]:
                 line = values[f"comp-{k}.x-val-{i:02d}"][0]
-                raise CorruptFileError(
-                    path, f"line {line}: the position does not rise", hint="write the table again"
-                )
+                raise damaged(path, f"line {line}: the position does not rise")
         if k and (curve[0][0] != curves[k - 1][-1][0] or curve[0][1] != 0):
             line = values[f"comp-{k}.x-val-00"][0]
-            raise CorruptFileError(
-                path,
-                f"line {line}: curve comp-{k} does not start at zero where comp-{k - 1} ends",
-                hint="write the table again",
+            raise damaged(
+                path, f"line {line}: curve comp-{k} does not start at zero where comp-{k - 1} ends"
             )
 
 
@@ -470,11 +457,10 @@ def _axes(data: bytes, chain: Chain, path: Path) -> dict[str, str]:
         known = identity(path, first=0.0)
         names = known["axis"], known["compensates"]
         if tuple(map(is_rotary, names)) != said:
-            raise CorruptFileError(
+            raise damaged(
                 path,
                 "file and sidecar contradict each other on what is in degrees",
                 expected=" -> ".join(names),
                 found=repr(match[0][:80]) if match else "no comment that names the axes",
-                hint="write the table again",
             )
     return {"axis": names[0], "compensates": names[1]}

@@ -26,6 +26,7 @@ from metrosep.controllers._grammar import (
     Text,
     Word,
     ascii_lines,
+    damaged,
     joined,
     mm_text,
     mm_value,
@@ -183,12 +184,10 @@ class Mitsubishi(Resampling):
         """Return the cumulative corrections."""
         lines = ascii_lines(data, path, "list of Mitsubishi parameters")
         if lines[-1] != "; END":
-            raise CorruptFileError(
-                path, "the list does not end with '; END': it was cut short", hint="write it again"
-            )
+            raise damaged(path, "the list does not end with '; END': it was cut short")
         head = _HEAD.read(lines[0])
         if head is None and lines[0].startswith("; MITSUBISHI"):
-            raise CorruptFileError(path, "line 1: the comment is damaged", hint="write it again")
+            raise damaged(path, "line 1: the comment is damaged")
         first_row = 1 if lines[0].startswith(";") else 0
         rows = list(enumerate(lines, start=1))[first_row:-1]
         words = Text(path, rows, "list of Mitsubishi parameters").table(_LINE, "number")
@@ -210,12 +209,11 @@ class Mitsubishi(Resampling):
             )
         entries = _entries(words, first, last, path)
         if not (first - 1 <= number <= last and 1 <= scale <= 99 and interval > 0.0):
-            raise CorruptFileError(
+            raise damaged(
                 path,
                 "the reference must lie between the ends, the interval be positive and the scale "
                 "factor 1 to 99",
                 found=f"{number}, {first}, {last}, {scale}, {interval * 1e3:.9g} mm",
-                hint="write the table again",
             )
         zero, unit = known["reference_position"], 0.5 * known["output_unit"] * scale
         positions, forward = walked(entries, number + 1 - first, zero, interval, unit)
@@ -240,18 +238,16 @@ def _stated(words: Mapping[int, Mapping[str, Any]], path: Path) -> tuple[int, li
     numbers = sorted(n for n in words if n < _FIRST)
     base = 4000 + 10 * ((numbers[0] - 4001) // 10) if numbers else 0
     if numbers != [base + i for i in range(1, 8)] or base < 4000:
-        raise CorruptFileError(
+        raise damaged(
             path,
             "the settings of one axis must be there, seven in a row from #4001, #4011 ...",
             found=", ".join(f"#{n}" for n in numbers)[:80] or "none",
-            hint="write the table again",
         )
     values = [words[n]["value"] for n in numbers]
     for word, value, number in zip(_SETTINGS, values, numbers, strict=True):
         if not re.fullmatch(word.pattern, value, re.ASCII):
-            raise CorruptFileError(
+            raise damaged(
                 path, f"line {words[number]['line']}: #{number} cannot be {value[:40]!r}",
-                hint="write it again",
             )  # fmt: skip
     return base, [word.read(v) for word, v in zip(_SETTINGS, values, strict=True)]
 

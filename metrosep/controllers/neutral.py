@@ -18,7 +18,14 @@ import numpy as np
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._grammar import decoded, joined, require_last_end, scaled, unscaled
+from metrosep.controllers._grammar import (
+    damaged,
+    decoded,
+    joined,
+    require_last_end,
+    scaled,
+    unscaled,
+)
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -151,10 +158,9 @@ def _fields(path: Path, first: float, turns: tuple[bool, bool]) -> dict[str, Any
         return {**fields, **dict(zip(("axis", "compensates"), _AXES[turns], strict=True))}
     for name, angle in zip(("axis", "compensates"), turns, strict=True):
         if angle and not is_rotary(fields[name]):
-            raise CorruptFileError(
+            raise damaged(
                 path,
                 f"its columns are in rad, its sidecar says {name} {fields[name]}, which does not turn",
-                hint="write the table again",
             )
     return fields
 
@@ -227,11 +233,10 @@ class NeutralMap(Dialect):
             turns=turns,
         )
         if angle and not is_rotary(fields["compensates"]):
-            raise CorruptFileError(
+            raise damaged(
                 path,
                 f"its corrections are in urad, its sidecar says {fields['compensates']}, which does not "
                 "turn",
-                hint="write the map again",
             )
         corrections = values[:, 2].reshape(y.size, x.size)
         return CompensationMap(x, y, corrections, is_exact_inverse=True, **fields)
@@ -251,11 +256,7 @@ def _grid(values: FloatArray, lines: list[int], path: Path) -> tuple[FloatArray,
             hint="x is the fastest, every row holds the same x; no node may be missing or twice",
         )
     if len(values) % n or y.size < 2 or n < 2:
-        raise CorruptFileError(
-            path,
-            f"{len(values)} nodes are no grid of rows of {n}",
-            hint="lines are missing at the end: write it again",
-        )
+        raise damaged(path, f"{len(values)} nodes are no grid of rows of {n}")
     for name, p in (("x", x), ("y", y)):
         if (np.diff(p) <= 0).any():
             raise CorruptFileError(path, f"{name} does not rise", hint="sort the lines")

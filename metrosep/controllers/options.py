@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
 from metrosep.compensation.limits import Limits
+from metrosep.core import numbers
 from metrosep.core.errors import DataError, UnitError
-from metrosep.core.units import parse_quantity
 
 __all__ = ["LIMIT_DIMENSIONS", "Option", "checked_limits", "checked_options", "split_machine"]
 
@@ -33,61 +32,22 @@ LIMIT_DIMENSIONS = {
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """One fact about a machine or a file that a dialect takes.
+    """One fact about a machine or a file that a dialect takes."""
 
-    Parameters
-    ----------
-    name : str
-        Keyword of `metrosep.controllers.write`; NAME of ``--machine NAME=VALUE``.
-    help : str
-        What it is, for lists and refusals.
-    kind : str
-        "integer", "number", "text", "flag", "choice", "object" (taken as it is, for a calibration
-        that no text can give), or a dimension of
-        `metrosep.core.units.parse_quantity` such as "length" or "speed": then a number in SI or a
-        text with its unit.
-    default : object, optional
-        Value if it is not given; None where it may stay away.
-    required : bool, optional
-        Refuse to write without it.
-    choices : tuple, optional
-        For kind "choice".
-    lowest, highest : float or None, optional
-        Range of numbers, both ends allowed.
-    positive : bool, optional
-        Numbers must be above zero.
-    """
-
-    name: str
-    help: str
+    name: str  # keyword of `metrosep.controllers.write`; NAME of ``--machine NAME=VALUE``
+    help: str  # what it is, for lists and refusals
+    # "integer", "number", "text", "flag", "choice", "object" (taken as it is, for a calibration that
+    # no text can give), or a dimension such as "length": then a number in SI or a text with its unit
     kind: str
-    default: Any = None
-    required: bool = False
+    default: Any = None  # None where it may stay away
+    required: bool = False  # refuse to write without it
     choices: tuple[Any, ...] = ()
-    lowest: float | None = None
+    lowest: float | None = None  # range of numbers, both ends allowed
     highest: float | None = None
-    positive: bool = False
+    positive: bool = False  # numbers must be above zero
 
     def checked(self, value: Any, controller: str) -> Any:
-        """Return a value as the dialect takes it.
-
-        Parameters
-        ----------
-        value : object
-            As the user gave it: a number, or a text from a command line or recipe.
-        controller : str
-            For the message.
-
-        Returns
-        -------
-        object
-            In SI.
-
-        Raises
-        ------
-        DataError
-            If it is no such value.
-        """
+        """Return a value, of a user or a text from a command line, as the dialect takes it, in SI."""
         if value is None:
             return None
         what = f"{controller}: {self.name}={value!r}"
@@ -138,28 +98,25 @@ def _choice(value: Any, choices: Sequence[Any], what: str) -> Any:
 
 
 def _integer(value: Any, what: str) -> int:
+    """Return a whole number, of a text of digits, too."""
     try:
-        number = int(value) if not isinstance(value, bool) else None
+        whole = int(value) if isinstance(value, str) or value == int(value) else value
+        return numbers.count(value if isinstance(value, bool) else whole, what, least=-(2**63))
     except (TypeError, ValueError, OverflowError):
-        number = None
-    if number is None or (not isinstance(value, str) and number != value):
-        raise DataError(f"{what} must be a whole number")
-    return number
+        raise DataError(f"{what} must be a whole number") from None
 
 
 def _number(value: Any, kind: str, what: str) -> float:
-    if kind != "number" and isinstance(value, str):
+    """Return a finite number in SI; a plain number may be a text."""
+    if kind != "number":
         try:
-            return parse_quantity(value, dimension=kind, name=what.split("=", maxsplit=1)[0])
+            return numbers.quantity(value, what.split("=", maxsplit=1)[0], kind)
         except UnitError as exc:
             raise DataError(f"{what}: {exc}") from None
     try:
-        number = float(value) if not isinstance(value, bool) else math.nan
-    except (TypeError, ValueError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise DataError(f"{what} must be a finite number")
-    return number
+        return numbers.real(float(value) if isinstance(value, str) else value, what)
+    except (DataError, ValueError):
+        raise DataError(f"{what} must be a finite number") from None
 
 
 def split_machine(

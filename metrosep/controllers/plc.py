@@ -27,7 +27,7 @@ from numpy.polynomial import legendre
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.controllers._facts import facts_of, settled
-from metrosep.controllers._grammar import decimal, decoded, joined, scaled, unscaled
+from metrosep.controllers._grammar import damaged, decimal, decoded, joined, scaled, unscaled
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -38,7 +38,7 @@ from metrosep.controllers.base import (
 )
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
+from metrosep.core.errors import DataError, LimitError, TableError
 from metrosep.core.units import format_length
 
 __all__ = ["PLCStructuredText", "PLCTurboPMAC"]
@@ -58,7 +58,6 @@ _LARGEST = 1e30
 _SHORTEST = 1e-9
 """Share of the position that a range must have."""
 
-_AGAIN = "the file was edited: write it again"
 
 _POINTS = 2001
 _COARSE = 0.1
@@ -199,23 +198,21 @@ def _require_usable(printed: Printed, known: Mapping[str, Any], path: Path) -> N
     far = max(abs(printed.low), abs(printed.high))
     within = far / 10.0 ** _PLACES[known["x_unit"]] <= _FARTHEST
     if not (within and printed.high - printed.low > _SHORTEST * far):
-        raise CorruptFileError(
+        raise damaged(
             path,
             "the range of the position is empty, or longer than any axis",
             field="limits of x",
             expected=f"rising, within {_FARTHEST:g} m",
             found=f"{printed.low:g} ... {printed.high:g}",
-            hint=_AGAIN,
         )
     largest = printed.largest_term / 10.0 ** _PLACES[known["y_unit"]]
     if not largest <= _LARGEST:
-        raise CorruptFileError(
+        raise damaged(
             path,
             "a term of the polynomial is larger than any axis allows",
             field="coefficients",
             expected=f"terms within {_LARGEST:g} m",
             found=f"{largest:g} m",
-            hint=_AGAIN,
         )
 
 
@@ -309,12 +306,11 @@ def _full(pattern: str, line: tuple[int, str] | None, path: Path, expected: str)
     match = re.fullmatch(pattern, text, re.IGNORECASE)
     if match is None:
         where = "the end of the file" if line is None else f"line {line[0]}"
-        raise CorruptFileError(
+        raise damaged(
             path,
             f"{where} is not what this text holds there",
             expected=expected,
             found=repr(text[:60]),
-            hint="write the file again",
         )
     return match
 
@@ -335,13 +331,12 @@ def _matched(
 def _polynomial(text: str, x: str, path: Path) -> FloatArray:
     found = parsed_horner(text.replace(" ", ""), x)
     if found is None:
-        raise CorruptFileError(
+        raise damaged(
             path,
             "the expression is no polynomial in Horner form",
             field="expression",
             expected=f"a0+{x}*(a1+{x}*(a2))",
             found=repr(text[:60]),
-            hint=_AGAIN,
         )
     return found
 
@@ -427,10 +422,8 @@ class PLCStructuredText(_Polynomial):
         ]
         found = _matched(code, rows, path)
         if found[0][1].lower() != found[8][1].lower():
-            raise CorruptFileError(
-                path,
-                f"the function {found[0][1]} assigns to {found[8][1]}: it returns nothing",
-                hint=_AGAIN,
+            raise damaged(
+                path, f"the function {found[0][1]} assigns to {found[8][1]}: it returns nothing"
             )
         return Printed(_polynomial(found[8][2], "h", path), float(found[7][1]), float(found[7][2]))
 
@@ -527,17 +520,9 @@ class PLCTurboPMAC(_Polynomial):
         if any(found[i][1].upper() != held for i in (2, 3, 5, 6)) or (
             len({held, found[1][2].upper(), found[8][1].upper()}) < 3
         ):
-            raise CorruptFileError(
-                path,
-                f"position, {held} and y are mixed up in the program",
-                hint=_AGAIN,
-            )
+            raise damaged(path, f"position, {held} and y are mixed up in the program")
         if float(found[2][2]) != float(found[3][2]) or float(found[5][2]) != float(found[6][2]):
-            raise CorruptFileError(
-                path,
-                "a limit of the position differs from what it is set to",
-                hint=_AGAIN,
-            )
+            raise damaged(path, "a limit of the position differs from what it is set to")
         return Printed(
             _polynomial(found[8][2].upper(), held, path), float(found[2][2]), float(found[5][2])
         )

@@ -25,7 +25,7 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
 from metrosep.controllers._facts import agreed, facts_of, printable, settled
-from metrosep.controllers._grammar import code_rows, decoded, joined, scaled
+from metrosep.controllers._grammar import code_rows, damaged, decoded, joined, scaled
 from metrosep.controllers._grids import RollingGrid, enclosing_nodes, rolled_values, rolling_grid
 from metrosep.controllers.base import (
     Dialect,
@@ -85,7 +85,6 @@ _DELETE = re.compile(
     r"DELETE\s+GATHER|#(?P<motor>\d{1,2})\s*DELETE\s+(?P<kind>(?:BL)?COMP)", re.IGNORECASE
 )
 _DEFINED = re.compile(r"#(?P<motor>\d{1,2})\s*DEFINE\s+(?P<kind>(?:BL)?COMP)", re.IGNORECASE)
-AGAIN = "it was cut short, edited or mixed up: write the table again"
 
 _SET = re.compile(r"I(\d{1,4})\s*=\s*(\d{1,12})", re.IGNORECASE)
 
@@ -127,13 +126,12 @@ def read_program(
         )
     for number in re.findall(r"#(\d+)", match[0]):
         if not 1 <= int(number) <= MOTORS:
-            raise CorruptFileError(
+            raise damaged(
                 path,
                 f"there is no motor #{number}",
                 field="DEFINE line",
                 expected=f"#1 ... #{MOTORS}",
                 found=match[0][:60],
-                hint=AGAIN,
             )
     _require_own_deletes(code[:head], match[0], path)
     wanted = count_entries(match)
@@ -152,13 +150,12 @@ def _require_own_deletes(code: Sequence[tuple[int, str]], define: str, path: Pat
             int(own["motor"]),
             own["kind"].upper(),
         ):
-            raise CorruptFileError(
+            raise damaged(
                 path,
                 f"line {number} deletes another table than the file defines",
                 field="DELETE line",
                 expected=f"#{int(own['motor'])} DELETE {own['kind'].upper()}",
                 found=text[:60],
-                hint=AGAIN,
             )
 
 
@@ -171,27 +168,21 @@ def _entries(
             return np.array(found, dtype=np.int64), code[used:]
         words = text.split()
         if not all(map(_INTEGER.fullmatch, words)) or len(found) + len(words) > wanted:
-            raise CorruptFileError(
+            raise damaged(
                 path,
                 f"line {number}: {len(found)} of {wanted} entries stand before {text[:40]!r}; PMAC "
                 "takes exactly as many whole numbers as the DEFINE line says, whatever follows",
-                hint="write the table again",
             )
         numbers = [int(w) for w in words]
         found.extend(numbers)
         too_large = [v for v in numbers if abs(v) > LARGEST]
         if too_large:
-            raise CorruptFileError(
-                path,
-                f"line {number}: the entry {too_large[0]} is not one of 24 bits",
-                hint="write the table again",
-            )
+            raise damaged(path, f"line {number}: the entry {too_large[0]} is not one of 24 bits")
     if len(found) != wanted:
-        raise CorruptFileError(
+        raise damaged(
             path,
             f"the file ends after {len(found)} of {wanted} entries; PMAC would take the next "
             "commands it gets for entries",
-            hint="the file was cut short: write it again",
         )
     return np.array(found, dtype=np.int64), ()
 
@@ -204,22 +195,46 @@ def _settings(code: Sequence[tuple[int, str]], path: Path, sets: Sequence[int]) 
         if match is not None and int(match[1]) in sets and int(match[1]) not in values:
             values[int(match[1])] = int(match[2])
         elif not (last and text.upper() == "SAVE"):
-            raise CorruptFileError(
+            raise damaged(
                 path,
                 f"line {number}: {text[:60]!r} does not belong behind the entries",
                 expected=", ".join(f"I{i}=" for i in sets) + "; SAVE may be last",
-                hint=AGAIN,
             )
     if values.get(51) != 1:
-        raise CorruptFileError(
+        raise damaged(
             path,
             "I51 is not set to 1: PMAC would not use the table",
             field="I51",
             expected="I51=1 behind the entries",
             found=values.get(51, "nothing"),
-            hint=AGAIN,
         )
     return values
+
+
+def rolled_size(program: Program, path: Path) -> tuple[int, int]:
+    """Return entries and counts of a table over one motor, and refuse one that jumps at the roll-over."""
+    n, counts = program.entries.size, int(program.define["span"])
+    if n == 0 or counts < n:
+        raise damaged(path, f"{n} entries over {counts} counts are no table", field="DEFINE line")
+    if program.entries[-1] != 0:
+        raise damaged(
+            path,
+            "the last entry stands at the roll-over, where the table is zero by definition: the axis "
+            "would jump there",
+            field="last entry",
+            expected=0,
+            found=int(program.entries[-1]),
+        )
+    return n, counts
+
+
+def refuse_ends(given: Mapping[str, Any], span: Mapping[str, float]) -> None:
+    """Refuse options for reading that contradict the ends of what is written."""
+    for name, end in span.items():
+        if given[name] not in (None, end):
+            raise TableError(
+                f"{name}= is for reading; what is written ends at {format_length(end)}"
+            )
 
 
 def entry_lines(entries: Sequence[int]) -> list[str]:
@@ -301,19 +316,18 @@ def named_axes(
     found = identity(path, first=first)
     pair = found["axis"], found["compensates"]
     if ("axis" in facts) != ("compensates" in facts):
-        raise CorruptFileError(
+        raise damaged(
             path,
             "one of the comments that name the axes is missing",
             expected="axis and compensates",
             found="axis" if "axis" in facts else "compensates",
-            hint=AGAIN,
         )
     told = (facts["axis"], facts["compensates"]) if "axis" in facts else None
     if not load_sidecar(path):
         pair = told or (pair[0], pair[0] if same_motor else "Z")
         found["reference"] = 0.0
     if (told is not None and pair != told) or (pair[0] == pair[1]) != same_motor:
-        raise CorruptFileError(
+        raise damaged(
             path,
             "axes and motors contradict each other",
             field="axes",
@@ -324,7 +338,6 @@ def named_axes(
                 else ""
             ),
             found=f"{'one motor' if same_motor else 'two motors'} in the DEFINE line",
-            hint=AGAIN,
         )
     return {**found, "axis": pair[0], "compensates": pair[1]}
 
@@ -367,13 +380,12 @@ def motor_range(options: Mapping[str, Any], n: int, step: float, path: Path) -> 
         return 0, n
     ends = sorted(options["source_sign"] * (p - options["motor_zero"]) for p in (first, last))
     if max(ends[1], 0.0) - min(ends[0], 0.0) > (n + 0.5) * step:
-        raise CorruptFileError(
+        raise damaged(
             path,
             "the positions it is made for do not fit its span",
             field="first, last",
             expected=f"at most {format_length(n * step)} with the zero of the motor",
             found=f"{format_length(first)} ... {format_length(last)}",
-            hint=AGAIN,
         )
     nodes = enclosing_nodes(step, ends[0], ends[1])
     return int(nodes[0]), int(nodes[-1])
@@ -615,24 +627,7 @@ class PMAC(Dialect):
             for name, own in (("source_count", "count"), ("target_sign", "source_sign")):
                 sources = {f"{own} of the one motor": known[own], "the file or user": known[name]}
                 known[name] = agreed(path, name, sources)
-        n, counts = program.entries.size, int(program.define["span"])
-        if n == 0 or counts < n:
-            raise CorruptFileError(
-                path,
-                f"{n} entries over {counts} counts are no table",
-                field="DEFINE COMP",
-                hint=AGAIN,
-            )
-        if program.entries[-1] != 0:
-            raise CorruptFileError(
-                path,
-                "the last entry stands at the roll-over, where the correction is zero by definition: "
-                "the axis would jump there",
-                field="last entry",
-                expected=0,
-                found=int(program.entries[-1]),
-                hint=AGAIN,
-            )
+        n, counts = rolled_size(program, path)
         nodes = np.concatenate([[0.0], program.entries * known["count"] / SCALE])
         return nodes, counts * known["source_count"] / n, known, program
 
@@ -676,12 +671,7 @@ def _checked_motors(table: CompensationTable, options: Mapping[str, Any]) -> dic
             f"source and target are both motor #{given['source_motor']}: its count and its sign are "
             "one; leave source_count and target_sign away"
         )
-    low, high = table.span
-    for name, end in (("first", low), ("last", high)):
-        if given[name] is not None and given[name] != end:
-            raise TableError(
-                f"{name}= is for reading; the table itself ends at {format_length(end)}"
-            )
+    refuse_ends(given, dict(zip(("first", "last"), table.span, strict=True)))
     return given
 
 

@@ -29,7 +29,7 @@ from metrosep.compensation.measured import measured_error
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
 from metrosep.controllers._facts import is_same, printable, settled
-from metrosep.controllers._grammar import joined
+from metrosep.controllers._grammar import damaged, joined
 from metrosep.controllers._grids import enclosing_nodes, rolled_values, rolling_grid
 from metrosep.controllers.base import (
     Dialect,
@@ -44,7 +44,6 @@ from metrosep.controllers.base import (
 from metrosep.controllers.options import Option
 from metrosep.controllers.pmac import (
     ACTIVATION,
-    AGAIN,
     LARGEST,
     MOTORS,
     PMAC,
@@ -57,18 +56,15 @@ from metrosep.controllers.pmac import (
     motors_of,
     named_axes,
     read_program,
+    refuse_ends,
     refuse_turning,
     require_short_span,
+    rolled_size,
     rounded_entries,
     signed,
 )
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import (
-    CorruptFileError,
-    LimitError,
-    SignCheckFailedError,
-    TableError,
-)
+from metrosep.core.errors import CorruptFileError, LimitError, SignCheckFailedError, TableError
 from metrosep.core.units import format_length
 
 __all__ = ["PMACBacklash"]
@@ -131,10 +127,7 @@ class PMACBacklash(Dialect):
         Option("motor", "number of the motor; 1 if omitted", "integer", lowest=1, highest=MOTORS),
         signed("source_sign", "the"),
         Option(
-            "motor_zero",
-            "position of the axis where the motor reads zero",
-            "length",
-            default=0.0,
+            "motor_zero", "position of the axis where the motor reads zero", "length", default=0.0
         ),
         Option(
             "comp",
@@ -188,11 +181,7 @@ class PMACBacklash(Dialect):
                 "check which runs are forward, and whether one is compensated already"
             )
         grid = rolling_grid(
-            x,
-            span=options["span"],
-            spacing=options["spacing"],
-            count=count,
-            axis=table.axis,
+            x, span=options["span"], spacing=options["spacing"], count=count, axis=table.axis
         )
         require_short_span(grid.counts, options["long_span"], table.axis)
         fixed = base * count / SCALE
@@ -201,9 +190,7 @@ class PMACBacklash(Dialect):
         entries = rounded_entries(values, count, lambda k: format_length(float(at[k])))
         nodes = enclosing_nodes(grid.step, float(x[0]), float(x[-1]))
         carried = replace(
-            table,
-            **_in_axis(nodes * grid.step, values[nodes % grid.n] + fixed, options),
-            u=None,
+            table, **_in_axis(nodes * grid.step, values[nodes % grid.n] + fixed, options), u=None
         )
         alone = replace(table, **_both(lost, s))
         data = _text(table, options, motor, base, (grid.n, grid.counts), np.roll(entries, -1))
@@ -286,35 +273,14 @@ class PMACBacklash(Dialect):
         motor = int(found["motor"]) if found else 0
         size = 100 * motor + _SIZE
         program = read_program(
-            data,
-            path,
-            _DEFINE,
-            lambda m: int(m["entries"]),
-            (51, size, 100 * motor + _RATE),
+            data, path, _DEFINE, lambda m: int(m["entries"]), (51, size, 100 * motor + _RATE)
         )
         known = motors_of(
             {"motor": motor},
             settled(self.options, options, path, file=program.facts, needed=_STATED),
             path,
         )
-        n, counts = program.entries.size, int(program.define["span"])
-        if n == 0 or counts < n:
-            raise CorruptFileError(
-                path,
-                f"{n} entries over {counts} counts are no table",
-                field="DEFINE BLCOMP",
-                hint=AGAIN,
-            )
-        if program.entries[-1] != 0:
-            raise CorruptFileError(
-                path,
-                "the last entry stands at the roll-over, where the table is zero by definition: the "
-                "axis would jump there",
-                field="last entry",
-                expected=0,
-                found=int(program.entries[-1]),
-                hint=AGAIN,
-            )
+        n, counts = rolled_size(program, path)
         if program.settings.get(size, -1) not in range(LARGEST + 1):
             raise CorruptFileError(
                 path,
@@ -325,11 +291,8 @@ class PMACBacklash(Dialect):
                 hint=f"add a line I{size}= with the value of the controller",
             )
         if program.settings.get(100 * motor + _RATE) == 0:
-            raise CorruptFileError(
-                path,
-                "the rate is 0: PMAC would take up nothing",
-                field=f"I{100 * motor + _RATE}",
-                hint=AGAIN,
+            raise damaged(
+                path, "the rate is 0: PMAC would take up nothing", field=f"I{100 * motor + _RATE}"
             )
         sixteenths = np.concatenate([[0], program.entries]) + program.settings[size]
         return sixteenths * known["count"] / SCALE, counts * known["count"] / n, known, program
@@ -387,10 +350,7 @@ def _check(table: CompensationTable, options: Mapping[str, Any]) -> None:
             "forward_active= says that the forward corrections acted while the runs were measured, "
             "comp= names forward corrections that are new: say one of them"
         )
-    low, high = table.span
-    for name, end in (("first", low), ("last", high)):
-        if options[name] is not None and options[name] != end:
-            raise TableError(f"{name}= is for reading; the table ends at {format_length(end)}")
+    refuse_ends(options, dict(zip(("first", "last"), table.span, strict=True)))
 
 
 def _text(

@@ -25,7 +25,7 @@ from metrosep.compensation.area_errors import bilinear
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers._facts import printable, settled
-from metrosep.controllers._grammar import joined
+from metrosep.controllers._grammar import damaged, joined
 from metrosep.controllers._grids import (
     RollingGrid,
     enclosing_nodes,
@@ -44,7 +44,6 @@ from metrosep.controllers.base import (
 from metrosep.controllers.options import Option
 from metrosep.controllers.pmac import (
     ACTIVATION,
-    AGAIN,
     MOTORS,
     SCALE,
     Program,
@@ -54,13 +53,14 @@ from metrosep.controllers.pmac import (
     motor_range,
     motors_of,
     read_program,
+    refuse_ends,
     refuse_turning,
     require_short_span,
     rounded_entries,
     signed,
 )
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, TableError
+from metrosep.core.errors import TableError
 from metrosep.core.units import format_length
 
 __all__ = ["PMACPlane"]
@@ -262,21 +262,19 @@ class PMACPlane(Dialect):
         rows, columns = int(program.define["rows"]), int(program.define["columns"])
         spans = int(program.define["row_span"]), int(program.define["column_span"])
         if rows < 1 or columns < 1 or spans[0] < columns or spans[1] < rows:
-            raise CorruptFileError(
+            raise damaged(
                 path,
                 f"{rows} rows and {columns} columns over {spans[1]} and {spans[0]} counts are no table",
                 field="DEFINE COMP",
-                hint=AGAIN,
             )
         entries = np.concatenate([[0], program.entries]).reshape(rows + 1, columns + 1)
         if (entries[:, 0] != entries[:, -1]).any() or (entries[0] != entries[-1]).any():
-            raise CorruptFileError(
+            raise damaged(
                 path,
                 "the last column or row differs from the first: they are one place by roll-over, the "
                 "axis would jump there",
                 field="last column and row",
                 expected="those of column 0 and row 0",
-                hint=AGAIN,
             )
         steps = (
             spans[0] * known["x_count"] / columns,  # columns lie along the row motor
@@ -438,10 +436,8 @@ def _checked(table: CompensationMap, options: Mapping[str, Any]) -> dict[str, An
             f"{own}_count and target_sign away"
         )
     given["owner"] = given["owner"] or given["target_motor"]
-    for name, (low, high) in zip("xy", table.span, strict=True):
-        for key, end in ((f"{name}_first", low), (f"{name}_last", high)):
-            if given[key] is not None and given[key] != end:
-                raise TableError(f"{key}= is for reading; the map ends at {format_length(end)}")
+    for name, span in zip("xy", table.span, strict=True):
+        refuse_ends(given, dict(zip((f"{name}_first", f"{name}_last"), span, strict=True)))
     return given
 
 
@@ -463,16 +459,15 @@ def _named(path: Path, facts: Mapping[str, str]) -> dict[str, Any]:
     stated = {n: facts[n] for n in names if n in facts}
     if stated and len(stated) < len(names):
         missing = next(n for n in names if n not in stated)
-        raise CorruptFileError(path, f"the comment that names {missing} is missing", hint=AGAIN)
+        raise damaged(path, f"the comment that names {missing} is missing")
     x, y, compensates = (facts.get(n, usual) for n, usual in zip(names, "XYZ", strict=True))
     known = map_identity(path, axes=(x, y), compensates=compensates, first=(0.0, 0.0))
     found = (*known["axes"], known["compensates"])
     if stated and found != (x, y, compensates):
-        raise CorruptFileError(
+        raise damaged(
             path,
             "comments and sidecar name other axes",
             expected=", ".join(stated.values()),
             found=f"{', '.join(known['axes'])}, {known['compensates']}",
-            hint=AGAIN,
         )
     return known

@@ -18,7 +18,14 @@ from numpy.typing import NDArray
 
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
-from metrosep.controllers._grammar import decimal, decoded, fixed, joined, require_last_end
+from metrosep.controllers._grammar import (
+    damaged,
+    decimal,
+    decoded,
+    fixed,
+    joined,
+    require_last_end,
+)
 from metrosep.controllers._grids import even_map
 from metrosep.controllers.base import (
     Dialect,
@@ -301,12 +308,11 @@ def _number(text: str, key: str, path: Path) -> float:
 
 
 def _klipper_wrong(path: Path, line: int, expected: str, found: str) -> CorruptFileError:
-    return CorruptFileError(
+    return damaged(
         path,
         f"line {line} does not belong into a mesh",
         expected=expected,
         found=found.strip()[:60],
-        hint="the file was cut or edited: write it again",
     )
 
 
@@ -569,10 +575,9 @@ def _row(line: str, number: int, n: int, path: Path) -> list[float]:
 
 
 def _wrong(path: Path, line: int, expected: str, found: str) -> CorruptFileError:
-    return CorruptFileError(
+    return damaged(
         path,
         f"line {line} is not that of a height map",
         expected=expected,
         found=found[:60] or "nothing",
-        hint="the file was cut or edited: write it again",
     )

@@ -394,10 +394,7 @@ class SinumerikCecProduct(Dialect):
         )
         names = axis_names(noted, found, (*turns, False), ("X", "Y", "Z"))
         fields = map_identity(
-            path,
-            axes=(names[0], names[1]),
-            compensates=names[2],
-            first=(float(x[0]), float(y[0])),
+            path, axes=(names[0], names[1]), compensates=names[2], first=(float(x[0]), float(y[0]))
         )
         require_same_axes((*fields["axes"], fields["compensates"]), found, path)
         for axis, turned in zip(fields["axes"], turns, strict=True):
@@ -638,11 +635,7 @@ def _lines(
 ) -> list[str]:
     system = o["measuring_system"]
     low, high = (v / unit for v in table.span)
-    facts = {
-        "STEP": (high - low) / (len(words) - 1),
-        "MIN": low,
-        "MAX": high,
-    }
+    facts = {"STEP": (high - low) / (len(words) - 1), "MIN": low, "MAX": high}
     return [
         *(f"{_NAME}[{system},{i},{axis}]={w}" for i, w in enumerate(words)),
         *(

@@ -20,6 +20,7 @@ from metrosep.controllers._grammar import (
     Text,
     Word,
     ascii_lines,
+    damaged,
     fixed,
     joined,
     mm_value,
@@ -223,15 +224,14 @@ def _require_frame(
     """Refuse counts, commas, ends and spacing that do not fit together."""
     n = table.shape[0]
     if n < 2 or n != size or n != closed["size"]:
-        raise CorruptFileError(
+        raise damaged(
             path,
             "the number of elements does not fit",
             expected=f"{size} and {closed['size']}",
             found=n,
-            hint="write the table again",
         )
     if commas != [","] * (n - 1) + [""]:
-        raise CorruptFileError(path, "a comma is missing or too many", hint="write it again")
+        raise damaged(path, "a comma is missing or too many")
     p = table[:, 0] * 1e3
     even = p[0] + (p[-1] - p[0]) / (n - 1) * np.arange(n)
     if (np.diff(p) <= 0).any() or np.abs(p - even).max() > _UNIFORM:
@@ -243,8 +243,4 @@ def _require_frame(
             hint="TwinCAT needs equal steps: write the table again",
         )
     if (closed["low"], closed["high"]) != (table[0, 0], table[-1, 0]):
-        raise CorruptFileError(
-            path,
-            "MinPosition and MaxPosition are not the ends of the table",
-            hint="write the table again",
-        )
+        raise damaged(path, "MinPosition and MaxPosition are not the ends of the table")

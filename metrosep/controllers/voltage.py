@@ -25,7 +25,7 @@ from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._facts import is_described, settled
-from metrosep.controllers._grammar import scaled
+from metrosep.controllers._grammar import damaged, scaled
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -304,10 +304,8 @@ def _played(
     period = float(times[-1] - times[0]) / (times.size - 1)
     uneven = np.abs(times - period * np.arange(times.size))
     if uneven.max() > _UNIFORM * period:
-        raise CorruptFileError(
-            path,
-            f"line {int(np.argmax(uneven)) + 2}: times are not those of a clock from 0 on",
-            hint="lines are missing or edited: write it again",
+        raise damaged(
+            path, f"line {int(np.argmax(uneven)) + 2}: times are not those of a clock from 0 on"
         )
     play = plan({**known, "rate": 1}, period=period, interpolates=False, n=times.size)
     return play, _corrections(rows[:, 1], curves, rest, known["polarity"])
@@ -375,10 +373,7 @@ def _notes(
             "offset_um": rest * 1e6,
             "stroke_um": [low * 1e6, high * 1e6],
             "first_voltage_V": float(volts[0][0]),
-            "voltages_V": [
-                min(float(v.min()) for v in volts),
-                max(float(v.max()) for v in volts),
-            ],
+            "voltages_V": [min(float(v.min()) for v in volts), max(float(v.max()) for v in volts)],
             **rates,
         },
     }
@@ -441,9 +436,7 @@ def _parsed(data: bytes, path: Path) -> tuple[tuple[str, ...], FloatArray]:
                 "again",
             )
     if not data.endswith(b"\n"):
-        raise CorruptFileError(
-            path, "its last line has no end: it was cut short", hint="write it again"
-        )
+        raise damaged(path, "its last line has no end: it was cut short")
     if len(rows) < 3:
         raise CorruptFileError(path, "a table needs at least 2 lines", found=len(rows) - 1)
     numbers = np.array([[float(v) for v in row] for row in rows[1:]])
@@ -640,10 +633,7 @@ def rising_parts(values: FloatArray, *, sign: float = 1.0) -> BoolArray:
 
 
 def quantised(
-    displacement: FloatArray,
-    curves: StageCurves,
-    bits: int,
-    places: FloatArray,
+    displacement: FloatArray, curves: StageCurves, bits: int, places: FloatArray
 ) -> FloatArray:
     """Return the voltages that a DAC sets for displacements, in the order they are passed."""
     low, high = curves.stroke

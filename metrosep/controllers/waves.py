@@ -552,12 +552,7 @@ class PiGcs(_Wave):
         reference_rule="none: the offset may stand anywhere in the travel",
         proof="command strings of PIPython 2.11 on a fake controller; own strict parser",
         suffix=".gcs",
-        example={
-            "polarity": 1,
-            "travel": "15 um",
-            "speed": "60 mm/min",
-            "rate": 200,
-        },
+        example={"polarity": 1, "travel": "15 um", "speed": "60 mm/min", "rate": 200},
         page="pi",
     )
     options = (

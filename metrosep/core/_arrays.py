@@ -8,9 +8,8 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
-
-__all__ = ["benjamini_hochberg", "by_number"]
+from metrosep.core.errors import InvalidSamplesError, OptionError, TooFewSamplesError
+from metrosep.core.numbers import quantity
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -34,7 +33,7 @@ def frozen_float(values: ArrayLike, *, name: str, ndim: int, min_size: int = 1) 
         checked.setflags(write=False)
         return checked
     try:
-        array = values if _is_frozen(values) else as_float(values)
+        array = values if is_frozen(values) else as_float(values)
     except (TypeError, ValueError) as exc:
         raise InvalidSamplesError(
             f"{name} must hold real numbers in SI, got {type(values).__name__}: {exc}"
@@ -73,20 +72,62 @@ def as_float(values: Any) -> FloatArray:
     return array
 
 
-def heights_as(z: FloatArray, dtype: Any, copy: bool | None) -> FloatArray:
-    """Return what ``__array__`` of an object with heights gives numpy."""
-    wanted = np.dtype(np.float64 if dtype is None else dtype)
-    if wanted == z.dtype and not copy:
-        return z
-    if copy is False:
-        raise ValueError(f"heights are float64: {wanted} needs a copy")
-    return z.astype(wanted)
+class Heights:
+    """What every object with heights `z` says of those that were measured, nothing removed or filtered."""
+
+    __slots__ = ()
+    z: FloatArray
+
+    @property
+    def n_invalid(self) -> int:
+        """Number of points that were not measured."""
+        return int(np.count_nonzero(np.isnan(self.z)))
+
+    def peak_to_valley(self) -> float:
+        """Return the largest minus the smallest valid height, nothing removed or filtered.
+
+        Returns
+        -------
+        float
+            P-V in m; NaN when nothing is valid.
+        """
+        valid = self.z[~np.isnan(self.z)]
+        return float(np.ptp(valid)) if valid.size else float("nan")
+
+    def rms(self) -> float:
+        """Return the root mean square of the valid heights about their mean.
+
+        Returns
+        -------
+        float
+            RMS in m; NaN when nothing is valid.
+        """
+        valid = self.z[~np.isnan(self.z)]
+        return float(valid.std()) if valid.size else float("nan")
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> FloatArray:
+        """Return the heights: as they are, which cannot be written to, or a copy where one is asked for."""
+        wanted = np.dtype(np.float64 if dtype is None else dtype)
+        if wanted == self.z.dtype and not copy:
+            return self.z
+        if copy is False:
+            raise ValueError(f"heights are float64: {wanted} needs a copy")
+        return self.z.astype(wanted)
 
 
-def _is_frozen(values: ArrayLike) -> TypeGuard[FloatArray]:
+def is_frozen(values: ArrayLike) -> TypeGuard[FloatArray]:
     if not isinstance(values, np.ndarray) or values.dtype != np.float64:
         return False
     return values.base is None and values.flags.c_contiguous and not values.flags.writeable
+
+
+def position(value: Any, name: str) -> tuple[float, float]:
+    """Return a position (x, y) in m of two lengths, each a number in m or a text with its unit."""
+    pair = () if isinstance(value, str | bytes) or not hasattr(value, "__len__") else tuple(value)
+    if len(pair) != 2:
+        raise OptionError(f"{name} must be two positions (x, y) in m, got {value!r}")
+    x, y = (quantity(v, f"{k} of {name}", "length") for k, v in zip("xy", pair, strict=True))
+    return x, y
 
 
 def same_length(**arrays: NDArray[Any]) -> None:
@@ -103,9 +144,7 @@ def same_length(**arrays: NDArray[Any]) -> None:
 def benjamini_hochberg(p_values: FloatArray, *, rate: float) -> NDArray[np.bool_]:
     """Return which hypotheses are rejected at a false discovery rate.
 
-    References
-    ----------
-    .. [1] Benjamini and Hochberg 1995.
+    Source: Benjamini and Hochberg 1995.
 
     Examples
     --------

@@ -13,9 +13,6 @@ import numpy as np
 
 from metrosep.core._arrays import ByteArray, FloatArray
 
-__all__ = ["map_thumbnail", "png_image", "profile_thumbnail"]
-
-
 _SIDE = 192
 """Longest side of a map in pixels: a byte each and 1 kB of colours stay below 40 kB."""
 

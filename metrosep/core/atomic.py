@@ -25,8 +25,6 @@ __all__ = ["atomic_stream", "atomic_write"]
 def atomic_write(path: str | os.PathLike[str], data: bytes) -> Path:
     """Write bytes to a file that appears whole or not at all.
 
-    Notes
-    -----
     The bytes go to a temporary file in the same folder, are flushed to the disk (fsync) and
     renamed over the target, which POSIX and Windows both do in one step. A killed process leaves its
     temporary file; the next write to the same target removes it (POSIX).
@@ -42,8 +40,6 @@ def atomic_stream(
 ) -> Iterator[BinaryIO]:
     r"""Give a binary file to write into; the target appears only when the block ends well.
 
-    Notes
-    -----
     As `atomic_write`: a temporary file in the same folder, fsync, one rename. Memory does not grow
     with the file.
 

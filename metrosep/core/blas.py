@@ -51,8 +51,6 @@ _LIMIT = _Limit()
 def one_blas_thread() -> Iterator[None]:
     """Limit BLAS to one thread for the length of a ``with`` block.
 
-    Notes
-    -----
     The libraries are looked up once per process (some milliseconds), so this costs microseconds.
 
     Examples
@@ -71,8 +69,6 @@ def one_blas_thread() -> Iterator[None]:
 def one_thread() -> Iterator[None]:
     """Keep all work of a ``with`` block in the thread that does it, BLAS and our own pools.
 
-    Notes
-    -----
     For workers of a batch: the processors are shared out among them already.
 
     Examples

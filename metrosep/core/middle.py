@@ -22,8 +22,6 @@ _CENTRED = 1e-3
 def measured_middle(z: FloatArray, x: Positions, y: Positions) -> tuple[float, float]:
     """Return the middle of the measured part of a map.
 
-    Notes
-    -----
     All chords of a disc, a ring or a rectangle have their middle on its axis. The median forgives
     stray points, dropouts and a rim that is cut off on one side over less than half of the rows.
     A margin that was not measured changes nothing.

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import FloatArray, frozen_float, heights_as, same_length
+from metrosep.core._arrays import FloatArray, Heights, frozen_float, same_length
 from metrosep.core._thumbnails import png_image, profile_thumbnail
 from metrosep.core.attached import attached
 from metrosep.core.errors import InvalidSamplesError, NotUniformError, TooFewSamplesError
@@ -24,7 +24,7 @@ _UNIFORM_RTOL = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Profile:
+class Profile(Heights):
     """Heights along a line; frozen, SI, NaN = not measured.
 
     Parameters
@@ -94,15 +94,6 @@ class Profile:
 
     def __len__(self) -> int:
         return int(self.x.size)
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> FloatArray:
-        """Return the heights: as they are, which cannot be written to, or a copy where one is asked for."""
-        return heights_as(self.z, dtype, copy)
-
-    @property
-    def n_invalid(self) -> int:
-        """Number of samples that were not measured."""
-        return int(np.count_nonzero(np.isnan(self.z)))
 
     @property
     def is_uniform(self) -> bool:
@@ -182,28 +173,6 @@ class Profile:
             metadata=self.metadata,
             history=(*self.history, step),
         )
-
-    def peak_to_valley(self) -> float:
-        """Return the largest minus the smallest valid height, nothing removed or filtered.
-
-        Returns
-        -------
-        float
-            P-V in m; NaN when nothing is valid.
-        """
-        valid = self.z[~np.isnan(self.z)]
-        return float(np.ptp(valid)) if valid.size else float("nan")
-
-    def rms(self) -> float:
-        """Return the root mean square of the valid heights about their mean.
-
-        Returns
-        -------
-        float
-            RMS in m; NaN when nothing is valid.
-        """
-        valid = self.z[~np.isnan(self.z)]
-        return float(valid.std()) if valid.size else float("nan")
 
     def __repr__(self) -> str:
         valid = self.z[~np.isnan(self.z)]

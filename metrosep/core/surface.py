@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import FloatArray, frozen_float, heights_as
+from metrosep.core._arrays import FloatArray, Heights, frozen_float, position
 from metrosep.core._thumbnails import map_thumbnail
 from metrosep.core.attached import attached
-from metrosep.core.errors import OptionError
-from metrosep.core.numbers import positive, quantity
+from metrosep.core.numbers import positive
 from metrosep.core.profile import html_summary
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.units import format_length
@@ -26,16 +25,8 @@ def _checked_step(value: float | str | None, name: str) -> float | None:
     return None if value is None else positive(value, name, dimension="length", why=why)
 
 
-def _checked_origin(origin: Any) -> tuple[float, float]:
-    pair = () if isinstance(origin, str) or not hasattr(origin, "__len__") else tuple(origin)
-    if len(pair) != 2:
-        raise OptionError(f"origin must be two numbers (x, y) in m, got {origin!r}")
-    x, y = (quantity(v, f"{k} of origin", "length") for k, v in zip("xy", pair, strict=True))
-    return x, y
-
-
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Surface:
+class Surface(Heights):
     """Heights on a grid; frozen, SI, NaN = not measured.
 
     Row index grows with y and column index with x, z points out of the material: ``z[0, 0]`` is
@@ -96,45 +87,14 @@ class Surface:
         object.__setattr__(self, "z", frozen_float(z, name="z", ndim=2))
         object.__setattr__(self, "dx", _checked_step(dx, "dx"))
         object.__setattr__(self, "dy", _checked_step(dy, "dy"))
-        object.__setattr__(self, "origin", _checked_origin(origin))
+        object.__setattr__(self, "origin", position(origin, "origin"))
         object.__setattr__(self, "metadata", freeze_mapping(metadata))
         object.__setattr__(self, "history", tuple(history))
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> FloatArray:
-        """Return the heights: as they are, which cannot be written to, or a copy where one is asked for."""
-        return heights_as(self.z, dtype, copy)
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns, ``(n_y, n_x)``."""
         return (int(self.z.shape[0]), int(self.z.shape[1]))
-
-    @property
-    def n_invalid(self) -> int:
-        """Number of pixels that were not measured."""
-        return int(np.count_nonzero(np.isnan(self.z)))
-
-    def peak_to_valley(self) -> float:
-        """Return the largest minus the smallest valid height, nothing removed or filtered.
-
-        Returns
-        -------
-        float
-            P-V in m; NaN when nothing is valid.
-        """
-        valid = self.z[~np.isnan(self.z)]
-        return float(np.ptp(valid)) if valid.size else float("nan")
-
-    def rms(self) -> float:
-        """Return the root mean square of the valid heights about their mean.
-
-        Returns
-        -------
-        float
-            RMS in m; NaN when nothing is valid.
-        """
-        valid = self.z[~np.isnan(self.z)]
-        return float(valid.std()) if valid.size else float("nan")
 
     def __repr__(self) -> str:
         valid = self.z[~np.isnan(self.z)]

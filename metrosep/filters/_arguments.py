@@ -150,17 +150,15 @@ def check_single_filtering(obj: Profile | Surface, refilter: bool, *, band: str 
                 f"parameters too small; start from the primary profile {ALL_THE_SAME}"
             )
         return
-    before = [s.name for s in obj.history if s.name in _L_FILTERS and _is_short(s)]
+    before = [
+        s.name for s in obj.history if s.name in _L_FILTERS and s.parameters.get("band") == "short"
+    ]
     if band == "short" and before:
         raise DoubleFilterError(
             f"the surface has passed the filter {before[-1]} with band short already: filtering it "
             "again makes its parameters too small; start from the surface before that filter "
             f"{ALL_THE_SAME}"
         )
-
-
-def _is_short(step: Step) -> bool:
-    return step.parameters.get("band") == "short"
 
 
 def check_not_repeated(profile: Profile) -> None:

@@ -47,7 +47,7 @@ class Element:
 
 
 def checked_element(
-    obj: Profile | Surface, radius: float | None, length: float | None
+    obj: Profile | Surface, radius: arguments.Wavelength, length: arguments.Wavelength
 ) -> tuple[Element, tuple[float, ...]]:
     """Return the element that was asked for and the steps of the grid, in the order of the array."""
     arguments.check_object(obj)

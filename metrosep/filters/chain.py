@@ -80,7 +80,7 @@ def primary(
     ('P', 2.5e-06)
     """
     _refuse(profile, ("P", "R", "W"), refilter)
-    return _passed(profile, "P", "primary", end, refilter, lambda_s_m=lambda_s)
+    return _passed(profile, "P", "primary", end, refilter, None, lambda_s_m=lambda_s)
 
 
 def roughness(
@@ -216,7 +216,7 @@ def waviness(
     """
     _refuse(profile, ("R", "W") if lambda_s is None else ("P", "R", "W"), refilter)
     cutoffs = {"lambda_s_m": lambda_s, "lambda_c_m": lambda_c, "lambda_f_m": lambda_f}
-    return _passed(profile, "W", "waviness", end, refilter, **cutoffs)
+    return _passed(profile, "W", "waviness", end, refilter, None, **cutoffs)
 
 
 def _passed(
@@ -225,7 +225,8 @@ def _passed(
     name: str,
     end: End,
     refilter: bool,
-    sections: int | None = None,
+    sections: int | None,
+    /,
     **cutoffs: float | str | None,
 ) -> Profile:
     """Return the profile after its cut-offs, shortest first; the last one takes off what is longer."""

@@ -247,7 +247,7 @@ def _band(
     """Return the object after its S-filter and its L-filter."""
     if band.shortest is None and band.longest is None:
         raise DataError("the band is open on both sides: nothing is to be filtered")
-    name = "cutoff" if isinstance(obj, Profile) else "nesting_index"
+    name = "nesting_index" if obj.z.ndim == 2 else "cutoff"
     options: dict[str, Any] = {
         "end": end,
         "min_support": min_support,

@@ -150,7 +150,7 @@ def _mean(task: arguments.Task, end: str, tension: float, max_iterations: int) -
     """Return the mean line everywhere, also where nothing was measured."""
     z = task.z
     missing = np.isnan(z)
-    trend = _constant(z) if end == "closed" else _linear(z)
+    trend = np.full(z.shape, np.nanmean(z)) if end == "closed" else _linear(z)
     rest = np.where(missing, 0.0, z - trend)
     stiffness = [
         1.0 / (2.0 * np.sin(np.pi * s / w))
@@ -271,11 +271,6 @@ def _closed_smoother(n: int, k: float, tension: float) -> Smoother:
         return np.asarray(fft.irfft(fft.rfft(z, axis=0) * shaped, n, axis=0))
 
     return smooth
-
-
-def _constant(z: FloatArray) -> FloatArray:
-    """Return the mean of the measured heights, everywhere."""
-    return np.full(z.shape, np.nanmean(z))
 
 
 def _linear(z: FloatArray) -> FloatArray:

@@ -12,8 +12,6 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 
-__all__ = ["Basis", "linearisation", "values", "values_and_slopes", "values_on_axis"]
-
 _KEPT = 1 << 18
 """Values on an axis up to which they are kept."""
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.core.numbers import is_real, real
+from metrosep.core.numbers import real
 
 __all__ = ["RIGID", "Form", "Freedoms", "Placement", "Tilt", "choose_freedoms"]
 
@@ -653,14 +653,13 @@ def known_values(values: Mapping[str, float], form: Form, option: str) -> dict[s
             f"{option} maps names to values in SI, such as {{'R': 0.05}}; got {values!r}"
         )
     found: dict[str, float] = {}
+    units = {**RIGID, **form.units_of()}
     for name, value in values.items():
         key = _known(name, form)
         if key in found:
             raise DataError(f"{option} holds {key} twice, by two of its names")
-        number = float(value) if is_real(value) else float("nan")
-        if not np.isfinite(number):
-            raise DataError(f"{option}[{name!r}] is {value!r}; give a finite number in SI")
-        found[key] = number
+        dimension = {"m": "length", "rad": "angle"}.get(units.get(key, ""))
+        found[key] = real(value, f"{option}[{name!r}]", dimension=dimension, what="a number in SI")
     return found
 
 
@@ -672,7 +671,7 @@ def _asked(form: Form, free: Sequence[str] | None, default: tuple[str, ...]) -> 
     names = [_known(n, form) for n in ((free,) if isinstance(free, str) else free)]
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
-        raise DataError(f"{', '.join(twice)} stands twice in free")
+        raise DataError(f"{', '.join(twice)} is given twice in free")
     return names
 
 

@@ -7,6 +7,7 @@ towards +z, out of the material, and is a concave part.
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self, cast
@@ -226,8 +227,32 @@ _HIGHEST = 40
 """Powers above it are a slip of the pen."""
 
 
+class Departing(Shape):
+    """A sphere or conic with something added to it along the axis."""
+
+    @abstractmethod
+    def departure(self, x: FloatArray, y: FloatArray) -> FloatArray:
+        """Return what is added, the height above the sphere or conic along the axis.
+
+        Parameters
+        ----------
+        x, y : ndarray, m
+            Positions in the form's frame.
+
+        Returns
+        -------
+        ndarray, m
+            Heights.
+
+        Raises
+        ------
+        DataError
+            If a parameter or the radius is not known yet.
+        """
+
+
 @dataclass(frozen=True, repr=False)
-class Asphere(Shape):
+class Asphere(Departing):
     """A conic of revolution with added powers of the radius.
 
     Parameters
@@ -248,7 +273,7 @@ class Asphere(Shape):
     ------
     DataError
         If R or norm_radius is zero, a value is not finite, a power is not an integer from 2 to 40,
-        stands twice, or is even in `odd`.
+        is given twice, or is even in `odd`.
 
     Notes
     -----
@@ -280,7 +305,7 @@ class Asphere(Shape):
         terms = _terms(self.coefficients, first=4, is_odd=False)
         for power, value in _terms(self.odd, first=3, is_odd=True).items():
             if power in terms:
-                raise DataError(f"the power {power} stands twice in the asphere; give it once")
+                raise DataError(f"the power {power} is given twice in the asphere; give it once")
             terms[power] = value
         ordered = tuple(sorted(terms.items()))
         norm = self.norm_radius
@@ -323,23 +348,6 @@ class Asphere(Shape):
         return form.with_parameters(**{n: v for n, v in conic.parameters.items() if v is not None})
 
     def departure(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the added powers alone, the departure from the conic.
-
-        Parameters
-        ----------
-        x, y : ndarray, m
-            Positions in the form's frame.
-
-        Returns
-        -------
-        ndarray, m
-            Heights.
-
-        Raises
-        ------
-        DataError
-            If a coefficient is not known yet.
-        """
         return self._powers(x * x + y * y, lowered=0)
 
     def _powers(self, square: FloatArray, *, lowered: int) -> FloatArray:

@@ -281,7 +281,7 @@ class Expression(Shape):
             raise DataError(f"the formula does not hold the parameter {', '.join(idle)}")
         strange = sorted((units or {}).keys() - parameters.keys())
         if strange:
-            raise DataError(f"units names {', '.join(strange)}, which is no parameter")
+            raise DataError(f"units names {', '.join(strange)}, which is not a parameter")
         unit_of = {n: (units or {}).get(n, "") for n in parameters}
         self._set(
             text=text,

@@ -15,6 +15,7 @@ import numpy as np
 from metrosep.core._arrays import CheckedArray, FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError
+from metrosep.core.numbers import choice
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
@@ -109,10 +110,10 @@ def fit(
         raise DataError(
             f"form must be a metrosep form such as Sphere(), got {type(form).__name__}"
         )
-    _check_choice("tilt", tilt, ("plane", "rotation"))
-    _check_choice("direction", direction, ("vertical", "normal"))
+    choice(tilt, "tilt", ("plane", "rotation"))
+    choice(direction, "direction", ("vertical", "normal"))
     if robust is not None:
-        _check_choice("robust", robust, ("tukey", "huber"))
+        choice(robust, "robust", ("tukey", "huber"))
     if isinstance(obj, Profile) and isinstance(form, Polynomial):
         form = form.for_profile()
     points = points_of(obj, centre=centre, middle=form.has_centre)
@@ -153,11 +154,6 @@ def remove(
         Measured minus ideal, with the fit in its history.
     """
     return fit(obj, form, **options).residual  # type: ignore[arg-type]
-
-
-def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    if value not in choices:
-        raise DataError(f"{name} must be one of {', '.join(choices)}, got {value!r}")
 
 
 def _result(
@@ -262,7 +258,7 @@ def _tied(names: Sequence[str], cov: FloatArray) -> list[str]:
         return []
     r = cov / np.outer(sd, sd)
     pairs = [
-        (abs(r[i, j]), f"{names[i]} and {names[j]} hang together (correlation {r[i, j]:+.4f})")
+        (abs(r[i, j]), f"{names[i]} and {names[j]} are strongly correlated ( {r[i, j]:+.4f})")
         for i in range(len(names))
         for j in range(i)
         if abs(r[i, j]) > _STRONG

@@ -242,7 +242,7 @@ def _without_the_undetermined(
         return job  # a part so curved that the held form does not reach its rim
     if solution.is_at_rim:  # where slopes are infinite, nothing linearised is true
         return held
-    placed, open_, doubtful = held.placed(values), job.freedoms, dict[str, float]()
+    placed, open_, undetermined = held.placed(values), job.freedoms, dict[str, float]()
     while weak:
         u = _linearised_u(job.points, placed, open_)
         if len(weak) > 1 and np.isinf([u[n] for n in weak]).all():  # one may hide the other
@@ -252,12 +252,12 @@ def _without_the_undetermined(
         worst = max(weak, key=lambda n: u[n])
         if not u[worst] > 1.0:
             break
-        doubtful[worst] = u[worst]
+        undetermined[worst] = u[worst]
         weak.remove(worst)
         open_ = replace(open_, shape=tuple(n for n in open_.shape if n != worst))
-    if not doubtful:
+    if not undetermined:
         return job
-    begun = _held(job, given, start, {n: at[n] for n in doubtful}, doubtful)
+    begun = _held(job, given, start, {n: at[n] for n in undetermined}, undetermined)
     return begun if weak else replace(begun, begin=placed)  # that is solved already
 
 
@@ -795,8 +795,6 @@ def vertex(x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[float, float]:
 def best_shift(form: Form, points: Points, *, free: tuple[bool, bool]) -> tuple[float, float]:
     """Return the shift of the form, in whole samples, that leaves the smallest sum of squares.
 
-    Notes
-    -----
     The sum of squares for every shift comes from three correlations by FFT; the piston is taken
     out for each. A large map is thinned to 512 points per side first.
     """

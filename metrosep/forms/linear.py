@@ -19,11 +19,11 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import (
-    DataError,
     DegenerateFitError,
     InvalidSamplesError,
     NotConvergedError,
 )
+from metrosep.core.numbers import choice
 from metrosep.forms.base import Form, Freedoms, Placement
 from metrosep.forms.moments import LeastSquares
 from metrosep.forms.points import Points
@@ -251,8 +251,6 @@ def solve_blocks(
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return the least-squares coefficients, the inverse normal matrix, the sum of squares left.
 
-    Notes
-    -----
     Each block is reduced to its triangle R by Householder reflections, and stacked triangles are
     reduced again. The mean height, if the functions can hold it, should be removed before.
     """
@@ -459,8 +457,7 @@ def spread(deviation: FloatArray) -> float:
 
 def robust_weights(deviation: FloatArray, scale: float, rule: Robust) -> FloatArray:
     """Return the weight of each point, 0 to 1."""
-    if rule not in _TUNING:
-        raise DataError(f"robust must be one of {', '.join(_TUNING)}, got {rule!r}")
+    choice(rule, "robust", _TUNING)
     limit = _TUNING[rule] * scale
     magnitude = np.abs(deviation)
     if limit == 0.0:
@@ -474,9 +471,7 @@ def robust_weights(deviation: FloatArray, scale: float, rule: Robust) -> FloatAr
 def robust_variance(deviation: FloatArray, scale: float, rule: Robust, p: int) -> float:
     """Return the factor of ``(J'J)^-1`` in the covariance of a robust fit.
 
-    References
-    ----------
-    .. [1] Huber 1981, Robust Statistics, Eq. (6.5).
+    Source: Huber 1981, Robust Statistics, Eq. (6.5).
     """
     r = deviation[~np.isnan(deviation)]
     if r.size <= p:

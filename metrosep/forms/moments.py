@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
+from metrosep.core.docs import documented
 from metrosep.core.errors import (
     DegenerateFitError,
     InvalidSamplesError,
@@ -52,6 +53,29 @@ Kind = Literal["total", "tensor"]
 
 MAX_DEGREE = 40
 """Far above what a surface needs; the normal matrix has up to 1681 rows there."""
+
+
+DOCS = {
+    "map": """
+        z : array_like, shape (n_y, n_x), m
+            Heights; NaN where not measured.
+        """,
+    "degree": """
+        degree : int
+            Highest degree, 0 to 40.
+        kind : {"total", "tensor"}, optional
+            Terms with ``i + j <= degree``, or with each of i and j ``<= degree``.
+        """,
+    "raises": """
+        DataError
+            If the degree or the kind is not one of those above.
+        InvalidSamplesError
+            If z is not two-dimensional or infinite, or weights do not fit.
+        DegenerateFitError
+            If the valid pixels do not determine the terms.
+        """,
+}
+"""Parts of the docstrings of polynomial fits."""
 
 
 class LeastSquares:
@@ -131,6 +155,7 @@ class GridPolynomial(LeastSquares):
         return int(self.coefficients.shape[0]) - 1
 
 
+@documented(**DOCS)
 def fit_grid_polynomial(
     z: ArrayLike,
     degree: int,
@@ -143,12 +168,8 @@ def fit_grid_polynomial(
 
     Parameters
     ----------
-    z : array_like, shape (n_y, n_x), m
-        Heights; NaN where not measured.
-    degree : int
-        Highest degree, 0 to 40.
-    kind : {"total", "tensor"}, optional
-        Terms with ``i + j <= degree``, or with each of i and j ``<= degree``.
+    $map
+    $degree
     weights : array_like, shape (n_y, n_x), optional
         Weight of each pixel, 0 to 1; 0 excludes it.
     refine : bool, optional
@@ -162,12 +183,7 @@ def fit_grid_polynomial(
 
     Raises
     ------
-    DataError
-        If the degree or the kind is not one of those above.
-    InvalidSamplesError
-        If z is not two-dimensional or infinite, or weights do not fit.
-    DegenerateFitError
-        If the valid pixels do not determine the terms.
+    $raises
 
     Notes
     -----
@@ -181,6 +197,7 @@ def fit_grid_polynomial(
     return fit
 
 
+@documented(**DOCS)
 def remove_grid(
     z: ArrayLike,
     degree: int,
@@ -193,12 +210,8 @@ def remove_grid(
 
     Parameters
     ----------
-    z : array_like, shape (n_y, n_x), m
-        Heights; NaN where not measured.
-    degree : int
-        Highest degree, 0 to 40.
-    kind : {"total", "tensor"}, optional
-        Terms with ``i + j <= degree``, or with each of i and j ``<= degree``.
+    $map
+    $degree
     weights : array_like, shape (n_y, n_x), optional
         Weight of each pixel, 0 to 1. The polynomial is removed from every valid pixel.
     refine : bool, optional
@@ -213,12 +226,7 @@ def remove_grid(
 
     Raises
     ------
-    DataError
-        If the degree or the kind is not one of those above.
-    InvalidSamplesError
-        If z is not two-dimensional or infinite, or weights do not fit.
-    DegenerateFitError
-        If the valid pixels do not determine the terms.
+    $raises
     """
     heights, given = _checked(z, weights)
     span = _span(degree, kind)

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import FloatArray, frozen_float, same_length
+from metrosep.core._arrays import FloatArray, Heights, frozen_float, position, same_length
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.middle import assumed_axis
-from metrosep.core.numbers import is_real
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.surface import Surface
@@ -28,7 +27,7 @@ SAMPLE = 20_000
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PointSet:
+class PointSet(Heights):
     """Heights at scattered positions, such as the list of a coordinate measuring machine.
 
     Parameters
@@ -82,22 +81,6 @@ class PointSet:
             object.__setattr__(self, name, array)
         object.__setattr__(self, "metadata", freeze_mapping(metadata))
         object.__setattr__(self, "history", tuple(history))
-
-    @property
-    def n_invalid(self) -> int:
-        """Number of points that were not measured."""
-        return int(np.isnan(self.z).sum())
-
-    def peak_to_valley(self) -> float:
-        """Return the largest minus the smallest valid height.
-
-        Returns
-        -------
-        float
-            P-V in m; NaN when nothing is valid.
-        """
-        valid = self.z[~np.isnan(self.z)]
-        return float(np.ptp(valid)) if valid.size else float("nan")
 
     def __repr__(self) -> str:
         return f"PointSet({self.z.size} points)"
@@ -227,7 +210,7 @@ def points_of(
     obj: Surface | Profile | PointSet, *, centre: tuple[float, float] | None, middle: bool
 ) -> Points:
     """Return the points of an object, measured from a centre."""
-    centre = None if centre is None else _pair(centre)
+    centre = None if centre is None else position(centre, "centre")
     if isinstance(obj, Profile):
         x0 = 0.0 if centre is None else float(centre[0])
         points = Points(obj.x - x0, np.zeros(1), obj.z[None, :], (x0, 0.0))
@@ -255,14 +238,3 @@ def points_of(
     if points.is_empty:
         raise TooFewSamplesError("no sample was measured (all are NaN): nothing can be fitted")
     return points
-
-
-def _pair(centre: Any) -> tuple[float, float]:
-    """Return the centre as two finite numbers."""
-    try:
-        x0, y0 = (float(v) if is_real(v) else float("nan") for v in centre)
-    except (TypeError, ValueError):
-        x0 = y0 = float("nan")
-    if not (np.isfinite(x0) and np.isfinite(y0)):
-        raise DataError(f"centre is a pair of finite positions (x, y) in m, got {centre!r}")
-    return x0, y0

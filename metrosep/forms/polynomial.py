@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import documented
 from metrosep.core.errors import DataError
 from metrosep.core.numbers import choice, count
 from metrosep.forms._orthogonal import Basis, values, values_and_slopes
 from metrosep.forms.base import checked
 from metrosep.forms.linear import LinearFit, LinearForm
-from metrosep.forms.moments import MAX_DEGREE, Kind, polynomial_terms
+from metrosep.forms.moments import DOCS, MAX_DEGREE, Kind, polynomial_terms
 from metrosep.forms.polynomial_fit import (
     Domain,
     fit_grid,
@@ -37,15 +38,13 @@ _BLOCK = 65536
 """Points that are evaluated at once."""
 
 
+@documented(**DOCS)
 class Polynomial(LinearForm):
     """A polynomial in x, or in x and y.
 
     Parameters
     ----------
-    degree : int
-        Highest degree, 0 to 40.
-    kind : {"total", "tensor"}, optional
-        Terms with ``i + j <= degree``, or with each of i and j ``<= degree``.
+    $degree
     basis : {"power", "legendre", "chebyshev"}, optional
         Functions of each variable.
     variables : {1, 2}, optional
@@ -140,7 +139,8 @@ class Polynomial(LinearForm):
         if isinstance(given, Mapping):
             stray = [k for k in given if k not in names]
             if stray:
-                raise DataError(f"{self.name} has no parameter {stray[0]!r}; {_few(names)}")
+                there = ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
+                raise DataError(f"{self.name} has no parameter {stray[0]!r}; there are: {there}")
             return tuple(checked(given.get(k), k) for k in names)
         c = np.asarray(given, dtype=np.float64)
         n = self.degree + 1
@@ -162,7 +162,9 @@ class Polynomial(LinearForm):
     def units(self) -> Mapping[str, str]:  # type: ignore[override]
         if self.basis_name != "power":
             return dict.fromkeys(self.names, "m")
-        return dict(zip(self.names, (_unit(i + j) for i, j in self.terms), strict=True))
+        powers = {0: "m", 1: "1"}
+        units = (powers.get(i + j, f"m^{1 - i - j}") for i, j in self.terms)
+        return dict(zip(self.names, units, strict=True))
 
     @property
     def spanned(self) -> frozenset[str]:
@@ -370,17 +372,10 @@ def _each(value: float | Sequence[float], n: int, name: str) -> tuple[float, ...
     return numbers
 
 
-def _unit(power: int) -> str:
-    return {0: "m", 1: "1"}.get(power, f"m^{1 - power}")
-
-
-def _few(names: Sequence[str]) -> str:
-    return "there are: " + ", ".join(names[:12]) + (", ..." if len(names) > 12 else "")
-
-
 # ---- polynomials by the name of their basis: Legendre, Chebyshev, XY ---------------------------
 
 
+@documented(**DOCS)
 def Legendre(  # noqa: N802  # a form, though made by a function
     degree: int, *, kind: Kind = "total", **options: Any
 ) -> Polynomial:
@@ -388,10 +383,7 @@ def Legendre(  # noqa: N802  # a form, though made by a function
 
     Parameters
     ----------
-    degree : int
-        Highest degree, 0 to 40.
-    kind : {"total", "tensor"}, optional
-        Terms with ``i + j <= degree``, or with each of i and j ``<= degree``.
+    $degree
     **options : object
         Of `Polynomial`.
 
@@ -403,6 +395,7 @@ def Legendre(  # noqa: N802  # a form, though made by a function
     return Polynomial(degree, kind=kind, basis="legendre", **options)
 
 
+@documented(**DOCS)
 def Chebyshev(  # noqa: N802  # a form, though made by a function
     degree: int, *, kind: Kind = "total", **options: Any
 ) -> Polynomial:
@@ -410,10 +403,7 @@ def Chebyshev(  # noqa: N802  # a form, though made by a function
 
     Parameters
     ----------
-    degree : int
-        Highest degree, 0 to 40.
-    kind : {"total", "tensor"}, optional
-        Terms with ``i + j <= degree``, or with each of i and j ``<= degree``.
+    $degree
     **options : object
         Of `Polynomial`.
 

@@ -38,8 +38,6 @@ def fit_profile(
 ) -> RawFit:
     """Return the least-squares polynomial z(x), in Legendre polynomials on the span of the data.
 
-    Notes
-    -----
     Orthogonal factorisation in blocks: a million points need no more memory than a block.
     """
     xs, zs, w = _valid(x, z, weights)

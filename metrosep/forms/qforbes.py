@@ -20,8 +20,8 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.numbers import choice, positive
-from metrosep.forms.base import Shape, checked, positive_root
-from metrosep.forms.conic import Conic
+from metrosep.forms.base import checked, positive_root
+from metrosep.forms.conic import Conic, Departing
 
 __all__ = ["QForbes", "q_bfs", "q_con"]
 
@@ -36,13 +36,9 @@ _HIGHEST = 100
 def q_con(X: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
     """Return Qcon_0 ... Qcon_(n-1) and their derivatives by X.
 
-    Notes
-    -----
     Jacobi polynomials P_m^(0,4)(2 X - 1), by their recurrence.
 
-    References
-    ----------
-    .. [1] Forbes, Opt. Express 15 (2007) 5218, appendix A.
+    Source: Forbes, Opt. Express 15 (2007) 5218, appendix A.
     """
     steps = [(6.0, -5.0, 0.0)]
     for m in range(2, n):
@@ -56,14 +52,10 @@ def q_con(X: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
 def q_bfs(X: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
     """Return Qbfs_0 ... Qbfs_(n-1) and their derivatives by X.
 
-    Notes
-    -----
     ``S_m = X (1 - X) Qbfs_m`` have ``integral_0^1 S_m' S_n' (2/pi) / sqrt(1 - u^2) du = delta_mn``,
     with derivatives by u.
 
-    References
-    ----------
-    .. [1] Forbes, Opt. Express 18 (2010) 19700, for P_m and the recurrence of f, g, h.
+    Source: Forbes, Opt. Express 18 (2010) 19700, for P_m and the recurrence of f, g, h.
     """
     p, dp = _climb(X, n, [(-4.0, 3.0, 0.0), *((-4.0, 2.0, 1.0) for _ in range(2, n))])
     p, dp = 2.0 * p, 2.0 * dp
@@ -108,7 +100,7 @@ def _bfs_steps(n: int) -> tuple[tuple[float, float, float], ...]:
 
 
 @dataclass(frozen=True, repr=False)
-class QForbes(Shape):
+class QForbes(Departing):
     """A rotationally symmetric asphere in Forbes' polynomials.
 
     Parameters
@@ -205,23 +197,6 @@ class QForbes(Shape):
         return self._with(now, radius)
 
     def departure(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the height above the sphere or conic, along the axis.
-
-        Parameters
-        ----------
-        x, y : ndarray, m
-            Positions in the form's frame.
-
-        Returns
-        -------
-        ndarray, m
-            Heights.
-
-        Raises
-        ------
-        DataError
-            If a parameter or the radius is not known yet.
-        """
         return self._sum(self._basis(x * x + y * y)[0])
 
     def _sum(self, functions: FloatArray) -> FloatArray:

@@ -206,7 +206,7 @@ class FitResult:
             if low > 0.0 or high < 0.0:
                 bounds = f"{name} between {_length(1.0 / high)} and {_length(1.0 / low)}"
             found.append(
-                f"{name} is hardly told from a flat: {bent} = {c:.3g} 1/m, U = {U:.2g} 1/m "
+                f"{name} can hardly be distinguished from a flat: {bent} = {c:.3g} 1/m, U = {U:.2g} 1/m "
                 f"(power {format_length(c * sag)}, U = {format_length(U * sag)} over the aperture);"
                 f" with 95 % {bounds}"
             )

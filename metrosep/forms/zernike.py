@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import documented
 from metrosep.core.errors import DataError
 from metrosep.core.numbers import choice, count, positive
 from metrosep.forms.base import checked
@@ -109,6 +110,7 @@ class Zernike(LinearForm):
         radius: float | None = None,
         normalisation: Normalisation | None = None,
     ) -> None:
+        choice(order, "order", ("ansi", "noll", "fringe"))
         known = _numbered(terms, order) if type(terms) is int else _counted(terms, order)
         self.indices, self.nm, self.names = known
         self.order = order
@@ -268,6 +270,24 @@ _FOILS = {2: "astigmatism", 3: "trefoil", 4: "tetrafoil", 5: "pentafoil", 6: "he
 _RANKS = {1: "primary", 2: "secondary", 3: "tertiary", 4: "quaternary"}
 
 
+_NUMBER_OF_TERM = """
+    Parameters
+    ----------
+    n, m : int
+        Radial order, azimuthal order.
+
+    Returns
+    -------
+    int
+        ANSI counts from 0, Noll and Fringe from 1.
+
+    Raises
+    ------
+    DataError
+        If there is no such term.
+    """
+
+
 def ansi_to_nm(j: int) -> tuple[int, int]:
     """Return (n, m) of ANSI Z80.28 / ISO 24157 term j = 0, 1, 2, ...
 
@@ -296,23 +316,11 @@ def ansi_to_nm(j: int) -> tuple[int, int]:
     return n, 2 * j - n * (n + 2)
 
 
+@documented(number_of_term=_NUMBER_OF_TERM)
 def nm_to_ansi(n: int, m: int) -> int:
     """Return the ANSI number of a term.
 
-    Parameters
-    ----------
-    n, m : int
-        Radial order, azimuthal order.
-
-    Returns
-    -------
-    int
-        From 0.
-
-    Raises
-    ------
-    DataError
-        If there is no such term.
+    $number_of_term
     """
     n, m = _orders(n, m)
     return (n * (n + 2) + m) // 2
@@ -352,23 +360,11 @@ def noll_to_nm(j: int) -> tuple[int, int]:
     return n, m if j % 2 == 0 else -m
 
 
+@documented(number_of_term=_NUMBER_OF_TERM)
 def nm_to_noll(n: int, m: int) -> int:
     """Return the Noll number of a term.
 
-    Parameters
-    ----------
-    n, m : int
-        Radial order, azimuthal order.
-
-    Returns
-    -------
-    int
-        From 1.
-
-    Raises
-    ------
-    DataError
-        If there is no such term.
+    $number_of_term
     """
     n, m = _orders(n, m)
     first = n * (n + 1) // 2 + 1
@@ -410,23 +406,11 @@ def fringe_to_nm(j: int) -> tuple[int, int]:
     return 2 * half - m, m if place % 2 == 0 else -m
 
 
+@documented(number_of_term=_NUMBER_OF_TERM)
 def nm_to_fringe(n: int, m: int) -> int:
     """Return the Fringe number of a term.
 
-    Parameters
-    ----------
-    n, m : int
-        Radial order, azimuthal order.
-
-    Returns
-    -------
-    int
-        From 1.
-
-    Raises
-    ------
-    DataError
-        If there is no such term.
+    $number_of_term
     """
     n, m = _orders(n, m)
     half = (n + abs(m)) // 2
@@ -448,7 +432,7 @@ def term_indices(terms: int | Sequence[int], order: ZernikeOrder) -> tuple[int, 
     """
     check = _to_nm(order)
     first = 0 if order == "ansi" else 1
-    if isinstance(terms, int) and not isinstance(terms, bool):
+    if isinstance(terms, int | np.integer) and not isinstance(terms, bool):
         indices = tuple(range(first, first + terms))
     else:
         try:

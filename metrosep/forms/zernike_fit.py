@@ -67,8 +67,6 @@ def fit_zernike_grid(
 ) -> ZernikeFit:
     """Return the least-squares Zernike coefficients of a map on a disc around the origin.
 
-    Notes
-    -----
     Cost: one pass over the map for orders up to 12.
     """
     heights = np.asarray(z, dtype=np.float64)

@@ -99,7 +99,7 @@ class FoundRuns:
 
     def __str__(self) -> str:
         if self.run != BLOCKS:
-            return f"holds {self.n} runs, told apart by column {self.run!r}"
+            return f"holds {self.n} runs, distinguished by column {self.run!r}"
         shown = ", ".join(map(str, self.lines[:8])) + (", ..." if len(self.lines) > 8 else "")
         return f"holds {self.n} runs one below the other, which begin at lines {shown}"
 
@@ -109,7 +109,7 @@ class FoundRuns:
         if not {"x", "z"} <= given.keys():
             known = "".join(f", {k}={v!r}" for k, v in given.items() if k not in ("x", "z"))
             return (
-                "which columns are position and reading is not told by their names: read them with "
+                "which columns are position and reading does not follow from their names: read them with "
                 f"metrosep.read_runs({str(path)!r}, x=COLUMN, z=COLUMN{known}), or with: metrosep "
                 f"separate {shlex.quote(str(path))} --x COLUMN --z COLUMN --run {self.run}"
             )

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -349,50 +349,69 @@ def describe(
             raise
         table = read_table(file, **{k: v for k, v in options.items() if k in TEXT_OPTIONS})
         return _of_table(file, table)
-    heights = None if isinstance(obj, Recording) else obj.z
-    dx, dy = _steps(obj)
+    facts: dict[str, Any] = {}
+    if isinstance(obj, Recording):
+        samples = list(obj.channels.values())
+        shape = [len(obj), len(samples)]
+        facts = {
+            "channels": {name: obj.units.get(name, "") for name in obj.channels},
+            "duration_s": obj.duration,
+            "time_step_s": float(np.median(np.diff(obj.t))) if len(obj) > 1 else 0.0,
+        }
+    else:
+        samples = [obj.z]
+        shape = list(obj.z.shape)
+        facts = {"pv": obj.peak_to_valley(), "sq": obj.rms(), "mean": float(np.nanmean(obj.z))}
+        if isinstance(obj, Surface) or obj.is_uniform:
+            facts |= {"dx_m": obj.dx, "dy_m": obj.dy if isinstance(obj, Surface) else None}
+    kind = type(obj).__name__.lower()
+    return _listed(file, description.id, kind, shape, samples, obj.metadata, **facts)
+
+
+def _listed(
+    file: RawFile,
+    format_id: str,
+    kind: str,
+    shape: list[int],
+    samples: Iterable[FloatArray],
+    metadata: Mapping[str, Any],
+    *,
+    pv: float = math.nan,
+    sq: float = math.nan,
+    mean: float = math.nan,
+    dx_m: float | None = None,
+    dy_m: float | None = None,
+    **more: Any,
+) -> dict[str, Any]:
+    """Return what is known of any object, None for what it has not."""
+    heights = {"pv_nm": pv, "sq_nm": sq, "mean_nm": mean}
     return {
-        **_of_recording(obj),
-        "format": description.id,
-        "kind": type(obj).__name__.lower(),
-        "shape": _shape(obj),
-        "dx_m": dx,
-        "dy_m": dy,
-        "n_invalid": _invalid(obj),
-        "pv_nm": None if isinstance(obj, Recording) else _nm(obj.peak_to_valley()),
-        "sq_nm": None if isinstance(obj, Recording) else _nm(obj.rms()),
-        "mean_nm": None if heights is None else _nm(float(np.nanmean(heights))),
+        **more,
+        "format": format_id,
+        "kind": kind,
+        "shape": shape,
+        "dx_m": dx_m,
+        "dy_m": dy_m,
+        "n_invalid": sum(int(np.isnan(values).sum()) for values in samples),
+        **{name: v * 1e9 if math.isfinite(v) else None for name, v in heights.items()},
         "sha256": file.sha256,
-        "metadata": _plain(obj.metadata),
+        "metadata": _plain(metadata),
     }
 
 
 def _of_runs(file: RawFile, runs: RunSet) -> dict[str, Any]:
-    readings = np.concatenate([run.z for run in runs])
-    return {
-        "format": "metrosep-h5",
-        "kind": "runs",
-        "shape": [len(runs), int(readings.size)],
-        "dx_m": None,
-        "dy_m": None,
-        "n_invalid": int(np.isnan(readings).sum()),
-        "pv_nm": _nm(float(np.nanmax(readings) - np.nanmin(readings))),
-        "sq_nm": _nm(float(np.nanstd(readings))),
-        "mean_nm": _nm(float(np.nanmean(readings))),
-        "sha256": file.sha256,
-        "metadata": _plain({**runs.metadata, "feeds_m_s": runs.feeds}),
-    }
-
-
-def _of_recording(obj: Surface | Profile | Recording) -> dict[str, Any]:
-    if not isinstance(obj, Recording):
-        return {}
-    step = float(np.median(np.diff(obj.t))) if len(obj) > 1 else 0.0
-    return {
-        "channels": {name: obj.units.get(name, "") for name in obj.channels},
-        "duration_s": obj.duration,
-        "time_step_s": step,
-    }
+    z = np.concatenate([run.z for run in runs])
+    return _listed(
+        file,
+        "metrosep-h5",
+        "runs",
+        [len(runs), int(z.size)],
+        [z],
+        {**runs.metadata, "feeds_m_s": runs.feeds},
+        pv=float(np.nanmax(z) - np.nanmin(z)),
+        sq=float(np.nanstd(z)),
+        mean=float(np.nanmean(z)),
+    )
 
 
 def _of_table(file: RawFile, table: Table) -> dict[str, Any]:
@@ -411,45 +430,9 @@ def _of_table(file: RawFile, table: Table) -> dict[str, Any]:
         "header": header,
         "lines": table.ledger,
     }
-    return {
-        "format": "delimited",
-        "kind": "table",
-        "shape": [len(table), len(table.columns)],
-        "dx_m": None,
-        "dy_m": None,
-        "n_invalid": sum(
-            int(np.isnan(c.values).sum()) for c in table.columns if c.values is not None
-        ),
-        "pv_nm": None,
-        "sq_nm": None,
-        "mean_nm": None,
-        "sha256": file.sha256,
-        "metadata": _plain(metadata),
-    }
-
-
-def _steps(obj: Surface | Profile | Recording) -> tuple[float | None, float | None]:
-    if isinstance(obj, Surface):
-        return obj.dx, obj.dy
-    if isinstance(obj, Profile) and obj.is_uniform:
-        return obj.dx, None
-    return None, None
-
-
-def _shape(obj: Surface | Profile | Recording) -> list[int]:
-    if isinstance(obj, Surface):
-        return list(obj.shape)
-    return [len(obj)] if isinstance(obj, Profile) else [len(obj), len(obj.channels)]
-
-
-def _invalid(obj: Surface | Profile | Recording) -> int:
-    if isinstance(obj, Recording):
-        return sum(int(np.isnan(c).sum()) for c in obj.channels.values())
-    return obj.n_invalid
-
-
-def _nm(value: float) -> float | None:
-    return value * 1e9 if math.isfinite(value) else None
+    numbers = [c.values for c in table.columns if c.values is not None]
+    shape = [len(table), len(table.columns)]
+    return _listed(file, "delimited", "table", shape, numbers, metadata)
 
 
 def _plain(value: Any) -> Any:

@@ -10,23 +10,18 @@ from __future__ import annotations
 
 import re
 import struct
-import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, ReadError
 from metrosep.core.units import parse_unit
 from metrosep.io.source import RawFile
 
-if TYPE_CHECKING:
-    import zipfile
-
 __all__ = [
     "HDF5_MAGIC",
-    "ZIP_DAMAGE",
     "Cursor",
     "Fields",
     "Marks",
@@ -41,7 +36,6 @@ __all__ = [
     "preview",
     "sniffer",
     "structure",
-    "zip_members",
 ]
 
 
@@ -108,11 +102,13 @@ class Marks:
         return Match.YES if found else Match.NO
 
     def _in_archive(self, file: RawFile) -> Match:
+        from metrosep.io.archive import LOCAL_HEADER, zip_members
+
         members = zip_members(file)
         if any(re.search(self.member or "", name) for name in members):
             return Match.YES
         named = bool(self.suffix) and file.name.lower().endswith(self.suffix)
-        return Match.MAYBE if named and file.head.startswith(_LOCAL_HEADER) else Match.NO
+        return Match.MAYBE if named and file.head.startswith(LOCAL_HEADER) else Match.NO
 
     def _in_text(self, file: RawFile) -> bool:
         from metrosep.io.text.dialect import head_text
@@ -170,9 +166,6 @@ def preview(head: bytes) -> str:
 # ---- directories of containers -----------------------------------------------------------------
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
-_LOCAL_HEADER = b"PK\x03\x04"
-_SHOWN = 2**16
-"""Bytes of a member that a recogniser looks at."""
 
 
 def has_hdf5_magic(file: RawFile) -> bool:
@@ -185,50 +178,6 @@ def has_hdf5_magic(file: RawFile) -> bool:
                 return True
             offset = 2 * offset or 512
     return False
-
-
-def zip_members(file: RawFile, *wanted: str) -> dict[str, bytes]:
-    """Return the members by name with the start of those wanted; of a cut archive, those in its head."""
-    if not file.head.startswith(_LOCAL_HEADER):
-        return {}
-    import zipfile
-
-    try:
-        with file.stream() as handle, zipfile.ZipFile(handle) as archive:
-            return {n: _start(archive, n) if n in wanted else b"" for n in archive.namelist()}
-    except (zipfile.BadZipFile, *ZIP_DAMAGE):
-        pass
-    members = {}
-    at = file.head.find(_LOCAL_HEADER)
-    while 0 <= at <= len(file.head) - 30:
-        method, n_name, n_extra = struct.unpack_from("<8xH16xHH", file.head, at)
-        name = file.head[at + 30 : at + 30 + n_name].decode("latin-1")
-        content = file.head[at + 30 + n_name + n_extra :]
-        try:
-            if method == zipfile.ZIP_DEFLATED:
-                content = zlib.decompressobj(-15).decompress(content, _SHOWN)
-        except zlib.error:
-            content = b""
-        members[name] = content[:_SHOWN]
-        at = file.head.find(_LOCAL_HEADER, at + 4)
-    return members
-
-
-ZIP_DAMAGE = (
-    zlib.error, struct.error, EOFError, OSError, ValueError, RuntimeError, NotImplementedError,
-    OverflowError,
-)  # fmt: skip
-"""What `zipfile` raises for damaged archives, beside ``BadZipFile``."""
-
-
-def _start(archive: zipfile.ZipFile, name: str) -> bytes:
-    import zipfile
-
-    try:
-        with archive.open(name) as stream:
-            return stream.read(_SHOWN)
-    except (zipfile.BadZipFile, *ZIP_DAMAGE):
-        return b""
 
 
 # ---- binary headers ----------------------------------------------------------------------------
@@ -271,6 +220,17 @@ class Structure:
                 value = value.split(b"\0")[0].decode("latin-1").strip()
             found[name] = value
         return found
+
+    def pack(self, values: Mapping[str, Any], size: int) -> bytes:
+        """Return a header with these values; text is padded with blanks, all else is zero."""
+        packed = bytearray(size)
+        for offset, code, name in self.layout:
+            if name in values:
+                value = values[name]
+                if code.endswith("s"):
+                    value = str(value).encode("ascii").ljust(int(code[:-1]))
+                struct.pack_into(self.order + code, packed, offset, value)
+        return bytes(packed)
 
 
 class Fields(dict[str, Any]):
@@ -494,7 +454,9 @@ class TextFields:
         """Return the error about a value that is missing or not usable."""
         text = self.texts.get(name)
         line = self.lines.get(name)
-        state = "is missing" if text is None else "is not usable" if self.noun else "is no number"
+        state = (
+            "is missing" if text is None else "is not usable" if self.noun else "is not a number"
+        )
         return self.file.corrupt(
             f"{self.noun} {name} {state}".strip(),
             field=f"line {line}, {name}" if line else name,

@@ -7,6 +7,7 @@ its own steps stay in the metadata.
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -281,26 +282,42 @@ class Request:
 
 
 def map_reader(
-    format_id: str, title: str, own_units: str = "", *, several: bool = False
-) -> Callable[[Callable[[Request], _Made]], Callable[..., _Made]]:
-    """Return what makes ``read`` of a module from a function of a `Request`."""
+    format_id: str,
+    title: str,
+    own_units: str = "",
+    *,
+    several: bool = False,
+    pixels: bool = True,
+    no_steps: str = "",
+) -> Callable[[Callable[..., _Made]], Callable[..., _Made]]:
+    """Return what makes ``read`` of a module from a function of a `Request` and its own options."""
 
-    def made(build: Callable[[Request], _Made]) -> Callable[..., _Made]:
+    def made(build: Callable[..., _Made]) -> Callable[..., _Made]:
         def read(
             file: RawFile,
             *,
             channel: str | None = None,
             lateral_step: Any = None,
             unit: Any = None,
-            max_pixels: int | None = None,
+            **own: Any,
         ) -> _Made:
             if own_units:
                 refuse_options(file, own_units, unit=unit)
+            if no_steps:
+                refuse_options(file, no_steps, lateral_step=lateral_step)
             if not several:
                 only_channels(file, title, channel)
+            most = own.pop("max_pixels", None) if pixels else None
             override = lateral_steps(lateral_step)
-            return build(Request(file, format_id, title, channel, override, unit, max_pixels))
+            return build(Request(file, format_id, title, channel, override, unit, most), **own)
 
+        usual = list(inspect.signature(read).parameters.values())[:-1]
+        if pixels:
+            keyword = inspect.Parameter.KEYWORD_ONLY
+            usual.append(inspect.Parameter("max_pixels", keyword, default=None))
+        options = list(inspect.signature(build).parameters.values())[1:]
+        shown: Any = read
+        shown.__signature__ = inspect.Signature([*usual, *options])
         read.__doc__ = build.__doc__
         return read
 

@@ -11,8 +11,10 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -36,6 +38,8 @@ __all__ = [
     "header_lines",
     "header_notes",
     "is_marked",
+    "measured_at",
+    "moment_of",
 ]
 
 _KINDS = ("P", "W", "R")
@@ -161,10 +165,10 @@ def _take_fact(file: RawFile, name: str, text: str, facts: dict[str, Any]) -> li
         facts[name] = value
         return []
     if name == _COUNT:
-        return [f"{name} of the file, {text[:40]!r}, is damaged or stands there twice: left out"]
+        return [f"{name} of the file, {text[:40]!r}, is damaged or is given twice: left out"]
     twice = name in facts
     raise file.corrupt(
-        f"what metrosep noted of the object {'stands there twice' if twice else 'is damaged'}",
+        f"what metrosep noted of the object {'is given twice' if twice else 'is damaged'}",
         field=name,
         expected="one line" if twice else _EXPECTED.get(name, "a positive length in m"),
         found=None if twice else repr(text)[:40],
@@ -281,3 +285,76 @@ def _decode(value: Any) -> Any:
     if value.keys() == {_NUMBER}:
         return float(value[_NUMBER])
     return {k: _decode(v) for k, v in value.items()}
+
+
+# ---- when something was measured, as its file says; a clock of this computer is never asked ----
+
+Header = Mapping[str, Any]
+
+_FIRST, _LAST = 1980, 2199
+"""Years outside are no dates of measuring: writers without a clock put 1970 or zeros."""
+
+
+def measured_at(metadata: Mapping[str, Any]) -> str | None:
+    """Return the date and time of measuring that the file of a map or profile states.
+
+    Examples
+    --------
+    >>> measured_at({"format": "sdf", "header": {"CreateDate": "030120261215"}})
+    '2026-01-03T12:15:00'
+    >>> measured_at({"format": "sdf", "header": {"CreateDate": "010119700000"}}) is None
+    True
+    """
+    header = metadata.get("header")
+    read = _READ.get(str(metadata.get("format")))
+    found: datetime | None = None
+    with suppress(ValueError, TypeError, KeyError, OverflowError, OSError, AttributeError):
+        if "measured_at" in metadata:
+            found = datetime.fromisoformat(str(metadata["measured_at"]))
+        elif read is not None and isinstance(header, Mapping):
+            found = read(header)
+    if found is None or not _FIRST <= found.year <= _LAST:
+        return None
+    return found.isoformat()
+
+
+def moment_of(text: str) -> datetime:
+    """Return a text of `measured_at` as a time that can be compared with others.
+
+    Examples
+    --------
+    >>> moment_of("2026-01-03T13:00:00+01:00") == moment_of("2026-01-03T12:00:00")
+    True
+    """
+    found = datetime.fromisoformat(text)
+    return found if found.tzinfo is None else found.astimezone(UTC).replace(tzinfo=None)
+
+
+def _unix(key: str) -> Callable[[Header], datetime]:
+    return lambda header: datetime.fromtimestamp(int(header[key]), UTC)
+
+
+def _sdf(header: Header) -> datetime:
+    """Day, month, year, hour and minute as twelve digits (EUNA 15178)."""
+    return datetime.strptime(str(header["CreateDate"]).strip(), "%d%m%Y%H%M")
+
+
+def _x3p(header: Header) -> datetime:
+    return datetime.fromisoformat(str(header["Record2/Date"]).strip())
+
+
+def _digital_surf(header: Header) -> datetime:
+    year, month, day, hour, minute, second = (
+        int(header[k]) for k in ("year", "month", "day", "hour", "minute", "second")
+    )
+    return datetime(year, month, day, hour, minute, second)
+
+
+_READ: Mapping[str, Callable[[Header], datetime]] = {
+    "sdf": _sdf,
+    "x3p": _x3p,
+    "digital-surf": _digital_surf,
+    "metropro": _unix("time_stamp"),
+    "zygo-xyz": _unix("time_stamp"),
+    "plu": _unix("unix_time"),
+}

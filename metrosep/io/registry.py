@@ -21,7 +21,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, NamedTuple, Protocol, cast
 
 from metrosep.core.errors import AmbiguousFormatError, ReadError, UnknownFormatError
 from metrosep.core.profile import Profile
@@ -119,6 +119,14 @@ class Reader(Protocol):
         """
 
 
+class BuiltIn(NamedTuple):
+    """The reader of one format of a module that holds several."""
+
+    sniff: Callable[[RawFile], Match]
+    channels: Callable[[RawFile], tuple[str, ...]]
+    read: Callable[..., Any]
+
+
 @dataclass(frozen=True)
 class Format:
     """Description of one file format, from its ``format.toml``.
@@ -137,7 +145,8 @@ class Format:
     suffixes : tuple of str
         Usual endings of the file name, with the dot.
     reader : str
-        ``"builtin:<module of metrosep.io>"``, ``"layout"`` (the facts describe the text),
+        ``"builtin:<module of metrosep.io>"`` (and ``:<member>`` where it holds several formats),
+        ``"layout"`` (the facts describe the text),
         ``"controllers:<name>"`` or ``"plugin:<name>"``.
     reads, writes : bool
         What metrosep does with it.
@@ -203,7 +212,9 @@ class Format:
         """
         where, _, name = self.reader.partition(":")
         if where == "builtin":
-            return cast("Reader", importlib.import_module(f"metrosep.io.{name}"))
+            module, _, member = name.partition(":")
+            found = importlib.import_module(f"metrosep.io.{module}")
+            return cast("Reader", getattr(found, member) if member else found)
         if where == "layout":
             from metrosep.io.text.layout import LayoutReader
 
@@ -381,7 +392,7 @@ def _load(file: Path) -> Format:
     try:
         entries = tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as exc:
-        raise ReadError(f"{file}: is no readable TOML ({exc}); correct it") from None
+        raise ReadError(f"{file}: is not readable TOML ({exc}); correct it") from None
     facts = {k: v for k, v in entries.items() if k not in _KEYS}
     try:
         return Format(

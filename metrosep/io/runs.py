@@ -35,7 +35,7 @@ from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import parse_quantity, parse_unit
 from metrosep.io import registry
 from metrosep.io._roles import BLOCKS, jumps_back, runs_in
-from metrosep.io.source import RawFile, open_file
+from metrosep.io.source import RawFile, open_file, rate_of
 from metrosep.io.text.dialect import Dialect, decode
 from metrosep.io.text.table import (
     Column,
@@ -136,7 +136,16 @@ def read_runs(
     if not files:
         raise FormatMismatchError("read_runs got no file; name at least one")
     feeds = _feed_per_file(feed, len(files))
-    _check_clock(time, sampling_rate)
+    if time is not None and sampling_rate is not None:
+        raise FormatMismatchError(
+            "both time= and sampling_rate= are given; keep the column of time and leave the rate out"
+        )
+    for name in layout:
+        if name not in TEXT_OPTIONS:
+            raise ReadOptionError(
+                f"read_runs takes no option {name!r}; for the layout of the text there are "
+                f"{', '.join(TEXT_OPTIONS)}"
+            )
     if x is None and z is None:
         return _stored(files)
     if x is None or z is None:
@@ -147,7 +156,7 @@ def read_runs(
     warnings: list[str] = []
     for path, file_feed in zip(files, feeds, strict=True):
         file = open_file(path)
-        table, format_id = columns_of(file, _layout(layout))
+        table, format_id = columns_of(file, layout)
         clocked = request
         if format_id != "delimited" and time is None and sampling_rate is None:
             clocked = replace(request, time=TIME)
@@ -194,16 +203,6 @@ class _Request:
     n_files: int
 
 
-def _layout(options: dict[str, Any]) -> dict[str, Any]:
-    for name in options:
-        if name not in TEXT_OPTIONS:
-            raise ReadOptionError(
-                f"read_runs takes no option {name!r}; for the layout of the text there are "
-                f"{', '.join(TEXT_OPTIONS)}"
-            )
-    return options
-
-
 def _feed_per_file(feed: FeedSpec, n_files: int) -> list[ColumnSpec | float | None]:
     if feed is None or isinstance(feed, (str, float, int)):
         return [feed] * n_files
@@ -218,13 +217,6 @@ def _feed_per_file(feed: FeedSpec, n_files: int) -> list[ColumnSpec | float | No
     return [f if isinstance(f, str) else float(f) for f in items]
 
 
-def _check_clock(time: ColumnSpec | None, sampling_rate: float | str | None) -> None:
-    if time is not None and sampling_rate is not None:
-        raise FormatMismatchError(
-            "both time= and sampling_rate= are given; keep the column of time and leave the rate out"
-        )
-
-
 def _runs_of(
     file: RawFile, table: Table, request: _Request, feed: ColumnSpec | float | None
 ) -> Iterator[Run]:
@@ -232,19 +224,32 @@ def _runs_of(
     x = to_si(file, x_column, x_unit, dimension="length", role="x")
     z_column, z_unit = pick(file, table, request.z, role="z")
     z = to_si(file, z_column, z_unit, dimension="length", role="z", scale=request.scale)
-    t = _time(file, table, request)
+    t = None
+    if request.time is not None:
+        t_column, t_unit = pick(file, table, request.time, role="time")
+        t = to_si(file, t_column, t_unit, dimension="time", role="time")
     speeds = _feed_column(file, table, feed)
     signs = _direction_column(file, table, request.direction)
     for run_id, rows in _groups(file, table, request, signs, x):
         where = f"{file.path}: run {run_id!r}"
-        _check_position(x, rows, table, where)
+        empty = np.flatnonzero(np.isnan(x[rows]))
+        if empty.size:
+            raise InvalidSamplesError(
+                f"{where}: line {int(table.lines[rows[empty[0]]])} has no position ({empty.size} such "
+                "row(s)); a reading without a position cannot be placed: cut those rows off"
+            )
         speed = speeds if isinstance(speeds, float) else _one_feed(speeds, x, rows, where)
         if np.isnan(z[rows]).all():
             raise InvalidSamplesError(
                 f"{where} holds no reading in column {z_column.name!r}; leave it out or check the sensor"
             )
-        if signs is not None:
-            _check_direction(int(signs[rows[0]]), x[rows], where)
+        start, end = x[rows[0]], x[rows[-1]]
+        if signs is not None and (end - start) * signs[rows[0]] < 0.0:
+            raise InvalidSamplesError(
+                f"{where}: is labelled {'forward' if signs[rows[0]] > 0 else 'reverse'}, but its "
+                f"position goes from {start * 1e3:.6g} to {end * 1e3:.6g} mm; check the sign of the "
+                "position column or the labels"
+            )
         try:
             yield Run(
                 x[rows],
@@ -271,22 +276,12 @@ def _with_hint(message: str, request: _Request, table: Table) -> str:
     return message
 
 
-def _time(file: RawFile, table: Table, request: _Request) -> FloatArray | None:
-    if request.time is None:
-        return None
-    column, unit = pick(file, table, request.time, role="time")
-    return to_si(file, column, unit, dimension="time", role="time")
-
-
 def _clock(t: FloatArray | None, rows: NDArray[np.intp], request: _Request) -> FloatArray | None:
     if t is not None:
         return t[rows]
     if request.sampling_rate is None:
         return None
-    rate = parse_quantity(request.sampling_rate, dimension="frequency", name="sampling_rate")
-    if rate <= 0.0:
-        raise InvalidSamplesError(f"sampling_rate is {rate} Hz; it must be positive")
-    return np.arange(rows.size) / rate
+    return np.arange(rows.size) / rate_of(request.sampling_rate)
 
 
 def _feed_column(
@@ -344,25 +339,6 @@ def _direction_column(file: RawFile, table: Table, name: str | None) -> NDArray[
             )
         signs[i] = 1 if word in _FORWARD else -1
     return signs
-
-
-def _check_direction(sign: int, x: FloatArray, where: str) -> None:
-    travel = float(x[-1] - x[0])
-    if travel * sign < 0.0:
-        word = {1: "forward", -1: "reverse"}
-        raise InvalidSamplesError(
-            f"{where}: is labelled {word[sign]}, but its position goes from {x[0] * 1e3:.6g} to "
-            f"{x[-1] * 1e3:.6g} mm; check the sign of the position column or the labels"
-        )
-
-
-def _check_position(x: FloatArray, rows: NDArray[np.intp], table: Table, where: str) -> None:
-    empty = np.flatnonzero(np.isnan(x[rows]))
-    if empty.size:
-        raise InvalidSamplesError(
-            f"{where}: line {int(table.lines[rows[empty[0]]])} has no position ({empty.size} such "
-            "row(s)); a reading without a position cannot be placed: cut those rows off"
-        )
 
 
 def _groups(

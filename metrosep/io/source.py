@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import math
 import os
 import threading
 from collections.abc import Iterator, Mapping
@@ -26,8 +25,8 @@ from metrosep.core.errors import (
     ReadError,
     UnsupportedFeatureError,
 )
+from metrosep.core.numbers import positive
 from metrosep.core.provenance import Step, hash_bytes
-from metrosep.core.units import parse_quantity
 
 __all__ = [
     "HEAD_BYTES",
@@ -36,6 +35,7 @@ __all__ = [
     "flat_map",
     "lateral_steps",
     "open_file",
+    "rate_of",
     "refuse_options",
 ]
 
@@ -140,20 +140,7 @@ class RawFile:
             return self.path.open("rb")
 
     def corrupt(self, reason: str, **facts: Any) -> CorruptFileError:
-        """Return the error about bytes that do not fit their format, for the caller to raise.
-
-        Parameters
-        ----------
-        reason : str
-            One clause that says what is wrong.
-        **facts
-            ``field``, ``offset``, ``expected``, ``found`` and ``hint`` of `CorruptFileError`.
-
-        Returns
-        -------
-        CorruptFileError
-            With the path of this file.
-        """
+        """Return the error about bytes that do not fit their format, for the caller to raise."""
         return CorruptFileError(self.path, reason, **facts)
 
     def cut_text(self) -> list[str]:
@@ -232,23 +219,7 @@ class RawFile:
 
 
 def open_file(path: str | os.PathLike[str]) -> RawFile:
-    """Return the content of a file.
-
-    Parameters
-    ----------
-    path : str or path
-        The file.
-
-    Returns
-    -------
-    RawFile
-        Name, content and hash.
-
-    Raises
-    ------
-    ReadError
-        If there is no such file, it is a folder, is empty or may not be read.
-    """
+    """Return the content of a file."""
     where = Path(path)
     with _explained(path):
         if where.is_dir():
@@ -280,50 +251,23 @@ def _explained(path: str | os.PathLike[str]) -> Iterator[None]:
 def lateral_steps(
     override: float | str | tuple[float | str, float | str] | None,
 ) -> tuple[float, float] | None:
-    """Return the lateral steps that a caller declares, in m.
-
-    Parameters
-    ----------
-    override : float (m), str with unit, pair of either, or None
-        One step for both directions, or ``(dx, dy)``.
-
-    Returns
-    -------
-    tuple of (float, float) or None
-        dx and dy in m; ``None`` when nothing was declared.
-
-    Raises
-    ------
-    UnitError
-        If text has no length unit.
-    ReadError
-        If a step is not positive and finite, or there are not one or two.
-    """
+    """Return the lateral steps that a caller declares, in m: one for both directions, or (dx, dy)."""
     if override is None:
         return None
     items = tuple(override) if isinstance(override, (tuple, list)) else (override, override)
     if len(items) != 2:
         raise ReadError(f"lateral_step has {len(items)} values; give one step or (dx, dy)")
-    steps = tuple(parse_quantity(s, dimension="length", name="lateral_step") for s in items)
-    for step in steps:
-        if not math.isfinite(step) or step <= 0.0:
-            raise ReadError(f"lateral_step is {step} m; a step must be positive and finite")
-    return steps[0], steps[1]
+    first, second = (positive(s, "lateral_step", dimension="length") for s in items)
+    return first, second
+
+
+def rate_of(sampling_rate: float | str) -> float:
+    """Return a declared sampling rate in Hz."""
+    return positive(sampling_rate, "sampling_rate", dimension="frequency")
 
 
 def flat_map(z: FloatArray) -> tuple[str, ...]:
-    """Return a warning when every valid height of a map is the same.
-
-    Parameters
-    ----------
-    z : ndarray, m
-        Heights, NaN = not measured, at least one valid.
-
-    Returns
-    -------
-    tuple of str
-        One sentence or none.
-    """
+    """Return a warning when every valid height of a map is the same."""
     if float(np.nanmin(z)) == float(np.nanmax(z)):
         return (
             f"every valid height is the same, {float(np.nanmax(z)):g} m: no relief was stored",
@@ -332,22 +276,7 @@ def flat_map(z: FloatArray) -> tuple[str, ...]:
 
 
 def refuse_options(file: RawFile, format_title: str, **options: object) -> None:
-    """Refuse options that a format does not take, by name.
-
-    Parameters
-    ----------
-    file : RawFile
-        For the message.
-    format_title : str
-        Name of the format for the message.
-    **options
-        Option names and values; ``None`` means not given.
-
-    Raises
-    ------
-    ReadError
-        If one is given.
-    """
+    """Refuse options that a format does not take, by name."""
     given = [name for name, value in options.items() if value is not None]
     if given:
         raise ReadError(

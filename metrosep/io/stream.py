@@ -14,8 +14,6 @@ from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Any, Protocol
 
-import numpy as np
-
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     DataError,
@@ -24,9 +22,10 @@ from metrosep.core.errors import (
     UnsupportedFeatureError,
 )
 from metrosep.core.text_options import accepted_options
-from metrosep.core.units import Unit, parse_quantity
+from metrosep.core.units import Unit
 from metrosep.io.read import recognise
-from metrosep.io.source import RawFile, open_file
+from metrosep.io.registry import formats
+from metrosep.io.source import RawFile, open_file, rate_of
 from metrosep.io.text.logger import with_units
 
 __all__ = ["ChunkSource", "Stream", "open_stream"]
@@ -36,14 +35,6 @@ CHUNK = 2**18
 
 _SAME_STEP = 1e-4
 """Largest relative difference of a stated rate from the file's own: digits of a header."""
-
-_SOURCES = {
-    "hdf5": "metrosep.io.containers.hdf5",
-    "metrosep-h5": "metrosep.io.containers.hdf5",
-    "matlab": "metrosep.io.containers.hdf5",
-    "tdms": "metrosep.io.containers.tdms",
-    "delimited": "metrosep.io.text.delimited",
-}
 
 
 class ChunkSource(Protocol):
@@ -59,20 +50,7 @@ class ChunkSource(Protocol):
     """Sampling interval in s where the file declares it."""
 
     def chunks(self, names: Sequence[str], size: int) -> Iterator[dict[str, FloatArray]]:
-        """Yield the samples as they stand in the file.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Channels.
-        size : int
-            Samples of each; the last chunk may be shorter.
-
-        Yields
-        ------
-        dict of str to ndarray, shape (n,)
-            In the unit of the file, NaN = not measured.
-        """
+        """Yield the samples of channels in the unit of the file, NaN = not measured; the last part is short."""
 
 
 @dataclass(slots=True, eq=False)
@@ -207,16 +185,16 @@ def open_stream(
     """
     file = open_file(path)
     description = recognise(file, format, options)
-    module = _SOURCES.get(description.id)
+    module = description.facts.get("chunks")
     if module is None:
-        known = ", ".join(_SOURCES)
+        known = ", ".join(f.id for f in formats() if "chunks" in f.facts)
         raise UnsupportedFeatureError(
             f"{file.path}: {description.title} is not read in chunks (those are {known}); read it whole "
             "with metrosep.read"
         )
     stack = ExitStack()
     try:
-        opener = importlib.import_module(module).open_source
+        opener = importlib.import_module(f"metrosep.io.{module}").open_source
         _refuse_unknown(file, opener, options)
         source: ChunkSource = opener(file, stack, **options)
         units = with_units(file, source.labels, unit)
@@ -240,9 +218,7 @@ def _interval(file: RawFile, own: float | None, sampling_rate: float | str | Non
     """Return the sampling interval; a rate that contradicts the file is refused."""
     if sampling_rate is None:
         return own
-    rate = parse_quantity(sampling_rate, dimension="frequency", name="sampling_rate")
-    if not (np.isfinite(rate) and rate > 0.0):
-        raise DataError(f"sampling_rate must be positive, got {sampling_rate!r}")
+    rate = rate_of(sampling_rate)
     if own is not None and abs(own * rate - 1.0) > _SAME_STEP:
         raise FormatMismatchError(
             f"{file.path}: samples are {own:g} s apart by the file, but sampling_rate is {rate:g} Hz; leave "

@@ -76,7 +76,9 @@ def write(
         Follows from the suffix of the name if omitted. CSV and h5 take everything, X3P surfaces
         and profiles, the others surfaces.
     **options
-        Of the format: ``wavelength`` (m), ``kind`` and ``title`` for int, ``binary`` for sdf.
+        Of the format. int: ``wavelength`` (m, the unit of its scale), ``kind`` ("SUR" or "WFR";
+        heights are not converted) and ``title`` (up to 48 printable ASCII characters, to which the
+        step of the counts is added). sdf: ``binary`` (bISO-1.0 instead of text).
 
     Returns
     -------

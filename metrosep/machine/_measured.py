@@ -102,9 +102,7 @@ def _axis(source: Any, form: Any, centre: tuple[float, float] | None) -> Axis:
     return assumed_axis(form if same else source)
 
 
-def _coordinates(
-    source: Any,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _coordinates(source: Any) -> tuple[FloatArray, FloatArray, FloatArray]:
     if isinstance(source, Surface):
         if source.dx is None or source.dy is None:
             raise DataError(

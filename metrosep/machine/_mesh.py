@@ -268,7 +268,7 @@ def _lathe(
     y: FloatArray,
     z: FloatArray,
 ) -> dict[str, FloatArray] | None:
-    """Return the positions of a lathe; None if the chain is no lathe."""
+    """Return the positions of a lathe; None if the chain is not a lathe."""
     across, along = (
         [e for e in slides if abs(abs(e.direction[k]) - 1.0) < _PARALLEL] for k in (0, 2)
     )

@@ -19,7 +19,7 @@ from metrosep.core.errors import InvalidSamplesError
 from metrosep.machine._mesh import Positions, SurfaceMesh, axis_positions
 from metrosep.machine.alignment import Alignment, freedom_maps
 from metrosep.machine.error_sets import ErrorSet
-from metrosep.machine.gram import AlignedGram, groups_alike
+from metrosep.machine.gram import AlignedGram, together
 from metrosep.optics.rays import Mode, check_mode, path_sensitivity
 
 _BLOCK = 16384
@@ -237,7 +237,7 @@ OWN = 1e-6
 """Of the size of a column: what others leave of it is rounding."""
 
 _PART = 1e-3
-"""Of a direction that is not determined: a term with less in it is told apart."""
+"""Of a direction that is not determined: a term with less in it is distinguished."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -248,7 +248,6 @@ class Solution:
     sizes: FloatArray
     scaled: FloatArray
     amounts: FloatArray
-    scaled_covariance: FloatArray
     rank: int
 
     def errors(self) -> dict[str, float]:
@@ -292,46 +291,24 @@ class Solver:
         set_ = object.__setattr__
         set_(self, "visible", visible)
         set_(self, "sizes", sizes)
-        set_(self, "correlation", matrix / np.outer(sizes, sizes))
+        correlation = matrix / np.outer(sizes, sizes)
+        set_(self, "correlation", correlation)
         set_(self, "design", aligned)
-        set_(self, "groups", self._together(matrix, visible, blind))
-
-    def _together(
-        self, matrix: FloatArray, visible: tuple[int, ...], blind: FloatArray
-    ) -> tuple[tuple[int, ...], ...]:
-        """Return groups of terms that are alike, joined with those that share a blind direction."""
-        text = [str(i) for i in visible]
-        sets = [{int(i) for i in g} for g in groups_alike(matrix, text, threshold=self.threshold)]
-        shared = (
-            np.abs(blind.T @ blind) > _PART**2
-        )  # a projector: free of the choice of directions
-        sets += [{visible[j] for j in np.flatnonzero(row)} for row in shared if row.any()]
-        joined: list[set[int]] = []
-        for s in sets:
-            touching = [j for j in joined if j & s]
-            joined = [j for j in joined if not j & s] + [s.union(*touching)]
-        return tuple(tuple(sorted(j)) for j in sorted(joined, key=min) if len(j) > 1)
+        # terms that are alike, or share a direction that is not determined (a projector: free of the
+        # choice of directions)
+        alike = (np.abs(correlation) > self.threshold) | (np.abs(blind.T @ blind) > _PART**2)
+        set_(self, "groups", tuple(tuple(visible[i] for i in g) for g in together(alike)))
 
     def solve(self, heights: FloatArray, used: NDArray[np.bool_]) -> Solution:
         """Return the amounts that explain heights at the used points; the smallest if not unique."""
-        columns = self.used_freedoms()
-        if used.all():
-            design, freed = self.design, self.space.remove(heights)
-        else:  # the aligned maps are aligned no more: align on the points that are left
-            basis = np.linalg.qr(columns[used])[0]
-            design = self.design[used] - basis @ (basis.T @ self.design[used])
-            freed = heights[used] - basis @ (basis.T @ heights[used])
-        U, singular, directions = np.linalg.svd(design, full_matrices=False)
-        good = singular > _DETERMINED * singular[0]
-        inverse = directions[good].T / singular[good]
-        scaled = inverse @ (U[:, good].T @ freed)
-        rest = heights[used] - self.maps[used][:, self.visible] @ (scaled / self.sizes)
-        own = _column_sizes(columns[used])
-        amounts = np.linalg.lstsq(columns[used] / own, rest, rcond=None)[0] / own
-        names = tuple(self.names[i] for i in self.visible)
-        return Solution(
-            names, self.sizes, scaled, amounts, inverse @ inverse.T, int(np.count_nonzero(good))
-        )
+        rows, _, rank = self.estimator(used)
+        names, m = tuple(self.names[i] for i in self.visible), len(self.visible)
+        model = np.hstack([self.maps[:, self.visible] / self.sizes, self.used_freedoms()])[used]
+        found = rows.T @ heights[used]
+        found = found + rows.T @ (
+            heights[used] - model @ found
+        )  # what rounding left of large heights
+        return Solution(names, self.sizes, found[:m], found[m:], rank)
 
     def effect(self, solution: Solution) -> FloatArray:
         """Return the linear effect of a solution at the points, m."""
@@ -343,8 +320,8 @@ class Solver:
         moved = self.effect(step)
         return float(np.sqrt(np.mean(moved**2)))
 
-    def estimator(self, used: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
-        """Return what makes terms and freedoms of heights at the used points, and the basis.
+    def estimator(self, used: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, int]:
+        """Return what makes terms and freedoms of heights at the used points, basis and rank.
 
         The first (n, p + k) gives scaled amounts and freedoms as ``rows.T @ heights``; the second
         (n, rank + k) is an orthonormal basis of all that the fit can follow.
@@ -361,7 +338,8 @@ class Solver:
         inverse = np.linalg.pinv(columns / sizes).T / sizes
         maps = self.maps[used][:, self.visible] / self.sizes
         freedoms = inverse - terms @ (maps.T @ inverse)
-        return np.hstack([terms, freedoms]), np.hstack([U[:, good], basis])
+        rank = int(np.count_nonzero(good))
+        return np.hstack([terms, freedoms]), np.hstack([U[:, good], basis]), rank
 
     def used_freedoms(self) -> FloatArray:
         """Return the maps of the freedoms that move the surface in a way of their own, (n, k)."""

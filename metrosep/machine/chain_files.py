@@ -52,9 +52,11 @@ def toml_table(path: str | PathLike[str]) -> dict[str, Any]:
     try:
         return tomllib.loads(read_plain(path, MACHINE_BYTES).decode("utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as exc:
-        raise DataError(f"{path} is no TOML file: {exc}") from None
+        raise DataError(f"{path} is not TOML file: {exc}") from None
     except RecursionError:
-        raise DataError(f"{path} is no description of a chain: it is nested too deeply") from None
+        raise DataError(
+            f"{path} is not a description of a chain: it is nested too deeply"
+        ) from None
 
 
 def chain_parts(
@@ -162,13 +164,13 @@ def _scaled(value: Any, factor: float, values: Mapping[str, float], where: str) 
     if isinstance(value, Sequence) and not isinstance(value, str):
         for v in value:
             if isinstance(v, Sequence) and not isinstance(v, str):
-                raise DataError(f"{where}: a list in a list is no number")
+                raise DataError(f"{where}: a list in a list is not a number")
         return tuple(_scaled(v, factor, values, where) for v in value)
     if isinstance(value, str):
         sign, name = (-1.0, value[1:]) if value.startswith("-") else (1.0, value)
         if name not in values:
             known = ", ".join(values) or "none"
-            raise DataError(f"{where}: {value!r} is no parameter; the chain has {known}")
+            raise DataError(f"{where}: {value!r} is not a parameter; the chain has {known}")
         if factor != 1.0:
             raise DataError(f"{where}: the parameter {name!r} is SI; use the key without a prefix")
         return sign * values[name]

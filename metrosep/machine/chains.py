@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.machine import _poses as ps
@@ -83,7 +84,12 @@ class Chain:
         for element in self.elements:
             if not isinstance(element, Element):
                 raise DataError(f"a chain is made of Element objects, got {element!r}")
-        refuse_open(self.elements, self.name)
+        for branch in BRANCHES:
+            if not any(e.branch == branch for e in self.elements):
+                raise DataError(
+                    f"chain {self.name!r} does not close: no element has branch = {branch!r}; a part "
+                    "that is fixed to the bed is an element of kind 'fixed'"
+                )
         refuse_twice([e.name for e in self.elements], "element")
         terms = tuple(term for element in self.elements for term in element_terms(element))
         refuse_twice(terms, "term")
@@ -112,7 +118,7 @@ class Chain:
         DataError
             A key, a unit or a parameter is unknown or missing, or the chain does not close.
         InvalidSamplesError
-            A value is no finite number.
+            A value is not a finite number.
 
         Examples
         --------
@@ -148,10 +154,7 @@ class Chain:
         Raises
         ------
         DataError
-            The file is no TOML, a key, a unit or a parameter is unknown or missing, or the chain
-            does not close; the message names file and key.
-        InvalidSamplesError
-            A value is no finite number.
+            The file is not TOML, or as of `from_dict`; the message names file and key.
 
         Notes
         -----
@@ -251,7 +254,7 @@ class Chain:
         DataError
             A position is missing, an axis or a term is unknown.
         InvalidSamplesError
-            Positions or tool points are no real numbers, infinite, or do not broadcast.
+            Positions or tool points are not real numbers, infinite, or do not broadcast.
 
         Notes
         -----
@@ -316,15 +319,11 @@ class Chain:
         Raises
         ------
         DataError
-            A position is missing, an axis, a term or `exact` is unknown, a position lies outside a
-            term's table.
-        InvalidSamplesError
-            Positions or errors are no real numbers, infinite, or do not broadcast; a term is not
-            known at a position.
+            A position is missing, an axis, a term or `exact` is unknown, a position lies outside a term's
+            table; positions or errors are not real numbers, infinite, or do not broadcast; a term is not
+            known at a position, or is above 1 m or 1 rad (degrees as rad, um as m).
         LimitError
             A polynomial of `metrosep.process.run_polynomial` was not measured at a position.
-        UnitError
-            An error is above 1 m or 1 rad, no error of a machine (degrees as rad, um as m).
 
         Notes
         -----
@@ -364,14 +363,10 @@ class Chain:
 
         Parameters
         ----------
-        q : mapping of str to array_like, m or rad
-            Position of every axis; parked axes may be missing.
+        q, tool, exact : as of `volumetric_error`
+            By default with true rotations; False adds the errors to first order.
         errors : ErrorSet or mapping of str to float, callable or ErrorTerm, optional
             Error terms by name; none gives the nominal pose.
-        tool : array_like, shape (3,) or (..., 3), m
-            Tool point in the frame of the last element of the tool branch.
-        exact : bool or str
-            As in `volumetric_error`; False adds the errors to first order.
 
         Returns
         -------
@@ -381,16 +376,8 @@ class Chain:
 
         Raises
         ------
-        DataError
-            A position is missing, an axis, a term or `exact` is unknown, a position lies outside a
-            term's table.
-        InvalidSamplesError
-            Positions or errors are no real numbers, infinite, or do not broadcast; a term is not
-            known at a position.
-        LimitError
-            A polynomial of `metrosep.process.run_polynomial` was not measured at a position.
-        UnitError
-            An error is above 1 m or 1 rad, no error of a machine (degrees as rad, um as m).
+        DataError, LimitError
+            As of `volumetric_error`.
 
         Examples
         --------
@@ -422,12 +409,10 @@ class Chain:
 
         Parameters
         ----------
-        q : mapping of str to array_like, m or rad
-            Position of every axis; parked axes may be missing.
+        q, tool : as of `volumetric_error`
+            Where the machine stands.
         errors : ErrorSet
             Error terms with standard uncertainties (``u=``) and correlations.
-        tool : array_like, shape (3,) or (..., 3), m
-            Tool point in the frame of the last element of the tool branch.
 
         Returns
         -------
@@ -437,12 +422,7 @@ class Chain:
         Raises
         ------
         DataError
-            A position is missing, an axis or a term is unknown, a position lies outside a table.
-        InvalidSamplesError
-            Positions are no real numbers, infinite, or do not broadcast; an uncertainty is not
-            known at a position.
-        UnitError
-            An uncertainty is above 1 m or 1 rad, no error of a machine.
+            As of `volumetric_error`.
 
         Notes
         -----
@@ -504,7 +484,7 @@ class Chain:
         Raises
         ------
         DataError
-            A name is no term of this chain.
+            A name is not a term of this chain.
 
         Examples
         --------
@@ -518,7 +498,7 @@ class Chain:
         unknown = [name for name in names if name not in self.terms]
         if unknown:
             raise DataError(
-                f"{unknown[0]!r} is no error term of chain {self.name!r}; "
+                f"{unknown[0]!r} is not an error term of chain {self.name!r}; "
                 f"known are {', '.join(self.terms)}" + paper_hint(unknown[0])
             )
         return names
@@ -539,9 +519,7 @@ def _columns(element: Element, states: States, chosen: Sequence[str]) -> dict[st
 def _rule(exact: bool | str) -> str | None:
     """Return the kind of product, None for the first order."""
     if isinstance(exact, str):
-        if exact not in ps.EXACT:
-            raise DataError(f"exact is {exact!r}; known are False, True and {', '.join(ps.EXACT)}")
-        return exact
+        return numbers.choice(exact, "exact, if no truth value,", ps.EXACT)
     return ps.EXACT[0] if exact else None
 
 
@@ -561,21 +539,11 @@ def _line_column(element: Element, states: States, line: Sequence[float]) -> ps.
 _PARALLEL = 1e-6  # rad; axes of one kind closer than this are the same axis
 
 
-def refuse_open(elements: Sequence[Element], name: str) -> None:
-    """Refuse a chain without a tool or a workpiece."""
-    for branch in BRANCHES:
-        if not any(e.branch == branch for e in elements):
-            raise DataError(
-                f"chain {name!r} does not close: no element has branch = {branch!r}; "
-                "a part that is fixed to the bed is an element of kind 'fixed'"
-            )
-
-
 def refuse_twice(names: Sequence[str], what: str) -> None:
-    """Refuse a name that stands twice."""
+    """Refuse a name that is used twice."""
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
-        raise DataError(f"{what} {twice[0]!r} stands twice in the chain; names are unique")
+        raise DataError(f"{what} {twice[0]!r} is used twice in the chain; names are unique")
 
 
 def refuse_strange_names(elements: Sequence[Element]) -> None:

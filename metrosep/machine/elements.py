@@ -90,7 +90,7 @@ class Element:
     ------
     DataError
         An unknown kind, branch, error frame, side or direction, a name that cannot be part of a term, a
-        direction that is no unit vector, a rotation of a part that is not fixed, a location error
+        direction that is not a unit vector, a rotation of a part that is not fixed, a location error
         that does nothing (the shift of a slide's line of travel).
     InvalidSamplesError
         A vector with the wrong length or with values that are no finite numbers, an angle that is none.
@@ -357,7 +357,7 @@ def from_paper(name: str) -> str:
     match = _SPELLING.fullmatch(text)
     if match is None:
         raise DataError(
-            f"{name!r} is no error term of the paper; write delta_mn or epsilon_mn with m one of "
+            f"{name!r} is not an error term of the paper; write delta_mn or epsilon_mn with m one of "
             "x, z, c, f (the axis) and n one of x, y, z (the direction), or eta_zx"
         )
     stem, axis, direction = match.groups()
@@ -416,7 +416,7 @@ def import_errors(errors: Mapping[str, Value]) -> dict[str, Value]:
     Raises
     ------
     DataError
-        The errors are no mapping, a name is not the paper's, or two spellings mean the same term.
+        The errors are not a mapping, a name is not the paper's, or two spellings mean the same term.
 
     Examples
     --------
@@ -460,13 +460,13 @@ def axis_of(term: str) -> str | None:
     ('FTS', None)
     """
     if not isinstance(term, str):
-        raise DataError(f"{term!r} is no ISO 230-1 name: it is no text")
+        raise DataError(f"{term!r} is not an ISO 230-1 name: it is not a text")
     if _ISO_LOCATION.fullmatch(term):
         return None
     match = _ISO_MOTION.fullmatch(term)
     if match is None:
         raise DataError(
-            f"{term!r} is no ISO 230-1 name: E, a direction X Y Z A B C, the axis name"
+            f"{term!r} is not an ISO 230-1 name: E, a direction X Y Z A B C, the axis name"
             + paper_hint(term)
         )
     return match[2]

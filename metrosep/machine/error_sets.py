@@ -63,12 +63,11 @@ class ErrorSet:
     ------
     DataError
         A name follows no rule, an uncertainty, a correlation or a direction belongs to no term or is
-        given twice, or the correlations contradict each other (no covariance has them).
-    InvalidSamplesError
-        A value, an uncertainty or a correlation is no finite real number, or out of range.
+        given twice, or the correlations contradict each other (no covariance has them); a value, an
+        uncertainty or a correlation is not a finite real number, or out of range.
     UnitError
-        A number is above 1 m or 1 rad, no error of a machine (degrees as rad, um as m); a curve
-        in m stands for an angle.
+        A number is above 1 m or 1 rad, not an error of a machine (degrees as rad, um as m); a curve in m
+        stands for an angle.
 
     Notes
     -----
@@ -170,7 +169,7 @@ class ErrorSet:
         LimitError
             A polynomial of `metrosep.process.run_polynomial` was not measured at a position.
         UnitError
-            An amount is above 1 m or 1 rad, no error of a machine.
+            An amount is above 1 m or 1 rad, not an error of a machine.
 
         Notes
         -----
@@ -195,15 +194,8 @@ class ErrorSet:
 
         Raises
         ------
-        DataError
-            The position of an axis is missing, or lies outside a term's table.
-        InvalidSamplesError
-            An uncertainty is NaN, infinite or negative at a position that is known, or a position is no real
-            number.
-        LimitError
-            A polynomial of `metrosep.process.run_polynomial` was not measured at a position.
-        UnitError
-            An amount is above 1 m or 1 rad, no error of a machine.
+        DataError, LimitError
+            As of `at`; an uncertainty is negative.
         """
         _refuse_no_mapping(q, "positions are a mapping of axis names")
         return {name: _at(name, term, "sd", q) for name, term in self.terms.items()}
@@ -224,7 +216,7 @@ class ErrorSet:
         Raises
         ------
         DataError
-            A name is no term of the set.
+            A name is not a term of the set.
         """
         wanted = self._known(names)
         matrix = np.eye(len(wanted))
@@ -254,12 +246,8 @@ class ErrorSet:
         Raises
         ------
         DataError
-            A name is no term of the set, or an uncertainty depends on the position and there is
-            no `q`.
-        InvalidSamplesError
-            An uncertainty is not known at a position, or a position is no real number.
-        UnitError
-            An uncertainty is above 1 m or 1 rad, no error of a machine.
+            A name is not a term of the set, an uncertainty depends on the position and there is no `q`, or as
+            of `u_at`.
 
         Examples
         --------
@@ -291,7 +279,9 @@ class ErrorSet:
         wanted = self.names if names is None else tuple(names)
         for name in wanted:
             if name not in self.terms:
-                raise DataError(f"{name!r} is no term of the set; it has {', '.join(self.names)}")
+                raise DataError(
+                    f"{name!r} is not a term of the set; it has {', '.join(self.names)}"
+                )
         return wanted
 
     def _check_correlations(self) -> None:
@@ -333,11 +323,7 @@ def as_error_set(errors: ErrorSet | Mapping[str, Any]) -> ErrorSet:
     Raises
     ------
     DataError
-        The values are no mapping, or no error terms.
-    InvalidSamplesError
-        A value is no finite real number.
-    UnitError
-        A number is above 1 m or 1 rad, or a curve in m stands for an angle.
+        The values are not a mapping, or as of `ErrorSet`.
 
     Examples
     --------

@@ -3,7 +3,7 @@
 With the maps m_i of unit errors, aligned, and area weights that sum to 1, ``G_ij = <m_i, m_j>``.
 For amounts q the mean square deviation is ``q' G q``; for random amounts with mean mu and
 covariance S its expectation is ``tr(G S) + mu' G mu``, whatever their distribution. Terms whose
-maps are alike (``|r|`` near 1) cannot be told apart on one part: they are ranked as a group.
+maps are alike (``|r|`` near 1) cannot be distinguished on one part: they are ranked as a group.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ def shares(matrix: ArrayLike, covariance: ArrayLike) -> FloatArray:
     Raises
     ------
     InvalidSamplesError
-        If shapes do not fit, a value is not finite or the Gram matrix is not symmetric.
+        As of `expected_mean_square`.
 
     Examples
     --------
@@ -232,7 +232,7 @@ def correlations(matrix: ArrayLike) -> FloatArray:
 def groups_alike(
     matrix: ArrayLike, names: Sequence[str], *, threshold: float = 0.9
 ) -> tuple[tuple[str, ...], ...]:
-    """Return the groups of terms whose maps cannot be told apart, ``|r|`` above a threshold.
+    """Return the groups of terms whose maps cannot be distinguished, ``|r|`` above a threshold.
 
     Parameters
     ----------
@@ -266,14 +266,17 @@ def groups_alike(
     if len(names) != r.shape[0]:
         raise DataError(f"{len(names)} names for a Gram matrix of {r.shape[0]} terms")
     alike = np.abs(np.nan_to_num(r)) > threshold
-    group = list(range(len(names)))
-    for i, j in np.argwhere(np.triu(alike, 1)):
-        old, new = group[j], group[i]
-        group = [new if g == old else g for g in group]
-    found = [
-        tuple(n for n, g in zip(names, group, strict=True) if g == k) for k in sorted(set(group))
-    ]
-    return tuple(g for g in found if len(g) > 1)
+    return tuple(tuple(names[i] for i in group) for group in together(alike))
+
+
+def together(alike: NDArray[np.bool_]) -> list[tuple[int, ...]]:
+    """Return the groups of two and more that a symmetric relation (m, m) joins, in their order."""
+    label = list(range(len(alike)))
+    for i, j in np.argwhere(np.triu(alike, 1)).tolist():
+        low, high = sorted((label[i], label[j]))
+        label = [low if k == high else k for k in label]
+    groups = [tuple(i for i, k in enumerate(label) if k == first) for first in sorted(set(label))]
+    return [g for g in groups if len(g) > 1]
 
 
 def check_threshold(threshold: float) -> float:

@@ -65,7 +65,7 @@ _CHANCE = 1e-4
 """Of a message where there is noise alone: far below 1 %, because the noise is a model, too."""
 
 _ALIKE = 0.9
-"""Of what the best curve explains: another that explains as much cannot be told from it."""
+"""Of what the best curve explains: another that explains as much cannot be distinguished from it."""
 
 _LARGEST = 0.01
 """Of the radius of the part (for an angle: rad): no slide that still turns parts moves by so much
@@ -118,7 +118,7 @@ def identify(
     positions : callable, optional
         As in `metrosep.machine.ranking.rank`.
     threshold : float, optional
-        Of ``|r|``: terms more alike are reported together. Nearer to 1 they are told apart, with the
+        Of ``|r|``: terms more alike are reported together. Nearer to 1 they are distinguished, with the
         uncertainty that this costs.
     exact : bool, optional
         Whether the exact model ends the fit; else it stays linear.
@@ -468,7 +468,7 @@ def _uncertainty(
     solver: Solver, left: FloatArray, used: NDArray[np.bool_], points: Measured
 ) -> tuple[FloatArray, float, dict[str, Any]]:
     """Return the covariance of scaled amounts and freedoms, how far beyond white, and the noise."""
-    rows, basis = solver.estimator(used)
+    rows, basis, _ = solver.estimator(used)
     square = float(left @ left) / (left.size - basis.shape[1])
     white = rows.T @ rows * square
     grid = points.on_thinned()
@@ -517,11 +517,7 @@ def _group(
 
 
 def _about_curves(
-    curves: _CurvesLeft,
-    solver: Solver,
-    solution: Solution,
-    moved: NDArray[np.bool_],
-    exact: bool,
+    curves: _CurvesLeft, solver: Solver, solution: Solution, moved: NDArray[np.bool_], exact: bool
 ) -> Iterator[str]:
     """Yield what the reader must know of curves in the residual, and of the terms they shift."""
     for name, size, alike in curves.found:
@@ -565,7 +561,7 @@ def _messages(
             "the effect, or there is none on this part"
         )
     found += [
-        f"{', '.join(solver.names[i] for i in g)}: one part cannot tell them apart; they are known "
+        f"{', '.join(solver.names[i] for i in g)}: one part cannot distinguish them; they are known "
         "together"
         for g in solver.groups
     ]

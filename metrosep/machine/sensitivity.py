@@ -70,7 +70,7 @@ class SensitivityTable:
     space : Alignment
         What was removed.
     groups : tuple of tuple of str
-        Terms that cannot be told apart on this part, ``|r|`` above `threshold`.
+        Terms that cannot be distinguished on this part, ``|r|`` above `threshold`.
     threshold : float
         Of ``|r|``.
     response, direction : str
@@ -355,7 +355,7 @@ class SensitivityTable:
         Parameters
         ----------
         by : {"group", "term"}, optional
-            Whether terms that cannot be told apart go together.
+            Whether terms that cannot be distinguished go together.
         left : float, optional
             Share of an amount that its compensation leaves, 0 to 1.
 
@@ -643,7 +643,7 @@ def report_text(table: SensitivityTable) -> str:
     raw = format_length(table.expected_sq_raw)
     lines += ["", f"expected Sq {format_length(table.expected_sq)} (nothing removed: {raw})"]
     lines += [
-        f"({k}) {', '.join(g)}: maps alike (|r| > {table.threshold:g}), one part cannot tell them apart"
+        f"({k}) {', '.join(g)}: maps alike (|r| > {table.threshold:g}), one part cannot distinguish them"
         for k, g in enumerate(table.groups, start=1)
     ]
     done: list[str] = []

@@ -62,7 +62,7 @@ class _OfPosition:
         DataError
             A position lies outside a table.
         InvalidSamplesError
-            A position is no real number, or a function returns none, or another shape than that of
+            A position is not a real number, or a function returns none, or another shape than that of
             its argument, or a number.
         """
         return self._at(real_array(x, "position of an error term"))
@@ -445,7 +445,7 @@ def as_term(value: object, *, u: float | None = None, direction: str = "mean") -
         The value is neither, or `u` is given for a term that has its own; the direction is unknown
         or was not run.
     InvalidSamplesError
-        The value or `u` is no finite real number.
+        The value or `u` is not a finite real number.
 
     Notes
     -----
@@ -663,7 +663,7 @@ def _left_out(x: FloatArray, rest: FloatArray, sd: FloatArray) -> float:
 
 
 def _directions(value: Any) -> tuple[int, ...]:
-    """Return the directions of the runs, -1 and 1; empty where they were not told apart."""
+    """Return the directions of the runs, -1 and 1; empty where they were not distinguished."""
     there = getattr(value, "directions", ())
     return tuple(d for d in there if d in (-1, 1)) if isinstance(there, tuple) else ()
 
@@ -738,7 +738,7 @@ def check_amount(term: str, values: FloatArray, what: str) -> None:
     largest = float(np.abs(values).max(initial=0.0))
     if largest > LARGEST[unit]:
         raise UnitError(
-            f"{what} is {largest:.6g} {unit}; above {LARGEST[unit]:g} {unit} it is no error of a "
+            f"{what} is {largest:.6g} {unit}; above {LARGEST[unit]:g} {unit} it is not an error of a "
             f"machine: {_HINTS[unit]}"
         )
 

@@ -16,14 +16,8 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
-from metrosep.optics._checks import (
-    frozen,
-    positive,
-    real_array,
-    real_number,
-    wavelength_of,
-    whole_number,
-)
+from metrosep.core.numbers import count, not_negative, positive
+from metrosep.optics._checks import freeze_fields, real_array, wavelength_of
 
 __all__ = ["ModulationTransfer", "PointSpread", "marechal", "point_spread", "strehl_ratio"]
 
@@ -67,8 +61,7 @@ class PointSpread:
     index: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("angle_x", "angle_y", "intensity"):
-            object.__setattr__(self, name, frozen(getattr(self, name), name))
+        freeze_fields(self, "angle_x", "angle_y", "intensity")
 
     @property
     def strehl(self) -> float:
@@ -97,8 +90,8 @@ class PointSpread:
         spectrum = np.abs(np.fft.fft2(np.fft.ifftshift(self.intensity)))
         spectrum /= spectrum[0, 0]
         n_y, n_x = self.intensity.shape
-        fx = _frequencies(n_x, float(self.angle_x[1] - self.angle_x[0]))
-        fy = _frequencies(n_y, float(self.angle_y[1] - self.angle_y[0]))
+        fx = _frequencies(n_x, self.angle_x)
+        fy = _frequencies(n_y, self.angle_y)
         return ModulationTransfer(
             fx,
             spectrum[0, : fx.size],
@@ -133,8 +126,7 @@ class ModulationTransfer:
     cutoff: float
 
     def __post_init__(self) -> None:
-        for name in ("frequency_x", "along_x", "frequency_y", "along_y"):
-            object.__setattr__(self, name, frozen(getattr(self, name), name))
+        freeze_fields(self, "frequency_x", "along_x", "frequency_y", "along_y")
 
     def ideal(self, frequency: ArrayLike) -> FloatArray:
         """Return the contrast of a full circular pupil without error.
@@ -165,7 +157,7 @@ def point_spread(
     dx: float,
     dy: float,
     *,
-    wavelength: float,
+    wavelength: float | str,
     amplitude: ArrayLike | None = None,
     pad: int = 4,
     index: float = 1.0,
@@ -179,7 +171,7 @@ def point_spread(
         known. Of a mirror it is the negative of `Wavefront.opd`, as `Wavefront.point_spread` knows.
     dx, dy : float, m
         Steps of the grid, x along the columns.
-    wavelength : float, m
+    wavelength : float (m) or str with unit
         Of the light in vacuum, from 1e-8 to 1e-2.
     amplitude : array_like, shape (n_y, n_x), optional
         Transmission of the amplitude, 0 to 1; 1 in the pupil if omitted.
@@ -221,9 +213,9 @@ def point_spread(
     0.2
     """
     light_of = wavelength_of(wavelength)
-    step_x, step_y = positive(dx, "dx"), positive(dy, "dy")
-    times = whole_number(pad, "pad", _LEAST_PAD)
-    behind = positive(index, "index", "1")
+    step_x, step_y = positive(dx, "dx", dimension="length"), positive(dy, "dy", dimension="length")
+    times = count(pad, "pad", least=_LEAST_PAD)
+    behind = positive(index, "index")
     path = real_array(opd, "opd")
     if path.ndim != 2 or path.size == 0:
         raise InvalidSamplesError(f"opd must be a map (rows y, columns x), got shape {path.shape}")
@@ -254,7 +246,7 @@ def point_spread(
     )
 
 
-def strehl_ratio(opd: ArrayLike, weights: ArrayLike, *, wavelength: float) -> float:
+def strehl_ratio(opd: ArrayLike, weights: ArrayLike, *, wavelength: float | str) -> float:
     """Return the intensity on the axis against that without error.
 
     Parameters
@@ -263,7 +255,7 @@ def strehl_ratio(opd: ArrayLike, weights: ArrayLike, *, wavelength: float) -> fl
         Optical path difference, of either sign; NaN has no part.
     weights : array_like
         Area of each point, of the shape of opd, not negative.
-    wavelength : float, m
+    wavelength : float (m) or str with unit
         Of the light, from 1e-8 to 1e-2.
 
     Returns
@@ -304,14 +296,14 @@ def strehl_ratio(opd: ArrayLike, weights: ArrayLike, *, wavelength: float) -> fl
     return float(abs((share * phase).sum() / share.sum()) ** 2)
 
 
-def marechal(rms: float, *, wavelength: float) -> float:
+def marechal(rms: float, *, wavelength: float | str) -> float:
     """Return the Strehl ratio of a small error: ``exp(-(2 pi rms / wavelength)^2)``.
 
     Parameters
     ----------
     rms : float, m
         Of the wavefront about its mean.
-    wavelength : float, m
+    wavelength : float (m) or str with unit
         Of the light, from 1e-8 to 1e-2.
 
     Returns
@@ -329,15 +321,13 @@ def marechal(rms: float, *, wavelength: float) -> float:
     >>> round(marechal(633e-9 / 14, wavelength=633e-9), 3)
     0.818
     """
-    light, size = wavelength_of(wavelength), real_number(rms, "rms")
-    if size < 0.0:
-        raise DataError(f"rms must not be negative, got {rms!r}")
+    light, size = wavelength_of(wavelength), not_negative(rms, "rms", dimension="length")
     phase = min(2.0 * np.pi * size / light, _SMALL)
     return float(np.exp(-(phase**2))) if phase < _SMALL else 0.0
 
 
-def _frequencies(n: int, step: float) -> FloatArray:
-    return np.asarray(np.fft.rfftfreq(n, step), dtype=np.float64)
+def _frequencies(n: int, angle: FloatArray) -> FloatArray:
+    return np.asarray(np.fft.rfftfreq(n, float(angle[1] - angle[0])), dtype=np.float64)
 
 
 def _light(path: FloatArray, amplitude: ArrayLike | None) -> FloatArray:

@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
-from metrosep.optics._checks import real_array, real_number
+from metrosep.core.numbers import choice, real
+from metrosep.optics._checks import real_array
 
 __all__ = ["Mode", "Side", "check_mode", "path_difference", "path_sensitivity"]
 
@@ -113,11 +114,7 @@ def path_sensitivity(
         Heights.
     slope_x, slope_y : array_like
         Slopes, of the shape of z.
-    mode : {"reflect", "refract"}, optional
-        As of `path_difference`.
-    n : float, optional
-        As of `path_difference`.
-    side : {"inside", "outside"}, optional
+    mode, n, side : optional
         As of `path_difference`.
 
     Returns
@@ -162,10 +159,8 @@ def path_sensitivity(
 
 def check_mode(mode: str, n: float | None, side: str = "inside") -> float | None:
     """Return the refractive index, None for a mirror, or refuse the arguments."""
-    if mode not in ("reflect", "refract"):
-        raise DataError(f'mode must be "reflect" or "refract", got {mode!r}')
-    if side not in ("inside", "outside"):
-        raise DataError(f'side must be "inside" or "outside", got {side!r}')
+    choice(mode, "mode", ("reflect", "refract"))
+    choice(side, "side", ("inside", "outside"))
     if mode == "reflect":
         if n is not None:
             raise DataError(f'a mirror has no refractive index; drop n={n} or say mode="refract"')
@@ -174,10 +169,7 @@ def check_mode(mode: str, n: float | None, side: str = "inside") -> float | None
         raise DataError(
             'mode="refract" needs the refractive index n of the material, such as 1.49'
         )
-    try:
-        index = real_number(n, "n", "1")
-    except DataError:
-        index = 0.0
+    index = real(n, "the refractive index n", finite=False)
     if not 1.0 < index <= _MOST_INDEX:
         raise DataError(
             f"the refractive index n must be a number above 1 and up to {_MOST_INDEX:g}, got {n!r}"

@@ -8,18 +8,19 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import FloatArray, position
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.middle import measured_middle
+from metrosep.core.numbers import choice, count, positive, quantity
 from metrosep.core.surface import Surface
 from metrosep.forms.base import Form
-from metrosep.optics._checks import pair_of, positive, real_number, whole_number
 
 __all__ = ["Grid", "Sampled", "form_points", "map_points"]
 
 _Mask = NDArray[np.bool_]
 
 Grid = Literal["polar", "square"]
+GRIDS = ("polar", "square")
 
 POLAR = (300, 720)
 """Radii and azimuths of the polar grid."""
@@ -52,7 +53,7 @@ class Sampled:
     messages: tuple[str, ...] = ()  # what a reader should know
     # of (ndarray, ndarray) or None: what slopes from a single neighbour may be off by, in x and in
     # y; 0 for all others, NaN where that cannot be said. Of a map only
-    doubt: tuple[FloatArray, FloatArray] | None = None
+    slope_errors: tuple[FloatArray, FloatArray] | None = None
     # of (float, float) or None, m: optical axis in the coordinates of the map
     centre: tuple[float, float] | None = None
     # m: height of a map where the axis meets it, about: 0 where it is lost in scatter, NaN where
@@ -71,7 +72,7 @@ def form_points(
     if radius is None:
         raise DataError("the wavefront of an ideal form needs the radius of its aperture, in m")
     radius, inner_radius = _radii(radius, inner_radius)
-    check_grid(grid)
+    choice(grid, "grid", GRIDS)
     made = _polar if grid == "polar" else _square
     x, y, weights, steps = made(radius, inner_radius, samples)
     z = form(x, y)
@@ -102,9 +103,9 @@ def map_points(
     dx, dy = surface.dx, surface.dy
     assert dx is not None and dy is not None  # noqa: S101, PT018  # refused just now
     _refuse_fill_values(surface.z)
-    z = surface.z - real_number(vertex_height, "vertex_height")
+    z = surface.z - quantity(vertex_height, "vertex_height", "length")
     rest = z if form is None else z - _of_form(form, across, up)
-    (p, doubt_x), (q, doubt_y) = slopes_of(rest, dx, 1), slopes_of(rest, dy, 0)
+    (p, error_x), (q, error_y) = slopes_of(rest, dx, 1), slopes_of(rest, dy, 0)
     if form is not None:
         exact = form.gradient(across, up)
         p, q = p + exact[0], q + exact[1]
@@ -130,7 +131,7 @@ def map_points(
         radius,
         (dx, dy),
         notes,
-        (np.where(inside, doubt_x, 0.0), np.where(inside, doubt_y, 0.0)),
+        (np.where(inside, error_x, 0.0), np.where(inside, error_y, 0.0)),
         axis,
         _height_on_axis(np.where(inside, on_axis, np.nan), rho, reach),
     )
@@ -150,25 +151,19 @@ def _aperture(
     known: _Mask, rho: FloatArray, radius: float | None, inner_radius: float
 ) -> tuple[float, float, _Mask]:
     """Return both radii and what lies between them; refuse an aperture that holds next to nothing."""
-    hole = real_number(inner_radius, "inner_radius")
+    hole = quantity(inner_radius, "inner_radius", "length")
     if radius is not None or known.any():
         farthest = float(rho[known].max(initial=0.0))
         radius, hole = _radii(farthest if radius is None else radius, hole)
     limit = 0.0 if radius is None else radius * (1.0 + 1e-12)
     aperture: _Mask = (rho <= limit) & (rho >= hole)
-    count = int((known & aperture).sum())
-    if count < 3 or radius is None:
+    n_inside = int((known & aperture).sum())
+    if n_inside < 3 or radius is None:
         raise TooFewSamplesError(
-            f"{count} pixels with slopes lie in the aperture; a wavefront needs at least 3: check "
+            f"{n_inside} pixels with slopes lie in the aperture; a wavefront needs at least 3: check "
             "the radius and the centre"
         )
     return radius, hole, aperture
-
-
-def check_grid(grid: str) -> None:
-    """Refuse a word that is no grid."""
-    if grid not in ("polar", "square"):
-        raise DataError(f'grid must be "polar" or "square", got {grid!r}')
 
 
 def _about_the_axis(
@@ -185,7 +180,7 @@ def _about_the_axis(
     y = surface.origin[1] + surface.dy * np.arange(rows, dtype=np.float64)
     notes: tuple[str, ...] = ()
     if centre is not None:
-        axis = pair_of(centre, "centre")
+        axis = position(centre, "centre")
     elif surface.origin == (0.0, 0.0):
         axis = measured_middle(surface.z, x, y)
         note = (
@@ -237,7 +232,7 @@ def _coverage(area: float, radius: float, inner: float) -> tuple[str, ...]:
         return ()
     note = (
         f"the measured pixels cover {100.0 * share:.2g} % of the aperture of radius "
-        f"{1e3 * radius:.6g} mm: Zernike terms lean on each other there; check radius and centre"
+        f"{1e3 * radius:.6g} mm: Zernike terms are strongly correlated there; check radius and centre"
     )
     return (note,)
 
@@ -252,7 +247,8 @@ def _height_on_axis(heights: FloatArray, rho: FloatArray, reach: float) -> float
 
 
 def _radii(radius: float, inner_radius: float) -> tuple[float, float]:
-    outer, inner = positive(radius, "radius"), real_number(inner_radius, "inner_radius")
+    outer = positive(radius, "radius", dimension="length")
+    inner = quantity(inner_radius, "inner_radius", "length")
     if not 0.0 <= inner < outer:
         raise DataError(
             f"inner_radius must lie between 0 and the radius {1e3 * outer:.6g} mm, got {inner} m"
@@ -268,8 +264,8 @@ def _polar(
         raise DataError(
             f"samples of a polar grid are (radii, azimuths), each 3 or more, got {samples!r}"
         )
-    n_rho = whole_number(counts[0], "samples (radii) of a polar grid", 3)
-    n_theta = whole_number(counts[1], "samples (azimuths) of a polar grid", 3)
+    n_rho = count(counts[0], "samples (radii) of a polar grid", least=3)
+    n_theta = count(counts[1], "samples (azimuths) of a polar grid", least=3)
     rho = inner + (np.arange(n_rho) + 0.5) / n_rho * (radius - inner)
     theta = 2.0 * np.pi * (np.arange(n_theta) + 0.5) / n_theta
     weights = np.repeat(rho[:, None] / (rho.sum() * n_theta), n_theta, axis=1)
@@ -279,7 +275,7 @@ def _polar(
 def _square(
     radius: float, inner: float, samples: int | tuple[int, int] | None
 ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float]]:
-    n = whole_number(SQUARE if samples is None else samples, "samples of a square grid", 8)
+    n = count(SQUARE if samples is None else samples, "samples of a square grid", least=8)
     step = 2.0 * radius / n
     axis = step * (np.arange(n) - 0.5 * (n - 1))
     x, y = np.meshgrid(axis, axis)
@@ -310,10 +306,10 @@ def slopes_of(z: FloatArray, step: float, axis: int) -> tuple[FloatArray, FloatA
     alone = np.isnan(rise) & ~np.isnan(single)
     bend = np.abs(ahead + behind)
     known = bend[~np.isnan(bend)]
-    doubt = np.where(alone, 0.5 * float(np.median(known)) if known.size else np.nan, 0.0)
+    error = np.where(alone, 0.5 * float(np.median(known)) if known.size else np.nan, 0.0)
     return (
         np.moveaxis(np.where(alone, single, rise) / step, 0, axis),
-        np.moveaxis(doubt / step, 0, axis),
+        np.moveaxis(error / step, 0, axis),
     )
 
 

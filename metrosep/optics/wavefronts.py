@@ -13,17 +13,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import FloatArray, position
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import choice, positive, quantity
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.surface import Surface
 from metrosep.forms.base import Form
 from metrosep.forms.zernike import Zernike, ZernikeOrder
 from metrosep.forms.zernike_fit import RIM
-from metrosep.optics._checks import frozen, pair_of, positive, wavelength_of
+from metrosep.optics._checks import freeze_fields, wavelength_of
 from metrosep.optics.image_quality import PointSpread, point_spread, strehl_ratio
 from metrosep.optics.rays import Mode, Side, check_mode, path_difference, path_sensitivity
-from metrosep.optics.sampling import Grid, Sampled, check_grid, form_points, map_points
+from metrosep.optics.sampling import GRIDS, Grid, Sampled, form_points, map_points
 from metrosep.optics.zernike_tables import ZernikeTable, fit_table
 
 __all__ = ["Wavefront", "ZernikeTable", "wavefront"]
@@ -91,12 +92,11 @@ class Wavefront:
     side: str = "inside"
 
     def __post_init__(self) -> None:
-        for name in ("x", "y", "opd", "weights"):
-            object.__setattr__(self, name, frozen(getattr(self, name), name))
+        freeze_fields(self, "x", "y", "opd", "weights")
         object.__setattr__(self, "n", check_mode(self.mode, self.n, self.side))
-        object.__setattr__(self, "radius", positive(self.radius, "radius"))
+        object.__setattr__(self, "radius", positive(self.radius, "radius", dimension="length"))
         if self.steps is not None:
-            steps = pair_of(self.steps, "steps")
+            steps = position(self.steps, "steps")
             object.__setattr__(self, "steps", tuple(positive(v, "a step") for v in steps))
         object.__setattr__(self, "audit", freeze_mapping(self.audit))
         self._check_points()
@@ -152,7 +152,7 @@ class Wavefront:
             How many first terms, or their numbers.
         order : {"ansi", "noll", "fringe"}, optional
             How terms are counted: ANSI from 0, the others from 1.
-        radius : float, m, optional
+        radius : float (m) or str with unit, optional
             Of the disc of the polynomials; the aperture if omitted. Points beyond it have no part.
 
         Returns
@@ -257,7 +257,7 @@ class Wavefront:
 
         Parameters
         ----------
-        wavelength : float, m
+        wavelength : float (m) or str with unit
             Of the light in vacuum, from 1e-8 to 1e-2.
         removed : sequence of str, optional
             Taken off first, as by `remove`; tilt only moves the image.
@@ -289,7 +289,7 @@ class Wavefront:
 
         Parameters
         ----------
-        wavelength : float, m
+        wavelength : float (m) or str with unit
             Of the light in vacuum, from 1e-8 to 1e-2.
         removed : sequence of str, optional
             Taken off first.
@@ -397,9 +397,9 @@ def wavefront(
         Refractive index of the material, to refract.
     side : {"inside", "outside"}, optional
         Whether refracted light leaves the material here, or enters it.
-    radius : float, m, optional
+    radius : float (m) or str with unit, optional
         Of the aperture; needed for a form, all that was measured for a map.
-    inner_radius : float, m, optional
+    inner_radius : float (m) or str with unit, optional
         Of a central hole.
     centre : tuple of (float, float), m, optional
         Optical axis in the coordinates of a map. If omitted: (0, 0), but the middle of what was
@@ -411,7 +411,7 @@ def wavefront(
         Points of an ideal form.
     samples : int or tuple of int, optional
         Radii and azimuths on rings (300, 720), or points along the side of a square (256).
-    vertex_height : float, m, optional
+    vertex_height : float (m) or str with unit, optional
         Height of the vertex plane in a measured map, 0 if omitted: heights count as given. Slopes
         turn an offset into defocus, so it matters on a curved part.
 
@@ -450,7 +450,9 @@ def wavefront(
     (0.3113, -0.148)
     """
     check_mode(mode, n, side)
-    check_grid(grid)
+    choice(grid, "grid", GRIDS)
+    inner_radius = quantity(inner_radius, "inner_radius", "length")
+    vertex_height = quantity(vertex_height, "vertex_height", "length")
     points = _points(surface, radius, inner_radius, centre, form, grid, samples, vertex_height)
     used = ~np.isnan(points.z)
     rays = tuple(np.where(used, v, np.nan) for v in (points.z, points.slope_x, points.slope_y))
@@ -458,13 +460,13 @@ def wavefront(
     is_map = points.centre is not None
     audit: dict[str, Any] = {
         "side": side,
-        "inner_radius_mm": 1e3 * float(inner_radius),
+        "inner_radius_mm": 1e3 * inner_radius,
         "grid": "map" if is_map else grid,
         "n_points": int(used.sum()),
     }
     if points.centre is not None:
         audit["centre_mm"] = (1e3 * points.centre[0], 1e3 * points.centre[1])
-        audit["vertex_height_mm"] = 1e3 * float(vertex_height)
+        audit["vertex_height_mm"] = 1e3 * vertex_height
     return Wavefront(
         points.x,
         points.y,
@@ -474,7 +476,7 @@ def wavefront(
         points.steps,
         mode,
         n,
-        messages=points.messages + (map_doubts(points, rays, mode, n, side) if is_map else ()),
+        messages=points.messages + (map_messages(points, rays, mode, n, side) if is_map else ()),
         source=surface if isinstance(surface, Form) else None,
         audit=audit,
         side=side,
@@ -516,7 +518,7 @@ _MISPLACED = 1e-6
 """m: a height that nobody would notice, to say what it would do where no height is known."""
 
 
-def map_doubts(
+def map_messages(
     points: Sampled,
     rays: tuple[FloatArray, ...],
     mode: Mode,
@@ -525,25 +527,27 @@ def map_doubts(
 ) -> tuple[str, ...]:
     """Return messages; rays are heights and both slopes, NaN where nothing is used."""
     notes = (
-        "" if points.doubt is None else _single_neighbours(points.doubt, rays, mode, n, side),
+        ""
+        if points.slope_errors is None
+        else _single_neighbours(points.slope_errors, rays, mode, n, side),
         _misplaced_height(points.on_axis, rays, mode, n, side),
     )
     return tuple(note for note in notes if note)
 
 
 def _single_neighbours(
-    doubt: tuple[FloatArray, FloatArray],
+    errors: tuple[FloatArray, FloatArray],
     rays: tuple[FloatArray, ...],
     mode: Mode,
     n: float | None,
     side: Side,
 ) -> str:
-    there = (doubt[0] != 0.0) | (doubt[1] != 0.0)  # NaN counts
+    there = (errors[0] != 0.0) | (errors[1] != 0.0)  # NaN counts
     count = int(there.sum())
     if not count:
         return ""
     _, by_x, by_y = path_sensitivity(*(v[there] for v in rays), mode=mode, n=n, side=side)
-    size = float((np.abs(by_x) * doubt[0][there] + np.abs(by_y) * doubt[1][there]).max())
+    size = float((np.abs(by_x) * errors[0][there] + np.abs(by_y) * errors[1][there]).max())
     amount = (
         "by an amount that this map cannot tell"
         if np.isnan(size)
@@ -596,17 +600,9 @@ _RANK = {0: 0, 1: 1, 2: 1, 4: 2}
 
 def removal_names(what: object) -> tuple[str, ...]:
     """Return names of what can be removed, each once, from a name or several."""
-    given: tuple[object, ...]
-    try:
-        given = (what,) if isinstance(what, str) else tuple(what)  # type: ignore[arg-type]
-    except TypeError:
-        given = (what,)
-    names: list[str] = []
-    for name in given:
-        if not isinstance(name, str) or name not in TERMS:
-            raise DataError(f"removed must be of {', '.join(TERMS)}, got {name!r}")
-        names.append(name)
-    return tuple(dict.fromkeys(names))
+    several = isinstance(what, Iterable) and not isinstance(what, str)
+    given = tuple(what) if several else (what,)  # type: ignore[arg-type]
+    return tuple(dict.fromkeys(choice(name, "removed", TERMS) for name in given))
 
 
 def terms_to_fit(names: Iterable[str]) -> tuple[list[int], set[int]]:

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from operator import index
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
+from metrosep.core.numbers import positive
 from metrosep.core.provenance import freeze_mapping
 from metrosep.forms.zernike import Zernike, ZernikeOrder, term_name, to_nm
-from metrosep.optics._checks import positive
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -118,10 +116,8 @@ def fit_table(
     messages: tuple[str, ...] = (),
 ) -> ZernikeTable:
     """Return Zernike terms through points by least squares with the area as weight."""
-    disc = positive(radius, "radius")
-    if not isinstance(order, str):
-        raise DataError(f"order must be one of ansi, noll, fringe, got {order!r}")
-    form = Zernike(_term_numbers(terms), order=order, radius=disc)
+    disc = positive(radius, "radius", dimension="length")
+    form = Zernike(terms, order=order, radius=disc)
     x, y, path, area = points
     w = area / float(area.max())
     fit, left = form.fit_list(x, y, path, weights=w)
@@ -148,17 +144,3 @@ def fit_table(
         float(np.sqrt(squares)),
         tuple(notes),
     )
-
-
-def _term_numbers(terms: object) -> int | tuple[int, ...]:
-    """Return how many terms or their numbers; what only rounds to a whole number is refused."""
-    if isinstance(terms, Sequence | np.ndarray) and not isinstance(terms, str | bytes):
-        return tuple(_whole(j, "a Zernike term") for j in terms)
-    return _whole(terms, "terms (how many, or a list of numbers)")
-
-
-def _whole(value: object, name: str) -> int:
-    try:
-        return index(math.nan if isinstance(value, bool | np.bool_) else value)  # type: ignore[arg-type]
-    except TypeError:
-        raise DataError(f"{name} must be a whole number, got {value!r}") from None

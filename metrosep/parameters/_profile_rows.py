@@ -15,25 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import choice, not_negative, positive
 from metrosep.core.units import format_length
 from metrosep.filters.kind import ProfileKind
 from metrosep.parameters.material_ratio import CoreHeight, CoreLine, abbott_curve, core_height
 from metrosep.parameters.sections import Evaluation
 from metrosep.parameters.table import Row
-
-__all__ = [
-    "HEIGHT_THRESHOLD",
-    "NEW",
-    "OLD",
-    "ROWS",
-    "SPACING_THRESHOLD",
-    "Edition",
-    "ProfileElements",
-    "ProfileRow",
-    "Work",
-    "named_edition",
-    "profile_elements",
-]
 
 Edition = Literal["ISO 21920-2:2021", "ISO 4287:1997"]
 
@@ -146,7 +133,7 @@ class ProfileRow:
     what: str
     reach: Literal["field", "sections", "whole", "largest"]
     clause: str
-    evaluate: Callable[[Work], float]
+    evaluate: Callable[[Work], float] | str
 
     def row(self, kind: ProfileKind, edition: Edition, e: Evaluation) -> Row:
         return Row(self.symbol(kind, edition), self.unit, self.text(edition, e), self.evaluate)
@@ -193,9 +180,9 @@ ROWS = (
     ProfileRow("z", "z", "m", "highest peak plus deepest valley", "sections", "ISO 4287:1997, 4.1.3",
          lambda w: float(np.mean(w.evaluation.section_values(lambda h: h.z)))),
     ProfileRow("z1max", "zx", "m", "highest peak plus deepest valley", "largest", "ISO 4288:1996",
-         lambda w: w.evaluation.largest_height),
+         "evaluation.largest_height"),
     ProfileRow("t", "t", "m", "highest minus lowest sample", "whole", "ISO 4287:1997, 4.1.5",
-         lambda w: w.evaluation.amplitude.z),
+         "evaluation.amplitude.z"),
     ProfileRow("c", "c", "m", "mean height of the profile elements", "field", "ISO 4287:1997, 4.1.4",
          lambda w: _mean_of_elements(w, lambda e: e.mean_height)),
     ProfileRow("Sm", "sm", "m", "mean width of the profile elements", "field", "ISO 4287:1997, 4.3.1",
@@ -204,23 +191,23 @@ ROWS = (
          lambda w: w.gradient(lambda g: float(np.sqrt(np.mean(g * g))))),
     ProfileRow(None, "da", "1", "mean absolute gradient, 7-point", "field", "",
          lambda w: w.gradient(lambda g: float(np.mean(np.abs(g))))),
-    ProfileRow("k", "k", "m", "core height", "whole", "ISO 13565-2:1996", lambda w: w.core.k),
+    ProfileRow("k", "k", "m", "core height", "whole", "ISO 13565-2:1996", "core.k"),
     ProfileRow("pk", "pk", "m", "reduced peak height", "whole", "ISO 13565-2:1996",
-         lambda w: w.core.pk),
+         "core.pk"),
     ProfileRow("vk", "vk", "m", "reduced valley depth", "whole", "ISO 13565-2:1996",
-         lambda w: w.core.vk),
+         "core.vk"),
     ProfileRow("Mr1", "mrk1", "1", "material ratio at the top of the core", "whole",
-         "ISO 13565-2:1996", lambda w: w.core.mr1),
+         "ISO 13565-2:1996", "core.mr1"),
     ProfileRow("Mr2", "mrk2", "1", "material ratio at the bottom of the core", "whole",
-         "ISO 13565-2:1996", lambda w: w.core.mr2),
+         "ISO 13565-2:1996", "core.mr2"),
     ProfileRow(None, "pkx", "m", "height of the peaks above the core", "whole", "",
-         lambda w: w.core.pkx),
+         "core.pkx"),
     ProfileRow(None, "vkx", "m", "depth of the valleys below the core", "whole", "",
-         lambda w: w.core.vkx),
+         "core.vkx"),
     ProfileRow("A1", "ak1", "m", "peak area per unit of material ratio", "whole",
-         "ISO 13565-2:1996", lambda w: w.core.a1),
+         "ISO 13565-2:1996", "core.a1"),
     ProfileRow("A2", "ak2", "m", "valley area per unit of material ratio", "whole",
-         "ISO 13565-2:1996", lambda w: w.core.a2),
+         "ISO 13565-2:1996", "core.a2"),
 )  # fmt: skip
 
 
@@ -234,9 +221,7 @@ _STENCIL = 7
 def local_gradient(heights: ArrayLike, *, dx: float) -> FloatArray:
     """Return dz/dx at the samples with three valid neighbours on both sides.
 
-    References
-    ----------
-    .. [1] ISO 4287:1997, 3.2.6 (recalled).
+    Source: ISO 4287:1997, 3.2.6 (recalled).
 
     Examples
     --------
@@ -244,8 +229,7 @@ def local_gradient(heights: ArrayLike, *, dx: float) -> FloatArray:
     np.float64(0.5)
     """
     z = np.asarray(heights, dtype=np.float64)
-    if not (np.isfinite(dx) and dx > 0.0):
-        raise DataError(f"the step dx must be finite and positive, got {dx}")
+    dx = positive(dx, "the step dx", dimension="length")
     if z.ndim != 1 or np.isinf(z).any():
         raise InvalidSamplesError("heights for a gradient must be one row without infinite values")
     gradient = np.full(z.size, np.nan)
@@ -260,9 +244,7 @@ def local_gradient(heights: ArrayLike, *, dx: float) -> FloatArray:
 def root_mean_square_gradient(heights: ArrayLike, *, dx: float) -> float:
     """Return dq, the root mean square of the local gradient.
 
-    References
-    ----------
-    .. [1] ISO 4287:1997, 4.4.1 (recalled).
+    Source: ISO 4287:1997, 4.4.1 (recalled).
 
     Examples
     --------
@@ -407,15 +389,10 @@ def profile_elements(
     if not (np.isfinite(xs).all() and (np.diff(xs) > 0).all()):
         raise InvalidSamplesError("positions x must be finite and rise")
     depth = min_height if min_depth is None else min_depth
-    for name, limit in (
-        ("min_height", min_height),
-        ("min_depth", depth),
-        ("min_width", min_width),
-    ):
-        if not (np.isfinite(limit) and limit >= 0.0):
-            raise DataError(f"{name} must be finite and not negative, got {limit}")
-    if pairs not in ("first", "both"):
-        raise DataError(f'pairs is "first" or "both", got {pairs!r}')
+    min_height = not_negative(min_height, "min_height", dimension="length")
+    depth = not_negative(depth, "min_depth", dimension="length")
+    min_width = not_negative(min_width, "min_width", dimension="length")
+    choice(pairs, "pairs", ("first", "both"))
     found = [
         _elements_of_run(_portions(xs[run], zs[run]), min_height, depth, min_width, pairs)
         for run in _runs(~np.isnan(zs))

@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core.docs import documented
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import choice, positive, real
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.parameters.areal_heights import HeightStatistics, height_statistics
@@ -35,7 +37,7 @@ from metrosep.parameters.material_ratio import (
     abbott_curve,
     core_height,
 )
-from metrosep.parameters.table import Context, ParameterTable, Row, chosen_rows, evaluated
+from metrosep.parameters.table import TABLE, Context, ParameterTable, Row, chosen_rows, evaluated
 from metrosep.parameters.watershed import (
     LARGEST_HOLE,
     Peaks,
@@ -43,7 +45,7 @@ from metrosep.parameters.watershed import (
     mean_peak_curvature,
     significant_peaks,
 )
-from metrosep.spectral.dft import instance_of, real_number
+from metrosep.spectral.dft import instance_of
 
 __all__ = ["EDITION", "ArealParameterTable", "areal_parameters", "is_form_removed"]
 
@@ -56,20 +58,21 @@ _ALIASES = {"Smrk1": "Smr1", "Smrk2": "Smr2"}
 _FEATURES = {"S5p", "S5v", "S10z", "Spd", "Spc"}
 """Parameters of peaks and pits, from the segmentation."""
 
+_NO_DECAY = (
+    "the autocorrelation does not fall to 0.2 within half the map in its longest direction; "
+    "map a larger area, or remove form and waviness"
+)
+
 _CONSTANT = "all valid heights are equal, so Sq is zero and the ratio is not defined"
 
 
+@documented(table=TABLE)
 class ArealParameterTable(ParameterTable):
     """Areal parameters; Smrk1 and Smrk2 find Smr1 and Smr2.
 
     Parameters
     ----------
-    quantities : sequence of Quantity
-        Each with its symbol.
-    context : Context
-        Edition, filter chain, valid share, settings.
-    unavailable : mapping of str to str, optional
-        Symbols that could not be evaluated, each with the reason and what to do.
+    $table
 
     Examples
     --------
@@ -143,9 +146,9 @@ def areal_parameters(
     """
     instance_of(surface, Surface, "a table of areal parameters")
     rows = chosen_rows(_ROWS, names, "an areal parameter", _ALIASES)
-    if line not in ("lsq", "secant"):
-        raise DataError(f'line is "lsq" or "secant", got {line!r}')
-    if not 0.0 <= real_number(pruning, "pruning", "a share of Sz") < 1.0:
+    choice(line, "line", ("lsq", "secant"))
+    pruning = real(pruning, "pruning", what="a share of Sz")
+    if not 0.0 <= pruning < 1.0:
         raise DataError(f"pruning is a share of Sz from 0 to below 1, got {pruning}")
     work = _Work(surface, line, pruning)
     n_valid = work.heights.n_valid
@@ -239,25 +242,16 @@ class _Work:
     def pits(self) -> Peaks:
         return significant_peaks(-self.centred, pruning=self.pruning)
 
+    @property
+    def peak_density(self) -> float:
+        dx, dy = self.steps
+        return len(self.peaks) / ((self.heights.n_valid + self.peaks.n_filled) * dx * dy)
+
 
 def _given(value: float | None, reason: str) -> float:
     if value is None:
         raise DataError(reason)
     return value
-
-
-def _aspect_ratio(work: _Work) -> float:
-    return _given(
-        work.lobe.aspect_ratio,
-        "the autocorrelation does not fall to 0.2 within half the map in its longest direction; "
-        "map a larger area, or remove form and waviness",
-    )
-
-
-def _peak_density(work: _Work) -> float:
-    dx, dy = work.steps
-    n = work.heights.n_valid + work.peaks.n_filled
-    return len(work.peaks) / (n * dx * dy)
 
 
 def _filled_notes(work: _Work, given: set[str]) -> list[str]:
@@ -291,7 +285,7 @@ def _filled_notes(work: _Work, given: set[str]) -> list[str]:
 
 
 _ROWS = (
-    Row("Sq", "m", "root mean square height about the mean", lambda w: w.heights.Sq),
+    Row("Sq", "m", "root mean square height about the mean", "heights.Sq"),
     Row("Ssk", "1", "skewness of the heights", lambda w: _given(w.heights.Ssk, _CONSTANT)),
     Row(
         "Sku",
@@ -299,21 +293,21 @@ _ROWS = (
         "kurtosis of the heights, 3 for Gaussian ones",
         lambda w: _given(w.heights.Sku, _CONSTANT),
     ),
-    Row("Sp", "m", "highest peak above the mean", lambda w: w.heights.Sp),
-    Row("Sv", "m", "deepest pit below the mean, positive", lambda w: w.heights.Sv),
-    Row("Sz", "m", "maximum height Sp + Sv", lambda w: w.heights.Sz),
-    Row("Sa", "m", "arithmetic mean height about the mean", lambda w: w.heights.Sa),
+    Row("Sp", "m", "highest peak above the mean", "heights.Sp"),
+    Row("Sv", "m", "deepest pit below the mean, positive", "heights.Sv"),
+    Row("Sz", "m", "maximum height Sp + Sv", "heights.Sz"),
+    Row("Sa", "m", "arithmetic mean height about the mean", "heights.Sa"),
     Row(
         "Sal",
         "m",
         "autocorrelation length, shortest distance of the decay to 0.2",
-        lambda w: w.lobe.shortest,
+        "lobe.shortest",
     ),
     Row(
         "Str",
         "1",
         "texture aspect ratio, shortest over longest distance of the decay to 0.2",
-        _aspect_ratio,
+        lambda w: _given(w.lobe.aspect_ratio, _NO_DECAY),
     ),
     Row(
         "Std",
@@ -322,32 +316,19 @@ _ROWS = (
         "angles to it",
         lambda w: texture_direction(w.acf),
     ),
-    Row("Sdq", "1", "root mean square gradient", lambda w: w.gradients.Sdq),
+    Row("Sdq", "1", "root mean square gradient", "gradients.Sdq"),
+    Row("Sdr", "1", "developed interfacial area ratio, as a number (1 is 100 %)", "gradients.Sdr"),
+    Row("Sk", "m", "core height", "core.k"),
+    Row("Spk", "m", "reduced peak height", "core.pk"),
+    Row("Svk", "m", "reduced dale height", "core.vk"),
+    Row("Smr1", "1", "material ratio at the top of the core, 0 to 1 (Smrk1 of 2021)", "core.mr1"),
     Row(
-        "Sdr",
-        "1",
-        "developed interfacial area ratio, as a number (1 is 100 %)",
-        lambda w: w.gradients.Sdr,
+        "Smr2", "1", "material ratio at the bottom of the core, 0 to 1 (Smrk2 of 2021)", "core.mr2"
     ),
-    Row("Sk", "m", "core height", lambda w: w.core.k),
-    Row("Spk", "m", "reduced peak height", lambda w: w.core.pk),
-    Row("Svk", "m", "reduced dale height", lambda w: w.core.vk),
-    Row(
-        "Smr1",
-        "1",
-        "material ratio at the top of the core, 0 to 1 (Smrk1 of 2021)",
-        lambda w: w.core.mr1,
-    ),
-    Row(
-        "Smr2",
-        "1",
-        "material ratio at the bottom of the core, 0 to 1 (Smrk2 of 2021)",
-        lambda w: w.core.mr2,
-    ),
-    Row("Vmp", "m", "peak material volume per area, Vm(10 %)", lambda w: w.volumes.Vmp),
-    Row("Vmc", "m", "core material volume per area, Vm(80 %) - Vm(10 %)", lambda w: w.volumes.Vmc),
-    Row("Vvc", "m", "core void volume per area, Vv(10 %) - Vv(80 %)", lambda w: w.volumes.Vvc),
-    Row("Vvv", "m", "dale void volume per area, Vv(80 %)", lambda w: w.volumes.Vvv),
+    Row("Vmp", "m", "peak material volume per area, Vm(10 %)", "volumes.Vmp"),
+    Row("Vmc", "m", "core material volume per area, Vm(80 %) - Vm(10 %)", "volumes.Vmc"),
+    Row("Vvc", "m", "core void volume per area, Vv(10 %) - Vv(80 %)", "volumes.Vvc"),
+    Row("Vvv", "m", "dale void volume per area, Vv(80 %)", "volumes.Vvv"),
     Row(
         "Sxp",
         "m",
@@ -372,7 +353,7 @@ _ROWS = (
         "ten-point height S5p + S5v",
         lambda w: five_point_height(w.peaks, 0.0) + five_point_height(w.pits, 0.0),
     ),
-    Row("Spd", "1/m^2", "density of significant peaks", _peak_density),
+    Row("Spd", "1/m^2", "density of significant peaks", "peak_density"),
     Row(
         "Spc",
         "1/m",
@@ -418,15 +399,11 @@ class GradientStatistics:
 def gradient_statistics(z: ArrayLike, dx: float, dy: float) -> GradientStatistics:
     """Return the root mean square gradient and the developed area ratio.
 
-    Notes
-    -----
     Sdq^2 = mean(zx^2 + zy^2), Sdr = mean(sqrt(1 + zx^2 + zy^2) - 1) over the pixels that have
     both slopes. Each pixel stands for the area dx dy around it. The standard leaves the numerical
     derivative open; see the page on Sdq for what other choices give.
 
-    References
-    ----------
-    .. [1] ISO 25178-2:2021, hybrid parameters (clause 4.4; number recalled, not checked).
+    Source: ISO 25178-2:2021, hybrid parameters (clause 4.4; number recalled, not checked).
 
     Examples
     --------
@@ -464,8 +441,7 @@ def surface_slopes(z: ArrayLike, dx: float, dy: float) -> tuple[FloatArray, Floa
 
 def _checked(z: ArrayLike, dx: float, dy: float) -> FloatArray:
     for name, step in (("dx", dx), ("dy", dy)):
-        if not (math.isfinite(step) and step > 0.0):
-            raise InvalidSamplesError(f"{name} is {step} m; a lateral step must be positive")
+        positive(step, name, dimension="length")
     heights = frozen_float(z, name="z", ndim=2)
     if min(heights.shape) < 2:
         raise TooFewSamplesError(
@@ -553,14 +529,10 @@ class Volumes:
 def material_volume(curve: AbbottCurve, p: float) -> float:
     """Return the material volume Vm(p) above the height at a material ratio.
 
-    Notes
-    -----
     Vm(p) = integral from 0 to p of Smc(q) - Smc(p) over q, here as the mean of
     max(z - Smc(p), 0) over the pixels.
 
-    References
-    ----------
-    .. [1] ISO 25178-2:2021, 4.5.6 (number recalled, not checked).
+    Source: ISO 25178-2:2021, 4.5.6 (number recalled, not checked).
 
     Examples
     --------
@@ -576,14 +548,10 @@ def material_volume(curve: AbbottCurve, p: float) -> float:
 def void_volume(curve: AbbottCurve, p: float) -> float:
     """Return the void volume Vv(p) below the height at a material ratio.
 
-    Notes
-    -----
     Vv(p) = integral from p to 1 of Smc(p) - Smc(q) over q, here as the mean of
     max(Smc(p) - z, 0) over the pixels. Vv(p) - Vm(p) = Smc(p) - mean(z).
 
-    References
-    ----------
-    .. [1] ISO 25178-2:2021, 4.5.7 (number recalled, not checked).
+    Source: ISO 25178-2:2021, 4.5.7 (number recalled, not checked).
     """
     cut, above = _cut(curve, p)
     return float(np.add.reduce(cut - curve.heights[above:])) / curve.heights.size
@@ -592,9 +560,7 @@ def void_volume(curve: AbbottCurve, p: float) -> float:
 def volumes(curve: AbbottCurve, *, peak: float = _PEAK, valley: float = _VALLEY) -> Volumes:
     """Return the four volume parameters.
 
-    References
-    ----------
-    .. [1] ISO 25178-2:2021, 4.5.6 and 4.5.7; ratios of ISO 25178-3 (recalled, not checked).
+    Source: ISO 25178-2:2021, 4.5.6 and 4.5.7; ratios of ISO 25178-3 (recalled, not checked).
 
     Examples
     --------

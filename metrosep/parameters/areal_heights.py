@@ -52,15 +52,11 @@ class HeightStatistics:
 def height_statistics(z: ArrayLike) -> HeightStatistics:
     """Return the height parameters of the valid pixels about their mean.
 
-    Notes
-    -----
     With d = z - mean(z) over the n valid pixels: Sa = sum|d| / n, Sq^2 = sum d^2 / n,
     Ssk = sum d^3 / (n Sq^3), Sku = sum d^4 / (n Sq^4), Sp = max d, Sv = -min d, Sz = Sp + Sv.
     Every pixel has the same weight. NaN is left out. Nothing but the mean is removed.
 
-    References
-    ----------
-    .. [1] ISO 25178-2:2021, height parameters (clause 4.2; number recalled, not checked).
+    Source: ISO 25178-2:2021, height parameters (clause 4.2; number recalled, not checked).
 
     Examples
     --------

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import positive
 
 __all__ = [
     "Autocorrelation",
@@ -84,16 +85,12 @@ class CentralLobe:
 def autocorrelation(z: ArrayLike, dx: float, dy: float) -> Autocorrelation:
     """Return the autocorrelation of the valid pixels about their mean.
 
-    Notes
-    -----
     With d = z - mean and m = 1 where valid, 0 elsewhere (d = 0 there):
     acf(t) = [sum d(x) d(x + t) / sum m(x) m(x + t)] / [sum d^2 / sum m], both sums by FFT with
     zeros behind the map, so that nothing wraps round. Lags with fewer pairs than a tenth of the
     valid pixels are NaN. O(n log n).
 
-    References
-    ----------
-    .. [1] ISO 25178-2:2021, autocorrelation function (the standard shifts a limited area; the
+    Source: ISO 25178-2:2021, autocorrelation function (the standard shifts a limited area; the
        count of pairs is this package's estimate of it).
 
     Examples
@@ -151,8 +148,7 @@ def _centred(heights: FloatArray, measured: NDArray[np.bool_], n: int) -> FloatA
 
 def _check_map(heights: FloatArray, dx: float, dy: float) -> None:
     for name, step in (("dx", dx), ("dy", dy)):
-        if not (math.isfinite(step) and step > 0.0):
-            raise InvalidSamplesError(f"{name} is {step} m; a lateral step must be positive")
+        positive(step, name, dimension="length")
     if min(heights.shape) < _MIN_SIZE:
         raise TooFewSamplesError(
             f"an autocorrelation needs at least {_MIN_SIZE} x {_MIN_SIZE} pixels, got "
@@ -177,8 +173,6 @@ def _half_plane_sums(d: FloatArray) -> FloatArray:
 def central_lobe(acf: Autocorrelation, *, threshold: float = 0.2) -> CentralLobe:
     """Return how far the central lobe of an autocorrelation reaches, shortest and longest.
 
-    Notes
-    -----
     A lag belongs to the lobe if the straight line from lag zero to it stays at or above the
     threshold. The end of the lobe is looked for on every grid line between two lags, one inside
     and one below the threshold, so each direction that the grid can tell apart is tried; the two
@@ -186,9 +180,7 @@ def central_lobe(acf: Autocorrelation, *, threshold: float = 0.2) -> CentralLobe
     reaches the edge of the lags, its shortest distance is given only where it is shorter than any
     lag of that edge; the longest is never given.
 
-    References
-    ----------
-    .. [1] ISO 25178-2:2021, 4.3.2 (Sal) and 4.3.3 (Str); threshold 0.2 from ISO 25178-3 (clause
+    Source: ISO 25178-2:2021, 4.3.2 (Sal) and 4.3.3 (Str); threshold 0.2 from ISO 25178-3 (clause
        numbers recalled, not checked).
     """
     from scipy import ndimage
@@ -331,15 +323,11 @@ def _cubic_around(
 def texture_direction(acf: Autocorrelation) -> float:
     """Return the direction Std in which the angular spectrum is largest.
 
-    Notes
-    -----
     The power spectrum is the Fourier transform of the autocorrelation under a Hann window, so a
     map with holes has one too. Its power is summed in sectors of 0.25 deg inside the largest
     circle of frequencies that both axes have, and smoothed over the angle by a Gaussian of 2 deg.
 
-    References
-    ----------
-    .. [1] ISO 25178-2:2021, 4.3.4 (number recalled, not checked). The 2012 edition takes the
+    Source: ISO 25178-2:2021, 4.3.4 (number recalled, not checked). The 2012 edition takes the
        power, as here; the 2021 edition is said to take the amplitude.
     """
     angles, spectrum = _angular_spectrum(acf)

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
+from metrosep.core.numbers import choice, not_negative, positive, real
 from metrosep.core.quantity import Quantity
 
 if TYPE_CHECKING:
@@ -122,18 +123,12 @@ class Contribution:
     dof: float = math.inf
 
     def __post_init__(self) -> None:
-        if self.distribution not in _DIVISOR:
-            raise DataError(
-                f"distribution {self.distribution!r} of {self.name} is not one of "
-                f"{', '.join(_DIVISOR)}"
-            )
-        if not (math.isfinite(self.value) and self.value >= 0.0):
-            raise DataError(f"the value of {self.name} must be finite and >= 0, got {self.value}")
-        if self.divisor is not None and not (math.isfinite(self.divisor) and self.divisor > 0.0):
-            raise DataError(f"the divisor of {self.name} must be positive, got {self.divisor}")
-        if not math.isfinite(self.sensitivity):
-            raise DataError(f"the sensitivity of {self.name} is {self.sensitivity}")
-        if not self.dof > 0.0:
+        choice(self.distribution, f"the distribution of {self.name}", _DIVISOR)
+        not_negative(self.value, f"the value of {self.name}")
+        if self.divisor is not None:
+            positive(self.divisor, f"the divisor of {self.name}")
+        real(self.sensitivity, f"the sensitivity of {self.name}")
+        if not real(self.dof, f"the degrees of freedom of {self.name}", finite=False) > 0.0:
             raise DataError(f"the degrees of freedom of {self.name} must be > 0, got {self.dof}")
 
     @property
@@ -277,9 +272,8 @@ class Budget:
         DataError
             If the probability or k is out of range.
         """
-        if k is not None and not (math.isfinite(k) and k > 0.0):
-            raise DataError(f"a coverage factor must be positive, got {k}")
-        return (self.coverage_factor(coverage) if k is None else k) * self.combined
+        k = self.coverage_factor(coverage) if k is None else positive(k, "a coverage factor")
+        return k * self.combined
 
     def report(self, value: float, unit: str, *, coverage: float = 0.95) -> str:
         """Return the result in one line, as the GUM wants it.

@@ -6,15 +6,13 @@ a `Contribution` of your own.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import flag, not_negative, quantity
 from metrosep.parameters.budget import Contribution
 from metrosep.parameters.repeats import TypeA
-from metrosep.parameters.table import true_or_false
 
 __all__ = [
     "alternatives_line",
@@ -104,7 +102,7 @@ def repeatability_line(repeats: TypeA, *, of_mean: bool = True) -> Contribution:
     >>> repeatability_line(type_a([1.0, 2.0, 3.0, 4.0, 5.0])).dof
     4
     """
-    value = repeats.u if true_or_false(of_mean, "of_mean") else repeats.s
+    value = repeats.u if flag(of_mean, "of_mean") else repeats.s
     return Contribution("repeatability", value, dof=repeats.dof)
 
 
@@ -172,9 +170,9 @@ def drift_line(rate: float, duration: float, *, sensitivity: float = 1.0) -> Con
 
     Parameters
     ----------
-    rate : float, m/s
+    rate : float (m/s) or str with unit
         Largest drift rate; its sign is not used.
-    duration : float, s
+    duration : float (s) or str with unit
         Time that matters: of the scan, or between reference and part.
     sensitivity : float, optional
         Share that reaches the result; 0 where a line or plane is removed.
@@ -189,8 +187,8 @@ def drift_line(rate: float, duration: float, *, sensitivity: float = 1.0) -> Con
     DataError
         If a number is not finite or the duration negative.
     """
-    if not (math.isfinite(duration) and duration >= 0.0):
-        raise DataError(f"a duration must be finite and >= 0, got {duration}")
+    rate = quantity(rate, "rate", "speed")
+    duration = not_negative(duration, "duration", dimension="time")
     return Contribution("drift", abs(rate) * duration, "rectangular", sensitivity=sensitivity)
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from metrosep.core.errors import DataError
-from metrosep.spectral.dft import real_number
+from metrosep.core.numbers import count, not_negative, positive, real
 
 __all__ = [
     "Decision",
@@ -81,11 +81,8 @@ def decide(
     ('accept', 'inconclusive')
     """
     low, high = ordered_limits(lower, upper)
-    value = real_number(value, "value")
-    for name, number in (("U", U), ("guard_factor", guard_factor)):
-        if not (math.isfinite(real_number(number, name)) and number >= 0.0):
-            raise DataError(f"{name} must be finite and not negative, got {_text(number)}")
-    guard = guard_factor * U
+    value = real(value, "value", finite=False)
+    guard = not_negative(guard_factor, "guard_factor") * not_negative(U, "U")
     below, above = (_allowance(value, limit, guard) for limit in (low, high))
     if low + guard - below <= value <= high - guard + above:
         return "accept"
@@ -98,8 +95,8 @@ def ordered_limits(lower: float | None, upper: float | None) -> tuple[float, flo
     """Return both limits of a decision, infinite where there is none."""
     if lower is None and upper is None:
         raise DataError("a decision needs a lower or an upper limit")
-    low = -math.inf if lower is None else real_number(lower, "lower")
-    high = math.inf if upper is None else real_number(upper, "upper")
+    low = -math.inf if lower is None else real(lower, "lower", finite=False)
+    high = math.inf if upper is None else real(upper, "upper", finite=False)
     if math.isnan(low) or math.isnan(high) or low > high:
         raise limits_error(lower, upper)
     return low, high
@@ -144,12 +141,6 @@ def _between(value: float, low: float, high: float, name: str) -> float:
     return value
 
 
-def _standard_uncertainty(u: float) -> float:
-    if not (math.isfinite(u) and u >= 0.0):
-        raise DataError(f"a standard uncertainty must be finite and >= 0, got {u}")
-    return u
-
-
 def guard_factor(
     probability: float = 0.95, *, coverage_factor: float = 2.0, sides: Literal[1, 2] = 1
 ) -> float:
@@ -189,10 +180,8 @@ def guard_factor(
     from scipy.special import ndtri
 
     _between(probability, 0.5, 1.0, "the probability of a guard band")
-    if not (math.isfinite(coverage_factor) and coverage_factor > 0.0):
-        raise DataError(f"a coverage factor must be positive, got {coverage_factor}")
-    if sides not in (1, 2):
-        raise DataError(f"sides is 1 or 2, got {sides}")
+    positive(coverage_factor, "a coverage factor")
+    count(sides, "sides", most=2)
     one_sided = probability if sides == 1 else 0.5 * (1.0 + probability)
     return float(ndtri(one_sided)) / coverage_factor
 
@@ -237,7 +226,7 @@ def conformance_probability(
     from scipy.special import ndtr
 
     low, high = ordered_limits(lower, upper)
-    _standard_uncertainty(u)
+    not_negative(u, "a standard uncertainty")
     if math.isnan(value):
         return math.nan
     if u == 0.0:
@@ -369,14 +358,14 @@ def judge(
     ('inconclusive', 9.5888, 0.945)
     """
     low, high = ordered_limits(lower, upper)
-    _standard_uncertainty(u)
-    if not (math.isfinite(coverage_factor) and coverage_factor > 0.0):
-        raise DataError(f"a coverage factor must be positive, got {coverage_factor}")
+    not_negative(u, "a standard uncertainty")
+    positive(coverage_factor, "a coverage factor")
     chance = conformance_probability(value, u, lower=lower, upper=upper)
     if rule == "pfa":
-        guard = _pfa_guard(pfa) * u
+        guard = guard_factor(1.0 - _between(pfa, 0.0, 0.5, "pfa"), coverage_factor=1.0) * u
         acceptance = _pfa_zone(low, high, u, pfa, guard)
-        verdict = _pfa_verdict(chance, pfa)
+        verdict = "reject" if chance <= pfa else "inconclusive"
+        verdict = "accept" if chance >= 1.0 - pfa else verdict
         sentence = (
             f"accepted or rejected where a false decision has a probability of at most {pfa:g}"
         )
@@ -421,16 +410,6 @@ def _uncertainty_ratio(low: float, high: float, U: float, tolerance: float | Non
             f"tolerance= (the limit itself for a parameter that starts at zero), got {tolerance}"
         )
     return width / (2.0 * U) if U > 0.0 else math.inf
-
-
-def _pfa_guard(pfa: float) -> float:
-    return guard_factor(1.0 - _between(pfa, 0.0, 0.5, "pfa"), coverage_factor=1.0)
-
-
-def _pfa_verdict(chance: float, pfa: float) -> Verdict:
-    if chance >= 1.0 - pfa:
-        return "accept"
-    return "reject" if chance <= pfa else "inconclusive"
 
 
 def _pfa_zone(low: float, high: float, u: float, pfa: float, guard: float) -> tuple[float, float]:

@@ -17,6 +17,7 @@ from metrosep.core.errors import (
     InvalidSamplesError,
     TooFewSamplesError,
 )
+from metrosep.core.numbers import choice, flag, positive
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -25,7 +26,6 @@ from metrosep.core.units import format_length
 from metrosep.parameters.circle import CirclePoints, CircleSolution, best_circle
 from metrosep.parameters.form_result import FormDeviation, Kind, Reference, Support, form_table
 from metrosep.parameters.straightness import Optimum, optimum, straightness_deviation
-from metrosep.parameters.table import true_or_false
 
 __all__ = ["form_deviation"]
 
@@ -100,10 +100,9 @@ def form_deviation(
     >>> result
     FormDeviation(STRt = 3 um, MZ, proven by its support)
     """
-    normal, exact = true_or_false(normal, "normal"), true_or_false(exact, "exact")
+    normal, exact = flag(normal, "normal"), flag(exact, "exact")
     options = {"normal": normal, "exact": exact, "radius": radius is not None}
-    if kind not in _OPTIONS:
-        raise DataError(f"a form is straightness, flatness or roundness, not {kind!r}")
+    choice(kind, "the form", _OPTIONS)
     foreign = [name for name, given in options.items() if given and name not in _OPTIONS[kind]]
     if foreign:
         raise DataError(f"{kind} has no option {', '.join(foreign)}: leave it out")
@@ -137,17 +136,13 @@ _COLLINEAR = 1e-12
 def flatness_deviation(surface: Surface, *, reference: Reference = "MZ") -> FormDeviation:
     """Return the flatness deviation FLTt of a surface.
 
-    Notes
-    -----
     The minimum zone is exact. It touches four points, 3 on one side and 1 on the other or 2 and 2,
     or fewer in special positions. Seen along z, the triangle holds the single point, or the two
     segments cross: with the weights of the support both sides have the same centre of gravity, and
     their mean heights differ by the width. No plane can bring the two closer together, so the
     support proves the zone. NaN is excluded and counted. No filter is applied. O(n).
 
-    References
-    ----------
-    .. [1] ISO 12781-1:2011 (parameters), ISO 1101:2017 (default reference).
+    Source: ISO 12781-1:2011 (parameters), ISO 1101:2017 (default reference).
 
     Examples
     --------
@@ -156,8 +151,7 @@ def flatness_deviation(surface: Surface, *, reference: Reference = "MZ") -> Form
     >>> round(zone.value * 1e6, 6), zone.support.sides.tolist(), zone.is_optimal
     (1.0, [1, 1, -1, -1], True)
     """
-    if reference not in ("MZ", "LS"):
-        raise DataError(f"flatness has the references MZ and LS, not {reference!r}")
+    choice(reference, "the reference of flatness", ("MZ", "LS"))
     grid = _Grid(surface)
     plane = grid.least_squares()
     bound = objective = math.nan
@@ -168,7 +162,7 @@ def flatness_deviation(surface: Surface, *, reference: Reference = "MZ") -> Form
         found = _zone(grid, plane, scale)
         plane, bound = found.coefficients, found.bound
         local = grid.residual(plane)
-        top, bottom = _range(local)
+        top, bottom = (float(f.reduce(local, axis=None)) for f in (np.fmax, np.fmin))
         plane[0] += 0.5 * (top + bottom)
         local -= 0.5 * (top + bottom)
         objective = top - bottom
@@ -326,17 +320,9 @@ class _Grid:
 def _zone(grid: _Grid, plane: FloatArray, scale: float) -> Optimum:
     """Return the minimum zone, started from the extremes of the least-squares residual."""
     flat = np.flatnonzero(grid.valid.ravel()) if grid.has_gaps else np.arange(grid.z.size)
-    seed = np.concatenate([grid.extremes(plane), flat[_spread(flat.size)]])
+    spread = np.unique(np.linspace(0, flat.size - 1, min(flat.size, 20)).astype(np.intp))
+    seed = np.concatenate([grid.extremes(plane), flat[spread]])
     return optimum(grid.basis, grid.extremes, seed, mode="zone", start=plane, scale=scale)
-
-
-def _spread(n: int) -> IntArray:
-    """Return about 20 positions out of n."""
-    return np.unique(np.linspace(0, n - 1, min(n, 20)).astype(np.intp))
-
-
-def _range(values: FloatArray) -> tuple[float, float]:
-    return float(np.fmax.reduce(values, axis=None)), float(np.fmin.reduce(values, axis=None))
 
 
 # ---- roundness of a trace: least squares, minimum zone, circumscribed and inscribed circle -----
@@ -363,8 +349,6 @@ def roundness_deviation(
 ) -> FormDeviation:
     """Return the roundness deviation RONt of a trace.
 
-    Notes
-    -----
     Supports: MZ two points outside and two inside, alternating in angle; MC and MI three points
     not within half a turn, or two opposite ones. Limacons are solved exactly and proven. For exact
     circles the proof is global for MC, and local (against small moves of the centre) for MZ and
@@ -374,9 +358,7 @@ def roundness_deviation(
     smallest (MC) or largest (MI) offset from the least-squares centre. A last sample one turn after the first is the same place: each of the
     two has half the weight in least squares. NaN is excluded and counted. No filter is applied.
 
-    References
-    ----------
-    .. [1] ISO 12181-1:2011 (parameters), ISO 1101:2017 (default reference).
+    Source: ISO 12181-1:2011 (parameters), ISO 1101:2017 (default reference).
 
     Examples
     --------
@@ -387,9 +369,8 @@ def roundness_deviation(
     >>> round(result.value * 1e6, 6), round(result.reference_parameters["a"].value * 1e6, 6)
     (2.0, 5.0)
     """
-    if reference not in ("MZ", "LS", "MC", "MI"):
-        raise DataError(f"roundness has the references MZ, LS, MC and MI, not {reference!r}")
-    exact = true_or_false(exact, "exact")
+    choice(reference, "the reference of roundness", ("MZ", "LS", "MC", "MI"))
+    exact = flag(exact, "exact")
     valid = np.flatnonzero(~np.isnan(profile.z))
     x, z = profile.x[valid], profile.z[valid]
     gap, closed = _check_angles(x, len(profile))
@@ -450,8 +431,7 @@ def _datum(z: FloatArray, radius: float | None, exact: bool) -> tuple[float, flo
     """Return what to subtract from z, and the radius of that datum where it is known."""
     mean = float(z.mean())
     if radius is not None:
-        if not (math.isfinite(radius) and radius > 0.0):
-            raise DataError(f"radius must be finite and positive, got {radius} m")
+        radius = positive(radius, "radius", dimension="length")
         if abs(mean) > 0.5 * radius or radius + float(z.min()) <= 0.0:
             raise DataError(
                 f"z is {format_length(mean)} on average, not a small deviation from the radius "

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import between, positive
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.decision import limits_error
 from metrosep.parameters.repeats import RELATIVE_FLOOR
@@ -227,7 +228,8 @@ def gauge_study(
     messages: list[str] = []
     pooled = k > 1 and bool(rows["interaction"].p > pool)
     if pooled:
-        rows["repeatability"] = _pooled(rows)
+        a, b = rows["repeatability"], rows["interaction"]
+        rows["repeatability"] = _row("repeatability", a.squares + b.squares, a.dof + b.dof)
         rows["conditions"] = _tested(rows["conditions"], rows["repeatability"])
         rows["parts"] = _tested(rows["parts"], rows["repeatability"])
         messages.append(
@@ -291,10 +293,9 @@ def _checked(readings: ArrayLike, name: str) -> FloatArray:
 
 
 def _check_options(tolerance: float | None, pool: float, coverage: float) -> None:
-    if tolerance is not None and not (math.isfinite(tolerance) and tolerance > 0.0):
-        raise DataError(f"the width of the tolerance must be above zero, got {tolerance}")
-    if not 0.0 <= pool <= 1.0:
-        raise DataError(f"pool is a probability from 0 to 1, got {pool}")
+    if tolerance is not None:
+        positive(tolerance, "the width of the tolerance")
+    between(pool, "pool", 0.0, 1.0)
     if not 0.0 < coverage < 1.0:
         raise DataError(f"coverage lies between 0 and 1, got {coverage}")
 
@@ -335,11 +336,6 @@ def _tested(row: VarianceRow, against: VarianceRow) -> VarianceRow:
     else:
         f, probability = (math.inf, 0.0) if row.mean_square > 0.0 else (math.nan, math.nan)
     return VarianceRow(row.source, row.squares, row.dof, row.mean_square, f, probability)
-
-
-def _pooled(rows: Mapping[str, VarianceRow]) -> VarianceRow:
-    a, b = rows["repeatability"], rows["interaction"]
-    return _row("repeatability", a.squares + b.squares, a.dof + b.dof)
 
 
 def _weights(p: int, k: int, r: int, *, pooled: bool) -> dict[str, dict[str, float]]:
@@ -550,7 +546,7 @@ def capability_of(
     limits = [v for v in (lower, upper) if v is not None]
     if any(not math.isfinite(v) for v in limits) or (len(limits) == 2 and limits[0] >= limits[1]):
         raise limits_error(lower, upper)
-    known = _known(values)
+    known = [v for v in values if v is not None and math.isfinite(v)]
     if len(known) < LEAST_VALUES or not limits:
         return None
     mean, sd = float(np.mean(known)), float(np.std(known, ddof=1))
@@ -608,10 +604,6 @@ def control_limits(values: Sequence[float | None] | FloatArray) -> ControlLimits
     mean, spread = float(np.nanmean(numbers)), float(np.mean(ranges))
     reach = _INDIVIDUALS * spread
     return ControlLimits(mean, mean - reach, mean + reach, spread, _RANGES * spread)
-
-
-def _known(values: Sequence[float | None]) -> list[float]:
-    return [v for v in values if v is not None and math.isfinite(v)]
 
 
 def _cp_factors(n: int) -> tuple[float, float]:

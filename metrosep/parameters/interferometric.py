@@ -313,13 +313,8 @@ def _circle_through(p: FloatArray) -> tuple[FloatArray, float] | None:
 
 
 _ROWS = (
-    Row("PV", "m", "largest minus smallest valid height", lambda w: w.heights.Sz),
-    Row(
-        "RMS",
-        "m",
-        "root mean square of the valid heights about their mean",
-        lambda w: w.heights.Sq,
-    ),
+    Row("PV", "m", "largest minus smallest valid height", "heights.Sz"),
+    Row("RMS", "m", "root mean square of the valid heights about their mean", "heights.Sq"),
     Row(
         "PVr",
         "m",

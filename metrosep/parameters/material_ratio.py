@@ -20,6 +20,7 @@ from metrosep.core.errors import (
     InvalidSamplesError,
     TooFewSamplesError,
 )
+from metrosep.core.numbers import choice, quantity
 
 __all__ = [
     "AbbottCurve",
@@ -92,13 +93,12 @@ class AbbottCurve:
         Samples within 1e-12 of the total height below the level count, so that rounding of units
         does not.
         """
-        if not np.isfinite(c):
-            raise DataError(f"a height for the material ratio must be finite, got {c}")
-        if reference not in ("mean", "peak"):
-            raise DataError(f'reference is "mean" or "peak", got {reference!r}')
+        c = quantity(c, "a height for the material ratio", "length")
+        choice(reference, "reference", ("mean", "peak"))
         level = c if reference == "mean" else float(self.heights[0]) - c
         level -= _TIE * self.total_height
-        return _n_at_or_above(self.heights, level) / self.heights.size
+        below = int(np.searchsorted(self.heights[::-1], level, side="left"))
+        return (self.heights.size - below) / self.heights.size
 
     def height(self, p: float) -> float:
         """Return the height mc(p) at a material ratio, the inverse of `ratio`.
@@ -330,10 +330,6 @@ def core_height(heights_sorted_desc: ArrayLike, *, line: CoreLine = "lsq") -> Co
     )
 
 
-def _n_at_or_above(falling: FloatArray, level: float) -> int:
-    return int(falling.size - np.searchsorted(falling[::-1], level, side="left"))
-
-
 def _falling(heights: ArrayLike) -> FloatArray:
     z = np.asarray(heights, dtype=np.float64)
     if z.ndim != 1 or z.size < _MIN_SAMPLES:
@@ -349,8 +345,7 @@ def _falling(heights: ArrayLike) -> FloatArray:
 
 def _core_line(z: FloatArray, line: CoreLine, tie: float) -> tuple[float, float, float]:
     """Return start ratio of the window and the heights of its line at ratios 0 and 1."""
-    if line not in ("lsq", "secant"):
-        raise DataError(f'line is "lsq" or "secant", got {line!r}')
+    choice(line, "line", ("lsq", "secant"))
     n = z.size
     width = _WINDOW * n
     whole = int(width)

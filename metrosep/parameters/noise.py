@@ -16,16 +16,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import documented
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
     NotUniformError,
     TooFewSamplesError,
 )
+from metrosep.core.numbers import choice, count, flag, not_negative, positive
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
-from metrosep.parameters.table import true_or_false, with_heights
+from metrosep.parameters.table import with_heights
 
 __all__ = [
     "CorrelatedNoise",
@@ -44,6 +46,15 @@ __all__ = [
 
 _REACH = 6.0
 """The Gaussian ACF is 2e-16 at this many correlation lengths: the far end does not see it."""
+
+
+REPEATS = """
+    TooFewSamplesError
+        If there are fewer than 2 repeats or fewer than 2 points valid in all.
+    InvalidSamplesError
+        If profiles and surfaces are mixed, or the points differ.
+    """
+"""What every function of repeats raises."""
 
 
 class Sampling(NamedTuple):
@@ -98,9 +109,7 @@ class Noise(ABC):
         NotUniformError
             If the noise is correlated and a step is not known or not uniform.
         """
-        if size < 1:
-            raise DataError(f"the number of noise fields must be at least 1, got {size}")
-        return self._fields(sampling_of(target), rng, size)
+        return self._fields(sampling_of(target), rng, count(size, "the number of noise fields"))
 
     @abstractmethod
     def _fields(self, target: Sampling, rng: np.random.Generator, size: int) -> FloatArray: ...
@@ -174,12 +183,6 @@ class StationaryNoise(Noise):
         return fields
 
 
-def _checked_positive(value: float, name: str, *, zero: bool = False) -> None:
-    if not (math.isfinite(value) and (value > 0.0 or (zero and value == 0.0))):
-        limit = "not negative" if zero else "positive"
-        raise DataError(f"the {name} of the noise must be finite and {limit}, got {value}")
-
-
 def _known_steps(target: Sampling) -> tuple[float, ...]:
     steps = tuple(s for s in target.steps if s is not None)
     if len(steps) != len(target.shape):
@@ -202,7 +205,7 @@ class WhiteNoise(StationaryNoise):
 
     Parameters
     ----------
-    sigma : float, m
+    sigma : float (m) or str with unit
         Standard deviation, >= 0.
 
     Raises
@@ -223,7 +226,7 @@ class WhiteNoise(StationaryNoise):
     sigma: float
 
     def __post_init__(self) -> None:
-        _checked_positive(self.sigma, "standard deviation sigma", zero=True)
+        object.__setattr__(self, "sigma", not_negative(self.sigma, "sigma", dimension="length"))
 
     def standard_deviation(self, target: Target) -> float:
         return self.sigma
@@ -243,9 +246,9 @@ class CorrelatedNoise(StationaryNoise):
 
     Parameters
     ----------
-    sigma : float, m
+    sigma : float (m) or str with unit
         Standard deviation of a point, >= 0.
-    correlation_length : float, m
+    correlation_length : float (m) or str with unit
         Distance at which the autocorrelation exp(-(d / length)^2) has fallen to 1/e, > 0.
 
     Raises
@@ -274,8 +277,10 @@ class CorrelatedNoise(StationaryNoise):
     correlation_length: float
 
     def __post_init__(self) -> None:
-        _checked_positive(self.sigma, "standard deviation sigma", zero=True)
-        _checked_positive(self.correlation_length, "correlation length")
+        sigma = not_negative(self.sigma, "sigma", dimension="length")
+        length = positive(self.correlation_length, "correlation_length", dimension="length")
+        object.__setattr__(self, "sigma", sigma)
+        object.__setattr__(self, "correlation_length", length)
 
     def _eigenvalues(self, target: Sampling, *, doubled: bool = True) -> FloatArray:
         eigenvalues = np.array(self.sigma**2)
@@ -378,6 +383,7 @@ class NoiseFromPsd(StationaryNoise):
         return total
 
 
+@documented(repeats=REPEATS)
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseFromRepeats(Noise):
     """Noise drawn from what repeats of the same measurement differ by.
@@ -395,10 +401,7 @@ class NoiseFromRepeats(Noise):
 
     Raises
     ------
-    TooFewSamplesError
-        If there are fewer than 2 repeats or fewer than 2 points valid in all.
-    InvalidSamplesError
-        If profiles and surfaces are mixed, or the points differ.
+    $repeats
     DataError
         If the method is not known, a point is missing and the method shifts, or `remove_mean` is
         not True or False.
@@ -420,9 +423,8 @@ class NoiseFromRepeats(Noise):
         method: Literal["shift", "combine"] = "shift",
         remove_mean: bool = True,
     ) -> None:
-        if method not in ("shift", "combine"):
-            raise DataError(f'the method is "shift" or "combine", got {method!r}')
-        remove_mean = true_or_false(remove_mean, "remove_mean")
+        choice(method, "method", ("shift", "combine"))
+        remove_mean = flag(remove_mean, "remove_mean")
         stack = stack_repeats(objects)
         gaps = int(np.isnan(stack[0]).sum())
         if gaps and method == "shift":
@@ -469,6 +471,7 @@ _SAME_POSITION = 1e-6
 """Largest difference of two positions, relative to the step, that counts as the same."""
 
 
+@documented(repeats=REPEATS)
 def stack_repeats(objects: Sequence[Profile | Surface]) -> FloatArray:
     """Return the heights of repeats on top of each other, NaN unless valid in all.
 
@@ -484,10 +487,7 @@ def stack_repeats(objects: Sequence[Profile | Surface]) -> FloatArray:
 
     Raises
     ------
-    TooFewSamplesError
-        If there are fewer than 2 repeats or fewer than 2 points valid in all.
-    InvalidSamplesError
-        If profiles and surfaces are mixed, or the points differ.
+    $repeats
     """
     if len(objects) < 2:
         raise TooFewSamplesError(f"at least 2 repeats are needed, got {len(objects)}")
@@ -525,6 +525,7 @@ def _same_step(a: float | None, b: float | None, n: int) -> bool:
     return abs(a - b) * n <= _SAME_POSITION * a * max(n, 1)
 
 
+@documented(repeats=REPEATS)
 def mean_of_repeats(objects: Sequence[Profile | Surface]) -> Profile | Surface:
     """Return the mean profile or surface, NaN unless valid in all.
 
@@ -540,10 +541,7 @@ def mean_of_repeats(objects: Sequence[Profile | Surface]) -> Profile | Surface:
 
     Raises
     ------
-    TooFewSamplesError
-        If there are fewer than 2 repeats or fewer than 2 points valid in all.
-    InvalidSamplesError
-        If profiles and surfaces are mixed, or the points differ.
+    $repeats
 
     Notes
     -----
@@ -583,6 +581,7 @@ class NoiseEstimate:
     n_effective: float
 
 
+@documented(repeats=REPEATS)
 def noise_of_repeats(
     objects: Sequence[Profile | Surface], *, remove_mean: bool = True
 ) -> NoiseEstimate:
@@ -602,10 +601,7 @@ def noise_of_repeats(
 
     Raises
     ------
-    TooFewSamplesError
-        If there are fewer than 2 repeats or fewer than 2 points valid in all.
-    InvalidSamplesError
-        If profiles and surfaces are mixed, or the points differ.
+    $repeats
     DataError
         If `remove_mean` is not True or False.
 
@@ -615,7 +611,7 @@ def noise_of_repeats(
     or (R - 1) (n - 1) when the means were removed. The autocorrelation runs over pairs of valid
     points, without wrapping, up to its first zero along each axis.
     """
-    remove_mean = true_or_false(remove_mean, "remove_mean")
+    remove_mean = flag(remove_mean, "remove_mean")
     stack = stack_repeats(objects)
     valid = np.isfinite(stack[0])
     residuals = residuals_of(stack, remove_mean=remove_mean)

@@ -15,7 +15,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from metrosep.core.docs import documented
 from metrosep.core.errors import DataError, NotConvergedError
+from metrosep.core.numbers import choice, flag, positive
 from metrosep.core.profile import Profile
 from metrosep.core.units import format_length
 from metrosep.filters.kind import DoubleFilterError, ProfileKind, profile_kind
@@ -32,8 +34,8 @@ from metrosep.parameters._profile_rows import (
 )
 from metrosep.parameters.material_ratio import CoreLine
 from metrosep.parameters.sections import Evaluation, sections_in
-from metrosep.parameters.table import Context, ParameterTable, evaluated, true_or_false
-from metrosep.spectral.dft import instance_of, real_number, symbols
+from metrosep.parameters.table import TABLE, Context, ParameterTable, evaluated
+from metrosep.spectral.dft import instance_of, symbols
 
 __all__ = [
     "SETTING_CLASSES",
@@ -67,17 +69,13 @@ _OTHER_SPELLINGS = {
 """Spelling without kind, small letters, to the one spelling that entries are compared by."""
 
 
+@documented(table=TABLE)
 class ProfileParameterTable(ParameterTable):
     """Profile parameters; a symbol of the other edition finds the same parameter.
 
     Parameters
     ----------
-    quantities : sequence of Quantity
-        Each with its symbol.
-    context : Context
-        Edition, filter chain, valid share, settings.
-    unavailable : mapping of str to str, optional
-        Symbols that could not be evaluated, each with the reason and what to do.
+    $table
 
     Examples
     --------
@@ -174,11 +172,9 @@ def profile_parameters(
     """
     instance_of(profile, Profile, "a table of profile parameters")
     chosen = named_edition(edition)
-    if kind not in ("P", "W", "R"):
-        raise DataError(f'kind is "P", "W" or "R", got {kind!r}')
-    if line not in ("lsq", "secant"):
-        raise DataError(f'line is "lsq" or "secant", got {line!r}')
-    centre = true_or_false(centre, "centre")
+    choice(kind, "kind", ("P", "W", "R"))
+    choice(line, "line", ("lsq", "secant"))
+    centre = flag(centre, "centre")
     _check_kind(profile, kind)
     wanted = _wanted(names, kind, chosen)
     evaluation = Evaluation.of(
@@ -297,7 +293,8 @@ def _notes(
             f"The mean of the heights is {format_length(mean)}, not 0; a, q, sk, ku, p and v count "
             "from z = 0 (centre=True removes it)."
         )
-    if kind == "R" and any(r.new in ("k", "pk", "vk") for r in wanted) and not _robust(profile):
+    robust = any("robust" in s.name or "13565" in s.name for s in profile.history)
+    if kind == "R" and any(r.new in ("k", "pk", "vk") for r in wanted) and not robust:
         notes.append(
             "The core family is of the profile as it is; ISO 13565-1 and ISO 21920 ask for a "
             "valley-suppressing (robust) filter before it."
@@ -345,10 +342,6 @@ def _advice(e: Evaluation, cutoff: float, kind: str) -> str:
     if n == len(e.parts):
         return f"the length is short of {count}: measure longer."
     return f"pass sections={n}, or measure longer: the length is short of {count}."
-
-
-def _robust(profile: Profile) -> bool:
-    return any("robust" in s.name or "13565" in s.name for s in profile.history)
 
 
 # ---- default settings: setting classes of ISO 21920-3:2021 and the cutoff rule of ISO 4288:1996 ----
@@ -452,7 +445,7 @@ def setting_class(*, Ra: float | None = None, Rz: float | None = None) -> Settin
     """
     if (Ra is None) == (Rz is None):
         raise DataError("give the tolerance limit of one parameter, Ra or Rz")
-    limit = _positive("Ra" if Rz is None else "Rz", Ra if Rz is None else Rz)
+    limit = positive(Ra if Rz is None else Rz, "Ra" if Rz is None else "Rz", dimension="length")
     for found in SETTING_CLASSES[:-1]:
         largest = found.Ra_max if Rz is None else found.Rz_max
         if limit <= largest * (1.0 + _ROUNDING):
@@ -493,7 +486,7 @@ def suggested_cutoff(symbol: Literal["Ra", "Rz", "RSm"], value: float) -> float:
     table = _CUTOFFS_4288.get(symbol)
     if table is None:
         raise DataError(f"the cutoff follows from {', '.join(_CUTOFFS_4288)}, got {symbol!r}")
-    measured = _positive(symbol, value)
+    measured = positive(value, symbol, dimension="length")
     for largest, cutoff in table:
         if measured <= largest * (1.0 + _ROUNDING):
             return cutoff
@@ -543,7 +536,7 @@ def settle_cutoff(
     >>> settle_cutoff("Ra", lambda cutoff: 3e-6 if cutoff > 1e-3 else 2.5e-6)
     0.0025
     """
-    _positive("start", start)
+    start = positive(start, "start", dimension="length")
     if symbol not in _CUTOFFS_4288:
         suggested_cutoff(symbol, start)  # says which symbols there are
     cutoffs = [c for _, c in _CUTOFFS_4288[symbol]]
@@ -561,10 +554,3 @@ def settle_cutoff(
         f"the cutoffs {', '.join(format_length(c) for c in (*tried, cutoff))} ask for each other; "
         "take the cutoff from the drawing (ISO 21920-3) or state your own"
     )
-
-
-def _positive(name: str, value: float | None) -> float:
-    number = real_number(value, name, "finite and positive, in m")
-    if not (math.isfinite(number) and number > 0.0):
-        raise DataError(f"{name} must be finite and positive, in m, got {value}")
-    return number

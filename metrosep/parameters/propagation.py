@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.numbers import count, flag, real
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
@@ -26,14 +27,12 @@ from metrosep.parameters.table import (
     check_name,
     is_centred,
     rows,
-    true_false_or_none,
-    true_or_false,
     valid_heights,
     value_of,
     with_heights,
 )
 from metrosep.parameters.uncertainty import expected_range
-from metrosep.spectral.dft import instance_of, real_number, whole_number
+from metrosep.spectral.dft import instance_of
 
 __all__ = [
     "Effect",
@@ -93,7 +92,7 @@ def shortest_interval(values: ArrayLike, coverage: float = 0.95) -> tuple[float,
 
 
 def _draws_inside(n: int, coverage: float) -> int:
-    if not 0.0 < real_number(coverage, "coverage", "a probability") < 1.0:
+    if not 0.0 < real(coverage, "coverage", what="a probability", finite=False) < 1.0:
         raise DataError(f"a coverage probability lies between 0 and 1, got {coverage}")
     q = int(coverage * n + 0.5)
     if q < 1 or q >= n:
@@ -248,12 +247,12 @@ def monte_carlo(
     '100.0 107.9 +7.9 nm'
     """
     effects = _checked_causes(obj, noise, effects)
-    adaptive = true_or_false(adaptive, "adaptive")
-    centre = true_false_or_none(centre, "centre")
-    whole_number(draws, "draws", minimum=0)
-    whole_number(max_draws, "max_draws", minimum=0)
-    whole_number(seed, "seed", minimum=0)
-    real_number(max_bytes, "max_bytes")
+    adaptive = flag(adaptive, "adaptive")
+    centre = centre if centre is None else flag(centre, "centre")
+    count(draws, "draws", least=0)
+    count(max_draws, "max_draws", least=0)
+    count(seed, "seed", least=0)
+    real(max_bytes, "max_bytes", finite=False)
     if not adaptive and draws < 2:
         raise TooFewSamplesError(f"a Monte Carlo needs at least 2 draws, got {draws}")
     _draws_inside(_SEQUENCE if adaptive else draws, coverage)

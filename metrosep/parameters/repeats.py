@@ -14,12 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import documented
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import flag
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.parameters.budget import coverage_factor
 from metrosep.parameters.noise import (
+    REPEATS,
     NoiseEstimate,
     mean_of_repeats,
     noise_of_repeats,
@@ -27,8 +30,6 @@ from metrosep.parameters.noise import (
 )
 from metrosep.parameters.table import (
     Evaluate,
-    true_false_or_none,
-    true_or_false,
     value_of,
     with_heights,
 )
@@ -195,6 +196,7 @@ class RepeatResult:
         return self.type_a.mean - self.value_of_mean
 
 
+@documented(repeats=REPEATS)
 def from_repeats(
     objects: Sequence[Profile | Surface], evaluate: Evaluate, *, centre: bool | None = None
 ) -> RepeatResult:
@@ -218,10 +220,7 @@ def from_repeats(
 
     Raises
     ------
-    TooFewSamplesError
-        If there are fewer than 2 repeats or fewer than 2 points valid in all.
-    InvalidSamplesError
-        If profiles and surfaces are mixed, or the points differ.
+    $repeats
     DataError
         If the name is not known, an evaluation is not finite, or `centre` is not True, False or
         None.
@@ -230,7 +229,7 @@ def from_repeats(
     -----
     All repeats are evaluated on the points that are valid in all of them.
     """
-    centre = true_false_or_none(centre, "centre")
+    centre = centre if centre is None else flag(centre, "centre")
     stack = stack_repeats(objects)
     common = [with_heights(o, z) for o, z in zip(objects, stack, strict=True)]
     values = np.array([value_of(evaluate, o, centre=centre) for o in common])
@@ -275,6 +274,7 @@ class NoiseFreeRms:
     dof: int
 
 
+@documented(repeats=REPEATS)
 def noise_free_rms(objects: Sequence[Profile | Surface], *, centre: bool = True) -> NoiseFreeRms:
     """Return the rms height that repeats share: Rq^2 = mean product of two repeats.
 
@@ -292,10 +292,7 @@ def noise_free_rms(objects: Sequence[Profile | Surface], *, centre: bool = True)
 
     Raises
     ------
-    TooFewSamplesError
-        If there are fewer than 2 repeats or fewer than 2 points valid in all.
-    InvalidSamplesError
-        If profiles and surfaces are mixed, or the points differ.
+    $repeats
     DataError
         If `centre` is not True or False.
 
@@ -309,7 +306,7 @@ def noise_free_rms(objects: Sequence[Profile | Surface], *, centre: bool = True)
     the noise; near the noise floor the first holds part of the second (u some 10 % too large).
     Then u(rms) = u(mean square) / (2 rms), or its root near zero.
     """
-    centre = true_or_false(centre, "centre")
+    centre = flag(centre, "centre")
     stack = stack_repeats(objects)
     noise = noise_of_repeats(objects, remove_mean=centre)
     z = stack[:, np.isfinite(stack[0])]

@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import count, positive
 from metrosep.core.profile import Profile
 from metrosep.filters._arguments import SHORTFALL
 from metrosep.parameters.table import check_range
-from metrosep.spectral.dft import finite_number, whole_number
 
 __all__ = [
     "MIN_VALID_SHARE",
@@ -50,13 +50,13 @@ def section_slices(n: int, sections: int) -> tuple[slice, ...]:
     >>> section_slices(10, 3)
     (slice(0, 3, None), slice(3, 7, None), slice(7, 10, None))
     """
-    count = whole_number(sections, "sections")
-    if n < _MIN_SECTION * count:
+    n_sections = count(sections, "sections")
+    if n < _MIN_SECTION * n_sections:
         raise TooFewSamplesError(
-            f"{count} section(s) need {_MIN_SECTION * count} samples or more, got {n}; use "
+            f"{n_sections} section(s) need {_MIN_SECTION * n_sections} samples or more, got {n}; use "
             "fewer sections"
         )
-    edges = [(2 * k * n + count) // (2 * count) for k in range(count + 1)]
+    edges = [(2 * k * n + n_sections) // (2 * n_sections) for k in range(n_sections + 1)]
     return tuple(slice(a, b) for a, b in pairwise(edges))
 
 
@@ -80,8 +80,7 @@ def sections_in(length: float, cutoff: float) -> int:
     >>> sections_in(9.996e-3, 2.5e-3), sections_in(3.995e-3, 0.8e-3), sections_in(3.9e-3, 0.8e-3)
     (4, 5, 4)
     """
-    if finite_number(cutoff, "the cut-off", "a wavelength in m") <= 0.0:
-        raise DataError(f"the cut-off must be positive, got {cutoff}")
+    cutoff = positive(cutoff, "the cut-off", dimension="length")
     return max(1, int(length / cutoff * (1.0 + _ROUNDING) + SHORTFALL))
 
 
@@ -179,11 +178,11 @@ class Evaluation:
         """Refuse sections of which one has too few valid samples to count as a full one."""
         if self.section_amplitudes:
             return
-        for k, (count, part) in enumerate(zip(self.valid_counts, self.parts, strict=True)):
-            if not _is_full(count, part.size, len(self.parts)):
+        for k, (n_valid, part) in enumerate(zip(self.valid_counts, self.parts, strict=True)):
+            if not _is_full(n_valid, part.size, len(self.parts)):
                 raise TooFewSamplesError(
-                    f"section {k + 1} of {len(self.parts)} holds {count or 'no'} valid sample"
-                    f"{'s' if count > 1 else ''} of {part.size}, less than half; use fewer "
+                    f"section {k + 1} of {len(self.parts)} holds {n_valid or 'no'} valid sample"
+                    f"{'s' if n_valid > 1 else ''} of {part.size}, less than half; use fewer "
                     "sections or crop the profile"
                 )
 
@@ -248,14 +247,10 @@ class Amplitudes:
 def amplitudes(heights: ArrayLike) -> Amplitudes:
     """Return the amplitude parameters of heights.
 
-    Notes
-    -----
     ``a = mean|z|``, ``q = sqrt(mean z^2)``, ``sk = mean (z/q)^3``, ``ku = mean (z/q)^4``,
     ``p = max z``, ``v = -min z``. No division by n - 1.
 
-    References
-    ----------
-    .. [1] ISO 4287:1997, 4.1.1, 4.1.2, 4.2.1 to 4.2.4 (recalled).
+    Source: ISO 4287:1997, 4.1.1, 4.1.2, 4.2.1 to 4.2.4 (recalled).
 
     Examples
     --------

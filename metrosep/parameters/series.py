@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -223,7 +223,7 @@ def part_series(
     sure = np.zeros(len(terms), dtype=bool)
     fine = ~np.isnan(tested)
     sure[fine] = benjamini_hochberg(tested[fine], rate=rate)
-    terms = [_marked(t, is_drift=bool(s)) for t, s in zip(terms, sure, strict=True)]
+    terms = [replace(t, drifts=bool(s)) for t, s in zip(terms, sure, strict=True)]
     moving = {t.name: None if t.constant else t.values for t in terms}
     correlation, pairs, same = correlations(moving, fewest=_FEWEST, rate=rate)
     n = len(next(iter(columns.values())))
@@ -313,12 +313,6 @@ def _runs(
         if length >= _RUN:
             found.append(int(index[k]))
     return tuple(found)
-
-
-def _marked(term: TermSeries, *, is_drift: bool) -> TermSeries:
-    from dataclasses import replace
-
-    return replace(term, drifts=is_drift)
 
 
 # ---- which terms of a series of parts move together, and which say the same --------------------

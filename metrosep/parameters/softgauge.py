@@ -16,13 +16,13 @@ from difflib import get_close_matches
 from typing import Any, Literal
 
 from metrosep.core.errors import DataError, MetrosepError, UnitError
+from metrosep.core.numbers import choice, count, flag, not_negative, positive
 from metrosep.core.profile import Profile
 from metrosep.core.units import format_engineering, parse_unit
 from metrosep.filters.kind import ProfileKind
 from metrosep.parameters._profile_rows import named_edition
 from metrosep.parameters.sections import sections_that_fit
-from metrosep.parameters.table import true_or_false
-from metrosep.spectral.dft import finite_number, instance_of, whole_number
+from metrosep.spectral.dft import instance_of
 
 __all__ = [
     "Expectation",
@@ -108,15 +108,15 @@ class GaugeResult:
         Why the file proves nothing at all: gaps.
     unread : tuple of str, optional
         Lines that seem to state a value and were not taken.
-    doubts : tuple of str, optional
-        What the reader warned of, such as a wrong checksum: told with any result. Publishers sum
+    reader_warnings : tuple of str, optional
+        What the reader warned of, such as a wrong checksum: reported with any result. Publishers sum
         in more than one way, so it alone decides nothing; values that all agree outweigh it.
     """
 
     rows: tuple[GaugeRow, ...]
     damage: tuple[str, ...] = ()
     unread: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
+    reader_warnings: tuple[str, ...] = ()
 
     def __iter__(self) -> Iterator[GaugeRow]:
         return iter(self.rows)
@@ -149,7 +149,7 @@ class GaugeResult:
         """Why the file is not verified, or is only in part, and what to doubt; else empty."""
         missing = self._missing
         n = f"{len(missing)} of {len(self.rows)} values were not compared: {', '.join(missing)}"
-        return (*self.doubts, *self.damage, *self.unread, *((n,) if missing else ()))
+        return (*self.reader_warnings, *self.damage, *self.unread, *((n,) if missing else ()))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON.
@@ -218,7 +218,7 @@ def verify_softgauge(
     uncertainty. A zero without decimals is a placeholder, and a length or an angle whose tolerance
     reaches down to 0 would agree with nothing at all: neither is compared. Heights that are
     not measured make the whole file prove nothing; what the reader warned of (the checksum) is
-    told with the result.
+    reported with the result.
 
     References
     ----------
@@ -226,9 +226,9 @@ def verify_softgauge(
     """
     instance_of(profile, Profile, "a software gauge")
     _check_options(kind, edition, sections, line, relative_tolerance)
-    if lambda_c is not None and finite_number(lambda_c, "lambda_c", "a wavelength in m") <= 0.0:
-        raise DataError(f"lambda_c must be positive, got {lambda_c}")
-    centre = true_or_false(centre, "centre")
+    if lambda_c is not None:
+        lambda_c = positive(lambda_c, "lambda_c", dimension="length")
+    centre = flag(centre, "centre")
     header = profile.metadata.get("header")
     lines: Sequence[str] = header.get("information", ()) if isinstance(header, Mapping) else ()
     expected, settings = expectations(lines)
@@ -259,8 +259,8 @@ def verify_softgauge(
                 line=line,
             )
         rows.append(_row(item, tables[letter], relative_tolerance))
-    doubts = tuple(f"{w}; {_ANEW}" for w in profile.metadata.get("warnings", ()))
-    return GaugeResult(tuple(rows), _damage(profile), settings.unread, doubts)
+    reader_warnings = tuple(f"{w}; {_ANEW}" for w in profile.metadata.get("warnings", ()))
+    return GaugeResult(tuple(rows), _damage(profile), settings.unread, reader_warnings)
 
 
 def _damage(profile: Profile) -> tuple[str, ...]:
@@ -358,14 +358,11 @@ def _check_options(
 ) -> None:
     """Refuse at the call what would else stand as a reason in every row."""
     named_edition(edition)
-    if kind not in ("P", "W", "R"):
-        raise DataError(f'kind is "P", "W" or "R", got {kind!r}')
-    if line not in ("lsq", "secant"):
-        raise DataError(f'line is "lsq" or "secant", got {line!r}')
+    choice(kind, "kind", ("P", "W", "R"))
+    choice(line, "line", ("lsq", "secant"))
     if sections is not None:
-        whole_number(sections, "sections")
-    if finite_number(relative_tolerance, "relative_tolerance") < 0.0:
-        raise DataError(f"relative_tolerance must not be negative, got {relative_tolerance}")
+        count(sections, "sections")
+    not_negative(relative_tolerance, "relative_tolerance")
 
 
 # ---- what record 2 of an ``.smd`` software gauge states: expected values and cut-offs ----------
@@ -382,7 +379,7 @@ _CUTOFFS = ("LC", "LS")
 _PURE = {"1": 1.0, "-": 1.0, "none": 1.0, "%": 0.01}
 
 _ALIKE = 0.8
-"""Similarity (`difflib`) from which another keyword is told as a slip: three letters of fifteen."""
+"""Similarity (`difflib`) from which another keyword is reported as a slip: three letters of fifteen."""
 
 _LARGEST = 30
 """Powers of ten that a value may have: more is none."""
@@ -502,7 +499,7 @@ def _expectation(text: str) -> Expectation:
     try:
         printed = Decimal(number)
     except InvalidOperation:
-        raise DataError(f"the value in {text!r} is no number") from None
+        raise DataError(f"the value in {text!r} is not a number") from None
     if not printed.is_finite() or printed.adjusted() > _LARGEST:
         raise DataError(f"the value in {text!r} is not finite")
     # "Psk 0.0888 1" states the unit of a pure number, "Psk 0.0888 0.01" its uncertainty
@@ -538,7 +535,7 @@ def _is_number(word: str) -> bool:
 def _uncertainty(word: str, text: str) -> float:
     u = float(word) if _is_number(word) else math.nan
     if not math.isfinite(u):
-        raise DataError(f"the uncertainty {word!r} in {text!r} is no finite number")
+        raise DataError(f"the uncertainty {word!r} in {text!r} is not a finite number")
     if u < 0.0:
         raise DataError(f"the uncertainty {word!r} in {text!r} is negative: it must be 0 or more")
     return u
@@ -558,7 +555,7 @@ def _unit(unit: str, text: str) -> tuple[float, str]:
 def _cutoff(number: str, unit: str, text: str) -> float:
     factor, dimension = _unit(unit, text)
     if not _is_number(number) or dimension != "length":
-        raise DataError(f"the cut-off {number} {unit} in {text!r} is no length")
+        raise DataError(f"the cut-off {number} {unit} in {text!r} is not a length")
     cutoff = float(number) * factor
     if not 0.0 < cutoff < math.inf:
         raise DataError(f"the cut-off {number} {unit} in {text!r} is not positive and finite")

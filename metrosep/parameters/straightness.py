@@ -22,11 +22,11 @@ from metrosep.core.errors import (
     NotConvergedError,
     TooFewSamplesError,
 )
+from metrosep.core.numbers import flag
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.form_result import FormDeviation, Reference, Support, form_table
-from metrosep.parameters.table import true_or_false
 
 __all__ = ["Mode", "Optimum", "chunk_extremes", "optimum", "straightness_deviation"]
 
@@ -42,8 +42,6 @@ def straightness_deviation(
 ) -> FormDeviation:
     """Return the straightness deviation STRt of a profile.
 
-    Notes
-    -----
     The minimum zone is exact: it touches two points on one side and, between them, one on the
     other. Least squares weights every sample equally. NaN is excluded and counted. No filter is
     applied. O(n).
@@ -60,7 +58,7 @@ def straightness_deviation(
     >>> round(zone.value * 1e6, 6), zone.support.indices.tolist(), zone.is_optimal
     (2.0, [0, 3, 1], True)
     """
-    normal = true_or_false(normal, "normal")
+    normal = flag(normal, "normal")
     valid = np.flatnonzero(~np.isnan(profile.z))
     if valid.size <= _FREEDOMS:
         raise TooFewSamplesError(
@@ -102,7 +100,12 @@ def straightness_deviation(
             settings={"width": "normal" if normal else "vertical"},
             notes=_notes(profile, x, slope, reference, normal),
         ),
-        reference_parameters=_line(slope, height - slope * centre, reference),
+        reference_parameters={
+            "slope": Quantity(slope, "1", f"slope dz/dx of the {reference} line"),
+            "intercept": Quantity(
+                height - slope * centre, "m", f"height of the {reference} line at x = 0"
+            ),
+        },
         residual=_residual(profile, valid, local, reference, normal),
         support=Support(valid[at], x[at], z[at], sides, weights),
         objective=float(np.ptp(local)) if reference == "MZ" else math.nan,
@@ -122,13 +125,6 @@ def _total_least_squares(
     # tan of half the angle, from the side that loses no digits
     slope = both / (difference + length) if difference > 0.0 else (length - difference) / both
     return slope, height, centre
-
-
-def _line(slope: float, intercept: float, reference: str) -> dict[str, Quantity]:
-    return {
-        "slope": Quantity(slope, "1", f"slope dz/dx of the {reference} line"),
-        "intercept": Quantity(intercept, "m", f"height of the {reference} line at x = 0"),
-    }
 
 
 def _residual(
@@ -216,8 +212,6 @@ def least_squares_line(x: FloatArray, z: FloatArray) -> tuple[float, float, floa
 def minimum_zone_line(x: FloatArray, z: FloatArray, *, normal: bool = False) -> LineZone:
     """Return the narrowest zone between two parallel lines that holds all points.
 
-    Notes
-    -----
     O(n) for each exchange; 1e6 points take less than 0.1 s.
 
     Examples
@@ -244,7 +238,8 @@ def minimum_zone_line(x: FloatArray, z: FloatArray, *, normal: bool = False) -> 
         if normal:
             heights = (slope * half * along + scale * residual[support]) / half
             along = along + slopes[:, None] * heights
-        share = _shares(along)
+        # where the foot of the vertex lies on its edge, 0 at the first end and 1 at the last
+        share = (along[:, 2] - along[:, 0]) / (along[:, 1] - along[:, 0])
         best = _best(widths, share)
         np.multiply(t, -zones.slope[best], out=left)
         left += residual
@@ -323,11 +318,6 @@ def _hull(t: FloatArray, r: FloatArray, side: float) -> IntArray:
             hull.pop()
         hull.append(k)
     return np.array(hull, dtype=np.intp)
-
-
-def _shares(along: FloatArray) -> FloatArray:
-    """Return where the foot of the vertex lies on its edge, 0 at the first end and 1 at the last."""
-    return (along[:, 2] - along[:, 0]) / (along[:, 1] - along[:, 0])
 
 
 def _best(widths: FloatArray, share: FloatArray) -> int:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from metrosep._version import __version__
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import documented
 from metrosep.core.errors import DataError, FitError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
@@ -99,17 +101,23 @@ def _step_text(step: Step) -> str:
     return f"{step.name}({inside})"
 
 
-class ParameterTable(Mapping[str, Quantity]):
-    """Parameters by symbol, in the order in which the standard lists them.
-
-    Parameters
-    ----------
+TABLE = """
     quantities : sequence of Quantity
         Each with its symbol.
     context : Context
         Edition, filter chain, valid share, settings.
     unavailable : mapping of str to str, optional
         Symbols that could not be evaluated, each with the reason and what to do.
+    """
+
+
+@documented(table=TABLE)
+class ParameterTable(Mapping[str, Quantity]):
+    """Parameters by symbol, in the order in which the standard lists them.
+
+    Parameters
+    ----------
+    $table
 
     Raises
     ------
@@ -268,12 +276,12 @@ class ParameterTable(Mapping[str, Quantity]):
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One parameter of a table; `value` takes what the parameters share."""
+    """One parameter of a table; `value` takes what the parameters share, or names its attribute."""
 
     symbol: str
     unit: str
     text: str
-    value: Callable[[Any], float]
+    value: Callable[[Any], float] | str
 
 
 def chosen_rows(
@@ -302,31 +310,13 @@ def evaluated(rows: Iterable[Row], work: object) -> tuple[list[Quantity], dict[s
     unavailable: dict[str, str] = {}
     for row in rows:
         try:
-            value = float(row.value(work))
+            of = attrgetter(row.value) if isinstance(row.value, str) else row.value
+            value = float(of(work))
         except (DataError, FitError) as reason:
             unavailable[row.symbol] = str(reason)
         else:
             quantities.append(Quantity(value, row.unit, row.text, symbol=row.symbol))
     return quantities, unavailable
-
-
-# ---- private: options that are yes or no. A text such as "no" counts as true in Python ---------
-
-
-def true_or_false(value: object, name: str) -> bool:
-    """Return a bool; a text, a number or None is none."""
-    if not isinstance(value, bool | np.bool_):
-        raise DataError(f"{name} is True or False, got {value!r}")
-    return bool(value)
-
-
-def true_false_or_none(value: object, name: str) -> bool | None:
-    """Return a bool or None, which leaves the choice to the parameter."""
-    if value is None:
-        return None
-    if not isinstance(value, bool | np.bool_):
-        raise DataError(f"{name} is True, False or None, got {value!r}")
-    return bool(value)
 
 
 # ---- parameters by name, evaluated on many drawings at once: rows of valid heights -------------
@@ -440,7 +430,7 @@ def check_range(low: float, high: float) -> None:
     largest = max(abs(low), abs(high))
     if largest > LARGEST:
         raise DataError(
-            f"the heights reach {largest:.3g} m, beyond {LARGEST:g} m, where their powers are no "
+            f"the heights reach {largest:.3g} m, beyond {LARGEST:g} m, where their powers are not "
             "numbers any more; is the unit m, and is a code for missing samples among them?"
         )
     if 0.0 < high - low < LEAST:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import choice, flag
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.parameters.noise import StationaryNoise, WhiteNoise, sampling_of
@@ -22,7 +23,6 @@ from metrosep.parameters.table import (
     MEAN_ABSOLUTE,
     MEAN_SQUARE,
     is_centred,
-    true_false_or_none,
     valid_heights,
 )
 
@@ -176,8 +176,7 @@ def effective_number(
     >>> [round(effective_number(noise, Profile(x, 0 * x), of=k)) for k in ("mean", "square")]
     [57, 80]
     """
-    if of not in ("mean", "square"):
-        raise DataError(f'of is "mean" or "square", got {of!r}')
+    choice(of, "of", ("mean", "square"))
     c = _Covariance(noise, obj)
     if c.variance == 0.0:
         raise DataError("noise of zero has no effective number of points")
@@ -314,7 +313,7 @@ def noise_influence(
     >>> [f"{1e9 * v:.4f}" for v in (result.value, result.bias, result.u)]
     ['35.3553', '0.0564', '0.0894']
     """
-    centre = true_false_or_none(centre, "centre")
+    centre = centre if centre is None else flag(centre, "centre")
     c = _Covariance(noise, obj)
     if name == "slope":
         return _slope(c, obj)

@@ -80,8 +80,6 @@ def significant_peaks(
 ) -> Peaks:
     """Return the peaks that stand a share of the total height above their saddle.
 
-    Notes
-    -----
     Neighbours are the eight pixels around one. A flat top is one peak, at the pixel nearest its
     middle. A hole of at most `largest_hole` pixels is filled by a quadratic through the measured
     pixels around each of its pixels: a dropout on a summit does not remove the hill. Where such a
@@ -94,9 +92,7 @@ def significant_peaks(
     pixel of the island, which is Sz for a map in one piece: there it always stays, as in Wolf
     pruning. The standard knows no islands. O(n log n).
 
-    References
-    ----------
-    .. [1] ISO 25178-2:2021, clause 5; pruning 5 % from ISO 25178-3 (recalled, not checked).
+    Source: ISO 25178-2:2021, clause 5; pruning 5 % from ISO 25178-3 (recalled, not checked).
 
     Examples
     --------
@@ -348,9 +344,7 @@ def _neighbours() -> Sequence[tuple[tuple[slice, slice], tuple[slice, slice]]]:
 def five_point_height(peaks: Peaks, mean: float) -> float:
     """Return S5p, the mean height of the five highest significant peaks above the mean.
 
-    References
-    ----------
-    .. [1] ISO 25178-2:2021, clause 5.8 (S5p, S5v, S10z; recalled, not checked).
+    Source: ISO 25178-2:2021, clause 5.8 (S5p, S5v, S10z; recalled, not checked).
     """
     if len(peaks) < _FIVE:
         raise TooFewSamplesError(
@@ -363,15 +357,11 @@ def five_point_height(peaks: Peaks, mean: float) -> float:
 def mean_peak_curvature(z: ArrayLike, peaks: Peaks, dx: float, dy: float) -> float:
     """Return Spc, the mean of the principal curvatures over the significant peaks.
 
-    Notes
-    -----
     Peaks on or beside a filled pixel have no second difference of measured heights and are left
     out of the mean. -(d2z/dx2 + d2z/dy2) / 2 by second differences at the peak pixel. A noisy pixel is a sharp peak:
     filter first.
 
-    References
-    ----------
-    .. [1] ISO 25178-2:2021, clause 5.8 (Spc; recalled, not checked).
+    Source: ISO 25178-2:2021, clause 5.8 (Spc; recalled, not checked).
     """
     if len(peaks) == 0:
         raise TooFewSamplesError("no significant peak inside the map, so no curvature")

@@ -24,9 +24,14 @@ from metrosep.plot.style import (
     COLOURS,
     DASHED,
     DOTTED,
+    UNITS,
     axes_or_new,
+    draw_band,
     house_style,
+    new_figure,
+    scale_of,
     shades,
+    write_beside,
 )
 from metrosep.separation.runs.planner import FeedPlan
 
@@ -48,10 +53,6 @@ __all__ = [
 # ---- bars of a result: rankings, budgets and coefficients, from the plain values of a chart ----
 
 _COLOURS = ("estimate", "after", "before", "reverse")
-_UNITS: Mapping[str, tuple[tuple[float, str], ...]] = {
-    "m": ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"), (1e-12, "pm")),
-    "rad": ((1.0, "rad"), (1e-3, "mrad"), (1e-6, "µrad"), (1e-9, "nrad")),
-}
 _MANY = 7
 """Labels beyond which they stand upright."""
 
@@ -75,7 +76,7 @@ def draw_bars(chart: Mapping[str, Any], *, ax: Axes | None = None) -> Axes:
     spread = {k: np.array(v, dtype=np.float64) for k, v in (chart.get("u") or {}).items()}
     labels = list(chart["labels"])
     largest = max((float(np.nanmax(np.abs(v), initial=0.0)) for v in series.values()), default=0.0)
-    unit, symbol = _unit(chart["unit"], largest)
+    scale, symbol = scale_of(chart["unit"], largest)
     with house_style():
         axes = axes_or_new(ax)
         place = np.arange(len(labels), dtype=np.float64)
@@ -83,7 +84,7 @@ def draw_bars(chart: Mapping[str, Any], *, ax: Axes | None = None) -> Axes:
         width = 0.8 if chart["stacked"] else 0.8 / max(len(series), 1)
         for k, (name, values) in enumerate(series.items()):
             shift = 0.0 if chart["stacked"] else (k - 0.5 * (len(series) - 1)) * width
-            bars = values / unit
+            bars = values * scale
             error = spread.get(name)
             axes.bar(
                 place + shift,
@@ -92,7 +93,7 @@ def draw_bars(chart: Mapping[str, Any], *, ax: Axes | None = None) -> Axes:
                 bottom=bottom if chart["stacked"] else 0.0,
                 color=COLOURS[_COLOURS[k % len(_COLOURS)]],
                 label=name or None,
-                yerr=None if error is None else 2.0 * np.where(error > 0.0, error, np.nan) / unit,
+                yerr=None if error is None else 2.0 * np.where(error > 0.0, error, np.nan) * scale,
                 error_kw={"elinewidth": 0.9, "capsize": 2.0, "ecolor": COLOURS["text"]},
             )
             if chart["stacked"]:
@@ -114,24 +115,10 @@ def draw_bars(chart: Mapping[str, Any], *, ax: Axes | None = None) -> Axes:
     return axes
 
 
-def _unit(unit: str, largest: float) -> tuple[float, str]:
-    steps = _UNITS.get(unit)
-    if steps is None:
-        return 1.0, "" if unit == "1" else unit
-    if not largest > 0.0:
-        return steps[-1]
-    return next((s for s in steps if largest >= 2.0 * s[0]), steps[-1])
-
-
 # ------------------------------------------------------------------------------------------------
 
 Chart = Mapping[str, Any]
 
-_SCALES: Mapping[str, Sequence[tuple[float, str]]] = {
-    "m": ((1.0, "m"), (1e3, "mm"), (1e6, "µm"), (1e9, "nm"), (1e12, "pm")),
-    "rad": ((1.0, "rad"), (1e3, "mrad"), (1e6, "µrad"), (1e9, "nrad")),
-    "s": ((1.0 / 3600.0, "h"), (1.0 / 60.0, "min"), (1.0, "s"), (1e3, "ms")),
-}
 _LINES = ("estimate", "after", "reverse", "before")
 _MORE_LINES = ("#009E73", "#CC79A7", "#56B4E9", "#B8860B")
 """Beside the first four: told apart with any colour vision, after Okabe and Ito."""
@@ -173,8 +160,6 @@ def draw_chart(chart: Chart) -> Figure | Axes:
 
 
 def _curves(chart: Chart) -> Figure:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
     panels = chart["panels"]
     name, unit = chart["x"]["name"], chart["x"]["unit"]
@@ -184,8 +169,7 @@ def _curves(chart: Chart) -> Figure:
     with house_style():
         usual = not any(_is_beside(p) or "\n" in f"{p['title']}{name}" for p in panels)
         size = (7.2, 0.8 + 2.0 * len(panels))
-        figure = Figure(figsize=size, layout=None if usual else "constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure(size, layout=None if usual else "constrained")
         grid = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for i, (axes, each) in enumerate(zip(grid, panels, strict=True)):
             _panel(axes, each, factor, scales[each["unit"]], colours[i])
@@ -236,9 +220,7 @@ def _panel(
     for (item, x, y), colour in zip(curves, colours, strict=True):
         if item.get("u") is not None:
             half = BAND_FACTOR * _numbers(item["u"])
-            axes.fill_between(
-                x, (y - half) * scale, (y + half) * scale, color=colour, alpha=0.25, linewidth=0.0
-            )
+            draw_band(axes, x, y * scale, half * scale, colour)
         style: dict[str, Any] = {"linewidth": 1.3}
         if item.get("points"):
             style = {"marker": ".", "linestyle": "none"}
@@ -278,7 +260,7 @@ def _abscissa(name: str, unit: str, positions: Sequence[Any]) -> tuple[float, st
         return 1.0, name
     if unit == "s":
         largest = max(float(np.nanmax(np.abs(_numbers(x)))) for x in positions)
-        factor, text = next((s for s in _SCALES["s"] if largest * s[0] >= 2.0), (1.0, "s"))
+        factor, text = next((s for s in UNITS["s"] if largest * s[0] >= 2.0), (1.0, "s"))
         return factor, f"{name} / {text}"
     return 1e3, f"{name} / mm"
 
@@ -300,7 +282,7 @@ def _scales(panels: Sequence[Chart]) -> dict[str, tuple[float, str]]:
 def _scale(sizes: Sequence[float], unit: str) -> tuple[float, str]:
     """Return factor and name of a unit that fits the largest values of several panels."""
     known = [s for s in sizes if s > 0.0]
-    steps = _SCALES.get(unit)
+    steps = UNITS.get(unit)
     if steps is None or not known:
         return 1.0, unit if unit != "1" else ""
     first = next((i for i, s in enumerate(steps) if max(known) * s[0] >= 2.0), len(steps) - 1)
@@ -485,11 +467,9 @@ def plan_sd(plan: FeedPlan, ax: Axes | None = None) -> Axes:
                 linewidth=1.8 if name == "sd_nm" else 1.2,
                 label=f"{label}",
             )
-        axes.set_xscale("log")
-        axes.set_yscale("log")
+        axes.set(xscale="log", yscale="log")
         _plain_ticks(axes)
-        axes.set_xlabel("wavelength / mm")
-        axes.set_ylabel("sd of an amplitude coefficient / nm")
+        axes.set(xlabel="wavelength / mm", ylabel="sd of an amplitude coefficient / nm")
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=1, borderaxespad=0.2)
     return axes
 
@@ -542,21 +522,17 @@ def plan_density(
                 label = f"{v * 6e4:.0f} mm/min" if row == 0 else "_"
                 axes.plot(x, height, "v", color=tone, markersize=6, label=label)
                 axes.plot([x, x], [float(np.nanmin(s)), height], color=tone, linewidth=0.5)
-            axes.annotate(
-                f"{wave * 1e3:.3g} mm",
-                (float(at.max()), height),
-                xytext=(7, 0),
-                textcoords="offset points",
-                va="center",
-                fontsize=8.0,
+            write_beside(
+                axes, f"{wave * 1e3:.3g} mm", (float(at.max()), height), (7, 0), va="center"
             )
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.set_xlim(low, high * 1.3)
-        axes.set_ylim(float(np.nanmin(s)) * 0.7, top * 3.0 * 2.6 ** len(chosen))
+        axes.set(
+            xscale="log",
+            yscale="log",
+            xlim=(low, high * 1.3),
+            ylim=(float(np.nanmin(s)) * 0.7, top * 3.0 * 2.6 ** len(chosen)),
+        )
         _plain_ticks(axes, which="x")
-        axes.set_xlabel("frequency / Hz")
-        axes.set_ylabel("density / (nm²/Hz)")
+        axes.set(xlabel="frequency / Hz", ylabel="density / (nm²/Hz)")
         axes.legend(
             loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=min(4, feeds.size + 1), borderaxespad=0.2
         )  # fmt: skip
@@ -639,9 +615,7 @@ def positioning_chart(test: PositioningTest, ax: Axes | None = None) -> Axes:
                 continue
             tone = COLOURS[colour]
             label = f"{name}: mean, ± 2 s"
-            axes.fill_between(
-                x, (mean - 2 * sd) * fine, (mean + 2 * sd) * fine, color=tone, alpha=0.16, lw=0
-            )
+            draw_band(axes, x, mean * fine, 2 * sd * fine, tone, alpha=0.16)
             for run in each.T:
                 axes.plot(x, run * fine, ".", color=tone, markersize=2.6, alpha=0.55)
             axes.plot(
@@ -655,8 +629,9 @@ def positioning_chart(test: PositioningTest, ax: Axes | None = None) -> Axes:
                 label=label,
             )
         axes.axhline(0.0, color=COLOURS["line"], linewidth=0.7, zorder=1.5)
-        axes.set_xlabel(f"target / {coarse_name}")
-        axes.set_ylabel(f"error (reached − target) / {fine_name}")
+        axes.set(
+            xlabel=f"target / {coarse_name}", ylabel=f"error (reached − target) / {fine_name}"
+        )
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
         axes.text(
             1.02,

@@ -28,6 +28,7 @@ from metrosep.plot.style import (
     length_scale,
     speed_name,
     values,
+    write_beside,
 )
 
 if TYPE_CHECKING:
@@ -270,8 +271,7 @@ def feed_map(
         edges = cell_edges(feeds)
         _draw_waves(axes, waves)
         _draw_guides(axes, guides, edges)
-        axes.set_xlabel("wavelength / mm")
-        axes.set_ylabel("feedrate / (mm/min)")
+        axes.set(xlabel="wavelength / mm", ylabel="feedrate / (mm/min)")
         _explain_lines(axes)
         figure = axes.get_figure()
         if figure is not None:
@@ -358,9 +358,7 @@ def _draw_map(axes: Axes, feeds: FloatArray, bands: FloatArray, power: FloatArra
     for edge in edges[1:-1]:
         axes.axhline(edge, color="white", linewidth=3.0, zorder=2)
     label_decades(axes)
-    axes.set_xlim(bands[0], bands[-1])
-    axes.set_yscale("log")
-    axes.set_ylim(edges[0], edges[-1])
+    axes.set(xlim=(bands[0], bands[-1]), yscale="log", ylim=(edges[0], edges[-1]))
     axes.yaxis.set_minor_locator(NullLocator())
     axes.set_yticks(list(feeds), [speed_name(float(v)).split()[0] for v in feeds])
     axes.tick_params(axis="y", length=0)
@@ -414,16 +412,8 @@ def _draw_waves(axes: Axes, waves: Sequence[tuple[float, float]]) -> None:
 
 
 def _name(axes: Axes, text: str, x: float, y: float, colour: str) -> None:
-    axes.annotate(
-        text,
-        (x, y),
-        xytext=(0, 3),
-        textcoords="offset points",
-        ha="center",
-        va="bottom",
-        fontsize=8.5,
-        color=colour,
-    )
+    style: Any = {"ha": "center", "va": "bottom", "fontsize": 8.5, "color": colour}
+    write_beside(axes, text, (x, y), (0, 3), **style)
 
 
 def _explain_lines(axes: Axes) -> None:

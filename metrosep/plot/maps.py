@@ -16,8 +16,10 @@ from metrosep.plot.style import (
     BAND_FACTOR,
     COLOURS,
     axes_or_new,
+    draw_band,
     house_style,
     length_scale,
+    new_figure,
     shades,
 )
 from metrosep.separation.contract import Separation, Unobservable
@@ -73,7 +75,7 @@ def separation_maps(
     Raises
     ------
     DataError
-        If there is no part, or one is no map.
+        If there is no part, or one is not a map.
 
     Notes
     -----
@@ -86,9 +88,6 @@ def separation_maps(
     >>> figure.axes[0].get_title()
     'A\nP-V 2 nm'
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     maps = _flattened(parts, titles)
     known = [m[np.isfinite(m)] for _, m in maps]
     largest = max((float(np.abs(k).max()) for k in known if k.size), default=0.0)
@@ -98,11 +97,8 @@ def separation_maps(
     with house_style():
         n_columns = 2 if len(maps) == 4 else min(len(maps), _MOST_COLUMNS)
         n_rows = -(-len(maps) // n_columns)
-        figure = Figure(
-            figsize=(2.5 * n_columns + 0.9, 2.6 * n_rows + 0.35 + 0.3 * len(null_space)),
-            layout="constrained" if null_space else None,
-        )
-        FigureCanvasAgg(figure)
+        size = (2.5 * n_columns + 0.9, 2.6 * n_rows + 0.35 + 0.3 * len(null_space))
+        figure = new_figure(size, layout="constrained" if null_space else None)
         grid = figure.subplots(n_rows, n_columns, squeeze=False)
         image: Any = None
         for axes, (title, values) in zip(grid.flat, maps, strict=False):
@@ -148,12 +144,12 @@ def _flattened(
         elif array.ndim == 2:
             out.append((shown[name], array))
         else:
-            raise DataError(f"the part {name!r} has the shape {array.shape}; it is no map")
+            raise DataError(f"the part {name!r} has the shape {array.shape}; it is not a map")
     return out
 
 
 def _height(shown: FloatArray, whole: float | None, factor: float, unit: str) -> str:
-    """Return the P-V of a map in words: that of the whole one, where only some pixels are shown."""
+    """Return the P-V of a map: that of the whole one, where only some pixels are shown."""
     if whole is not None:
         return f"P-V {whole / factor:.3g} {unit}"
     known = shown[np.isfinite(shown)]
@@ -192,8 +188,7 @@ def _draw(
     )
     axes.grid(visible=False)
     place = "mm" if dx and dy else "pixel"
-    axes.set_xlabel(f"x / {place}")
-    axes.set_ylabel(f"y / {place}")
+    axes.set(xlabel=f"x / {place}", ylabel=f"y / {place}")
     return image
 
 
@@ -396,8 +391,7 @@ def overlap_mismatch(result: Separation, ax: Axes | None = None) -> Axes:
         ticks = np.arange(0, n, step)
         axes.set_xticks(ticks, [str(t + 1) for t in ticks])
         axes.set_yticks(ticks, [str(t + 1) for t in ticks])
-        axes.set_xlabel("sub-aperture")
-        axes.set_ylabel("sub-aperture")
+        axes.set(xlabel="sub-aperture", ylabel="sub-aperture")
         bar = axes.figure.colorbar(image, ax=axes, shrink=0.9)
         bar.set_label(f"RMS mismatch per reading / {unit}")
         axes.set_title("mismatch in the overlaps")
@@ -437,12 +431,9 @@ def stitched_surface(result: Separation, ax: Axes | None = None) -> Axes | Figur
         axes = axes_or_new(ax)
         half = BAND_FACTOR * u
         light = shades(COLOURS["estimate"], 3)[0]
-        axes.fill_between(
-            x, (z - half) * factor, (z + half) * factor, color=light, lw=0, label="± 2 u"
-        )
+        draw_band(axes, x, z * factor, half * factor, light, alpha=None, label="± 2 u")
         axes.plot(x, z * factor, color=COLOURS["estimate"], lw=1.0, label="stitched")
-        axes.set_xlabel("x / mm")
-        axes.set_ylabel(f"height / {unit}")
+        axes.set(xlabel="x / mm", ylabel=f"height / {unit}")
         axes.legend(loc="best")
     return axes
 

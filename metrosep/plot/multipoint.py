@@ -18,9 +18,12 @@ from metrosep.plot.style import (
     DASHED,
     DOTTED,
     axes_or_new,
+    draw_band,
     house_style,
     label_decades,
     length_scale,
+    new_figure,
+    write_beside,
 )
 
 if TYPE_CHECKING:
@@ -144,8 +147,7 @@ def probe_transfer(
             _mark_hidden(axes, methods[name], colour, lengths, floor * 1.4**i)
         axes.set_xlim(lengths[0] * 1e3, lengths[-1] * 1e3)
         axes.set_ylim(bottom=0.7 * floor)
-        axes.set_xlabel("wavelength / mm")
-        axes.set_ylabel("|H|, seen of a unit wave")
+        axes.set(xlabel="wavelength / mm", ylabel="|H|, seen of a unit wave")
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.3)
     return axes
 
@@ -173,11 +175,7 @@ def _mark_hidden(axes: Axes, method: Any, colour: str, lengths: FloatArray, leve
 
 def _panels(figure: Figure | None, n: int) -> Sequence[Axes]:
     if figure is None:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
-        figure = Figure(figsize=(7.2, 1.2 + 2.1 * n), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure((7.2, 1.2 + 2.1 * n))
     axes = figure.subplots(n, 1, sharex=True, squeeze=False)
     return [axes[i, 0] for i in range(n)]
 
@@ -197,7 +195,7 @@ def _draw_part(axes: Axes, name: str, results: Mapping[str, Separation]) -> None
         half = BAND_FACTOR * result.u[name] * scale
         colour = _LINES[i % 4]
         if np.isfinite(half).any():
-            axes.fill_between(x, y - half, y + half, color=colour, alpha=0.22, linewidth=0.0)
+            draw_band(axes, x, y, half, colour, alpha=0.22)
         text = f"{label} ± {BAND_FACTOR:.0f} u" if np.isfinite(half).any() else label
         axes.plot(
             x,
@@ -274,23 +272,16 @@ def probe_gain_chart(
             )
         limit = 1.0 / math.sqrt(len(angles))
         axes.axhline(limit, color=COLOURS["text"], linestyle=DOTTED, linewidth=1.2)
-        axes.annotate(
-            "1/√n",
-            (1.0, limit),
-            xycoords=("axes fraction", "data"),
-            xytext=(3, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=8.0,
-            annotation_clip=False,
-        )
-        axes.set_yscale("log")
-        axes.set_ylim(0.8 * limit, 1.25 * _CEILING)
+        beside: Any = {"xycoords": ("axes fraction", "data"), "annotation_clip": False}
+        write_beside(axes, "1/√n", (1.0, limit), (3, 0), va="center", **beside)
+        axes.set(yscale="log", ylim=(0.8 * limit, 1.25 * _CEILING))
         axes.set_yticks([0.5, 1.0, 2.0, 5.0, 10.0], ["0.5", "1", "2", "5", "≥ 10"])
         axes.minorticks_off()
-        axes.set_xlim(1.0, k[-1] + 1.0)
-        axes.set_xlabel("undulations per revolution k")
-        axes.set_ylabel("noise gain of the artefact")
+        axes.set(
+            xlim=(1.0, k[-1] + 1.0),
+            xlabel="undulations per revolution k",
+            ylabel="noise gain of the artefact",
+        )
         axes.grid(visible=False, axis="x")
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
     return axes
@@ -345,9 +336,7 @@ def probe_layout(result: ProbeAngles | Separation, *, ax: Axes | None = None) ->
         axes.plot([0.0, 0.0], [0.0, 0.45], color=COLOURS["text"], linewidth=1.0)
         axes.text(0.5, 0.0, "+X", va="center", fontsize=8.0)
         axes.text(0.0, 0.52, "+Y", ha="center", fontsize=8.0)
-        axes.set_xlim(-2.0, 2.0)
-        axes.set_ylim(-2.0, 2.0)
-        axes.set_aspect("equal")
+        axes.set(xlim=(-2.0, 2.0), ylim=(-2.0, 2.0), aspect="equal")
         axes.set_axis_off()
     return axes
 
@@ -374,9 +363,9 @@ def probe_residuals(result: ProbeCheck, *, ax: Axes | None = None) -> Axes:
         axes = axes_or_new(ax)
         axes.bar(k[known], np.maximum(share[known], 1e-2), width=0.72, color=COLOURS["estimate"])
         axes.axhline(1.0, color=COLOURS["text"], linestyle=DOTTED, linewidth=1.2)
-        axes.set_yscale("log")
-        axes.set_xlabel("undulations per revolution k")
-        axes.set_ylabel("χ² / degrees of freedom")
+        axes.set(
+            yscale="log", xlabel="undulations per revolution k", ylabel="χ² / degrees of freedom"
+        )
         axes.set_title(result.message, fontsize=9.0, loc="left")
         axes.grid(visible=False, axis="x")
     return axes
@@ -449,18 +438,10 @@ def speed_plot(
             )
             line, half = fit.evaluate(fine), fit.half_width(fine)
             axes.plot(60.0 * fine, line * scale, color=colour, lw=1.4, ls=DASHED if i else "-")
-            axes.fill_between(
-                60.0 * fine,
-                (line - half) * scale,
-                (line + half) * scale,
-                color=colour,
-                alpha=0.15,
-                lw=0,
-            )
+            draw_band(axes, 60.0 * fine, line * scale, half * scale, colour, alpha=0.15)
         axes.set_ylim(bottom=0.0)
         _critical(axes, sweep)
-        axes.set_xlabel("speed in rev/min")
-        axes.set_ylabel(f"error motion in {unit}")
+        axes.set(xlabel="speed in rev/min", ylabel=f"error motion in {unit}")
         axes.legend(
             loc="upper center",
             bbox_to_anchor=(0.5, -0.15),
@@ -476,13 +457,5 @@ def _critical(axes: Axes, sweep: SpeedSweep) -> None:
     for k, speed in sweep.critical.items():
         if sweep.speed[0] <= speed <= sweep.speed[-1]:
             axes.axvline(60.0 * speed, color=COLOURS["line"], lw=0.9, ls=DOTTED)
-            axes.annotate(
-                f"k={k}",
-                (60.0 * speed, 1.0),
-                xycoords=("data", "axes fraction"),
-                xytext=(3, -2),
-                textcoords="offset points",
-                ha="left",
-                va="bottom",
-                fontsize=8,
-            )
+            top: Any = {"xycoords": ("data", "axes fraction"), "ha": "left", "va": "bottom"}
+            write_beside(axes, f"k={k}", (60.0 * speed, 1.0), (3, -2), **top)

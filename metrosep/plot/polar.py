@@ -168,9 +168,9 @@ def _pair(scale: float, result: SpindleMotion) -> tuple[float, str]:
 
 
 def _dress(axes: Axes, result: SpindleMotion, outer: float, division: str) -> None:
-    axes.set_aspect("equal")
-    axes.set_xlim(-1.16 * outer, 1.16 * outer)
-    axes.set_ylim(-1.32 * outer, 1.36 * outer)
+    axes.set(
+        aspect="equal", xlim=(-1.16 * outer, 1.16 * outer), ylim=(-1.32 * outer, 1.36 * outer)
+    )
     axes.set_axis_off()
     axes.text(
         0.0,
@@ -303,9 +303,7 @@ def harmonic_bars(
 def _harmonics_dress(axes: Axes, orders: NDArray[np.intp], height: float, label: str) -> None:
     from matplotlib.ticker import MaxNLocator
 
-    axes.set_xlabel("undulations per revolution k")
-    axes.set_ylabel(label)
-    axes.set_ylim(0.0, height)
+    axes.set(xlabel="undulations per revolution k", ylabel=label, ylim=(0.0, height))
     if orders.size:
         axes.set_xlim(float(orders.min()) - 0.7, float(orders.max()) + 0.7)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))

@@ -9,7 +9,13 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.plot.style import COLOURS, axes_or_new, house_style, length_scale
+from metrosep.plot.style import (
+    COLOURS,
+    axes_or_new,
+    house_style,
+    length_scale,
+    new_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -82,8 +88,7 @@ def sensitivity_bars(
         axes.set_xlim(floor, 2.0 * top)
         axes.grid(visible=False, axis="y")
         kind = "optical path" if last.response == "wavefront" else f"{last.direction} deviation"
-        axes.set_xlabel(f"Sq of the {kind} / {unit}")
-        axes.set_ylabel("error term")
+        axes.set(xlabel=f"Sq of the {kind} / {unit}", ylabel="error term")
         if len(named) > 1:
             axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(named))
         else:
@@ -121,9 +126,6 @@ def sensitivity_maps(
     DataError
         If a term was not ranked, none leaves anything, or columns is below 1.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     if columns < 1:
         raise DataError(f"columns must be at least 1, got {columns}")
     if terms is None:
@@ -146,8 +148,7 @@ def sensitivity_maps(
     rows = -(-len(chosen) // columns)
     wide = min(columns, len(chosen))
     with house_style():
-        figure = Figure(figsize=(0.5 + 2.6 * wide, 0.4 + 2.5 * rows), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure((0.5 + 2.6 * wide, 0.4 + 2.5 * rows))
         grid = figure.subplots(rows, wide, squeeze=False, sharex=True, sharey=True)
         for axes, name in zip(grid.ravel(), chosen, strict=False):
             i = table.names.index(name)
@@ -189,9 +190,11 @@ def sensitivity_pareto(table: SensitivityTable, ax: Axes | None = None) -> Axes:
         axes.plot(place, factor * sq, color=COLOURS["estimate"], marker="o", lw=1.6)
         labels = ["nothing", *("+ " + "\n".join(s.names) for s in steps[1:])]
         axes.set_xticks(place, labels)
-        axes.set_ylim(0.0, 1.08 * factor * float(sq.max()) or 1.0)
-        axes.set_xlabel("compensated, one after the other")
-        axes.set_ylabel(f"expected Sq that is left / {unit}")
+        axes.set(
+            ylim=(0.0, 1.08 * factor * float(sq.max()) or 1.0),
+            xlabel="compensated, one after the other",
+            ylabel=f"expected Sq that is left / {unit}",
+        )
     return axes
 
 

@@ -10,7 +10,17 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.plot.style import COLOURS, DASHED, DOTTED, axes_or_new, house_style, values
+from metrosep.plot.style import (
+    COLOURS,
+    DASHED,
+    DOTTED,
+    axes_or_new,
+    house_style,
+    new_figure,
+    scale_of,
+    values,
+    write_beside,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,21 +33,13 @@ __all__ = ["allan_plot", "draw_part_series", "drift_chart", "trend_chart"]
 _MOST_BARS = 14
 _MOST_CURVES = 3
 _MOST_PAIRS = 16
-_UNITS: Mapping[str, tuple[tuple[float, str], ...]] = {
-    "m": ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"), (1e-12, "pm")),
-    "rad": ((1.0, "rad"), (1e-3, "mrad"), (1e-6, "µrad"), (1e-9, "nrad")),
-}
 
 
 def draw_part_series(series: Mapping[str, Any]) -> Figure:
     """Return one picture of a series of parts."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     terms = sorted(series["terms"], key=lambda t: _or_one(t["p"]))
     with house_style():
-        figure = Figure(figsize=(11.0, 7.6), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure((11.0, 7.6))
         halves: Any = figure.subfigures(1, 2, width_ratios=(1.0, 1.1))
         left, right = halves
         shown = terms[:_MOST_CURVES]
@@ -64,18 +66,10 @@ def _drifts(axes: Axes, terms: Sequence[Mapping[str, Any]]) -> None:
     reach = 1.55 * max((abs(r) for r in ratios), default=1.0) + 1.0
     axes.set_xlim(-reach, reach)
     for y, (t, ratio) in enumerate(zip(chosen, ratios, strict=True)):
-        unit, symbol = _unit(t["unit"], abs(float(t["drift"])))
-        words = f"{float(t['drift']) / unit:+.3g} {symbol}"
-        side = 1.0 if ratio >= 0 else -1.0
-        axes.annotate(
-            words,
-            (ratio, y),
-            xytext=(4.0 * side, 0.0),
-            textcoords="offset points",
-            ha="left" if side > 0 else "right",
-            va="center",
-            fontsize=8.0,
-        )
+        scale, symbol = scale_of(t["unit"], abs(float(t["drift"])), least=1.0)
+        text, side = f"{float(t['drift']) * scale:+.3g} {symbol}", 1.0 if ratio >= 0 else -1.0
+        where = {"ha": "left" if side > 0 else "right", "va": "center"}
+        write_beside(axes, text, (ratio, float(y)), (4.0 * side, 0.0), **where)
     axes.set_yticks(place, [_short(t["name"]) for t in chosen])
     axes.invert_yaxis()
     axes.grid(visible=False, axis="y")
@@ -97,18 +91,21 @@ def _curve(axes: Axes, term: Mapping[str, Any], *, is_last: bool) -> None:
 
     heights = values(term["values"])
     part = np.arange(1, heights.size + 1)
-    unit, symbol = _unit(term["unit"], float(np.nanmax(np.abs(heights), initial=0.0)))
-    axes.plot(part, heights / unit, "o-", color=COLOURS["estimate"], markersize=3.0, linewidth=0.9)
+    largest = float(np.nanmax(np.abs(heights), initial=0.0))
+    scale, symbol = scale_of(term["unit"], largest, least=1.0)
+    axes.plot(
+        part, heights * scale, "o-", color=COLOURS["estimate"], markersize=3.0, linewidth=0.9
+    )
     beyond = np.array(term["beyond"], dtype=int)
     if beyond.size:
         axes.plot(
-            part[beyond], heights[beyond] / unit, "s", color=COLOURS["after"], markersize=5.5,
+            part[beyond], heights[beyond] * scale, "s", color=COLOURS["after"], markersize=5.5,
             fillstyle="none", label="outside the limits",
         )  # fmt: skip
-    axes.axhline(term["mean"] / unit, color=COLOURS["line"], linewidth=0.8)
+    axes.axhline(term["mean"] * scale, color=COLOURS["line"], linewidth=0.8)
     for limit in (term["lower"], term["upper"]):
         if limit is not None and np.isfinite(limit):
-            axes.axhline(limit / unit, color=COLOURS["line"], linewidth=0.8, linestyle=DASHED)
+            axes.axhline(limit * scale, color=COLOURS["line"], linewidth=0.8, linestyle=DASHED)
     axes.set_ylabel(symbol, fontsize=8.5)
     axes.set_title(str(term["name"]), fontsize=8.5, loc="left", pad=3.0)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -154,13 +151,6 @@ def _pairs(figure: Any, series: Mapping[str, Any], names: Sequence[str]) -> None
     axes.set_title(f"Pairs of terms: {found}", fontsize=9.5, loc="left")
 
 
-def _unit(unit: str, largest: float) -> tuple[float, str]:
-    for factor, symbol in _UNITS.get(unit, ()):
-        if largest >= factor:
-            return factor, symbol
-    return (1.0, "" if unit == "1" else unit) if unit not in _UNITS else _UNITS[unit][-1]
-
-
 def _short(name: str) -> str:
     return name if len(name) <= 22 else f"{name[:20]}…"
 
@@ -182,16 +172,12 @@ def trend_chart(
     limits: tuple[float | None, float | None] = (None, None),
 ) -> Figure:
     """Return the chart of individuals of a characteristic, with its moving ranges."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     z = np.array([math.nan if v is None else v for v in values], dtype=np.float64)
     if not np.isfinite(z).any():
         raise DataError(f"{name} has no value in this batch, so there is no trend to draw")
     x = np.arange(1, z.size + 1)
     with house_style():
-        figure = Figure(figsize=(7.2, 3.9), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure((7.2, 3.9))
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1.0])
         _panel(upper, x, z, None if control is None else control[1:])
         if control is not None:
@@ -211,8 +197,10 @@ def trend_chart(
             _line(lower, ranges[0], "", "-")
             _line(lower, ranges[1], "", "--")
         lower.set_ylim(bottom=0.0)
-        lower.set_ylabel(f"range / {unit}" if unit else "range")
-        lower.set_xlabel("part, in the order of their names")
+        lower.set(
+            ylabel=f"range / {unit}" if unit else "range",
+            xlabel="part, in the order of their names",
+        )
         _whole_numbers(lower)
     return figure
 
@@ -296,8 +284,7 @@ def drift_chart(test: DriftTest, ax: Axes | None = None) -> Axes:
         total = ", ".join(f"{q.value * scale:.3g}" for q in test.combined)
         axes.plot([], [], " ", label=f"combined (RSS): {total} {unit}")
         axes.axhline(0.0, color=COLOURS["line"], linewidth=0.7, zorder=1.5)
-        axes.set_xlabel(f"time / {time_unit}")
-        axes.set_ylabel(f"drift / {unit}")
+        axes.set(xlabel=f"time / {time_unit}", ylabel=f"drift / {unit}")
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
     return axes
 
@@ -343,8 +330,7 @@ def allan_plot(
     scale, unit = (1e6, "µm") if float(np.nanmax(y)) >= 2e-6 else (1e9, "nm")
     with house_style():
         axes = axes_or_new(ax, size=(6.2, 4.2))
-        axes.set_xscale("log")
-        axes.set_yscale("log")
+        axes.set(xscale="log", yscale="log")
         if u is not None:
             band = 2.0 * np.asarray(u, dtype=np.float64)
             low = np.maximum(y - band, 0.2 * y)
@@ -371,7 +357,6 @@ def allan_plot(
             mew=1.6,
             label=f"best: {y[best] * scale:.3g} {unit} at {x[best]:.3g} s",
         )
-        axes.set_xlabel("averaging time / s")
-        axes.set_ylabel(f"Allan deviation / {unit}")
+        axes.set(xlabel="averaging time / s", ylabel=f"Allan deviation / {unit}")
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2)
     return axes

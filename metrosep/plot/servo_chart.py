@@ -19,8 +19,10 @@ from metrosep.plot.style import (
     DASHED,
     DOTTED,
     axes_or_new,
+    draw_band,
     house_style,
     length_scale,
+    new_figure,
     shades,
 )
 from metrosep.process.setting_maps import SettingError
@@ -81,8 +83,7 @@ def follow_up_chart(result: FollowUp) -> Figure:
         )
         _legend_above(top, columns=1)
         bottom.plot(result.t, result.acceleration * 1e6, color=COLOURS["estimate"], lw=1.1)
-        bottom.set_ylabel("acceleration (µm/s²)")
-        bottom.set_xlabel("time (s)")
+        bottom.set(ylabel="acceleration (µm/s²)", xlabel="time (s)")
     return figure
 
 
@@ -126,8 +127,7 @@ def calibration_chart(result: FlexureCalibration, *, ax: Axes | None = None) -> 
             if not np.isnan(share)
         ]
         axes.set_title(", ".join(words), loc="left", fontsize=9.0)
-        axes.set_xlabel("voltage (V)")
-        axes.set_ylabel("displacement (µm)")
+        axes.set(xlabel="voltage (V)", ylabel="displacement (µm)")
         axes.legend(loc="upper left")
     return axes
 
@@ -145,12 +145,8 @@ def static_error_chart(result: StaticComparison) -> Figure:
     matplotlib Figure
         Error about its median in nm over s; density in nm/sqrt(Hz) over Hz, if there is one.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     with house_style():
-        figure = Figure(figsize=(7.2, 5.2), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure((7.2, 5.2))
         rows = 2 if result.frequency.size else 1
         top = figure.add_subplot(rows, 1, 1)
         for t, error, facts, name in (
@@ -161,8 +157,7 @@ def static_error_chart(result: StaticComparison) -> Figure:
             centred = (error - facts["median"].value) * 1e9
             label = f"{name}: middle 95 % in {size:.3g} nm"
             top.plot(t, centred, color=COLOURS[name], lw=0.7, label=label)
-        top.set_xlabel("time (s)")
-        top.set_ylabel("error about median (nm)")
+        top.set(xlabel="time (s)", ylabel="error about median (nm)")
         db = result.ratio_db
         top.set_title(f"{db.value:.1f} dB (u = {db.u:.1g} dB)", loc="left", fontsize=9.0)
         _legend_above(top, columns=1)
@@ -174,8 +169,7 @@ def static_error_chart(result: StaticComparison) -> Figure:
             ):
                 root = np.sqrt(density) * 1e9
                 below.loglog(result.frequency, root, color=COLOURS[name], lw=1.1)
-            below.set_xlabel("frequency (Hz)")
-            below.set_ylabel("density (nm/√Hz)")
+            below.set(xlabel="frequency (Hz)", ylabel="density (nm/√Hz)")
     return figure
 
 
@@ -215,14 +209,10 @@ def straightness_chart(
             label = f"{len(runs)} runs" if i == len(runs) - 1 else None
             axes.plot(run.x * 1e3, run.z * 1e6, color=shade, lw=0.7, label=label)
         if np.isfinite(u).all():
-            axes.fill_between(
-                x * 1e3, y - BAND_FACTOR * u, y + BAND_FACTOR * u,
-                color=COLOURS["after"], alpha=0.25, lw=0.0, label="2 u",
-            )  # fmt: skip
+            draw_band(axes, x * 1e3, y, BAND_FACTOR * u, COLOURS["after"], label="2 u")
         label = f"polynomial of degree {polynomial.degree} ({polynomial.quantity})"
         axes.plot(x * 1e3, y, color=COLOURS["after"], lw=1.4, label=label)
-        axes.set_xlabel("position x (mm)")
-        axes.set_ylabel(f"{polynomial.quantity} (µm)")
+        axes.set(xlabel="position x (mm)", ylabel=f"{polynomial.quantity} (µm)")
         _legend_above(axes)
     return axes
 
@@ -251,18 +241,14 @@ def before_after_chart(result: BeforeAfter, *, ax: Axes | None = None) -> Axes:
                 f"{name}: Ra {facts['Ra'].value * 1e9:.3g} nm, Pt {facts['Pt'].value * 1e6:.3g} µm"
             )
             axes.plot(profile.x * 1e3, profile.z * 1e6, color=COLOURS[name], lw=0.8, label=label)
-        axes.set_xlabel("position x (mm)")
-        axes.set_ylabel("height (µm)")
+        axes.set(xlabel="position x (mm)", ylabel="height (µm)")
         _legend_above(axes)
     return axes
 
 
 def _two_axes(size: tuple[float, float]) -> tuple[Figure, tuple[Axes, Axes]]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
-    figure = Figure(figsize=size, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(size)
     top = figure.add_subplot(2, 1, 1)
     return figure, (top, figure.add_subplot(2, 1, 2, sharex=top))
 
@@ -337,9 +323,6 @@ def setting_profiles(
     >>> len(setting_profiles(ToolSetting(-3.5e-6, -3.5e-6, 100e-6), grid).axes)
     4
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     shown = [("before" if after is not None else "", setting)]
     shown += [("after", after)] if after is not None else []
     core = max(abs(tool.dy) for _, tool in shown)
@@ -352,8 +335,7 @@ def setting_profiles(
     rho = np.linspace(first, radius, n)
     x, y = rho * math.cos(azimuth), rho * math.sin(azimuth)
     with house_style():
-        figure = Figure(figsize=(7.2, 7.4), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure((7.2, 7.4))
         panels = figure.subplots(4, 1, sharex=True)
         for axes, factor in zip(panels, (*_FACTORS, None), strict=True):
             lines = [
@@ -422,10 +404,12 @@ def setting_map(error: SettingError, *, ax: Axes | None = None, title: str = "")
         )
         axes.set_aspect("equal")
         axes.grid(visible=False)
-        axes.set_xlim(-1.02 * rim, 1.02 * rim)
-        axes.set_ylim(-1.02 * rim, 1.02 * rim)
-        axes.set_xlabel(f"x / {name}")
-        axes.set_ylabel(f"y / {name}")
+        axes.set(
+            xlim=(-1.02 * rim, 1.02 * rim),
+            ylim=(-1.02 * rim, 1.02 * rim),
+            xlabel=f"x / {name}",
+            ylabel=f"y / {name}",
+        )
         pv = f"P-V {format_length(error.peak_to_valley(), digits=3)}, nothing removed"
         axes.set_title(f"{title}\n{pv}" if title else pv, fontsize=9.5)
         figure = axes.get_figure()
@@ -514,8 +498,7 @@ def closed_loop_plot(result: LoopResult, ax: Axes | None = None, *, direction: i
                 lw=width,
                 label=_label(name, cuts[name]),
             )
-        axes.set_xlabel("position in mm")
-        axes.set_ylabel(f"actual − nominal in {unit}")
+        axes.set(xlabel="position in mm", ylabel=f"actual − nominal in {unit}")
         axes.set_title(f"{_WAYS[direction]}, {result.removed} removed", fontsize=9.5, loc="left")
         _legend_below(axes, 3)
     return axes
@@ -523,9 +506,6 @@ def closed_loop_plot(result: LoopResult, ax: Axes | None = None, *, direction: i
 
 def closed_loop_maps(result: LoopResult) -> Figure:
     """Return a figure with a face-turned part without, with, and with the reversed map."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     if result.places.ndim != 2:
         raise DataError("an axis is drawn by closed_loop_plot")
     (only,) = result.passes
@@ -534,8 +514,7 @@ def closed_loop_maps(result: LoopResult) -> Figure:
     scale, unit = length_scale(*(c.left * 1e9 for c in cuts.values()))
     largest = max(float(np.abs(c.left).max()) for c in cuts.values()) * 1e9 * scale or 1.0
     with house_style():
-        figure = Figure(figsize=(9.0, 3.3), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure((9.0, 3.3))
         panels = figure.subplots(1, 3, sharex=True, sharey=True)
         mesh_of = _mesh(result.places * 1e3)
         drawn = []
@@ -578,8 +557,7 @@ def loop_history_plot(history: LoopHistory, ax: Axes | None = None) -> Axes:
                 )
         axes.set_yscale("log")
         axes.set_xticks(cycles)
-        axes.set_xlabel("corrections made")
-        axes.set_ylabel("left on the part in nm")
+        axes.set(xlabel="corrections made", ylabel="left on the part in nm")
         _legend_below(axes, 4)
     return axes
 
@@ -592,14 +570,8 @@ def knots_plot(x: ArrayLike, c: ArrayLike, knots: Knots, ax: Axes | None = None)
     rest = knots.residual * 1e9 * scale
     with house_style():
         axes = axes_or_new(ax)
-        axes.fill_between(
-            places,
-            curve * scale - rest,
-            curve * scale + rest,
-            color=COLOURS["zone"],
-            lw=0,
-            label=f"± {format_length(knots.residual, digits=3).replace('um', 'µm')}",
-        )
+        label = f"± {format_length(knots.residual, digits=3).replace('um', 'µm')}"
+        draw_band(axes, places, curve * scale, rest, COLOURS["zone"], alpha=None, label=label)
         axes.plot(places, curve * scale, color=COLOURS["before"], lw=1.2, label="curve")
         axes.plot(
             knots.positions * 1e3,
@@ -610,8 +582,7 @@ def knots_plot(x: ArrayLike, c: ArrayLike, knots: Knots, ax: Axes | None = None)
             lw=1.4,
             label=f"{knots.positions.size} knots, values {knots.values_are}",
         )
-        axes.set_xlabel("position in mm")
-        axes.set_ylabel(f"correction in {unit}")
+        axes.set(xlabel="position in mm", ylabel=f"correction in {unit}")
         _legend_below(axes, 3)
     return axes
 

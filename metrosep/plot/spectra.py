@@ -22,6 +22,7 @@ from metrosep.plot.style import (
     length_scale,
     speed_name,
     values,
+    write_beside,
 )
 
 if TYPE_CHECKING:
@@ -75,8 +76,7 @@ def spectrum(document: Mapping[str, Any], ax: Axes | None = None) -> Axes:
             _draw_selection(axes, lines, scale)
         label_decades(axes)
         axes.set_ylim(bottom=-0.02 * axes.get_ylim()[1])
-        axes.set_xlabel("wavelength / mm")
-        axes.set_ylabel(f"amplitude / {unit}")
+        axes.set(xlabel="wavelength / mm", ylabel=f"amplitude / {unit}")
         axes.legend(
             loc="lower left",
             bbox_to_anchor=(0.0, 1.0, 1.0, 0.1),
@@ -173,20 +173,15 @@ def residual_psd(document: Mapping[str, Any], ax: Axes | None = None) -> Axes:
         label_decades(axes)
         axes.set_yscale("log")
         axes.margins(y=0.12)
-        axes.set_xlim(float(frequency[frequency > 0].min()), float(frequency.max()))
-        axes.set_xlabel("frequency / Hz")
-        axes.set_ylabel("PSD of the residual / (nm²/Hz)")
+        axes.set(
+            xlim=(float(frequency[frequency > 0].min()), float(frequency.max())),
+            xlabel="frequency / Hz",
+            ylabel="PSD of the residual / (nm²/Hz)",
+        )
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.3)
         for f, level in _peaks(table, ways[0][1]):
-            axes.annotate(
-                f"{f:.3g} Hz",
-                (f, level),
-                xytext=(0, 5),
-                textcoords="offset points",
-                ha="center",
-                fontsize=8.5,
-                color=COLOURS["text"],
-            )
+            style: Any = {"ha": "center", "fontsize": 8.5, "color": COLOURS["text"]}
+            write_beside(axes, f"{f:.3g} Hz", (f, level), (0, 5), **style)
     return axes
 
 

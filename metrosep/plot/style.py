@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -28,15 +28,20 @@ __all__ = [
     "COLOURS",
     "DASHED",
     "DOTTED",
+    "UNITS",
     "axes_or_new",
+    "draw_band",
     "figure_png",
     "figure_svg",
     "house_style",
     "label_decades",
     "length_scale",
+    "new_figure",
+    "scale_of",
     "shades",
     "speed_name",
     "values",
+    "write_beside",
 ]
 
 Document = Mapping[str, Any]
@@ -151,14 +156,19 @@ def axes_or_new(ax: Axes | None, *, size: tuple[float, float] = _FIGURE_SIZE) ->
     matplotlib Axes
         Where to draw.
     """
-    if ax is not None:
-        return ax
+    return new_figure(size).add_subplot() if ax is None else ax
+
+
+def new_figure(
+    size: tuple[float, float], *, layout: Literal["constrained"] | None = "constrained"
+) -> Figure:
+    """Return an empty figure, width and height in inches, that no window manager knows."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Figure(figsize=size, layout=layout)
     FigureCanvasAgg(figure)
-    return figure.add_subplot()
+    return figure
 
 
 def values(column: Sequence[float | None] | None) -> FloatArray:
@@ -176,6 +186,43 @@ def length_scale(*columns_nm: FloatArray) -> tuple[float, str]:
     """
     sizes = [float(np.nanmax(np.abs(c))) for c in columns_nm if np.isfinite(c).any()]
     return (1e-3, "µm") if max(sizes, default=0.0) >= 2000.0 else (1.0, "nm")
+
+
+UNITS: Mapping[str, Sequence[tuple[float, str]]] = {
+    "m": ((1.0, "m"), (1e3, "mm"), (1e6, "µm"), (1e9, "nm"), (1e12, "pm")),
+    "rad": ((1.0, "rad"), (1e3, "mrad"), (1e6, "µrad"), (1e9, "nrad")),
+    "s": ((1.0 / 3600.0, "h"), (1.0 / 60.0, "min"), (1.0, "s"), (1e3, "ms")),
+}
+"""Factor and name of the units of a quantity in SI, the coarsest first."""
+
+
+def scale_of(unit: str, largest: float, *, least: float = 2.0) -> tuple[float, str]:
+    """Return factor and name of the coarsest unit in which a value is `least` or more."""
+    steps = UNITS.get(unit)
+    if steps is None:
+        return 1.0, "" if unit == "1" else unit
+    return next((s for s in steps if largest * s[0] >= least), steps[-1])
+
+
+def draw_band(
+    axes: Axes,
+    x: FloatArray,
+    middle: FloatArray,
+    half: FloatArray | float,
+    colour: Any,
+    **style: Any,
+) -> None:
+    """Fill half a width on each side of a curve, lightly unless the style says otherwise."""
+    style = {"alpha": 0.25, "linewidth": 0.0, **style}
+    axes.fill_between(x, middle - half, middle + half, color=colour, **style)
+
+
+def write_beside(
+    axes: Axes, text: str, at: tuple[float, float], offset: tuple[float, float], **style: Any
+) -> None:
+    """Write a text some points away from a place."""
+    style = {"fontsize": 8.0, **style}
+    axes.annotate(text, at, xytext=offset, textcoords="offset points", **style)
 
 
 def shades(colour: str, n: int) -> list[tuple[float, float, float]]:

@@ -18,8 +18,10 @@ from metrosep.plot.style import (
     COLOURS,
     DASHED,
     axes_or_new,
+    draw_band,
     house_style,
     length_scale,
+    new_figure,
     shades,
     speed_name,
     values,
@@ -115,13 +117,9 @@ def overview(document: Mapping[str, Any]) -> Figure:
     DataError
         If the result holds no curves over position.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     with house_style():
         two = "spectrum" in drawable(document)
-        figure = Figure(figsize=(8.0, 7.2 if two else 4.2), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure((8.0, 7.2 if two else 4.2))
         before_after(document, figure.add_subplot(2 if two else 1, 1, 1))
         if two:
             spectrum(document, figure.add_subplot(2, 1, 2))
@@ -170,8 +168,7 @@ def before_after(document: Mapping[str, Any], ax: Axes | None = None) -> Axes:
         for name, error, sd in estimates:
             _draw_estimate(axes, x, error * scale, sd * scale, name)
         axes.axhline(0.0, color=COLOURS["line"], linewidth=0.7, zorder=1.5)
-        axes.set_xlabel("position / mm")
-        axes.set_ylabel(f"error (actual − nominal) / {unit}")
+        axes.set(xlabel="position / mm", ylabel=f"error (actual − nominal) / {unit}")
         axes.set_xlim(*_limits(plots, x))
         _legend_above(axes)
     return axes
@@ -190,9 +187,7 @@ def _draw_estimate(axes: Axes, x: FloatArray, error: FloatArray, sd: FloatArray,
     label = f"estimate, {way}" if way else "estimate"
     if sd.size == x.size and np.isfinite(sd).any():
         half = BAND_FACTOR * sd
-        axes.fill_between(
-            x, error - half, error + half, color=colour, alpha=0.25, linewidth=0.0, zorder=3
-        )
+        draw_band(axes, x, error, half, colour, zorder=3)
         label += f" ± {BAND_FACTOR:.0f} sd"
     width, dash, order = (1.4, DASHED, 4.1) if way == "reverse" else (1.8, "-", 4.0)
     axes.plot(x, error, color=colour, linewidth=width, linestyle=dash, zorder=order, label=label)
@@ -292,9 +287,6 @@ def reversal_quartet(
     DataError
         If the separation does not have two parts, or the readings another length.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     array = np.asarray(readings, dtype=np.float64)
     if len(separation.parts) != 2:
         raise DataError(f"a quartet shows two parts, this has {', '.join(separation.parts)}")
@@ -302,8 +294,7 @@ def reversal_quartet(
     if array.ndim not in (2, 3) or array.shape[0] != 2 or array.shape[-1] != x.size:
         raise DataError(f"readings must be (2, {x.size}) or (2, M, {x.size}), got {array.shape}")
     with house_style():
-        figure = Figure(figsize=(8.0, 5.6), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure((8.0, 5.6))
         grid = figure.subplots(2, 2, sharex=True, sharey="row")
         repeats = array if array.ndim == 3 else array[:, None]
         centred = repeats - np.nanmean(repeats, axis=2, keepdims=True)
@@ -340,9 +331,6 @@ def parts_plot(separation: Separation, ax: Axes | None = None) -> Figure | Axes:
     DataError
         If the parts are maps, or axes were given for several parts.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     x, label = _abscissa(separation)
     shown = {k: v for k, v in separation.parts.items() if v.shape == x.shape}
     if ax is not None and len(shown) != 1:
@@ -352,8 +340,7 @@ def parts_plot(separation: Separation, ax: Axes | None = None) -> Figure | Axes:
             _draw_parts([ax], separation, x)
             _label_abscissa(ax, label)
             return ax
-        figure = Figure(figsize=(7.2, 0.6 + 2.1 * len(shown)), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure((7.2, 0.6 + 2.1 * len(shown)))
         panels = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
         _draw_parts(list(panels), separation, x)
         _label_abscissa(panels[-1], label)
@@ -385,7 +372,7 @@ def separation_parts(document: Mapping[str, Any]) -> Figure:
         raise DataError("this result holds no separation: nothing to draw")
     drawn = parts_plot(Separation.from_dict(separation))
     if not isinstance(drawn, Figure):
-        raise DataError("the parts of this separation are no curves")
+        raise DataError("the parts of this separation are not curves")
     return drawn
 
 
@@ -401,14 +388,7 @@ def _draw_parts(panels: Sequence[Axes], separation: Separation, x: FloatArray) -
         half = BAND_FACTOR * separation.u[name]
         text = name.replace("_", " ")
         if np.isfinite(half).any():
-            axes.fill_between(
-                x,
-                (drawn - half) * factor,
-                (drawn + half) * factor,
-                color=colour,
-                alpha=0.25,
-                linewidth=0.0,
-            )
+            draw_band(axes, x, drawn * factor, half * factor, colour)
             text += f" ± {BAND_FACTOR:.0f} u"
         else:
             text += " (u not known)"

@@ -83,7 +83,8 @@ def table_plot(document: Mapping[str, Any], ax: Axes | None = None) -> Axes:
                 label="reference (zero correction)",
             )
         axis, target = table.get("axis") or "axis", table.get("compensates") or "axis"
-        axes.set_xlabel(f"position of {axis} / mm")
-        axes.set_ylabel(f"correction added to {target} / {unit}")
+        axes.set(
+            xlabel=f"position of {axis} / mm", ylabel=f"correction added to {target} / {unit}"
+        )
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.3)
     return axes

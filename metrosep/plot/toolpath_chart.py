@@ -10,7 +10,14 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.plot.style import COLOURS, DASHED, axes_or_new, house_style, label_decades
+from metrosep.plot.style import (
+    COLOURS,
+    DASHED,
+    axes_or_new,
+    house_style,
+    label_decades,
+    new_figure,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,9 +64,6 @@ def path_error_figure(maps: Sequence[PathErrorMap], *, n_pixels: int = 301) -> F
     .. [1] Deterministic error compensation for slow tool servo-driven diamond turning, Figs. 9
        and 10, here as path minus ideal.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     if not len(maps):
         raise DataError("there is no map to draw; give the error map of a path")
     surfaces = [m.to_surface(n_pixels) for m in maps]
@@ -67,8 +71,7 @@ def path_error_figure(maps: Sequence[PathErrorMap], *, n_pixels: int = 301) -> F
     with house_style():
         columns = 2 if len(maps) == 4 else min(len(maps), _MOST_COLUMNS)
         rows = -(-len(maps) // columns)
-        figure = Figure(figsize=(2.9 * columns + 0.9, 3.0 * rows + 0.2), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = new_figure((2.9 * columns + 0.9, 3.0 * rows + 0.2))
         grid = figure.subplots(rows, columns, squeeze=False)
         images = [
             _draw(axes, made, surface.z * 1e9, limit)
@@ -96,8 +99,7 @@ def _draw(axes: Any, made: PathErrorMap, z: FloatArray, limit: float) -> Any:
     )
     axes.grid(visible=False)
     axes.set_title(f"{_name(made)}\nP-V {made.peak_to_valley() * 1e9:.3g} nm", fontsize=9.0)
-    axes.set_xlabel("x / µm")
-    axes.set_ylabel("y / µm")
+    axes.set(xlabel="x / µm", ylabel="y / µm")
     return image
 
 
@@ -139,8 +141,10 @@ def path_error_line(made: PathErrorMap, *, azimuth: float = 0.0, ax: Axes | None
         position = np.concatenate([-left.x[::-1], right.x]) * 1e6
         error = np.concatenate([left.z[::-1], right.z]) * 1e9
         axes.plot(position, error, color=COLOURS["estimate"], linewidth=1.0)
-        axes.set_xlabel(f"position along the line at {math.degrees(azimuth):.4g}° / µm")
-        axes.set_ylabel("path - ideal / nm")
+        axes.set(
+            xlabel=f"position along the line at {math.degrees(azimuth):.4g}° / µm",
+            ylabel="path - ideal / nm",
+        )
         axes.set_title(f"{_name(made)}: P-V {np.ptp(error):.3g} nm on this line", fontsize=9.5)
     return axes
 
@@ -200,7 +204,6 @@ def path_error_counts(
         label_decades(axes)
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter(lambda v, _: f"{v:g}")
-        axes.set_xlabel("points (intervals)")
-        axes.set_ylabel("P-V of path - ideal / nm")
+        axes.set(xlabel="points (intervals)", ylabel="P-V of path - ideal / nm")
         axes.legend()
     return axes

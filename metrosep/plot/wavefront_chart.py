@@ -105,8 +105,7 @@ def zernike_bars(
             range(len(shown)), text, rotation=90 if len(shown) > 6 else 0, fontsize=7.5
         )
         axes.grid(visible=False, axis="x")
-        axes.set_ylabel(f"coefficient / {symbol}")
-        axes.set_xlabel(f"Zernike term, {_ORDERS[first.order]}")
+        axes.set(ylabel=f"coefficient / {symbol}", xlabel=f"Zernike term, {_ORDERS[first.order]}")
         if any(named):
             axes.legend()
     return axes
@@ -139,10 +138,12 @@ def contrast_plot(
             linewidth=0.9,
             label="full circle without error",
         )
-        axes.set_xlim(0.0, 1.0)
-        axes.set_ylim(0.0, 1.02)
-        axes.set_xlabel("frequency / cut-off frequency D / wavelength")
-        axes.set_ylabel("contrast")
+        axes.set(
+            xlim=(0.0, 1.0),
+            ylim=(0.0, 1.02),
+            xlabel="frequency / cut-off frequency D / wavelength",
+            ylabel="contrast",
+        )
         axes.legend()
     return axes
 
@@ -200,7 +201,7 @@ def disc_map(
     Raises
     ------
     DataError
-        If the arrays are no maps of one shape, or nothing is known.
+        If the arrays are not maps of one shape, or nothing is known.
     """
     place_x, place_y, z = (np.asarray(v, dtype=np.float64) for v in (x, y, values))
     if z.ndim != 2 or not place_x.shape == place_y.shape == z.shape:
@@ -220,9 +221,7 @@ def disc_map(
         axes = axes_or_new(ax, size=(5.0, 4.2))
         mesh = _drawn(axes, place_x / along, place_y / along, z / unit, end)
         axes.grid(visible=False)
-        axes.set_aspect("equal")
-        axes.set_xlabel(f"x / {name}")
-        axes.set_ylabel(f"y / {name}")
+        axes.set(aspect="equal", xlabel=f"x / {name}", ylabel=f"y / {name}")
         axes.set_title(f"{title}\nP-V {np.ptp(known) / unit:.4g} {symbol}".strip(), fontsize=9.0)
         bar = axes.figure.colorbar(mesh, ax=axes, shrink=0.85, aspect=22)
         bar.set_label(f"{quantity} / {symbol}")

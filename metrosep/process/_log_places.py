@@ -19,8 +19,6 @@ from metrosep.core.units import format_length
 from metrosep.process._motion import FollowUp, FollowUpMap
 from metrosep.process.path_points import SpiralPath
 
-__all__ = ["PlacedLog", "held_on_points", "on_spiral", "placed_log"]
-
 _TURN = 2.0 * math.pi
 _ASTRAY = 0.5
 """rad: a log whose azimuth leaves the programmed spiral by more belongs to another program."""
@@ -69,15 +67,16 @@ def placed_log(log: FollowUp | FollowUpMap, spiral: SpiralPath, messages: list[s
     if int(measured.sum()) < 2:
         raise TooFewSamplesError("the log has no samples with a place on the part")
     by_radius = (spiral.radius - places.rho[at]) * (_TURN / spiral.feed)
-    sign = 1.0 if spiral.sense == "counterclockwise" else -1.0
-    travelled = _travelled(at, by_radius, sign * (places.theta[at] - spiral.start))
+    travelled = _travelled(at, by_radius, spiral.travelled_to(places.theta[at]))
     _check(by_radius - travelled, spiral.feed, messages)
     where, which = np.unique(travelled[measured], return_inverse=True)
     if where.size < 2:
         raise TooFewSamplesError("all samples of the log lie at the same place of the part")
     z = np.bincount(which, weights=places.z[at][measured]) / np.bincount(which)
     steps = np.diff(where)
-    return PlacedLog(where, z, steps > _STEPS * _usual(steps), float(np.median(steps)))
+    parts = np.array_split(steps, max(1, steps.size // _BLOCK))
+    usual = np.concatenate([np.full(p.size, np.median(p)) for p in parts])
+    return PlacedLog(where, z, steps > _STEPS * usual, float(np.median(steps)))
 
 
 def _travelled(at: NDArray[np.intp], by_radius: FloatArray, turned: FloatArray) -> FloatArray:
@@ -129,12 +128,6 @@ def _check(off: FloatArray, feed: float, messages: list[str]) -> None:
         )
 
 
-def _usual(steps: FloatArray) -> FloatArray:
-    """Return the median step around each step."""
-    parts = np.array_split(steps, max(1, steps.size // _BLOCK))
-    return np.concatenate([np.full(p.size, np.median(p)) for p in parts])
-
-
 def on_spiral(
     log: FollowUp | FollowUpMap, spiral: SpiralPath, rho: FloatArray, messages: list[str]
 ) -> FloatArray:
@@ -149,7 +142,13 @@ def on_spiral(
         i = np.clip(i, 0, placed.is_hole.size - 1)
         inside = (at > placed.travelled[i] + _EDGE) & (at < placed.travelled[i + 1] - _EDGE)
         z[placed.is_hole[i] & inside] = np.nan
-        messages.append(_said_of_holes(placed, spiral))
+        begin, end = max(placed.holes, key=lambda h: h[1] - h[0])
+        radii = (max(0.0, spiral.radius - spiral.feed * t / _TURN) for t in (begin, end))
+        messages.append(
+            f"the log has {len(placed.holes)} hole(s) longer than {_STEPS:g} of its steps, the longest "
+            f"{(end - begin) / _TURN:.3g} turns at rho = {' to '.join(map(format_length, radii))}; its "
+            "error is not known there"
+        )
     if placed.step > 0.1:
         messages.append(
             f"the log has a sample every {np.degrees(placed.step):.1f} deg only; between them its "
@@ -160,18 +159,6 @@ def on_spiral(
         messages.append(f"the log covers {100.0 * covered:.1f} % of the path")
     out: FloatArray = z
     return out
-
-
-def _said_of_holes(placed: PlacedLog, spiral: SpiralPath) -> str:
-    holes = placed.holes
-    begin, end = max(holes, key=lambda h: h[1] - h[0])
-    ends = " to ".join(
-        format_length(max(0.0, spiral.radius - spiral.feed * t / _TURN)) for t in (begin, end)
-    )
-    return (
-        f"the log has {len(holes)} hole(s) longer than {_STEPS:g} of its steps, the longest "
-        f"{(end - begin) / _TURN:.3g} turns at rho = {ends}; its error is not known there"
-    )
 
 
 def held_on_points(

@@ -18,7 +18,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.process._plain import Frozen, plain
+from metrosep.process._plain import Frozen, OnPart, plain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -217,7 +217,7 @@ def best_delay(
             f"command and actual share {int(valid.sum())} samples; a delay needs {ORDER + 4}"
         )
     if not float(np.nanmax(velocity) - np.nanmin(velocity)) > 0.0:
-        raise DegenerateFitError("the command does not move: no delay can be told from it")
+        raise DegenerateFitError("the command does not move: no delay follows from it")
     delay = _coarse(command, actual, valid) * step
     rms = np.inf
     for _ in range(30):
@@ -291,7 +291,7 @@ class TermShare:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FollowUpMap(Frozen):
+class FollowUpMap(Frozen, OnPart):
     """The follow-up error at the places of the part where it was cut.
 
     Parameters
@@ -308,16 +308,6 @@ class FollowUpMap(Frozen):
     theta: FloatArray
     z: FloatArray
     history: tuple[Step, ...] = ()
-
-    @property
-    def x(self) -> FloatArray:
-        """Positions along x in m."""
-        return np.asarray(self.rho * np.cos(self.theta))
-
-    @property
-    def y(self) -> FloatArray:
-        """Positions along y in m."""
-        return np.asarray(self.rho * np.sin(self.theta))
 
     def on_grid(self, step: float) -> Surface:
         """Return a map on a square grid: the mean of the samples in each cell, NaN where none is.
@@ -586,7 +576,7 @@ def regress(
     u, s, vt = np.linalg.svd(design, full_matrices=False)
     if s[-1] < _CONDITION * s[0]:
         raise DegenerateFitError(
-            "the terms of the regression cannot be told apart in this motion; leave one out or "
+            "the terms of the regression cannot be distinguished in this motion; leave one out or "
             "log a motion of more than one frequency"
         )
     back = vt.T / s
@@ -660,7 +650,7 @@ def long_run(columns: FloatArray, residual: FloatArray, at: NDArray[np.intp]) ->
     for block in _BLOCK_SIZES:
         blocks = -(-size // block)
         q, r, count = _means(columns, residual, place, block, blocks)
-        pieces = _pieces(r, count >= 0.5 * block)
+        pieces = [r[a:b] for a, b in stretches(count >= 0.5 * block)]
         usable = sum(p.size for p in pieces)
         if block > 1 and (usable < _FEWEST or np.linalg.svd(q, compute_uv=False)[-1] ** 2 < _KEPT):
             break
@@ -691,11 +681,6 @@ def _means(
     q = np.column_stack([np.bincount(which, weights=c, minlength=blocks) for c in columns.T])
     r = np.bincount(which, weights=residual, minlength=blocks) / np.maximum(count, 1.0)
     return q / root, r * root, count
-
-
-def _pieces(r: FloatArray, used: NDArray[np.bool_]) -> list[FloatArray]:
-    """Return the stretches of blocks that were used."""
-    return [r[a:b] for a, b in stretches(used)]
 
 
 def _burg(pieces: list[FloatArray], n: int) -> tuple[FloatArray, float]:

@@ -43,6 +43,28 @@ class Frozen:
             object.__setattr__(self, field.name, value)
 
 
+class OnPart:
+    """Points of a part by radius and azimuth."""
+
+    __slots__ = ()
+    rho: FloatArray
+
+    @property
+    def x(self) -> FloatArray:
+        """Positions on the part along x, m."""
+        return np.asarray(self.rho * np.cos(self._azimuth), dtype=np.float64)
+
+    @property
+    def y(self) -> FloatArray:
+        """Positions on the part along y, m."""
+        return np.asarray(self.rho * np.sin(self._azimuth), dtype=np.float64)
+
+    @property
+    def _azimuth(self) -> FloatArray:
+        found: FloatArray = getattr(self, "azimuth" if hasattr(self, "azimuth") else "theta")
+        return found
+
+
 def frozen(values: Any) -> FloatArray:
     """Return an array that was just made, read-only from now on."""
     array = np.asarray(values, dtype=np.float64)

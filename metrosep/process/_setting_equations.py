@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -17,10 +17,7 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
-from metrosep.core.errors import (
-    DataError,
-    NotConvergedError,
-)
+from metrosep.core.errors import DataError, NotConvergedError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.forms.points import Points
@@ -38,6 +35,7 @@ FREEDOMS: Mapping[str, str] = {
 }
 """Unit of each; when two hold the same, the one that stands later is given up."""
 
+PLACES = {name: i for i, name in enumerate(FREEDOMS)}
 LINEAR = ("piston", "tilt_x", "tilt_y")
 _LARGEST = {"dx": 1e-3, "dy": 1e-3, "dR": 10e-3, "rotation": 1.0}
 _LARGEST_SHARE = 0.05
@@ -56,7 +54,6 @@ class Equations:
     right: FloatArray  # shape (9,): products of the derivatives with the residual
     square: float  # m^2: sum of squared residuals
     n: int  # points used
-    n_undefined: int  # points left out because nothing is cut or defined there
 
     @property
     def mean_square(self) -> float:
@@ -110,7 +107,7 @@ def equations(
     """Return the sums over the measured points within a region about the spindle axis."""
     size = len(FREEDOMS)
     gram, right = np.zeros((size, size)), np.zeros(size)
-    square, n, undefined = 0.0, 0, 0
+    square, n = 0.0, 0
     with one_blas_thread():
         for all_x, all_y, all_z in points.valid_blocks():
             inside = region.holds(all_x, all_y)
@@ -119,13 +116,12 @@ def equations(
             off = z - model
             good = ~np.isnan(off) & np.isfinite(columns).all(axis=0)
             if not good.all():
-                undefined += int(np.count_nonzero(~good))
                 off, columns = off[good], columns[:, good]
             gram += columns @ columns.T
             right += columns @ off
             square += float(off @ off)
             n += off.size
-    return Equations(gram, right, square, n, undefined)
+    return Equations(gram, right, square, n)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,8 +136,7 @@ class Choice:
     @property
     def rows(self) -> list[int]:
         """Places of the used freedoms in `FREEDOMS`."""
-        names = list(FREEDOMS)
-        return [names.index(n) for n in self.used]
+        return [PLACES[n] for n in self.used]
 
 
 def choose(sums: Equations, free: Sequence[str], *, noise: float, extent: float) -> Choice:
@@ -152,7 +147,7 @@ def choose(sums: Equations, free: Sequence[str], *, noise: float, extent: float)
     and dy at most), 10 mm (dR) or 1 rad.
     """
     names = list(FREEDOMS)
-    slopes = [names.index(n) for n in ("dx", "dy", "shift_x", "shift_y")]
+    slopes = [PLACES[n] for n in ("dx", "dy", "shift_x", "shift_y")]
     strongest = math.sqrt(float(sums.gram[slopes, slopes].max()))
     used: list[int] = []
     given_up: dict[str, tuple[str, ...]] = {}
@@ -180,14 +175,18 @@ def _beside(gram: FloatArray, i: int, used: Sequence[int]) -> tuple[float, list[
     """Return the share of a column that others do not hold, and which hold most of the rest."""
     if not used:
         return 1.0, []
-    norms = np.sqrt(np.diag(gram)[list(used)])
-    own = math.sqrt(float(gram[i, i]))
-    among = gram[np.ix_(used, used)] / np.outer(norms, norms)
-    onto = gram[list(used), i] / (norms * own)
+    norms, among = unit_gram(gram, used)
+    onto = gram[list(used), i] / (norms * math.sqrt(float(gram[i, i])))
     weights = np.linalg.lstsq(among, onto, rcond=1e-13)[0]
     left = max(0.0, 1.0 - float(weights @ onto))
     shares = np.abs(weights)
     return left, [k for k, w in zip(used, shares, strict=True) if w > 0.3 * shares.max()]
+
+
+def unit_gram(gram: FloatArray, rows: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+    """Return the lengths of some columns, and their products with each of length one."""
+    norms = np.sqrt(np.diag(gram)[list(rows)])
+    return norms, gram[np.ix_(rows, rows)] / np.outer(norms, norms)
 
 
 def solve(
@@ -198,8 +197,7 @@ def solve(
     Damping shortens the step along what the points show least; columns are of length one.
     """
     rows = choice.rows
-    norms = np.sqrt(np.diag(sums.gram)[rows])
-    unit = sums.gram[np.ix_(rows, rows)] / np.outer(norms, norms)
+    norms, unit = unit_gram(sums.gram, rows)
     inverse = np.linalg.inv(unit + damping * np.eye(len(rows)))
     inverse = 0.5 * (inverse + inverse.T)
     return inverse @ (sums.right[rows] / norms) / norms, inverse / np.outer(norms, norms)
@@ -210,17 +208,15 @@ def levelled(sums: Equations, choice: Choice) -> tuple[Equations, dict[str, floa
 
     Exact without another look at the points, because the heights are linear in these three.
     """
-    rows = [i for i, name in zip(choice.rows, choice.used, strict=True) if name in LINEAR]
+    names = [name for name in choice.used if name in LINEAR]
+    rows = [PLACES[name] for name in names]
     if not rows:
         return sums, {}
-    norms = np.sqrt(np.diag(sums.gram)[rows])
-    unit = sums.gram[np.ix_(rows, rows)] / np.outer(norms, norms)
+    norms, unit = unit_gram(sums.gram, rows)
     change = np.linalg.solve(unit, sums.right[rows] / norms) / norms
     square = max(sums.square - float(change @ sums.right[rows]), 0.0)
     right = sums.right - sums.gram[:, rows] @ change
-    names = [list(FREEDOMS)[i] for i in rows]
-    left = Equations(sums.gram, right, square, sums.n, sums.n_undefined)
-    return left, dict(zip(names, change.tolist(), strict=True))
+    return replace(sums, right=right, square=square), dict(zip(names, change.tolist(), strict=True))
 
 
 def alike(sums: Equations, choice: Choice, held: Sequence[str]) -> dict[str, tuple[str, float]]:
@@ -228,16 +224,11 @@ def alike(sums: Equations, choice: Choice, held: Sequence[str]) -> dict[str, tup
 
     Correlations are those of what piston and tilts leave of both.
     """
-    names = list(FREEDOMS)
-    plane = [names.index(n) for n in LINEAR if n in choice.used]
+    plane = [PLACES[n] for n in LINEAR if n in choice.used]
     found: dict[str, tuple[str, float]] = {}
     for name in held:
-        i = names.index(name)
-        for setting in ("dx", "dy"):
-            if setting not in choice.used:
-                continue
-            j = names.index(setting)
-            r = _partial(sums.gram, i, j, plane)
+        for setting in (n for n in ("dx", "dy") if n in choice.used):
+            r = _partial(sums.gram, PLACES[name], PLACES[setting], plane)
             if abs(r) > _CLOSE and abs(r) > abs(found.get(name, ("", 0.0))[1]):
                 found[name] = (setting, r)
     return found
@@ -247,8 +238,7 @@ def _partial(gram: FloatArray, i: int, j: int, over: list[int]) -> float:
     pair = [i, j]
     left = gram[np.ix_(pair, pair)].copy()
     if over:
-        norms = np.sqrt(np.diag(gram)[list(over)])
-        among = gram[np.ix_(over, over)] / np.outer(norms, norms)
+        norms, among = unit_gram(gram, over)
         onto = gram[np.ix_(over, pair)] / norms[:, None]
         left -= onto.T @ np.linalg.lstsq(among, onto, rcond=1e-13)[0]
     size = float(left[0, 0] * left[1, 1])
@@ -414,12 +404,7 @@ def paper_errors(
 
 
 def height_errors(
-    form: Form,
-    x: FloatArray,
-    y: FloatArray,
-    setting: tuple[float, float, float],
-    *,
-    exact: bool,
+    form: Form, x: FloatArray, y: FloatArray, setting: tuple[float, float, float], *, exact: bool
 ) -> FloatArray:
     """Return actual - nominal at flat arrays of points; NaN in the core and off the form."""
     found = np.empty(x.size)

@@ -32,6 +32,7 @@ from metrosep.process._setting_equations import (
     levelled,
     modelled,
     solve,
+    unit_gram,
 )
 
 # The sums of `_setting_equations` are solved again and again. A step that does not make the residual
@@ -266,7 +267,7 @@ def _tried(
             left = equations(task.points, task.form, values, region)
     except NotConvergedError:
         size = len(FREEDOMS)
-        return values, Equations(np.zeros((size, size)), np.zeros(size), math.inf, 0, 0)
+        return values, Equations(np.zeros((size, size)), np.zeros(size), math.inf, 0)
     return values, left
 
 
@@ -288,7 +289,7 @@ _PERIODS = 4
 """Periods tried to each side where the nearest do not explain the map."""
 _MOST_MOVES = 4
 _TOLD_APART = 9.0
-"""Of chi-square: a period that fits worse by less cannot be told from the best."""
+"""Of chi-square: a period that fits worse by less cannot be distinguished from the best."""
 _OTHER = 2.0
 """Standard uncertainties by which a setting is another one."""
 
@@ -303,7 +304,7 @@ class Guess:
 
 
 def settle_in_period(task: Task, start: Mapping[str, float]) -> tuple[Settled, tuple[str, ...]]:
-    """Return the fit in the period that explains the map best, and what stays doubtful."""
+    """Return the fit in the period that explains the map best, and what stays uncertain."""
     found, failed = None, None
     try:
         found = settle(task, start)
@@ -368,7 +369,7 @@ def _thinned(task: Task) -> Task:
 
 
 def _in_best_period(task: Task, found: Settled) -> tuple[Settled, tuple[str, ...]]:
-    """Return the best of a fit and those one or more periods on, and what stays doubtful."""
+    """Return the best of a fit and those one or more periods on, and what stays uncertain."""
     free = [n for n in ("shift_x", "shift_y") if n in found.choice.used]
     if task.form.period is None or not free:
         return found, ()
@@ -392,7 +393,16 @@ def _in_best_period(task: Task, found: Settled) -> tuple[Settled, tuple[str, ...
             f"another period of the {task.form.name} than the nearest explains the map: the part "
             f"is taken to be shifted by {_shift(found)} instead of {_shift(first)}"
         )
-    said.extend(_as_good(task, found, rival) for rival in rivals if _rivals(found, rival))
+    for rival in rivals:  # another period that fits as well and gives another setting
+        worse = found.sums.n * (rival.sums.mean_square / found.sums.mean_square - 1.0)
+        gap = np.array([rival.values[n] - found.values[n] for n in FACTORS])
+        if worse < _TOLD_APART and (np.abs(gap) > _OTHER * _u_setting(found)).any():
+            given = ", ".join(f"{n} = {format_length(rival.values[n])}" for n in FACTORS)
+            said.append(
+                f"another period of the {task.form.name} fits as well: a part shifted by "
+                f"{_shift(rival)} instead of {_shift(found)} gives {given}; measure where the spindle "
+                "axis is on the map"
+            )
     return found, tuple(said)
 
 
@@ -465,21 +475,6 @@ def _u_setting(found: Settled) -> FloatArray:
     """Return the standard uncertainties of the three factors; infinite where not determined."""
     known = _u(found)
     return np.array([known.get(n, math.inf) for n in FACTORS])
-
-
-def _rivals(found: Settled, rival: Settled) -> bool:
-    """Return whether another period fits as well and gives another setting."""
-    worse = found.sums.n * (rival.sums.mean_square / found.sums.mean_square - 1.0)
-    gap = np.array([rival.values[n] - found.values[n] for n in FACTORS])
-    return worse < _TOLD_APART and bool((np.abs(gap) > _OTHER * _u_setting(found)).any())
-
-
-def _as_good(task: Task, found: Settled, rival: Settled) -> str:
-    given = ", ".join(f"{n} = {format_length(rival.values[n])}" for n in FACTORS)
-    return (
-        f"another period of the {task.form.name} fits as well: a part shifted by {_shift(rival)} "
-        f"instead of {_shift(found)} gives {given}; measure where the spindle axis is on the map"
-    )
 
 
 def _shift(found: Settled) -> str:
@@ -563,8 +558,7 @@ def covariance(
         variance = square or sums.square / (sums.n - len(choice.used))
         return variance * inverse, variance
     rows = choice.rows
-    norms = np.sqrt(np.diag(sums.gram)[rows])
-    gram = sums.gram[np.ix_(rows, rows)] / np.outer(norms, norms)
+    norms, gram = unit_gram(sums.gram, rows)
     lagged = _lagged_gram(task, settled, found.kernel)[np.ix_(rows, rows)] / np.outer(norms, norms)
     size, turn = np.linalg.eigh(gram)
     root = turn / np.sqrt(size)

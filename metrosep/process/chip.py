@@ -95,11 +95,7 @@ def approximate_chip_thickness(R: ArrayLike, f: ArrayLike, a: ArrayLike) -> floa
     Raises
     ------
     DataError
-        If a value is out of its range.
-    InvalidSamplesError
-        If a value is not finite, or the shapes do not broadcast.
-    UnitError
-        If a value is too large to be in metres.
+        As of `max_chip_thickness`, or the feed is wider than half the cut.
 
     Examples
     --------
@@ -136,11 +132,7 @@ def cusp_height(R: ArrayLike, f: ArrayLike, *, exact: bool = False) -> float | F
     Raises
     ------
     DataError
-        If a value is out of its range, or the feed is wider than the nose.
-    InvalidSamplesError
-        If a value is not finite, or the shapes do not broadcast.
-    UnitError
-        If a value is too large to be in metres.
+        As of `max_chip_thickness`, or the feed is wider than the nose.
 
     Examples
     --------
@@ -173,11 +165,7 @@ def cusp_ra(R: ArrayLike, f: ArrayLike) -> float | FloatArray:
     Raises
     ------
     DataError
-        If a value is out of its range, or the feed is wider than the nose.
-    InvalidSamplesError
-        If a value is not finite, or the shapes do not broadcast.
-    UnitError
-        If a value is too large to be in metres.
+        As of `max_chip_thickness`, or the feed is wider than the nose.
 
     Examples
     --------

@@ -120,7 +120,7 @@ def stage_displacement(
     LimitError
         If the stage would leave its travel; the offending value is named.
     DataError
-        If `quantity` is not one of its choices, or offset or travel is no length.
+        If `quantity` is not one of its choices, or offset or travel is not a length.
 
     References
     ----------
@@ -230,7 +230,12 @@ def drive_table(
         and numbers.real(calibration, "calibration") == 0.0
     ):
         raise DataError("a sensitivity of 0 m/V is of no use")
-    stroke = (-travel, 0.0) if _moves_down(calibration) else (0.0, travel)
+    curve = (
+        calibration.mean
+        if isinstance(calibration, FlexureCalibration)
+        else np.array([calibration])
+    )
+    stroke = (-travel, 0.0) if float(curve.min() + curve.max()) < 0.0 else (0.0, travel)
     finite = math.isfinite(travel)
     violations = _beyond_stroke(d, given, quantity, offset, stroke) if finite else []
     wanted, beyond = _voltages(d, calibration)
@@ -284,13 +289,6 @@ def _outside(d: FloatArray, low: float, high: float) -> int | None:
     if not (beyond > _SLACK * span).any():
         return None
     return int(np.nanargmax(beyond))
-
-
-def _moves_down(calibration: FlexureCalibration | float) -> bool:
-    """Return whether a stage moves from 0 to negative displacements."""
-    if isinstance(calibration, FlexureCalibration):
-        return float(calibration.mean.min() + calibration.mean.max()) < 0.0
-    return float(calibration) < 0.0
 
 
 def _beyond_stroke(
@@ -509,14 +507,8 @@ def sweep_gains(
     Raises
     ------
     DataError
-        If a gain is out of range, there are more than 20000 settings, only one of `t` and
-        `command` is given, or the reference is unstable.
-    InvalidSamplesError
-        If a gain is not a real number, or `t` or `command` holds NaN.
-    NotUniformError
-        If time is not uniform.
-    TooFewSamplesError
-        If there are fewer than 4 samples.
+        If a gain is out of range, there are more than 20000 settings, only one of `t` and `command`
+        is given, the reference is unstable, or as of `ServoModel.simulate`.
 
     Notes
     -----

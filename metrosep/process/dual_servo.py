@@ -75,7 +75,7 @@ def cumulative_error(
     straightness : RunPolynomial, callable or array_like
         Straightness at the positions, in m.
     quantity : {"error", "compensation"}, optional
-        What `straightness` holds. A `RunPolynomial` knows; everything else must be told.
+        What `straightness` holds. A `RunPolynomial` knows; of everything else it must be stated.
 
     Returns
     -------
@@ -269,12 +269,7 @@ def before_after(
 
 
 def _pair(
-    part: Profile,
-    primary: Profile,
-    lambda_c: float,
-    lambda_s: float | None,
-    form: str,
-    span: str,
+    part: Profile, primary: Profile, lambda_c: float, lambda_s: float | None, form: str, span: str
 ) -> dict[str, Quantity]:
     from metrosep.filters.chain import roughness
     from metrosep.parameters.profile import profile_parameters

@@ -67,10 +67,8 @@ class CorrectedPath(Frozen):
 
     Raises
     ------
-    InvalidSamplesError
-        If lengths differ or a value is infinite.
-    TooFewSamplesError
-        If there is no point.
+    DataError
+        If lengths differ, a value is infinite or there is no point.
 
     Examples
     --------
@@ -126,10 +124,8 @@ class CorrectedPoints:
 
     Raises
     ------
-    InvalidSamplesError
-        If an array is not two-dimensional or is infinite.
-    TooFewSamplesError
-        If there is no point.
+    DataError
+        If an array is not two-dimensional, is infinite or has no point.
 
     Examples
     --------
@@ -183,7 +179,7 @@ def corrected_path(
         If the form is none or has unknown parameters, or the surface is not defined where a point
         is cut.
     InvalidSamplesError
-        If a position is no finite number, or the lengths differ.
+        If a position is not a finite number, or the lengths differ.
     TooFewSamplesError
         If there is no point.
     UnitError
@@ -255,11 +251,7 @@ def corrected_path(
 
 
 def corrected_points(
-    error: Volumetric,
-    points: ArrayLike,
-    *,
-    tolerance: float = 1e-12,
-    most_steps: int = 50,
+    error: Volumetric, points: ArrayLike, *, tolerance: float = 1e-12, most_steps: int = 50
 ) -> CorrectedPoints:
     """Return the points to command so that a machine with a volumetric error reaches the wanted.
 
@@ -285,7 +277,7 @@ def corrected_points(
     DataError
         If the points have another shape, or tolerance or steps are out of range.
     InvalidSamplesError
-        If a point or an error is no finite number, or the errors have another shape.
+        If a point or an error is not a finite number, or the errors have another shape.
     UnitError
         If the tolerance cannot be in metres.
     NotConvergedError

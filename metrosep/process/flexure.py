@@ -149,10 +149,8 @@ class FlexureCalibration(Frozen):
         ------
         LimitError
             If a displacement is beyond the calibrated stroke.
-        InvalidSamplesError
-            If the curve is not monotone.
         DataError
-            If the direction is unknown or was not run.
+            If the curve is not monotone, or as of `evaluate`.
         """
         d = frozen_float(np.atleast_1d(np.asarray(displacement)), name="displacement", ndim=1)
         curve = self._curve(direction)
@@ -619,18 +617,19 @@ def _joined(last: Run, first: Run) -> tuple[Run, float]:
     return (run[0], run[1]), float(first[1][0]) - below
 
 
-def on_common_voltages(
-    runs: list[Run],
-) -> tuple[FloatArray, FloatArray]:
+def on_common_voltages(runs: list[Run]) -> tuple[FloatArray, FloatArray]:
     """Return the voltages that all sweeps share and one curve for each sweep."""
     low = max(float(v.min()) for v, _ in runs)
     high = min(float(v.max()) for v, _ in runs)
     if not high > low:
         raise DegenerateFitError("the sweeps share no range of voltage")
-    for v, _ in runs:
-        if v.size < 3:
-            raise TooFewSamplesError(f"a sweep has {v.size} voltages; a curve needs at least 3")
-    ordered = [_rising(v, d) for v, d in runs]
+    fewest = min(v.size for v, _ in runs)
+    if fewest < 3:
+        raise TooFewSamplesError(f"a sweep has {fewest} voltages; a curve needs at least 3")
+    ordered = []
+    for v, d in runs:  # by voltage, equal voltages averaged
+        at, which = np.unique(v, return_inverse=True)
+        ordered.append((at, np.asarray(np.bincount(which, weights=d) / np.bincount(which))))
     first = ordered[0][0]
     tolerance = _SAME * (high - low)
     shared = all(
@@ -642,12 +641,6 @@ def on_common_voltages(
     else:
         grid = np.linspace(low, high, _LEVELS)
     return grid, np.array([_resampled(v, d, grid) for v, d in ordered])
-
-
-def _rising(v: FloatArray, d: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a sweep ordered by voltage, equal voltages averaged."""
-    levels, at = np.unique(v, return_inverse=True)
-    return levels, np.asarray(np.bincount(at, weights=d) / np.bincount(at))
 
 
 def _resampled(v: FloatArray, d: FloatArray, grid: FloatArray) -> FloatArray:

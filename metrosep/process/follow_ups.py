@@ -423,7 +423,7 @@ TERMS: Mapping[str, tuple[str, str]] = {
 """Term: symbol and unit of its coefficient."""
 
 _ALIKE = 0.999
-"""Correlation of two terms from which a log cannot tell them apart."""
+"""Correlation of two terms from which a log cannot distinguish them."""
 
 _MOTION = 2.0
 """RMS of a term over that of its noise, below which it is not there."""
@@ -485,7 +485,7 @@ def _told_apart(
         size = float(np.linalg.norm(own))
         if size <= _MOTION * noise.get(name, 0.0) * math.sqrt(column.size) or size == 0.0:
             messages.append(
-                f"the log holds no {name} that changes beyond its noise: its share cannot be told"
+                f"the log holds no {name} that changes beyond its noise: its share is not known"
             )
             continue
         like = None
@@ -498,7 +498,7 @@ def _told_apart(
             kept.append(name)
         else:
             messages.append(
-                f"{name} and {like[0]} cannot be told apart in this motion (r = {like[1]:.4f}, one "
+                f"{name} and {like[0]} cannot be distinguished in this motion (r = {like[1]:.4f}, one "
                 f"frequency only): what {name} explains is counted as {like[0]}"
             )
     if not kept:
@@ -534,15 +534,9 @@ def shares(
             Quantity(abs(c) * pv, "m", f"P-V of the {name} share of the error", u * pv, "PV"),
             Quantity(abs(c) * rms, "m", f"RMS of the {name} share of the error", u * rms, "RMS"),
             c * float(part @ y) / power if varies else 0.0,
-            _significance(abs(c), u) if varies else 0.0,
+            (abs(c) / u if u > 0.0 else math.inf if c else 0.0) if varies else 0.0,
         )
     return found
-
-
-def _significance(c: float, u: float) -> float:
-    if u > 0.0:
-        return c / u
-    return math.inf if c > 0.0 else 0.0
 
 
 def hints(found: Mapping[str, TermShare], fit: Regression, kept: tuple[str, ...]) -> list[str]:

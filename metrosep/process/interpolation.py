@@ -68,7 +68,7 @@ def knot_slopes(
     InvalidSamplesError
         If a value is not finite, lengths differ or positions do not grow.
     DataError
-        If `end` is not known, or a slope at an end is no finite number.
+        If `end` is not known, or a slope at an end is not a finite number.
 
     Notes
     -----

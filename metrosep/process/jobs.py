@@ -255,14 +255,8 @@ class TurningJob:
 
         Raises
         ------
-        LimitError
-            If no number of blocks holds it.
-        DataError
-            If an argument is not one that can be used.
-        UnitError
-            If the tolerance is above 1 mm.
-        InvalidSamplesError
-            If the form has no height at a point.
+        LimitError, DataError
+            As of `points_for_tolerance`.
         """
         for name in options:
             if name in _OF_THE_JOB:
@@ -351,12 +345,8 @@ class TurningJob:
         Raises
         ------
         DataError
-            If the path is of another job, the log is of another spiral or does not tell its turns,
-            or an argument is not one that can be used.
-        TooFewSamplesError
-            If the log has no sample on the part.
-        InvalidSamplesError
-            If the form has no height at a point.
+            If the path is of another job, the log is of another spiral, does not tell its turns or has no
+            sample on the part, or an argument is not one that can be used.
         NotConvergedError
             If dR exceeds what the curvature of the surface allows.
         LimitError
@@ -441,17 +431,13 @@ class TurningJob:
         Raises
         ------
         DataError
-            If there is nothing to make up for, an argument cannot be used, the path is of another
-            job, or the log is of another spiral, starts late or has a long hole.
-        TooFewSamplesError
-            If the log has no sample on the part.
+            If there is nothing to make up for, an argument cannot be used, the path is of another job, or
+            the log is of another spiral, starts late, has a long hole or no sample on the part.
         NotConvergedError
             If the setting cannot be inverted.
-        InvalidSamplesError
-            If the form has no height at a point.
         LimitError
-            If there are too many points to work on, the nose gouges, or the surface touches it
-            beyond its window.
+            If there are too many points to work on, the nose gouges, or the surface touches it beyond its
+            window.
 
         Notes
         -----
@@ -638,7 +624,10 @@ def _modes(
             continue
         step = u if math.isfinite(u) else _STEP[name]
         try:
-            ahead, behind = _either_side(form, tool, at, i, step)
+            ahead, behind = (
+                height_errors(form, *at, _off_by(tool, i, way * step), exact=True)
+                for way in (1.0, -1.0)
+            )
         except MetrosepError as error:
             messages.append(f"the P-V of the {_NAME} has no u: with {name} one u off, {error}")
             return [], None
@@ -674,16 +663,10 @@ def _modes(
     return maps, np.where(np.isfinite(square), square, 0.0)
 
 
-def _either_side(
-    form: Form, tool: ToolSetting, at: tuple[FloatArray, FloatArray], factor: int, step: float
-) -> tuple[FloatArray, FloatArray]:
-    def off_by(change: float) -> FloatArray:
-        values = tool.values
-        values[factor] += change
-        dx, dy, dR = (float(v) for v in values)
-        return height_errors(form, *at, (dx, dy, dR), exact=True)
-
-    return off_by(step), off_by(-step)
+def _off_by(tool: ToolSetting, factor: int, change: float) -> tuple[float, float, float]:
+    """Return a setting with one factor changed."""
+    dx, dy, dR = (v + (change if k == factor else 0.0) for k, v in enumerate(tool.values.tolist()))
+    return dx, dy, dR
 
 
 def _extent(values: FloatArray) -> float:

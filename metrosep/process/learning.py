@@ -327,11 +327,7 @@ def _worst(
 
 
 def _messages(
-    frequency: FloatArray,
-    known: NDArray[np.bool_],
-    cutoff: float,
-    runs: int,
-    contraction: float,
+    frequency: FloatArray, known: NDArray[np.bool_], cutoff: float, runs: int, contraction: float
 ) -> tuple[str, ...]:
     messages = []
     if math.isnan(contraction):

@@ -56,7 +56,7 @@ class RoundNose:
     Raises
     ------
     DataError
-        If a value is no finite number or out of range.
+        If a value is not a finite number or out of range.
     UnitError
         If an angle can only be in degrees, or the radius not in metres.
 
@@ -163,12 +163,7 @@ class RoundNose:
 
 
 def rake_error(
-    form: Form,
-    x: ArrayLike,
-    y: ArrayLike = 0.0,
-    *,
-    nose: RoundNose,
-    sense: Sense | None = None,
+    form: Form, x: ArrayLike, y: ArrayLike = 0.0, *, nose: RoundNose, sense: Sense | None = None
 ) -> FloatArray:
     """Return the error of a path made without rake and cut with it, turns infinitely close.
 
@@ -194,7 +189,7 @@ def rake_error(
         If the form or the nose is none, the form has unknown parameters, it is not defined at a
         point, or the sense is needed.
     InvalidSamplesError
-        If a position is no finite number, or the positions do not broadcast.
+        If a position is not a finite number, or the positions do not broadcast.
     UnitError
         If a position cannot be in metres.
     NotConvergedError
@@ -326,7 +321,7 @@ def _angle(value: object, name: str, limit: float, *, signed: bool) -> float:
     angle = numbers.quantity(value, name, "angle")
     if abs(angle) > math.pi:
         raise UnitError(
-            f"{name} = {angle:g} rad is no such angle: angles are in radians, so {angle:g} degrees "
+            f"{name} = {angle:g} rad is not such an angle: angles are in radians, so {angle:g} degrees "
             f"is {math.radians(angle):.4g}"
         )
     if abs(angle) >= limit or (not signed and angle <= 0.0):

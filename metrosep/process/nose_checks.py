@@ -302,16 +302,10 @@ def clearance_check(
 
     Parameters
     ----------
-    form : Form
-        The nominal surface, with the spindle axis at its origin.
-    nose : RoundNose
-        With its clearance angle.
+    form, nose, radius, region : as of `gouge_check`
+        The surface, the nose with its clearance angle, and where it is searched.
     travel : {"growing", "falling", "both"}, optional
         Whether the tool runs towards growing or falling azimuth of the workpiece.
-    radius : float, m, optional
-        Of the workpiece; 500 um with a message if neither it nor a region is given.
-    region : tuple of (float, float), m, optional
-        Inner and outer radius instead.
     n_rho, n_theta : int, optional
         Of the mesh that is searched.
 
@@ -323,12 +317,7 @@ def clearance_check(
     Raises
     ------
     DataError
-        If the nose has no clearance angle, the direction is unknown, the form or the region is not
-        usable, or nothing is defined.
-    TooFewSamplesError
-        If the mesh has too few points.
-    UnitError
-        If the radius cannot be in metres.
+        If the nose has no clearance angle, or the direction is unknown; else as of `gouge_check`.
 
     Notes
     -----
@@ -370,14 +359,8 @@ def window_check(
 
     Parameters
     ----------
-    form : Form
-        The nominal surface, with the spindle axis at its origin.
-    nose : RoundNose
-        With its window.
-    radius : float, m, optional
-        Of the workpiece; 500 um with a message if neither it nor a region is given.
-    region : tuple of (float, float), m, optional
-        Inner and outer radius instead.
+    form, nose, radius, region : as of `gouge_check`
+        The surface, the nose with its window, and where it is searched.
     n_rho, n_theta : int, optional
         Of the mesh that is searched.
 
@@ -389,11 +372,7 @@ def window_check(
     Raises
     ------
     DataError
-        If the nose has no window, the form or the region is not usable, or nothing is defined.
-    TooFewSamplesError
-        If the mesh has too few points.
-    UnitError
-        If the radius cannot be in metres.
+        If the nose has no window; else as of `gouge_check`.
 
     Notes
     -----

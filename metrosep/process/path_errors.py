@@ -179,7 +179,7 @@ class PathErrorMap:
         Raises
         ------
         DataError
-            If the annulus is no pair, empty, lies outside of the path or within its uncut core, or holds
+            If the annulus is not a pair, empty, lies outside of the path or within its uncut core, or holds
             fewer than two samples.
 
         Notes
@@ -193,7 +193,9 @@ class PathErrorMap:
             line = self.line(azimuth)
             inside = line.z[(line.x >= low) & (line.x <= high)]
         else:
-            inside = self.z if annulus is None else self.z[self._slice(low, high)]
+            inside = self.z
+            if annulus is not None:
+                inside = self.z[(self.rho >= low) & (self.rho <= high)]
         if inside.size < 2:
             raise DataError(
                 f"{inside.size} sample(s) lie from {low:.6g} to {high:.6g} m"
@@ -269,20 +271,19 @@ class PathErrorMap:
         axis = np.linspace(-path.radius, path.radius, n_pixels)
         x, y = np.meshgrid(axis, axis)
         u = np.hypot(x, y) * (_TURN / path.feed)
-        outer, weight = self._outer_turn(np.arctan2(y, x), u)
+        # the angle left on the next turn outside of each pixel, and the share of the inner one
+        whole, turned = _TURN * path.turns, path.travelled_to(np.arctan2(y, x))
+        outer = whole - turned - _TURN * np.floor((whole - u - turned) / _TURN)
+        weight = (outer - u) / _TURN
         covered = (outer <= _TURN * path.turns) & (outer - _TURN >= path.last_angle)
         z = np.full(x.shape, np.nan)
         ends = [self._error_at(v)[1] for v in (outer[covered], outer[covered] - _TURN)]
         z[covered] = ends[0] + weight[covered] * (ends[1] - ends[0])
         step = float(axis[1] - axis[0])
-        return Surface(z, step, step, origin=(-path.radius, -path.radius), history=(self._step(),))
-
-    def _outer_turn(self, azimuth: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the angle left on the next turn outside of points, and the share of the inner."""
-        whole, turned = _TURN * self.path.turns, self.path.travelled_to(azimuth)
-        number = np.floor((whole - u - turned) / _TURN)
-        outer = whole - turned - _TURN * number
-        return outer, (outer - u) / _TURN
+        corner = (-path.radius, -path.radius)
+        return Surface(
+            z, step, step, origin=corner, history=(Step("path_error_map", dict(self.audit)),)
+        )
 
     def summary(self) -> tuple[Quantity, ...]:
         """Return P-V and RMS of the whole map.
@@ -333,9 +334,6 @@ class PathErrorMap:
             "largest_error_at_rho_um": float(self.rho[largest]) * 1e6,
         }
 
-    def _step(self) -> Step:
-        return Step("path_error_map", dict(self.audit))
-
     def _position(self, name: str) -> FloatArray:
         """Return radius or azimuth, worked out when they are first asked for."""
         if not self._positions:
@@ -383,12 +381,6 @@ class PathErrorMap:
                 "end it there, or with None"
             )
         return low, high
-
-    def _slice(self, low: float, high: float) -> slice:
-        rising = self.rho[::-1]
-        begin = int(np.searchsorted(rising, low, side="left"))
-        end = int(np.searchsorted(rising, high, side="right"))
-        return slice(rising.size - end, rising.size - begin)
 
 
 # ---- private: what the controller makes of a spiral program, and the samples along it ----------

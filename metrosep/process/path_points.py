@@ -15,13 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, LimitError, TooFewSamplesError, UnitError
-from metrosep.process._plain import Frozen, frozen, length
-from metrosep.process.interpolation import (
-    EndCondition,
-    Interpolation,
-    angle_at_length,
-    arc_length,
-)
+from metrosep.process._plain import Frozen, OnPart, frozen, length
+from metrosep.process.interpolation import EndCondition, Interpolation, angle_at_length, arc_length
 
 if TYPE_CHECKING:
     from metrosep.process.path_errors import PathErrorMap
@@ -49,7 +44,7 @@ _LOOSEST = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PathPoints(Frozen):
+class PathPoints(Frozen, OnPart):
     """Points of a block program, in the order of cutting; read-only arrays of equal length.
 
     Parameters
@@ -78,16 +73,6 @@ class PathPoints(Frozen):
 
     def __len__(self) -> int:
         return int(self.z.size)
-
-    @property
-    def x(self) -> FloatArray:
-        """Position on the part along x, m."""
-        return np.asarray(self.rho * np.cos(self.azimuth), dtype=np.float64)
-
-    @property
-    def y(self) -> FloatArray:
-        """Position on the part along y, m."""
-        return np.asarray(self.rho * np.sin(self.azimuth), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -194,11 +179,8 @@ def points_for_tolerance(
         If no count up to `max_points` holds the tolerance, or eight points a turn are more, or a
         path is too large to work on.
     DataError
-        If a number or an option cannot be used, or as of `SpiralPath` and the region.
-    UnitError
-        If the tolerance is above 1 mm, or as of `SpiralPath`.
-    InvalidSamplesError
-        If the form has no height at a point.
+        If a number or an option cannot be used, the form has no height at a point, or as of
+        `SpiralPath` and the region.
 
     Notes
     -----
@@ -241,7 +223,10 @@ def points_for_tolerance(
     tried: dict[int, float] = {}
     low, high = _bracket(error, tolerance, fewest, most)
     while True:
-        best = _bisected(error, tolerance, low, high, resolution)
+        while high - low > max(1.0, resolution * high):
+            middle = (low + high) // 2
+            low, high = (low, middle) if error(middle) <= tolerance else (middle, high)
+        best = high
         below = _beside(best, _BELOW, low=fewest)
         lucky = [n for n in below if error(n) <= tolerance]
         if not lucky:
@@ -311,7 +296,7 @@ def errors_by_count(
     Raises
     ------
     DataError
-        If no count is given or one is no whole number, or as of `SpiralPath` and the region.
+        If no count is given or one is not a whole number, or as of `SpiralPath` and the region.
     InvalidSamplesError
         If the form has no height at a point.
 
@@ -372,15 +357,6 @@ def _bracket(
         f"{error(failed):.6g} m: allow more points or a larger tolerance, leave out the centre "
         "with annulus=(inner radius, None) where CAL is coarse, or use CA"
     )
-
-
-def _bisected(
-    error: Callable[[int], float], tolerance: float, low: int, high: int, resolution: float
-) -> int:
-    while high - low > max(1.0, resolution * high):
-        middle = (low + high) // 2
-        low, high = (low, middle) if error(middle) <= tolerance else (middle, high)
-    return high
 
 
 def _beside(n: int, fractions: tuple[float, ...], *, low: int) -> list[int]:
@@ -483,12 +459,10 @@ class SpiralPath:
     Raises
     ------
     DataError
-        If a length is not positive and finite, the feed is above the radius, a word is not known,
-        or the end condition and the knots contradict each other.
-    UnitError
-        If the step is too wide to be in rad or m, the radius above 5 m or the start beyond a turn.
-    TooFewSamplesError
-        If no interval fits (or fewer points than the spline needs).
+        If a length is not positive and finite, the feed is above the radius, a word is not known, or
+        the end condition and the knots contradict each other; also if the step is too wide to be in
+        rad or m, the radius above 5 m or the start beyond a turn (UnitError), and if no interval fits
+        or there are fewer points than the spline needs (TooFewSamplesError).
 
     Notes
     -----
@@ -526,7 +500,7 @@ class SpiralPath:
     n_points: int = field(init=False)
 
     def __post_init__(self) -> None:
-        self._check_words()
+        self._check_choices()
         object.__setattr__(self, "radius", checked_radius(self.radius))
         object.__setattr__(self, "feed", length(self.feed, "feed"))
         if self.feed > self.radius:
@@ -543,7 +517,12 @@ class SpiralPath:
             )
         object.__setattr__(self, "lead_in", numbers.count(self.lead_in, "lead_in", least=0))
         object.__setattr__(self, "step", _checked_step(self))
-        n = _whole_count((self._total - self._uncut) / self.step)
+        count = (self._total - self._uncut) / self.step
+        n = (
+            round(count)
+            if abs(count - round(count)) <= _WHOLE * max(count, 1.0)
+            else math.floor(count)
+        )
         fewest = 1 if self.interpolation == "linear" else 3
         if n < 1 or n + self.lead_in < fewest:
             raise TooFewSamplesError(
@@ -552,7 +531,7 @@ class SpiralPath:
             )
         object.__setattr__(self, "n_points", n)
 
-    def _check_words(self) -> None:
+    def _check_choices(self) -> None:
         kinds: dict[str, Any] = {"distribution": Distribution, "interpolation": Interpolation}
         kinds |= {"end": EndCondition, "knots": Knots, "sense": Sense}
         for name, kind in kinds.items():
@@ -593,12 +572,7 @@ class SpiralPath:
         Raises
         ------
         DataError
-            If `n_points` is no whole number of 1 or more, an option is not known, or as of the
-            class.
-        UnitError
-            As of the class.
-        TooFewSamplesError
-            As of the class.
+            If `n_points` is not a whole number of 1 or more, an option is not known, or as of the class.
         """
         checked_options(options, taken={"step": "step follows from n_points; leave it out"})
         count = numbers.count(n_points, "n_points")
@@ -723,10 +697,6 @@ class SpiralPath:
         ------
         DataError
             If an option is not known, or as of the class.
-        UnitError
-            As of the class.
-        TooFewSamplesError
-            As of the class.
         """
         checked_options(options, taken={"n_points": "n_points follows from the step"})
         return replace(self, **options)
@@ -775,13 +745,10 @@ class SpiralPath:
 
         Raises
         ------
-        InvalidSamplesError
-            If the form has no height at a point of the path.
         DataError
-            If the form cannot be called, the ends are clamped and it has no gradient, or
-            `sub_points` is below 2.
+            As of `points`, or `sub_points` is below 2.
         LimitError
-            If there are more than 10 million points or 50 million samples.
+            As of `points`, or there are more than 50 million samples.
         """
         from metrosep.process.path_errors import path_error_map
 
@@ -853,11 +820,6 @@ def checked_options(options: Mapping[str, Any], *, taken: Mapping[str, str]) -> 
             raise DataError(taken[name])
         if name not in known:
             raise DataError(f"a path has no option {name!r}; it has {', '.join(known)}")
-
-
-def _whole_count(count: float) -> int:
-    nearest = round(count)
-    return nearest if abs(count - nearest) <= _WHOLE * max(count, 1.0) else math.floor(count)
 
 
 def _checked_step(path: SpiralPath) -> float:

@@ -18,7 +18,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
-from metrosep.process._plain import Frozen, frozen, known, real_array
+from metrosep.process._plain import Frozen, OnPart, frozen, known, real_array
 from metrosep.process.follow_ups import drawn_pv, square_root
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ LIKELY = (0.025, 0.975)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prediction(Frozen):
+class Prediction(Frozen, OnPart):
     """Form error before the part is cut.
 
     Parameters
@@ -72,16 +72,6 @@ class Prediction(Frozen):
     def total(self) -> FloatArray:
         """Sum of the maps, m; NaN where one is not known."""
         return np.asarray(np.sum(list(self.maps.values()), axis=0), dtype=np.float64)
-
-    @property
-    def x(self) -> FloatArray:
-        """Positions along x, m."""
-        return np.asarray(self.rho * np.cos(self.azimuth), dtype=np.float64)
-
-    @property
-    def y(self) -> FloatArray:
-        """Positions along y, m."""
-        return np.asarray(self.rho * np.sin(self.azimuth), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -226,7 +216,7 @@ class ErrorBudget:
     Raises
     ------
     DataError
-        If there is none, one is no contribution, a name occurs twice, maps have different shapes,
+        If there is none, one is not a contribution, a name occurs twice, maps have different shapes,
         or the weights do not fit them.
 
     Notes
@@ -263,7 +253,7 @@ class ErrorBudget:
         names = [c.name for c in items]
         twice = sorted({n for n in names if names.count(n) > 1})
         if twice:
-            raise DataError(f"the contribution {twice[0]!r} is there twice; give each cause once")
+            raise DataError(f"the contribution {twice[0]!r} is given twice; give each cause once")
         shapes = {c.name: c.map.shape for c in items if c.map is not None}
         if len(set(shapes.values())) > 1:
             text = ", ".join(f"{n} {s}" for n, s in shapes.items())
@@ -443,10 +433,8 @@ class ErrorBudget:
 
         Parameters
         ----------
-        draws : int, optional
-            Of the Monte Carlo.
-        seed : int, optional
-            Of the Monte Carlo.
+        draws, seed : int, optional
+            As of `combine`.
 
         Returns
         -------
@@ -455,10 +443,8 @@ class ErrorBudget:
 
         Raises
         ------
-        TooFewSamplesError
-            If no point has all maps, or fewer than 100 draws are wanted.
         DataError
-            If a number cannot be used.
+            As of `combine`.
         """
         whole = all(c.map is not None for c in self.contributions)
         ways = WAYS if whole else WAYS[1:3]
@@ -486,9 +472,7 @@ class ErrorBudget:
         Raises
         ------
         DataError
-            If the measured value is negative or not finite.
-        TooFewSamplesError
-            If no point has all maps.
+            If the measured value is negative or not finite, or as of `combine`.
         """
         import pandas as pd
 
@@ -518,8 +502,8 @@ class ErrorBudget:
 
         Raises
         ------
-        TooFewSamplesError
-            If no point has all maps.
+        DataError
+            As of `combine`.
         """
         rows = []
         for c in self.contributions:

@@ -254,13 +254,7 @@ def error_ratio(
     Raises
     ------
     DataError
-        If a setting is unstable, or the command does not move.
-    NotUniformError
-        If time is not uniform.
-    InvalidSamplesError
-        If command or time is NaN, or they differ in length.
-    TooFewSamplesError
-        If there are fewer than 4 samples.
+        If a setting is unstable, or as of `ServoModel.simulate`.
 
     Notes
     -----
@@ -312,13 +306,7 @@ def retuned_error(
     Raises
     ------
     DataError
-        If a setting is unstable, or the command does not end where it began.
-    NotUniformError
-        If time is not uniform.
-    InvalidSamplesError
-        If a sample is NaN, or the lengths differ.
-    TooFewSamplesError
-        If there are fewer than 4 samples.
+        As of `error_ratio`, or the command does not end where it began.
 
     Notes
     -----

@@ -1,4 +1,4 @@
-"""Which tool setting explains a measured map: linear start, exact finish, uncertainty, doubts.
+"""Which tool setting explains a measured map: linear start, exact finish, uncertainty, warnings.
 
 The heights of the part as cut are compared with what the exact model of `ToolSetting` cuts, moved
 by what the microscope does not know: piston, tilts, lateral shift and, if wanted, rotation.
@@ -67,7 +67,7 @@ class SettingFit(Frozen):
     n_used : int
         Points used.
     groups : tuple of (str, str, float)
-        Pairs of fitted freedoms that are told apart badly (``|r| > 0.9``), with their correlation.
+        Pairs of fitted freedoms that are hardly distinguished (``|r| > 0.9``), with their correlation.
     held : mapping of str to tuple of str
         Freedoms that were wanted and are not determined, and what holds their effect.
     messages : tuple of str
@@ -254,7 +254,12 @@ def _result(
     cov = with_held_dy(task, settled, cov, u_dy)
     fitted = {n: values[n] for n in choice.used}
     u = dict(zip(choice.used, np.sqrt(np.diag(cov)).tolist(), strict=True))
-    _check_nose(fitted, u, nose_radius)
+    if nose_radius is not None and fitted.get("dR", 0.0) <= -nose_radius:
+        raise DegenerateFitError(
+            f"dR = {format_length(fitted['dR'])} (u {format_length(u['dR'])}) would leave no nose of "
+            f"the programmed {format_length(nose_radius)}: the map does not show the nose radius; "
+            "hold dR with free=, or check the form"
+        )
     groups = correlated_pairs(choice.used, cov)
     effect = effect_of_dy(task, settled)
     audit = {
@@ -308,17 +313,6 @@ def _raised(settled: Settled, cov: FloatArray, level: float) -> dict[str, float]
     ratios = np.sqrt(np.diag(cov) / np.diag(inverse)) / level
     found = dict(zip(settled.choice.used, ratios.tolist(), strict=True))
     return {n: max(found[n], 1.0) for n in FACTORS if n in found}
-
-
-def _check_nose(
-    fitted: Mapping[str, float], u: Mapping[str, float], nose_radius: float | None
-) -> None:
-    if nose_radius is not None and fitted.get("dR", 0.0) <= -nose_radius:
-        raise DegenerateFitError(
-            f"dR = {format_length(fitted['dR'])} (u {format_length(u['dR'])}) would leave no nose of "
-            f"the programmed {format_length(nose_radius)}: the map does not show the nose radius; "
-            "hold dR with free=, or check the form"
-        )
 
 
 def _residual(
@@ -399,19 +393,19 @@ def _warnings(
     """Return the messages of a fit."""
     said = [*_held(settled), *_confounded(settled, groups), *_mirrors(task, settled, level)]
     said += [*_shifted(task, settled), *_points(task, settled, residual, level)]
-    if level > _LEAST:
-        said += _linked(residual, linked, raised)
-    return tuple(said)
+    return (*said, *(_linked(residual, linked, raised) if level > _LEAST else ()))
 
 
 def _held(settled: Settled) -> list[str]:
     """Return which freedoms are not determined, where they are held and what holds their effect."""
     said = []
     for name, partners in settled.choice.given_up.items():
-        at = _with_unit(settled.values[name], FREEDOMS[name])
+        value, unit = settled.values[name], FREEDOMS[name]
+        at = format_length(value) if unit == "m" else f"{value:.4g} {unit}"
+        at = at if value else "0"
         if partners:
             said.append(
-                f"{name} cannot be told from {', '.join(partners)} on these points and is held at "
+                f"{name} cannot be distinguished from {', '.join(partners)} on these points and is held at "
                 f"{at}: what it would be is in {partners[-1]}"
             )
         else:
@@ -439,7 +433,7 @@ def _confounded(settled: Settled, groups: Sequence[tuple[str, str, float]]) -> l
         )
     for first, second, r in groups:
         if {first, second} & {*FACTORS}:
-            said.append(f"{first} and {second} are told apart badly (r = {r:.3f})")
+            said.append(f"{first} and {second} are hardly distinguished (r = {r:.3f})")
     return said
 
 
@@ -538,12 +532,6 @@ def _mirrors(task: Task, settled: Settled, level: float) -> list[str]:
         "the orientation by a mark on the part"
     )
     return [message]
-
-
-def _with_unit(value: float, unit: str) -> str:
-    if value == 0.0:
-        return "0"
-    return format_length(value) if unit == "m" else f"{value:.4g} {unit}"
 
 
 # ---- private: what a dy that is not fitted does to the setting that is -------------------------

@@ -25,6 +25,7 @@ from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.process._plain import (
     Frozen,
+    OnPart,
     finite_positions,
     length,
     not_above,
@@ -46,7 +47,7 @@ LARGEST_PART = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class SettingError:
+class SettingError(OnPart):
     """Error of a tool setting over the workpiece.
 
     Parameters
@@ -103,16 +104,6 @@ class SettingError:
                     )
         object.__setattr__(self, "messages", tuple(self.messages))
         object.__setattr__(self, "audit", freeze_mapping(self.audit))
-
-    @property
-    def x(self) -> FloatArray:
-        """Workpiece x of each point, m."""
-        return self.rho * np.cos(self.theta)
-
-    @property
-    def y(self) -> FloatArray:
-        """Workpiece y of each point, m."""
-        return self.rho * np.sin(self.theta)
 
     @property
     def area(self) -> FloatArray:
@@ -523,7 +514,7 @@ def checked_covariance(cov: ArrayLike) -> FloatArray:
         scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
         unit = array / np.outer(scale, scale)
         if np.abs(unit - unit.T).max() > 1e-9 or np.linalg.eigvalsh(unit).min() < -1e-9:
-            raise DataError("cov is not symmetric and positive: it is no covariance")
+            raise DataError("cov is not symmetric and positive: it is not a covariance")
         return frozen_float(array, name="cov", ndim=2)
     array.setflags(write=False)
     return array

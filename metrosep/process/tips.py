@@ -123,7 +123,7 @@ def tip_path(
     DataError
         If the form or the nose is none, or the nose has rake and the sense is not known.
     InvalidSamplesError
-        If a position is no finite number, the positions do not broadcast, or the edge is off the
+        If a position is not a finite number, the positions do not broadcast, or the edge is off the
         surface altogether.
     LimitError
         If the contact lies beyond the window of the nose.

@@ -73,7 +73,7 @@ class ToolSetting:
     Raises
     ------
     DataError
-        If a value is no finite number, an uncertainty is negative or NaN, or the covariance is not
+        If a value is not a finite number, an uncertainty is negative or NaN, or the covariance is not
         symmetric and positive.
     UnitError
         If a value is so large that it cannot be in metres.
@@ -198,7 +198,7 @@ class ToolSetting:
             If the form is none or has unknown parameters, the factor is unknown, or the surface is
             not defined at a point.
         InvalidSamplesError
-            If a position is no finite number, the positions do not broadcast, or one lies in the
+            If a position is not a finite number, the positions do not broadcast, or one lies in the
             uncut core ``rho < |dy|``.
         UnitError
             If a position is so large that it cannot be in metres.
@@ -276,13 +276,9 @@ class ToolSetting:
         Raises
         ------
         DataError
-            If the form, the region, the mesh or the factor is not usable, or nothing is defined.
-        TooFewSamplesError
-            If the mesh has too few points.
-        UnitError
-            If the radius cannot be in metres.
+            If the region or the mesh is not usable, or nothing is defined; else as of `error`.
         NotConvergedError
-            If dR exceeds what the curvature of the surface allows.
+            As of `error`.
 
         Examples
         --------
@@ -347,15 +343,9 @@ class ToolSetting:
         Raises
         ------
         DataError
-            If the form, a freedom, the centre, the region or the noise is not usable.
-        TooFewSamplesError
-            If fewer points than freedoms remain.
-        DegenerateFitError
-            If neither dx, dy nor dR leaves a trace on this surface.
-        UnitError
-            If the nose radius or the noise cannot be in metres.
-        NotConvergedError
-            If the iteration does not settle.
+            As of `identify_setting`.
+        FitError
+            As of `identify_setting`.
 
         Examples
         --------

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from metrosep.core.provenance import Step
-from metrosep.io.measuring_time import measured_at
+from metrosep.io.own_notes import measured_at
 from metrosep.io.source import RawFile
 from metrosep.recipe.schema import Field
 

@@ -156,6 +156,7 @@ if TYPE_CHECKING:
     )
     from metrosep.separation.planes.coupled_method import (
         CoupledGrid as CoupledGrid,
+        coupled_grid as coupled_grid,
     )
     from metrosep.separation.planes.diagonals import (
         Diagonals as Diagonals,
@@ -172,9 +173,6 @@ if TYPE_CHECKING:
         PlaneFit as PlaneFit,
         PlaneModel as PlaneModel,
         fit_plane_model as fit_plane_model,
-    )
-    from metrosep.separation.planes.plane_grid import (
-        coupled_grid as coupled_grid,
     )
     from metrosep.separation.planes.plane_model import (
         PlaneMap as PlaneMap,
@@ -269,7 +267,7 @@ _HOMES = {
         "Unobservable",
         "suppressed_harmonics",
     ),
-    "planes.coupled_method": ("CoupledGrid",),
+    "planes.coupled_method": ("CoupledGrid", "coupled_grid"),
     "drift.dependence": (
         "Dependence",
         "allan_deviation",
@@ -336,7 +334,6 @@ _HOMES = {
         "PlaneModel",
         "fit_plane_model",
     ),
-    "planes.plane_grid": ("coupled_grid",),
     "planes.plane_model": (
         "PlaneMap",
         "plane_map",

@@ -18,7 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import documented
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import choice
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
@@ -42,10 +44,48 @@ __all__ = [
 
 Window = Literal["none", "hann"] | float
 
+_DOCS = {
+    "profile": """
+        profile : Profile
+            Uniform and complete, at least 4 samples.
+        window : {"none", "hann"} or float, optional
+            Periodic Hann, or the fraction 0 ... 1 of a periodic cosine taper.
+        detrend : {"mean", "line"} or None, optional
+            What is taken off before the window.
+        """,
+    "profile_raises": """
+        DataError
+            If an option is unknown, or it is no profile.
+        InvalidSamplesError
+            If a sample was not measured.
+        NotUniformError
+            If the positions are not uniform.
+        TooFewSamplesError
+            If there are fewer than 4 samples.
+        """,
+    "surface": """
+        surface : Surface
+            Complete, at least 4 x 4, with both lateral steps.
+        window : {"none", "hann"} or float, optional
+            Periodic Hann, or the fraction 0 ... 1 of a periodic cosine taper, along both axes.
+        detrend : {"mean", "plane"} or None, optional
+            What is taken off before the window.
+        """,
+    "surface_raises": """
+        DataError
+            If an option is unknown, it is no surface, or the surface has no lateral step.
+        InvalidSamplesError
+            If a pixel was not measured.
+        TooFewSamplesError
+            If there are fewer than 4 rows or columns.
+        """,
+}
+
 _ON_LIMIT = 1e-9
 """A wavelength this close to the limit of a band, relative, lies on it and belongs to it."""
 
 
+@documented(**_DOCS)
 def profile_psd(
     profile: Profile,
     *,
@@ -56,12 +96,7 @@ def profile_psd(
 
     Parameters
     ----------
-    profile : Profile
-        Uniform and complete, at least 4 samples.
-    window : {"none", "hann"} or float, optional
-        Periodic Hann, or the fraction 0 ... 1 of a periodic cosine taper.
-    detrend : {"mean", "line"} or None, optional
-        What is taken off before the window.
+    $profile
 
     Returns
     -------
@@ -70,14 +105,7 @@ def profile_psd(
 
     Raises
     ------
-    DataError
-        If an option is unknown, or it is no profile.
-    InvalidSamplesError
-        If a sample was not measured.
-    NotUniformError
-        If the positions are not uniform.
-    TooFewSamplesError
-        If there are fewer than 4 samples.
+    $profile_raises
 
     Notes
     -----
@@ -101,6 +129,7 @@ def profile_psd(
     return Psd(_frequencies(n, dx), density, (*profile.history, step))
 
 
+@documented(**_DOCS)
 def amplitude_spectrum(
     profile: Profile,
     *,
@@ -111,12 +140,7 @@ def amplitude_spectrum(
 
     Parameters
     ----------
-    profile : Profile
-        Uniform and complete, at least 4 samples.
-    window : {"none", "hann"} or float, optional
-        Periodic Hann, or the fraction 0 ... 1 of a periodic cosine taper.
-    detrend : {"mean", "line"} or None, optional
-        What is taken off before the window.
+    $profile
 
     Returns
     -------
@@ -125,14 +149,7 @@ def amplitude_spectrum(
 
     Raises
     ------
-    DataError
-        If an option is unknown, or it is no profile.
-    InvalidSamplesError
-        If a sample was not measured.
-    NotUniformError
-        If the positions are not uniform.
-    TooFewSamplesError
-        If there are fewer than 4 samples.
+    $profile_raises
 
     Notes
     -----
@@ -158,6 +175,7 @@ def amplitude_spectrum(
     )
 
 
+@documented(**_DOCS)
 def areal_psd(
     surface: Surface,
     *,
@@ -168,12 +186,7 @@ def areal_psd(
 
     Parameters
     ----------
-    surface : Surface
-        Complete, at least 4 x 4, with both lateral steps.
-    window : {"none", "hann"} or float, optional
-        Periodic Hann, or the fraction 0 ... 1 of a periodic cosine taper, along both axes.
-    detrend : {"mean", "plane"} or None, optional
-        What is taken off before the window.
+    $surface
 
     Returns
     -------
@@ -182,12 +195,7 @@ def areal_psd(
 
     Raises
     ------
-    DataError
-        If an option is unknown, it is no surface, or the surface has no lateral step.
-    InvalidSamplesError
-        If a pixel was not measured.
-    TooFewSamplesError
-        If there are fewer than 4 rows or columns.
+    $surface_raises
 
     Examples
     --------
@@ -212,6 +220,7 @@ def areal_psd(
     return ArealPsd(f_x, f_y, fft.fftshift(power) * scale, (*surface.history, step))
 
 
+@documented(**_DOCS)
 def radial_psd(
     surface: Surface,
     *,
@@ -222,12 +231,7 @@ def radial_psd(
 
     Parameters
     ----------
-    surface : Surface
-        Complete, at least 4 x 4, with both lateral steps.
-    window : {"none", "hann"} or float, optional
-        Periodic Hann, or the fraction 0 ... 1 of a periodic cosine taper, along both axes.
-    detrend : {"mean", "plane"} or None, optional
-        What is taken off before the window.
+    $surface
 
     Returns
     -------
@@ -236,12 +240,7 @@ def radial_psd(
 
     Raises
     ------
-    DataError
-        If an option is unknown, it is no surface, or the surface has no lateral step.
-    InvalidSamplesError
-        If a pixel was not measured.
-    TooFewSamplesError
-        If there are fewer than 4 rows or columns.
+    $surface_raises
 
     Notes
     -----
@@ -363,8 +362,7 @@ def _detrended(z: FloatArray, detrend: str | None, trend: str) -> FloatArray:
     """Return z less its mean, or less its least-squares line or plane: orthogonal on a full grid."""
     if detrend is None:
         return z
-    if detrend not in ("mean", trend):
-        raise DataError(f'detrend must be None, "mean" or "{trend}", got {detrend!r}')
+    choice(detrend, "detrend", ("mean", trend))
     result = z - z.mean()
     if detrend == trend:
         for axis, n in enumerate(z.shape):

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.core.numbers import count, real
+from metrosep.core.numbers import positive, real
 from metrosep.core.units import format_length
 
 __all__ = ["Band", "fourier_basis", "fourier_coefficients", "fourier_sum"]
@@ -162,7 +162,7 @@ class Band:
 
     Parameters
     ----------
-    shortest, longest : float or None, optional, m
+    shortest, longest : float (m), str with unit or None, optional
         Limits, positive and finite, in this order.
 
     Raises
@@ -186,11 +186,7 @@ class Band:
             value = getattr(self, name)
             if value is None:
                 continue
-            number = real_number(value, f"the {name} wavelength of a band")
-            if not (math.isfinite(number) and number > 0.0):
-                raise DataError(
-                    f"the {name} wavelength of a band must be positive and finite, got {value} m"
-                )
+            number = positive(value, f"the {name} wavelength of a band", dimension="length")
             object.__setattr__(self, name, number)
         if (
             self.shortest is not None
@@ -208,11 +204,6 @@ class Band:
 
 
 # ---- private helpers: arguments of the wrong type become a `DataError` that names them ---------
-
-
-def whole_number(value: object, name: str, *, minimum: int = 1) -> int:
-    """Return a whole number from `minimum`."""
-    return count(value, name, least=minimum)
 
 
 def real_number(value: object, name: str, what: str = "a number") -> float:

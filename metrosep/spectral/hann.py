@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError
-from metrosep.spectral.dft import real_number, whole_number
+from metrosep.core.numbers import between, count
 
 __all__ = ["coherent_gain", "hann_weights", "noise_bandwidth", "taper_weights"]
 
@@ -78,9 +77,8 @@ def taper_weights(n: int, fraction: float) -> FloatArray:
     >>> taper_weights(8, 0.5).round(12).tolist()
     [0.0, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5]
     """
-    n = whole_number(n, "the number of samples n of a window")
-    if not 0.0 <= real_number(fraction, "the tapered fraction") <= 1.0:
-        raise DataError(f"the tapered fraction must lie in 0 ... 1, got {fraction}")
+    n = count(n, "the number of samples n of a window")
+    between(fraction, "the tapered fraction", 0.0, 1.0)
     if fraction == 0.0:
         return np.ones(n)
     i = np.arange(n)

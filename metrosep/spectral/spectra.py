@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, fields
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,26 @@ from metrosep.core.provenance import Step
 __all__ = ["AmplitudeSpectrum", "ArealPsd", "Psd", "RadialPsd"]
 
 
+class _Spectrum:
+    """What all spectra share: arrays that cannot be written to, and a unit of the density."""
+
+    __slots__ = ()
+    _unit = "m^4"
+
+    def __post_init__(self) -> None:
+        for field in fields(cast(Any, self)):
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+
+    @property
+    def unit(self) -> str:
+        """Unit of the density."""
+        return self._unit
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Psd:
+class Psd(_Spectrum):
     """One-sided power spectral density of a profile.
 
     Parameters
@@ -32,13 +50,7 @@ class Psd:
     density: FloatArray
     history: tuple[Step, ...] = ()
 
-    def __post_init__(self) -> None:
-        _lock(self.frequency, self.density)
-
-    @property
-    def unit(self) -> str:
-        """Unit of the density."""
-        return "m^3"
+    _unit = "m^3"
 
     def variance(self) -> float:
         """Return the sum over all frequencies but zero times their step.
@@ -52,7 +64,7 @@ class Psd:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ArealPsd:
+class ArealPsd(_Spectrum):
     """Two-sided power spectral density of a surface.
 
     Parameters
@@ -72,14 +84,6 @@ class ArealPsd:
     frequency_y: FloatArray
     density: FloatArray
     history: tuple[Step, ...] = ()
-
-    def __post_init__(self) -> None:
-        _lock(self.frequency_x, self.frequency_y, self.density)
-
-    @property
-    def unit(self) -> str:
-        """Unit of the density."""
-        return "m^4"
 
     @property
     def cell(self) -> float:
@@ -112,7 +116,7 @@ class ArealPsd:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RadialPsd:
+class RadialPsd(_Spectrum):
     """Areal density averaged over all directions.
 
     Parameters
@@ -137,14 +141,6 @@ class RadialPsd:
     n_averaged: NDArray[np.int64]
     history: tuple[Step, ...] = ()
 
-    def __post_init__(self) -> None:
-        _lock(self.frequency, self.density, self.area, self.n_averaged)
-
-    @property
-    def unit(self) -> str:
-        """Unit of the density."""
-        return "m^4"
-
     @property
     def u(self) -> FloatArray:
         """Standard uncertainty of the density of a random surface, m^4."""
@@ -162,7 +158,7 @@ class RadialPsd:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AmplitudeSpectrum:
+class AmplitudeSpectrum(_Spectrum):
     """Amplitudes of the waves in a profile.
 
     Parameters
@@ -182,10 +178,4 @@ class AmplitudeSpectrum:
     phase: FloatArray
     history: tuple[Step, ...] = ()
 
-    def __post_init__(self) -> None:
-        _lock(self.frequency, self.amplitude, self.phase)
-
-
-def _lock(*arrays: NDArray[Any]) -> None:
-    for array in arrays:
-        array.setflags(write=False)
+    _unit = "m"

@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import DataError
-from metrosep.spectral.dft import whole_number
+from metrosep.core.numbers import count
 
 __all__ = ["kono_weights", "tukey_weights"]
 
 
 def _check(n: int, n_taper: int) -> None:
-    whole_number(n, "the number of samples n of a window")
-    whole_number(n_taper, "the number of samples N of a taper", minimum=0)
+    count(n, "the number of samples n of a window")
+    count(n_taper, "the number of samples N of a taper", least=0)
     if n_taper < 1 or 2 * n_taper > n:
         raise DataError(
             f"the taper must have 1 <= N <= n/2 samples at each end, got N = {n_taper} for n = {n}"

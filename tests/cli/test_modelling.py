@@ -107,7 +107,7 @@ def test_rank_recipe_does_the_same(metrosep, tmp_path):
     [
         (("fts_lath", *TORIC, "--all-lengths", "1 um"), "did you mean fts_lathe"),
         (("none.toml", *TORIC, "--all-lengths", "1 um"), "no such file"),
-        (("fts_lathe", *TORIC, "--error", "EXQ=1 um"), "'EXQ' is no error term"),
+        (("fts_lathe", *TORIC, "--error", "EXQ=1 um"), "'EXQ' is not an error term"),
         (("fts_lathe", *TORIC, "--error", "EXX=1"), "EXX '1' has no unit"),
         (("fts_lathe", *TORIC, "--error", "EXX"), "--error"),
         (("fts_lathe", *TORIC[:2], "--radius", "20", "--error", "EXX=1 um"), "--radius '20'"),
@@ -218,7 +218,7 @@ def test_machine_is_identified(metrosep, tmp_path):
 
     code, _, err = metrosep(*words[:-1], "B0Z,NOPE")
     assert code == USAGE
-    assert "'NOPE' is no error term" in err
+    assert "'NOPE' is not an error term" in err
 
 
 @pytest.mark.parametrize(

@@ -333,7 +333,7 @@ def test_bad_machines_are_refused():
     for name in ("feed", "lost_motion", "repeatability", "measuring_noise"):
         with pytest.raises(DataError, match=name):
             AxisMachine(lopsided, TRAVEL, on_axis=True, **{name: -1.0})
-    with pytest.raises(DataError, match="2 points"):
+    with pytest.raises(DataError, match="n_points must be a whole number from 2"):
         AxisMachine(lopsided, TRAVEL, on_axis=True, n_points=1)
     for wrong in ({"radius": 0.0}, {"radius": 1e-2, "inner_radius": 1e-2}):
         with pytest.raises(DataError, match="radius"):

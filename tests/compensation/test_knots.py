@@ -244,7 +244,7 @@ def test_bad_input_is_refused():
             choose_knots(x, c, wrong)
     with pytest.raises(DataError, match="below the rounding"):
         knots_for_tolerance(x, c, 1e-22)
-    with pytest.raises(DataError, match="use 'free'"):
+    with pytest.raises(DataError, match="values is one of free"):
         choose_knots(x, c, 4, values="middle")
     with pytest.raises(TableError, match="subtract it first"):
         choose_knots(x, c, 4, reference=16e-3)

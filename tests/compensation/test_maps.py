@@ -270,7 +270,7 @@ def test_limits_of_points_stroke_slope():
         ({"axes": "XY"}, TableError, "two axes"),
         ({"axes": ("X",)}, TableError, "two axes"),
         ({"compensates": " "}, TableError, "must name an axis"),
-        ({"reference": (1.0, 0.0)}, TableError, "outside the map"),
+        ({"reference": (1.0, 0.0)}, TableError, "lies outside"),
         ({"reference": (np.nan, 0.0)}, TableError, "give a position"),
         ({"reference": 0.0}, TableError, "position of each axis"),
         ({"axes": None}, TableError, "two axes"),

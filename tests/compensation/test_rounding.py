@@ -134,7 +134,7 @@ def test_bad_input_is_refused(call):
         call(np.ma.masked_equal([0.0, 2.0, 1.0], 2.0), 1e-6)
     with pytest.raises(InvalidSamplesError, match="real numbers"):
         call([1j, 2.0], 1e-6)
-    with pytest.raises(DataError, match="positive"):
+    with pytest.raises(DataError, match="the unit of an entry '1' has no unit"):
         call([0.0, 1e-6], "1")
     with pytest.raises(DataError, match="smallest, largest"):
         call([0.0, 1e-6], 1e-7, limits=(5, -5))

@@ -146,7 +146,7 @@ def test_reference_is_the_first_position_where_zero_is_not_covered(lopsided):
 
 
 def test_reference_outside_is_refused(lopsided):
-    with pytest.raises(TableError, match=r"reference 60 mm lies outside"):
+    with pytest.raises(TableError, match=r"reference X = 60 mm lies outside"):
         plain(lopsided, reference=60e-3)
 
 

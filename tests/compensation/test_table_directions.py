@@ -92,7 +92,7 @@ def test_exact_inverse_is_taken_past_the_last_entry_where_the_error_is_known(lop
 
 
 def test_positions_outside_the_profile_are_refused(lopsided):
-    with pytest.raises(TableError, match=r"0 m \.\.\. 50 mm leave the measured range .* 40 mm"):
+    with pytest.raises(TableError, match=r"X = 0 mm \.\.\. X = 50 mm leave the measured range .* X = 40 mm"):
         made(profile(lopsided, 0.0, 40e-3))
 
 
@@ -127,7 +127,7 @@ def test_missing_ends_of_a_profile_are_not_covered(lopsided):
     z = lopsided(np.linspace(0.0, 50e-3, 501))
     z[:20] = np.nan
 
-    with pytest.raises(TableError, match="leave the measured range 2 mm"):
+    with pytest.raises(TableError, match="leave the measured range X = 2 mm"):
         made(Profile(np.linspace(0.0, 50e-3, 501), z))
 
 

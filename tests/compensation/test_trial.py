@@ -108,7 +108,7 @@ def test_bad_input_is_refused():
     for wrong in (0.0, float("nan"), float("inf")):
         with pytest.raises(DataError, match="amplitude"):
             trial_table(real(), wrong)
-    with pytest.raises(DataError, match="use auto"):
+    with pytest.raises(DataError, match="third is one of auto"):
         trial_table(real(), 1e-6, third="second")
     with pytest.raises(DataError, match="slope_max"):
         trial_table(real(), 1e-6, slope_max=0.0)

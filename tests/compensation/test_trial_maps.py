@@ -52,7 +52,7 @@ def test_its_dry_run_passes_and_the_flipped_one_fails():
         table.negated().verify(table.source)
 
 
-@pytest.mark.parametrize("amplitude", [0.0, float("nan"), "2 um", True])
+@pytest.mark.parametrize("amplitude", [0.0, float("nan"), "0 um", True])
 def test_an_amplitude_is_a_length(amplitude):
     with pytest.raises(DataError, match="amplitude"):
         trial_map(real(), amplitude)

@@ -144,7 +144,7 @@ def test_uniform_within_1e_9_of_the_step():
         ({"step": 1e-3, "n": 4.5}, "2 to"),
         ({"step": 1e-3, "span": 2.5e-3}, "multiple"),
         ({"step": 1e-12, "span": 1e-3}, "check step"),
-        ({"step": 1e-3, "n": 3, "outside": "guess"}, "use refuse"),
+        ({"step": 1e-3, "n": 3, "outside": "guess"}, "outside is one of refuse"),
     ],
 )
 def test_bad_input_is_refused(wrong, message):

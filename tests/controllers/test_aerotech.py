@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from contracts.dialect import DialectContract
 from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
@@ -358,12 +359,6 @@ def test_damage_is_refused_with_its_line(old, new, kind, words):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("end", range(0, len(HAND) - 5, 7))
-def test_cut_file_is_refused(end):
-    with pytest.raises((CorruptFileError, UnsupportedFeatureError)):
-        Aerotech().decode(HAND[:end].encode(), NOWHERE, corrected_sign=1)
-
-
 def test_binary_is_refused():
     with pytest.raises(CorruptFileError, match="UTF-8"):
         Aerotech().decode(b"\xff\xfe\x00", NOWHERE, corrected_sign=1)
@@ -576,3 +571,14 @@ def test_numbers_beyond_all_bounds_are_refused(old, new):
     with pytest.raises((CorruptFileError, UnsupportedFeatureError)) as caught:
         Aerotech().decode(HAND.replace(old, new, 1).encode(), NOWHERE, corrected_sign=1)
     assert len(str(caught.value)) < 400
+
+
+class TestAerotech(DialectContract):
+    name = "aerotech"
+    hand = HAND
+    reading = (("corrected_sign", 1),)
+    whole = "\n"
+
+
+class TestAerotechLine(DialectContract):
+    name = "aerotech-line"

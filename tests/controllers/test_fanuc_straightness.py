@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from contracts.dialect import DialectContract
 from hypothesis import given, settings, strategies as st
 from scipy.optimize import linprog
 
@@ -16,8 +17,6 @@ from metrosep.errors import (
     CorruptFileError,
     DataError,
     LimitError,
-    ReadError,
-    SignCheckFailedError,
     SignNotConfirmedError,
     TableError,
 )
@@ -206,19 +205,6 @@ def test_written_with_the_residual_in_the_sidecar(tmp_path, bow, bow_table):
     assert (back.axis, back.compensates, back.positions.size) == ("X", "Y", 4)
 
 
-def test_negated_table_is_refused(tmp_path, bow, bow_table):
-    with pytest.raises(SignCheckFailedError):
-        controllers.write(
-            bow_table.negated(),
-            tmp_path / "x.txt",
-            "fanuc-straightness",
-            verified_against=bow,
-            sign_confirmed=True,
-            **FACTS,
-        )
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_error_that_three_segments_cannot_follow_is_refused_unless_waived(tmp_path):
     x = np.linspace(0.0, 50e-3, 101)
     wave = Profile(x, 1e-6 * np.sin(2 * np.pi * x / 10e-3))
@@ -274,41 +260,6 @@ def test_facts_are_asked_for(tmp_path, bow_table):
     assert back.forward[1] == pytest.approx(-2.5e-6, abs=ROUNDING)
 
 
-@pytest.mark.parametrize("i", range(len(HAND.splitlines())))
-@pytest.mark.parametrize("damage", ["", "N5711P", "N5735P1", "N5731P1.5", "N5711P32768"])
-def test_every_damaged_line_is_refused(i, damage):
-    lines = HAND.splitlines()
-    lines[i] = damage
-
-    with pytest.raises((CorruptFileError, DataError)):
-        decode(("\n".join(lines) + "\n").encode())
-
-
-def test_every_cut_file_is_refused():
-    for cut in range(1, len(HAND)):
-        with pytest.raises(ReadError):
-            decode(HAND[:cut].encode())
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("N5732P42\n", "N5732P40\n"),
-        ("N5734P50\n", "N5734P1024\n"),
-        ("N5731P40\n", "N5731P-1\n"),
-        ("N5761P0\n", "N5761P32768\n"),
-        ("N5721P2\n", "N5721P1\n"),
-        ("N5711P1\n", "N5712P1\n"),
-        ("N5761P0\n", "N5761P0\nN5761P0\n"),
-    ],
-)
-def test_parameters_that_do_not_fit_are_refused(old, new):
-    assert old in HAND
-
-    with pytest.raises(CorruptFileError):
-        decode(HAND.replace(old, new).encode())
-
-
 def test_parameters_of_another_axis_are_refused():
     with pytest.raises(CorruptFileError, match="another axis"):
         decode(HAND.encode(), compensated_axis=3)
@@ -333,3 +284,24 @@ def test_numbers_that_no_word_holds_are_refused_with_their_entry(x, c):
     with pytest.raises(LimitError, match=r"of entry 1 exceeds") as caught:
         encode(CompensationTable([0.0, x], [0, c], None, "X", "Z", 0.0))
     assert len(str(caught.value)) < 200
+
+
+class TestFanucStraightness(DialectContract):
+    name = "fanuc-straightness"
+    hand = HAND
+    lines = (
+        "",
+        "N5711P",
+        "N5735P1",
+        "N5731P1.5",
+        "N5711P32768",
+    )
+    damage = (
+        ("N5732P42\n", "N5732P40\n"),
+        ("N5734P50\n", "N5734P1024\n"),
+        ("N5731P40\n", "N5731P-1\n"),
+        ("N5761P0\n", "N5761P32768\n"),
+        ("N5721P2\n", "N5721P1\n"),
+        ("N5711P1\n", "N5712P1\n"),
+        ("N5761P0\n", "N5761P0\nN5761P0\n"),
+    )

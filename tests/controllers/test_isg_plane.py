@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from contracts.dialect import DialectContract
 from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
@@ -16,7 +17,6 @@ from metrosep.errors import (
     CorruptFileError,
     DataError,
     LimitError,
-    ReadError,
     SignNotConfirmedError,
     TableError,
 )
@@ -220,39 +220,6 @@ def test_coarser_interval_is_resampled_and_its_error_told():
     assert encoded.carried.values.shape == (2, 3)
 
 
-@pytest.mark.parametrize("damage", ["", "hello", "kw.other 1", "a.b 1e3"])
-def test_every_damaged_line_is_refused(damage):
-    for i in range(len(HAND.splitlines())):
-        lines = HAND.splitlines()
-        lines[i] = damage
-        with pytest.raises((CorruptFileError, DataError)):
-            decode(("\n".join(lines) + "\n").encode())
-
-
-def test_every_cut_file_is_refused():
-    for cut in range(1, len(HAND)):
-        with pytest.raises(ReadError):
-            decode(HAND[:cut].encode())
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("interval 50000", "interval 0"),
-        ("interval 50000", "interval -1"),
-        ("last_index_master1 2", "last_index_master1 1"),
-        ("last_index_master2 1", "last_index_master2 0"),
-        ("table[1][2]", "table[2][1]"),
-        ("unit 1", "unit 0"),
-    ],
-)
-def test_list_that_does_not_fit_is_refused(old, new):
-    assert old in HAND
-
-    with pytest.raises(CorruptFileError):
-        decode(HAND.replace(old, new).encode())
-
-
 def test_no_exponents():
     made = CompensationMap(*GRID, VALUES * 1e-6)
 
@@ -345,3 +312,22 @@ def test_errors_of_the_plane_compensation_are_told_right():
     text = " ".join(IsgPlane.info.activation)
     assert "70182 and 70183 stop the axis" in text
     assert "without a stop" not in text
+
+
+class TestIsgPlane(DialectContract):
+    name = "isg-plane"
+    hand = HAND
+    lines = (
+        "",
+        "hello",
+        "kw.other 1",
+        "a.b 1e3",
+    )
+    damage = (
+        ("interval 50000", "interval 0"),
+        ("interval 50000", "interval -1"),
+        ("last_index_master1 2", "last_index_master1 1"),
+        ("last_index_master2 1", "last_index_master2 0"),
+        ("table[1][2]", "table[2][1]"),
+        ("unit 1", "unit 0"),
+    )

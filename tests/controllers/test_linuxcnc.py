@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from contracts.dialect import DialectContract
 from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
@@ -338,3 +339,7 @@ def test_a_name_that_breaks_a_line_of_hal_is_refused():
             CompensationTable([0.0, 1e-3], [0, 0], None, "X", "Z\nsetp comp-fb-a.gain1 1", 0.0),
             cross_axis="hal",
         )
+
+
+class TestLinuxCNC(DialectContract):
+    name = "linuxcnc"

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from contracts.dialect import DialectContract
 from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
@@ -465,3 +466,7 @@ def test_names_that_would_break_the_program_are_refused(name, dialect):
     for more in ({"axes": (name, "Y")}, {"compensates": name}):
         with pytest.raises(TableError, match=r"no linear axis|name"):
             dialect.encode(map_of(**more))
+
+
+class TestEoffset(DialectContract):
+    name = "linuxcnc-eoffset"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from contracts.dialect import DialectContract
 from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
@@ -202,3 +203,7 @@ def test_sidecar_of_axes_that_do_not_turn_is_refused(tmp_path, header):
 
     with pytest.raises(CorruptFileError, match="does not turn"):
         controllers.read(path, "csv")
+
+
+class TestNeutral(DialectContract):
+    name = "csv"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from contracts.dialect import DialectContract
 from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
@@ -179,28 +180,6 @@ def test_file_without_a_line_is_refused(gone):
         NV200().decode(("\n".join(lines) + "\n").encode(), NOWHERE, **HAND_OPTIONS)
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("gparb,1,", "gparb,2,"),
-        ("3.234567", "3,234567"),
-        ("3.234567", "3.2e0"),
-        ("gearb,3", "gearb,4"),
-        ("gsarb,0", "gsarb,1"),
-        ("goarb,0", "goarb,2"),
-        ("gcarb,1", "gcarb,0"),
-        ("gtarb,100", "gtarb,0"),
-        ("gtarb,100", "gtarb,70000"),
-        ("grun,1", "grun,0"),
-        ("grun,1\n", "grun,1\ngrun,1\n"),
-        ("grun", "grün"),
-    ],
-)
-def test_damaged_file_is_refused(old, new):
-    with pytest.raises(CorruptFileError):
-        NV200().decode(HAND.replace(old, new, 1).encode(), NOWHERE, **HAND_OPTIONS)
-
-
 def test_what_the_file_cannot_say_is_asked(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text(HAND)
@@ -265,3 +244,26 @@ def test_part_of_a_table_is_an_error(one_way):
     made = encode(one_way, polarity=1, travel=15e-6, speed=1e-3, rate=1000, start=8e-3)
 
     assert [(f.level, f.check) for f in made.findings] == [("error", "coverage")]
+
+
+class TestNV200(DialectContract):
+    name = "nv200"
+    hand = HAND
+    reading = HAND_OPTIONS
+    damage = (
+        ("gparb,1,", "gparb,2,"),
+        ("3.234567", "3,234567"),
+        ("3.234567", "3.2e0"),
+        ("gearb,3", "gearb,4"),
+        ("gsarb,0", "gsarb,1"),
+        ("goarb,0", "goarb,2"),
+        ("gcarb,1", "gcarb,0"),
+        ("gtarb,100", "gtarb,0"),
+        ("gtarb,100", "gtarb,70000"),
+        ("grun,1", "grun,0"),
+        ("grun,1\n", "grun,1\ngrun,1\n"),
+        ("grun", "grün"),
+    )
+
+    def may_be_cut(self, text):
+        return text.endswith("grun,1")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from contracts.dialect import DialectContract
 from hypothesis import given, settings, strategies as st
 
 from metrosep import Profile, controllers
@@ -345,14 +346,6 @@ def test_write_read_simulate(tmp_path, one_way, measured):
     assert json.dumps(played)
 
 
-def test_negated_table_is_refused(tmp_path, one_way, measured):
-    path = tmp_path / "z.gcs"
-
-    with pytest.raises(TableError, match=r"doubles|grows|shrink"):
-        controllers.write(one_way.negated(), path, "pi-gcs", verified_against=measured, **PASS)
-    assert not path.exists()
-
-
 # -- bad input --------------------------------------------------------------------------------
 
 
@@ -414,37 +407,6 @@ def test_file_without_a_line_is_refused(gone):
 
     with pytest.raises(CorruptFileError):
         PiGcs().decode(("\n".join(lines) + "\n").encode(), NOWHERE, **HAND_OPTIONS)
-
-
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("PNT 1 3", "PNT 1 4"),
-        ("PNT 4 2", "PNT 5 2"),
-        ("WAV 1 &", "WAV 1 X"),
-        ("WAV 1 &", "WAV 2 &"),
-        ("WAV 1 X", "WAV 1 +"),
-        ("1.234567", "1,234567"),
-        ("1.234567", "nan"),
-        ("1.234567", "1_2"),
-        ("WSL 2 1", "WSL 2 3"),
-        ("WTR 2", "WTR 1"),
-        ("WTR 2 100 0", "WTR 2 100 7"),
-        ("WTR 2 100 0", "WTR 2 0 0"),
-        ("WTR 2 100 0", "WTR 2 1.5 0"),
-        ("WOS 2 2", "WOS 2"),
-        ("WGC 2 1", "WGC 2 5"),
-        ("WGC 2 1", "WGC 2 0"),
-        ("WGO 2 1", "WGO 2 0"),
-        ("WGO 2 1\n", "WGO 2 1\nWGO 2 1\n"),
-        ("WSL 2 1", "\nWSL 2 1"),
-        ("WAV", "SIN"),
-        ("WAV", "WÄV"),
-    ],
-)
-def test_damaged_file_is_refused(old, new):
-    with pytest.raises(CorruptFileError):
-        PiGcs().decode(HAND.replace(old, new, 1).encode(), NOWHERE, **HAND_OPTIONS)
 
 
 def test_contradicting_option_is_refused():
@@ -560,3 +522,35 @@ def test_motion_must_be_that_of_the_axis():
     linear = CompensationTable(turning.positions, turning.forward, None, "X", "Z", 0.0)
     with pytest.raises(TableError, match="X does not"):
         encode(linear, **TURN, points=360)
+
+
+class TestPiGcs(DialectContract):
+    name = "pi-gcs"
+    hand = HAND
+    reading = HAND_OPTIONS
+    damage = (
+        ("PNT 1 3", "PNT 1 4"),
+        ("PNT 4 2", "PNT 5 2"),
+        ("WAV 1 &", "WAV 1 X"),
+        ("WAV 1 &", "WAV 2 &"),
+        ("WAV 1 X", "WAV 1 +"),
+        ("1.234567", "1,234567"),
+        ("1.234567", "nan"),
+        ("1.234567", "1_2"),
+        ("WSL 2 1", "WSL 2 3"),
+        ("WTR 2", "WTR 1"),
+        ("WTR 2 100 0", "WTR 2 100 7"),
+        ("WTR 2 100 0", "WTR 2 0 0"),
+        ("WTR 2 100 0", "WTR 2 1.5 0"),
+        ("WOS 2 2", "WOS 2"),
+        ("WGC 2 1", "WGC 2 5"),
+        ("WGC 2 1", "WGC 2 0"),
+        ("WGO 2 1", "WGO 2 0"),
+        ("WGO 2 1\n", "WGO 2 1\nWGO 2 1\n"),
+        ("WSL 2 1", "\nWSL 2 1"),
+        ("WAV", "SIN"),
+        ("WAV", "WÄV"),
+    )
+
+    def may_be_cut(self, text):
+        return text.endswith("WGO 2 1")

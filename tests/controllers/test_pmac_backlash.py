@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from contracts.dialect import DialectContract
 from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
@@ -241,37 +242,6 @@ def test_bad_options(options, kind, text):
         encode(hand_table(), **{"count": COUNT, **options})
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "text"),
-    [
-        ("I186=1120\n", "", "I186"),
-        ("I186=1120", "I286=1120", "does not belong"),
-        ("I186=1120", "I186=99999999", "I186"),
-        ("I186=1120", "I186=-5", "does not belong"),
-        ("I186=1120", "I186=1120\nI185=0", "rate is 0"),
-        ("I186=1120", "I186=1120\nI186=1121", "does not belong"),
-        ("I51=1\n", "", "I51"),
-        ("480 0", "480 1", "jump"),
-        ("480 0", "480", "3 of 4"),
-        ("BLCOMP 4", "BLCOMP 3", "3 entries"),
-        ("BLCOMP 4,", "COMP 4,", "DEFINE line"),
-        ("4000000", "3", "no table"),
-    ],
-)
-def test_every_damage_is_named(old, new, text):
-    assert old in HAND
-
-    with pytest.raises(CorruptFileError, match=text):
-        PMACBacklash().decode(HAND.replace(old, new).encode(), NOWHERE, **TOLD)
-
-
-def test_every_cut_file_is_refused():
-    whole = HAND.removesuffix("SAVE\n")
-    for length in range(len(whole) - 1):
-        with pytest.raises(CorruptFileError):
-            PMACBacklash().decode(whole[:length].encode(), NOWHERE, **TOLD)
-
-
 def pair(tmp_path, bump, **forward):
     """The table of both directions, and a file of forward corrections beside it."""
     p = np.linspace(0.0, 50e-3, 101)
@@ -390,3 +360,24 @@ def test_lost_motion_that_would_grow_is_refused():
         encode(flat, count=COUNT, forward_active=True)
     with pytest.raises(TableError, match="say one of them"):
         encode(table, count=COUNT, forward_active=True, comp="x.pmc")
+
+
+class TestPMACBacklash(DialectContract):
+    name = "pmac-backlash"
+    hand = HAND
+    reading = TOLD
+    whole = "SAVE\n"
+    damage = (
+        ("I186=1120\n", "", "I186"),
+        ("I186=1120", "I286=1120", "does not belong"),
+        ("I186=1120", "I186=99999999", "I186"),
+        ("I186=1120", "I186=-5", "does not belong"),
+        ("I186=1120", "I186=1120\nI185=0", "rate is 0"),
+        ("I186=1120", "I186=1120\nI186=1121", "does not belong"),
+        ("I51=1\n", "", "I51"),
+        ("480 0", "480 1", "jump"),
+        ("480 0", "480", "3 of 4"),
+        ("BLCOMP 4", "BLCOMP 3", "3 entries"),
+        ("BLCOMP 4,", "COMP 4,", "DEFINE line"),
+        ("4000000", "3", "no table"),
+    )

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from contracts.dialect import DialectContract
 from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
@@ -247,9 +248,26 @@ def test_file_without_a_line_is_refused(gone):
         RepRap().decode(("\n".join(lines) + "\n").encode(), NOWHERE)
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
+def test_not_probed_is_named():
+    with pytest.raises(CorruptFileError, match="means not probed"):
+        RepRap().decode(FIRMWARE.replace(" -0.002", "     0").encode(), NOWHERE)
+
+
+def test_sign_is_documented():
+    assert RepRap.info.sign == "documented"
+    assert RepRap.info.entry.endswith("-e")
+
+
+@pytest.mark.parametrize(("x", "c"), [(1e300, 1e-6), (0.1, 1e6)])
+def test_units_that_are_mistaken_are_refused(x, c):
+    with pytest.raises(LimitError, match=r"exceeds 1(000)? m; check the units"):
+        encode(CompensationMap([0.0, x], [0.0, 0.1], [[0, 0], [0, c]]))
+
+
+class TestRepRap(DialectContract):
+    name = "rrf"
+    hand = HAND
+    damage = (
         ("file v2", "file v1"),
         ("axis0,axis1", "xmin,xmax"),
         ("X,Y,10", "X,U,10"),
@@ -271,30 +289,4 @@ def test_file_without_a_line_is_refused(gone):
         ("0.0030000", "0.0030000" + " " * 320),
         ("0.0000001\n", "0.0000001\n0.0,0.0,0.0\n"),
         ("Firmware", "Fïrmware"),
-    ],
-)
-def test_damaged_file_is_refused(old, new):
-    with pytest.raises(CorruptFileError):
-        RepRap().decode(HAND.replace(old, new, 1).encode(), NOWHERE)
-
-
-def test_not_probed_is_named():
-    with pytest.raises(CorruptFileError, match="means not probed"):
-        RepRap().decode(FIRMWARE.replace(" -0.002", "     0").encode(), NOWHERE)
-
-
-def test_sign_is_documented():
-    assert RepRap.info.sign == "documented"
-    assert RepRap.info.entry.endswith("-e")
-
-
-def test_file_cut_in_its_last_number_is_refused():
-    for cut in range(1, 8):
-        with pytest.raises(CorruptFileError):
-            RepRap().decode(HAND[:-cut].encode(), NOWHERE)
-
-
-@pytest.mark.parametrize(("x", "c"), [(1e300, 1e-6), (0.1, 1e6)])
-def test_units_that_are_mistaken_are_refused(x, c):
-    with pytest.raises(LimitError, match=r"exceeds 1(000)? m; check the units"):
-        encode(CompensationMap([0.0, x], [0.0, 0.1], [[0, 0], [0, c]]))
+    )

@@ -270,7 +270,7 @@ def test_sign_of_the_start_follows_the_data(disc):
         (lambda: Asphere(1.0, coefficients={"4": 1.0}), "integer from 2 to 40, got '4'"),
         (lambda: Asphere(1.0, coefficients={None: 1.0}), "integer from 2 to 40, got None"),
         (lambda: Asphere(1.0, coefficients={400: 1.0}), "integer from 2 to 40, got 400"),
-        (lambda: Asphere(1.0, coefficients={3: 1.0}, odd=[1.0]), "3 stands twice"),
+        (lambda: Asphere(1.0, coefficients={3: 1.0}, odd=[1.0]), "3 is given twice"),
         (lambda: Asphere(1.0, odd={4: 1.0}), "even power 4"),
         (lambda: Asphere(1.0, coefficients="abc"), "sequence of values"),
         (lambda: Asphere(1.0, norm_radius=-1.0), "norm_radius must be positive"),

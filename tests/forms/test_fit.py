@@ -629,15 +629,15 @@ def flat(n=5):
         ({"free": ("piston", "piston")}, DataError, "twice"),
         ({"free": ("piston",), "fixed": {"piston": 0.0}}, DataError, "free and fixed"),
         ({"fixed": {"tilt_x": np.nan}}, DataError, "finite"),
-        ({"tilt": "wedge"}, DataError, "tilt must be one of"),
-        ({"robust": "median"}, DataError, "robust must be one of"),
+        ({"tilt": "wedge"}, DataError, "tilt is one of"),
+        ({"robust": "median"}, DataError, "robust is one of"),
         ({"direction": "up"}, DataError, "direction"),
         ({"start": {"shift_x": 0.0}}, DataError, "not free"),
         ({"start": [1]}, DataError, "maps names"),
         ({"start": {"piston": np.inf}}, DataError, "start"),
         ({"fixed": "R"}, DataError, "maps names"),
-        ({"fixed": {"piston": "five"}}, DataError, "finite number"),
-        ({"fixed": {"piston": None}}, DataError, "finite number"),
+        ({"fixed": {"piston": "five"}}, DataError, "number with a unit"),
+        ({"fixed": {"piston": None}}, DataError, "number in SI"),
         ({"fixed": {"dz": 0.0, "piston": 0.0}}, DataError, "twice"),
         ({"free": 5}, DataError, "list of names"),
         ({"centre": (np.nan, 0.0)}, DataError, "centre"),
@@ -861,13 +861,21 @@ def test_shift_and_tilt_of_a_shallow_sphere_are_named(radius):
         )
 
 
-@pytest.mark.parametrize("value", [True, "50", b"51", "50 mm"])
+def test_what_is_held_may_be_a_text_with_its_unit():
+    x = np.linspace(-5e-3, 5e-3, 101)
+    line = ms.Profile(x, 1e-6 + Sphere(R=50e-3)(x))
+    text = fit(line, Sphere(), fixed={"R": "50 mm"}, centre=("0 mm", 0.0))
+
+    assert text.params == fit(line, Sphere(), fixed={"R": 50e-3}, centre=(0.0, 0.0)).params
+
+
+@pytest.mark.parametrize("value", [True, "50", b"51", "50 kg"])
 @pytest.mark.parametrize("option", ["fixed", "start"])
 def test_a_radius_that_is_no_number_is_never_metres(option, value):
     """A "50" of a text field meant mm, and True is no radius: both were held as 50 m and 1 m."""
     map_ = ms.Surface(np.zeros((20, 20)), 1e-6, 1e-6)
 
-    with pytest.raises(DataError, match="give a finite number in SI"):
+    with pytest.raises(DataError, match=r"\['R'\]|unknown unit 'kg'"):
         fit(map_, Sphere(), **{option: {"R": value}})
-    with pytest.raises(DataError, match="centre is a pair of finite positions"):
+    with pytest.raises(DataError, match="centre|unknown unit 'kg'"):
         fit(map_, Sphere(), centre=(value, 0.0))

@@ -250,7 +250,7 @@ def test_a_flat_has_an_answer(form):
 
         assert found.rms <= plane.rms * (1 + 1e-9) + 1e-20
         assert found.n_iterations <= 10
-        assert any("hardly told from a flat" in w for w in found.warnings)
+        assert any("hardly be distinguished from a flat" in w for w in found.warnings)
         found.report()
         assert "Infinity" not in repr(found.to_dict())
 

@@ -170,7 +170,7 @@ def test_both_files_are_in_the_history(entry):
         (('"X1_FACTOR": 0.001', '"X1_FACTOR": "mm"'), "X1_FACTOR"),
         (('"X1_FACTOR": 0.001', f'"X1_FACTOR": 1{"0" * 400}'), "X1_FACTOR"),
         (('"FILE_HEADER_LINES": 1', '"FILE_HEADER_LINES": -1'), "FILE_HEADER_LINES"),
-        (('"FILE_HEADER_LINES": 1', '"FILE_HEADER_LINES": 900'), "there are no rows"),
+        (('"FILE_HEADER_LINES": 1', '"FILE_HEADER_LINES": 900'), "holds no row of numbers"),
         (('"FILE_HEADER_LINES": 1', '"FILE_HEADER_LINES": 0'), "line 1"),
         (('"FILE_FORMAT": 2', '"FILE_FORMAT": [2]'), "FILE_FORMAT"),
         (('"FILE_FORMAT": 2', f'"FILE_FORMAT": {"[" * 20000}'), "JSON is damaged"),

@@ -8,7 +8,7 @@ import pytest
 import metrosep as ms
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
-from metrosep.io.text import halsampler
+from metrosep.io.text.sampled import halsampler
 
 
 @pytest.fixture
@@ -102,7 +102,7 @@ def test_names_of_the_channels(samples):
     ],
 )
 def test_text_or_option_that_does_not_fit(put, text, options, match):
-    with pytest.raises(ms.errors.ReadError, match=match):
+    with pytest.raises((ms.errors.ReadError, ms.errors.DataError), match=match):
         sampled(put(text), **options)
 
 

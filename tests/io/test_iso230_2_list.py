@@ -100,7 +100,7 @@ def test_one_direction_only(samples, put):
         ("CYCLES=2", "CYCLES=3", "CYCLES"),
         ("TGT_DATA[2]=", "TGT_DATA[9]=", "target is missing"),
         ("TGT_DATA[2]=", "TGT_DATA[1]=", "stands twice"),
-        ("TGT_DATA[2]=25.0", "TGT_DATA[2]=nan", "target is no number"),
+        ("TGT_DATA[2]=25.0", "TGT_DATA[2]=nan", "target is not a number"),
         ("TGT_DATA[2]=25.0", "TGT_DATA[2]=15.0", "profile does not fit"),
         ("FWD[2,1]", "FWD[2,0]", "does not fit"),
         ("FWD[2,1]", "FWD[2,999999]", "is missing"),

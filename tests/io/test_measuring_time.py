@@ -3,7 +3,7 @@
 import pytest
 
 import metrosep as ms
-from metrosep.io.measuring_time import measured_at, moment_of
+from metrosep.io.own_notes import measured_at, moment_of
 
 
 @pytest.mark.parametrize(

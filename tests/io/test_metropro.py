@@ -118,7 +118,7 @@ def test_lateral_step_without_unit_is_refused(sample):
 
 
 def test_negative_lateral_step_is_refused(sample):
-    with pytest.raises(ms.errors.ReadError, match="positive"):
+    with pytest.raises(ms.errors.DataError, match="positive"):
         ms.read(sample, lateral_step=-1e-6)
 
 

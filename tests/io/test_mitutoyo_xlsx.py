@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import metrosep as ms
+from metrosep.io.archive import zip_members
 from metrosep.io.containers import mitutoyo_xlsx
 from metrosep.io.containers.workbook import Workbook
-from metrosep.io.declared import zip_members
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
 
@@ -153,9 +153,9 @@ LAUGHS = "".join(f'<!ENTITY e{i} "{f"&e{i - 1};" * 10 if i else "ha"}">' for i i
         (f"<!DOCTYPE a [{LAUGHS}]><a>&e9;</a>", "document type or entities"),
         ('<!DOCTYPE a SYSTEM "http://127.0.0.1:9/x"><a/>', "document type or entities"),
         (sheet('<row r="1"><c r="E1"><v>1e999</v></c></row>'), "not finite"),
-        (sheet('<row r="1"><c r="E1"><v>one</v></c></row>'), "is no value"),
-        (sheet('<row r="1"><c r="E1" t="s"><v>99999</v></c></row>'), "is no value"),
-        (sheet('<row r="1"><c r="E1" t="s"><v>-1</v></c></row>'), "is no value"),
+        (sheet('<row r="1"><c r="E1"><v>one</v></c></row>'), "is not a value"),
+        (sheet('<row r="1"><c r="E1" t="s"><v>99999</v></c></row>'), "is not a value"),
+        (sheet('<row r="1"><c r="E1" t="s"><v>-1</v></c></row>'), "is not a value"),
         (sheet('<row r="1"><c r="../E1"><v>1</v></c></row>'), "without a place"),
         (sheet("<row/>" * 200_000), "larger|holds no profile"),
         (b"", "not well-formed"),

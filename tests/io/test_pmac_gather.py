@@ -8,7 +8,7 @@ import pytest
 import metrosep as ms
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
-from metrosep.io.text import pmac_gather
+from metrosep.io.text.sampled import pmac_gather
 
 
 @pytest.fixture
@@ -65,7 +65,7 @@ def test_names_of_the_channels(sample):
     ],
 )
 def test_text_or_option_that_does_not_fit(put, text, options, match):
-    with pytest.raises((ms.errors.ReadError, ms.errors.UnitError), match=match):
+    with pytest.raises((ms.errors.ReadError, ms.errors.DataError), match=match):
         gathered(put(text), sampling_rate=1.0, **options)
 
 

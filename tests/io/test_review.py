@@ -220,7 +220,7 @@ def test_rate_of_a_wrong_kind_is_one_sentence(tmp_path, options):
     path = tmp_path / "a.txt"
     path.write_text("1 2\n3 4\n")
 
-    with pytest.raises((ms.errors.UnitError, ms.errors.ReadError)):
+    with pytest.raises((ms.errors.DataError, ms.errors.ReadError)):
         ms.read(path, format="pmac-gather", **options)
 
 

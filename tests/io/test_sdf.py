@@ -143,18 +143,18 @@ def test_nan_is_read_as_bad_is(edited):
         ("Zscale = 1e-09", "Zscale = 0", "Zscale"),
         ("Zscale = 1e-09", "Zscale = -1e-9", "Zscale"),
         ("Zscale = 1e-09", "Zscale = inf", "Zscale"),
-        ("Zscale = 1e-09", "Zscale = x", "Zscale is no number"),
+        ("Zscale = 1e-09", "Zscale = x", "Zscale is not a number"),
         ("Zscale = 1e-09\n", "", "Zscale is missing"),
         ("Xscale = 1e-06", "Xscale = -1e-06", "Xscale"),
         ("Xscale = 1e-06", "Xscale = inf", "Xscale"),
         ("NumPoints = 4", "NumPoints = 0", "NumPoints"),
         ("NumPoints = 4", "NumPoints = -4", "NumPoints"),
-        ("NumPoints = 4", "NumPoints = 4.5", "NumPoints is no number"),
+        ("NumPoints = 4", "NumPoints = 4.5", "NumPoints is not a number"),
         ("NumPoints = 4", "NumPoints = 5", "do not fill the map"),
         ("NumPoints = 4", "NumPoints = 3", "do not fill the map"),
         ("NumPoints = 4", "NumPoints = 4000", "do not fill the map"),
         ("90 10", "90 1O", "'1O'"),
-        ("\n*\n90", "\n90", "a height is no number"),
+        ("\n*\n90", "\n90", "a height is not a number"),
     ],
 )
 def test_text_that_lies_is_a_corrupt_file(edited, old, new, match):
@@ -170,8 +170,8 @@ def test_text_that_lies_is_a_corrupt_file(edited, old, new, match):
         ({"Xscale": -1e-6}, "Xscale"),
         ({"NumPoints": 0}, "NumPoints"),
         ({"NumPoints": 60000, "NumProfiles": 4000}, "does not fit into the file"),
-        ({"NumPoints": 2, "NumProfiles": 3}, "is no text"),
-        ({"DataType": 6}, "is no text"),
+        ({"NumPoints": 2, "NumProfiles": 3}, "is not text"),
+        ({"DataType": 6}, "is not text"),
     ],
 )
 def test_binary_header_that_lies_is_a_corrupt_file(patched, fields, match):

@@ -65,7 +65,7 @@ def test_unit_and_radius_are_never_guessed(real):
 
 @pytest.mark.parametrize("radius", [0.0, -1.0, "-2 mm"])
 def test_radius_must_be_positive(samples, radius):
-    with pytest.raises(ms.errors.ReadError, match="positive"):
+    with pytest.raises(ms.errors.DataError, match="positive"):
         ms.read(samples / "turn.xlsx", unit="um", radius=radius)
 
 

@@ -269,8 +269,9 @@ def test_structure_for_streams(samples):
     file = RawFile(samples / "two-segments.tdms")
 
     assert tdms.channels(file) == ("probe", "sensor")
-    assert tdms.sampling(file) == (6, 0.25, ("probe", "sensor"))
-    assert tdms.unit_labels(file) == {"probe": "um", "sensor": "mV"}
+    source = tdms.open_source(file)
+    assert (source.n_samples, source.time_step) == (6, 0.25)
+    assert source.labels == {"probe": "um", "sensor": "mV"}
 
 
 @pytest.mark.parametrize("name", ["two-segments.tdms", "daqmx.tdms", "interrupted.tdms"])

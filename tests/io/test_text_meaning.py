@@ -322,7 +322,7 @@ def test_a_valid_file_of_several_runs_is_no_error(put, capsys, run, time):
     assert code_of("check", str(path)) == 0
     assert "error" not in capsys.readouterr().out
     assert [f.level for f in findings] == ["note"]
-    apart = "told apart by column 'run'" if run else "begin at lines 2, 52, 102, 152"
+    apart = "distinguished by column 'run'" if run else "begin at lines 2, 52, 102, 152"
     assert apart in findings[0].problem
     with pytest.raises(ms.errors.FormatMismatchError, match="holds 4 runs") as caught:
         ms.read(path)

@@ -220,7 +220,7 @@ def test_zip_bomb_is_refused_from_the_directory(sample, tmp_path):
 def test_bomb_that_claims_a_matching_map_needs_consent(edited, monkeypatch):
     from metrosep.io.maps import x3p
 
-    monkeypatch.setattr(x3p, "_SUSPECT_BYTES", 1000)
+    monkeypatch.setattr(x3p.Container, "suspect_bytes", 1000)
     stream = io.BytesIO()
     with zipfile.ZipFile(edited("<SizeY>4<", "<SizeY>40000<")) as source:
         main = source.read("main.xml")

@@ -124,9 +124,9 @@ def test_functions_that_return_no_numbers():
 
 @pytest.mark.parametrize("values", [[1], None, "EXX", 5, {("EXX",): 1e-6}, {3: 1e-6}])
 def test_values_that_are_no_mapping_of_names(values):
-    with pytest.raises(DataError, match=r"mapping|no ISO 230-1 name"):
+    with pytest.raises(DataError, match=r"mapping|not an ISO 230-1 name"):
         ErrorSet(values)
-    with pytest.raises(DataError, match=r"mapping|no ISO 230-1 name"):
+    with pytest.raises(DataError, match=r"mapping|not an ISO 230-1 name"):
         LATHE.volumetric_error(Q, values)
 
 
@@ -149,7 +149,7 @@ def test_uncertainties_that_are_no_mapping(u):
         ({("EXX", "EYX", "EXX"): 0.5}, "pair of two terms"),
         ({"EXX": 0.5}, "pair of two terms"),
         ({5: 0.5}, "pair of two terms"),
-        ({("EXX", 3): 0.5}, "3 is no term"),
+        ({("EXX", 3): 0.5}, "3 is not a term"),
         ([("EXX", "EYX")], "mapping of pairs"),
         (0.5, "mapping of pairs"),
     ],
@@ -162,9 +162,9 @@ def test_correlations_that_are_wrong(correlations, message):
 def test_names_wanted_are_a_sequence():
     errors = ErrorSet({"EXX": 0.0})
     for wanted in (5, "EXX", [3]):
-        with pytest.raises(DataError, match=r"names|no term"):
+        with pytest.raises(DataError, match=r"names|not a term"):
             errors.covariance(wanted)
-        with pytest.raises(DataError, match=r"names|no term"):
+        with pytest.raises(DataError, match=r"names|not a term"):
             errors.at({"X": 0.0}, names=wanted)
 
 
@@ -242,10 +242,10 @@ def test_chains_of_other_things(elements):
 
 @pytest.mark.parametrize("terms", [5, None, 2.0, [5], [None]])
 def test_terms_that_are_no_names(terms):
-    with pytest.raises(DataError, match=r"no error term|names of error terms"):
+    with pytest.raises(DataError, match=r"not an error term|names of error terms"):
         LATHE.known_terms(terms)
     if terms is not None:
-        with pytest.raises(DataError, match=r"no error term|names of error terms"):
+        with pytest.raises(DataError, match=r"not an error term|names of error terms"):
             LATHE.jacobian(Q, terms=terms)
 
 

@@ -378,7 +378,7 @@ def test_bad_positions(q, message):
 def test_bad_terms_tools_and_products():
     chain = presets("fts_lathe", radius=0.02)
     q = {"C": 0.0, "X": 0.0, "FTS": 0.0}
-    with pytest.raises(DataError, match="'EXQ' is no error term"):
+    with pytest.raises(DataError, match="'EXQ' is not an error term"):
         chain.jacobian(q, terms=["EXQ"])
     with pytest.raises(DataError, match=r"'dxx' .* paper.*EXX"):
         chain.volumetric_error(q, {"dxx": 1e-6})
@@ -404,7 +404,7 @@ TABLE = linear("T", (0, 1, 0), branch="workpiece")
     [
         ([linear("X", (1, 0, 0))], "does not close.*'workpiece'"),
         ([TABLE], "does not close.*'tool'"),
-        ([TABLE, linear("X", (1, 0, 0)), linear("X", (0, 0, 1))], "'X' stands twice"),
+        ([TABLE, linear("X", (1, 0, 0)), linear("X", (0, 0, 1))], "'X' is used twice"),
         ([TABLE, linear("X", (1, 0, 0)), linear("U", (-1, 0, 0))], "parallel_to"),
         ([TABLE, "X"], "Element objects"),
     ],

@@ -207,7 +207,10 @@ def test_sets_cannot_be_changed_from_outside():
         (lambda: ErrorSet({"dxx": 1.0}), "EXX"),
         (lambda: ErrorSet({"EXX": "1 mrad"}), "'EXX'.*angle"),
         (lambda: ErrorSet({"EXX": 1.0}, u={"EYX": 1.0}), "'EYX' belongs to no term"),
-        (lambda: ErrorSet({"EXX": 1e-6}, correlations={("EXX", "EYX"): 0.1}), "'EYX' is no term"),
+        (
+            lambda: ErrorSet({"EXX": 1e-6}, correlations={("EXX", "EYX"): 0.1}),
+            "'EYX' is not a term",
+        ),
         (lambda: ErrorSet({"EXX": 1e-6}, correlations={("EXX", "EXX"): 0.1}), "once"),
         (
             lambda: ErrorSet({"EXX": 0, "EYX": 0}, correlations={("EXX", "EYX"): 1.1}),
@@ -292,7 +295,7 @@ def test_chain_of_a_file(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('name = "bench"', "name = bench", "is no TOML file"),
+        ('name = "bench"', "name = bench", "is not TOML file"),
         ("location_mm", "location", "a unit belongs to the key: location_m, location_mm"),
         ("location_mm", "location_inch", "a unit belongs to the key"),
         ("angle_deg", "angel_deg", "unknown key 'angel_deg'.*known"),
@@ -303,7 +306,7 @@ def test_chain_of_a_file(tmp_path):
         ('branch = "tool"', 'branch = "workpiece"', "does not close.*'tool'"),
         ('kind = "fixed"', 'kind = "glued"', "one of linear, rotary, fixed, got 'glued'"),
         ('name = "head"\n', "", "'name' must be a text"),
-        ('"-height"', '"-width"', "'-width' is no parameter; the chain has height"),
+        ('"-height"', '"-width"', "'-width' is not a parameter; the chain has height"),
         ("[10, 0, -5]", '["height", 0, 0]', "SI; use the key without a prefix"),
         ("[10, 0, -5]", "[10, 0]", "3 finite numbers"),
         ("[10, 0, -5]", "[10, 0, true]", "must be a number, got True"),
@@ -346,7 +349,7 @@ def test_file_that_is_missing_or_binary(tmp_path):
     with pytest.raises(FileNotFoundError):
         Chain.from_toml(tmp_path / "none.toml")
     (tmp_path / "b.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(DataError, match=r"b\.toml is no TOML file"):
+    with pytest.raises(DataError, match=r"b\.toml is not TOML file"):
         Chain.from_toml(tmp_path / "b.toml")
 
 

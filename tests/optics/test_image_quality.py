@@ -206,7 +206,7 @@ def test_a_wavelength_that_is_not_one_of_light_is_refused(wrong):
         lambda: strehl_ratio([0.0], [1.0], wavelength=wrong),
         lambda: point_spread(np.zeros((4, 4)), 1e-3, 1e-3, wavelength=wrong),
     ):
-        with pytest.raises(DataError, match=r"wavelength.*in m"):
+        with pytest.raises(DataError, match=r"wavelength"):
             call()
 
 

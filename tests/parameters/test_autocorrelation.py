@@ -204,7 +204,7 @@ def test_bad_input_is_named():
         autocorrelation(np.zeros((3, 20)), 1.0, 1.0)
     with pytest.raises(InvalidSamplesError, match="no pixel"):
         autocorrelation(np.full((9, 9), np.nan), 1.0, 1.0)
-    with pytest.raises(InvalidSamplesError, match="dx is"):
+    with pytest.raises(InvalidSamplesError, match="dx must be positive"):
         autocorrelation(np.zeros((9, 9)), -1.0, 1.0)
     with pytest.raises(DataError, match="equal"):
         autocorrelation(np.full((9, 9), 0.1), 1.0, 1.0)

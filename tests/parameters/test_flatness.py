@@ -258,7 +258,7 @@ def test_too_few_pixels(n):
 
 @pytest.mark.parametrize("reference", ["EP", "MC", "mz"])
 def test_unknown_reference(reference):
-    with pytest.raises(DataError, match="MZ and LS"):
+    with pytest.raises(DataError, match="one of MZ, LS"):
         flatness_deviation(Surface(np.eye(3), dx=1.0, dy=1.0), reference=reference)
 
 

@@ -123,7 +123,7 @@ def test_representation_says_value_and_reference(objects):
 @pytest.mark.parametrize(
     ("kind", "of", "options", "message"),
     [
-        ("cylindricity", "roundness", {}, "straightness, flatness or roundness"),
+        ("cylindricity", "roundness", {}, "straightness, flatness, roundness"),
         ("flatness", "straightness", {}, "needs a Surface"),
         ("straightness", "flatness", {}, "needs a Profile"),
         ("roundness", "flatness", {}, "needs a Profile"),
@@ -131,9 +131,9 @@ def test_representation_says_value_and_reference(objects):
         ("straightness", "straightness", {"exact": True}, "no option exact"),
         ("straightness", "straightness", {"radius": 1.0}, "no option radius"),
         ("roundness", "roundness", {"normal": True}, "no option normal"),
-        ("flatness", "flatness", {"reference": "EP"}, "MZ and LS"),
+        ("flatness", "flatness", {"reference": "EP"}, "one of MZ, LS"),
         ("straightness", "straightness", {"reference": "MC"}, "MZ, LS and EP"),
-        ("roundness", "roundness", {"reference": "EP"}, "MZ, LS, MC and MI"),
+        ("roundness", "roundness", {"reference": "EP"}, "one of MZ, LS, MC, MI"),
     ],
 )
 def test_what_does_not_belong_is_refused(objects, kind, of, options, message):

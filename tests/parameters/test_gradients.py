@@ -166,7 +166,7 @@ def test_bad_input_is_named():
         gradient_statistics([[1.0, 2.0]], 1.0, 1.0)
     with pytest.raises(InvalidSamplesError, match="neighbour"):
         gradient_statistics(np.full((4, 4), np.nan), 1.0, 1.0)
-    with pytest.raises(InvalidSamplesError, match="dy is"):
+    with pytest.raises(InvalidSamplesError, match="dy must be positive"):
         gradient_statistics(np.zeros((4, 4)), 1.0, 0.0)
     with pytest.raises(InvalidSamplesError, match="infinite"):
         gradient_statistics([[0.0, np.inf], [0.0, 0.0]], 1.0, 1.0)

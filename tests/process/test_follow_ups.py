@@ -393,7 +393,7 @@ def test_one_frequency_cannot_tell_velocity_from_jerk():
     z = A * np.sin(13.0 * t)
     r = follow_up(Recording(t, {"command": z, "actual": z + CV * 13.0 * A * np.cos(13.0 * t)}))
     assert np.isnan(r.cj)
-    assert any("jerk and velocity cannot be told apart" in m for m in r.messages)
+    assert any("jerk and velocity cannot be distinguished" in m for m in r.messages)
     assert r.cv == pytest.approx(CV, abs=1e-6)
 
 
@@ -470,7 +470,7 @@ class TestMap:
         assert both.x[quarter] > 0.99 * both.rho[quarter]
         assert (both.rho == there.rho).all()
         for bad in ({"spiral_sense": "left"}, {"spiral_start": np.nan}):
-            with pytest.raises(DataError, match="clockwise|spiral_start must be"):
+            with pytest.raises(DataError, match=r"clockwise|spiral_start must be"):
                 follow_up(log, spiral=(RHO, feed, SPEED), **bad)
 
     @pytest.mark.parametrize(

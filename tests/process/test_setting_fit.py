@@ -258,7 +258,7 @@ def test_one_sided_profile_finds_dx_and_warns_of_the_shift():
 
     both = ToolSetting.identify(profile(True), GRID, free=["dx", "piston", "tilt_x", "shift_x"])
     assert "shift_x" in both.fit.held
-    assert any("shift_x cannot be told from" in m and "dx" in m for m in both.messages)
+    assert any("shift_x cannot be distinguished from" in m and "dx" in m for m in both.messages)
 
     two_sided = ToolSetting.identify(
         profile(False), GRID, free=["dx", "piston", "tilt_x", "shift_x"]

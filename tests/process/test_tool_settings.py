@@ -270,7 +270,7 @@ def test_bad_input_is_named():
         ToolSetting(u_dy=-1e-9)
     with pytest.raises(InvalidSamplesError, match="3 x 3"):
         ToolSetting(cov=np.eye(2))
-    with pytest.raises(DataError, match="no covariance"):
+    with pytest.raises(DataError, match="not a covariance"):
         ToolSetting(cov=1e-18 * np.array([[1, 2, 0], [2, 1, 0], [0, 0, 1]]))
     with pytest.raises(DataError, match="no value for R"):
         BEFORE.error_map(Sphere())

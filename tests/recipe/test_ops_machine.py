@@ -182,7 +182,7 @@ def test_wavefront_of_a_measured_sphere(tmp_path):
         (
             'machine = "fts_lathe"\nerrors = { EXQ = "1 um" }\n',
             DataError,
-            "'EXQ' is no error term",
+            "'EXQ' is not an error term",
         ),
         ('machine = "fts_lathe"\nerrors = { EXX = "1" }\n', UnitError, "EXX '1' has no unit"),
         (

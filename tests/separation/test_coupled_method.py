@@ -5,8 +5,7 @@ import pytest
 from contracts.separation import SeparationContract
 
 from metrosep.core.errors import MetrosepError
-from metrosep.separation.planes.coupled_method import CoupledGrid
-from metrosep.separation.planes.plane_grid import coupled_grid
+from metrosep.separation.planes.coupled_method import CoupledGrid, coupled_grid
 
 N_Y, N_X = 9, 12
 DX, DY = 5e-3, 4e-3

@@ -279,17 +279,17 @@ def test_unidirectional_diagonals_have_no_reversal():
     [
         ({"ppp": 1e-6, "npp": 0, "pnp": 0}, SIZE, {}, NotSeparableError, "four body diagonals"),
         ({}, SIZE, {}, NotSeparableError, "no diagonal"),
-        ({"ppq": 0.0}, SIZE, {}, DataError, "no diagonal"),
-        ({"p00": 0.0}, SIZE, {}, DataError, "no diagonal"),
-        ({"ppp": 0.0, "nnn": 0.0}, SIZE, {}, DataError, "stands twice"),
+        ({"ppq": 0.0}, SIZE, {}, DataError, "not a diagonal"),
+        ({"p00": 0.0}, SIZE, {}, DataError, "not a diagonal"),
+        ({"ppp": 0.0, "nnn": 0.0}, SIZE, {}, DataError, "is given twice"),
         (dict.fromkeys(BODY, 0.7), SIZE, {}, UnitError, "actual minus nominal"),
         (dict.fromkeys(BODY, math.nan), SIZE, {}, InvalidSamplesError, "measure it again"),
         (dict.fromkeys(BODY, 0.0), (1.0, 1.0), {}, DataError, "three positive"),
         (dict.fromkeys(BODY, 0.0), (1.0, 1.0, 0.0), {}, DataError, "three positive"),
-        (dict.fromkeys(BODY, 0.0), SIZE, {"u": -1.0}, DataError, "zero or positive"),
+        (dict.fromkeys(BODY, 0.0), SIZE, {"u": -1.0}, DataError, "zero or more"),
         (dict.fromkeys(BODY, 0.0), SIZE, {"u": {"ppp": 1e-9}}, DataError, "lacks the diagonal"),
         (dict.fromkeys(BODY, 0.0), SIZE, {"u": [1e-7] * 4}, DataError, "mapping of names"),
-        (dict.fromkeys(BODY, 0.0), SIZE, {"u": "1 um"}, DataError, "mapping of names"),
+        (dict.fromkeys(BODY, 0.0), SIZE, {"u": "1 V"}, DataError, "a length is needed"),
         (dict.fromkeys(BODY, 0.0), SIZE, {"u": dict.fromkeys(BODY, "a")}, DataError, "u of ppp"),
         ([0.0] * 4, SIZE, {}, DataError, "mapping such as"),
         (dict.fromkeys(BODY, 0.0), "abc", {}, DataError, "three positive"),
@@ -308,7 +308,7 @@ def test_bad_diagonal_tests_are_refused():
 
     with pytest.raises(DataError, match="no diagonal was given"):
         iso230_6_diagonals({})
-    with pytest.raises(DataError, match="stands twice"):
+    with pytest.raises(DataError, match="is given twice"):
         iso230_6_diagonals({"ppp": good, "nnn": good})
     with pytest.raises(DataError, match="got 2 items"):
         iso230_6_diagonals({"ppp": good[:2]})

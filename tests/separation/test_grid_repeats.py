@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.separation.planes.coupled_method import CoupledGrid
-from metrosep.separation.planes.plane_grid import coupled_grid
+from metrosep.separation.planes.coupled_method import CoupledGrid, coupled_grid
 
 NM = 1e-9
 DX, DY, NOISE = 2e-3, 3e-3, 12 * NM
@@ -217,9 +216,9 @@ def test_method_hands_the_kind_of_repeats_on():
 
 def test_refuses():
     flat = np.zeros((2, 5, 5))
-    with pytest.raises(DataError, match="'relaid' or 'passes'"):
+    with pytest.raises(DataError, match="one of relaid, passes"):
         coupled_grid(flat, flat, dx=DX, dy=DY, repeats="some")
-    with pytest.raises(DataError, match="'relaid' or 'passes'"):
+    with pytest.raises(DataError, match="one of relaid, passes"):
         CoupledGrid(DX, DY, repeats="mean")
     many = np.random.default_rng(1).standard_normal((60, 30, 30))
     many[np.arange(60), np.arange(60) % 30, 3] = np.nan

@@ -300,9 +300,9 @@ def test_noise_alone_does_not_accuse_the_turn():
         ({"turns": np.nan}, {}, DataError, "turns is a whole number"),
         ({"readings": np.zeros((5, 5, 2)) + 1j}, {}, InvalidSamplesError, "complex"),
         ({"readings": [[1.0], [1.0, 2.0]]}, {}, InvalidSamplesError, "view 1: readings"),
-        ({}, {"u_reading": "a"}, DataError, "u_reading must be a number in m"),
+        ({}, {"u_reading": "a"}, DataError, "u_reading 'a' is not a number"),
         ({}, {"u_reading": -1e-9}, DataError, "u_reading"),
-        ({}, {"pitch": "10 mm"}, DataError, "pitch must be a number in m"),
+        ({}, {"pitch": "10 V"}, DataError, "a length is needed"),
     ],
 )
 def test_what_is_typed_wrong_is_refused(change, options, error, match):

@@ -118,7 +118,7 @@ def test_uncertainty_agrees_with_monte_carlo():
 
 
 def test_refuses():
-    with pytest.raises(DataError, match="'relaid' or 'passes'"):
+    with pytest.raises(DataError, match="one of relaid, passes"):
         GridCalibration(PITCH, repeats="mean")
-    with pytest.raises(DataError, match="'relaid' or 'passes'"):
+    with pytest.raises(DataError, match="one of relaid, passes"):
         grid_calibration({"initial": np.zeros((4, 4, 2))}, pitch=PITCH, repeats="one")

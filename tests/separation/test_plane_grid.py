@@ -5,7 +5,7 @@ import pytest
 
 from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError
 from metrosep.core.surface import Surface
-from metrosep.separation.planes.plane_grid import coupled_grid
+from metrosep.separation.planes.coupled_method import coupled_grid
 
 NM = 1e-9
 MM = 1e-3
@@ -203,8 +203,8 @@ def test_refuses(rows, columns, options, error, match):
 @pytest.mark.parametrize(
     ("lines", "options", "match"),
     [
-        (np.zeros((5, 6)), {"dx": "2 mm"}, "dx must be a number in m"),
-        (np.zeros((5, 6)), {"u_reading": "a"}, "u_reading must be a number in m"),
+        (np.zeros((5, 6)), {"dx": "2 V"}, "a length is needed"),
+        (np.zeros((5, 6)), {"u_reading": "a"}, "u_reading 'a' is not a number"),
         (np.zeros((5, 6)), {"u_reading": -1e-9}, "u_reading"),
         (np.zeros((5, 6)) + 1j, {}, "complex"),
         ([[1.0, 2.0], [3.0]], {}, "x_lines must be real numbers"),

@@ -401,10 +401,10 @@ def test_results_are_plain_short_and_copied():
 @pytest.mark.parametrize(
     ("options", "match"),
     [
-        ({"dx": "2 mm"}, "dx must be a number in m"),
+        ({"dx": "2 V"}, "a length is needed"),
         ({"dy": None}, "dx and dy"),
         ({"dx": np.nan}, "positive"),
-        ({"alpha": "1 urad"}, "alpha must be a number in rad"),
+        ({"alpha": "1 V"}, "an angle is needed|a angle is needed"),
         ({"origin": 0.0}, "two finite numbers"),
         ({"u_x": "a"}, "u_x must be real numbers"),
         ({"u_x": 1e-9 + 1j}, "complex"),
@@ -418,9 +418,9 @@ def test_map_refuses_what_is_typed_wrong(options, match):
 @pytest.mark.parametrize(
     ("maps", "options", "match"),
     [
-        (np.zeros((5, 6)), {"dx": "2 mm"}, "dx must be a number in m"),
+        (np.zeros((5, 6)), {"dx": "2 V"}, "a length is needed"),
         (np.zeros((5, 6)), {"origin": "a"}, "two finite numbers"),
-        (np.zeros((5, 6)), {"u_reading": "a"}, "u_reading must be a number"),
+        (np.zeros((5, 6)), {"u_reading": "a"}, "u_reading 'a' is not a number"),
         (np.zeros((5, 6)) + 1j, {}, "complex"),
         ([[1.0, 2.0], [3.0]], {}, "real numbers"),
     ],

@@ -251,8 +251,8 @@ def test_results_are_locked_and_carry_history():
     ("options", "match"),
     [
         ({"window": "hanning"}, "window must be"),
-        ({"window": 1.5}, "must lie in 0 ... 1"),
-        ({"detrend": "plane"}, 'None, "mean" or "line"'),
+        ({"window": 1.5}, "must be between 0 and 1"),
+        ({"detrend": "plane"}, "detrend is one of mean, line"),
     ],
 )
 def test_bad_options(options, match):

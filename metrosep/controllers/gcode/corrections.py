@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.table import CompensationTable
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.profile import Profile
@@ -408,8 +409,7 @@ def _within_a_turn(angle: FloatArray, span: tuple[float, float]) -> FloatArray:
 def _check_sense(c_sense: int, c_zero: float) -> None:
     if c_sense not in (1, -1):
         raise DataError(f"c_sense is {c_sense!r}; it is 1 or -1")
-    if not math.isfinite(c_zero):
-        raise DataError(f"c_zero is {c_zero!r}; give an angle in rad")
+    numbers.real(c_zero, "c_zero")
 
 
 def _error_lookup(

@@ -33,6 +33,7 @@ from metrosep.controllers.gcode.columns import (
 )
 from metrosep.controllers.gcode.corrections import PathCorrection, as_path_correction
 from metrosep.controllers.gcode.words import decimals_of, format_number
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
@@ -206,11 +207,13 @@ def rewrite_points(
     10.0, 90,1.501000,keep
     <BLANKLINE>
     """
-    for name, value in (("resolution", resolution), ("stroke", stroke)):
-        if not (math.isfinite(value) and value > 0.0):
-            raise DataError(f"{name} is {value}; it must be positive and finite")
-    if decimals is not None and not (int(decimals) == decimals and 1 <= decimals <= _MOST_DIGITS):
-        raise DataError(f"decimals is {decimals}; 1 to 12 digits, a whole number, can be written")
+    resolution, stroke = (
+        numbers.positive(v, name, dimension="length")
+        for v, name in ((resolution, "resolution"), (stroke, "stroke"))
+    )
+    digits = 0 if decimals is None else numbers.count(decimals, "decimals", least=0)
+    if decimals is not None and not 1 <= digits <= _MOST_DIGITS:
+        raise DataError(f"decimals is {decimals}; 1 to 12 digits can be written")
     made = as_path_correction(correction, c_sense=c_sense, c_zero=c_zero)
     if made.x is not None:
         raise DataError(
@@ -231,7 +234,7 @@ def rewrite_points(
     rows.half_x = 0.5 if diameter else 1.0
     dz = _correction(made, rows, found, stroke, start)
     scale = found["Z"].scale
-    wanted = int(decimals or 0) or max(1, math.ceil(-math.log10(resolution / scale) - 1e-9))
+    wanted = digits or max(1, math.ceil(-math.log10(resolution / scale) - 1e-9))
     changed = _written(rows, found, dz, wanted, sep)
     data = "".join(rows.lines).encode("latin-1")
     written = [part.decode("latin-1") for part in data.splitlines(keepends=True)]
@@ -411,11 +414,7 @@ def _rows(
 
 
 def _correction(
-    made: PathCorrection,
-    rows: _Rows,
-    columns: Mapping[str, _Column],
-    stroke: float,
-    path: Path,
+    made: PathCorrection, rows: _Rows, columns: Mapping[str, _Column], stroke: float, path: Path
 ) -> FloatArray:
     x = rows.values["X"] * columns["X"].scale * rows.half_x
     c = rows.values["C"] * columns["C"].scale if "C" in columns else np.zeros(x.size)

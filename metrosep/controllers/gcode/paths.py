@@ -38,6 +38,7 @@ from metrosep.controllers.gcode.columns import (
 from metrosep.controllers.gcode.corrections import PathCorrection, as_path_correction
 from metrosep.controllers.gcode.rewrite import Rewriter
 from metrosep.controllers.gcode.state import INCH, MM, ModalState, checked_system
+from metrosep.core import numbers
 from metrosep.core.errors import DataError, MetrosepError, UnitError
 from metrosep.core.units import format_length
 
@@ -336,25 +337,24 @@ def _settings(
     axes = tuple(a.upper() for a in axes)
     if sorted(axes) not in (["Z"], ["X", "Z"]):
         raise DataError(f"axes are {axes}; they are ('Z',) or ('Z', 'X')")
-    if outside not in ("refuse", "zero", "hold"):
-        raise DataError(f"outside is {outside!r}; it is 'refuse', 'zero' or 'hold'")
-    if decimals is not None and not (int(decimals) == decimals and 1 <= decimals <= 9):
-        raise DataError(f"decimals is {decimals}; 1 to 9 digits, a whole number, can be written")
-    if c_rollover not in (None, True, False):
-        raise DataError(f"c_rollover is {c_rollover!r}; it is True, False or None")
-    for name, value in (
-        ("resolution", resolution),
-        ("tolerance", tolerance),
-        ("stroke", stroke),
-        ("blocks_per_s", blocks_per_s),
-    ):
-        if value is not None and not (math.isfinite(value) and value > 0.0):
-            raise DataError(f"{name} is {value}; it must be positive and finite")
+    numbers.choice(outside, "outside", ("refuse", "zero", "hold"))
+    digits = None if decimals is None else numbers.count(decimals, "decimals", least=0)
+    if digits is not None and not 1 <= digits <= 9:
+        raise DataError(f"decimals is {decimals}; 1 to 9 digits can be written")
+    if c_rollover is not None:
+        numbers.flag(c_rollover, "c_rollover")
+    resolution, stroke = (
+        numbers.positive(v, name, dimension="length")
+        for v, name in ((resolution, "resolution"), (stroke, "stroke"))
+    )
+    if tolerance is not None:
+        tolerance = numbers.positive(tolerance, "tolerance", dimension="length")
+    if blocks_per_s is not None:
+        blocks_per_s = numbers.positive(blocks_per_s, "blocks_per_s", dimension="frequency")
     if resolution < 1e-12:
         raise DataError(f"resolution is {resolution} m; no controller resolves less than 1e-12 m")
     if tolerance is not None and "X" in axes:
         raise DataError("blocks are split for Z only; leave out tolerance, or give axes=('Z',)")
-    digits = None if decimals is None else int(decimals)
     return Settings(axes, digits, resolution, tolerance, outside, stroke, blocks_per_s, c_rollover)
 
 

@@ -16,7 +16,6 @@ from metrosep.core.surface import Surface
 from metrosep.io.containers.hdf5_file import Hdf5File, look_into, open_hdf5
 from metrosep.io.objects import (
     Request,
-    check_area,
     check_scale,
     lateral_or_none,
     map_reader,
@@ -59,13 +58,7 @@ def read(asked: Request) -> Surface:
         surfaces = _surfaces(file, handle, warnings)
         path = surfaces[asked.choose(surfaces)]
         own = handle.attributes(path)
-        shape = handle.shape(path)
-        if len(shape) != 2:
-            raise file.corrupt(
-                "a map has two dimensions", field=path, expected="2", found=len(shape)
-            )
-        check_area(file, shape[1], shape[0], max_pixels=asked.max_pixels)
-        raw = handle.read(path, max_pixels=asked.max_pixels)
+        raw = handle.read_map(path, asked.max_pixels)
         general = {n: v for n, v in handle.groups.items() if n.startswith("/Attributes/")}
     if raw.dtype.kind != "f":
         raise UnsupportedFeatureError(

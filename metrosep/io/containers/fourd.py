@@ -18,7 +18,6 @@ from metrosep.io.containers.hdf5_file import Hdf5File, open_hdf5
 from metrosep.io.declared import sniffer
 from metrosep.io.objects import (
     Request,
-    check_area,
     check_scale,
     lateral_or_none,
     map_reader,
@@ -61,13 +60,7 @@ def read(asked: Request) -> Surface:
         header = _header(handle, name)
         raw_attributes = header[f"/{name}/genraw"]
         data = f"/{name}/genraw/data"
-        shape = handle.shape(data)
-        if len(shape) != 2:
-            raise file.corrupt(
-                "a map has two dimensions", field=data, expected="2", found=len(shape)
-            )
-        check_area(file, shape[1], shape[0], max_pixels=asked.max_pixels)
-        raw = handle.read(data, max_pixels=asked.max_pixels)
+        raw = handle.read_map(data, asked.max_pixels)
     wavelength, wedge = _scale(file, raw_attributes)
     warnings = asked.warnings
     steps = _steps(file, raw_attributes, warnings)

@@ -29,6 +29,7 @@ from metrosep.core.errors import (
     UnsupportedFeatureError,
 )
 from metrosep.io.declared import HDF5_MAGIC, has_hdf5_magic
+from metrosep.io.objects import check_area
 from metrosep.io.source import MAX_PIXELS, RawFile
 
 __all__ = ["Hdf5File", "look_into", "open_hdf5"]
@@ -216,7 +217,9 @@ class Hdf5File:
         """Return the values of a small dataset of text or records as plain Python."""
         rows = self._described(name)["rows"]
         if rows is None:
-            raise UnsupportedFeatureError(f"{self._file.path}: {name!r} is no short list of texts")
+            raise UnsupportedFeatureError(
+                f"{self._file.path}: {name!r} is not a short list of texts"
+            )
         return list(rows)
 
     def read(
@@ -247,6 +250,16 @@ class Hdf5File:
         if "content" not in answer or len(answer["content"]) != count * dtype.itemsize:
             raise _damaged(self._file, f"dataset {name!r}", answer)
         return np.frombuffer(answer["content"], dtype=dtype).reshape(part)
+
+    def read_map(self, name: str, max_pixels: int | None) -> NDArray[Any]:
+        """Return the numbers of a dataset that must be a map."""
+        shape = self.shape(name)
+        if len(shape) != 2:
+            raise self._file.corrupt(
+                "a map has two dimensions", field=name, expected="2", found=len(shape)
+            )
+        check_area(self._file, shape[1], shape[0], max_pixels=max_pixels)
+        return self.read(name, max_pixels=max_pixels)
 
     def _direct(
         self, name: str, offset: int, dtype: np.dtype[Any], shape: tuple[int, ...]
@@ -323,7 +336,7 @@ def open_hdf5(file: RawFile) -> Iterator[Hdf5File]:
     """Open an HDF5 file for reading."""
     if not has_hdf5_magic(file):
         raise FormatMismatchError(
-            f"{file.path}: is no HDF5 file: expected {HDF5_MAGIC[:4]!r} at offset 0, found {file.head[:4]!r}"
+            f"{file.path}: is not an HDF5 file: expected {HDF5_MAGIC[:4]!r} at offset 0, found {file.head[:4]!r}"
         )
     handle = Hdf5File(file)
     try:

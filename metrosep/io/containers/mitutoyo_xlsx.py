@@ -16,11 +16,12 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, format_length, parse_quantity, parse_unit
+from metrosep.io.archive import zip_members
 from metrosep.io.containers.workbook import Cells, Workbook
-from metrosep.io.declared import mismatch, zip_members
-from metrosep.io.objects import make_profile, only_channels
+from metrosep.io.declared import mismatch
+from metrosep.io.objects import Request, map_reader
 from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile, refuse_options
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -52,19 +53,18 @@ def channels(file: RawFile) -> tuple[str, ...]:
     return ("profile",)
 
 
-def read(
-    file: RawFile, *, channel: str | None = None, lateral_step: Any = None, unit: Any = None
-) -> Profile:
+@map_reader(FORMAT, "Mitutoyo", several=True, pixels=False)
+def read(asked: Request) -> Profile:
     """Return the evaluated profile of a Mitutoyo workbook."""
-    only_channels(file, "Mitutoyo", channel, channels(file))
-    override = lateral_steps(lateral_step)
+    file = asked.file
+    asked.choose(channels(file))
     book = Workbook(file)
     if not set(_SHEETS) <= set(book.names):
         raise mismatch(file, FORMAT, ", ".join(book.names)[:80])
     rows = book.cells("DATA", ("A", "B", _X, _Z))
     results = [str(cells["A"]).strip() for _, cells in rows if "A" in cells]
     settings = [str(cells["B"]).strip() for _, cells in rows if "B" in cells]
-    units = _units(file, results, unit)
+    units = _units(file, results, asked.unit)
     x, z = _columns(file, rows)
     certificate = {
         f"{column}{number}": value
@@ -75,13 +75,10 @@ def read(
     positions = x * units[0].factor
     applied, warnings = _applied(settings) if kinds[:1] == ["R"] else ({}, [])
     warnings += _misfit(applied, positions)
-    return make_profile(
-        file,
-        FORMAT,
+    return asked.profile(
         positions,
         z * units[1].factor,
         header={"results": results, "settings": settings, "certificate": certificate},
-        override=override[0] if override else None,
         warnings=warnings,
         units_in_file=(units[0].name, units[1].name),
         profile_kind=kinds[0] if kinds else None,
@@ -158,7 +155,7 @@ def _columns(file: RawFile, rows: Cells) -> tuple[Any, Any]:
         for column, value in ((_X, cells.get(_X)), (_Z, cells.get(_Z, 0.0))):
             if not isinstance(value, float):
                 raise file.corrupt(
-                    "a cell of worksheet DATA is no number",
+                    "a cell of worksheet DATA is not a number",
                     field=f"{column}{number}",
                     expected="a number",
                     found=repr(value)[:40],

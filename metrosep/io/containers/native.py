@@ -93,14 +93,14 @@ def _json(file: RawFile, handle: Hdf5File, name: str) -> dict[str, Any]:
     try:
         return decode_mapping(handle.read(name).tobytes())
     except (ValueError, RecursionError) as exc:
-        raise file.corrupt(f"{name} is no JSON ({exc})") from None
+        raise file.corrupt(f"{name} is not JSON ({exc})") from None
 
 
 def _history(file: RawFile, handle: Hdf5File) -> tuple[Step, ...]:
     try:
         return decode_history(handle.read("/history_json").tobytes())
     except (ValueError, KeyError, TypeError, RecursionError) as exc:
-        raise file.corrupt(f"history_json is no history ({exc})") from None
+        raise file.corrupt(f"history_json is not a history ({exc})") from None
 
 
 def _metadata(file: RawFile, stored: dict[str, Any]) -> dict[str, Any]:
@@ -153,7 +153,7 @@ def _surface(stored: _Stored, metadata: dict[str, Any], history: tuple[Step, ...
         steps = tuple(None if s is None else float(s) for s in own)
     except (TypeError, ValueError):
         raise file.corrupt(
-            "steps or origin are no numbers", field="z", found=f"{own}, {origin}"[:80]
+            "steps or origin are not numbers", field="z", found=f"{own}, {origin}"[:80]
         ) from None
     dx, dy = stored.override or steps
     facts = {
@@ -211,7 +211,7 @@ def _run(stored: _Stored, group: str) -> Run:
         speed = None if feed is None else float(feed)
     except (TypeError, ValueError):
         raise stored.file.corrupt(
-            "the feed is no number", field=f"{group} feed_m_s", found=repr(feed)[:40]
+            "the feed is not a number", field=f"{group} feed_m_s", found=repr(feed)[:40]
         ) from None
     return Run(
         stored.numbers(f"{group}/x"),
@@ -316,7 +316,7 @@ def table_bytes(
         handle.attrs["metrosep_version"] = __version__
         n = {len(values) for values in columns.values()}
         if len(n) > 1:
-            raise WriteError(f"columns of {min(n)} and {max(n)} rows are no table")
+            raise WriteError(f"columns of {min(n)} and {max(n)} rows are not a table")
         for i, (name, values) in enumerate(columns.items()):
             key = name.replace("/", "_")
             if key in handle or key in ("", ".", "provenance"):

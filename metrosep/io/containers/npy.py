@@ -109,7 +109,7 @@ def _fields(file: RawFile, text: bytes) -> dict[str, Any]:
         fortran = bool(found["fortran_order"])
     except (ValueError, SyntaxError, TypeError, KeyError, MemoryError, RecursionError) as exc:
         raise file.corrupt(
-            "the header is no description of an array", offset=10, found=str(exc)[:60]
+            "the header is not a description of an array", offset=10, found=str(exc)[:60]
         ) from None
     if dtype.kind not in "iuf" or dtype.itemsize < 1 or dtype.hasobject:
         raise UnsupportedFeatureError(

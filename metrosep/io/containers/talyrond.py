@@ -16,13 +16,15 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import FormatMismatchError, ReadError, UnitError
+from metrosep.core.numbers import positive
 from metrosep.core.profile import Profile
-from metrosep.core.units import Unit, format_length, parse_quantity, parse_unit
+from metrosep.core.units import Unit, format_length, parse_unit
+from metrosep.io.archive import zip_members
 from metrosep.io.containers.workbook import Workbook
-from metrosep.io.declared import mismatch, zip_members
-from metrosep.io.objects import make_profile, only_channels
+from metrosep.io.declared import mismatch
+from metrosep.io.objects import Request, map_reader
 from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, refuse_options
+from metrosep.io.source import RawFile
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -69,20 +71,14 @@ def channels(file: RawFile) -> tuple[str, ...]:
     return ("deviation",)
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    radius: float | str | None = None,
-) -> Profile:
+@map_reader(FORMAT, "Talyrond", several=True, pixels=False, no_steps="a trace over angles")
+def read(asked: Request, *, radius: float | str | None = None) -> Profile:
     """Return the radial deviation of a roundness trace over the length of arc."""
-    refuse_options(file, "a trace over angles", lateral_step=lateral_step)
-    only_channels(file, "Talyrond", channel, channels(file))
+    file = asked.file
+    asked.choose(channels(file))
     sheet, numbers = _numbers(file)
     degrees, values = numbers[:, 0], numbers[:, 1]
-    factor = _unit(file, unit)
+    factor = _unit(file, asked.unit)
     values = values * factor.factor
     if np.isnan(degrees).any():
         raise file.corrupt("a point has no angle", field="column A")
@@ -90,9 +86,7 @@ def read(
     length = _radius(file, radius, values)
     step = float(angles[-1] - angles[0]) / (angles.size - 1)
     turns = abs(step) * angles.size / math.tau
-    return make_profile(
-        file,
-        FORMAT,
+    return asked.profile(
         length * angles,
         values,
         header={"worksheet": sheet, "first_row": [float(v) for v in numbers[0]]},
@@ -132,7 +126,7 @@ def _numbers(file: RawFile) -> tuple[str, FloatArray]:
             value = cells.get(column, math.nan)
             if not isinstance(value, float):
                 raise file.corrupt(
-                    "a cell is no number",
+                    "a cell is not a number",
                     field=f"{column}{number}",
                     expected="a number",
                     found=repr(value)[:40],
@@ -161,7 +155,4 @@ def _radius(file: RawFile, radius: float | str | None, values: FloatArray) -> fl
             f"{format_length(float(valid.mean()))}, P-V {format_length(float(np.ptp(valid)))}) and no "
             "radius of the part; declare it, such as radius='25 mm'"
         )
-    length = parse_quantity(radius, dimension="length", name="radius")
-    if not length > 0.0:
-        raise ReadError(f"{file.path}: the radius is {length} m; it must be positive")
-    return length
+    return positive(radius, "radius", dimension="length")

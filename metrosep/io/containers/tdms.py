@@ -25,7 +25,6 @@ from metrosep.core.errors import (
     UnsupportedFeatureError,
 )
 from metrosep.core.recording import Recording
-from metrosep.core.units import parse_quantity
 from metrosep.io.containers.tdms_segments import (
     DAQMX_RAW,
     TdmsChannel,
@@ -33,10 +32,10 @@ from metrosep.io.containers.tdms_segments import (
     read_structure,
 )
 from metrosep.io.declared import sniffer
-from metrosep.io.source import MAX_PIXELS, RawFile, refuse_options
+from metrosep.io.source import MAX_PIXELS, RawFile, rate_of, refuse_options
 from metrosep.io.text.logger import Channels, with_units
 
-__all__ = ["channels", "iter_chunks", "read", "sampling", "sniff", "unit_labels"]
+__all__ = ["channels", "iter_chunks", "open_source", "read", "sniff"]
 
 FORMAT = "tdms"
 _INDEX_MAGIC = b"TDSh"
@@ -55,32 +54,6 @@ sniff = sniffer(FORMAT)
 def channels(file: RawFile) -> tuple[str, ...]:
     """Return the names of the channels that hold numbers."""
     return tuple(_numbers(_structure(file)))
-
-
-def unit_labels(file: RawFile) -> dict[str, str]:
-    """Return the text that each channel has as its unit, empty where it has none."""
-    return {name: _label(c) for name, c in _numbers(_structure(file)).items()}
-
-
-def sampling(file: RawFile, group: str | None = None) -> tuple[int, float | None, tuple[str, ...]]:
-    """Return the longest channels, how long they are, and the sampling interval that they share."""
-    chosen = _chosen(file, _numbers(_structure(file)), group, None)
-    longest = max(c.n_values for c in chosen.values())
-    alike = {n: c for n, c in chosen.items() if c.n_values == longest}
-    clocks = {
-        tuple(str(c.properties.get(k, "")) for k in (_STEP, _OFFSET, _START)): n
-        for n, c in alike.items()
-    }
-    if len(clocks) > 1:
-        first, second = list(clocks.values())[:2]
-        raise FormatMismatchError(
-            f"{file.path}: channels {first!r} and {second!r} have different times; name the channels of one "
-            "clock with group=, or read them with metrosep.read(channel=)"
-        )
-    described = next(iter(alike.values()))
-    _refuse_other_axis(file, next(iter(alike)), described)
-    step = described.properties.get(_STEP)
-    return longest, _positive(file, _STEP, step) if step is not None else None, tuple(alike)
 
 
 def read(
@@ -106,7 +79,7 @@ def read(
     values = {}
     with file.stream() as handle:
         for name, described in chosen.items():
-            values[name] = _all_values(file, found, described, handle)
+            values[name] = _Rest(file, found, described, handle).take(described.n_values)
     warnings = [*found.warnings, *_odd(found, values)]
     times, facts = _times(file, chosen, values, time, sampling_rate, unit)
     if facts.get("channels_without_start"):
@@ -215,12 +188,6 @@ def _chosen(
     return chosen
 
 
-def _all_values(
-    file: RawFile, found: TdmsFile, channel: TdmsChannel, handle: BinaryIO
-) -> FloatArray:
-    return _Rest(file, found, channel, handle).take(channel.n_values)
-
-
 def _scaling(file: RawFile, found: TdmsFile, channel: TdmsChannel) -> Scaling:
     parents = [
         c.properties
@@ -273,10 +240,7 @@ def _times(
     if time is not None:
         refuse_options(file, "read with a channel of times", sampling_rate=sampling_rate)
         return _by_channel(file, chosen, values, time, unit), {"time_channel": time}
-    declared = None
-    if sampling_rate is not None:
-        rate = parse_quantity(sampling_rate, dimension="frequency", name="sampling_rate")
-        declared = 1.0 / _positive(file, "sampling_rate", rate)
+    declared = None if sampling_rate is None else 1.0 / rate_of(sampling_rate)
     starts = {name: _start(file, c) for name, c in chosen.items()}
     first = min((s for s in starts.values() if s is not None), default=None)
     times = {}
@@ -528,23 +492,36 @@ def _wrong(
 # ---- TDMS channels in chunks; the file is never loaded as a whole ------------------------------
 
 
-def open_source(file: RawFile, stack: ExitStack, *, group: str | None = None) -> TdmsSource:
-    """Return the channels of a TDMS file that hold numbers."""
-    return TdmsSource(file, group)
-
-
 class TdmsSource:
-    """Channels of a TDMS file; see `metrosep.io.stream.ChunkSource`."""
+    """The longest channels of a TDMS file; see `metrosep.io.stream.ChunkSource`."""
 
-    def __init__(self, file: RawFile, group: str | None = None) -> None:
+    def __init__(
+        self, file: RawFile, stack: ExitStack | None = None, *, group: str | None = None
+    ) -> None:
         self._file = file
-        longest, step, names = sampling(file, group)
-        self.labels: Mapping[str, str] = {
-            name: label for name, label in unit_labels(file).items() if name in names
+        chosen = _chosen(file, _numbers(_structure(file)), group, None)
+        longest = max(c.n_values for c in chosen.values())
+        alike = {n: c for n, c in chosen.items() if c.n_values == longest}
+        clocks = {
+            tuple(str(c.properties.get(k, "")) for k in (_STEP, _OFFSET, _START)): n
+            for n, c in alike.items()
         }
+        if len(clocks) > 1:
+            first, second = list(clocks.values())[:2]
+            raise FormatMismatchError(
+                f"{file.path}: channels {first!r} and {second!r} have different times; name the channels "
+                "of one clock with group=, or read them with metrosep.read(channel=)"
+            )
+        name, described = next(iter(alike.items()))
+        _refuse_other_axis(file, name, described)
+        step = described.properties.get(_STEP)
+        self.labels: Mapping[str, str] = {n: _label(c) for n, c in alike.items()}
         self.n_samples: int | None = longest
-        self.time_step = step
+        self.time_step = None if step is None else _positive(file, _STEP, step)
 
     def chunks(self, names: Sequence[str], size: int) -> Iterator[dict[str, FloatArray]]:
         """Yield the channels, `size` samples at a time."""
         yield from iter_chunks(self._file, names, size)
+
+
+open_source = TdmsSource

@@ -179,7 +179,7 @@ def _lead_in(file: RawFile, found: TdmsFile, head: bytes, position: int) -> _Seg
     if head[:4] != MAGIC:
         if position == 0:
             raise FormatMismatchError(
-                f"{file.path}: is no TDMS file: expected {MAGIC!r}, found {head[:4]!r}"
+                f"{file.path}: is not a TDMS file: expected {MAGIC!r}, found {head[:4]!r}"
             )
         raise file.corrupt(
             "a segment does not begin where the one before ends",

@@ -9,18 +9,15 @@ from __future__ import annotations
 
 import io
 import re
-import zipfile
 from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from metrosep.core.errors import (
-    CorruptFileError,
     FormatMismatchError,
-    UnsupportedFeatureError,
 )
-from metrosep.io.declared import ZIP_DAMAGE
+from metrosep.io.archive import LOCAL_HEADER, Archive, xml_of
 from metrosep.io.source import RawFile
 
 if TYPE_CHECKING:
@@ -31,31 +28,27 @@ __all__ = ["Cells", "Workbook"]
 Cells: TypeAlias = list[tuple[int, dict[str, float | str]]]
 """Number of each row, from 1, and its cells by column letter; empty cells are left out."""
 
-_LOCAL_HEADER = b"PK\x03\x04"
 _MAX_MEMBER = 2**24
 """Largest size in bytes of an XML member; 30000 rows take 1 MB."""
 
-_MAX_RATIO = 400
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-_DAMAGE = (zipfile.BadZipFile, *ZIP_DAMAGE)
 _PLACE = re.compile(r"([A-Z]{1,3})(\d{1,7})")
+
+
+class _Archive(Archive):
+    suspect_bytes, suspect_ratio, may_be_trusted = 2**20, 400, False
 
 
 class Workbook:
     """Worksheets of a file, by name."""
 
     def __init__(self, file: RawFile) -> None:
-        self._file = file
-        if not file.head.startswith(_LOCAL_HEADER):
+        if not file.head.startswith(LOCAL_HEADER):
             raise FormatMismatchError(
-                f"{file.path}: is no workbook: expected 50 4b 03 04 at offset 0, found "
+                f"{file.path}: is not a workbook: expected 50 4b 03 04 at offset 0, found "
                 f"{file.head[:4].hex(' ')}; leave out format= to have it recognised"
             )
-        try:
-            self._zip = zipfile.ZipFile(io.BytesIO(file.data))
-        except _DAMAGE as exc:
-            raise self._corrupt(f"is not a whole zip archive ({_short(exc)})") from None
-        self._members = {i.filename: i for i in self._zip.infolist()}
+        self._archive = _Archive(file, "the workbook", "save it again as .xlsx")
+        self._corrupt = self._archive.corrupt
         self._sheets = self._list_sheets()
         self._texts: list[str] | None = None
 
@@ -100,7 +93,7 @@ class Workbook:
                 return self._shared()[_index(text)]
             number = float(text)
         except (ValueError, IndexError):
-            raise self._corrupt(f"has a cell {text[:20]!r} that is no value", member) from None
+            raise self._corrupt(f"has a cell {text[:20]!r} that is not a value", member) from None
         if not np.isfinite(number):
             raise self._corrupt(f"has a cell {text[:20]!r} that is not finite", member)
         return number
@@ -122,7 +115,7 @@ class Workbook:
             ids = [v for k, v in element.attrib.items() if k.rsplit("}", 1)[-1] == "id"]
             target = targets.get(ids[0] if ids else "", "")
             member = target[1:] if target.startswith("/") else f"xl/{target}"
-            if member in self._members and member.startswith("xl/worksheets/"):
+            if member in self._archive.members and member.startswith("xl/worksheets/"):
                 sheets[element.get("name", "")] = member
         if not sheets:
             raise self._corrupt("has no worksheet")
@@ -130,58 +123,14 @@ class Workbook:
 
     def _elements(self, member: str, tag: str) -> Iterator[Element]:
         """Yield the elements of one name, each emptied after use."""
-        from xml.etree.ElementTree import ParseError
-
-        from defusedxml import DefusedXmlException
         from defusedxml.ElementTree import iterparse
 
-        stream = io.BytesIO(self._bytes(member))
-        try:
+        stream = io.BytesIO(self._archive.read(member, limit=_MAX_MEMBER))
+        with xml_of(self._archive, member):
             for _, element in iterparse(stream, forbid_dtd=True):
                 if _tag(element) == tag:
                     yield element
                     element.clear()
-        except DefusedXmlException as exc:
-            raise self._file.corrupt(
-                f"{member} declares a document type or entities ({type(exc).__name__})",
-                field=member,
-                hint="do not trust this file; ask its sender",
-            ) from None
-        except ParseError as exc:
-            raise self._corrupt(f"is not well-formed ({exc})", member) from None
-        except (LookupError, UnicodeError) as exc:
-            raise self._corrupt(f"cannot be decoded ({_short(exc)})", member) from None
-
-    def _bytes(self, member: str) -> bytes:
-        info = self._members.get(member)
-        if info is None:
-            raise self._corrupt("has no such member", member)
-        if info.flag_bits & 0x1 or info.compress_type not in _METHODS:
-            raise UnsupportedFeatureError(
-                f"{self._file.path}: {member} is encrypted or packed in an unusual way; save the workbook "
-                "again without a password"
-            )
-        ratio = info.file_size / max(info.compress_size, 1)
-        if info.file_size > _MAX_MEMBER or (ratio > _MAX_RATIO and info.file_size > 2**20):
-            raise self._file.corrupt(
-                "a member of the workbook is larger than it may be",
-                field=member,
-                expected=f"at most {_MAX_MEMBER} bytes, packed no more than {_MAX_RATIO}:1",
-                found=f"{info.file_size} bytes, {ratio:.0f}:1",
-            )
-        try:
-            with self._zip.open(info) as stream:
-                data = stream.read(_MAX_MEMBER + 1)
-        except _DAMAGE as exc:
-            raise self._corrupt(f"is damaged ({_short(exc)})", member) from None
-        if len(data) != info.file_size:
-            raise self._corrupt(f"holds {len(data)} of {info.file_size} bytes", member)
-        return data
-
-    def _corrupt(self, reason: str, member: str | None = None) -> CorruptFileError:
-        return self._file.corrupt(
-            f"the workbook {reason}", field=member, hint="save it again as .xlsx"
-        )
 
 
 def _tag(element: Element) -> str:
@@ -193,8 +142,3 @@ def _index(text: str) -> int:
     if not text.isdecimal():
         raise ValueError(text)
     return int(text)
-
-
-def _short(exc: BaseException) -> str:
-    """Return the first words of a message; zipfile quotes whole headers."""
-    return " ".join(str(exc).split())[:80]

@@ -9,7 +9,6 @@ has the smallest y. Layout and sources are in ``data_formats/digital-surf/SPEC.m
 from __future__ import annotations
 
 import math
-import struct
 import zlib
 from typing import Any, NamedTuple
 
@@ -169,7 +168,7 @@ def _scale(file: RawFile, item: SurfObject) -> dict[str, float]:
 
 
 def _factor(unit: str) -> float | None:
-    """Return metres per unit, None if it is no length; old files have the micro sign of DOS."""
+    """Return metres per unit, None if it is not a length; old files have the micro sign of DOS."""
     try:
         return parse_unit(unit.replace("\xe6", "u"), dimension="length").factor
     except UnitError:
@@ -385,23 +384,29 @@ def _grid_of_heights(low: float, high: float) -> tuple[float, float]:
 def _header(surface: Surface, *, top: int, offset: float, step: float, n_comment: int) -> bytes:
     """Return the 512 bytes of the header; date and time are left at zero."""
     rows, columns = surface.shape
-    x, y = surface.origin
-    has_holes = int(np.isnan(surface.z).any())
-    parts = [
-        b"DIGITAL SURF",
-        struct.pack("<hHhh", 0, 1, 1, _SURFACE),
-        b"".ljust(30) + b"metrosep".ljust(30),
-        struct.pack("<hhhhhfI", 0, 0, 0, has_holes, 1, 0.0, 0),
-        struct.pack("<hiiiii", _BITS, 0, top, columns, rows, columns * rows),
-        struct.pack("<fff", (surface.dx or 0.0) / _MM, (surface.dy or 0.0) / _MM, step),
-        b"".join(name.ljust(16) for name in (b"X", b"Y", b"Z")),
-        b"mm".ljust(16) * 6,
-        struct.pack("<fff", 1.0, 1.0, 1.0),
-        struct.pack("<hhh", 0, 0, 0) + bytes(12),
-        struct.pack("<7hf", 0, 0, 0, 0, 0, 0, 0, 0.0),
-        struct.pack("<I", 0) + bytes(6),
-        struct.pack("<HH", n_comment, 0) + bytes(128),
-        struct.pack("<fff", x / _MM, y / _MM, offset),
-        struct.pack("<ff", 0.0, 0.0) + b"T".ljust(13) + b"s".ljust(13),
-    ]
-    return b"".join(parts)
+    axes = {"x": surface.dx or 0.0, "y": surface.dy or 0.0}
+    fields = {
+        "signature": "DIGITAL SURF",
+        "n_objects": 1,
+        "version": 1,
+        "object_type": _SURFACE,
+        "object_name": "",
+        "operator_name": "metrosep",
+        "special_points": int(np.isnan(surface.z).any()),
+        "absolute": 1,
+        "bits_per_point": _BITS,
+        "zmax": top,
+        "points_per_line": columns,
+        "lines": rows,
+        "total_points": columns * rows,
+        **{f"{axis}_spacing": value / _MM for axis, value in axes.items()},
+        **{f"{axis}_offset": o / _MM for axis, o in zip("xy", surface.origin, strict=True)},
+        "z_spacing": step,
+        "z_offset": offset,
+        **{f"{axis}_axis": axis.upper() for axis in "xyzt"},
+        **{f"{axis}_{kind}_unit": "mm" for axis in "xyz" for kind in ("step", "length")},
+        **{f"{axis}_unit_ratio": 1.0 for axis in "xyz"},
+        "comment_bytes": n_comment,
+        "t_step_unit": "s",
+    }
+    return _HEADER.pack(fields, _HEADER_BYTES)

@@ -190,7 +190,7 @@ def _units(
             factors[axis] = parse_unit(str(word or "m"), dimension="length").factor
         except UnitError as exc:
             raise UnitError(
-                f"{file.path}: the unit of {axis} is {str(word)[:20]!r}, which is no length "
+                f"{file.path}: the unit of {axis} is {str(word)[:20]!r}, which is not a length "
                 f"({str(exc)[:60]}); read another channel"
             ) from None
     return factors

@@ -176,7 +176,7 @@ def _heights(file: RawFile, tree: VcaTree) -> tuple[str, ...]:
 
 
 def _factor(quantity: object) -> float | None:
-    """Return metres per unit, None if it is no length; an inch is written with a full stop."""
+    """Return metres per unit, None if it is not a length; an inch is written with a full stop."""
     if isinstance(quantity, Quantity):
         for word in (quantity.symbol.rstrip("."), quantity.name.lower()):
             try:
@@ -194,7 +194,7 @@ def _length(file: RawFile, tree: VcaTree, path: str) -> float:
         raise _corrupt(file, "an item is missing or of another type", path, "a quantity", found)
     if factor is None:
         unit = quantity.symbol[:20] or quantity.name[:20]
-        raise UnitError(f"{file.path}: {path} has the unit {unit!r}, which is no length")
+        raise UnitError(f"{file.path}: {path} has the unit {unit!r}, which is not a length")
     if quantity.per_si is not None and not abs(factor * quantity.per_si - 1.0) <= _UNIT_RTOL:
         found = f"{quantity.per_si:g} {quantity.symbol} in a metre"
         raise _corrupt(file, "a unit contradicts its factor", path, f"{1 / factor:g}", found)

@@ -8,7 +8,6 @@ a `Profile`. See ``data_formats/sdf/SPEC.md``.
 
 from __future__ import annotations
 
-import struct
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -153,7 +152,7 @@ def _trailer(file: RawFile, start: int) -> str:
     trailer = file.data[start : start + _MAX_TRAILER].strip(b"\0 \r\n*")
     if not trailer.isascii() or b"\0" in trailer:
         raise file.corrupt(
-            "what follows the heights is no text",
+            "what follows the heights is not text",
             offset=start,
             field="NumPoints, NumProfiles, DataType",
             expected=f"the end of the file at {start}",
@@ -243,25 +242,7 @@ _DOUBLE = 7
 
 
 def sdf_bytes(surface: Surface, *, binary: bool = False) -> bytes:
-    """Return a surface as the content of an SDF file, version 1.0.
-
-    Parameters
-    ----------
-    surface : Surface
-        With both lateral steps, at most 65535 points a side.
-    binary : bool, optional
-        Write ``bISO-1.0`` instead of the text ``aISO-1.0``.
-
-    Returns
-    -------
-    bytes
-        Header, heights and trailer.
-
-    Raises
-    ------
-    WriteError
-        If a step is missing, nothing was measured, or the surface is too large.
-    """
+    """Return a surface as an SDF file, version 1.0: text ``aISO-1.0`` or ``bISO-1.0``."""
     if np.isnan(surface.z).all():
         raise WriteError("nothing was measured, so there is nothing to write as SDF")
     if surface.dx is None or surface.dy is None:
@@ -276,42 +257,23 @@ def sdf_bytes(surface: Surface, *, binary: bool = False) -> bytes:
         )
     x, y = surface.origin
     trailer = f"<Origin> {x!r} {y!r} </Origin>\n"
-    if binary:
-        return _header(surface) + surface.z.astype("<f8").tobytes() + trailer.encode("ascii")
     fields = {
         "ManufacID": "metrosep",
         "CreateDate": _NO_DATE,
         "ModDate": _NO_DATE,
         "NumPoints": columns,
         "NumProfiles": rows,
-        "Xscale": repr(surface.dx),
-        "Yscale": repr(surface.dy),
-        "Zscale": "1.0",
-        "Zresolution": "-1.0",
+        "Xscale": surface.dx,
+        "Yscale": surface.dy,
+        "Zscale": 1.0,
+        "Zresolution": -1.0,
         "Compression": 0,
         "DataType": _DOUBLE,
         "CheckType": 0,
     }
+    if binary:
+        header = _HEADER.pack({"version": "bISO-1.0", **fields}, _HEADER.size)
+        return header + surface.z.astype("<f8").tobytes() + trailer.encode("ascii")
     lines = ["aISO-1.0", *(f"{k:<12}= {v}" for k, v in fields.items()), "*"]
     lines += [" ".join("BAD" if v != v else repr(v) for v in row) for row in surface.z.tolist()]
     return ("\n".join(lines) + f"\n*\n{trailer}*\n").encode("ascii")
-
-
-def _header(surface: Surface) -> bytes:
-    rows, columns = surface.shape
-    return struct.pack(
-        "<8s10s12s12sHHddddBBB",
-        b"bISO-1.0",
-        b"metrosep".ljust(10),
-        _NO_DATE.encode("ascii"),
-        _NO_DATE.encode("ascii"),
-        columns,
-        rows,
-        surface.dx,
-        surface.dy,
-        1.0,
-        -1.0,
-        0,
-        _DOUBLE,
-        0,
-    )

@@ -12,10 +12,8 @@ import hashlib
 import io
 import math
 import zipfile
-import zlib
 from dataclasses import dataclass
-from pathlib import PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -23,7 +21,6 @@ import numpy as np
 from metrosep._version import __version__
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
-    CorruptFileError,
     DataError,
     FormatMismatchError,
     UnsupportedFeatureError,
@@ -31,10 +28,11 @@ from metrosep.core.errors import (
 )
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
+from metrosep.io.archive import Archive, xml_of
 from metrosep.io.declared import mismatch, sniffer
-from metrosep.io.objects import height_only as channels, to_grid
+from metrosep.io.objects import Request, height_only as channels, map_reader, to_grid
 from metrosep.io.own_notes import OwnNotes, comment_notes, comment_text
-from metrosep.io.source import MAX_PIXELS, RawFile, flat_map, lateral_steps, refuse_options
+from metrosep.io.source import MAX_PIXELS, RawFile, flat_map, refuse_options
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -47,14 +45,8 @@ FORMAT = "x3p"
 sniff = sniffer(FORMAT)
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    max_pixels: int | None = None,
-) -> Surface | Profile:
+@map_reader(FORMAT, "X3P", "an X3P file in metres")
+def read(asked: Request) -> Surface | Profile:
     """Return the surface or profile of an X3P file.
 
     Notes
@@ -62,27 +54,23 @@ def read(
     A list of points (PCL), or a surface whose points carry their positions, is a surface if they
     lie on a regular grid, in any order; then `lateral_step` is refused.
     """
-    refuse_options(file, "an X3P file in metres", unit=unit)
-    if channel not in (None, "height"):
-        raise UnsupportedFeatureError(
-            f"{file.path}: X3P channel {channel!r} cannot be read; the only one is 'height'"
-        )
-    override = lateral_steps(lateral_step)
+    file = asked.file
     if not file.head.startswith(b"PK"):
         raise mismatch(file, FORMAT)
     container = Container(file)
-    document = container.read("main.xml")
-    root = parse_xml(file, document)
-    warnings = container.warnings
+    document = container.read("main.xml", limit=_MAX_XML)
+    root = parse_xml(container, document)
+    warnings = asked.warnings = container.warnings
     if not root.tag.startswith("ISO5436"):
         raise file.corrupt("the XML is of something else", expected="ISO5436_2", found=root.tag)
     if root.tag != "ISO5436_2":
         warnings.append(f"the root element is {root.tag!r} instead of 'ISO5436_2'")
     _check_document_sum(container, document, warnings)
     axes = read_axes(file, root, warnings)
-    shape = read_shape(file, root, max_pixels or MAX_PIXELS)
+    shape = read_shape(file, root, asked.max_pixels or MAX_PIXELS)
     refuse_unread(file, root, axes, shape)
-    values = read_points(file, container, root, axes, shape, trusted=max_pixels is not None)
+    trusted = asked.max_pixels is not None
+    values = read_points(file, container, root, axes, shape, trusted=trusted)
     warnings.extend(flat_map(values["CZ"]))
     header = flatten(root)
     _note_rotation(header, warnings)
@@ -91,13 +79,13 @@ def read(
     has_positions = axes[0].is_absolute or axes[1].is_absolute
     build = _profile if feature(root) == "PRF" else _gridded if has_positions else _surface
     try:
-        return build(file, axes, shape, values, header, override, warnings, notes)
+        return build(_Content(asked, axes, shape, values, header, notes))
     except DataError as exc:
         raise FormatMismatchError(f"{file.path}: {exc}") from None
 
 
 def _check_document_sum(container: Container, document: bytes, warnings: list[str]) -> None:
-    if "md5checksum.hex" not in container:
+    if "md5checksum.hex" not in container.members:
         warnings.append("md5checksum.hex is missing")
         return
     text = container.read("md5checksum.hex", limit=4096).decode("latin-1").split()
@@ -119,34 +107,35 @@ def _note_rotation(header: dict[str, str], warnings: list[str]) -> None:
             return
 
 
-def _facts(
-    file: RawFile,
-    header: dict[str, str],
-    warnings: list[str],
-    **facts: Any,
-) -> dict[str, Any]:
-    return file.metadata(
-        FORMAT,
-        header,
-        warnings=tuple(warnings),
-        instrument=" ".join(
-            header.get(f"Record2/Instrument/{k}", "") for k in ("Manufacturer", "Model", "Serial")
-        ).strip(),
-        **facts,
-    )
+class _Content(NamedTuple):
+    """What the description and the points say, on its way to an object."""
+
+    asked: Request
+    axes: tuple[Axis, ...]
+    shape: tuple[int, int]
+    values: dict[str, FloatArray]
+    header: dict[str, str]
+    notes: OwnNotes
+
+    def described(self, parameters: dict[str, Any] | None = None, **facts: Any) -> dict[str, Any]:
+        """Return metadata and history of the object."""
+        names = (f"Record2/Instrument/{k}" for k in ("Manufacturer", "Model", "Serial"))
+        file = self.asked.file
+        return {
+            "metadata": file.metadata(
+                FORMAT,
+                self.header,
+                warnings=tuple(self.asked.warnings),
+                instrument=" ".join(self.header.get(name, "") for name in names).strip(),
+                **facts,
+            ),
+            "history": (*self.notes.history, *file.history(FORMAT, parameters)),
+        }
 
 
-def _surface(
-    file: RawFile,
-    axes: tuple[Axis, ...],
-    shape: tuple[int, int],
-    values: dict[str, FloatArray],
-    header: dict[str, str],
-    override: tuple[float, float] | None,
-    warnings: list[str],
-    notes: OwnNotes,
-) -> Surface:
-    z = values["CZ"].reshape(shape)
+def _surface(content: _Content) -> Surface:
+    axes, shape, override = content.axes, content.shape, content.asked.override
+    z = content.values["CZ"].reshape(shape)
     origin = []
     for axis, direction, n in ((axes[0], 1, shape[1]), (axes[1], 0, shape[0])):
         start = axis.offset
@@ -156,77 +145,50 @@ def _surface(
         origin.append(start)
     own = (abs(axes[0].increment), abs(axes[1].increment))
     dx, dy = override or own
-    metadata = _facts(
-        file,
-        header,
-        warnings,
+    described = content.described(
+        {"lateral_step_m": override},
         row_order_in_file="smallest y first" if axes[1].increment > 0 else "largest y first",
         lateral_step_in_file_m=own,
         lateral_step_override_m=override,
     )
-    history = (*notes.history, *file.history(FORMAT, {"lateral_step_m": override}))
-    return Surface(z, dx, dy, origin=(origin[0], origin[1]), metadata=metadata, history=history)
+    return Surface(z, dx, dy, origin=(origin[0], origin[1]), **described)
 
 
-def _gridded(
-    file: RawFile,
-    axes: tuple[Axis, ...],
-    shape: tuple[int, int],
-    values: dict[str, FloatArray],
-    header: dict[str, str],
-    override: tuple[float, float] | None,
-    warnings: list[str],
-    notes: OwnNotes,
-) -> Surface:
-    refuse_options(file, "an X3P file with a position for each point", lateral_step=override)
-    z, steps, origin = on_grid(file, axes, shape, values, warnings)
-    metadata = _facts(
-        file,
-        header,
-        warnings,
+def _gridded(content: _Content) -> Surface:
+    asked, shape = content.asked, content.shape
+    title = "an X3P file with a position for each point"
+    refuse_options(asked.file, title, lateral_step=asked.override)
+    z, steps, origin = on_grid(asked.file, content.axes, shape, content.values, asked.warnings)
+    described = content.described(
         row_order_in_file="points placed by their positions",
         lateral_step_in_file_m=steps,
         lateral_step_override_m=None,
         n_points=shape[0] * shape[1],
     )
-    history = (*notes.history, *file.history(FORMAT))
-    return Surface(z, *steps, origin=origin, metadata=metadata, history=history)
+    return Surface(z, *steps, origin=origin, **described)
 
 
-def _profile(
-    file: RawFile,
-    axes: tuple[Axis, ...],
-    shape: tuple[int, int],
-    values: dict[str, FloatArray],
-    header: dict[str, str],
-    override: tuple[float, float] | None,
-    warnings: list[str],
-    notes: OwnNotes,
-) -> Profile:
-    z = values["CZ"]
-    own = None if axes[0].is_absolute else axes[0].increment
-    if axes[0].is_absolute:
-        refuse_options(file, "an X3P profile with its own positions", lateral_step=override)
-        x = values["CX"]
+def _profile(content: _Content) -> Profile:
+    asked, axis, z = content.asked, content.axes[0], content.values["CZ"]
+    if axis.is_absolute:
+        title = "an X3P profile with its own positions"
+        refuse_options(asked.file, title, lateral_step=asked.override)
+        x = content.values["CX"]
         known = ~np.isnan(x)
         if not known.all():
-            warnings.append(f"{int((~known).sum())} points without a position were left out")
+            asked.warnings.append(f"{int((~known).sum())} points without a position were left out")
             x, z = x[known], z[known]
     else:
-        step = override[0] if override else axes[0].increment
-        x = axes[0].offset + step * np.arange(shape[1], dtype=np.float64)
-    if axes[1].is_absolute:
-        warnings.append("the y positions of the profile were not kept")
-    metadata = _facts(
-        file,
-        header,
-        warnings,
-        lateral_step_in_file_m=own,
-        lateral_step_override_m=override[0] if override else None,
-        **notes.facts,
+        step = axis.increment if asked.step is None else asked.step
+        x = axis.offset + step * np.arange(content.shape[1], dtype=np.float64)
+    if content.axes[1].is_absolute:
+        asked.warnings.append("the y positions of the profile were not kept")
+    described = content.described(
+        lateral_step_in_file_m=None if axis.is_absolute else axis.increment,
+        lateral_step_override_m=asked.step,
+        **content.notes.facts,
     )
-    history = (*notes.history, *file.history(FORMAT))
-    return Profile(x, z, metadata=metadata, history=history)
+    return Profile(x, z, **described)
 
 
 # ---- points of an X3P file that carry their positions become a map, if they lie on a regular grid ----
@@ -517,21 +479,6 @@ def _text_points(
 # touched, and the XML may hold no document type, entity or external reference.
 
 _MAX_XML = 2**25
-_SUSPECT_BYTES = 2**28
-_SUSPECT_RATIO = 200
-"""Members above 256 MiB that claim to shrink more than 200:1 are taken for a zip bomb."""
-
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-_DAMAGE = (
-    zipfile.BadZipFile,
-    zlib.error,
-    EOFError,
-    OSError,
-    ValueError,
-    RuntimeError,
-    NotImplementedError,
-    OverflowError,
-)
 
 
 def md5(data: bytes) -> str:
@@ -539,112 +486,38 @@ def md5(data: bytes) -> str:
     return hashlib.md5(data, usedforsecurity=False).hexdigest()
 
 
-class Container:
-    """Members of an X3P archive."""
+class Container(Archive):
+    """Members of an X3P archive by their names in the folder of main.xml."""
 
     def __init__(self, file: RawFile) -> None:
-        self._file = file
+        super().__init__(file, "the X3P archive")
         self.warnings: list[str] = []
-        try:
-            self._zip = zipfile.ZipFile(io.BytesIO(file.data))
-        except _DAMAGE as exc:
-            raise self._corrupt(f"is not a whole zip archive ({_short(exc)})") from None
-        self._members = self._list_members()
-
-    def _corrupt(self, reason: str, member: str | None = None) -> CorruptFileError:
-        return self._file.corrupt(f"the X3P archive {reason}", field=member)
-
-    def _list_members(self) -> dict[str, zipfile.ZipInfo]:
         infos = [
             i
-            for i in self._zip.infolist()
+            for i in self.infos()
             if not i.is_dir() and "__MACOSX" not in i.filename and not i.filename.endswith("/")
         ]
         names = [i.filename for i in infos]
         if len(set(names)) != len(names):
-            raise self._corrupt("holds two members of one name")
+            raise self.corrupt("holds two members of one name")
         prefix = ""
         if "main.xml" not in names:
             found = [n for n in names if n.count("/") == 1 and n.endswith("/main.xml")]
             if len(found) != 1:
-                raise self._corrupt("holds no main.xml")
+                raise self.corrupt("holds no main.xml")
             prefix = found[0].removesuffix("main.xml")
             self.warnings.append(f"the content lies in the folder {prefix!r} of the archive")
-        return {i.filename.removeprefix(prefix): i for i in infos if i.filename.startswith(prefix)}
-
-    def __contains__(self, member: str) -> bool:
-        return member in self._members
-
-    def read(self, member: str, *, limit: int = _MAX_XML, trusted: bool = False) -> bytes:
-        """Return the content of a member."""
-        parts = PurePosixPath(member.replace("\\", "/")).parts
-        if ".." in parts or member.startswith(("/", "\\")) or ":" in member:
-            raise self._corrupt("points to a file outside of itself, which is never read", member)
-        if member not in self._members:
-            raise self._corrupt(f"has no member {member!r}", member)
-        info = self._members[member]
-        if info.flag_bits & 0x1:
-            raise UnsupportedFeatureError(f"{self._file.path}: is encrypted; save it without")
-        if info.compress_type not in _METHODS:
-            raise UnsupportedFeatureError(
-                f"{self._file.path}: packs {member} with method {info.compress_type}; save it with "
-                "deflate"
-            )
-        self._check_size(info, member, limit, trusted=trusted)
-        try:
-            with self._zip.open(info) as stream:
-                data = stream.read(limit + 1)
-        except _DAMAGE as exc:
-            raise self._corrupt(f"is damaged ({_short(exc)})", member) from None
-        if len(data) > limit or len(data) != info.file_size:
-            raise self._corrupt(
-                f"holds {len(data)} bytes where its directory claims {info.file_size}", member
-            )
-        return data
-
-    def _check_size(
-        self, info: zipfile.ZipInfo, member: str, limit: int, *, trusted: bool
-    ) -> None:
-        if info.file_size > limit:
-            raise self._file.corrupt(
-                "a member of the X3P archive is larger than it may be",
-                field=member,
-                expected=f"at most {limit} bytes",
-                found=f"{info.file_size} bytes",
-            )
-        ratio = info.file_size / max(info.compress_size, 1)
-        if info.file_size > _SUSPECT_BYTES and ratio > _SUSPECT_RATIO and not trusted:
-            raise UnsupportedFeatureError(
-                f"{self._file.path}: {member} would swell {ratio:.0f} times to {info.file_size} bytes, "
-                "as a zip bomb does; pass max_pixels= if the map is really that large"
-            )
+        self.members = {
+            i.filename.removeprefix(prefix): i for i in infos if i.filename.startswith(prefix)
+        }
 
 
-def _short(exc: BaseException) -> str:
-    """Return the first words of a message; zipfile quotes whole headers."""
-    words = " ".join(str(exc).split())
-    return words if len(words) <= 80 else words[:80] + " ..."
-
-
-def parse_xml(file: RawFile, data: bytes) -> Element:
+def parse_xml(archive: Archive, data: bytes) -> Element:
     """Return the root of a document without document type, entities or references."""
-    from xml.etree.ElementTree import ParseError
-
-    from defusedxml import DefusedXmlException
     from defusedxml.ElementTree import fromstring
 
-    try:
+    with xml_of(archive, "main.xml"):
         root: Element = fromstring(data, forbid_dtd=True)
-    except ParseError as exc:
-        raise file.corrupt(f"main.xml is not well-formed ({exc})", field="main.xml") from None
-    except DefusedXmlException as exc:
-        raise file.corrupt(
-            f"main.xml declares a document type or entities ({type(exc).__name__}), which X3P does not",
-            field="main.xml",
-            hint="do not trust this file; ask its sender",
-        ) from None
-    except (ValueError, LookupError) as exc:
-        raise file.corrupt(f"main.xml cannot be decoded ({exc})", field="main.xml") from None
     for element in root.iter():
         element.tag = str(element.tag).rsplit("}", 1)[-1]
     return root

@@ -23,8 +23,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import AmbiguousFormatError, CorruptFileError
 from metrosep.core.text_options import TextOptions
 from metrosep.io.source import RawFile
-from metrosep.io.text._table_layout import Layout
-from metrosep.io.text.dialect import MISSING, is_comment, n_used
+from metrosep.io.text.dialect import MISSING, Layout, is_comment, n_used
 
 __all__ = ["Block", "Body", "Ledger", "bad_field", "marker_of", "refuse_quotes"]
 
@@ -155,7 +154,7 @@ class Body:
             )
         for kind, what in (
             ("repeated header", "repeats the header within the table"),
-            ("footer", "stands below the table and is no row of it"),
+            ("footer", "stands below the table and is not a row of it"),
         ):
             if n := self._ledger[kind]:
                 line, text = self._ledger.first(kind)
@@ -358,7 +357,7 @@ class Body:
         return waiting
 
     def _refuse_damaged(self, number: int, line: str) -> None:
-        """Refuse a row of which only some fields are no numbers by the first of these."""
+        """Refuse a row of which only some fields are not numbers by the first of these."""
         fields = [f.strip() for f in self._layout.dialect.split([line])[0]]
         good = [self._layout.dialect.plain(f) is not None for f in fields]
         if len(fields) == self._n and any(good):
@@ -459,13 +458,13 @@ def refuse_quotes(file: RawFile, number: int, line: str) -> None:
 
 
 def bad_field(file: RawFile, line: int, field: str, where: str) -> CorruptFileError:
-    """Return the error about a field that is no number."""
+    """Return the error about a field that is not a number."""
     grouped = re.search(r"\d([.,'])\d{3}(?!\d)", field)
     options = f"missing='{field[:40]}' if it means not measured, skip_lines='{line}' to leave the line out"
     if grouped:
         options = f'thousands="{grouped.group(1)}" if its digits are in groups, {options}'
     return file.corrupt(
-        f"{where} holds something that is no number",
+        f"{where} holds something that is not a number",
         field=f"line {line}",
         expected="a number, or an empty field where nothing was measured",
         found=repr(field[:40]),

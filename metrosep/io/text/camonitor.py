@@ -176,8 +176,7 @@ def _variables(file: RawFile, lines: list[str]) -> tuple[dict[str, _Variable], l
             f"{len(older)} line(s) are more than 5 s older than a line before them (the first: {older[0]}): "
             "values that had not changed for long, or clocks that differ; their times were kept"
         )
-    if lines[-1]:
-        notes.append("the file does not end with a line end; its last value may be cut off")
+    notes += file.cut_text()
     return variables, notes
 
 

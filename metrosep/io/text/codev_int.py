@@ -165,10 +165,10 @@ def _integers(file: RawFile, header: _Header, max_pixels: int | None) -> FloatAr
             expected=f"{columns} x {rows} = {columns * rows}",
             found=raw.size,
         )
-    if not np.array_equal(raw, np.rint(raw)):  # NaN is no whole number either
+    if not np.array_equal(raw, np.rint(raw)):  # NaN is not a whole number either
         k = int(np.argmin(raw == np.rint(raw)))
         raise file.corrupt(
-            "a count is no whole number", field=f"count {k + 1}", found=f"{raw[k]:g}"
+            "a count is not a whole number", field=f"count {k + 1}", found=f"{raw[k]:g}"
         )
     return raw.reshape(rows, columns)
 
@@ -213,29 +213,7 @@ def int_bytes(
     kind: str = "SUR",
     title: str = "metrosep",
 ) -> bytes:
-    """Return a surface as the content of a Code V ``.int`` file with a grid.
-
-    Parameters
-    ----------
-    surface : Surface
-        Heights; the format holds no lateral steps, they are stated in a comment only.
-    wavelength : float, optional
-        In m, 10 nm to 1 mm; the unit in which the file states its scale.
-    kind : {"SUR", "WFR"}, optional
-        Whether the heights are those of a surface or of a wavefront; they are not converted.
-    title : str, optional
-        First line, at most 48 characters of printable ASCII; the quantisation step is added.
-
-    Returns
-    -------
-    bytes
-        ASCII text.
-
-    Raises
-    ------
-    WriteError
-        If nothing was measured, or an argument does not fit the format.
-    """
+    """Return a surface as the content of a Code V ``.int`` file with a grid."""
     low, high = _range(surface)
     if kind not in ("SUR", "WFR"):
         raise WriteError(f"Code V kind {kind!r} is not written; use 'SUR' or 'WFR'")

@@ -8,23 +8,20 @@ from __future__ import annotations
 
 import itertools
 import re
-from typing import Any
-
-import numpy as np
 
 from metrosep.core.errors import UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, parse_unit
 from metrosep.io.declared import mismatch
 from metrosep.io.objects import (
+    Request,
     height_only as channels,
-    make_profile,
-    only_channels,
+    map_reader,
 )
 from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile
 from metrosep.io.text.dialect import is_number
-from metrosep.io.text.logger import first_lines, text_lines, to_number
+from metrosep.io.text.logger import first_lines, number_block, numbered_rows, text_lines
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -43,42 +40,25 @@ def sniff(file: RawFile) -> Match:
     return Match.YES if is_row else Match.NO
 
 
-def read(
-    file: RawFile, *, channel: str | None = None, lateral_step: Any = None, unit: Any = None
-) -> Profile:
+@map_reader(FORMAT, "contour", "a contour with its own unit", pixels=False)
+def read(asked: Request) -> Profile:
     """Return the profile of a contour file."""
-    refuse_options(file, "a contour with its own unit", unit=unit)
-    only_channels(file, "contour", channel)
-    override = lateral_steps(lateral_step)
+    file = asked.file
     lines = text_lines(file)
     own = _unit(lines[0])
     if sniff(file) is Match.NO or own is None:
         raise mismatch(file, FORMAT)
-    rows = [(n, s.split(",")) for n, s in enumerate(lines[2:], start=3) if s.strip()]
-    points = np.empty((2, len(rows)))
-    for k, (line, fields) in enumerate(rows):
-        if len(fields) != 2:
-            raise file.corrupt(
-                "a row does not hold a position and a height",
-                field=f"line {line}",
-                expected=2,
-                found=len(fields),
-            )
-        for j, name in enumerate(("x", "z")):
-            points[j, k] = to_number(file, fields[j], line=line, name=name)
+    points = number_block(file, numbered_rows(lines[2:], 3), names=("x", "z"), separator=",").T
     warnings = file.cut_text()
     declared = int(lines[1])
-    if declared != len(rows):
+    if declared != points.shape[1]:
         warnings.append(
-            f"line 2 declares {declared} points and the file holds {len(rows)}; all were read"
+            f"line 2 declares {declared} points and the file holds {points.shape[1]}; all were read"
         )
-    return make_profile(
-        file,
-        FORMAT,
+    return asked.profile(
         points[0] * own.factor,
         points[1] * own.factor,
         header={"unit": lines[0].strip(), "count": declared},
-        override=override[0] if override else None,
         warnings=warnings,
         unit_in_file=own.name,
     )

@@ -26,10 +26,17 @@ from metrosep.core.errors import (
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.io.declared import mismatch
-from metrosep.io.objects import make_profile, only_channels
+from metrosep.io.objects import Request, map_reader
 from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
-from metrosep.io.text.logger import also_read, beside, first_lines, number_rows, text_lines
+from metrosep.io.source import RawFile, refuse_options
+from metrosep.io.text.logger import (
+    also_read,
+    beside,
+    first_lines,
+    number_block,
+    numbered_rows,
+    text_lines,
+)
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -61,21 +68,14 @@ def channels(file: RawFile) -> tuple[str, ...]:
     return _channels(_header(file))
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-    slope: str | None = None,
-) -> Profile:
+@map_reader(FORMAT, "DABAM", "a DABAM profile with its own factors", several=True, pixels=False)
+def read(asked: Request, *, slope: str | None = None) -> Profile:
     """Return a height profile of a DABAM entry."""
-    refuse_options(file, "a DABAM profile with its own factors", unit=unit)
+    file = asked.file
     if slope not in (None, "integrate"):
         raise ReadError(f"{file.path}: slope={slope!r} is unknown; use slope='integrate'")
-    override = lateral_steps(lateral_step)
     header = _header(file)
-    name = only_channels(file, "DABAM", channel, _channels(header))
+    name = asked.choose(_channels(header))
     column = int(name[1:])
     kind = _kind(file, header, column)
     data = beside(file, _SUFFIXES)
@@ -92,19 +92,18 @@ def read(
     }
     steps = [also_read(data, channel=name)]
     if kind == "slope":
-        refuse_options(file, "a profile of slopes over its own positions", lateral_step=override)
+        refuse_options(
+            file, "a profile of slopes over its own positions", lateral_step=asked.override
+        )
         facts |= _of_slopes(file, name, values, x, integrate=slope == "integrate")
         values = _integrated(x, values)
         steps.append(Step("integrate_slopes", {"rule": "trapezoid", "null_space": "piston"}))
     elif slope is not None:
         refuse_options(file, f"a DABAM profile whose {name} holds heights", slope=slope)
-    profile = make_profile(
-        file,
-        FORMAT,
+    profile = asked.profile(
         x,
         values,
         header=header,
-        override=override[0] if override else None,
         **facts,
     )
     history = (*profile.history, *steps)
@@ -121,7 +120,7 @@ def _header(file: RawFile) -> dict[str, Any]:
         reason = f"the JSON is damaged ({str(exc)[:80]})"
         raise file.corrupt(reason, hint="copy the .txt again") from None
     if not isinstance(header, dict):
-        raise file.corrupt("the JSON is no object", expected="{...}")
+        raise file.corrupt("the JSON is not an object", expected="{...}")
     if str(header.get("FILE_FORMAT")) not in {str(k) for k in _KIND}:
         raise UnsupportedFeatureError(
             f"{file.path}: FILE_FORMAT is {str(header.get('FILE_FORMAT'))[:20]}; metrosep reads 1 "
@@ -172,8 +171,10 @@ def _columns(
     file: RawFile, data: RawFile, header: dict[str, Any], column: int
 ) -> tuple[FloatArray, FloatArray, int]:
     """Return positions in m and one column in SI, and how many columns of values there are."""
-    lines, rows = number_rows(file, data, skip=header["FILE_HEADER_LINES"])
-    table = np.array(rows)
+    skip = header["FILE_HEADER_LINES"]
+    rows = numbered_rows(text_lines(data)[skip:], skip + 1)
+    lines = [line for line, _ in rows]
+    table = number_block(file, rows, where=f" in {data.name}")
     if len(rows) < 2:
         raise file.corrupt(
             f"there is one row in {data.name}", field=f"line {lines[0]}", expected=2

@@ -31,8 +31,14 @@ from metrosep.core.text_options import TextOptions
 from metrosep.io.registry import Match
 from metrosep.io.source import HEAD_BYTES, RawFile
 from metrosep.io.text._rows import Block
-from metrosep.io.text._table_layout import find_layout, unmeasured_rows
-from metrosep.io.text.dialect import decode, head_text, is_comment, plain_ends
+from metrosep.io.text.dialect import (
+    decode,
+    find_layout,
+    head_text,
+    is_comment,
+    plain_ends,
+    unmeasured_rows,
+)
 from metrosep.io.text.logger import first_lines
 from metrosep.io.text.measurement import measurement
 from metrosep.io.text.table import Column, ColumnSpec, TableHead, read_table, refuse_markers

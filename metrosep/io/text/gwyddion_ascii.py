@@ -11,8 +11,6 @@ import itertools
 import re
 from typing import Any
 
-import numpy as np
-
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import UnitError
 from metrosep.core.surface import Surface
@@ -20,15 +18,15 @@ from metrosep.core.units import Unit, parse_unit
 from metrosep.io.declared import mismatch
 from metrosep.io.objects import (
     ROW_ORDERS,
+    Request,
     height_only as channels,
     lateral_or_none,
-    make_surface,
-    only_channels,
+    map_reader,
 )
 from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.dialect import MISSING, is_number
-from metrosep.io.text.logger import first_lines, text_lines, to_number
+from metrosep.io.text.logger import first_lines, number_block, numbered_rows, text_lines, to_number
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -53,18 +51,16 @@ def sniff(file: RawFile) -> Match:
     return Match.YES if row and all(numbers) else Match.NO
 
 
-def read(
-    file: RawFile, *, channel: str | None = None, lateral_step: Any = None, unit: Any = None
-) -> Surface:
+@map_reader(FORMAT, "Gwyddion ASCII", pixels=False)
+def read(asked: Request) -> Surface:
     """Return the map of a Gwyddion ASCII export."""
-    only_channels(file, "Gwyddion ASCII", channel)
-    override = lateral_steps(lateral_step)
+    file = asked.file
     if sniff(file) is Match.NO:
         raise mismatch(file, FORMAT)
     lines = text_lines(file)
     comments = [_COMMENT.fullmatch(line) for line in lines[:_N_HEADER]]
     words, values = zip(*((m[1], m[2]) for m in comments if m), strict=True)
-    z_unit = _value_unit(file, values[3], unit)
+    z_unit = _value_unit(file, values[3], asked.unit)
     z = _matrix(file, lines)
     warnings = file.cut_text()
     sizes = tuple(_size(file, n, values[n], warnings) for n in (1, 2))
@@ -72,14 +68,11 @@ def read(
         None if s is None else lateral_or_none(file, words[n], s / count, warnings)
         for n, s, count in zip((1, 2), sizes, z.shape[::-1], strict=True)
     )
-    return make_surface(
-        file,
-        FORMAT,
+    return asked.surface(
         z * z_unit.factor,
         (own[0], own[1]),
         row_order=ROW_ORDERS[1],
         header=dict(zip(words, values, strict=True)),
-        override=override,
         warnings=warnings,
         title=values[0],
         width_m=sizes[0],
@@ -96,7 +89,7 @@ def _value_unit(file: RawFile, text: str, declared: Any) -> Unit:
             return parse_unit(text, dimension="length")
         except UnitError as exc:
             raise UnitError(
-                f"{file.path}: the values are in {text!r}, which is no height ({str(exc)[:60]})"
+                f"{file.path}: the values are in {text!r}, which is not a height ({str(exc)[:60]})"
             ) from None
     if declared is None:
         raise UnitError(
@@ -115,27 +108,13 @@ def _size(file: RawFile, n: int, text: str, warnings: list[str]) -> float | None
         return value * parse_unit(match[2] if match else "", dimension="length").factor
     except UnitError:
         warnings.append(
-            f"line {n + 1} gives {text!r}, which is no length: taken as not calibrated"
+            f"line {n + 1} gives {text!r}, which is not a length: taken as not calibrated"
         )
         return None
 
 
 def _matrix(file: RawFile, lines: list[str]) -> FloatArray:
-    rows = [
-        (n, s.split())
-        for n, s in enumerate(lines[_N_HEADER:], start=_N_HEADER + 1)
-        if s.strip() and not s.startswith("#")
-    ]
-    width = len(rows[0][1])
-    decimal = "," if any("," in f for _, fields in rows for f in fields) else "."
-    z = np.empty((len(rows), width))
-    for k, (line, fields) in enumerate(rows):
-        if len(fields) != width:
-            raise file.corrupt(
-                "a row has another length than the first",
-                field=f"line {line}",
-                expected=width,
-                found=len(fields),
-            )
-        z[k] = [to_number(file, f, line=line, name="a height", decimal=decimal) for f in fields]
-    return z
+    rows = numbered_rows(lines[_N_HEADER:], _N_HEADER + 1)
+    rows = [(n, line) for n, line in rows if not line.startswith("#")]
+    decimal = "," if any("," in line for _, line in rows) else "."
+    return number_block(file, rows, decimal=decimal)

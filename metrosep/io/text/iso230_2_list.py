@@ -130,14 +130,14 @@ def _test(file: RawFile) -> _Test:
             continue
         match = _LINE.fullmatch(text)
         if match is None or (match.group(2) and match.group(1) not in entries):
-            raise _bad(file, "a line is no known key with a value", number, text)
+            raise _bad(file, "a line is not a known key with a value", number, text)
         key, first, second, value = match.groups()
         if first is None:
             header[key] = value.strip()
             continue
         index = (int(first), int(second)) if second else (int(first),)
         if len(index) != 1 + (key != _TARGET) or index in entries[key] or 0 in index:
-            raise _bad(file, "an index does not fit or stands twice", number, text)
+            raise _bad(file, "an index does not fit or is given twice", number, text)
         entries[key][index] = to_number(file, value, line=number, name=text.split("=")[0][:40])
     if not entries[_TARGET] or not any(entries[key] for key in _DIRECTIONS):
         raise mismatch(file, FORMAT)
@@ -167,7 +167,7 @@ def _arrays(
         )
     targets = np.array([entries[_TARGET][(i + 1,)] for i in range(m)])
     if not np.isfinite(targets).all():
-        raise file.corrupt("a target is no number", field=_TARGET)
+        raise file.corrupt("a target is not a number", field=_TARGET)
     reached = {}
     for key, direction in _DIRECTIONS.items():
         found = entries[key]

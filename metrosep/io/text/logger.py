@@ -6,10 +6,7 @@ field, so that damage is named by its line; a unit is what the file or the calle
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -23,7 +20,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
-from metrosep.core.units import Unit, parse_quantity, parse_unit
+from metrosep.core.units import Unit, parse_unit
 from metrosep.io.objects import SI_NAMES
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.dialect import MISSING, decode, is_number
@@ -32,13 +29,10 @@ __all__ = [
     "Channels",
     "also_read",
     "beside",
-    "column_names",
     "first_lines",
-    "interval",
     "number_block",
-    "number_rows",
+    "numbered_rows",
     "plain_block",
-    "scales_of",
     "text_lines",
     "to_number",
     "with_units",
@@ -80,7 +74,7 @@ def to_number(file: RawFile, text: str, *, line: int, name: str, decimal: str = 
         if np.isfinite(value):
             return value
     raise file.corrupt(
-        f"{name} is no number",
+        f"{name} is not a number",
         field=f"line {line}",
         expected=f"a number with decimal mark {decimal!r}",
         found=repr(field[:40]),
@@ -272,127 +266,51 @@ def beside(file: RawFile, suffixes: Sequence[str]) -> RawFile:
     )
 
 
-def number_rows(
-    file: RawFile, data: RawFile, *, skip: int = 0
-) -> tuple[list[int], list[list[float]]]:
-    """Return rows of numbers between blanks, all of one length."""
-    lines = text_lines(data)[skip:]
-    rows = [(n, s.split()) for n, s in enumerate(lines, start=skip + 1) if s.strip()]
-    if not rows:
-        raise file.corrupt(f"there are no rows in {data.name}", field=f"line {skip + 1}")
-    width = len(rows[0][1])
-    numbers = []
-    for line, fields in rows:
-        if len(fields) != width:
-            raise file.corrupt(
-                f"a row has another length in {data.name}",
-                field=f"line {line}",
-                expected=width,
-                found=len(fields),
-                hint="check how many lines stand above the rows, or copy both files again",
-            )
-        name = f"a column of {data.name}"
-        numbers.append([to_number(file, f, line=line, name=name) for f in fields])
-    return [n for n, _ in rows], numbers
-
-
 # ---- columns of numbers without any header, over time: the caller declares names, interval and scale ----
 # Shared by the formats that nothing in the file describes (LinuxCNC halsampler, PMAC gather).
 
-_SCALE = re.compile(r"\s*([+-]?[0-9.]+(?:[eE][+-]?\d+)?)\s*(\S+)\s*")
+_OTHER_FILE = {"hint": "check how many lines stand above the rows, or copy both files again"}
 
 
-def number_block(file: RawFile, rows: Sequence[tuple[int, str]]) -> FloatArray:
-    """Return the numbers of rows that are separated by white space."""
+def number_block(
+    file: RawFile,
+    rows: Sequence[tuple[int, str]],
+    *,
+    names: Sequence[str] = (),
+    separator: str | None = None,
+    decimal: str = ".",
+    where: str = "",
+) -> FloatArray:
+    """Return the numbers of rows (line, text): a column for each name, or as many as the first row."""
     if not rows:
-        raise file.corrupt("holds no row of numbers", field="the end")
-    texts = [text for _, text in rows]
-    n = len(texts[0].split())
-    block = plain_block(texts, range(n))
-    if block is not None and all(len(text.split()) == n for text in texts):
-        return block
-    body = np.empty((len(rows), n))
-    for k, (line, text) in enumerate(rows):
-        fields = text.split()
+        raise file.corrupt(f"holds no row of numbers{where}", field="the end")
+    split = [text.split(separator) for _, text in rows]
+    n = len(names) or len(split[0])
+    for (line, text), fields in zip(rows, split, strict=True):
         if len(fields) != n:
             raise file.corrupt(
-                "a row does not fit the first one",
+                f"a row has another number of fields than the others{where}",
                 field=f"line {line}",
                 expected=f"{n} numbers",
-                found=f"{len(fields)} in {text[:40]!r}",
+                found=f"{len(fields)} in {text.strip()[:40]!r}",
+                **_OTHER_FILE if where else {},
             )
-        body[k] = [to_number(file, f, line=line, name=f"column {j}") for j, f in enumerate(fields)]
-    return body
+    texts = [text for _, text in rows]
+    block = plain_block(texts, range(n), separator=separator, decimal=decimal, counts=(n,))
+    if block is not None:
+        return block
+    shown = [name[:40] for name in names] or [f"column {j}{where}" for j in range(n)]
+    return np.array(
+        [
+            [
+                to_number(file, field, line=line, name=name, decimal=decimal)
+                for field, name in zip(fields, shown, strict=True)
+            ]
+            for (line, _), fields in zip(rows, split, strict=True)
+        ]
+    )
 
 
-def column_names(file: RawFile, names: Sequence[str] | None, n: int, usual: str) -> list[str]:
-    """Return the names of columns."""
-    if names is None:
-        return [f"{usual} {k}" for k in range(n)]
-    if not isinstance(names, (str, Sequence)):
-        raise FormatMismatchError(
-            f"{file.path}: names must list a name for each column, got {names!r}"
-        )
-    given = [names] if isinstance(names, str) else [str(name) for name in names]
-    if len(given) != n or len(set(given)) != n:
-        raise FormatMismatchError(
-            f"{file.path}: has {n} columns of samples, but names= gives {len(set(given))} different ones; "
-            "name each column once"
-        )
-    return given
-
-
-def interval(
-    file: RawFile, *, sampling_rate: float | str | None, period: float | str | None, name: str
-) -> float:
-    """Return the sampling interval that the caller declares."""
-    if (sampling_rate is None) == (period is None):
-        what = "neither" if period is None else "both"
-        options = "sampling_rate=" if name == "sampling_rate" else f"sampling_rate= or {name}="
-        raise ReadError(
-            f"{file.path}: the file does not tell its sampling interval and {what} was given; give {options}"
-        )
-    if period is not None:
-        step = parse_quantity(period, dimension="time", name=name)
-    else:
-        rate = parse_quantity(sampling_rate or 0.0, dimension="frequency", name="sampling_rate")
-        step = 1.0 / rate if rate > 0.0 else 0.0
-    if not (math.isfinite(step) and step > 0.0):
-        raise ReadError(f"{file.path}: the sampling interval is {step} s; it must be positive")
-    return step
-
-
-def scales_of(file: RawFile, scale: Any, names: Sequence[str]) -> dict[str, tuple[float, str]]:
-    """Return what one count of each column is."""
-    if scale is None:
-        return dict.fromkeys(names, (1.0, ""))
-    if isinstance(scale, Mapping):
-        unknown = [str(name) for name in scale if name not in names]
-        if unknown:
-            raise FormatMismatchError(
-                f"{file.path}: has no channel {unknown[0]!r}; the channels are {', '.join(names[:20])}"
-            )
-        return {n: _scale(file, scale[n]) if n in scale else (1.0, "") for n in names}
-    given = [scale] * len(names) if isinstance(scale, (Real, str)) else list(scale)
-    if len(given) != len(names):
-        raise FormatMismatchError(
-            f"{file.path}: scale has {len(given)} entries for {len(names)} columns; give one for each"
-        )
-    return {n: _scale(file, one) for n, one in zip(names, given, strict=True)}
-
-
-def _scale(file: RawFile, scale: Any) -> tuple[float, str]:
-    number, label = scale, ""
-    if isinstance(scale, str):
-        match = _SCALE.fullmatch(scale)
-        if match is None:
-            raise ReadError(f"{file.path}: scale {scale!r} is not a number with a unit ('0.5 nm')")
-        number, label = match.groups()
-        parse_unit(label)
-    try:
-        factor = float(number)
-    except (TypeError, ValueError):
-        raise ReadError(f"{file.path}: scale {scale!r} is no number") from None
-    if not math.isfinite(factor) or factor == 0.0:
-        raise ReadError(f"{file.path}: scale {scale!r} must be finite and not zero")
-    return factor, label
+def numbered_rows(lines: Iterable[str], first: int = 1) -> list[tuple[int, str]]:
+    """Return the lines that are not blank, each with its number."""
+    return [(n, line) for n, line in enumerate(lines, start=first) if line.strip()]

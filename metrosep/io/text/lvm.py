@@ -64,8 +64,7 @@ def read(
         )
     chosen = segments[segment or 0]
     warnings = [*chosen.warnings(), *chosen.start_warnings()]
-    if lines[-1]:
-        warnings.append("the file does not end with a line end; its last row may be cut off")
+    warnings += file.cut_text()
     data, comments = _samples(file, chosen, head)
     return data.recording(
         FORMAT,

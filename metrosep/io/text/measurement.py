@@ -6,7 +6,7 @@ Shared by plain column text and by the text formats that a ``format.toml`` descr
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -17,18 +17,11 @@ from metrosep.core.errors import DataError, FormatMismatchError, ReadError, Unit
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
-from metrosep.core.units import Unit, likely_meaning, parse_quantity, parse_unit
+from metrosep.core.units import Unit, likely_meaning, parse_unit
 from metrosep.io._roles import role_of, runs_in
-from metrosep.io.objects import SI_NAMES, make_surface, scaled, to_grid
+from metrosep.io.objects import ROW_ORDERS, SI_NAMES, make_surface, scaled, to_grid
 from metrosep.io.own_notes import header_notes
-from metrosep.io.source import RawFile, lateral_steps, refuse_options
-from metrosep.io.text.delimited_maps import (
-    declared_units,
-    is_matrix,
-    looks_like_points,
-    matrix,
-    shown_columns,
-)
+from metrosep.io.source import RawFile, lateral_steps, rate_of, refuse_options
 from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.table import (
     Column,
@@ -43,8 +36,10 @@ from metrosep.io.text.table import (
 __all__ = [
     "SI_NAMES",
     "columns_as_object",
+    "is_matrix",
     "map_as_surface",
     "measurement",
+    "shown_columns",
     "unit_label",
     "unit_of",
 ]
@@ -72,44 +67,32 @@ def measurement(
     table, channel, labels = _rows_of(file, table, channel)
     unit = declared_units(unit)
     bare = is_matrix(table)
+    each = unit is not None and not isinstance(unit, str)  # one for each column, not one for all
     undeclared = all(c.unit is None for c in table.numbers)
     table = _with_units(file, table, unit)
-    facts = {"labels": labels} if labels else {}
     timed = _time_column(file, table, time)
+    made = _Made(file, table, format_id, sensitivity(scale), {"labels": labels} if labels else {})
     try:
-        points = _point_columns(
-            file,
-            table,
-            x,
-            y,
-            z,
-            bare=bare and _each(unit),
-            one_unit=undeclared and not _each(unit),
-        )
+        if y is not None and (x is None or z is None):
+            raise made.mismatch("a surface needs x=, y= and z=; give all three")
+        points = (x, y, z) if x is not None and y is not None and z is not None else None
+        if x is None and z is None:
+            points = made.point_columns(bare=bare and each, one_unit=undeclared and not each)
         if points is not None and timed is None and sampling_rate is None:
             refuse_options(
                 file, "a list of points with their positions", lateral_step=lateral_step
             )
-            return _surface(file, table, format_id, points, sensitivity(scale), facts)
+            return made.surface(points)
         if (timed is not None or sampling_rate is not None) and x is None and z is None:
             if lateral_step is not None or scale is not None:
                 raise ReadError(f"{file.path}: a recording takes no lateral_step or scale")
-            return _recording(file, table, format_id, timed, sampling_rate, channel, facts)
+            return made.recording(timed, sampling_rate, channel)
         steps = lateral_steps(lateral_step)
-        if (
-            bare
-            and x is None
-            and z is None
-            and channel is None
-            and (
-                len(table.columns) > _FEW
-                or unit is not None
-                or steps is not None
-                or looks_like_points(file, table)
-            )
-        ):
+        said = unit is not None or steps is not None or len(table.columns) > _FEW
+        unnamed = bare and x is None and z is None and channel is None
+        if unnamed and (said or looks_like_points(file, table)):
             return matrix(file, table, format_id, steps=steps, scale=sensitivity(scale))
-        return _profile(file, table, format_id, x, z, lateral_step, sensitivity(scale), facts)
+        return made.profile(x, z, steps)
     except UnitError:
         raise
     except DataError as exc:
@@ -217,197 +200,146 @@ def _time_column(file: RawFile, table: Table, time: ColumnSpec | None) -> Column
     return None
 
 
-def _each(unit: Any) -> bool:
-    """Whether the caller gave a unit for each column, not one for all."""
-    return unit is not None and not isinstance(unit, str)
+@dataclass
+class _Made:
+    """A table with units on its way to an object: the columns that were used, and their facts."""
 
+    file: RawFile
+    table: Table
+    format_id: str
+    scale: float | None  # sensitivity of the readings in m/V
+    facts: dict[str, Any]
+    used: dict[str, Any] = field(default_factory=dict)
 
-def _point_columns(
-    file: RawFile,
-    table: Table,
-    x: ColumnSpec | None,
-    y: ColumnSpec | None,
-    z: ColumnSpec | None,
-    *,
-    bare: bool,
-    one_unit: bool,
-) -> tuple[ColumnSpec, ColumnSpec, ColumnSpec] | None:
-    """Return the columns of a list of points, or None when the table is none."""
-    if y is not None:
-        if x is None or z is None:
-            raise FormatMismatchError(
-                f"{file.path}: a surface needs x=, y= and z=; give all three"
-            )
-        return x, y, z
-    if x is not None or z is not None or len(table.numbers) != 3:
-        return None
-    if bare:
-        first, second, third = table.names
-        return first, second, third
-    lengths = [c for c in table.numbers if c.unit is not None and c.unit.dimension == "length"]
-    named = {header_unit(c.name)[0].casefold(): c.name for c in lengths}
-    if set(named) == {"x", "y", "z"} and one_unit:
-        raise UnitError(
-            f"{file.path}: columns x, y and z declare no unit, and one was given for the three; give "
-            "one for each, such as unit='um,um,nm'"
-        )
-    if set(named) != {"x", "y", "z"}:
-        return None
-    return named["x"], named["y"], named["z"]
+    def mismatch(self, reason: str) -> FormatMismatchError:
+        """Return the error about columns that do not make the object."""
+        return FormatMismatchError(f"{self.file.path}: {reason}")
 
+    def lengths(self, role: str, spec: ColumnSpec) -> FloatArray:
+        """Return a column of positions or heights in m."""
+        column, unit = pick(self.file, self.table, spec, role=role)
+        self.used[role] = column.name
+        factor = self.scale if role == "z" else None
+        return to_si(self.file, column, unit, dimension="length", role=role, scale=factor)
 
-def _surface(
-    file: RawFile,
-    table: Table,
-    format_id: str,
-    points: tuple[ColumnSpec, ColumnSpec, ColumnSpec],
-    scale: float | None,
-    facts: dict[str, Any],
-) -> Surface:
-    values = []
-    used: dict[str, Any] = {}
-    for role, spec in zip(("x", "y", "z"), points, strict=True):
-        column, unit = pick(file, table, spec, role=role)
-        factor = scale if role == "z" else None
-        values.append(to_si(file, column, unit, dimension="length", role=role, scale=factor))
-        used[role] = column.name
-    if np.isnan(values[2]).all():
-        raise FormatMismatchError(f"{file.path}: the heights hold no number; nothing was measured")
-    heights, (dx, dy), origin = to_grid(file, *values)
-    order = {"row_order_in_file": "a list of points with their positions"}
-    described = _described(file, table, format_id, {**order, **facts}, used)
-    return Surface(heights, dx, dy, origin=origin, **described)
-
-
-def _described(
-    file: RawFile,
-    table: Table,
-    format_id: str,
-    facts: dict[str, Any],
-    used: dict[str, Any],
-    *,
-    is_profile: bool = False,
-) -> dict[str, Any]:
-    """Return metadata and history, which go on from those that metrosep wrote above the table."""
-    notes = header_notes(file, table.header.get("comments", ()))
-    units = {c.name: c.unit.name for c in table.columns if c.unit is not None}
-    own = notes.facts if is_profile else {}
-    warnings = (*table.warnings, *notes.warnings)
-    return {
-        "metadata": file.metadata(
-            format_id,
+    def described(self, *, is_profile: bool = False) -> dict[str, Any]:
+        """Return metadata and history, which go on from those that metrosep wrote above the table."""
+        table = self.table
+        notes = header_notes(self.file, table.header.get("comments", ()))
+        metadata = self.file.metadata(
+            self.format_id,
             table.header,
-            warnings=warnings,
-            units=units,
+            warnings=(*table.warnings, *notes.warnings),
+            units={c.name: c.unit.name for c in table.columns if c.unit is not None},
             lines=table.ledger,
-            **facts,
-            **own,
-        ),
-        "history": (*notes.history, *file.history(format_id, used)),
-    }
-
-
-def _recording(
-    file: RawFile,
-    table: Table,
-    format_id: str,
-    timed: Column | None,
-    sampling_rate: float | str | None,
-    channel: str | None,
-    facts: dict[str, Any],
-) -> Recording:
-    t: FloatArray
-    if timed is not None and sampling_rate is not None:
-        raise FormatMismatchError(
-            f"{file.path}: has a column of time ({timed.name!r}), and sampling_rate was given too; leave "
-            "sampling_rate out"
+            **self.facts,
+            **(notes.facts if is_profile else {}),
         )
-    if timed is not None:
-        t = to_si(file, timed, timed.unit, dimension="time", role="time")
-    else:
-        rate = parse_quantity(sampling_rate or 0.0, dimension="frequency", name="sampling_rate")
-        if rate <= 0.0:
-            raise ReadError(f"{file.path}: sampling_rate is {rate} Hz; it must be positive")
-        t = np.arange(len(table), dtype=np.float64) / rate
-        table = replace(table, warnings=(*table.warnings, *interruption(table)))
-    chosen = [c for c in table.numbers if timed is None or c.name != timed.name]
-    if channel is not None:
-        column, _ = pick(file, table, channel, role="channel")
-        chosen = [c for c in chosen if c.name == column.name]
-    values = {
-        c.name: c.values * (c.unit.factor if c.unit else 1.0)
-        for c in chosen
-        if c.values is not None
-    }
-    if not any(np.isfinite(v).any() for v in values.values()):
-        raise FormatMismatchError(
-            f"{file.path}: no channel holds a number beside the time; nothing was measured"
-        )
-    return Recording(
-        t,
-        values,
-        units={c.name: SI_NAMES.get(c.unit.dimension, "") for c in chosen if c.unit is not None},
-        **_described(file, table, format_id, facts, {"channels": tuple(values)}),
-    )
+        history = (*notes.history, *self.file.history(self.format_id, self.used))
+        return {"metadata": metadata, "history": history}
 
-
-def _profile(
-    file: RawFile,
-    table: Table,
-    format_id: str,
-    x: ColumnSpec | None,
-    z: ColumnSpec | None,
-    lateral_step: Any,
-    scale: float | None,
-    facts: dict[str, Any],
-) -> Profile:
-    numbers = [c.name for c in table.numbers]
-    steps = lateral_steps(lateral_step)
-    if x is None and z is None:
-        if len(numbers) == 1 and steps is not None:
-            z = numbers[0]
-        elif len(numbers) == 2:
-            x, z, assumed = position_and_height(file, table)
-            table = replace(table, warnings=(*table.warnings, *assumed))
-        else:
-            raise _cannot_tell(file, table)
-    if z is None or (x is None and steps is None):
-        raise FormatMismatchError(
-            f"{file.path}: a profile needs x= and z=, or z= and lateral_step=; the columns are "
-            f"{shown_columns(table.names)}"
-        )
-    if x is not None and steps is not None:
-        raise FormatMismatchError(
-            f"{file.path}: the file holds positions, so lateral_step cannot replace them; leave it out"
-        )
-    z_column, z_unit = pick(file, table, z, role="z")
-    heights = to_si(file, z_column, z_unit, dimension="length", role="z", scale=scale)
-    used: dict[str, Any] = {"z": z_column.name, "scale_m_per_v": scale}
-    if x is None:
-        step = steps[0] if steps is not None else 0.0
-        positions: FloatArray = step * np.arange(heights.size, dtype=np.float64)
-        used["lateral_step_m"] = step
-    else:
-        x_column, x_unit = pick(file, table, x, role="x")
-        positions = to_si(file, x_column, x_unit, dimension="length", role="x")
-        used["x"] = x_column.name
-        empty = np.flatnonzero(np.isnan(positions))
-        if empty.size:
-            line = int(table.lines[empty[0]])
-            every = ",".join(str(table.lines[i]) for i in empty)
-            raise FormatMismatchError(
-                f"{file.path}: line {line}: position x is NaN in {empty.size} row(s), and a height without "
-                f"a position cannot be used; leave it out with skip_lines='{every}'"
+    def point_columns(
+        self, *, bare: bool, one_unit: bool
+    ) -> tuple[ColumnSpec, ColumnSpec, ColumnSpec] | None:
+        """Return the columns of a list of points, or None when the table is none."""
+        table = self.table
+        if len(table.numbers) != 3:
+            return None
+        if bare:
+            first, second, third = table.names
+            return first, second, third
+        lengths = [c for c in table.numbers if c.unit is not None and c.unit.dimension == "length"]
+        named = {header_unit(c.name)[0].casefold(): c.name for c in lengths}
+        if set(named) != {"x", "y", "z"}:
+            return None
+        if one_unit:
+            raise UnitError(
+                f"{self.file.path}: columns x, y and z declare no unit, and one was given for the "
+                "three; give one for each, such as unit='um,um,nm'"
             )
-    if np.isnan(heights).all():
-        raise FormatMismatchError(
-            f"{file.path}: column {z_column.name!r} holds no number; nothing was measured"
-        )
-    return Profile(
-        positions,
-        heights,
-        **_described(file, table, format_id, facts, used, is_profile=True),
-    )
+        return named["x"], named["y"], named["z"]
+
+    def surface(self, points: tuple[ColumnSpec, ColumnSpec, ColumnSpec]) -> Surface:
+        """Return points on a grid."""
+        values = [self.lengths(role, spec) for role, spec in zip("xyz", points, strict=True)]
+        if np.isnan(values[2]).all():
+            raise self.mismatch("the heights hold no number; nothing was measured")
+        heights, (dx, dy), origin = to_grid(self.file, *values)
+        order = {"row_order_in_file": "a list of points with their positions"}
+        self.facts = {**order, **self.facts}
+        return Surface(heights, dx, dy, origin=origin, **self.described())
+
+    def recording(
+        self, timed: Column | None, sampling_rate: float | str | None, channel: str | None
+    ) -> Recording:
+        """Return channels over the column of time, or over rows of one rate."""
+        table = self.table
+        if timed is not None and sampling_rate is not None:
+            raise self.mismatch(
+                f"has a column of time ({timed.name!r}), and sampling_rate was given too; leave "
+                "sampling_rate out"
+            )
+        if timed is not None:
+            t = to_si(self.file, timed, timed.unit, dimension="time", role="time")
+        else:
+            t = np.arange(len(table), dtype=np.float64) / rate_of(sampling_rate or 0.0)
+            self.table = replace(table, warnings=(*table.warnings, *interruption(table)))
+        chosen = [c for c in table.numbers if timed is None or c.name != timed.name]
+        if channel is not None:
+            column, _ = pick(self.file, table, channel, role="channel")
+            chosen = [c for c in chosen if c.name == column.name]
+        values = {
+            c.name: c.values * (c.unit.factor if c.unit else 1.0)
+            for c in chosen
+            if c.values is not None
+        }
+        if not any(np.isfinite(v).any() for v in values.values()):
+            raise self.mismatch("no channel holds a number beside the time; nothing was measured")
+        units = {c.name: SI_NAMES.get(c.unit.dimension, "") for c in chosen if c.unit is not None}
+        self.used["channels"] = tuple(values)
+        return Recording(t, values, units=units, **self.described())
+
+    def profile(
+        self, x: ColumnSpec | None, z: ColumnSpec | None, steps: tuple[float, float] | None
+    ) -> Profile:
+        """Return a height over a position, or over rows of one step."""
+        file, table = self.file, self.table
+        numbers = [c.name for c in table.numbers]
+        if x is None and z is None:
+            if len(numbers) == 1 and steps is not None:
+                z = numbers[0]
+            elif len(numbers) == 2:
+                x, z, assumed = position_and_height(file, table)
+                self.table = replace(table, warnings=(*table.warnings, *assumed))
+            else:
+                raise _cannot_tell(file, table)
+        if z is None or (x is None and steps is None):
+            raise self.mismatch(
+                "a profile needs x= and z=, or z= and lateral_step=; the columns are "
+                f"{shown_columns(table.names)}"
+            )
+        if x is not None and steps is not None:
+            raise self.mismatch(
+                "the file holds positions, so lateral_step cannot replace them; leave it out"
+            )
+        heights = self.lengths("z", z)
+        self.used["scale_m_per_v"] = self.scale
+        if x is None:
+            self.used["lateral_step_m"] = step = steps[0] if steps is not None else 0.0
+            positions: FloatArray = step * np.arange(heights.size, dtype=np.float64)
+        else:
+            positions = self.lengths("x", x)
+            empty = np.flatnonzero(np.isnan(positions))
+            if empty.size:
+                every = ",".join(str(table.lines[i]) for i in empty)
+                raise self.mismatch(
+                    f"line {int(table.lines[empty[0]])}: position x is NaN in {empty.size} row(s), "
+                    "and a height without a position cannot be used; leave it out with "
+                    f"skip_lines='{every}'"
+                )
+        if np.isnan(heights).all():
+            raise self.mismatch(f"column {self.used['z']!r} holds no number; nothing was measured")
+        return Profile(positions, heights, **self.described(is_profile=True))
 
 
 def position_and_height(file: RawFile, table: Table) -> tuple[str, str, tuple[str, ...]]:
@@ -595,3 +527,134 @@ def columns_as_object(
     n = made[0].values.size if made and made[0].values is not None else 0
     table = Table(made, np.arange(1, n + 1, dtype=np.int64), {"columns": tuple(columns), **header})
     return measurement(file, table, format_id, **options)
+
+
+# ---- maps of heights as plain text: a matrix of heights, or the columns x, y, z, without any header ----
+# Nothing in such a file says what it holds. The caller does: one unit and a lateral step make a
+# matrix of heights; three units make points x, y, z.
+
+_SHOWN = 12
+"""Columns that a message lists."""
+_LEAST_COLUMNS = 3
+"""A table of one or two columns is a profile."""
+_POINTS = 3
+_FIRST_ROW = (
+    "the file does not say where its first row lies: it was taken as the row of the smallest y; turn "
+    "the rows (numpy.flipud) of an export that begins with the top row"
+)
+
+
+def declared_units(unit: Any) -> Any:
+    """Return what a caller wrote as unit: several in one text become one for each column.
+
+    Examples
+    --------
+    >>> declared_units("um, um, nm"), declared_units("x=um,z=nm"), declared_units("nm")
+    (('um', 'um', 'nm'), {'x': 'um', 'z': 'nm'}, 'nm')
+    """
+    if not isinstance(unit, str) or not ("," in unit or "=" in unit):
+        return unit
+    items = [item.strip() for item in unit.split(",")]
+    named = ["=" in item for item in items]
+    if not any(named):
+        return tuple(items)
+    if not all(named):
+        raise FormatMismatchError(
+            f"unit {unit!r} names the column of some units only; write um,um,nm or x=um,y=um,z=nm"
+        )
+    pairs = (item.split("=", 1) for item in items)
+    return {name.strip(): text.strip() for name, text in pairs}
+
+
+def is_matrix(table: Table) -> bool:
+    """Return whether a table holds only numbers, three and more columns, and no names of columns."""
+    plain = not table.header.get("named", True)
+    n = len(table.columns)
+    return plain and n >= _LEAST_COLUMNS and len(table.numbers) == n
+
+
+def looks_like_points(file: RawFile, table: Table) -> bool:
+    """Return whether three columns of numbers lie on a grid of the first two: x, y, z."""
+    columns = [c.values for c in table.columns if c.values is not None]
+    if len(columns) != _POINTS or len(table.columns) != _POINTS:
+        return False
+    try:
+        to_grid(file, columns[0], columns[1], columns[2])
+    except ReadError:
+        return False
+    return True
+
+
+def matrix(
+    file: RawFile,
+    table: Table,
+    format_id: str,
+    *,
+    steps: tuple[float, float] | None,
+    scale: float | None,
+) -> Surface:
+    """Return the map that a matrix of heights holds."""
+    units = {c.unit for c in table.columns}
+    if looks_like_points(file, table):
+        raise FormatMismatchError(
+            f"{file.path}: holds three columns without names that lie on a grid like points x, y, z; "
+            "give the unit of each with unit='um,um,nm' and no lateral step"
+        )
+    if steps is None or None in units:
+        missing = [
+            *(["unit='nm'"] if None in units else []),
+            *(["lateral_step='3 um'"] if steps is None else []),
+        ]
+        text = (
+            f"{file.path}: holds {len(table)} x {len(table.columns)} numbers without names of columns; "
+            f"for a map of heights give {' and '.join(missing)} (with your values)"
+        )
+        if steps is not None:
+            raise UnitError(text)
+        raise FormatMismatchError(text)
+    if len(units) > 1:
+        raise FormatMismatchError(
+            f"{file.path}: a map of heights has one unit; give one, such as unit='nm'"
+        )
+    _refuse_gaps(file, table)
+    z = np.column_stack(
+        [to_si(file, c, c.unit, dimension="length", role="z", scale=scale) for c in table.columns]
+    )
+    facts: dict[str, Any] = {"units": {"z": next(u.name for u in units if u is not None)}}
+    return make_surface(
+        file,
+        format_id,
+        z,
+        (None, None),
+        row_order=ROW_ORDERS[0],
+        header=table.header,
+        override=steps,
+        warnings=(*table.warnings, _FIRST_ROW),
+        lines=table.ledger,
+        **facts,
+    )
+
+
+def _refuse_gaps(file: RawFile, table: Table) -> None:
+    """Refuse empty lines between rows where an empty line may be a row without a value."""
+    if table.header.get("separator") != "\t":
+        return
+    gaps = np.flatnonzero(np.diff(table.lines) > 1)
+    if gaps.size:
+        line = int(table.lines[gaps[0]]) + 1
+        raise FormatMismatchError(
+            f"{file.path}: line {line} stands empty between rows of heights; write nan for each height "
+            "of a row that was not measured, or remove the line"
+        )
+
+
+def shown_columns(names: tuple[str, ...]) -> str:
+    """Return names of columns for a message, the first dozen of many.
+
+    Examples
+    --------
+    >>> shown_columns(("x", "z"))
+    'x, z'
+    """
+    rest = len(names) - _SHOWN
+    return ", ".join(names[:_SHOWN]) + (f" and {rest} more" if rest > 0 else "")

@@ -24,7 +24,7 @@ from metrosep.io.declared import mismatch
 from metrosep.io.objects import ROW_ORDERS, make_profile, make_surface, only_channels
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, refuse_options
-from metrosep.io.text.logger import first_lines, text_lines, to_number
+from metrosep.io.text.logger import first_lines, number_block, numbered_rows, text_lines
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -269,20 +269,10 @@ def read_points(file: RawFile) -> Points:
 
 
 def _numbers(file: RawFile, lines: list[str], start: int) -> FloatArray:
-    rows = [(n, s.split(",")) for n, s in enumerate(lines[start:], start=start + 1) if s.strip()]
+    rows = numbered_rows(lines[start:], start + 1)
     if len(rows) < 2:
         raise file.corrupt("has no points", field=f"line {start + 1}", expected="2 rows or more")
-    xyz = np.empty((len(rows), 3))
-    for k, (line, fields) in enumerate(rows):
-        if len(fields) != 3:
-            raise file.corrupt(
-                "a point has another number of coordinates",
-                field=f"line {line}",
-                expected=3,
-                found=len(fields),
-            )
-        for j in range(3):
-            xyz[k, j] = to_number(file, fields[j], line=line, name=AXES[j])
+    xyz = number_block(file, rows, names=AXES, separator=",")
     if np.isnan(xyz).any():
         line = rows[int(np.flatnonzero(np.isnan(xyz).any(axis=1))[0])][0]
         raise file.corrupt("a coordinate is missing", field=f"line {line}")

@@ -18,9 +18,9 @@ from metrosep.core.errors import FormatMismatchError, ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, parse_unit
 from metrosep.io.declared import mismatch
-from metrosep.io.objects import make_profile
+from metrosep.io.objects import Request, map_reader
 from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, lateral_steps
+from metrosep.io.source import RawFile
 from metrosep.io.text.logger import first_lines, text_lines, to_number
 
 __all__ = ["channels", "read", "sniff"]
@@ -43,38 +43,30 @@ def channels(file: RawFile) -> tuple[str, ...]:
     return tuple(_rows(file)[0])
 
 
-def read(
-    file: RawFile,
-    *,
-    channel: str | None = None,
-    lateral_step: Any = None,
-    unit: Any = None,
-) -> Profile:
+@map_reader(FORMAT, "Mx", several=True, pixels=False)
+def read(asked: Request) -> Profile:
     """Return one slice."""
-    x_unit, z_unit = _units(file, unit)
-    override = lateral_steps(lateral_step)
+    file = asked.file
+    x_unit, z_unit = _units(file, asked.unit)
     slices, warnings = _rows(file)
-    label = _choose(file, tuple(slices), channel)
-    if channel is None and len(slices) > 1:
+    label = _choose(file, tuple(slices), asked.channel)
+    if asked.channel is None and len(slices) > 1:
         others = ", ".join(repr(s) for s in list(slices)[1:21])
         warnings.append(
             f"read slice {label!r}; the file also holds {others}: choose with channel="
         )
-    if unit is None:
+    if asked.unit is None:
         warnings.append("the file states no units; X and Y were taken as um: unit= overrides it")
     x, z = np.array(slices[label], dtype=np.float64).T
-    return make_profile(
-        file,
-        FORMAT,
+    return asked.profile(
         x * x_unit.factor,
         z * z_unit.factor,
         header={"columns": ["X", "Y", "Slice"], "slices": {k: len(v) for k, v in slices.items()}},
-        override=override[0] if override else None,
         warnings=warnings,
         slice=label,
         x_unit=x_unit.name,
         height_unit=z_unit.name,
-        units_from="caller" if unit is not None else "known of this export",
+        units_from="caller" if asked.unit is not None else "known of this export",
     )
 
 
@@ -121,8 +113,7 @@ def _rows(file: RawFile) -> tuple[dict[str, list[tuple[float, float]]], list[str
         slices.setdefault(fields[2].strip(), []).append((x, z))
     if not slices:
         raise file.corrupt("holds no row", field="line 2")
-    cut = "the file does not end with a line end; its last row may be cut off"
-    return slices, [cut] if lines[-1] else []
+    return slices, file.cut_text()
 
 
 def _choose(file: RawFile, labels: tuple[str, ...], channel: str | None) -> str:

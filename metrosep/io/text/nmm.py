@@ -29,7 +29,8 @@ from metrosep.io.text.logger import (
     also_read,
     beside,
     first_lines,
-    number_rows,
+    number_block,
+    numbered_rows,
     text_lines,
 )
 
@@ -214,8 +215,7 @@ def _line(file: RawFile, scan: _Scan, index: int) -> Profile:
 
 def _table(file: RawFile, data: RawFile, n_rows: int, widths: tuple[int, ...]) -> FloatArray:
     """Return the numbers of the other file, refused unless it has the size that was declared."""
-    _, rows = number_rows(file, data)
-    table = np.array(rows)
+    table = number_block(file, numbered_rows(text_lines(data)), where=f" in {data.name}")
     for name, expected, found in (
         ("rows", (n_rows,), table.shape[0]),
         ("columns", widths, table.shape[1]),

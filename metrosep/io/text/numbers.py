@@ -1,6 +1,6 @@
 """Numbers that stand in text with white space between them: millions of them, quickly and strictly.
 
-Shared by the readers of maps written as text. A field that is no number is named by its offset.
+Shared by the readers of maps written as text. A field that is not a number is named by its offset.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def parse_numbers(
         pass
     odd = _first_odd(text, missing)
     raise file.corrupt(
-        f"{what} is no number",
+        f"{what} is not a number",
         offset=offset + (odd.start() if odd else 0),
         expected="numbers separated by white space",
         found=repr(odd.group()[:20].decode("latin-1")) if odd else None,
@@ -119,7 +119,7 @@ def parse_decimals(text: bytes) -> FloatArray | None:
     """Return the numbers of a text of white space and decimal numbers.
 
     None where too many of them have another shape, so that this is not the way to read them; the
-    caller has another. A field that is no number gives None as well.
+    caller has another. A field that is not a number gives None as well.
     """
     parts: list[FloatArray] = []
     start = 0

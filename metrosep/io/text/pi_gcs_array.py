@@ -6,7 +6,6 @@ row is checked against it. See ``data_formats/pi-gcs/SPEC.md``.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable
 from typing import Any
@@ -16,11 +15,17 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import FormatMismatchError, ReadError
 from metrosep.core.recording import Recording
-from metrosep.core.units import parse_quantity
 from metrosep.io.declared import mismatch
 from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, refuse_options
-from metrosep.io.text.logger import Channels, first_lines, plain_block, text_lines, to_number
+from metrosep.io.source import RawFile, rate_of, refuse_options
+from metrosep.io.text.logger import (
+    Channels,
+    first_lines,
+    number_block,
+    numbered_rows,
+    text_lines,
+    to_number,
+)
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -58,10 +63,9 @@ def read(
     lines = text_lines(file)
     fields, start = _checked(file, lines)
     n_columns = _count(file, fields, "DIM")
-    rows = [(k, s) for k, s in enumerate(lines[start:], start=start + 1) if s.strip()]
+    rows = numbered_rows(lines[start:], start + 1)
     warnings = _row_count(file, fields, len(rows))
-    if lines[-1]:
-        warnings.append("the file does not end with a line end; its last row may be cut off")
+    warnings += file.cut_text()
     step = _step(file, fields, sampling_rate)
     body = _numbers(file, fields, rows, n_columns)
     t = step * np.arange(len(body), dtype=np.float64)
@@ -141,12 +145,7 @@ def _row_count(file: RawFile, fields: dict[str, str], n_rows: int) -> list[str]:
 
 
 def _step(file: RawFile, fields: dict[str, str], sampling_rate: float | str | None) -> float:
-    declared = None
-    if sampling_rate is not None:
-        rate = parse_quantity(sampling_rate, dimension="frequency", name="sampling_rate")
-        if not (math.isfinite(rate) and rate > 0.0):
-            raise ReadError(f"{file.path}: sampling_rate is {rate} Hz; it must be positive")
-        declared = 1.0 / rate
+    declared = None if sampling_rate is None else 1.0 / rate_of(sampling_rate)
     if "SAMPLE_TIME" not in fields:
         if declared is None:
             raise ReadError(f"{file.path}: the header has no SAMPLE_TIME; give sampling_rate=")
@@ -178,25 +177,5 @@ def _numbers(
             found=repr(code[:20]),
         )
     separator = _SEPARATORS[int(code[:6])]
-    texts = [text.strip(" \r") for _, text in rows]
-    counts = {len(text.split(separator)) for text in texts}
-    if counts == {n_columns}:
-        block = plain_block(texts, range(n_columns), separator=separator, counts=counts)
-        if block is not None:
-            return block
-    names = _names(fields, n_columns)
-    body = np.empty((len(rows), n_columns))
-    for k, (line, _) in enumerate(rows):
-        found = texts[k].split(separator)
-        if len(found) != n_columns:
-            raise file.corrupt(
-                "a row does not fit",
-                field=f"line {line}",
-                expected=f"{n_columns} numbers",
-                found=f"{len(found)}",
-            )
-        body[k] = [
-            to_number(file, text, line=line, name=name[:40])
-            for text, name in zip(found, names, strict=True)
-        ]
-    return body
+    texts = [(line, text.strip(" \r")) for line, text in rows]
+    return number_block(file, texts, names=_names(fields, n_columns), separator=separator)

@@ -25,18 +25,20 @@ from metrosep.core.text_options import TextOptions
 from metrosep.core.units import Unit, likely_meaning, parse_sensitivity, parse_unit
 from metrosep.io.source import RawFile
 from metrosep.io.text._rows import Body, Ledger, bad_field, marker_of, refuse_quotes
-from metrosep.io.text._table_layout import Layout, find_layout, unmeasured_rows
 from metrosep.io.text.dialect import (
     MISSING,
+    Layout,
     bare_unit,
     decode,
     encoding_hint,
     find_column,
+    find_layout,
     header_unit,
     is_comment,
     is_number,
     n_used,
     split_header,
+    unmeasured_rows,
 )
 
 __all__ = [

@@ -275,8 +275,7 @@ def _warnings(
                 f"the last row is at {last:g} s and the header declares {declared:g} s; the file may be "
                 "cut off"
             )
-    if lines[-1]:
-        warnings.append("the file does not end with a line end; its last row may be cut off")
+    warnings += file.cut_text()
     return tuple(warnings)
 
 

@@ -25,13 +25,17 @@ from metrosep.separation.maps._map_input import (
     mirrored_trials,
     noise_of,
     orders_of,
-    residual_doubts,
+    residual_warnings,
     smoothness,
     solve_order,
     turned,
     without_plane,
 )
-from metrosep.separation.maps.registration import extended, map_gradient
+from metrosep.separation.maps.registration import (
+    extended,
+    map_gradient,
+    registration_spread,
+)
 
 _BETTER = 0.5
 _COARSE = 64
@@ -54,7 +58,7 @@ class FlatResult:
     coordinates: dict[str, FloatArray] = field(default_factory=dict)  # to ndarray: beside x and y
     messages: tuple[str, ...] = ()  # what is to be said
     audit: dict[str, object] = field(default_factory=dict)  # plain values
-    # that the residual is no noise; said where nothing explains it better
+    # that the residual is not noise; said where nothing explains it better
     unexplained: tuple[str, ...] = ()
 
 
@@ -77,12 +81,12 @@ def by_pixels(
     noise = noise_of(residual, freedom, u_reading)
 
     def linear(one: FloatArray) -> FloatArray:
-        return np.stack([without_plane(z, grid, removed=removed) for z in solver.parts(one, grid)])
+        return without_plane(solver.parts(one, grid), grid, removed=removed)
 
     share = registration_of_flats(linear, found, solver.setups, grid, solver.flip, u_shift)
     u = np.sqrt(noise.value**2 * variance + share**2)
     u = np.where(np.isfinite(found), u, np.nan)
-    odd = residual_doubts(residual, stack, expected=smooth)
+    odd = residual_warnings(residual, stack, expected=smooth)
     if solver.n > 1:
         return FlatResult(dict(zip(FLATS, found, strict=True)),
                           dict(zip(FLATS, u, strict=True)), noise, unexplained=odd)  # fmt: skip
@@ -166,22 +170,22 @@ def registration_of_flats(
     grid: MapGrid,
     flip: str,
     u_shift: FloatArray,
-) -> FloatArray:
+) -> FloatArray | float:
     """Return the standard uncertainty of A, B, C from the registration of the readings."""
-    total = np.zeros(found.shape)
-    for i, item in enumerate(setups):
-        if not u_shift[i].any():
-            continue
-        first, second = facing(found, item, grid, flip)
-        slopes = map_gradient(first if item.turn_first else second, grid)
-        for slope, u in zip(slopes, u_shift[i], strict=True):
-            one = np.zeros((len(setups), *grid.shape))
-            one[i] = extended(slope) * u
-            total = total + linear(one) ** 2
-    return np.sqrt(total)
+
+    def effects() -> Iterator[tuple[int, FloatArray]]:
+        for i, item in enumerate(setups):
+            if u_shift[i].any():
+                first, second = facing(found, item, grid, flip)
+                slopes = map_gradient(first if item.turn_first else second, grid)
+                yield from ((i, extended(s) * u) for s, u in zip(slopes, u_shift[i], strict=True))
+
+    return registration_spread(linear, len(setups), effects())
 
 
-def doubts_of_flats(solver: FlatPixelSolver, stack: FloatArray, grid: MapGrid) -> tuple[str, ...]:
+def warnings_of_flats(
+    solver: FlatPixelSolver, stack: FloatArray, grid: MapGrid
+) -> tuple[str, ...]:
     """Return which reading would fit much better if it were mirrored or turned the other way."""
     small, small_grid = coarse(stack, grid, _COARSE)
 
@@ -278,7 +282,7 @@ def undescribed(residual: FloatArray, stack: FloatArray) -> tuple[str, ...]:
         return ()
     text = (
         f"the readings hold {whole * 1e9:.3g} nm RMS that these Zernike terms do not describe and "
-        "that is no noise; it counts as noise here, and method='pixel' would keep it. If the flats "
+        "that is not noise; it counts as noise here, and method='pixel' would keep it. If the flats "
         "have no such waves, check the set-up: which flat was turned, angles, order of the readings"
     )
     return (text,)
@@ -392,7 +396,7 @@ class FlatPixelSolver:
         """Return parts, their variance, the residual of the readings, its freedom and smoothness."""
         parts = self.parts(stack, grid)
         variance = TurnedNoise(grid, self.n, self.flip).variance(self.direct, self.mirrored)
-        parts = np.stack([without_plane(z, grid, removed=removed) for z in parts])
+        parts = without_plane(parts, grid, removed=removed)
         residual = self.residual(stack, grid, removed)
         measured = float(np.isfinite(residual).all(axis=0).sum())
         if self.n in (1, 2, 4):
@@ -411,8 +415,8 @@ class FlatPixelSolver:
         out = []
         for z, item in zip(stack, self.setups, strict=True):
             first, second = facing(least, item, grid, self.flip)
-            out.append(without_plane(z - first - second, grid, removed=removed))
-        return np.stack(out)
+            out.append(z - first - second)
+        return without_plane(np.stack(out), grid, removed=removed)
 
 
 # ---- three flats in a Zernike basis: one least-squares system for each angular order -----------

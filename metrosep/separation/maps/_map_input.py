@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import ComplexArray, FloatArray, IntArray, as_float
+from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.numbers import not_negative, positive, real
 from metrosep.core.provenance import Step
@@ -54,7 +55,6 @@ class MapMethod(SeparationMethod):
     dx: float | None
     dy: float | None
 
-    @abstractmethod
     def separate(
         self,
         readings: ArrayLike,
@@ -88,6 +88,26 @@ class MapMethod(SeparationMethod):
         DegenerateFitError
             If the pixels do not determine the Zernike terms of a method that uses them.
         """
+        stack, grid, own = self._read(readings, self._names())
+        u_reading = checked_u(u_reading, "u_reading")
+        common = require_overlap(stack, self.name)
+        with one_blas_thread():
+            return self._separated(stack, grid, common, u_reading, (*own, *history))
+
+    @abstractmethod
+    def _names(self) -> Sequence[str]:
+        """Return what each reading is called."""
+
+    @abstractmethod
+    def _separated(
+        self,
+        stack: FloatArray,
+        grid: MapGrid,
+        common: NDArray[np.bool_],
+        u_reading: float | None,
+        history: tuple[Step, ...],
+    ) -> Separation:
+        """Return the parts of checked maps; `common` are the pixels that all have measured."""
 
     def _read(
         self, readings: Sequence[ArrayLike | Surface] | ArrayLike, names: Sequence[str]
@@ -466,7 +486,9 @@ def without_plane(
     removed: Sequence[str] = RIGID,
     mask: NDArray[np.bool_] | None = None,
 ) -> FloatArray:
-    """Return a map minus its least-squares piston, tilt or power."""
+    """Return a map, or each map of a stack, minus its least-squares piston, tilt or power."""
+    if z.ndim == 3:
+        return np.stack([without_plane(one, grid, removed=removed, mask=mask) for one in z])
     valid = np.isfinite(z) if mask is None else mask & np.isfinite(z)
     if valid.sum() < 6:
         return np.full(z.shape, np.nan)
@@ -815,10 +837,10 @@ def smoothness(residual: FloatArray) -> float:
     return math.sqrt(float(np.mean(known**2))) / rough if rough > 0.0 else math.inf
 
 
-def residual_doubts(
+def residual_warnings(
     residual: FloatArray, readings: FloatArray, *, expected: float = 1.0
 ) -> tuple[str, ...]:
-    """Say that the residual is no noise: neighbours resemble each other more than noise would."""
+    """Say that the residual is not noise: neighbours resemble each other more than noise would."""
     known = residual[np.isfinite(residual)]
     read = readings[np.isfinite(readings)]
     if known.size < 200 or read.size == 0:
@@ -836,7 +858,7 @@ def residual_doubts(
     return (text,)
 
 
-def unit_doubts(
+def unit_warnings(
     stack: FloatArray, grid: MapGrid, angles: FloatArray | None = None
 ) -> tuple[str, ...]:
     """Say that heights, steps or angles look as if they were in other units."""

@@ -237,7 +237,7 @@ class Pieces:
     line: bool  # whether they are profiles
     history: tuple[Step, ...] = ()  # of all of them
     calibrated: bool = True  # whether steps and positions are in m
-    doubts: tuple[str, ...] = ()  # units that look wrong
+    warnings: tuple[str, ...] = ()  # units that look wrong
     known: FloatArray | None = None  # shape (n_y, n_x), m: reference that was subtracted
 
     def __len__(self) -> int:
@@ -280,8 +280,8 @@ def pieces_of(
     _sane(corners, turns, arrays, step_x, step_y, calibrated=calibrated)
     history = tuple(s for i in items if own_steps for s in i.history)
     values = tuple(np.atleast_2d(a) for a in arrays)
-    doubts = _unit_doubts(values, step_x, step_y) if calibrated else ()
-    return Pieces(values, corners, turns, step_x, step_y, line, history, calibrated, doubts)
+    warnings = _unit_warnings(values, step_x, step_y) if calibrated else ()
+    return Pieces(values, corners, turns, step_x, step_y, line, history, calibrated, warnings)
 
 
 def _input_listed(maps: Any) -> list[Any]:
@@ -398,7 +398,7 @@ def _sane(
         )
 
 
-def _unit_doubts(values: tuple[FloatArray, ...], dx: float, dy: float) -> tuple[str, ...]:
+def _unit_warnings(values: tuple[FloatArray, ...], dx: float, dy: float) -> tuple[str, ...]:
     out = []
     if max(dx, dy) > _LARGEST_STEP:
         out.append(f"the lateral step is {max(dx, dy):.3g} m; is it in m? 10 um is 1e-5")

@@ -57,7 +57,7 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """What a model of the readings gives: parts, their u, windows without freedoms, words."""
+    """What a model of the readings gives: parts, their u, windows without freedoms, messages."""
 
     surface: FloatArray
     u_surface: FloatArray

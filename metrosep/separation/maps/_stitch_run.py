@@ -68,10 +68,10 @@ def _result(
     if not bad:
         bad, shown = outlying_pairs(residuals, floor, settings.u_reading), residuals
     _refuse_mirrored(pieces, problem, residuals, bad)
-    messages = [*pieces.doubts, *extra.pop("messages", ()), *s.messages]
-    messages += _outlier_words(problem, shown, bad)
+    messages = [*pieces.warnings, *extra.pop("messages", ()), *s.messages]
+    messages += _outlier_messages(problem, shown, bad)
     stated = settings.u_reading
-    messages += setup_doubts(
+    messages += setup_warnings(
         pieces,
         problem,
         s.fitted,
@@ -178,28 +178,28 @@ def _refuse_mirrored(
         )
 
 
-def _outlier_words(problem: Problem, residuals: FloatArray, bad: list[int]) -> list[str]:
+def _outlier_messages(problem: Problem, residuals: FloatArray, bad: list[int]) -> list[str]:
     if not bad:
         return []
     median = float(np.median(residuals))
-    words = [
+    messages = [
         f"overlap of {problem.overlaps[k].i + 1} and {problem.overlaps[k].j + 1}: mismatch "
         f"{residuals[k] * 1e9:.3g} nm, the median of all is {median * 1e9:.3g} nm"
         for k in bad[:6]
     ]
     if len(bad) > 6:
-        words.append(f"{len(bad) - 6} further overlaps do not fit")
+        messages.append(f"{len(bad) - 6} further overlaps do not fit")
     counts: dict[int, int] = {}
     for k in bad:
         for i in (problem.overlaps[k].i, problem.overlaps[k].j):
             counts[i] = counts.get(i, 0) + 1
     worst = max(counts, key=lambda i: counts[i])
     if counts[worst] > 1:
-        words.append(
+        messages.append(
             f"sub-aperture {worst + 1} is in {counts[worst]} of these: its position, its measurement "
             'or the part changed; registration="fit" finds a lateral shift'
         )
-    return words
+    return messages
 
 
 # ---- overlaps that disagree by more than noise: is it shown, and which other set-up would fit ----
@@ -244,7 +244,7 @@ _TURNS = {
 }
 
 
-def setup_doubts(
+def setup_warnings(
     pieces: Pieces,
     problem: Problem,
     fitted: list[FloatArray],

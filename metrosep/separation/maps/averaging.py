@@ -19,16 +19,16 @@ from metrosep.core.surface import Surface
 from metrosep.separation._methods import described_by
 from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.maps._map_input import (
+    MapGrid,
     MapMethod,
     checked_removed,
-    checked_u,
     map_separation,
     map_stack,
     noise_of,
     require_overlap,
     rigid_terms,
     stored_in_si,
-    unit_doubts,
+    unit_warnings,
     without_plane,
 )
 
@@ -100,8 +100,8 @@ def ball_average(
     )
     checked_removed(removed)
     common = require_overlap(stack, "ball_average")
-    units = unit_doubts(stack, grid)
-    stack = np.stack([without_plane(z, grid, removed=removed, mask=common) for z in stack])
+    units = unit_warnings(stack, grid)
+    stack = without_plane(stack, grid, removed=removed, mask=common)
     stack[:, ~common] = np.nan
     n = stack.shape[0]
     tau, lags = _repetition(stack[:, common]) if correlated else (1.0, 0)
@@ -192,26 +192,25 @@ class ThreePositions(MapMethod):
         )  # fmt: skip
         return (even, *rigid_terms((*self.truth_parts, *self.error_parts), self.removed))
 
-    def separate(
+    def _names(self) -> tuple[str, ...]:
+        return ("0 deg", "180 deg", "cat's eye")
+
+    def _separated(
         self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
+        stack: FloatArray,
+        grid: MapGrid,
+        common: NDArray[np.bool_],
+        u_reading: float | None,
+        history: tuple[Step, ...],
     ) -> Separation:
-        stack, grid, own = self._read(readings, ("0 deg", "180 deg", "cat's eye"))
-        u_reading = checked_u(u_reading, "u_reading")
-        common = require_overlap(stack, self.name)
-        units = unit_doubts(stack, grid)
+        units = unit_warnings(stack, grid)
         common = common & common[::-1, ::-1]
         if common.sum() < 30:
             raise DataError(
                 f"{self.name}: only {int(common.sum())} pixels have a measured counterpart half a "
                 "turn away; centre the aperture in the map"
             )
-        stack = np.stack(
-            [without_plane(z, grid, removed=self.removed, mask=common) for z in stack]
-        )
+        stack = without_plane(stack, grid, removed=self.removed, mask=common)
         stack[:, ~common] = np.nan
         turned = _half_turn(stack)
         even, odd = (stack + turned) / 2.0, (stack - turned) / 2.0
@@ -233,7 +232,7 @@ class ThreePositions(MapMethod):
         }
         return map_separation(
             self.name, grid, parts, u, self.null_space(), noise, audit,
-            (*units, *_doubts(stack, common)), (*own, *history), {"removed": list(self.removed)},
+            (*units, *_warnings(stack, common)), history, {"removed": list(self.removed)},
         )  # fmt: skip
 
 
@@ -311,7 +310,7 @@ def _repetition(values: FloatArray) -> tuple[float, int]:
     return tau, used
 
 
-def _doubts(stack: FloatArray, common: NDArray[np.bool_]) -> tuple[str, ...]:
+def _warnings(stack: FloatArray, common: NDArray[np.bool_]) -> tuple[str, ...]:
     """Say that the reading at 180 degrees is that at 0 degrees."""
     size = float(np.sqrt(np.mean(stack[0][common] ** 2)))
     difference = float(np.sqrt(np.mean((stack[0] - stack[1])[common] ** 2)))

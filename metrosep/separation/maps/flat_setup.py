@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, DegenerateFitError, NotSeparableError
 from metrosep.core.numbers import choice, count, not_negative, positive
 from metrosep.core.provenance import Step
@@ -27,10 +26,10 @@ from metrosep.separation.maps._flat_result import (
     FlatZernikeSolver,
     by_pixels,
     by_terms,
-    doubts_of_flats,
     facing,
     hidden_orders,
     of_terms,
+    warnings_of_flats,
     zernike_terms_of,
 )
 from metrosep.separation.maps._map_input import (
@@ -39,15 +38,13 @@ from metrosep.separation.maps._map_input import (
     MapMethod,
     checked_angles,
     checked_removed,
-    checked_u,
     common_step,
     map_separation,
     mirror,
-    require_overlap,
     require_scale,
     rigid_terms,
     stored_in_si,
-    unit_doubts,
+    unit_warnings,
     without_plane,
 )
 
@@ -128,7 +125,7 @@ class ThreeFlat(MapMethod):
         angles = checked_angles(self.angles, n, self.name) if n else np.zeros(0)
         if angles.size and np.abs(np.exp(1j * angles) - 1.0).min() < 1e-6:
             raise NotSeparableError(
-                f"{self.name}: a turned reading has the angle 0, which says nothing new; give the "
+                f"{self.name}: a turned reading has the angle 0, which adds nothing; give the "
                 "angle by which the flat was turned"
             )
         object.__setattr__(self, "angles", tuple(angles.tolist()))
@@ -159,7 +156,9 @@ class ThreeFlat(MapMethod):
         return np.stack([sum(facing(maps, s, grid, self.flip)) for s in self.setups()])
 
     def correct(self, readings: ArrayLike) -> FloatArray:
-        return self._stack(readings)[0]
+        stack, grid, _ = self._read(readings, self._names())
+        self._require_middle(grid)
+        return stack
 
     def setups(self) -> tuple[FlatSetup, ...]:
         """Return which flats face each other in each reading.
@@ -189,32 +188,28 @@ class ThreeFlat(MapMethod):
         )
         return terms + aligned
 
-    def separate(
+    def _separated(
         self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
+        stack: FloatArray,
+        grid: MapGrid,
+        common: NDArray[np.bool_],
+        u_reading: float | None,
+        history: tuple[Step, ...],
     ) -> Separation:
-        stack, grid, own = self._stack(readings)
-        u_reading = checked_u(u_reading, "u_reading")
+        self._require_middle(grid)
         require_scale(grid, self._shifts(), self.name)
-        common = require_overlap(stack, self.name)
-        planar = np.stack(
-            [without_plane(z, grid, removed=self.removed, mask=common) for z in stack]
-        )
-        with one_blas_thread():
-            known: dict[str, Any] = {"u_reading": u_reading, "u_shift": self._shifts()}
-            if self._chosen() == "pixel":
-                found = by_pixels(self._pixels(), planar, grid, removed=self.removed, **known)
-            elif self.method == "iterative":
-                found = by_iteration(self._zernike(), planar, grid, radius=self.radius, **known)
-            else:
-                solver = self._zernike()
-                basis = DiscBasis(grid, common, solver.nm, self.radius)
-                found = by_terms(solver, basis, planar, grid, **known)
-            on_pixels = self._n() is not None
-            doubts = doubts_of_flats(self._pixels(), planar, grid) if on_pixels else ()
+        planar = without_plane(stack, grid, removed=self.removed, mask=common)
+        known: dict[str, Any] = {"u_reading": u_reading, "u_shift": self._shifts()}
+        if self._chosen() == "pixel":
+            found = by_pixels(self._pixels(), planar, grid, removed=self.removed, **known)
+        elif self.method == "iterative":
+            found = by_iteration(self._zernike(), planar, grid, radius=self.radius, **known)
+        else:
+            solver = self._zernike()
+            basis = DiscBasis(grid, common, solver.nm, self.radius)
+            found = by_terms(solver, basis, planar, grid, **known)
+        on_pixels = self._n() is not None
+        warnings = warnings_of_flats(self._pixels(), planar, grid) if on_pixels else ()
         audit = {
             "method": self._chosen(),
             "readings": [s.pair for s in self.setups()],
@@ -226,16 +221,17 @@ class ThreeFlat(MapMethod):
             "u_registration_um": (self._shifts() * 1e6).tolist(),
             **found.audit,
         }
-        units = unit_doubts(stack, grid, np.array(self.angles))
+        units = unit_warnings(stack, grid, np.array(self.angles))
         return map_separation(
             self.name, grid, found.parts, found.u, self.null_space(), found.noise, audit,
-            (*found.messages, *units, *(doubts or found.unexplained)), (*own, *history),
+            (*found.messages, *units, *(warnings or found.unexplained)), history,
             {"angles_rad": list(self.angles)}, found.coordinates,
         )  # fmt: skip
 
-    def _stack(self, readings: ArrayLike) -> tuple[FloatArray, MapGrid, tuple[Step, ...]]:
-        names = [s.pair + " turned" * (i > 2) for i, s in enumerate(self.setups())]
-        stack, grid, history = self._read(readings, names)
+    def _names(self) -> list[str]:
+        return [s.pair + " turned" * (i > 2) for i, s in enumerate(self.setups())]
+
+    def _require_middle(self, grid: MapGrid) -> None:
         middle = (grid.x[0] + grid.x[-1], grid.y[0] + grid.y[-1])
         across, step = (middle[0], grid.dx) if self.flip == "x" else (middle[1], grid.dy)
         if abs(across) > 1e-6 * step:
@@ -243,7 +239,6 @@ class ThreeFlat(MapMethod):
                 f"{self.name}: the centre must lie in the middle of the map along {self.flip}, the "
                 f"mirrored coordinate; crop the maps by {abs(across) / step:.3g} pixels"
             )
-        return stack, grid, history
 
     def _n(self) -> int | None:
         return common_step(np.array([0.0, *self.angles]))

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, DegenerateFitError, NotSeparableError
 from metrosep.core.numbers import count, not_negative, positive, real
 from metrosep.core.provenance import Step
@@ -25,13 +24,12 @@ from metrosep.separation.maps._map_input import (
     MapGrid,
     MapMethod,
     checked_angles,
-    checked_u,
     map_separation,
     noise_of,
     require_overlap,
     rigid_terms,
     stored_in_si,
-    unit_doubts,
+    unit_warnings,
 )
 
 __all__ = ["ShiftRotation", "shift_rotation"]
@@ -145,19 +143,8 @@ class ShiftRotation(MapMethod):
         power = (Unobservable(p, "term", ("defocus",), _POWER) for p in ("part", "instrument"))
         return (*aligned, *power)
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
-    ) -> Separation:
-        names = [f"map {i + 1}" for i in range(len(self.angles))]
-        stack, grid, own = self._read(readings, names)
-        u_reading = checked_u(u_reading, "u_reading")
-        basis = self._basis(grid, require_overlap(stack, self.name))
-        with one_blas_thread():
-            return self._separated(stack, basis, grid, u_reading, (*own, *history))
+    def _names(self) -> list[str]:
+        return [f"map {i + 1}" for i in range(len(self.angles))]
 
     def _basis(self, grid: MapGrid, mask: NDArray[np.bool_]) -> DiscBasis:
         return DiscBasis(grid, mask, zernike_terms_of(self.terms, "ansi"))
@@ -180,11 +167,12 @@ class ShiftRotation(MapMethod):
     def _separated(
         self,
         stack: FloatArray,
-        basis: DiscBasis,
         grid: MapGrid,
+        common: NDArray[np.bool_],
         u_reading: float | None,
         history: tuple[Step, ...],
     ) -> Separation:
+        basis = self._basis(grid, common)
         n, p = len(self.angles), len(basis.nm)
         free = [k for k, nm in enumerate(basis.nm) if nm not in _RIGID]
         size = 2 * len(free) + 3 * n
@@ -231,7 +219,7 @@ class ShiftRotation(MapMethod):
                 for j, ok, g in zip(free, seen, gain, strict=True)
                 if not ok
             ]
-        messages = unit_doubts(stack, grid, np.array(self.angles))
+        messages = unit_warnings(stack, grid, np.array(self.angles))
         weak = {k: [t for t, _ in v if t != "defocus"] for k, v in hidden.items()}
         if any(weak.values()):
             text = "; ".join(f"{k}: {', '.join(v)}" for k, v in weak.items() if v)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,6 @@ from metrosep.core.errors import (
 from metrosep.core.numbers import not_negative
 from metrosep.core.surface import Surface
 from metrosep.separation.maps._map_input import (
-    RIGID,
     MapGrid,
     checked_u,
     coarse,
@@ -123,7 +122,7 @@ def register_maps(
         raise DataError(
             f"register_maps: the start angle {start[2]} rad is more than a turn; it looks like degrees"
         )
-    stack = np.stack([without_plane(z, grid) for z in stack])
+    stack = without_plane(stack, grid)
     first = np.array(start, dtype=np.float64)
     p = _coarse_shift(stack, first, grid)
     free = np.array([True, True, rotation])
@@ -152,7 +151,7 @@ def register_maps(
         "rms_nm": rms * 1e9,
         "smoothing_of_slopes_pixels": end.smoothing,
     }
-    messages = _doubts(stack, rms, form, p, grid, free)
+    messages = _warnings(stack, rms, form, p, grid, free)
     x, y, angle = (float(v) for v in end.p)
     return Registration(x, y, angle, cov, rms, grid.centre, messages, MappingProxyType(audit))
 
@@ -383,7 +382,7 @@ def _solved(at: _Linearised, free: NDArray[np.bool_]) -> FloatArray:
 def _left(
     stack: FloatArray, end: _Rest, grid: MapGrid, free: NDArray[np.bool_]
 ) -> tuple[float, float]:
-    """Return the RMS of what parameters leave of the difference, and of its share that is no noise."""
+    """Return the RMS of what parameters leave of the difference, and of its share that is not noise."""
     at = _linearised(stack, end.p, grid, free, smoothing=end.smoothing)
     found = _solved(at, free)
     square = float(np.mean((at.rest - at.design @ found) ** 2))
@@ -403,7 +402,7 @@ def _mirrored_left(
         return math.inf
 
 
-def _doubts(
+def _warnings(
     stack: FloatArray,
     rms: float,
     form: float,
@@ -411,7 +410,7 @@ def _doubts(
     grid: MapGrid,
     free: NDArray[np.bool_],
 ) -> tuple[str, ...]:
-    """Say that much is left that is no noise, and whether a mirrored map would fit much better."""
+    """Say that much is left that is not noise, and whether a mirrored map would fit much better."""
     size = math.sqrt(float(np.nanmean(stack[0] ** 2)))
     if form < 0.3 * size:
         return ()
@@ -572,10 +571,6 @@ _SMOOTHING = 1.0
 _REACH = 4
 
 
-class _Linear(Protocol):
-    def parts(self, stack: FloatArray, grid: MapGrid) -> FloatArray: ...
-
-
 def map_gradient(
     z: FloatArray, grid: MapGrid, *, smoothing: float = _SMOOTHING
 ) -> tuple[FloatArray, FloatArray]:
@@ -592,9 +587,9 @@ def map_gradient(
         a, b, c = m20 - m10**2 / m00, m11 - m10 * m01 / m00, m02 - m01**2 / m00
         p, q = z10 - m10 * z00 / m00, z01 - m01 * z00 / m00
         determinant = a * c - b**2
-        told = valid & (determinant > 1e-3 * smoothing**4 * m00**2)
-        gx = np.where(told, (c * p - b * q) / determinant / grid.dx, 0.0)
-        gy = np.where(told, (a * q - b * p) / determinant / grid.dy, 0.0)
+        shown = valid & (determinant > 1e-3 * smoothing**4 * m00**2)
+        gx = np.where(shown, (c * p - b * q) / determinant / grid.dx, 0.0)
+        gy = np.where(shown, (a * q - b * p) / determinant / grid.dy, 0.0)
     return np.where(valid, gx, np.nan), np.where(valid, gy, np.nan)
 
 
@@ -622,34 +617,18 @@ def extended(field: FloatArray) -> FloatArray:
     return np.asarray(field[tuple(nearest)])
 
 
-def registration_share(
-    solver: _Linear,
-    part: FloatArray,
-    angles: FloatArray,
-    grid: MapGrid,
-    u_shift: float,
-    u_angle: float,
-    *,
-    unseparated: FloatArray | float = 0.0,
-    removed: Sequence[str] = RIGID,
-) -> FloatArray:
-    """Return the standard uncertainty of each part from centring and angles."""
-    total: FloatArray | None = None
-    known = np.isfinite(part)
-    for i, angle in enumerate(angles):
-        moved = turned(part[None], float(angle), grid)[0][0] + unseparated
-        gx, gy = (extended(g) for g in map_gradient(moved, grid))
-        fields = [(gx, u_shift), (gy, u_shift), (grid.x * gy - grid.y[:, None] * gx, u_angle)]
-        for effect, u in fields:
-            if u == 0.0:
-                continue
-            stack = np.zeros((angles.size, *grid.shape))
-            stack[i] = effect * u
-            found = solver.parts(stack, grid)
-            square = np.stack(
-                [without_plane(z, grid, removed=removed, mask=known) ** 2 for z in found]
-            )
-            total = square if total is None else total + square
-    if total is None:
-        return np.zeros((1, *grid.shape))
+def registration_spread(
+    linear: Callable[[FloatArray], FloatArray],
+    n_readings: int,
+    effects: Iterable[tuple[int, FloatArray]],
+) -> FloatArray | float:
+    """Return the standard uncertainty of what a linear operation makes of n readings.
+
+    Each effect is the change of one reading for one standard uncertainty of its position.
+    """
+    total: FloatArray | float = 0.0
+    for i, change in effects:
+        stack = np.zeros((n_readings, *change.shape))
+        stack[i] = change
+        total = total + linear(stack) ** 2
     return np.sqrt(total)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, ClassVar, cast
@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import ComplexArray, FloatArray
-from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, NotSeparableError
 from metrosep.core.numbers import not_negative, positive
 from metrosep.core.provenance import Step
@@ -27,7 +26,6 @@ from metrosep.separation.maps._map_input import (
     TurnedNoise,
     checked_angles,
     checked_removed,
-    checked_u,
     class_share,
     coarse,
     combined,
@@ -37,18 +35,21 @@ from metrosep.separation.maps._map_input import (
     mirrored_trials,
     noise_of,
     orders_of,
-    require_overlap,
     require_scale,
-    residual_doubts,
+    residual_warnings,
     rigid_terms,
     smoothness,
     solve_order,
     stored_in_si,
     turned,
-    unit_doubts,
+    unit_warnings,
     without_plane,
 )
-from metrosep.separation.maps.registration import registration_share
+from metrosep.separation.maps.registration import (
+    extended,
+    map_gradient,
+    registration_spread,
+)
 
 __all__ = ["RotationTest", "rotation_average"]
 
@@ -136,31 +137,19 @@ class RotationTest(MapMethod):
         )
         return orders + rigid_terms(("part", "instrument"), self.removed)
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
-    ) -> Separation:
-        names = [f"map {i + 1}" for i in range(len(self.angles))]
-        stack, grid, own = self._read(readings, names)
-        u_reading = checked_u(u_reading, "u_reading")
-        require_scale(grid, self.u_registration, self.name)
-        common = require_overlap(stack, self.name)
-        stack = np.stack(
-            [without_plane(z, grid, removed=self.removed, mask=common) for z in stack]
-        )
-        with one_blas_thread():
-            return self._separated(stack, grid, u_reading, (*own, *history))
+    def _names(self) -> list[str]:
+        return [f"map {i + 1}" for i in range(len(self.angles))]
 
     def _separated(
         self,
         stack: FloatArray,
         grid: MapGrid,
+        common: NDArray[np.bool_],
         u_reading: float | None,
         history: tuple[Step, ...],
     ) -> Separation:
+        require_scale(grid, self.u_registration, self.name)
+        stack = without_plane(stack, grid, removed=self.removed, mask=common)
         angles = np.array(self.angles)
         solver = RotationSolver(angles, self.largest_gain)
         solution = solver.solve(stack, grid, removed=self.removed)
@@ -179,17 +168,21 @@ class RotationTest(MapMethod):
         }
         if self.u_registration > 0.0 or self.u_angle > 0.0:
             # the unseparated sum may be the part's: its slopes count wholly, an upper bound
-            shares = registration_share(
-                solver, part, angles, grid, self.u_registration, self.u_angle,
-                unseparated=solution.parts[2], removed=self.removed,
-            )  # fmt: skip
+            known = np.isfinite(part)
+
+            def linear(readings: FloatArray) -> FloatArray:
+                found = solver.parts(readings, grid)
+                return without_plane(found, grid, removed=self.removed, mask=known)
+
+            whole = self._effects(part, solution.parts[2], grid)
+            shares = np.asarray(registration_spread(linear, angles.size, whole))
             for name, share in zip(("instrument", "part", "unseparated"), shares, strict=True):
                 both = np.hypot(u_maps[name], share)
                 u_maps[name] = np.where(np.isfinite(named[name]), both, np.nan)
-        messages = doubts_of_rotations(stack, angles, grid, self.largest_gain)
+        messages = warnings_of_rotations(stack, angles, grid, self.largest_gain)
         if not messages:
-            messages = residual_doubts(solution.residual, stack, expected=solution.smoothness)
-        messages = (*unit_doubts(stack, grid, angles), *messages, *lost_pixels(stack, part))
+            messages = residual_warnings(solution.residual, stack, expected=solution.smoothness)
+        messages = (*unit_warnings(stack, grid, angles), *messages, *lost_pixels(stack, part))
         audit = {
             "angles_deg": [math.degrees(a) for a in self.angles],
             "method": "pixels, classes of angular orders" if solver.n else "circles",
@@ -204,6 +197,19 @@ class RotationTest(MapMethod):
             self.name, grid, named, u_maps, self.null_space(), noise, audit, messages, history,
             {"angles_rad": list(self.angles)},
         )  # fmt: skip
+
+    def _effects(
+        self, part: FloatArray, unseparated: FloatArray, grid: MapGrid
+    ) -> Iterator[tuple[int, FloatArray]]:
+        """Yield what centring and angle of each reading change in it: gradient times shift."""
+        for i, angle in enumerate(self.angles):
+            moved = turned(part[None], angle, grid)[0][0] + unseparated
+            gx, gy = (extended(g) for g in map_gradient(moved, grid))
+            if self.u_registration > 0.0:
+                yield i, gx * self.u_registration
+                yield i, gy * self.u_registration
+            if self.u_angle > 0.0:
+                yield i, (grid.x * gy - grid.y[:, None] * gx) * self.u_angle
 
 
 @described_by(RotationTest, RotationTest.separate)
@@ -266,7 +272,7 @@ def rotation_average(
     return method.separate(maps, u_reading=u_reading)
 
 
-# ---- doubts about maps that a separation can raise itself: mirrored maps, angles of the other sign ----
+# ---- warnings about maps that a separation can raise itself: mirrored maps, angles of the other sign ----
 
 _COARSE = 64
 _BETTER = 0.5
@@ -275,7 +281,7 @@ _RIM = 9.0
 _MUCH = 0.02
 
 
-def doubts_of_rotations(
+def warnings_of_rotations(
     stack: FloatArray, angles: FloatArray, grid: MapGrid, largest_gain: float
 ) -> tuple[str, ...]:
     """Return what would explain the readings much better: other signs, a mirrored map."""
@@ -446,17 +452,17 @@ class RotationSolver:
         self, stack: FloatArray, grid: MapGrid, removed: Sequence[str]
     ) -> tuple[FloatArray, FloatArray, bool]:
         parts = self._parts_in_first(stack, grid)
-        parts = np.stack([without_plane(z, grid, removed=removed) for z in parts])
+        parts = without_plane(parts, grid, removed=removed)
         residual, exact = [], True
         for z, angle in zip(stack, self.angles, strict=True):
             moved, share = turned(parts[1:2], float(angle), grid)
             exact = exact and share == 1.0
             rest = z - parts[0] - moved[0] - parts[2]
-            residual.append(without_plane(rest, grid, removed=removed))
+            residual.append(rest)
         at_zero = self._at_zero(parts, stack, grid)
         if at_zero is not parts:
             at_zero[1] = without_plane(at_zero[1], grid, removed=removed)
-        return at_zero, np.stack(residual), exact
+        return at_zero, without_plane(np.stack(residual), grid, removed=removed), exact
 
 
 @lru_cache(maxsize=32)

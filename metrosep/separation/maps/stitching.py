@@ -15,7 +15,7 @@ from metrosep.core.errors import DataError, DegenerateFitError, NotConvergedErro
 from metrosep.core.numbers import choice, count
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
-from metrosep.separation._readings import as_numbers
+from metrosep.separation._readings import as_numbers, known_parts, part_of
 from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 from metrosep.separation.maps._map_input import checked_u
 from metrosep.separation.maps._stitch_grid import (
@@ -157,16 +157,18 @@ def stitch(
         pieces, found = registered(pieces, kinds)
         extra.update(found)
     if not pieces.calibrated:
-        extra["messages"] = (
-            *tuple(extra.get("messages", ())),  # type: ignore[arg-type]
-            "no lateral step is known: positions are in pixels",
-        )
+        extra["messages"] = ("no lateral step is known: positions are in pixels",)
     return run(pieces, settings, extra)
 
 
 @dataclass(frozen=True, slots=True)
 class Stitching(SeparationMethod):
     """Sub-apertures of one shape at known positions.
+
+    Readings (n, n_y, n_x) in m, one map for each position; NaN = not measured. Parts: ``surface`` on
+    the stitched grid and, where it is fitted, ``reference`` in the instrument's pixels, NaN where it is
+    not determined. Simulated sub-apertures lie on whole pixels, without noise and with freedoms of zero;
+    `correct` takes off the fitted reference. Positions that do not connect raise NotSeparableError.
 
     Parameters
     ----------
@@ -202,83 +204,20 @@ class Stitching(SeparationMethod):
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return what each sub-aperture reads, without noise and with freedoms of zero.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (grid), m
-            ``surface`` on the stitched grid.
-        errors : mapping of str to array_like, shape (n_y, n_x), m
-            ``reference`` in the instrument's pixels.
-
-        Returns
-        -------
-        ndarray, shape (n, n_y, n_x), m
-            Readings.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown, none is given, of another shape, or a position lies between
-            pixels.
-        """
-        unknown = [n for n in truth if n != "surface"] + [n for n in errors if n != "reference"]
-        if unknown or not (truth or errors):
-            raise DataError(
-                "stitch simulates the truth part 'surface' and the error part 'reference', got "
-                f"{[*truth, *errors]}"
-            )
-        layout = layout_of(self._pieces(np.zeros((len(self.positions), *self.shape))))
-        surface = np.asarray(truth.get("surface", np.zeros(layout.shape)), dtype=np.float64)
-        reference = np.asarray(errors.get("reference", np.zeros(self.shape)), dtype=np.float64)
-        if surface.shape != layout.shape or reference.shape != self.shape:
-            raise DataError(
-                f"stitch: the surface has the shape {surface.shape}, the stitched grid "
-                f"{layout.shape}; the reference {reference.shape}, the maps {self.shape}"
-            )
-        out = []
-        for p in layout.placed:
-            if p.valid.shape != self.shape:
-                raise DataError("stitch simulates sub-apertures that lie on whole pixels only")
-            out.append(surface[p.rows, p.columns] + reference)
-        return np.stack(out)
+        parts = known_parts(self, truth, errors)
+        empty = list(np.zeros((len(self.positions), *self.shape)))
+        layout = layout_of(pieces_of(empty, self.positions, None, self.dx, self.dy))
+        surface = part_of(parts, "surface", layout.shape, self.name)
+        reference = part_of(parts, "reference", self.shape, self.name)
+        if any(p.valid.shape != self.shape for p in layout.placed):
+            raise DataError("stitch simulates sub-apertures that lie on whole pixels only")
+        return np.stack([surface[p.rows, p.columns] + reference for p in layout.placed])
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what these positions leave open.
-
-        Returns
-        -------
-        tuple of Unobservable
-            The freedoms of the whole, and what a fitted reference exchanges with the surface.
-
-        Raises
-        ------
-        NotSeparableError
-            If the positions do not connect.
-        """
         readings = np.zeros((len(self.positions), *self.shape))
         return replace(self, draws=0).separate(readings, u_reading=0.0).null_space
 
     def separate(self, readings: ArrayLike, *, u_reading: float | None = None) -> Separation:
-        """Return surface and reference.
-
-        Parameters
-        ----------
-        readings : array_like, shape (n, n_y, n_x), m
-            One map for each position; NaN = not measured.
-        u_reading : float, m, optional
-            Standard uncertainty of one reading; from the overlaps if omitted.
-
-        Returns
-        -------
-        Separation
-            As `stitch` returns it.
-
-        Raises
-        ------
-        DataError, InvalidSamplesError, NotSeparableError
-            If the readings cannot be stitched.
-        """
         maps = _numbers(readings)
         if maps.ndim != 3 or maps.shape != (len(self.positions), *self.shape):
             raise DataError(
@@ -298,30 +237,8 @@ class Stitching(SeparationMethod):
         )
 
     def correct(self, readings: ArrayLike) -> FloatArray:
-        """Return the readings without the instrument's reference, where it is fitted.
-
-        Parameters
-        ----------
-        readings : array_like, shape (n, n_y, n_x), m
-            As for `separate`.
-
-        Returns
-        -------
-        ndarray, shape (n, n_y, n_x), m
-            NaN where the reference is not determined.
-
-        Raises
-        ------
-        DataError, InvalidSamplesError, NotSeparableError
-            If the readings cannot be stitched.
-        """
         maps = _numbers(readings)
-        if not self.fit_reference:
-            return maps
-        return np.asarray(maps - self.separate(maps).reference)
-
-    def _pieces(self, readings: FloatArray) -> Pieces:
-        return pieces_of(list(readings), self.positions, None, self.dx, self.dy)
+        return np.asarray(maps - self.separate(maps).reference) if self.fit_reference else maps
 
 
 def checked_freedoms(freedoms: Sequence[str]) -> tuple[str, ...]:

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import DataError, NotSeparableError
+from metrosep.core.numbers import choice
+from metrosep.core.quantity import Quantity
 
 __all__ = [
     "TERMS",
@@ -26,7 +28,10 @@ __all__ = [
     "Slopes",
     "lays_of",
     "moved_between",
+    "noise_of",
     "refuse_unknown",
+    "same_points",
+    "shares_of_passes",
 ]
 
 Slopes = Literal["free", "common", "none"]
@@ -68,10 +73,20 @@ class Lay:
 
 def refuse_unknown(slopes: str, repeats: str) -> None:
     """Refuse what is no kind of slopes or repeats."""
-    if slopes not in TERMS:
-        raise DataError(f"slopes is 'free', 'common' or 'none', got {slopes!r}")
-    if repeats not in get_args(Repeats):
-        raise DataError(f"repeats is 'relaid' or 'passes', got {repeats!r}")
+    choice(slopes, "slopes", TERMS)
+    choice(repeats, "repeats", get_args(Repeats))
+
+
+def noise_of(squares: float, dof: int, u_reading: float | None, source: str) -> Quantity:
+    """Return the noise of a reading from what the model leaves; as stated without redundancy."""
+    text = "standard deviation of one reading"
+    if dof > 0:
+        s = math.sqrt(squares / dof)
+        u = s / math.sqrt(2.0 * dof)
+        return Quantity(s, "m", f"{text}, from the {source}", u=u, symbol="s")
+    if u_reading is None:
+        return Quantity(math.nan, "m", f"{text}; not known", symbol="s")
+    return Quantity(u_reading, "m", f"{text}, as stated", symbol="s")
 
 
 def moved_between(squares: float, dof: int, share: float, share_dof: int) -> bool:
@@ -87,14 +102,16 @@ def lays_of(sets: list[FloatArray], relaid: bool) -> list[Lay]:
     """Return the lays of both directions; repeats laid anew are grouped by the points they read."""
     if not relaid:
         return [Lay(way, values, False) for way, values in enumerate(sets)]
-    out = []
-    for way, values in enumerate(sets):
-        groups: dict[bytes, list[int]] = {}
-        for i, z in enumerate(values):
-            if not np.isnan(z).all():
-                groups.setdefault(np.isnan(z).tobytes(), []).append(i)
-        out += [Lay(way, values[rows], True) for rows in groups.values()]
-    return out
+    return [Lay(way, z, True) for way, values in enumerate(sets) for z in same_points(values)]
+
+
+def same_points(values: FloatArray) -> list[FloatArray]:
+    """Return repeats by groups that read the same points; those that read none are left out."""
+    groups: dict[bytes, list[int]] = {}
+    for i, z in enumerate(values):
+        if not np.isnan(z).all():
+            groups.setdefault(np.isnan(z).tobytes(), []).append(i)
+    return [values[rows] for rows in groups.values()]
 
 
 class Joined:
@@ -144,8 +161,9 @@ class Joined:
         extra = shapes - orthonormal @ (orthonormal.T @ shapes)
         lost = np.zeros(used.shape, dtype=bool)
         lost[rows, columns] = np.abs(extra).max(axis=1, initial=0.0) > 1e-6
-        if lost.any():
-            return _whole_or_loose(lost, used, counts)
+        if lost.any():  # what only one set of lines sees goes first
+            single = lost & (counts.min(axis=0) == 0)
+            return single if single.any() else lost & used
         self.used = used
         self.error = error - orthonormal @ (orthonormal.T @ error)
         self.variance = _variance(total, coupling, inverse, orthonormal)
@@ -174,8 +192,8 @@ class Joined:
             squares += float(w @ np.where(w > 0, rest - own @ terms, 0.0) ** 2)
             readings = lay.values[:, used]
             n += int(w.sum())
-            about = _about(readings, w)
-            straight, share, dof = _straight(about, own)
+            about = readings - _mean(readings, w)
+            straight, share, dof = shares_of_passes(about, own)
             if lay.moved:
                 squares += float(np.nansum((about - straight) ** 2))
                 freedom -= dof
@@ -195,13 +213,8 @@ def _mean(values: FloatArray, weight: FloatArray) -> FloatArray:
     return out
 
 
-def _about(values: FloatArray, weight: FloatArray) -> FloatArray:
-    out: FloatArray = values - _mean(values, weight)
-    return out
-
-
-def _straight(about: FloatArray, basis: FloatArray) -> tuple[FloatArray, float, int]:
-    """Return what line terms of each pass make of the scatter about the mean, its squares and rank."""
+def shares_of_passes(about: FloatArray, basis: FloatArray) -> tuple[FloatArray, float, int]:
+    """Return what terms of each pass make of the scatter about the mean, its squares and rank."""
     out = np.zeros_like(about)
     if about.shape[0] < 2:
         return out, 0.0, 0
@@ -249,12 +262,6 @@ def _without_map(
         [b * (w / total)[:, np.newaxis] for b, w in zip(own, weights, strict=True)]
     )
     return schur, right, coupling
-
-
-def _whole_or_loose(lost: BoolArray, used: BoolArray, counts: NDArray[np.int64]) -> BoolArray:
-    """Drop first what only one set of lines sees; where nothing is left of that, drop all of it."""
-    single = lost & (counts.min(axis=0) == 0)
-    return single if single.any() else lost & used
 
 
 def _variance(

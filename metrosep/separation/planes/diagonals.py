@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -16,22 +16,25 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotSeparableError
-from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
+from metrosep.separation._methods import RecordedMethod
 from metrosep.separation._readings import (
     NOISE_UNKNOWN,
     checked_readings,
     known_parts,
     part_of,
-    plain,
-    reduced,
     stated_u,
 )
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.planes._result import PlainResult
 from metrosep.separation.planes.squareness import (
+    PAIRS,
     Squareness,
     canonical_name,
     checked_travel,
+    design_of,
+    signs_of,
     squareness_from_diagonals,
 )
 from metrosep.separation.positions.positioning import iso230_2
@@ -52,7 +55,7 @@ Reached = tuple[ArrayLike, ArrayLike | None, ArrayLike | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class DiagonalTest:
+class DiagonalTest(PlainResult):
     """Result of diagonal displacement tests.
 
     Parameters
@@ -103,26 +106,6 @@ class DiagonalTest:
             rows[name]["u_length_error_um"] = math.nan if q.u is None else q.u * 1e6
         return pd.DataFrame.from_dict(rows, orient="index").rename_axis("diagonal")
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI, NaN as None.
-
-        Returns
-        -------
-        dict
-            ``tests`` and ``length_errors`` by diagonal, ``systematic``, ``reversal``,
-            ``squareness``, ``audit``, ``messages``.
-        """
-        angles = self.squareness
-        found: dict[str, Any] = plain({f.name: getattr(self, f.name) for f in fields(self)})
-        return {
-            **found,
-            "tests": plain({name: test.to_dict() for name, test in self.tests.items()}),
-            "squareness": None if angles is None else angles.to_dict(),
-        }
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
-
     def __repr__(self) -> str:
         parts = [f"{len(self.tests)} diagonals", f"E {self.systematic}"]
         parts += [] if self.reversal is None else [f"B {self.reversal}"]
@@ -161,7 +144,7 @@ def iso230_6_diagonals(
     Raises
     ------
     DataError
-        If a name is no diagonal or stands twice, there is none, a diagonal is no triple, size is
+        If a name is not a diagonal or is given twice, there is none, a diagonal is not a triple, size is
         not three positive lengths, or the targets are longer than the diagonal or shorter than
         half of it.
     TooFewSamplesError
@@ -201,7 +184,7 @@ def iso230_6_diagonals(
     for name, data in diagonals.items():
         own, _ = canonical_name(name)
         if own in lengths:
-            raise DataError(f"diagonal {own} stands twice ({name!r} is the same line)")
+            raise DataError(f"diagonal {own} is given twice ({name!r} is the same line)")
         if not isinstance(data, (tuple, list)):
             raise DataError(
                 f"{name}: pass (targets, forward, backward), got a {type(data).__name__}"
@@ -214,20 +197,18 @@ def iso230_6_diagonals(
     if travel is not None:
         messages += _extrapolated(tests, travel)
     return DiagonalTest(
-        tests=freeze_mapping(tests),
+        tests=tests,
         systematic=_largest(
             tests, ("E", "E_fwd", "E_bwd"), "systematic deviation of the diagonals"
         ),
         reversal=_reversal(tests),
-        length_errors=freeze_mapping(lengths),
+        length_errors=lengths,
         squareness=squareness,
-        audit=freeze_mapping(
-            {
-                "diagonals": list(tests),
-                "size_mm": None if travel is None else [float(v) * 1e3 for v in travel],
-                "length": "least-squares slope times the diagonal",
-            }
-        ),
+        audit={
+            "diagonals": list(tests),
+            "size_mm": None if travel is None else [float(v) * 1e3 for v in travel],
+            "length": "least-squares slope times the diagonal",
+        },
         messages=(*messages, *(f"{n}: {m}" for n, t in tests.items() for m in t.messages)),
     )
 
@@ -277,15 +258,15 @@ def _nominal(name: str, travel: FloatArray) -> float:
 
 
 def _extrapolated(tests: Mapping[str, PositioningTest], travel: FloatArray) -> list[str]:
-    said = []
+    messages = []
     for name, test in tests.items():
         share = float(np.ptp(test.targets)) / _nominal(canonical_name(name)[0], travel)
         if share < _WHOLE_SHARE:
-            said.append(
+            messages.append(
                 f"{name}: the targets cover {100.0 * share:.0f} % of the diagonal: its length error "
                 "is extrapolated"
             )
-    return said
+    return messages
 
 
 def _largest(tests: Mapping[str, PositioningTest], keys: tuple[str, ...], text: str) -> Quantity:
@@ -317,9 +298,7 @@ def _squareness(
 # ``dL = (sum e_i s_i^2 L_i^2 + sum a_ij s_i s_j L_i L_j) / D + g D``: a of the angles, e of the axes, g
 # of the instrument, which reads everything too long by its share. Signs: `metrosep.separation.planes.squareness`.
 
-_PAIRS = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 _SCALES = ("scale_x", "scale_y", "scale_z")
-_SIGN = {"p": 1.0, "n": -1.0, "0": 0.0}
 _INSTRUMENT = (
     "an instrument that reads too long looks like axes that are too long: calibrate its wavelength, "
     "dead path and temperature"
@@ -328,8 +307,15 @@ _OPEN = "these diagonals do not determine it alone: add both diagonals of the fa
 
 
 @dataclass(frozen=True, slots=True)
-class Diagonals(SeparationMethod):
+class Diagonals(RecordedMethod):
     """Diagonal displacement tests of one volume.
+
+    Readings (n_diagonals, M) in m: length error (actual minus nominal) of each diagonal, M times, NaN
+    = not measured. Parts are scalars: ``xy``, ``xz``, ``yz`` in rad, ``scale_x``, ``scale_y``,
+    ``scale_z`` and ``instrument`` relative; NaN where not determined, which adds nothing when it is
+    simulated. `squareness_from_diagonals` does the work, to first order; what the second order would
+    add is in the audit. ``u`` of each length is ``s / sqrt(M)``; four body diagonals of one D give
+    ``u(a_xy) = D s / (2 X Y sqrt(M))``. A length error above 1 % is refused with a UnitError.
 
     Parameters
     ----------
@@ -341,7 +327,7 @@ class Diagonals(SeparationMethod):
     Raises
     ------
     DataError
-        If a name is no diagonal or stands twice, or the size is not three positive lengths.
+        If a name is not a diagonal or is given twice, or the size is not three positive lengths.
     NotSeparableError
         If no angle is determined by these diagonals.
 
@@ -359,7 +345,7 @@ class Diagonals(SeparationMethod):
 
     name: ClassVar[str] = "diagonals"
     truth_parts: ClassVar[tuple[str, ...]] = ("instrument",)
-    error_parts: ClassVar[tuple[str, ...]] = (*_PAIRS, *_SCALES)
+    error_parts: ClassVar[tuple[str, ...]] = (*PAIRS, *_SCALES)
 
     def __post_init__(self) -> None:
         names: Any = self.names
@@ -370,7 +356,7 @@ class Diagonals(SeparationMethod):
     def _solve(self, lengths: FloatArray, u: FloatArray | None) -> Squareness:
         own = [canonical_name(n)[0] for n in self.names]
         if len(set(own)) < len(own):
-            raise DataError(f"a diagonal stands twice in {', '.join(self.names)}")
+            raise DataError(f"a diagonal is given twice in {', '.join(self.names)}")
         table = dict(zip(own, lengths.tolist(), strict=True))
         spread = None if u is None else dict(zip(own, u.tolist(), strict=True))
         return squareness_from_diagonals(table, self.size, u=spread)
@@ -378,46 +364,19 @@ class Diagonals(SeparationMethod):
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return the length errors of given parts.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, scalar
-            ``instrument``: relative length error of the instrument.
-        errors : mapping of str to array_like, scalar
-            ``xy``, ``xz``, ``yz`` in rad, ``scale_x``, ``scale_y``, ``scale_z`` relative; NaN is
-            not determined and adds nothing.
-
-        Returns
-        -------
-        ndarray, shape (n_diagonals, 1), m
-            Actual minus nominal.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown, none is given, or no scalar.
-        """
         parts = known_parts(self, truth, errors)
         given = {
             name: float(np.nan_to_num(part_of(parts, name, (), self.name), nan=0.0))
             for name in (*self.truth_parts, *self.error_parts)
         }
-        travel = checked_travel(self.size)
-        legs = travel * np.array([[_SIGN[c] for c in canonical_name(n)[0]] for n in self.names])
-        diagonal = np.sqrt((legs**2).sum(axis=1))
-        shear = sum(given[p] * legs[:, i] * legs[:, j] for p, (i, j) in _PAIRS.items())
-        stretch = (legs**2) @ np.array([given[s] for s in _SCALES])
-        return np.asarray((shear + stretch) / diagonal + given["instrument"] * diagonal)[:, None]
+        signs = signs_of([canonical_name(n)[0] for n in self.names])
+        diagonal = np.sqrt((signs**2) @ checked_travel(self.size) ** 2)
+        machine = design_of(signs, checked_travel(self.size)) @ [
+            given[name] for name in self.error_parts
+        ]
+        return np.asarray(machine + given["instrument"] * diagonal)[:, None]
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what these diagonals cannot tell.
-
-        Returns
-        -------
-        tuple of Unobservable
-            The instrument's length error, and each angle and scale that is not determined.
-        """
         found = _values(self._solve(np.zeros(len(self.names)), None))
         lost = [name for name, value in found.items() if math.isnan(value)]
         seen = [name for name in _SCALES if name not in lost]
@@ -434,40 +393,6 @@ class Diagonals(SeparationMethod):
         u_reading: float | None = None,
         history: tuple[Step, ...] = (),
     ) -> Separation:
-        """Return squareness and scale errors.
-
-        Parameters
-        ----------
-        readings : array_like, shape (n_diagonals, M), m
-            Length error (actual minus nominal) of each diagonal, M times; NaN = not measured.
-        u_reading : float, m, optional
-            Standard uncertainty of one length error; the scatter of the M if omitted.
-        history : tuple of Step, optional
-            Where they came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``xy``, ``xz``, ``yz`` (rad), ``scale_x``, ``scale_y``, ``scale_z`` (relative) and
-            ``instrument``; NaN where not determined.
-
-        Raises
-        ------
-        DataError
-            If `u_reading` is negative or no number.
-        InvalidSamplesError
-            If the readings are no numbers, infinite or of another shape.
-        TooFewSamplesError
-            If a diagonal was not measured.
-        UnitError
-            If a length error exceeds 1 % of its diagonal.
-
-        Notes
-        -----
-        `squareness_from_diagonals` does the work, to first order; what the second order would add
-        is in the audit. ``u`` of each length is ``s / sqrt(M)``; four body diagonals of one D give
-        ``u(a_xy) = D s / (2 X Y sqrt(M))``.
-        """
         stated = stated_u(u_reading, "m")
         array = checked_readings(readings, names=self.names, minimum=1, what=self.name)
         array = array.reshape(len(self.names), -1)
@@ -484,7 +409,7 @@ class Diagonals(SeparationMethod):
             self.name,
             {n: np.array(v) for n, v in parts.items()},
             {"instrument": np.array(math.nan), **{n: np.array(v) for n, v in u.items()}},
-            {n: "rad" if n in _PAIRS else "1" for n in parts},
+            {n: "rad" if n in PAIRS else "1" for n in parts},
             {},
             self.null_space(),
             noise=noise,
@@ -499,7 +424,7 @@ class Diagonals(SeparationMethod):
 
 
 def _values(found: Squareness) -> dict[str, float]:
-    angles = {pair: found.angles[pair].value for pair in _PAIRS}
+    angles = {pair: found.angles[pair].value for pair in PAIRS}
     return {**angles, **{f"scale_{k}": found.scales[k].value for k in "xyz"}}
 
 

@@ -21,17 +21,157 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
+from metrosep.core.numbers import not_negative, positive
 from metrosep.core.provenance import Step
-from metrosep.core.quantity import Quantity
-from metrosep.separation._readings import known_parts, part_of, positive, real_numbers
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
-from metrosep.separation.planes._grid_solution import Repeats, moved_between, refuse_unknown
+from metrosep.separation._methods import RecordedMethod, described_by, settle
+from metrosep.separation._readings import known_parts, part_of, real_numbers
+from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.planes._grid_solution import (
+    Repeats,
+    moved_between,
+    noise_of,
+    refuse_unknown,
+    same_points,
+    shares_of_passes,
+)
 
 __all__ = ["GridCalibration", "GridView", "grid_calibration"]
 
 _TERMS = ("translation x", "translation y", "rotation", "scale")
 
 
+_MOST_SITES = 31 * 31
+
+_NAMED = {"initial": (0, (0, 0)), "rotated": (1, (0, 0)), "shifted": (0, (1, 0))}
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class GridView:
+    """Readings of a grid plate in one placement.
+
+    Parameters
+    ----------
+    readings : array_like, shape (n_y, n_x, 2) or (n_repeats, n_y, n_x, 2), m
+        Reading minus nominal position of the mark at each site of the stage, x and y component
+        along the axes of the stage; NaN where no mark is or was read.
+    turns : int, optional
+        Quarter turns of the plate about the centre of the lattice, from x towards y.
+    shift : tuple of (int, int), pitches, optional
+        Shift of the plate along x and y of the stage, after the turn.
+    """
+
+    readings: ArrayLike
+    turns: int = 0
+    shift: tuple[int, int] = (0, 0)
+
+    def __repr__(self) -> str:
+        return f"GridView({np.shape(self.readings)}, turns={self.turns}, shift={self.shift})"
+
+
+Placement = tuple[int, tuple[int, int]]
+
+_INITIAL_ROTATED_SHIFTED: tuple[Placement, ...] = ((0, (0, 0)), (1, (0, 0)), (0, (1, 0)))
+
+
+@dataclass(frozen=True, slots=True)
+class GridCalibration(RecordedMethod):
+    """Views of a grid plate on a stage.
+
+    Readings (n_views, n_y, n_x, 2) or (n_views, M, n_y, n_x, 2) in m: reading minus nominal position
+    along the axes of the stage, NaN where no mark is or was read. Parts (n_y, n_x, 2) in m: ``stage``,
+    what the stage adds at each site, and ``plate``, the error of each mark along the axes of the
+    plate. `u_reading` is what the noise is believed to be. Simulated views are placed without translation and rotation. Readings larger than half the
+    pitch are refused with a UnitError.
+
+    Parameters
+    ----------
+    pitch : float, m
+        Pitch of the lattice.
+    placements : tuple of (int, (int, int)), optional
+        Quarter turns from x to y, and the shift along x and y in pitches after it, of each view:
+        as placed, turned once, and shifted by one pitch along x if omitted.
+    repeats : {"relaid", "passes"}, optional
+        Whether the plate was placed anew for each repeat of a view, with a translation and rotation
+        of its own, or stayed where it lay.
+
+    Raises
+    ------
+    DataError
+        If the pitch is not positive, a turn or a shift is not a whole number, or
+        `repeats` is unknown.
+
+    Examples
+    --------
+    >>> method = GridCalibration(1e-2)
+    >>> plate = np.zeros((3, 3, 2))
+    >>> plate[0, 0] = (1e-9, 0.0)
+    >>> views = method.simulate({"plate": plate}, {})
+    >>> (views[1, 0, 2] * 1e9).tolist(), bool(np.isnan(views[2, :, 0]).all())
+    ([0.0, 1.0], True)
+    """
+
+    pitch: float
+    placements: tuple[Placement, ...] = _INITIAL_ROTATED_SHIFTED
+    repeats: Repeats = "relaid"
+
+    name: ClassVar[str] = "grid_calibration"
+    truth_parts: ClassVar[tuple[str, ...]] = ("plate",)
+    error_parts: ClassVar[tuple[str, ...]] = ("stage",)
+
+    def __post_init__(self) -> None:
+        settle(self, pitch=positive(self.pitch, "pitch", dimension="length"))
+        refuse_unknown("free", self.repeats)
+        for i, placement in enumerate(self.placements, start=1):
+            try:
+                turns, shift = placement
+            except (TypeError, ValueError):
+                raise DataError(
+                    f"placement {i} is {placement!r}; give (turns, (shift x, shift y))"
+                ) from None
+            checked_placement(GridView((), turns, shift), i)
+
+    def simulate(
+        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
+    ) -> FloatArray:
+        parts = known_parts(self, truth, errors)
+        shape = next(iter(parts.values())).shape
+        if len(shape) != 3 or shape[2] != 2:
+            raise DataError(f"{self.name}: parts have the shape (n_y, n_x, 2), got {shape}")
+        odd = any(turns % 2 for turns, _ in self.placements)
+        if odd and (shape[0] - shape[1]) % 2:
+            raise DataError(
+                f"{self.name}: a lattice of {shape[0]} x {shape[1]} does not fall onto itself when "
+                "turned by a quarter; take rows and columns that are both even or both odd"
+            )
+        plate, stage = (part_of(parts, n, shape, self.name) for n in ("plate", "stage"))
+        return np.stack([stage + _on_stage(plate, *p) for p in self.placements])
+
+    def null_space(self) -> tuple[Unobservable, ...]:
+        return unseen_terms()
+
+    def separate(
+        self,
+        readings: ArrayLike,
+        *,
+        u_reading: float | None = None,
+        history: tuple[Step, ...] = (),
+    ) -> Separation:
+        views = np.asarray(real_numbers(readings, f"{self.name}: readings"), dtype=np.float64)
+        count = len(self.placements)
+        if views.ndim not in (4, 5) or views.shape[0] != count or views.shape[-1] != 2:
+            raise DataError(
+                f"{self.name} has {count} placements: the readings need the shape ({count}, n_y, n_x, "
+                f"2) or ({count}, repeats, n_y, n_x, 2), got {views.shape}"
+            )
+        given = [GridView(v, *p) for v, p in zip(views, self.placements, strict=True)]
+        found = grid_calibration(
+            given, pitch=self.pitch, repeats=self.repeats, u_reading=u_reading
+        )
+        step = Step(self.name, {"pitch_m": self.pitch, "repeats": self.repeats})
+        return replace(found, history=(*history, step))
+
+
+@described_by(GridCalibration, GridCalibration.separate)
 def grid_calibration(
     views: Mapping[str, ArrayLike] | Sequence[GridView],
     *,
@@ -46,13 +186,8 @@ def grid_calibration(
     views : mapping of str to array_like, or sequence of GridView
         Readings under the names ``initial``, ``rotated`` (a quarter turn from x to y) and
         ``shifted`` (one pitch along +x), or views with turns and shifts of their own.
-    pitch : float, m
-        Pitch of the lattice.
-    repeats : {"relaid", "passes"}, optional
-        Whether the plate was placed anew for each repeat of a view, with a translation and rotation
-        of its own, or stayed where it lay.
     u_reading : float, m, optional
-        Standard uncertainty of one reading as it is believed; a message tells if the residuals
+        Standard uncertainty of one reading as it is believed; a message says if the residuals
         exceed it.
 
     Returns
@@ -81,7 +216,7 @@ def grid_calibration(
     No length enters, so none comes out; calibrate one distance of the plate. u is from the
     covariance of the fit with the noise of its residuals; it grows slowly with the lattice. Where
     all repeats of a view read the same marks, both kinds of `repeats` give the same parts; a plate
-    that was placed anew and is said to have stayed makes noise of its placements (told).
+    that was placed anew and is said to have stayed makes noise of its placements.
 
     References
     ----------
@@ -99,10 +234,11 @@ def grid_calibration(
     >>> bool(abs(found.plate).max() < 1e-15)
     True
     """
-    if repeats not in ("relaid", "passes"):
-        raise DataError(f"repeats is 'relaid' or 'passes', got {repeats!r}")
-    step = positive(pitch, "pitch", "m")
-    stated = None if u_reading is None else positive(u_reading, "u_reading", "m", zero=True)
+    refuse_unknown("free", repeats)
+    step = positive(pitch, "pitch", dimension="length")
+    stated = u_reading
+    if stated is not None:
+        stated = not_negative(stated, "u_reading", dimension="length")
     parsed = parsed_views(views)
     size = checked_size(parsed, step)
     refuse_inseparable(parsed)
@@ -110,21 +246,13 @@ def grid_calibration(
         fit = Lattice(parsed, size, repeats == "relaid")
         other = better_turns(parsed, size, fit.sigma, repeats == "relaid")
     dof = fit.n_readings - fit.rank
-    sigma = fit.sigma
-    text = "standard deviation of one reading"
-    noise = (
-        Quantity(sigma, "m", f"{text}, from the views", u=sigma / math.sqrt(2 * dof), symbol="s")
-        if dof > 0
-        else Quantity(math.nan, "m", f"{text}; not known", symbol="s")
-    )
-    if dof <= 0 and stated is not None:
-        sigma = stated
-        noise = Quantity(sigma, "m", f"{text}, as stated", symbol="s")
+    noise = noise_of(fit.squares, dof, stated, "views")
+    sigma = noise.value
     n_y, n_x = size
     return Separation(
         "grid_calibration",
         {"stage": fit.parts[0], "plate": fit.parts[1]},
-        {"stage": fit.uncertainty(0, sigma), "plate": fit.uncertainty(1, sigma)},
+        {"stage": sigma * fit.u[0], "plate": sigma * fit.u[1]},
         {"stage": "m", "plate": "m"},
         {"x": _centred(n_x, step), "y": _centred(n_y, step)},
         unseen_terms() + fit.unseen(),
@@ -143,6 +271,20 @@ def grid_calibration(
         },
         messages=_messages(fit, sigma, stated, step, parsed, other),
     )  # fmt: skip
+
+
+def _on_stage(plate: FloatArray, turns: int, shift: tuple[int, int]) -> FloatArray:
+    """Return what the marks of a turned and shifted plate add at the sites of the stage."""
+    n_y, n_x = plate.shape[:2]
+    turn = _quarter_turns(turns)
+    middle = np.array([(n_x - 1) / 2, (n_y - 1) / 2])
+    rows, columns = np.mgrid[:n_y, :n_x]
+    sites = np.stack([columns, rows], axis=-1) - middle - np.array(shift)
+    marks = np.rint(sites @ turn + middle).astype(np.intp)  # turn transposed, times the site
+    on_plate = ((marks >= 0) & (marks < np.array([n_x, n_y]))).all(axis=-1)
+    seen = np.full(plate.shape, np.nan)
+    seen[on_plate] = plate[marks[on_plate][:, 1], marks[on_plate][:, 0]] @ turn.T
+    return seen
 
 
 def unseen_terms() -> tuple[Unobservable, ...]:
@@ -208,7 +350,7 @@ _SUSPECT = 0.02
 """Residual over readings from which another sense of the turns is tried."""
 
 _BETTER = 0.5
-"""Residual with the other sense over the residual as stated, below which it is told."""
+"""Residual with the other sense over the residual as stated, below which it is reported."""
 
 
 class Lattice:
@@ -249,9 +391,9 @@ class Lattice:
             design, mean, weight, owner = design[use], mean[use], weight[use], owner[use]
         placed = [design[use & (owner == k)][:, 4 * n + 3 * k :][:, :3] for k in range(len(lays))]
         about = [rows[use[owner == k]] for k, rows in enumerate(about)]
-        pairs = [_rigid_share(r, p) for r, p in zip(about, placed, strict=True)]
+        shares = [shares_of_passes(r.T, p) for r, p in zip(about, placed, strict=True)]
         total = sum(float(np.nansum(rows**2)) for rows in about)
-        share, rank = sum(p[0] for p in pairs), sum(p[1] for p in pairs)
+        share, rank = sum(p[1] for p in shares), sum(p[2] for p in shares)
         pure = total - share if relaid else total
         self._finish(a, mean[use], weight[use], inverse, functions, keep, max(pure, 0.0))
         self.n_readings = int(weight[use].sum())
@@ -304,10 +446,6 @@ class Lattice:
         dof = self.n_readings - self.rank
         return math.sqrt(self.squares / dof) if dof > 0 else math.nan
 
-    def uncertainty(self, part: int, sigma: float) -> FloatArray:
-        """Return the standard uncertainty of the stage (0) or the plate (1)."""
-        return np.asarray(sigma * self.u[part], dtype=np.float64)
-
     def unseen(self) -> tuple[Unobservable, ...]:
         """Return sites and marks that are not determined."""
         names = ("stage", "plate")
@@ -320,25 +458,7 @@ class Lattice:
 
 def _lays(readings: FloatArray, relaid: bool) -> list[FloatArray]:
     """Return what shares a placement; repeats placed anew that read the same marks go together."""
-    if not relaid:
-        return [readings]
-    groups: dict[bytes, list[int]] = {}
-    for i, z in enumerate(readings):
-        if not np.isnan(z).all():
-            groups.setdefault(np.isnan(z).tobytes(), []).append(i)
-    return [readings[rows] for rows in groups.values()] or [readings]
-
-
-def _rigid_share(about: FloatArray, placed: FloatArray) -> tuple[float, int]:
-    """Return squares and rank of what placements of each repeat make of the scatter (n, repeats)."""
-    share, ranks = 0.0, []
-    for repeat in about.T:
-        seen = ~np.isnan(repeat)
-        left, size, _ = np.linalg.svd(placed[seen], full_matrices=False)
-        kept = left[:, size > 1e-9 * size.max(initial=1e-300)]
-        share += float(np.sum((kept.T @ repeat[seen]) ** 2))
-        ranks.append(kept.shape[1])
-    return share, sum(ranks) - max(ranks, default=0)
+    return (same_points(readings) if relaid else []) or [readings]
 
 
 def _rows(
@@ -353,8 +473,7 @@ def _rows(
     n_y, n_x = size
     n = n_y * n_x
     count = (~np.isnan(readings)).sum(axis=0)
-    cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[view.turns % 4]
-    turn = np.array([[cos, -sin], [sin, cos]])
+    turn = _quarter_turns(view.turns)
     rows, values, weights, about = [], [], [], []
     for j, i in np.ndindex(n_y, n_x):
         site = np.array([i - (n_x - 1) / 2, j - (n_y - 1) / 2])
@@ -384,6 +503,11 @@ def _rows(
     if not rows:
         raise DataError(f"view {number + 1} holds no readings")
     return np.array(rows), np.array(values), np.array(weights), np.array(about)
+
+
+def _quarter_turns(n: int) -> FloatArray:
+    cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[n % 4]
+    return np.array([[cos, -sin], [sin, cos]], dtype=np.float64)
 
 
 def _pseudo_inverse(
@@ -455,34 +579,7 @@ def better_turns(
     return best
 
 
-# ---- `GridView` and the checks on views of a grid plate ----------------------------------------
-
-_MOST_SITES = 31 * 31
-
-_NAMED = {"initial": (0, (0, 0)), "rotated": (1, (0, 0)), "shifted": (0, (1, 0))}
-
-
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class GridView:
-    """Readings of a grid plate in one placement.
-
-    Parameters
-    ----------
-    readings : array_like, shape (n_y, n_x, 2) or (n_repeats, n_y, n_x, 2), m
-        Reading minus nominal position of the mark at each site of the stage, x and y component
-        along the axes of the stage; NaN where no mark is or was read.
-    turns : int, optional
-        Quarter turns of the plate about the centre of the lattice, from x towards y.
-    shift : tuple of (int, int), pitches, optional
-        Shift of the plate along x and y of the stage, after the turn.
-    """
-
-    readings: ArrayLike
-    turns: int = 0
-    shift: tuple[int, int] = (0, 0)
-
-    def __repr__(self) -> str:
-        return f"GridView({np.shape(self.readings)}, turns={self.turns}, shift={self.shift})"
+# ---- the checks on views of a grid plate --------------------------------------------------------
 
 
 def parsed_views(
@@ -566,172 +663,3 @@ def refuse_inseparable(views: list[tuple[GridView, FloatArray]]) -> None:
         raise NotSeparableError(
             f"these views cannot tell the stage from the plate: {' and '.join(missing)} is missing"
         )
-
-
-# ---- `GridCalibration`: a stage and a grid plate separated from views of the same plate --------
-# ``reading(site) = plate(mark) + stage(site) + placement``: the plate as placed, turned by quarter
-# turns and shifted by whole pitches. Arrays are (n_y, n_x, 2), last axis x and y component.
-
-Placement = tuple[int, tuple[int, int]]
-
-_INITIAL_ROTATED_SHIFTED: tuple[Placement, ...] = ((0, (0, 0)), (1, (0, 0)), (0, (1, 0)))
-
-
-@dataclass(frozen=True, slots=True)
-class GridCalibration(SeparationMethod):
-    """Views of a grid plate on a stage.
-
-    Parameters
-    ----------
-    pitch : float, m
-        Pitch of the lattice.
-    placements : tuple of (int, (int, int)), optional
-        Quarter turns from x to y, and the shift along x and y in pitches after it, of each view:
-        as placed, turned once, and shifted by one pitch along x if omitted.
-    repeats : {"relaid", "passes"}, optional
-        Whether the plate was placed anew for each repeat of a view, or stayed.
-
-    Raises
-    ------
-    DataError
-        If the pitch is not positive, a turn or a shift is no whole number, or
-        `repeats` is unknown.
-
-    Examples
-    --------
-    >>> method = GridCalibration(1e-2)
-    >>> plate = np.zeros((3, 3, 2))
-    >>> plate[0, 0] = (1e-9, 0.0)
-    >>> views = method.simulate({"plate": plate}, {})
-    >>> (views[1, 0, 2] * 1e9).tolist(), bool(np.isnan(views[2, :, 0]).all())
-    ([0.0, 1.0], True)
-    """
-
-    pitch: float
-    placements: tuple[Placement, ...] = _INITIAL_ROTATED_SHIFTED
-    repeats: Repeats = "relaid"
-
-    name: ClassVar[str] = "grid_calibration"
-    truth_parts: ClassVar[tuple[str, ...]] = ("plate",)
-    error_parts: ClassVar[tuple[str, ...]] = ("stage",)
-
-    def __post_init__(self) -> None:
-        positive(self.pitch, "pitch", "m")
-        refuse_unknown("free", self.repeats)
-        for i, placement in enumerate(self.placements, start=1):
-            try:
-                turns, shift = placement
-            except (TypeError, ValueError):
-                raise DataError(
-                    f"placement {i} is {placement!r}; give (turns, (shift x, shift y))"
-                ) from None
-            checked_placement(GridView((), turns, shift), i)
-
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
-        """Return the views of given parts, placed without translation and rotation.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n_y, n_x, 2), m
-            ``plate``: error of each mark, along the axes of the plate.
-        errors : mapping of str to array_like, shape (n_y, n_x, 2), m
-            ``stage``: what the stage adds at each site.
-
-        Returns
-        -------
-        ndarray, shape (n_views, n_y, n_x, 2), m
-            Reading minus nominal; NaN where no mark lies on a site.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown, none is given, or of another shape; if a lattice that is turned
-            by a quarter has an even and an odd side.
-        """
-        parts = known_parts(self, truth, errors)
-        shape = next(iter(parts.values())).shape
-        if len(shape) != 3 or shape[2] != 2:
-            raise DataError(f"{self.name}: parts have the shape (n_y, n_x, 2), got {shape}")
-        odd = any(turns % 2 for turns, _ in self.placements)
-        if odd and (shape[0] - shape[1]) % 2:
-            raise DataError(
-                f"{self.name}: a lattice of {shape[0]} x {shape[1]} does not fall onto itself when "
-                "turned by a quarter; take rows and columns that are both even or both odd"
-            )
-        plate, stage = (part_of(parts, n, shape, self.name) for n in ("plate", "stage"))
-        return np.stack([stage + _on_stage(plate, *p) for p in self.placements])
-
-    def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what no view sees.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Translation, rotation and scale of stage and plate.
-        """
-        return unseen_terms()
-
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
-    ) -> Separation:
-        """Return the errors of stage and plate.
-
-        Parameters
-        ----------
-        readings : array_like, shape (n_views, n_y, n_x, 2) or (n_views, M, n_y, n_x, 2), m
-            Reading minus nominal position; NaN where no mark is or was read.
-        u_reading : float, m, optional
-            Standard uncertainty of one reading as it is believed.
-        history : tuple of Step, optional
-            Where they came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``stage`` and ``plate`` (n_y, n_x, 2); `grid_calibration` does the work.
-
-        Raises
-        ------
-        DataError
-            If the shape does not fit the placements, or the lattice is too large or too small.
-        InvalidSamplesError
-            If the readings are no real numbers.
-        NotSeparableError
-            If these placements do not tell stage from plate.
-        UnitError
-            If the readings are larger than half the pitch.
-        """
-        views = np.asarray(real_numbers(readings, f"{self.name}: readings"), dtype=np.float64)
-        count = len(self.placements)
-        if views.ndim not in (4, 5) or views.shape[0] != count or views.shape[-1] != 2:
-            raise DataError(
-                f"{self.name} has {count} placements: the readings need the shape ({count}, n_y, n_x, "
-                f"2) or ({count}, repeats, n_y, n_x, 2), got {views.shape}"
-            )
-        given = [GridView(v, *p) for v, p in zip(views, self.placements, strict=True)]
-        found = grid_calibration(
-            given, pitch=self.pitch, repeats=self.repeats, u_reading=u_reading
-        )
-        step = Step(self.name, {"pitch_m": self.pitch, "repeats": self.repeats})
-        return replace(found, history=(*history, step))
-
-
-def _on_stage(plate: FloatArray, turns: int, shift: tuple[int, int]) -> FloatArray:
-    """Return what the marks of a turned and shifted plate add at the sites of the stage."""
-    n_y, n_x = plate.shape[:2]
-    cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[turns % 4]
-    turn = np.array([[cos, -sin], [sin, cos]], dtype=np.float64)
-    middle = np.array([(n_x - 1) / 2, (n_y - 1) / 2])
-    rows, columns = np.mgrid[:n_y, :n_x]
-    sites = np.stack([columns, rows], axis=-1) - middle - np.array(shift)
-    marks = np.rint(sites @ turn + middle).astype(np.intp)  # turn transposed, times the site
-    on_plate = ((marks >= 0) & (marks < np.array([n_x, n_y]))).all(axis=-1)
-    seen = np.full(plate.shape, np.nan)
-    seen[on_plate] = plate[marks[on_plate][:, 1], marks[on_plate][:, 0]] @ turn.T
-    return seen

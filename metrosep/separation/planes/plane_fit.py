@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -17,23 +17,27 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
-from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.errors import (
+    DataError,
+    InvalidSamplesError,
+    NotSeparableError,
+    TooFewSamplesError,
+)
+from metrosep.core.numbers import positive, real
 from metrosep.core.profile import Profile, html_table
-from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering
+from metrosep.separation._methods import RecordedMethod, settle
 from metrosep.separation._readings import (
     known_parts,
     part_of,
-    plain,
-    positive,
     real_numbers,
-    reduced,
 )
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.planes._grid_solution import moved_between
-from metrosep.separation.planes._plane_coupling import Interaction, coupling, two_way
+from metrosep.separation.planes._result import PlainResult
 
 __all__ = [
     "Interaction",
@@ -49,8 +53,36 @@ _LEVEL = 0.05
 """Probability below which coupling counts as found."""
 
 
+@dataclass(frozen=True, slots=True)
+class Interaction:
+    """How much of a map is neither f(x) nor g(y), and whether that is more than noise.
+
+    Parameters
+    ----------
+    share : float
+        Part of the variance of the map about its plane that the sum model does not describe,
+        0 to 1, noise included.
+    rms : float, m
+        RMS of the coupling, the expected share of the noise taken off; 0 where noise explains all.
+    f, p : float
+        F statistic and the probability of a larger one without coupling.
+    dof : tuple of (float, float)
+        Degrees of freedom of coupling and noise.
+    noise_from : str
+        ``"repeats"``, ``"u_reading"``, or ``"residual of smooth terms"`` where only smooth
+        coupling is tested, because one map cannot tell rough coupling from noise.
+    """
+
+    share: float
+    rms: float
+    f: float
+    p: float
+    dof: tuple[float, float]
+    noise_from: str
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PlaneFit:
+class PlaneFit(PlainResult):
     """Sum model of a plane and what it leaves.
 
     Parameters
@@ -85,24 +117,6 @@ class PlaneFit:
     noise: Quantity
     audit: Mapping[str, Any] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "audit", freeze_mapping(self.audit))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI, NaN as None.
-
-        Returns
-        -------
-        dict
-            One key for each field; profiles as ``x``, ``z``; surfaces with steps and origin.
-        """
-        found = {f.name: getattr(self, f.name) for f in fields(self)}
-        found["interaction"] = asdict(self.interaction)
-        return {name: plain(value) for name, value in found.items()}
 
     def _rows(self) -> dict[str, str]:
         test = self.interaction
@@ -215,22 +229,24 @@ def fit_plane_model(
     left = np.full(count.shape, np.nan)
     left[inner] = residual
     history = (*history, Step("fit_plane_model", {"n_repeats": int(stack.shape[0])}))
-    surfaces = [Surface(m, step_x, step_y, origin=corner, history=history) for m in (full, left)]
-    slopes = [
+    fitted, rest = (
+        Surface(m, step_x, step_y, origin=corner, history=history) for m in (full, left)
+    )
+    beta, alpha = (
         Quantity(
             part[2], "rad", f"slope of the plane along {axis}, least squares", u=part[3], symbol=s
         )
         for part, axis, s in zip(parts, "xy", ("beta", "alpha"), strict=True)
-    ]
+    )
     return PlaneFit(
         Profile(x, parts[0][0]),
         Profile(y, parts[1][0]),
         Profile(x, parts[0][1]),
         Profile(y, parts[1][1]),
-        slopes[1],
-        slopes[0],
-        surfaces[0],
-        surfaces[1],
+        alpha,
+        beta,
+        fitted,
+        rest,
         test,
         noise,
         {
@@ -240,14 +256,14 @@ def fit_plane_model(
             "noise_from": test.noise_from,
         },
         (
-            *_words(test, noise, int((~rows).sum()), int((~columns).sum())),
+            *_messages(test, noise, int((~rows).sum()), int((~columns).sum())),
             *_own_zeros(stack, mean, noise.value),
             *_own_tilts(stack, mean),
         ),
     )
 
 
-def _words(test: Interaction, noise: Quantity, n_rows: int, n_columns: int) -> tuple[str, ...]:
+def _messages(test: Interaction, noise: Quantity, n_rows: int, n_columns: int) -> tuple[str, ...]:
     out = []
     where = f"F = {test.f:.3g} with {test.dof[0]:.0f} and {test.dof[1]:.0f} degrees of freedom"
     if test.p < _LEVEL:
@@ -332,6 +348,112 @@ def _lined(
     )
 
 
+# ---- coupling of x and y: what f(x) + g(y) leaves, tested against the noise ---------------------
+
+_DEGREE = 2
+"""Degrees in x and in y of the smooth coupling that a single map is tested for."""
+
+
+def two_way(z: FloatArray, count: NDArray[np.int64]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Rows' and columns' effects by weighted least squares, and the inverse of the normal matrix."""
+    n_y = z.shape[0]
+    weights = count.astype(np.float64)
+    matrix = np.block(
+        [[np.diag(weights.sum(axis=1)), weights], [weights.T, np.diag(weights.sum(axis=0))]]
+    )
+    filled = np.where(count > 0, z, 0.0) * weights
+    right = np.concatenate([filled.sum(axis=1), filled.sum(axis=0)])
+    values, vectors = np.linalg.eigh(matrix)
+    free = values < 1e-9 * values[-1]
+    if free.sum() > 1:
+        raise NotSeparableError(
+            f"the measured points fall into {int(free.sum())} groups that share no row or column; "
+            "measure lines that cross them"
+        )
+    inverse = (vectors[:, ~free] / values[~free]) @ vectors[:, ~free].T
+    solution = inverse @ right
+    return solution[:n_y], solution[n_y:], inverse
+
+
+def coupling(
+    stack: FloatArray,
+    mean: FloatArray,
+    count: NDArray[np.int64],
+    residual: FloatArray,
+    u_reading: float | None,
+) -> tuple[Interaction, Quantity]:
+    from scipy import stats
+
+    measured = count > 0
+    weights = count[measured].astype(np.float64)
+    left = residual[measured]
+    squares = float(weights @ left**2)
+    dof = int(measured.sum()) - sum(mean.shape) + 1
+    if dof < 1:
+        raise TooFewSamplesError(
+            "every measured point is used up by f and g; measure more crossings of rows and columns"
+        )
+    spare = int(count.sum() - measured.sum())
+    share = squares / max(_about_plane(mean, count), np.finfo(float).tiny)
+    if spare:
+        source, noise_dof = "repeats", float(spare)
+        variance = float(np.nansum((stack - mean) ** 2)) / spare
+    elif u_reading is not None:
+        variance = positive(u_reading, "u_reading", dimension="length") ** 2
+        source, noise_dof = "u_reading", math.inf
+    else:
+        source = "residual of smooth terms"
+        squares_smooth, n_smooth = _smooth_coupling(mean, measured, left)
+        noise_dof = float(dof - n_smooth)
+        if noise_dof < 1:
+            raise TooFewSamplesError(
+                "one small map cannot tell coupling from noise; give repeats or u_reading"
+            )
+        variance = max(squares - squares_smooth, 0.0) / noise_dof
+        squares, dof = squares_smooth, n_smooth
+    f = squares / dof / variance if variance > 0.0 else (math.inf if squares > 0.0 else 0.0)
+    law = stats.f if math.isfinite(noise_dof) else None
+    p = float(law.sf(f, dof, noise_dof)) if law else float(stats.chi2.sf(f * dof, dof))
+    rms = math.sqrt(max(squares - dof * variance, 0.0) / float(weights.sum()))
+    u_noise = math.sqrt(variance / (2.0 * noise_dof)) if math.isfinite(noise_dof) else None
+    noise = Quantity(
+        math.sqrt(variance), "m", f"standard deviation of one reading, from {source}",
+        u=u_noise, symbol="s",
+    )  # fmt: skip
+    return Interaction(share, rms, f, p, (float(dof), noise_dof), source), noise
+
+
+def _about_plane(mean: FloatArray, count: NDArray[np.int64]) -> float:
+    rows, columns = np.nonzero(count)
+    root = np.sqrt(count[rows, columns])
+    basis = np.column_stack([np.ones(rows.size), rows, columns]) * root[:, np.newaxis]
+    z = mean[rows, columns] * root
+    rest = z - basis @ np.linalg.lstsq(basis, z, rcond=None)[0]
+    return float(rest @ rest)
+
+
+def _smooth_coupling(
+    mean: FloatArray, measured: NDArray[np.bool_], left: FloatArray
+) -> tuple[float, int]:
+    """Sum of squares that products of low polynomials take out of the residual, and their number."""
+    from numpy.polynomial import legendre
+
+    rows, columns = np.nonzero(measured)
+    n_y, n_x = mean.shape
+    p_y = legendre.legvander(2.0 * np.arange(n_y) / (n_y - 1) - 1.0, _DEGREE)[:, 1:]
+    p_x = legendre.legvander(2.0 * np.arange(n_x) / (n_x - 1) - 1.0, _DEGREE)[:, 1:]
+    terms = []
+    for i in range(_DEGREE):
+        for j in range(_DEGREE):
+            product = np.where(measured, np.outer(p_y[:, i], p_x[:, j]), np.nan)
+            g, f, _ = two_way(product, measured.astype(np.int64))
+            terms.append((product - g[:, np.newaxis] - f)[rows, columns])
+    basis, sizes, _ = np.linalg.svd(np.column_stack(terms), full_matrices=False)
+    kept = sizes > 1e-9 * sizes[0]
+    taken = basis[:, kept].T @ left
+    return float(taken @ taken), int(kept.sum())
+
+
 # ---- private helper: maps of a plane in any form as one stack of arrays with steps -------------
 
 
@@ -379,22 +501,20 @@ def plane_steps(dx: float | None, dy: float | None) -> tuple[float, float]:
     """Return positive steps; say which is missing or no number."""
     if dx is None or dy is None:
         raise DataError("the grid needs positive steps dx and dy in m")
-    return positive(dx, "dx", "m"), positive(dy, "dy", "m")
+    return positive(dx, "dx", dimension="length"), positive(dy, "dy", dimension="length")
 
 
 def plane_origin(origin: tuple[float, float]) -> tuple[float, float]:
     """Return the position (x, y) as two finite numbers."""
     try:
-        x, y = (float(v) for v in origin)
-    except (TypeError, ValueError):
-        x = y = float("nan")
-    if not np.isfinite([x, y]).all():
-        raise DataError(f"origin must be two finite numbers (x, y) in m, got {origin!r}")
+        x, y = (real(v, "origin", dimension="length") for v in origin)
+    except (TypeError, ValueError, InvalidSamplesError):
+        raise DataError(f"origin must be two finite numbers (x, y) in m, got {origin!r}") from None
     return x, y
 
 
 def described(values: FloatArray, u: FloatArray) -> str:
-    """Return peak to valley and typical standard uncertainty in words."""
+    """Return peak to valley and typical standard uncertainty as a text."""
     known = values[np.isfinite(values)]
     if not known.size:
         return "not determined"
@@ -416,8 +536,16 @@ _UNITS = {"coupling": "m", "along_x": "m", "along_y": "m", "alpha": "rad", "beta
 
 
 @dataclass(frozen=True, slots=True)
-class PlaneModel(SeparationMethod):
+class PlaneModel(RecordedMethod):
     """Sum model of an XY plane on a grid of steps dx and dy.
+
+    Readings (n_y, n_x) or (M, n_y, n_x) in m, or a Surface on this grid; NaN = not measured. Parts:
+    ``along_x`` (n_x,) and ``along_y`` (n_y,) in m, the slopes ``alpha`` (along y) and ``beta`` (along x)
+    in rad, and ``coupling`` (n_y, n_x) in m, what is neither a function of x nor of y; the F test of
+    the coupling is in the audit. `fit_plane_model` does the work. The coupling has
+    ``u^2 = s^2 (1/M - h)``, h the leverage of the sum model at the point:
+    ``s^2 (1 - 1/n_x) (1 - 1/n_y) / M`` on a whole map. Of one map without `u_reading` smooth coupling
+    alone is told from noise.
 
     Parameters
     ----------
@@ -429,7 +557,7 @@ class PlaneModel(SeparationMethod):
     Raises
     ------
     DataError
-        If a step is not positive or the origin is no pair of finite numbers.
+        If a step is not positive or the origin is not a pair of finite numbers.
 
     Examples
     --------
@@ -448,32 +576,12 @@ class PlaneModel(SeparationMethod):
     error_parts: ClassVar[tuple[str, ...]] = ("along_x", "along_y", "alpha", "beta")
 
     def __post_init__(self) -> None:
-        plane_steps(self.dx, self.dy)
-        plane_origin(self.origin)
+        dx, dy = plane_steps(self.dx, self.dy)
+        settle(self, dx=dx, dy=dy, origin=plane_origin(self.origin))
 
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return the map of given parts.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n_y, n_x), m
-            ``coupling``: what is neither a function of x nor of y.
-        errors : mapping of str to array_like
-            ``along_x``, shape (n_x,), and ``along_y``, shape (n_y,), m; ``alpha`` (along y) and
-            ``beta`` (along x), scalars, rad.
-
-        Returns
-        -------
-        ndarray, shape (n_y, n_x), m
-            One map; NaN where an axis is.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown or has another shape, or the parts do not tell both sizes.
-        """
         parts = known_parts(self, truth, errors)
         shape = _shape(parts)
         x, y = self.dx * np.arange(shape[1]), self.dy * np.arange(shape[0])
@@ -484,14 +592,6 @@ class PlaneModel(SeparationMethod):
         return np.asarray(coupling + along_x + along_y[:, np.newaxis])
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what a map cannot tell.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Mean and line of each axis, sums of functions of x and of y in the coupling, and the
-            split of the tilt.
-        """
         return (
             Unobservable("along_x", "polynomial", (0, 1), _LINE),
             Unobservable("along_y", "polynomial", (0, 1), _LINE),
@@ -507,40 +607,6 @@ class PlaneModel(SeparationMethod):
         u_reading: float | None = None,
         history: tuple[Step, ...] = (),
     ) -> Separation:
-        """Return the errors of both axes, the alignments and the coupling.
-
-        Parameters
-        ----------
-        readings : array_like, shape (n_y, n_x) or (M, n_y, n_x), m, or Surface
-            Maps of the plane; NaN = not measured. A surface must lie on this grid.
-        u_reading : float, m, optional
-            Standard uncertainty of one reading. From the repeats if there are any; of one map
-            without it smooth coupling alone is told from noise.
-        history : tuple of Step, optional
-            Where they came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``coupling`` (n_y, n_x), ``along_x``, ``along_y``, ``alpha``, ``beta``; the F test
-            of the coupling in the audit.
-
-        Raises
-        ------
-        DataError
-            If shape, steps or `u_reading` are not usable, or a surface lies on another grid.
-        InvalidSamplesError
-            If the maps are no real numbers.
-        NotSeparableError
-            If the measured rows and columns fall into groups that share no point.
-        TooFewSamplesError
-            If fewer than 3 rows or columns are measured, or no point is left to test.
-
-        Notes
-        -----
-        `fit_plane_model` does the work. The coupling has ``u^2 = s^2 (1/M - h)``, h the leverage of
-        the sum model at the point: ``s^2 (1 - 1/n_x) (1 - 1/n_y) / M`` on a whole map.
-        """
         if isinstance(readings, Surface):
             grid = (readings.dx, readings.dy, tuple(readings.origin))
             if grid != (self.dx, self.dy, tuple(self.origin)):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,13 +18,15 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
 from metrosep.core.inputs import Results
+from metrosep.core.numbers import real
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile, html_table
-from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.separation._readings import plain, real_numbers, reduced
+from metrosep.separation._readings import real_numbers
 from metrosep.separation.contract import NamedMethod
+from metrosep.separation.planes._result import PlainResult
 from metrosep.separation.planes.plane_fit import described, plane_origin, plane_steps
 from metrosep.separation.runs.base import ErrorEstimate
 
@@ -77,7 +79,7 @@ _MOST_PIXELS = 10_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PlaneMap:
+class PlaneMap(PlainResult):
     """Error of an XY plane with its standard uncertainty.
 
     Parameters
@@ -100,23 +102,6 @@ class PlaneMap:
     beta: Quantity
     audit: Mapping[str, Any] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "audit", freeze_mapping(self.audit))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI, NaN as None.
-
-        Returns
-        -------
-        dict
-            ``surface`` and ``u`` with steps and origin, ``alpha``, ``beta``, ``audit``,
-            ``messages``.
-        """
-        return {f.name: plain(getattr(self, f.name)) for f in fields(self)}
 
     def __repr__(self) -> str:
         n_y, n_x = self.surface.shape
@@ -227,8 +212,8 @@ def plane_map(
     u = np.sqrt((s_x**2 + u_tilt_x**2)[np.newaxis, :] + (s_y**2 + u_tilt_y**2)[:, np.newaxis])
     u[np.isnan(z)] = np.nan
     history = (
-        *_history(along_x),
-        *_history(along_y),
+        *along_x.history,
+        *along_y.history,
         Step("plane_map", {"alpha_rad": alpha_q.value, "beta_rad": beta_q.value}),
     )
     corner = (float(xs[0]), float(ys[0]))
@@ -327,16 +312,15 @@ def _between(grid: FloatArray, x: FloatArray, z: FloatArray) -> FloatArray:
 
 
 def _grid(start: float, stop: float, step: float, axis: str) -> FloatArray:
-    width = step
-    n = int((stop - start) / width * (1.0 + 1e-12) + 1e-9) + 1
+    n = int((stop - start) / step * (1.0 + 1e-12) + 1e-9) + 1
     if n < 2:
         raise DataError(
-            f"d{axis} = {width:.6g} m is longer than the travel of {stop - start:.6g} m; steps are "
+            f"d{axis} = {step:.6g} m is longer than the travel of {stop - start:.6g} m; steps are "
             "in m (1 mm is 0.001)"
         )
     if n > _MOST_PIXELS:
-        raise DataError(f"d{axis} = {width:.3g} m gives {n} points; choose a larger step")
-    return np.asarray(start + width * np.arange(n), dtype=np.float64)
+        raise DataError(f"d{axis} = {step:.3g} m gives {n} points; choose a larger step")
+    return np.asarray(start + step * np.arange(n), dtype=np.float64)
 
 
 def _alignment(value: float | Quantity, name: str) -> Quantity:
@@ -345,10 +329,7 @@ def _alignment(value: float | Quantity, name: str) -> Quantity:
             raise UnitError(f"{name} is in {value.unit}; an alignment is in rad")
         quantity = value
     else:
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            raise DataError(f"{name} must be a number in rad, got {value!r}") from None
+        number = real(value, name, dimension="angle")
         quantity = Quantity(number, "rad", "alignment, as stated", symbol=name)
     if not math.isfinite(quantity.value):
         raise DataError(f"{name} is {quantity.value}; give a finite alignment in rad, or 0")
@@ -364,7 +345,3 @@ def _axis(start: float, step: float | None, n: int) -> FloatArray:
     if step is None:
         raise DataError("the map has no lateral step")
     return np.asarray(start + step * np.arange(n), dtype=np.float64)
-
-
-def _history(item: ErrorEstimate | Profile) -> tuple[Step, ...]:
-    return item.history

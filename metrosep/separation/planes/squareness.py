@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError, UnitError
-from metrosep.core.provenance import freeze_mapping
+from metrosep.core.numbers import not_negative, positive, real
 from metrosep.core.quantity import Quantity
-from metrosep.separation._readings import checked_number, plain, reduced
+from metrosep.separation.planes._result import PlainResult
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,15 +32,14 @@ if TYPE_CHECKING:
 __all__ = ["Squareness", "squareness_from_diagonals"]
 
 
-_PAIRS = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
-_UNKNOWNS = (*_PAIRS, "scale_x", "scale_y", "scale_z")
+PAIRS = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 _SIGN = {"p": 1.0, "n": -1.0, "0": 0.0, "+": 1.0, "-": -1.0}
 _TOO_LARGE = 1e-2
 _ESTIMABLE = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Squareness:
+class Squareness(PlainResult):
     """Squareness errors of the axis pairs and scale errors of the axes.
 
     Parameters
@@ -102,21 +101,6 @@ class Squareness:
         }
         return pd.DataFrame.from_dict(data, orient="index").rename_axis("name")
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI, NaN as None.
-
-        Returns
-        -------
-        dict
-            ``angles``, ``scales``, ``remainder``, ``residuals``, ``common``, ``audit``,
-            ``messages``.
-        """
-        found: dict[str, Any] = plain({f.name: getattr(self, f.name) for f in fields(self)})
-        return found
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
-
     def __repr__(self) -> str:
         return "Squareness(" + ", ".join(f"{k} {q}" for k, q in self.angles.items()) + ")"
 
@@ -148,8 +132,8 @@ def squareness_from_diagonals(
     NotSeparableError
         If no angle is determined by these diagonals.
     DataError
-        If lengths is no mapping, a name is not known, a diagonal stands twice, `size` is not three
-        positive lengths, or u is no number, negative or lacks a diagonal.
+        If lengths is not a mapping, a name is not known, a diagonal is given twice, `size` is not three
+        positive lengths, or u is not a number, negative or lacks a diagonal.
     InvalidSamplesError
         If a length error is no finite number.
     UnitError
@@ -182,11 +166,11 @@ def squareness_from_diagonals(
     """
     travel = checked_travel(size)
     table = _by_canonical_name(lengths)
-    signs = np.array([_signs(name) for name in table])
+    signs = signs_of(table)
     dl = np.array(list(table.values()), dtype=np.float64)
     diagonal = np.sqrt((signs**2) @ travel**2)
     _check_lengths(list(table), dl, diagonal)
-    design = _design(signs, travel)
+    design = design_of(signs, travel)
     sd = _standard_uncertainties(u, list(table))
     weight = np.ones(dl.size) if sd is None or not (sd > 0).all() else 1.0 / sd
     inverse = np.linalg.pinv(design * weight[:, None], rcond=1e-12) * weight
@@ -200,20 +184,19 @@ def squareness_from_diagonals(
     values = np.where(known, least, np.nan)
     spread = None if sd is None else np.sqrt((inverse**2) @ sd**2)
     residuals = dl - design @ least
+    found = _quantities(values, spread, known)
     return Squareness(
-        angles=freeze_mapping(_quantities(values, spread, known)),
-        scales=freeze_mapping(_scales(values, spread, known)),
-        remainder=freeze_mapping(_remainder(signs, travel, least, inverse, known)),
-        residuals=freeze_mapping(dict(zip(table, residuals.tolist(), strict=True))),
+        angles=dict(zip(PAIRS, found[:3], strict=True)),
+        scales=dict(zip("xyz", found[3:], strict=True)),
+        remainder=_remainder(signs, travel, least, inverse, known),
+        residuals=dict(zip(table, residuals.tolist(), strict=True)),
         common=_common(table),
-        audit=freeze_mapping(
-            {
-                "size_mm": [float(v) * 1e3 for v in travel],
-                "diagonals": list(table),
-                "redundancy": int(dl.size - np.linalg.matrix_rank(design)),
-                "residual_rms_nm": float(np.sqrt(np.mean(residuals**2))) * 1e9,
-            }
-        ),
+        audit={
+            "size_mm": [float(v) * 1e3 for v in travel],
+            "diagonals": list(table),
+            "redundancy": int(dl.size - np.linalg.matrix_rank(design)),
+            "residual_rms_nm": float(np.sqrt(np.mean(residuals**2))) * 1e9,
+        },
         messages=tuple(_messages(known, sd)),
     )
 
@@ -221,12 +204,12 @@ def squareness_from_diagonals(
 def checked_travel(size: Sequence[float]) -> FloatArray:
     """Return the travels as an array."""
     try:
-        travel = np.asarray(size, dtype=np.float64)
-    except (TypeError, ValueError):
-        travel = np.empty(0)
-    if travel.shape != (3,) or not (np.isfinite(travel).all() and (travel > 0.0).all()):
-        raise DataError(f"size must be three positive lengths (X, Y, Z) in m, got {size!r}")
-    return travel
+        x, y, z = (positive(v, "size", dimension="length") for v in size)
+    except (TypeError, ValueError, InvalidSamplesError):
+        raise DataError(
+            f"size must be three positive lengths (X, Y, Z) in m, got {size!r}"
+        ) from None
+    return np.array([x, y, z])
 
 
 def canonical_name(name: str) -> tuple[str, bool]:
@@ -240,7 +223,7 @@ def canonical_name(name: str) -> tuple[str, bool]:
     text = str(name).lower()
     if len(text) != 3 or set(text) - set(_SIGN) or text.count("0") > 1:
         raise DataError(
-            f"{name!r} is no diagonal; name the sign of travel along X, Y, Z, such as 'ppp', 'npp', "
+            f"{name!r} is not a diagonal; name the sign of travel along X, Y, Z, such as 'ppp', 'npp', "
             "or 'pp0' in a face"
         )
     text = text.replace("+", "p").replace("-", "n")
@@ -261,7 +244,7 @@ def _by_canonical_name(lengths: Mapping[str, float]) -> dict[str, float]:
         own, _ = canonical_name(name)
         if own in table:
             raise DataError(
-                f"diagonal {own} stands twice ({name!r} is the same line); average them"
+                f"diagonal {own} is given twice ({name!r} is the same line); average them"
             )
         try:
             table[own] = float(getattr(value, "value", value))
@@ -274,8 +257,9 @@ def _by_canonical_name(lengths: Mapping[str, float]) -> dict[str, float]:
     return table
 
 
-def _signs(name: str) -> tuple[float, ...]:
-    return tuple(_SIGN[letter] for letter in name)
+def signs_of(names: Iterable[str]) -> FloatArray:
+    """Return the signs of travel along X, Y, Z of diagonals, shape (n, 3)."""
+    return np.array([[_SIGN[letter] for letter in name] for name in names])
 
 
 def _check_lengths(names: list[str], dl: FloatArray, diagonal: FloatArray) -> None:
@@ -291,10 +275,11 @@ def _check_lengths(names: list[str], dl: FloatArray, diagonal: FloatArray) -> No
             )
 
 
-def _design(signs: FloatArray, travel: FloatArray) -> FloatArray:
+def design_of(signs: FloatArray, travel: FloatArray) -> FloatArray:
+    """Return what three angles and three scales make of the length of each diagonal."""
     legs = signs * travel
     diagonal = np.sqrt((legs**2).sum(axis=1))
-    shear = np.column_stack([legs[:, i] * legs[:, j] for i, j in _PAIRS.values()])
+    shear = np.column_stack([legs[:, i] * legs[:, j] for i, j in PAIRS.values()])
     return np.asarray(np.hstack([shear, legs**2]) / diagonal[:, None])
 
 
@@ -304,48 +289,36 @@ def _standard_uncertainties(
     if u is None:
         return None
     if isinstance(u, Mapping):
-        own = {canonical_name(k)[0]: checked_number(v, f"u of {k}") for k, v in u.items()}
+        own = {
+            canonical_name(k)[0]: not_negative(v, f"u of {k}", dimension="length")
+            for k, v in u.items()
+        }
         missing = [n for n in names if n not in own]
         if missing:
             raise DataError(f"u lacks the diagonal {missing[0]}")
-        sd = np.array([own[n] for n in names])
-    else:
-        what = "one number in m or a mapping of names to numbers"
-        sd = np.full(len(names), checked_number(u, "u", what))
-    if not (np.isfinite(sd).all() and (sd >= 0.0).all()):
-        raise DataError("u must be zero or positive, in m")
-    return sd
+        return np.array([own[n] for n in names])
+    one = real(u, "u", dimension="length", what="a number or a mapping of names to numbers")
+    return np.full(len(names), not_negative(one, "u", dimension="length"))
 
 
 def _quantities(
     values: FloatArray, spread: FloatArray | None, known: NDArray[np.bool_]
-) -> dict[str, Quantity]:
-    return {
-        pair: Quantity(
-            float(values[i]),
+) -> list[Quantity]:
+    """Return the angles of the pairs and the scales of the axes."""
+    said = [
+        (
             "rad",
-            f"squareness error of {pair[0].upper()} and {pair[1].upper()}: pi/2 minus the angle "
-            "between the positive axes",
-            u=float(spread[i]) if spread is not None and known[i] else None,
-            symbol=f"a_{pair}",
+            f"squareness error of {x} and {y}: pi/2 minus the angle between the positive axes",
+            f"a_{x}{y}".lower(),
         )
-        for i, pair in enumerate(_PAIRS)
-    }
-
-
-def _scales(
-    values: FloatArray, spread: FloatArray | None, known: NDArray[np.bool_]
-) -> dict[str, Quantity]:
-    return {
-        axis: Quantity(
-            float(values[3 + i]),
-            "1",
-            f"relative length error of {axis.upper()}",
-            u=float(spread[3 + i]) if spread is not None and known[3 + i] else None,
-            symbol=f"e_{axis}",
-        )
-        for i, axis in enumerate("xyz")
-    }
+        for x, y in ("XY", "XZ", "YZ")
+    ]
+    said += [("1", f"relative length error of {axis.upper()}", f"e_{axis}") for axis in "xyz"]
+    sd = np.full(6, np.nan) if spread is None else np.where(known, spread, np.nan)
+    return [
+        Quantity(float(value), unit, text, u=None if math.isnan(u) else float(u), symbol=symbol)
+        for value, u, (unit, text, symbol) in zip(values, sd, said, strict=True)
+    ]
 
 
 def _remainder(
@@ -357,7 +330,7 @@ def _remainder(
 ) -> dict[str, float]:
     """Return what the exact distance of end points would add to each angle."""
     shear = np.diag(1.0 + least[3:])
-    for value, (i, j) in zip(least[:3], _PAIRS.values(), strict=True):
+    for value, (i, j) in zip(least[:3], PAIRS.values(), strict=True):
         shear[i, j] += value
     # Y and Z both lean towards X, so part of the angle between them is already there.
     shear[1, 2] -= shear[0, 1] * shear[0, 2]
@@ -367,8 +340,8 @@ def _remainder(
         lean = sum(shear[i, j] ** 2 for i in range(j))
         shear[j, j] -= lean / 2.0
     exact = np.sqrt(((legs @ shear.T) ** 2).sum(axis=1)) - np.sqrt((legs**2).sum(axis=1))
-    second = inverse @ (exact - _design(signs, travel) @ least)
-    return {p: float(second[i]) if known[i] else math.nan for i, p in enumerate(_PAIRS)}
+    second = inverse @ (exact - design_of(signs, travel) @ least)
+    return {p: float(second[i]) if known[i] else math.nan for i, p in enumerate(PAIRS)}
 
 
 def _common(table: Mapping[str, float]) -> float:
@@ -377,16 +350,16 @@ def _common(table: Mapping[str, float]) -> float:
 
 
 def _messages(known: NDArray[np.bool_], sd: FloatArray | None) -> list[str]:
-    said = []
-    lost = [p for p, k in zip(_PAIRS, known[:3], strict=True) if not k]
+    messages = []
+    lost = [p for p, k in zip(PAIRS, known[:3], strict=True) if not k]
     if lost:
-        said.append(f"{', '.join(lost)} not determined by these diagonals: NaN")
+        messages.append(f"{', '.join(lost)} not determined by these diagonals: NaN")
     if not known[3:].all():
-        said.append(
+        messages.append(
             "scale errors of the single axes are not seen, only what they add to the diagonals; in "
             "the angles they cancel"
         )
     if sd is None:
-        said.append("no standard uncertainty: pass u= of a length error")
-    said.append("straightness and angular errors at the end points count as squareness")
-    return said
+        messages.append("no standard uncertainty: pass u= of a length error")
+    messages.append("straightness and angular errors at the end points count as squareness")
+    return messages
