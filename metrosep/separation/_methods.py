@@ -18,8 +18,8 @@ from metrosep.separation._readings import plain, reduced
 from metrosep.separation.contract import Separation, SeparationMethod
 
 __all__ = [
-    "History", "Parts", "RecordedMethod", "StoredResult", "as_stated", "described_by", "not_known", "settle",
-    "type_a",
+    "History", "Parts", "RecordedMethod", "StoredResult", "as_stated", "described_by", "not_known",
+    "settle", "type_a",
 ]  # fmt: skip
 
 History = tuple[Step, ...]
