@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any, ClassVar, TypeVar
 
@@ -18,11 +17,13 @@ from metrosep.separation._readings import plain, reduced
 from metrosep.separation.contract import Separation, SeparationMethod
 
 __all__ = [
-    "History", "RecordedMethod", "StoredResult", "as_stated", "described_by", "not_known", "settle",
-    "type_a",
+    "History", "Parts", "RecordedMethod", "StoredResult", "as_stated", "described_by", "not_known",
+    "settle", "type_a",
 ]  # fmt: skip
 
 History = tuple[Step, ...]
+Parts = Mapping[str, ArrayLike]
+"""Parts of a simulation by name."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -35,9 +36,9 @@ class RecordedMethod(SeparationMethod):
         """What the readings are."""
         return self.dimension
 
-    @abstractmethod
     def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
-        """Return the parts of readings as they were given, with the checked uncertainty."""
+        """Return the parts of readings, with the checked uncertainty; or `separate` is overridden."""
+        raise NotImplementedError
 
     def separate(
         self,

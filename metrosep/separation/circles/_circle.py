@@ -29,7 +29,15 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
-from metrosep.separation._readings import as_numbers, curves, first_angle, require_turn
+from metrosep.separation._methods import Parts
+from metrosep.separation._readings import (
+    as_numbers,
+    curves,
+    first_angle,
+    known_parts,
+    part_of,
+    require_turn,
+)
 from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 
 _LARGEST_RADIUS = 10.0
@@ -205,31 +213,6 @@ def turned(samples: FloatArray, angles: FloatArray) -> FloatArray:
         shift[:, -1] = np.cos(0.5 * n * angles)
     out: FloatArray = np.fft.irfft(c * shift, n=n, axis=-1)
     return out
-
-
-def part_arrays(
-    known: Iterable[str], *given: Mapping[str, ArrayLike]
-) -> tuple[dict[str, FloatArray], int]:
-    """Return all parts as rows of one length, zero where not given."""
-    names = tuple(known)
-    found: dict[str, FloatArray] = {}
-    for mapping in given:
-        for name, values in mapping.items():
-            if name not in names:
-                raise DataError(f"there is no part {name!r}; there are {', '.join(names)}")
-            array = np.asarray(values, dtype=np.float64)
-            if array.ndim != 1 or array.size < 3:
-                raise InvalidSamplesError(
-                    f"the part {name!r} needs one row of >= 3 samples, got {array.shape}"
-                )
-            found[name] = array
-    if not found:
-        raise DataError("give at least one part to simulate; its length sets the samples")
-    sizes = {name: values.size for name, values in found.items()}
-    if len(set(sizes.values())) > 1:
-        raise InvalidSamplesError(f"the parts have different numbers of samples: {sizes}")
-    size = next(iter(sizes.values()))
-    return {name: found.get(name, np.zeros(size)) for name in names}, size
 
 
 _CENTRING = (
@@ -477,6 +460,14 @@ class CircleMethod(SeparationMethod):
     @property
     def _parts(self) -> tuple[str, ...]:
         return (*self.truth_parts, *self.error_parts)
+
+    def _rows_of(self, truth: Parts, errors: Parts) -> dict[str, FloatArray]:
+        """Return all parts as rows of one length, zero where not given."""
+        found = known_parts(self, truth, errors)
+        shape = next(iter(found.values())).shape
+        if len(shape) != 1 or shape[0] < 3:
+            raise InvalidSamplesError(f"parts need one row of >= 3 samples each, got {shape}")
+        return {name: part_of(found, name, shape, self.name) for name in self._parts}
 
     def separate(
         self,

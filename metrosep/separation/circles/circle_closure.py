@@ -34,7 +34,8 @@ from metrosep.core.numbers import count
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import History, RecordedMethod, described_by, settle
+from metrosep.separation._methods import History, Parts, RecordedMethod, described_by, settle
+from metrosep.separation._readings import known_parts, part_of
 from metrosep.separation.circles._circle import (
     check_sign,
     check_u_reading,
@@ -156,19 +157,9 @@ class CircleClosure(RecordedMethod):
                 "cannot be separated; turn the artefact between set-ups"
             )
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
-        parts = dict.fromkeys(_PARTS, np.zeros(self.n))
-        if not truth and not errors:
-            raise DataError("give the artefact or the machine to simulate")
-        for name, values in {**truth, **errors}.items():
-            if name not in parts:
-                raise DataError(f"there is no part {name!r}; there are {', '.join(_PARTS)}")
-            row = np.asarray(values, dtype=np.float64)
-            if row.shape != (self.n,):
-                raise DataError(f"the part {name!r} needs {self.n} values, got {row.shape}")
-            parts[name] = row
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
+        given = known_parts(self, truth, errors)
+        parts = {name: part_of(given, name, (self.n,), self.name) for name in _PARTS}
         faces = np.array([np.roll(parts["artefact"], -p) for p in self.positions])
         out: FloatArray = faces + self.table_sign * parts["machine"]
         return out

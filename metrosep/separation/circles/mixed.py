@@ -31,7 +31,7 @@ from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import described_by, settle
+from metrosep.separation._methods import Parts, described_by, settle
 from metrosep.separation._readings import unit_message
 from metrosep.separation.circles._circle import (
     CircleMethod,
@@ -43,7 +43,6 @@ from metrosep.separation.circles._circle import (
     circle_readings,
     curve,
     harmonics_of,
-    part_arrays,
     reading_noise,
     unseen,
     variances,
@@ -141,10 +140,9 @@ class OrthogonalMixed(CircleMethod):
         if self.u_radius > 0.5 * self.radius:
             raise DataError(f"u_radius of {self.u_radius} m does not fit a radius {self.radius} m")
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
-        parts, n = part_arrays(self._parts, truth, errors)
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
+        parts = self._rows_of(truth, errors)
+        n = parts["x"].size
         k = np.arange((n - 1) // 2 + 1)
         c = harmonics_of(parts["artefact"], int(k[-1]))
         rising = curve(1j * self.turn * k * np.exp(0.5j * np.pi * self.turn * k) * c, n)

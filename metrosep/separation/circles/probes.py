@@ -31,7 +31,7 @@ from metrosep.core.numbers import count, positive
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import described_by, settle
+from metrosep.separation._methods import Parts, described_by, settle
 from metrosep.separation._readings import unit_message
 from metrosep.separation.circles._circle import (
     CircleMethod,
@@ -46,7 +46,6 @@ from metrosep.separation.circles._circle import (
     hidden_message,
     hidden_of,
     numbers,
-    part_arrays,
     probe_geometry,
     reading_noise,
     turned,
@@ -185,11 +184,9 @@ class MultiprobeRoundness(CircleMethod):
         gain: FloatArray = self._geometry().gain[0]
         return gain
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         # the artefact is turned by its Fourier phases, exact for harmonics below N/2
-        parts, _ = part_arrays(self._parts, truth, errors)
+        parts = self._rows_of(truth, errors)
         phi = np.array(self.angles)
         out: FloatArray = (
             turned(parts["artefact"], self.turn * phi)

@@ -17,7 +17,7 @@ from metrosep.core.numbers import between, count, positive, real
 from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.separation._methods import History, RecordedMethod, described_by, settle
+from metrosep.separation._methods import History, Parts, RecordedMethod, described_by, settle
 from metrosep.separation._readings import (
     checked_readings,
     curves,
@@ -309,9 +309,7 @@ class FaceReversal(RecordedMethod):
             )
         settle(self, radius=radius, start=real(self.start, "start", dimension="angle"))
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         plate, axial, tilt = given_parts(
             self.name,
             truth,

@@ -29,7 +29,14 @@ from metrosep.core.options import Option
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import History, RecordedMethod, StoredResult, as_stated, type_a
+from metrosep.separation._methods import (
+    History,
+    Parts,
+    RecordedMethod,
+    StoredResult,
+    as_stated,
+    type_a,
+)
 from metrosep.separation._readings import (
     as_numbers,
     known_parts,
@@ -441,9 +448,7 @@ class SpeedGrowth(RecordedMethod):
     def _dimension(self) -> str:
         return "length" if self.unit == "m" else "angle"
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts = known_parts(self, truth, errors)
         points = parts["at_rest"].shape if "at_rest" in parts else parts["growth"].shape[1:]
         growth = part_of(parts, "growth", (len(self.speeds), *points), self.name)

@@ -7,7 +7,6 @@ stands still. The setting of the artefact is its distance and, in radial motion,
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -18,7 +17,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.numbers import choice, real
 from metrosep.core.provenance import Step
-from metrosep.separation._methods import History, RecordedMethod, as_stated, settle, type_a
+from metrosep.separation._methods import History, Parts, RecordedMethod, as_stated, settle, type_a
 from metrosep.separation._readings import (
     as_numbers,
     checked_readings,
@@ -92,9 +91,7 @@ class SpindleSplit(RecordedMethod):
     def _hidden(self) -> tuple[int, ...]:
         return (0, 1) if self.direction == "radial" else (0,)
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts = known_parts(self, truth, errors)
         shape = parts["asynchronous"].shape if "asynchronous" in parts else None
         if shape is None:

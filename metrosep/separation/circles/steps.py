@@ -27,7 +27,7 @@ from metrosep.core.numbers import choice, count, is_real, positive, real
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import described_by, settle
+from metrosep.separation._methods import Parts, described_by, settle
 from metrosep.separation._readings import unit_message
 from metrosep.separation.circles._circle import (
     CircleMethod,
@@ -41,7 +41,6 @@ from metrosep.separation.circles._circle import (
     harmonics_of,
     hidden_message,
     hidden_of,
-    part_arrays,
     reading_noise,
     turned,
     u_of_curves,
@@ -186,10 +185,8 @@ class MultistepRoundness(CircleMethod):
         gain: FloatArray = _geometry(self).gain[0]
         return gain
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
-        parts, _ = part_arrays(self._parts, truth, errors)
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
+        parts = self._rows_of(truth, errors)
         out: FloatArray = turned(parts["artefact"], self.turn * np.array(self.angles))
         return out + parts["spindle"]
 

@@ -338,9 +338,10 @@ def given_readings(
         return Given(readings, at, spacing or uniform_step(at, what), history, ())
     messages: tuple[str, ...] = ()
     if spacing is None:
-        spacing = _one_distance(distance)
-        if spacing is None:
+        apart = None if distance is None else distances(distance)
+        if apart is None or apart[0] != apart[1]:
             raise DataError(f"{what} needs the positions x or the step between them, in m")
+        spacing = apart[0]
         text = (
             "the step is not given and taken as the distance of the probes, "
             f"{format_length(spacing)}: give x or step if the carriage moves otherwise"
@@ -349,14 +350,14 @@ def given_readings(
     return Given(readings, None, spacing, history, messages)
 
 
-def _one_distance(distance: Any) -> float | None:
-    """Return the one distance of the probes; None where there are two or none."""
-    try:
-        values = np.unique(np.asarray(distance, dtype=np.float64))
-    except (TypeError, ValueError):
-        return None
-    usable = values.size == 1 and np.isfinite(values[0]) and values[0] > 0.0
-    return float(values[0]) if usable else None
+def distances(distance: float | tuple[float, float]) -> tuple[float, float]:
+    """Return both distances of three probes, which may be one."""
+    several = isinstance(distance, (tuple, list, np.ndarray)) and np.ndim(distance) > 0
+    values = np.ravel(distance).tolist() if several else [distance]
+    if len(values) not in (1, 2):
+        raise DataError(f"distance is one length in m above zero, or two, got {distance}")
+    both = [positive(v, "distance", dimension="length") for v in values]
+    return both[0], both[-1]
 
 
 def _array(m: Any, what: str) -> FloatArray:

@@ -20,8 +20,8 @@ from metrosep.core.numbers import not_negative
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
-from metrosep.separation._methods import as_stated, not_known, type_a
-from metrosep.separation._readings import NOISE_UNKNOWN, checked_readings
+from metrosep.separation._methods import Parts, as_stated, not_known, type_a
+from metrosep.separation._readings import NOISE_UNKNOWN, checked_readings, known_parts
 from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 from metrosep.separation.lines._line_found import Found, solve
 from metrosep.separation.lines._line_probes import Row, interpolation, positions
@@ -59,19 +59,8 @@ class ProbeRowMethod(SeparationMethod):
         """Known zero difference of three probes and its standard uncertainty, m."""
         return None
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
-        for given, known, kind in (
-            (truth, self.truth_parts, "truth"),
-            (errors, self.error_parts, "error"),
-        ):
-            for name in given:
-                if name not in known:
-                    has = ", ".join(known)
-                    raise DataError(f"{self.name} has no {kind} part {name!r}; it has {has}")
-        row = self._row
-        parts = {k: np.asarray(v, dtype=np.float64) for k, v in {**truth, **errors}.items()}
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
+        row, parts = self._row, known_parts(self, truth, errors)
         n = _n_positions(row, parts, self.name)
         o = np.array(row.offsets)
         readings = np.zeros((o.size, n))
@@ -245,7 +234,7 @@ def _n_positions(row: Row, parts: Mapping[str, FloatArray], what: str) -> int:
     if "artefact" in parts:
         counts["artefact"] = parts["artefact"].size - row.span
     if len(set(counts.values())) != 1 or min(counts.values()) < 2:
-        sizes = ", ".join(f"{k} {v.size}" for k, v in parts.items()) or "none is given"
+        sizes = ", ".join(f"{k} {v.size}" for k, v in parts.items())
         raise DataError(
             f"{what}: for n >= 2 carriage positions straightness and pitch have n values, the artefact "
             f"n + {row.span}; got {sizes}"

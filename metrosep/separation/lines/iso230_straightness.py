@@ -22,7 +22,7 @@ from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.deviation import form_deviation
 from metrosep.parameters.form_result import FormDeviation
-from metrosep.separation._methods import History, RecordedMethod, StoredResult
+from metrosep.separation._methods import History, Parts, RecordedMethod, StoredResult
 from metrosep.separation._readings import (
     as_numbers,
     average_repeats,
@@ -399,9 +399,7 @@ class ReferenceLine(RecordedMethod):
             raise InvalidSamplesError(f"{self.name}: positions must be finite and rising, in m")
         choice(self.line, "line", ("LS", "EP"))
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts = known_parts(self, truth, errors)
         shape = (len(self.x),)
         both = [part_of(parts, n, shape, self.name) for n in ("straightness", "reference")]

@@ -20,7 +20,7 @@ from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.numbers import not_negative
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.separation._methods import History, RecordedMethod, described_by
+from metrosep.separation._methods import History, Parts, RecordedMethod, described_by
 from metrosep.separation._readings import (
     Averaged,
     average_repeats,
@@ -68,9 +68,7 @@ def combined(
 class ReversedPair(RecordedMethod):
     """Two readings ``A + M`` and ``A - M``; methods say what alignment takes from each."""
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         part, machine = given_parts(
             self.name, truth, errors, truth_parts=self.truth_parts, error_parts=self.error_parts
         ).values()

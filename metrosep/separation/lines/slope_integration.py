@@ -7,7 +7,6 @@ its uncertainty is exact for white noise of the slopes: a random walk along the 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -28,6 +27,7 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
 from metrosep.separation._methods import (
     History,
+    Parts,
     RecordedMethod,
     as_stated,
     described_by,
@@ -115,9 +115,7 @@ class SlopeIntegration(RecordedMethod):
         if not (np.isfinite(x).all() and (np.diff(x) > 0.0).all()):
             raise InvalidSamplesError(f"{self.name}: positions must be finite and rising, in m")
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts = known_parts(self, truth, errors)
         x = np.array(self.x)
         zero = parts.get("zero", np.zeros(()))

@@ -22,12 +22,13 @@ from metrosep.separation.contract import Separation
 from metrosep.separation.lines._line_probes import Row, checked_row
 from metrosep.separation.lines._line_problem import (
     METHODS,
+    distances,
     given_readings,
     method_named,
     split_call,
 )
 from metrosep.separation.lines._line_result import ProbeRowMethod
-from metrosep.separation.lines.zero_adjustment import ZeroCalibration, distances
+from metrosep.separation.lines.zero_adjustment import ZeroCalibration
 
 __all__ = ["ThreePoint", "TwoPoint", "three_point", "two_point", "zero_error_sag"]
 
@@ -64,6 +65,8 @@ def zero_error_sag(zero: float, length: float, distance: float | tuple[float, fl
     112.5
     """
     d1, d2 = distances(distance)
+    zero = real(zero, "zero", dimension="length")
+    length = not_negative(length, "length", dimension="length")
     return zero * length**2 / (4.0 * d1 * (d1 + d2))
 
 

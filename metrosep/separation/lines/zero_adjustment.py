@@ -16,12 +16,13 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, as_float
 from metrosep.core.errors import DataError, TooFewSamplesError
-from metrosep.core.numbers import flag, not_negative, positive
+from metrosep.core.numbers import flag, not_negative
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import History, RecordedMethod, as_stated, settle, type_a
+from metrosep.separation._methods import History, Parts, RecordedMethod, as_stated, settle, type_a
 from metrosep.separation._readings import checked_readings, known_parts
 from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.lines._line_problem import distances
 
 __all__ = ["ZeroAdjustment", "ZeroCalibration", "zero_calibration"]
 
@@ -196,16 +197,6 @@ def zero_calibration(
     return _mean(first - known, count, d, "flat", w, u_reading, 1.0, u_known)
 
 
-def distances(distance: float | tuple[float, float]) -> tuple[float, float]:
-    """Return both distances of three probes."""
-    several = isinstance(distance, (tuple, list, np.ndarray)) and np.ndim(distance) > 0
-    values = np.ravel(distance).tolist() if several else [distance]
-    if len(values) not in (1, 2):
-        raise DataError(f"distance is one length in m above zero, or two, got {distance}")
-    both = [positive(v, "distance", dimension="length") for v in values]
-    return both[0], both[-1]
-
-
 def _weights(distance: float | tuple[float, float]) -> FloatArray:
     """Return the combination of three readings that cancels straightness and pitch."""
     first, second = distances(distance)
@@ -354,9 +345,7 @@ class ZeroAdjustment(RecordedMethod):
             u_flat=not_negative(self.u_flat, "u_flat", dimension="length"),
         )
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts = known_parts(self, truth, errors)
         zero, bend = parts.get("zero", np.zeros(())), parts.get("bend", np.zeros(1))
         w = _weights(self.distance)
