@@ -203,7 +203,7 @@ def test_a_compressed_file_is_called_so(put, start, program):
     [
         ("sdf/samples/binary-type5.sdf", "maps.sdf"),
         ("x3p/samples/double.x3p", "maps.x3p"),
-        ("fourd/samples/one.h5", "containers.fourd"),
+        ("fourd/samples/one.h5", "containers.interferometers"),
         ("delimited/samples/comma.csv", "text.delimited"),
     ],
 )

@@ -185,6 +185,7 @@ class Channels:
         unit: Any = None,
         union: bool = False,
         warnings: tuple[str, ...] = (),
+        steps: Sequence[Step] = (),
         **facts: Any,
     ) -> Recording:
         """Return the channels on one axis of time, in SI where the unit is known."""
@@ -213,7 +214,7 @@ class Channels:
                 columns,
                 units={n: SI_NAMES.get(u.dimension, "") for n in names if (u := units[n])},
                 metadata=metadata,
-                history=self._file.history(format_id, {"channels": tuple(columns)}),
+                history=(*self._file.history(format_id, {"channels": tuple(columns)}), *steps),
             )
         except DataError as exc:
             raise self._file.corrupt(f"the samples do not fit: {exc}") from None
