@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -228,3 +229,13 @@ def test_every_reader_has_one_declaration():
         if known.reader.startswith("builtin:"):
             sniff = known.load_reader().sniff
             assert known.marks.closer == (sniff.__module__ != "metrosep.io.declared"), known.id
+
+
+@pytest.mark.parametrize("content", [b"\n" * 65536, b" \t" * 32768, b"GRD " * 16384, b"a" * 65536])
+def test_no_mark_takes_long_on_a_hostile_head(put, content):
+    start = time.perf_counter()
+
+    with pytest.raises(ms.errors.ReadError):
+        ms.read(put(content, "head.txt"))
+
+    assert time.perf_counter() - start < 2.0
