@@ -124,18 +124,7 @@ def _numbers(file: RawFile) -> tuple[str, FloatArray]:
     rows = book.cells(sheet, _COLUMNS)
     if len(rows) < 2:
         raise file.corrupt(f"worksheet {sheet} holds no trace", expected="2 rows")
-    table = np.full((len(rows), 4), np.nan)
-    for k, (number, cells) in enumerate(rows):
-        for j, column in enumerate(_COLUMNS):
-            value = cells.get(column, math.nan)
-            if not isinstance(value, float):
-                raise file.corrupt(
-                    "a cell is not a number",
-                    field=f"{column}{number}",
-                    expected="a number",
-                    found=repr(value)[:40],
-                )
-            table[k, j] = value
+    table = _table(file, rows, _COLUMNS, gaps=_COLUMNS)
     whole = table[np.isfinite(table).all(axis=1)]
     if len(whole) == 0 or not _is_polar(whole):
         raise mismatch(file, _TALYROND, f"other numbers in worksheet {sheet}")
@@ -420,18 +409,25 @@ def _columns(file: RawFile, rows: Cells) -> tuple[Any, Any]:
     points = [(number, cells) for number, cells in rows if _X in cells or _Z in cells]
     if len(points) < 2:
         raise file.corrupt("worksheet DATA holds no profile", expected=f"columns {_X} and {_Z}")
-    for number, cells in points:
-        for column, value in ((_X, cells.get(_X)), (_Z, cells.get(_Z, 0.0))):
+    x, z = _table(file, points, _X + _Z, gaps=_Z).T
+    return x, z
+
+
+def _table(file: RawFile, rows: Cells, columns: str, *, gaps: str) -> FloatArray:
+    """Return cells as numbers, NaN for an empty one of a column in which gaps are allowed."""
+    table = np.empty((len(rows), len(columns)))
+    for k, (number, cells) in enumerate(rows):
+        for j, column in enumerate(columns):
+            value = cells.get(column, math.nan if column in gaps else None)
             if not isinstance(value, float):
                 raise file.corrupt(
-                    "a cell of worksheet DATA is not a number",
+                    "a cell is not a number",
                     field=f"{column}{number}",
                     expected="a number",
                     found=repr(value)[:40],
                 )
-    x = np.array([cells[_X] for _, cells in points], dtype=np.float64)
-    z = np.array([cells.get(_Z, np.nan) for _, cells in points], dtype=np.float64)
-    return x, z
+            table[k, j] = value
+    return table
 
 
 mitutoyo_xlsx = BuiltIn(_mitutoyo_xlsx_sniff, _mitutoyo_xlsx_channels, _mitutoyo_xlsx_read)
