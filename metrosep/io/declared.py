@@ -117,8 +117,10 @@ class Marks:
         if text is None:
             return False
         if self.first_line is not None:
-            top = next((line for line in text.split("\n") if line.strip()), "")
-            if re.match(self.first_line, top) is None:
+            blank = len(text) - len(text.lstrip())
+            start = text.rfind("\n", 0, blank) + 1
+            end = text.find("\n", blank)
+            if re.match(self.first_line, text[start : end if end >= 0 else None]) is None:
                 return False
         open_end = file.size > len(file.head) and text.count("\n") < self.lines
         return open_end or re.search(self.text, text) is not None

@@ -23,6 +23,7 @@ from metrosep.core.errors import (
     UnsupportedFeatureError,
 )
 from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.io.source import MAX_PIXELS, RawFile, lateral_steps, refuse_options
 
@@ -217,6 +218,7 @@ def make_profile(
     header: Mapping[str, Any],
     override: float | None = None,
     warnings: Sequence[str] = (),
+    steps: Sequence[Step] = (),
     **facts: Any,
 ) -> Profile:
     """Return a profile that meets the contract of all readers; falling positions are turned."""
@@ -240,7 +242,7 @@ def make_profile(
             lateral_step_override_m=override,
             **facts,
         )
-        history = file.history(format_id, {"lateral_step_m": override})
+        history = (*file.history(format_id, {"lateral_step_m": override}), *steps)
         return Profile(x, z, metadata=metadata, history=history)
     except DataError as exc:
         raise file.corrupt(f"the profile does not fit: {exc}") from None

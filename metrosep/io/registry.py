@@ -180,8 +180,9 @@ class Format:
         """What the description declares for recognition; the reader decides where it says nothing."""
         layout = self.facts.get("layout", {})
         mark = str(next(iter(layout.get("recognise", ())), ""))
-        if mark.isascii() and mark:
-            pattern = rf"(?m)^\s*{re.escape(mark)}"
+        plain = str(layout.get("encoding", "utf-8")).lower() in ("utf-8", "latin-1", "ascii")
+        if mark and mark.isascii() and plain:
+            pattern = rf"(?m)^[^\S\n]*{re.escape(mark)}"
             return Marks(text=pattern, lines=LAYOUT_LINES, closer=True)
         return marks_of(self.facts.get("recognise", {"closer": True}), self.folder)
 

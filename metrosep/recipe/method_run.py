@@ -353,17 +353,17 @@ def _listed_test(file: Path, layout: Mapping[str, Any]) -> RoleColumns:
     """Return targets and positions of a list of a positioning test (format iso230-2)."""
     from metrosep.io.registry import Match
     from metrosep.io.source import open_file
-    from metrosep.io.text.iso230_2_list import FORMAT, read_targets, sniff
+    from metrosep.io.text.machine_tests import ISO230_2, iso230_2_list, read_targets
 
     source = open_file(file)
-    if sniff(source) is Match.NO:
+    if iso230_2_list.sniff(source) is Match.NO:
         raise FormatMismatchError(
             f"{file}: is no list of a positioning test; for a table name its columns: "
             'target = "target_mm", direction = "direction", readings = ["run1_mm", "run2_mm"]'
         )
     target, forward, backward = read_targets(source)
     values = {"target": target, "forward": forward, "backward": backward}
-    return RoleColumns(values, file.stem, tuple(source.history(FORMAT, {})))
+    return RoleColumns(values, file.stem, tuple(source.history(ISO230_2, {})))
 
 
 def _maps(

@@ -8,7 +8,7 @@ import pytest
 import metrosep as ms
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
-from metrosep.io.text import camonitor
+from metrosep.io.text.controller_logs import camonitor
 
 
 @pytest.fixture
@@ -69,7 +69,7 @@ def test_same_time_twice_keeps_the_last(put):
         (line("a", "25:00:00.0", 1), "no time"),
         (line("a", "10:00:00.0", 1) + "a 10:00:01 2\n", "line 2"),
         (line("a", "10:00:00.0", 1) + line("a", "09:00:00.0", 2), "goes back"),
-        (line("a", "10:00:00.0", 1) + line("a", "10:00:01.0", "1e999"), "no number"),
+        (line("a", "10:00:00.0", 1) + line("a", "10:00:01.0", "1e999"), "not a number"),
         (line("a", "10:00:00.0", "On") + line("a", "10:00:01.0", "Off"), "no variable holds"),
         (line("a", "10:00:00.0", "3 1 2 3"), "no variable holds"),
         (line("a", "10:00:00.0", "1 UDF INVALID"), "no variable holds"),

@@ -113,9 +113,9 @@ def test_scale_and_header_are_recorded(folder):
         ("GRD 4 3", "GRD 0 3", "GRD nx"),
         ("GRD 4 3", "GRD 4 4", "do not fill the grid"),
         ("GRD 4 3", "GRD 4 2", "do not fill the grid"),
-        (" 9000 ", " 9000.5 ", "no whole number"),
+        (" 9000 ", " 9000.5 ", "not a whole number"),
         (" 9000 ", " 9OO0 ", "'9OO0'"),
-        (" 9000 ", " nan ", "no whole number"),
+        (" 9000 ", " nan ", "not a whole number"),
     ],
 )
 def test_text_that_lies_is_a_corrupt_file(edited, old, new, match):

@@ -9,7 +9,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.io.source import RawFile
-from metrosep.io.text import dabam
+from metrosep.io.text.file_pairs import dabam
 
 NM = 1e-9
 URAD = 1e-6

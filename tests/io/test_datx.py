@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io.containers import datx
+from metrosep.io.containers.interferometers import datx
 from metrosep.io.containers.native import native_bytes
 
 RTOL = 1e-12  # one multiplication in double precision

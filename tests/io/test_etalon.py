@@ -8,7 +8,7 @@ import pytest
 import metrosep as ms
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
-from metrosep.io.text import etalon
+from metrosep.io.text.machine_tests import etalon, read_terms
 
 PUBLISHED = """\
 // Every parameter is specified in a block.
@@ -39,7 +39,7 @@ def samples(repository):
 
 
 def test_every_term_in_si(put):
-    terms = etalon.read_terms(RawFile(put(PUBLISHED)))
+    terms = read_terms(RawFile(put(PUBLISHED)))
 
     assert list(terms) == ["C0B", "Y0A", "EXY", "EBY", "EZC"]
     units = {name: (t.position_unit, t.error_unit) for name, t in terms.items()}
@@ -94,9 +94,9 @@ def test_other_keys_stay_in_the_header(samples):
 @pytest.mark.parametrize(
     ("old", "new", "match"),
     [
-        ("-270.0 -0.000240680764", "-270.0 -0.00024x", "no number"),
+        ("-270.0 -0.000240680764", "-270.0 -0.00024x", "not a number"),
         ("-270.0 -0.000240680764", "-270.0 nan", "a number of EXY"),
-        ("-270.0 -0.000240680764", "-270.0 1e999", "no number"),
+        ("-270.0 -0.000240680764", "-270.0 1e999", "not a number"),
         ("-270.0 -0.000240680764", "-270.0 1 2", "a position and an error"),
         ("-270.0 -0.000240680764", "-280.0 1", "profile does not fit"),
         ("[EBY]", "[EXY]", "one table for EXY"),

@@ -165,7 +165,7 @@ def test_forked_process_has_its_own_worker(tree):
 
 def test_other_content_is_refused(tmp_path):
     with (
-        pytest.raises(ms.errors.FormatMismatchError, match="no HDF5 file"),
+        pytest.raises(ms.errors.FormatMismatchError, match="not an HDF5 file"),
         open_hdf5(RawFile(tmp_path / "a.h5", b"no magic here")),
     ):
         pass

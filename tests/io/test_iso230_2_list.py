@@ -8,7 +8,7 @@ import pytest
 import metrosep as ms
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
-from metrosep.io.text import iso230_2_list
+from metrosep.io.text.machine_tests import iso230_2_list, read_targets
 
 TEXT = 1e-12  # relative; text to double and one factor
 
@@ -39,7 +39,7 @@ def listing(targets, forward, backward):
 def test_published_numbers(slits, put):
     path = put(listing(*slits))
 
-    targets, forward, backward = iso230_2_list.read_targets(RawFile(path))
+    targets, forward, backward = read_targets(RawFile(path))
     run = ms.read(path, channel="backward 4")
 
     for found, truth in zip((targets, forward, backward), slits, strict=True):
@@ -89,7 +89,7 @@ def test_one_direction_only(samples, put):
     text = (samples / "backward.dat").read_text()
     text = "\n".join(s for s in text.splitlines() if "BWD" not in s) + "\n"
 
-    _, forward, backward = iso230_2_list.read_targets(RawFile(put(text)))
+    _, forward, backward = read_targets(RawFile(put(text)))
 
     assert (forward.shape, backward.shape) == ((3, 2), (3, 0))
 
@@ -99,17 +99,17 @@ def test_one_direction_only(samples, put):
     [
         ("CYCLES=2", "CYCLES=3", "CYCLES"),
         ("TGT_DATA[2]=", "TGT_DATA[9]=", "target is missing"),
-        ("TGT_DATA[2]=", "TGT_DATA[1]=", "stands twice"),
+        ("TGT_DATA[2]=", "TGT_DATA[1]=", "is given twice"),
         ("TGT_DATA[2]=25.0", "TGT_DATA[2]=nan", "target is not a number"),
         ("TGT_DATA[2]=25.0", "TGT_DATA[2]=15.0", "profile does not fit"),
         ("FWD[2,1]", "FWD[2,0]", "does not fit"),
         ("FWD[2,1]", "FWD[2,999999]", "is missing"),
         ("FWD[2,1]", "FWD[2]", "does not fit"),
-        ("=15.25", "=15.2x", "no number"),
-        ("=15.25", "=1e999", "no number"),
+        ("=15.25", "=15.2x", "not a number"),
+        ("=15.25", "=1e999", "not a number"),
         ("UNIT=mm", "UNIT=deg", "rotary"),
         ("UNIT=mm", "UNIT=qq", "qq"),
-        ("DEC=5", "DEC 5", "no known key"),
+        ("DEC=5", "DEC 5", "not a known key"),
     ],
 )
 def test_list_that_lies(samples, put, old, new, match):

@@ -105,7 +105,7 @@ def test_without_the_folder_the_text_is_not_guessed(log):
         ('table_after = "[samples]"\n', "", "one of table_after and header_lines"),
         ('reader = "layout"', 'reader = "builtin:lvm"', 'reader must be "layout"'),
         ('id = "acme-gap"', 'id = "x3p"', "there is a format 'x3p' already"),
-        ('id = "acme-gap"', "id = ", "no readable TOML"),
+        ('id = "acme-gap"', "id = ", "not readable TOML"),
         ('vendor = "ACME"\n', "", "'vendor' is missing"),
     ],
 )

@@ -11,8 +11,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.io.archive import zip_members
-from metrosep.io.containers import mitutoyo_xlsx
-from metrosep.io.containers.workbook import Workbook
+from metrosep.io.containers.worksheets import Workbook, mitutoyo_xlsx
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
 

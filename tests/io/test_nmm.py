@@ -9,7 +9,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.io.check import describe
-from metrosep.io.text import nmm
+from metrosep.io.text.file_pairs import nmm
 
 UM = 1e-6
 PAIRS = ("line-1", "line-2", "positions", "interrupted")

@@ -9,7 +9,7 @@ import pytest
 
 from metrosep.core.errors import CorruptFileError
 from metrosep.io.source import open_file
-from metrosep.io.text.numbers import parse_decimals, parse_numbers
+from metrosep.io.text.logger import parse_decimals, parse_numbers
 
 
 def floats(n: int = 60_000) -> np.ndarray:

@@ -8,7 +8,7 @@ import pytest
 import metrosep as ms
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
-from metrosep.io.text import pi_gcs_array
+from metrosep.io.text.controller_logs import pi_gcs_array
 
 ACTUAL = "Actual Position of AXIS:1"
 
@@ -78,7 +78,7 @@ def test_interval_is_not_guessed(samples):
         ("= 0.000050", "= 0", {}, "SAMPLE_TIME"),
         ("= 0.000050", "= nan", {}, "SAMPLE_TIME"),
         ("= 0.000050", "= 1e999", {}, "SAMPLE_TIME"),
-        ("0.375", "1e999", {}, "no number"),
+        ("0.375", "1e999", {}, "not a number"),
         ("# TYPE = 1", "#", {}, "TYPE"),
         ("# END_HEADER", "#", {}, "END_HEADER"),
         ("# REM", "# REM", {"sampling_rate": 1.0}, "leave it out"),

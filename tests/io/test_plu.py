@@ -8,7 +8,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.io.declared import structure
-from metrosep.io.maps import plu
+from metrosep.io.maps.profilers import plu
 from metrosep.io.registry import Match, identify
 from metrosep.io.source import RawFile, open_file
 

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -203,7 +204,7 @@ def test_a_compressed_file_is_called_so(put, start, program):
     [
         ("sdf/samples/binary-type5.sdf", "maps.sdf"),
         ("x3p/samples/double.x3p", "maps.x3p"),
-        ("fourd/samples/one.h5", "containers.fourd"),
+        ("fourd/samples/one.h5", "containers.interferometers"),
         ("delimited/samples/comma.csv", "text.delimited"),
     ],
 )
@@ -228,3 +229,78 @@ def test_every_reader_has_one_declaration():
         if known.reader.startswith("builtin:"):
             sniff = known.load_reader().sniff
             assert known.marks.closer == (sniff.__module__ != "metrosep.io.declared"), known.id
+
+
+@pytest.mark.parametrize("content", [b"\n" * 65536, b" \t" * 32768, b"GRD " * 16384, b"a" * 65536])
+def test_no_mark_takes_long_on_a_hostile_head(put, content):
+    start = time.perf_counter()
+
+    with pytest.raises(ms.errors.ReadError):
+        ms.read(put(content, "head.txt"))
+
+    assert time.perf_counter() - start < 2.0
+
+
+PLANTED = """id = "planted"
+title = "Planted"
+vendor = "test"
+kind = "surface"
+suffixes = [".pl"]
+reader = "builtin:maps.planted"
+reads = true
+writes = false
+status = "synthetic"
+
+[recognise]
+what = "a planted file"
+expected = "'PLANT' at offset 0"
+sure = "PLANT"
+
+[structures.header]
+order = "<"
+fields = \"\"\"
+5 H columns
+7 H rows
+9 d step um
+\"\"\"
+"""
+
+
+def test_a_new_format_is_one_folder_and_one_module(put, tmp_path, monkeypatch):
+    from metrosep.io.declared import demand, sniffer, structure
+    from metrosep.io.objects import map_reader
+
+    (tmp_path / "planted").mkdir()
+    (tmp_path / "planted" / "format.toml").write_text(PLANTED)
+
+    @map_reader("planted", "planted", "a planted file in metres")
+    def read(asked):
+        demand(asked.file, "planted")
+        header = structure("planted").read(asked.file)
+        columns, rows = header.area("columns", "rows", asked.max_pixels)
+        step = header.step("step", asked.warnings)
+        z = np.frombuffer(asked.file.data, "<f8", columns * rows, 17).reshape(rows, columns)
+        return asked.surface(z, (step, step), row_order="smallest y first", header=header)
+
+    module = SimpleNamespace(sniff=sniffer("planted"), read=read, channels=lambda f: ("height",))
+    monkeypatch.setitem(sys.modules, "metrosep.io.maps.planted", module)
+    caches = (registry._own_descriptors, registry._own_by_id)
+    try:
+        with monkeypatch.context() as patch:
+            patch.setattr(registry, "_format_folder", lambda: tmp_path)
+            for cache in caches:
+                cache.cache_clear()
+            z = np.arange(6.0).reshape(2, 3) * 1e-9
+            good = structure("planted").pack({"columns": 3, "rows": 2, "step": 2.0}, 17)
+            surface = ms.read(put(b"PLANT" + good[5:] + z.tobytes(), "a.bin"))
+            np.testing.assert_array_equal(surface.z, z)
+            assert surface.dx == pytest.approx(2e-6, rel=1e-12, abs=0.0)
+            with pytest.raises(
+                ms.errors.FormatMismatchError, match=r"not a planted file.*offset 0"
+            ):
+                ms.read(put(b"other", "b.bin"), format="planted")
+            with pytest.raises(ms.errors.ReadError, match="columns, at offset 5"):
+                ms.read(put(b"PLANT" + bytes(12), "c.bin"))
+    finally:
+        for cache in caches:
+            cache.cache_clear()

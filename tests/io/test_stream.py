@@ -103,11 +103,11 @@ def test_empty_fields_comments_and_blank_lines_far_below(table):
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (lambda row: row.replace("0", "O", 1), "no number"),
+        (lambda row: row.replace("0", "O", 1), "not a number"),
         (lambda row: row + ",1", "another number of fields"),
         (lambda row: row.split(",")[0], "another number of fields"),
         (lambda row: row.replace(",", ",,", 1).rsplit(",", 1)[0], "0"),
-        (lambda _row: "0.4,inf,3", "no number"),
+        (lambda _row: "0.4,inf,3", "not a number"),
     ],
     ids=["letter", "field too many", "fields missing", "shifted", "infinite"],
 )

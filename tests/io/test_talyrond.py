@@ -8,7 +8,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.io.check import describe
-from metrosep.io.containers import talyrond
+from metrosep.io.containers.worksheets import talyrond
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
 

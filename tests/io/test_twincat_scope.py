@@ -105,7 +105,7 @@ def test_unit_for_a_channel_without_one(put):
         (["0;1;2", ";3;4"], "no time"),
         (["1;1;2", "1;3;4"], "do not fit"),
         (["0;1;2", "1;1e999;4"], "x is not a number"),
-        (["0;1;2", "1;1,5;4.5"], "no number"),
+        (["0;1;2", "1;1,5;4.5"], "not a number"),
         (["0;;", "1;;"], "no channel holds a number"),
         ([], "no row of numbers"),
     ],

@@ -268,15 +268,11 @@ def _object(file: RawFile, start: int) -> SurfObject:
 
 def _streams(file: RawFile, place: int) -> tuple[int, list[tuple[int, int]]]:
     """Return the bytes of the list of streams, and the plain and packed size of each."""
-    count = _COUNT.read(file, place)["streams"]
+    head = _COUNT.read(file, place)
+    count = head["streams"]
     if not 1 <= count <= _MAX_STREAMS:
-        raise file.corrupt(
-            "the number of compressed streams is not usable",
-            field="streams",
-            offset=place,
-            expected=f"1 to {_MAX_STREAMS}",
-            found=count,
-        )
+        reason = "the number of compressed streams is not usable"
+        raise head.error("streams", f"1 to {_MAX_STREAMS}", reason)
     need_bytes(file, place + 4, 8 * count, "the list of streams", name="streams")
     sizes = [_STREAM.read(file, place + 4 + 8 * i) for i in range(count)]
     return 4 + 8 * count, [(s["plain_bytes"], s["packed_bytes"]) for s in sizes]

@@ -30,7 +30,7 @@ from metrosep.io.objects import (
     scaled,
 )
 from metrosep.io.source import RawFile
-from metrosep.io.text.numbers import parse_numbers
+from metrosep.io.text.logger import parse_numbers
 
 __all__ = ["channels", "read", "sniff"]
 

@@ -31,8 +31,7 @@ from metrosep.io.objects import (
 )
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
-from metrosep.io.text.logger import first_lines
-from metrosep.io.text.numbers import one_number, parse_numbers
+from metrosep.io.text.logger import first_lines, one_number, parse_numbers
 
 __all__ = ["channels", "read", "sniff"]
 

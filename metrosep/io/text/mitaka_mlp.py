@@ -78,7 +78,7 @@ def read(
     start, stop = points.bounds[number : number + 2]
     xyz = points.xyz[start:stop]
     columns = _columns(file, xyz, points.stepping, x, z)
-    facts = {"line": number + 1, "n_lines": len(names), **_mean_step(columns, xyz)}
+    facts: dict[str, Any] = {"line": number + 1, "n_lines": len(names), **_mean_step(columns, xyz)}
     position = _path(xyz) if columns["x"] == "path" else xyz[:, AXES.index(columns["x"])]
     height = xyz[:, AXES.index(columns["z"])]
     warnings = list(points.warnings)

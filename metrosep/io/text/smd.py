@@ -28,7 +28,7 @@ from metrosep.io.objects import (
     map_reader,
 )
 from metrosep.io.source import RawFile
-from metrosep.io.text.numbers import one_number, parse_numbers
+from metrosep.io.text.logger import one_number, parse_numbers
 
 __all__ = ["channels", "read", "sniff"]
 

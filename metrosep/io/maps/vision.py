@@ -1,10 +1,4 @@
-"""Bruker Vision64 ``.opdx``, also of Dektak profilers: profiles and maps inside a tagged tree.
-
-Height in m is ``raw * DataScale`` with the unit that DataScale names. Positions of a profile are
-stored; the steps of a map are its extents divided by its points less one. What is not measured is
-NaN or 1e38. Rows are in the order that the field Origin says. Layout and sources are in
-``data_formats/opdx/SPEC.md``.
-"""
+"""Wyko, Veeco and Bruker Vision, binary: ``.opd`` and ``.opdx`` of Vision64 and Dektak."""
 
 from __future__ import annotations
 
@@ -15,15 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import (
-    CorruptFileError,
-    UnitError,
-    UnsupportedFeatureError,
-)
+from metrosep.core.errors import CorruptFileError, UnitError, UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_unit
-from metrosep.io.declared import Cursor, mismatch, sniffer
+from metrosep.io.declared import Cursor, demand, mismatch, need_bytes, sniffer, structure
 from metrosep.io.objects import (
     ROW_ORDERS,
     Request,
@@ -33,36 +23,284 @@ from metrosep.io.objects import (
     map_reader,
     scaled,
 )
-from metrosep.io.registry import Match
+from metrosep.io.registry import BuiltIn, Match
 from metrosep.io.source import RawFile
 
-__all__ = ["channels", "read", "sniff"]
+__all__ = ["opd", "opdx"]
 
-FORMAT = "opdx"
+# ---- Wyko, Veeco and Bruker Vision ``.opd``: a directory of named blocks, little-endian
+# Height in m is ``raw * Wavelength / Mult`` (Wavelength in nm); dx is ``Pixel_size`` (mm), dy is
+# ``Pixel_size * Aspect``: the pixels are often not square. A map is stored column by column, the
+# smallest y first. Blocks of an unknown type are skipped and named in the metadata. Layout and
+# sources are in ``data_formats/opd/SPEC.md``.
+
+_OPD = "opd"
+
+_ENTRY, _ARRAY_HEAD = structure(_OPD, "entry"), structure(_OPD, "array")
+_START = 2
+_ENTRY_BYTES = 24
+_MAX_ENTRIES = 2**16
+_DIRECTORY, _ARRAY, _TEXT = 1, 3, 5
+_SCALARS = {(6, 2): "h", (6, 4): "i", (7, 2): "h", (7, 4): "f", (8, 8): "d", (12, 4): "i"}
+"""Type and length of a block to the `struct` code of its number; the length decides for type 7."""
+
+_SCALES = ("Wavelength", "Mult", "Aspect", "Pixel_size")
+"""Blocks without which heights or steps would be wrong: refused, not skipped, if unknown."""
+
+_ARRAY_HEADER_BYTES = 6
+_HEIGHTS = ("RAW_DATA", "RAW DATA", "OPD", "Raw", "SAMPLE_DATA")
+"""Names of arrays with heights; all others (Image, Intensity, SecArr_0) are something else."""
+
+_ITEMS = {2: "<i2", 4: "<f4"}
+_FIRST_INVALID = {2: 32766.0, 4: 1e38}
+_WAVELENGTHS_NM = (10.0, 1e6)
+
+
+class _Block(NamedTuple):
+    """Entry of the directory, where its content begins, and the content of an array's header."""
+
+    name: str
+    type: int
+    size: int
+    offset: int
+    value: Any
+
+
+_opd_sniff = sniffer(_OPD)
+
+
+def _opd_channels(file: RawFile) -> tuple[str, ...]:
+    """Return the maps of heights in the file."""
+    return tuple(_maps(file, _blocks(file)))
+
+
+@map_reader(_OPD, "OPD", "an OPD map with its own units", several=True)
+def _opd_read(asked: Request) -> Surface:
+    """Return a height map of an OPD file."""
+    file = asked.file
+    blocks = _blocks(file)
+    maps = _maps(file, blocks)
+    name = asked.choose(maps)
+    warnings = asked.warnings
+    raw = _raw(file, maps[name], asked.max_pixels, warnings)
+    first = _FIRST_INVALID[raw.dtype.itemsize]
+    numbers = _numbers(file, blocks)
+    scale = _scale(file, numbers, name, raw.dtype)
+    own = _steps(file, numbers, warnings)
+    left = file.size - max(b.offset + b.size for b in blocks)
+    if left:
+        warnings.append(f"{left} bytes follow the last block; they were not read")
+    z = scaled(raw.T, scale, lambda block: ~(block < first))  # NaN is not smaller either
+    return asked.surface(
+        z,
+        own,
+        row_order="smallest y first",
+        header=_plain(blocks),
+        channel=name,
+        wavelength_m=float(numbers["Wavelength"].value) * 1e-9,
+        mult=numbers["Mult"].value if "Mult" in numbers else 1,
+        aspect=numbers["Aspect"].value if "Aspect" in numbers else None,
+        height_per_count_m=scale,
+    )
+
+
+def _blocks(file: RawFile) -> list[_Block]:
+    """Return the blocks with content; every one lies in the file."""
+    demand(file, _OPD)
+    directory = _ENTRY.read(file, _START)
+    n_entries, rest = divmod(directory["bytes"], _ENTRY_BYTES)
+    if directory["type"] != _DIRECTORY or rest or not 1 < n_entries <= _MAX_ENTRIES:
+        raise file.corrupt(
+            "the directory is not usable",
+            field="bytes of Directory",
+            offset=_START + 18,
+            expected=f"a multiple of {_ENTRY_BYTES}, up to {_MAX_ENTRIES} entries",
+            found=directory["bytes"],
+        )
+    need_bytes(file, _START, directory["bytes"], "the directory", name="bytes of Directory")
+    place = _START + directory["bytes"]
+    blocks = []
+    for i in range(1, n_entries):
+        entry = _ENTRY.read(file, _START + i * _ENTRY_BYTES)
+        if entry["bytes"] == 0:
+            continue
+        need_bytes(file, place, entry["bytes"], "a block", name=f"bytes of {entry['name']!r}")
+        value = _value(file, entry["type"], place, entry["bytes"])
+        blocks.append(_Block(entry["name"], entry["type"], entry["bytes"], place, value))
+        place += entry["bytes"]
+    if not blocks:
+        raise file.corrupt("the directory has no block with content", offset=_START)
+    return blocks
+
+
+def _value(file: RawFile, kind: int, offset: int, size: int) -> Any:
+    """Return the number or text of a block, the header of an array, None for what is not known."""
+    if (kind, size) in _SCALARS:
+        return struct.unpack_from("<" + _SCALARS[kind, size], file.data, offset)[0]
+    if kind == _TEXT:
+        text = file.data[offset : offset + min(size, 4096)]
+        return text.split(b"\0")[0].decode("latin-1").strip()
+    if kind == _ARRAY and size >= _ARRAY_HEADER_BYTES:
+        return _ARRAY_HEAD.read(file, offset)
+    return None
+
+
+def _maps(file: RawFile, blocks: list[_Block]) -> dict[str, _Block]:
+    """Return the maps of heights by name; a name that comes again gets a number."""
+    maps: dict[str, _Block] = {}
+    for block in blocks:
+        if block.name in _HEIGHTS and block.type == _ARRAY:
+            n = sum(key.partition("#")[0] == block.name for key in maps)
+            maps[f"{block.name}#{n + 1}" if n else block.name] = block
+    if not maps:
+        found = ", ".join(repr(b.name) for b in blocks if b.type == _ARRAY) or "no array"
+        raise UnsupportedFeatureError(
+            f"{file.path}: the OPD file holds no map of heights (a block named "
+            f"{', '.join(_HEIGHTS)}), but {found}; save the measurement with its heights"
+        )
+    return maps
+
+
+def _raw(
+    file: RawFile, block: _Block, max_pixels: int | None, warnings: list[str]
+) -> NDArray[Any]:
+    """Return the stored values, x as the first index; sizes are checked before."""
+    if block.value is None:
+        raise file.corrupt(
+            "a map has no header",
+            field=f"bytes of {block.name!r}",
+            offset=block.offset,
+            expected=f"at least {_ARRAY_HEADER_BYTES}",
+            found=block.size,
+        )
+    item = block.value["item_bytes"]
+    if item == 1:
+        raise UnsupportedFeatureError(
+            f"{file.path}: {block.name} has heights of 8 bits, for which no rule for not-measured "
+            "points is known; save the measurement again with 16 bits or as floats"
+        )
+    columns, rows = block.value.area("columns", "rows", max_pixels)
+    size = _ARRAY_HEADER_BYTES + columns * rows * item
+    if item not in _ITEMS or size > block.size:
+        raise file.corrupt(
+            "the map does not fit into its block",
+            field=f"columns, rows, item_bytes of {block.name!r}",
+            offset=block.offset,
+            expected=f"up to {block.size} bytes, 2 or 4 for a point",
+            found=f"{columns} x {rows} x {item} bytes and {_ARRAY_HEADER_BYTES}",
+        )
+    if size < block.size:
+        warnings.append(f"{block.size - size} bytes follow the map in its block; not read")
+    start = block.offset + _ARRAY_HEADER_BYTES
+    raw = np.frombuffer(file.data, dtype=_ITEMS[item], count=columns * rows, offset=start)
+    return raw.reshape(columns, rows)
+
+
+def _numbers(file: RawFile, blocks: list[_Block]) -> dict[str, _Block]:
+    """Return the blocks with scales by name, the first of each; every one holds a number."""
+    numbers: dict[str, _Block] = {}
+    for block in blocks:
+        if block.name not in _SCALES:
+            continue
+        if not isinstance(block.value, (int, float)):
+            raise file.corrupt(
+                "a scale is not stored as a number",
+                field=block.name,
+                offset=block.offset,
+                expected="a block of type 6, 7, 8 or 12 of its length",
+                found=f"type {block.type} with {block.size} bytes",
+            )
+        numbers.setdefault(block.name, block)
+    return numbers
+
+
+def _scale(file: RawFile, numbers: dict[str, _Block], channel: str, dtype: np.dtype[Any]) -> float:
+    """Return the height of one raw unit in m: Wavelength / Mult."""
+    for name in ("Wavelength", "Mult") if dtype.kind == "i" else ("Wavelength",):
+        if name not in numbers:
+            raise file.corrupt(
+                f"the scale of the heights of {channel} is missing",
+                field=name,
+                expected="a block of that name with a number",
+            )
+    ranges = {"Wavelength": _WAVELENGTHS_NM, "Mult": (1.0, 1e9)}
+    wavelength, mult = (
+        check_scale(file, n, b.value, offset=b.offset, low=low, high=high)
+        if (b := numbers.get(n)) is not None
+        else 1.0
+        for n, (low, high) in ranges.items()
+    )
+    return wavelength * 1e-9 / mult
+
+
+def _steps(
+    file: RawFile, numbers: dict[str, _Block], warnings: list[str]
+) -> tuple[float | None, float | None]:
+    """Return dx and dy in m, None where Pixel_size is missing or zero."""
+    if "Pixel_size" not in numbers:
+        warnings.append("Pixel_size is missing: taken as not calibrated")
+        return None, None
+    pixel = numbers["Pixel_size"]
+    dx = lateral_or_none(
+        file, "Pixel_size", pixel.value, warnings, offset=pixel.offset, factor=1e-3
+    )
+    if dx is None:
+        return None, None
+    if "Aspect" not in numbers:
+        warnings.append("Aspect is missing: pixels taken as square")
+        return dx, dx
+    aspect = numbers["Aspect"]
+    ratio = check_scale(file, "Aspect", aspect.value, offset=aspect.offset, low=0.01, high=100.0)
+    return dx, dx * ratio
+
+
+def _plain(blocks: list[_Block]) -> dict[str, Any]:
+    """Return the blocks as plain values; of those that are not known, their type and size."""
+    header: dict[str, Any] = {}
+    for block in blocks:
+        skipped = {"type": block.type, "bytes": block.size, "skipped": True}
+        name, n = block.name, 1
+        while name in header:
+            n += 1
+            name = f"{block.name}#{n}"
+        header[name] = skipped if block.value is None else block.value
+    return header
+
+
+opd = BuiltIn(_opd_sniff, _opd_channels, _opd_read)
+
+
+# ---- bruker Vision64 ``.opdx``, also of Dektak profilers: profiles and maps inside a tagged tree ----
+# Height in m is ``raw * DataScale`` with the unit that DataScale names. Positions of a profile are
+# stored; the steps of a map are its extents divided by its points less one. What is not measured is
+# NaN or 1e38. Rows are in the order that the field Origin says. Layout and sources are in
+# ``data_formats/opdx/SPEC.md``.
+
+_OPDX = "opdx"
 
 _MAGIC_BYTES = 12
 _GROUPS = {"/2D_Data/": "/Matrix", "/1D_Data/": "/Array"}
 _ARRAY_ITEMS = {b"\x0d\x08\0\0\0": "<f8", b"\x0c\x04\0\0\0": "<f4"}
 """First bytes of an array: type and size of its numbers."""
 
-_ARRAY_HEAD = 5
+_OPDX_ARRAY_HEAD = 5
 _MATRIX_HEAD = 8
-_FIRST_INVALID = 1e38
+_OPDX_FIRST_INVALID = 1e38
 _LOWER_LEFT = 1
 _UNIT_RTOL = 1e-6
 """Agreement of the symbol of a unit with its factor, which the file keeps in double precision."""
 
 
-sniff = sniffer(FORMAT)
+_opdx_sniff = sniffer(_OPDX)
 
 
-def channels(file: RawFile) -> tuple[str, ...]:
+def _opdx_channels(file: RawFile) -> tuple[str, ...]:
     """Return the maps and profiles whose values are lengths."""
     return _heights(file, _tree(file))
 
 
-@map_reader(FORMAT, "Vision64", "a Vision64 file with its own units", several=True)
-def read(asked: Request) -> Surface | Profile:
+@map_reader(_OPDX, "Vision64", "a Vision64 file with its own units", several=True)
+def _opdx_read(asked: Request) -> Surface | Profile:
     """Return a map or a profile of a Vision64 file."""
     file = asked.file
     tree = _tree(file)
@@ -78,7 +316,7 @@ def read(asked: Request) -> Surface | Profile:
 
 def _profile(asked: Request, tree: VcaTree, prefix: str, facts: dict[str, Any]) -> Profile:
     file = asked.file
-    raw = _numbers(file, tree, f"{prefix}/Array", asked.max_pixels)
+    raw = _opdx_numbers(file, tree, f"{prefix}/Array", asked.max_pixels)
     count = tree.items.get(f"{prefix}/NumPoints", raw.size)
     if count != raw.size:
         raise _corrupt(
@@ -113,7 +351,7 @@ def _listed(file: RawFile, tree: VcaTree, prefix: str, count: int) -> list[NDArr
     """Return PositionArray and the end of PositionFunction: u64 number, that many doubles."""
     lists: list[NDArray[Any]] = []
     if f"{prefix}/PositionArray" in tree.items:
-        lists.append(_numbers(file, tree, f"{prefix}/PositionArray", None))
+        lists.append(_opdx_numbers(file, tree, f"{prefix}/PositionArray", None))
         if lists[0].size != count:
             field = f"{prefix}/PositionArray"
             raise _corrupt(file, "there are not as many positions", field, count, lists[0].size)
@@ -150,8 +388,8 @@ def _surface(asked: Request, tree: VcaTree, prefix: str, facts: dict[str, Any]) 
 
 
 def _tree(file: RawFile) -> VcaTree:
-    if sniff(file) is not Match.YES:
-        raise mismatch(file, FORMAT)
+    if _opdx_sniff(file) is not Match.YES:
+        raise mismatch(file, _OPDX)
     return read_tree(file, _MAGIC_BYTES)
 
 
@@ -202,29 +440,29 @@ def _length(file: RawFile, tree: VcaTree, path: str) -> float:
 
 
 def _is_invalid(block: NDArray[Any]) -> NDArray[np.bool_]:
-    return np.asarray(~(block < _FIRST_INVALID))
+    return np.asarray(~(block < _OPDX_FIRST_INVALID))
 
 
-def _numbers(
+def _opdx_numbers(
     file: RawFile, tree: VcaTree, path: str, max_pixels: int | None
 ) -> NDArray[np.floating]:
     """Return the numbers of an array: type byte, u32 bytes of a number, numbers."""
-    block = _block(file, tree, path, _ARRAY_HEAD)
-    head = file.data[block.offset : block.offset + _ARRAY_HEAD]
+    block = _block(file, tree, path, _OPDX_ARRAY_HEAD)
+    head = file.data[block.offset : block.offset + _OPDX_ARRAY_HEAD]
     if head not in _ARRAY_ITEMS:
         raise UnsupportedFeatureError(
             f"{file.path}: {path} begins with {head.hex(' ')}; only doubles (0d 08 00 00 00) and "
             "singles (0c 04 00 00 00) are read: export the profile as text"
         )
     dtype = np.dtype(_ARRAY_ITEMS[head])
-    size = block.size - _ARRAY_HEAD
+    size = block.size - _OPDX_ARRAY_HEAD
     if size % dtype.itemsize:
         raise _corrupt(
             file, "the last number is cut off", path, f"{dtype.itemsize} bytes each", size
         )
     count = size // dtype.itemsize
     check_area(file, count, 1, max_pixels=max_pixels, names=(path, "lines"))
-    return np.frombuffer(file.data, dtype, count, block.offset + _ARRAY_HEAD)
+    return np.frombuffer(file.data, dtype, count, block.offset + _OPDX_ARRAY_HEAD)
 
 
 def _matrix(
@@ -265,7 +503,7 @@ def _corrupt(
 # copy: nothing is allocated that the file does not hold. A type that is not known ends its container,
 # which is noted.
 
-_SCALARS = {
+_OPDX_SCALARS = {
     0x01: "?",
     0x04: "h",
     0x05: "H",
@@ -276,7 +514,7 @@ _SCALARS = {
     0x0C: "f",
     0x0D: "d",
 }
-_TEXT, _QUANTITY, _UNIT, _TIME, _LIST, _END = 0x12, 0x13, 0x18, 0x15, 0x42, 0x7F
+_OPDX_TEXT, _QUANTITY, _UNIT, _TIME, _LIST, _END = 0x12, 0x13, 0x18, 0x15, 0x42, 0x7F
 _CONTAINERS = (0x7D, 0x46, 0x47)
 _CHOICE = 0x0E
 _NAMED = (_CHOICE, 0x40, 0x45, 0x7C)
@@ -374,8 +612,8 @@ class _Reader:
 
     def _item(self, at: Cursor, kind: int, path: str, depth: int) -> bool:
         """Read a value; False if its type is not known."""
-        if kind in _SCALARS:
-            self.items[path] = at.number(_SCALARS[kind], path)
+        if kind in _OPDX_SCALARS:
+            self.items[path] = at.number(_OPDX_SCALARS[kind], path)
             return True
         if kind == _TIME:
             self.items[path] = at.take(_TIME_BYTES, path).hex()
@@ -383,7 +621,7 @@ class _Reader:
         type_name = ""
         if kind in (*_NAMED, _LIST, _MATRIX):
             type_name = at.text(path)
-        elif kind not in (*_CONTAINERS, _TEXT, _QUANTITY, _UNIT):
+        elif kind not in (*_CONTAINERS, _OPDX_TEXT, _QUANTITY, _UNIT):
             return False
         if kind == _MATRIX:
             at.number("I", path)
@@ -391,7 +629,7 @@ class _Reader:
         inner = at.inside(self._size(at, path), path)
         if kind in _CONTAINERS:
             self.container(inner, path, depth + 1)
-        elif kind == _TEXT:
+        elif kind == _OPDX_TEXT:
             self.items[path] = inner.take(min(inner.left, _MAX_TEXT), path).decode(
                 "utf-8", "replace"
             )
@@ -417,3 +655,6 @@ class _Reader:
         if width not in (1, 2, 4):
             raise at.wrong("the width of a size is unknown", path, "1, 2 or 4", width)
         return int.from_bytes(at.take(width, path), "little")
+
+
+opdx = BuiltIn(_opdx_sniff, _opdx_channels, _opdx_read)

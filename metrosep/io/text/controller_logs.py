@@ -1,29 +1,38 @@
-"""EPICS ``camonitor`` text: one line for each change of a process variable, all interleaved.
-
-Each variable has its own irregular times, so the recording has the union of all times with NaN
-where a variable did not report. See ``data_formats/camonitor/SPEC.md``.
-"""
+"""What controllers log as text: EPICS ``camonitor`` and arrays of PI GCS."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any
 
 import numpy as np
 
-from metrosep.core.errors import CorruptFileError
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import CorruptFileError, FormatMismatchError, ReadError
 from metrosep.core.recording import Recording
 from metrosep.io.declared import mismatch
-from metrosep.io.registry import Match
-from metrosep.io.source import RawFile, refuse_options
+from metrosep.io.registry import BuiltIn, Match
+from metrosep.io.source import RawFile, rate_of, refuse_options
 from metrosep.io.text.dialect import MISSING, is_number
-from metrosep.io.text.logger import Channels, first_lines, text_lines, to_number
+from metrosep.io.text.logger import (
+    Channels,
+    first_lines,
+    number_block,
+    numbered_rows,
+    text_lines,
+    to_number,
+)
 
-__all__ = ["channels", "read", "sniff"]
+__all__ = ["camonitor", "pi_gcs_array"]
 
-FORMAT = "camonitor"
+# ---- EPICS ``camonitor`` text: one line for each change of a process variable, all interleaved
+# Each variable has its own irregular times, so the recording has the union of all times with NaN
+# where a variable did not report. See ``data_formats/camonitor/SPEC.md``.
+
+_CAMONITOR = "camonitor"
 _NAME = r"[A-Za-z0-9_:.\-+\[\]<>;{}/$@&^%]+"
 _LINE = re.compile(
     rf"({_NAME})\s+(\d{{4}}-\d\d-\d\d)[ T](\d\d:\d\d:\d\d)(?:\.(\d{{1,9}}))?(?:\s+(.*))?"
@@ -33,7 +42,7 @@ _ALARM = re.compile(r"(?:^|\s)([A-Z_]+) (MINOR|MAJOR|INVALID|NO_ALARM)$")
 _SNIFFED = 20
 
 
-def sniff(file: RawFile) -> Match:
+def _camonitor_sniff(file: RawFile) -> Match:
     """Return how sure we are that a file is the output of camonitor."""
     rest = (text for line in first_lines(file) if (text := line.strip()))
     found = False
@@ -48,12 +57,12 @@ def sniff(file: RawFile) -> Match:
     return Match.YES if found else Match.NO
 
 
-def channels(file: RawFile) -> tuple[str, ...]:
+def _camonitor_channels(file: RawFile) -> tuple[str, ...]:
     """Return the names of the process variables that hold numbers."""
-    return tuple(read(file).channels)
+    return tuple(_camonitor_read(file).channels)
 
 
-def read(
+def _camonitor_read(
     file: RawFile,
     *,
     channel: str | None = None,
@@ -65,7 +74,7 @@ def read(
     lines = text_lines(file)
     variables, notes = _variables(file, lines)
     if not variables:
-        raise mismatch(file, FORMAT)
+        raise mismatch(file, _CAMONITOR)
     data = Channels(file)
     start = min(v.ns[0] for v in variables.values())
     invalid = 0
@@ -87,7 +96,7 @@ def read(
     if not data.names:
         raise file.corrupt("no variable holds numbers", expected="one number on each line")
     return data.recording(
-        FORMAT,
+        _CAMONITOR,
         {"lines": len(lines), "variables": {n: len(v.ns) for n, v in variables.items()}},
         channel=channel,
         unit=unit,
@@ -208,3 +217,165 @@ def _iso(ns: int) -> str:
     seconds, rest = divmod(ns, 10**9)
     moment = np.datetime64(seconds, "s")
     return f"{moment}.{rest:09d}"
+
+
+camonitor = BuiltIn(_camonitor_sniff, _camonitor_channels, _camonitor_read)
+
+
+# ---- PI GCS array: what the data recorder of a PI controller answers, with a header of ``#`` lines ----
+# The header declares separator, number of columns and rows, sampling interval and names, so that every
+# row is checked against it. See ``data_formats/pi-gcs/SPEC.md``.
+
+_PI_GCS_ARRAY = "pi-gcs"
+_END = "END_HEADER"
+_NEEDED = frozenset({"TYPE", "SEPARATOR", "DIM"})
+_SEPARATORS = {32: None, 9: "\t", 44: ",", 59: ";"}
+_MAX_COLUMNS = 1024
+_SAME_STEP = 1e-6
+"""Relative deviation of a declared interval from the one of the file that is only rounding."""
+
+
+def _pi_gcs_array_sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a GCS array."""
+    fields, body = _header(first_lines(file))
+    return Match.YES if body and fields.keys() >= _NEEDED else Match.NO
+
+
+def _pi_gcs_array_channels(file: RawFile) -> tuple[str, ...]:
+    """Return the names of the columns."""
+    fields, _ = _checked(file, text_lines(file))
+    return tuple(_names(fields, _count(file, fields, "DIM")))
+
+
+def _pi_gcs_array_read(
+    file: RawFile,
+    *,
+    channel: str | None = None,
+    lateral_step: Any = None,
+    unit: Any = None,
+    sampling_rate: float | str | None = None,
+) -> Recording:
+    """Return the columns of a GCS array."""
+    refuse_options(file, "a GCS array", lateral_step=lateral_step)
+    lines = text_lines(file)
+    fields, start = _checked(file, lines)
+    n_columns = _count(file, fields, "DIM")
+    rows = numbered_rows(lines[start:], start + 1)
+    warnings = _row_count(file, fields, len(rows))
+    warnings += file.cut_text()
+    step = _step(file, fields, sampling_rate)
+    body = _numbers(file, fields, rows, n_columns)
+    t = step * np.arange(len(body), dtype=np.float64)
+    data = Channels(file)
+    for name, column in zip(_names(fields, n_columns), body.T, strict=True):
+        data.add(name, t, column)
+    remarks = [line.lstrip("# ")[3:].strip() for line in lines[:start] if line[:5] == "# REM"]
+    return data.recording(
+        _PI_GCS_ARRAY,
+        {**fields, "REM": remarks},
+        channel=channel,
+        unit=unit,
+        warnings=tuple(warnings),
+        sample_time_s=step,
+    )
+
+
+def _header(lines: Iterable[str]) -> tuple[dict[str, str], int]:
+    """Return the fields, and the index of the first row or 0 without an end of the header."""
+    fields: dict[str, str] = {}
+    for k, line in enumerate(lines):
+        if not line.startswith("#"):
+            if line.strip():
+                return fields, 0
+            continue
+        text = line[1:].strip()
+        if text == _END:
+            return fields, k + 1
+        match = re.fullmatch(r"([A-Z_]+\d*)\s*=\s*(.*)", text)
+        if match:
+            fields[match.group(1)] = match.group(2).strip()
+    return fields, 0
+
+
+def _checked(file: RawFile, lines: list[str]) -> tuple[dict[str, str], int]:
+    fields, start = _header(lines)
+    missing = _NEEDED - fields.keys()
+    if len(missing) == len(_NEEDED):
+        raise mismatch(file, _PI_GCS_ARRAY)
+    if missing or not start:
+        what = ", ".join(sorted(missing)) or _END
+        raise file.corrupt("the header is not complete", expected=what)
+    return fields, start
+
+
+def _count(file: RawFile, fields: dict[str, str], name: str) -> int:
+    text = fields[name]
+    limit = _MAX_COLUMNS if name == "DIM" else 10**12
+    if not (text.isascii() and text.isdecimal()) or not 1 <= int(text[:18]) <= limit:
+        raise file.corrupt(
+            "a count of the header is not usable",
+            field=name,
+            expected=f"1 ... {limit}",
+            found=repr(text[:20]),
+        )
+    return int(text[:18])
+
+
+def _names(fields: dict[str, str], n_columns: int) -> list[str]:
+    return [fields.get(f"NAME{k}") or f"column {k}" for k in range(n_columns)]
+
+
+def _row_count(file: RawFile, fields: dict[str, str], n_rows: int) -> list[str]:
+    """Return a warning where the count of rows is not declared; refuse a file that was cut off."""
+    if "NDATA" not in fields:
+        return ["the header has no NDATA, so missing rows would not be noticed"]
+    declared = _count(file, fields, "NDATA")
+    if declared != n_rows:
+        raise file.corrupt(
+            "the count of rows is wrong",
+            field="NDATA",
+            expected=declared,
+            found=n_rows,
+            hint="record again or ask the controller for all points (DRR?)",
+        )
+    return []
+
+
+def _step(file: RawFile, fields: dict[str, str], sampling_rate: float | str | None) -> float:
+    declared = None if sampling_rate is None else 1.0 / rate_of(sampling_rate)
+    if "SAMPLE_TIME" not in fields:
+        if declared is None:
+            raise ReadError(f"{file.path}: the header has no SAMPLE_TIME; give sampling_rate=")
+        return declared
+    own = to_number(file, fields["SAMPLE_TIME"], line=0, name="SAMPLE_TIME")
+    if not own > 0.0:
+        raise file.corrupt(
+            "the sampling interval is not usable",
+            field="SAMPLE_TIME",
+            expected="a positive number of s",
+            found=repr(fields["SAMPLE_TIME"][:20]),
+        )
+    if declared is not None and abs(declared - own) > _SAME_STEP * own:
+        raise FormatMismatchError(
+            f"{file.path}: SAMPLE_TIME is {own:g} s, but sampling_rate={sampling_rate!r} was given; leave it out"
+        )
+    return own
+
+
+def _numbers(
+    file: RawFile, fields: dict[str, str], rows: list[tuple[int, str]], n_columns: int
+) -> FloatArray:
+    code = fields["SEPARATOR"]
+    if not code.isdecimal() or int(code[:6]) not in _SEPARATORS:
+        raise file.corrupt(
+            "the separator is not known",
+            field="SEPARATOR",
+            expected="32, 9, 44 or 59 (the code of a character)",
+            found=repr(code[:20]),
+        )
+    separator = _SEPARATORS[int(code[:6])]
+    texts = [(line, text.strip(" \r")) for line, text in rows]
+    return number_block(file, texts, names=_names(fields, n_columns), separator=separator)
+
+
+pi_gcs_array = BuiltIn(_pi_gcs_array_sniff, _pi_gcs_array_channels, _pi_gcs_array_read)
