@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
-from metrosep.forms.conic import Asphere, Conic
-from metrosep.forms.conic import Cylinder
-from metrosep.forms.conic import Sphere
+from metrosep.forms.conic import Asphere, Conic, Cylinder, Sphere
 
 ROUNDING = 4e-16
 """Two units in the last place."""

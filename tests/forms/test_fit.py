@@ -11,13 +11,11 @@ from metrosep.core.errors import (
     TooFewSamplesError,
 )
 from metrosep.forms.base import Form
-from metrosep.forms.conic import Conic
+from metrosep.forms.conic import Conic, Plane, Sphere
 from metrosep.forms.fit import fit, remove
-from metrosep.forms.conic import Plane
 from metrosep.forms.points import PointSet
 from metrosep.forms.polynomial import Polynomial
 from metrosep.forms.sine_grid import SineGrid
-from metrosep.forms.conic import Sphere
 from metrosep.forms.zernike import Zernike
 
 EXACT = 1e-8
@@ -879,5 +877,5 @@ def test_a_radius_that_is_no_number_is_never_metres(option, value):
 
     with pytest.raises(DataError, match=r"\['R'\]|unknown unit 'kg'"):
         fit(map_, Sphere(), **{option: {"R": value}})
-    with pytest.raises(DataError, match="centre|unknown unit 'kg'"):
+    with pytest.raises(DataError, match=r"centre|unknown unit 'kg'"):
         fit(map_, Sphere(), centre=(value, 0.0))

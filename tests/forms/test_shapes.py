@@ -12,12 +12,9 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.forms.conic import Asphere, Conic
-from metrosep.forms.conic import Cylinder
+from metrosep.forms.conic import Asphere, Conic, Cylinder, Plane, Sphere
 from metrosep.forms.expression import Expression
-from metrosep.forms.conic import Plane
 from metrosep.forms.sine_grid import SineGrid
-from metrosep.forms.conic import Sphere
 from metrosep.forms.toric import Biconic, Toric
 
 STEP = 1e-30

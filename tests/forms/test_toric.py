@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError, DegenerateFitError, TooFewSamplesError
-from metrosep.forms.conic import Conic
-from metrosep.forms.conic import Sphere
+from metrosep.forms.conic import Conic, Sphere
 from metrosep.forms.toric import Biconic, Toric
 
 ROUNDING = 1e-15

@@ -293,8 +293,8 @@ def test_note_until_a_form_was_removed():
 
 
 def test_sine_grid_on_a_tilt_after_the_plane():
-    from metrosep.forms.fit import fit
     from metrosep.forms.conic import Plane
+    from metrosep.forms.fit import fit
 
     y, x = np.mgrid[:500, :500] * UM
     tilted = Surface(sine_grid().z + 2e-4 * x + 1e-4 * y + 3 * UM, UM, UM)

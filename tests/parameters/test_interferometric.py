@@ -166,8 +166,8 @@ def test_bad_input_is_named():
 
 
 def test_metropro_file(corpus):
-    from metrosep.forms.fit import fit
     from metrosep.forms.conic import Plane
+    from metrosep.forms.fit import fit
 
     surface = ms.read(corpus / "st" / "metropro-1.dat")
     raw = interferometric_parameters(surface, names=["PV", "RMS"])
