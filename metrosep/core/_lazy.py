@@ -22,9 +22,9 @@ def lazy_package(package: str) -> tuple[GetAttribute, Callable[[], list[str]]]:
     def homes() -> dict[str, str]:
         import ast
 
-        # of any loader, zip files too; importlib.abc, which names its type, costs 50 ms
-        loader: Any = getattr(sys.modules[package].__spec__, "loader", None)
-        blocks = (b for b in ast.parse(loader.get_source(package)).body if isinstance(b, ast.If))
+        loader: Any = sys.modules[package].__spec__.loader  # type: ignore[union-attr]
+        source = loader.get_source(package)  # a package that has no source has no names
+        blocks = (b for b in ast.parse(source).body if isinstance(b, ast.If))
         found = (line for block in blocks for line in block.body)
         lines = [line for line in found if isinstance(line, ast.ImportFrom)]
         return {n.name: line.module or package for line in lines for n in line.names}
