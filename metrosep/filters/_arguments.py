@@ -30,7 +30,7 @@ from metrosep.spectral.dft import instance_of
 
 FilterBand = Literal["long", "short"]
 
-Measured = TypeVar("Measured", Profile, Surface)
+Measured = TypeVar("Measured", bound=Profile | Surface)
 
 Wavelength = float | str | None
 """Of a profile, in m or a text with its unit."""
@@ -318,8 +318,8 @@ def like(
     """Return heights as the kind of object that came in, with one step more; `kept` cuts the grid."""
     if isinstance(obj, Profile):
         x = obj.x if kept is None else obj.x[kept]
-        return filtered_profile(obj, z, step=step, kind=kind_of_band(obj, short=short), x=x)
-    return Surface(
+        return filtered_profile(obj, z, step=step, kind=kind_of_band(obj, short=short), x=x)  # type: ignore[return-value]
+    return Surface(  # type: ignore[return-value]
         z,
         obj.dx,
         obj.dy,

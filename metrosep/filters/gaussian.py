@@ -183,8 +183,8 @@ def gaussian_support(
     metadata = {"quantity": "support"}
     share = share[kept]
     if isinstance(obj, Profile):
-        return Profile(obj.x[kept], share, metadata=metadata, history=history)
-    return Surface(
+        return Profile(obj.x[kept], share, metadata=metadata, history=history)  # type: ignore[return-value]
+    return Surface(  # type: ignore[return-value]
         share,
         obj.dx,
         obj.dy,

@@ -253,5 +253,5 @@ def _on_measured(
 def _replaced(obj: Measured, z: FloatArray, name: str, element: Element) -> Measured:
     history = (*obj.history, Step(name, element.named()))
     if isinstance(obj, Profile):
-        return Profile(obj.x, z, metadata=obj.metadata, history=history)
-    return Surface(z, obj.dx, obj.dy, origin=obj.origin, metadata=obj.metadata, history=history)
+        return Profile(obj.x, z, metadata=obj.metadata, history=history)  # type: ignore[return-value]
+    return Surface(z, obj.dx, obj.dy, origin=obj.origin, metadata=obj.metadata, history=history)  # type: ignore[return-value]

@@ -82,7 +82,10 @@ def decide(
     """
     low, high = ordered_limits(lower, upper)
     value = real(value, "value", finite=False)
-    guard = not_negative(guard_factor, "guard_factor") * not_negative(U, "U")
+    for name, number in (("U", U), ("guard_factor", guard_factor)):  # said as it was typed
+        if not (math.isfinite(real(number, name, finite=False)) and number >= 0.0):
+            raise DataError(f"{name} must be finite and not negative, got {_text(number)}")
+    guard = guard_factor * U
     below, above = (_allowance(value, limit, guard) for limit in (low, high))
     if low + guard - below <= value <= high - guard + above:
         return "accept"
@@ -364,8 +367,9 @@ def judge(
     if rule == "pfa":
         guard = guard_factor(1.0 - _between(pfa, 0.0, 0.5, "pfa"), coverage_factor=1.0) * u
         acceptance = _pfa_zone(low, high, u, pfa, guard)
-        verdict = "reject" if chance <= pfa else "inconclusive"
-        verdict = "accept" if chance >= 1.0 - pfa else verdict
+        verdict: Verdict = "reject" if chance <= pfa else "inconclusive"
+        if chance >= 1.0 - pfa:
+            verdict = "accept"
         sentence = (
             f"accepted or rejected where a false decision has a probability of at most {pfa:g}"
         )

@@ -102,7 +102,7 @@ def test_units_of_parameters_are_kept():
     form = Expression("a*x", a=1.0, units={"a": "1"}).with_parameters(a=2.0)
 
     assert form.units == {"a": "1"}
-    with pytest.raises(DataError, match="no parameter"):
+    with pytest.raises(DataError, match="not a parameter"):
         Expression("a*x", a=1.0, units={"b": "m"})
 
 

@@ -877,5 +877,5 @@ def test_a_radius_that_is_no_number_is_never_metres(option, value):
 
     with pytest.raises(DataError, match=r"\['R'\]|unknown unit 'kg'"):
         fit(map_, Sphere(), **{option: {"R": value}})
-    with pytest.raises(DataError, match="centre|unknown unit 'kg'"):
+    with pytest.raises(DataError, match=r"centre|unknown unit 'kg'"):
         fit(map_, Sphere(), centre=(value, 0.0))
