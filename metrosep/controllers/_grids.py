@@ -139,7 +139,7 @@ def rolling_grid(
         span = n * step
     elif spacing is not None and not is_whole(span / step):
         raise TableError(
-            f"{axis}: the span {format_length(span)} is no multiple of the spacing "
+            f"{axis}: the span {format_length(span)} is not a multiple of the spacing "
             f"{format_length(step)}; entries stand at equal steps over it"
         )
     else:

@@ -482,7 +482,7 @@ def _require_axes(table: CompensationTable, options: Mapping[str, Any]) -> None:
         )
     for name in (table.axis, table.compensates):
         if not re.fullmatch(AXIS.pattern, name, re.ASCII):
-            raise TableError(f"axis {name!r} is no Fanuc axis: a capital and perhaps a digit")
+            raise TableError(f"axis {name!r} is not a Fanuc axis: a capital and perhaps a digit")
     if options["moving_axis"] == options["compensated_axis"]:
         raise TableError(
             f"moving_axis and compensated_axis are both {options['moving_axis']}: give the numbers of "

@@ -247,7 +247,10 @@ def _text(data: bytes, path: Path) -> str:
         return data.decode("ascii")
     except UnicodeDecodeError as exc:
         raise CorruptFileError(
-            path, "not ASCII text", offset=exc.start, hint="this is no LinuxCNC compensation file"
+            path,
+            "not ASCII text",
+            offset=exc.start,
+            hint="this is not a LinuxCNC compensation file",
         ) from None
 
 

@@ -117,7 +117,7 @@ class LinuxCNCEoffset(Dialect):
         wrong = [a for a in letters if a not in tuple(LETTERS)]
         if wrong:
             raise TableError(
-                f"{wrong[0]!r} is no linear axis of LinuxCNC ({', '.join(LETTERS)}); a map over a "
+                f"{wrong[0]!r} is not a linear axis of LinuxCNC ({', '.join(LETTERS)}); a map over a "
                 "rotary axis can go along in the tool path"
             )
         if table.values.size > _MAX_NODES:
@@ -490,7 +490,7 @@ def _block(lines: Sequence[str], name: str, pattern: str, path: Path) -> list[tu
         match = re.fullmatch(pattern, line)
         if match is None:
             raise CorruptFileError(
-                path, f"line {number} is no entry of {name}", found=repr(line[:60]), hint=_HINT
+                path, f"line {number} is not an entry of {name}", found=repr(line[:60]), hint=_HINT
             )
         found.append((number, match[1]))
     if len(found) < 2:

@@ -171,7 +171,7 @@ def _damaged(path: Path, number: int, found: str, wanted: str) -> CorruptFileErr
 
 def _rows(data: bytes, path: Path) -> list[tuple[int, str]]:
     """Return the lines that are neither blank nor comments, each with its number."""
-    hint = "this is no HAL file of metrosep, or it was converted; LinuxCNC wants ASCII and LF"
+    hint = "this is not a HAL file of metrosep, or it was converted; LinuxCNC wants ASCII and LF"
     try:
         text = data.decode("ascii")
     except UnicodeDecodeError as exc:
@@ -327,7 +327,9 @@ class LinuxCNCLincurve(Dialect):
         """Return HAL commands."""
         _check_table(table, source_joint, target_joint)
         if not THREAD.fullmatch(thread):
-            raise DataError(f"linuxcnc-lincurve: thread={thread!r} is no name of a thread in HAL")
+            raise DataError(
+                f"linuxcnc-lincurve: thread={thread!r} is not a name of a thread in HAL"
+            )
         (unit, name), (unit_c, name_c) = _unit(table.axis), _unit(table.compensates)
         x = [round(v / unit * UNIT) for v in table.positions.tolist()]
         y = [round(v / unit_c * UNIT) for v in table.forward.tolist()]
@@ -354,7 +356,7 @@ class LinuxCNCLincurve(Dialect):
 
         Notes
         -----
-        Without the comment that names the axes and without a sidecar nothing tells degrees: the numbers are
+        Without the comment that names the axes and without a sidecar nothing states degrees: the numbers are
         taken as millimetres, and the axes are called after their joints.
         """
         chain = parsed(data, path)

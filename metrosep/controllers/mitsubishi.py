@@ -224,7 +224,9 @@ class Mitsubishi(Resampling):
 def _require_axes(table: CompensationTable, cross_axis: str) -> None:
     for name in (table.axis, table.compensates):
         if not re.fullmatch(AXIS.pattern, name, re.ASCII):
-            raise TableError(f"axis {name!r} is no Mitsubishi axis: a capital and perhaps a digit")
+            raise TableError(
+                f"axis {name!r} is not a Mitsubishi axis: a capital and perhaps a digit"
+            )
     if not table.is_on_axis and cross_axis != "tried":
         raise TableError(
             f"the rule of signs is documented for an axis that corrects itself, this table is "

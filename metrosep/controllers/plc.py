@@ -333,7 +333,7 @@ def _polynomial(text: str, x: str, path: Path) -> FloatArray:
     if found is None:
         raise damaged(
             path,
-            "the expression is no polynomial in Horner form",
+            "the expression is not a polynomial in Horner form",
             field="expression",
             expected=f"a0+{x}*(a1+{x}*(a2))",
             found=repr(text[:60]),
@@ -385,7 +385,7 @@ class PLCStructuredText(_Polynomial):
         function = options["function"]
         if not re.fullmatch(IDENTIFIER, function) or function.upper() in RESERVED:
             raise DataError(
-                f"plc-st: function={function!r} is no identifier that is free: letters, digits and _, no word, "
+                f"plc-st: function={function!r} is not an identifier that is free: letters, digits and _, no word, "
                 "type or function of IEC 61131-3"
             )
         low, high, *coefficients = (n if "." in n else f"{n}.0" for n in numbers)
