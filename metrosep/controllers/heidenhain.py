@@ -24,6 +24,7 @@ from metrosep.controllers._grids import (
     Resampling,
     carry,
     require_linear,
+    require_names,
     require_sizes,
     uniform_positions,
 )
@@ -267,11 +268,7 @@ def _alone(table: CompensationTable) -> tuple[Finding, ...]:
 def _require_axes(table: CompensationTable, said: str | None) -> None:
     if said not in (None, table.axis):
         raise TableError(f"looked_up_axis={said!r}, but the table is looked up over {table.axis}")
-    for name in (table.axis, table.compensates):
-        if not _AXIS.fullmatch(name):
-            raise TableError(
-                f"axis {name!r} is not a HEIDENHAIN axis: a capital and perhaps a digit"
-            )
+    require_names(table, "HEIDENHAIN")
     if not table.is_on_axis and table.reverse is not None:
         raise TableError(
             f"BACKLASH belongs to {table.axis} itself, this table is {table.axis} -> "

@@ -21,6 +21,7 @@ import numpy as np
 
 from metrosep.compensation.area_errors import bilinear
 from metrosep.compensation.maps import CompensationMap
+from metrosep.controllers._grammar import decoded
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -412,10 +413,7 @@ def _indented(lines: Iterable[str]) -> str:
 
 def grid_of(data: bytes, path: Path) -> Grid:
     """Return what a program holds; the rest of it must be the program that metrosep writes."""
-    try:
-        lines = data.decode("ascii").split("\n")
-    except UnicodeDecodeError as exc:
-        raise CorruptFileError(path, "not ASCII text", offset=exc.start, hint=_HINT) from None
+    lines = decoded(data, path, "HAL component of metrosep").split("\n")
     axes = next((m for m in map(_AXES.fullmatch, lines) if m), None)
     if axes is None:
         raise CorruptFileError(path, "no line AXES = (...) of a map in it", hint=_HINT)

@@ -23,7 +23,7 @@ import numpy as np
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._grammar import damaged
+from metrosep.controllers._grammar import code_rows, damaged, decoded
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -172,10 +172,7 @@ def _damaged(path: Path, number: int, found: str, wanted: str) -> CorruptFileErr
 def _rows(data: bytes, path: Path) -> list[tuple[int, str]]:
     """Return the lines that are neither blank nor comments, each with its number."""
     hint = "this is not a HAL file of metrosep, or it was converted; LinuxCNC wants ASCII and LF"
-    try:
-        text = data.decode("ascii")
-    except UnicodeDecodeError as exc:
-        raise CorruptFileError(path, "not ASCII text", offset=exc.start, hint=hint) from None
+    text = decoded(data, path, "HAL file of metrosep")
     if "\\" in text:
         line = text[: text.index("\\")].count("\n") + 1
         raise CorruptFileError(
@@ -185,8 +182,7 @@ def _rows(data: bytes, path: Path) -> list[tuple[int, str]]:
         )
     if not text.endswith("\n") or not text.replace("\n", " ").isprintable():
         raise CorruptFileError(path, "cut in a line, or with control characters", hint=hint)
-    lines = [(i, line.partition("#")[0].strip()) for i, line in enumerate(text.split("\n"), 1)]
-    rows = [(i, line) for i, line in lines if line]
+    rows, _ = code_rows(text.split("\n"), "#")
     if not rows:
         raise CorruptFileError(path, "no HAL command in it", hint=hint)
     return rows
