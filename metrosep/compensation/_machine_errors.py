@@ -21,7 +21,7 @@ from metrosep.machine.error_sets import ErrorSet, as_error_set
 Vectors = Callable[[Mapping[str, Any]], FloatArray]
 
 _SINGULAR = 1e-6
-"""Two axes nearer to one direction than this, in rad, cannot be told apart."""
+"""Two axes nearer to one direction than this, in rad, cannot be stated apart."""
 
 _IDLE = 1e-9
 """An axis or a direction whose part is smaller is not there (directions are typed to 1e-9)."""
@@ -197,7 +197,7 @@ def _corrected(
         if name not in linear:
             turns = " turns and" if name in chain.axes else ""
             raise DataError(
-                f"{name!r}{turns} is no linear axis of chain {chain.name!r}; it has {', '.join(linear)}"
+                f"{name!r}{turns} is not a linear axis of chain {chain.name!r}; it has {', '.join(linear)}"
             )
         if name not in placed:
             raise DataError(

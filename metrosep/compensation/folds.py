@@ -35,16 +35,16 @@ def made_of(
     history: Sequence[Step], runs: RunSet
 ) -> tuple[Literal["all", "none", "file"], list[int]]:
     """Return whether runs made a table, and which of them did not."""
-    told = {h for s in history for h in s.parameters.get("runs_sha256", ())}
+    stated = {h for s in history for h in s.parameters.get("runs_sha256", ())}
     mine = [str(r.metadata.get("cells_of_sha256", r.sha256)) for r in runs]
-    others = [i for i, h in enumerate(mine) if h not in told]
-    if told and told == set(mine):
+    others = [i for i, h in enumerate(mine) if h not in stated]
+    if stated and stated == set(mine):
         return "all", []
-    if told and len(others) == len(mine):
+    if stated and len(others) == len(mine):
         return (
             "file" if set(source_hashes(history)) & set(source_hashes(runs.history)) else "none"
         ), others
-    if told:
+    if stated:
         return ("none" if others else "file"), others
     return (
         "all" if set(source_hashes(history)) & set(source_hashes(runs.history)) else "none"
@@ -102,13 +102,13 @@ def fold_estimates(
 
 
 def _without(
-    runs: RunSet, out: tuple[int, ...], told: Mapping[str, Any], span: tuple[float, float]
+    runs: RunSet, out: tuple[int, ...], stated: Mapping[str, Any], span: tuple[float, float]
 ) -> ErrorEstimate:
     from metrosep.separation.runs.entry import separate
 
     kept = [i for i in range(len(runs)) if i not in out]
     rest = RunSet([runs[i] for i in kept], metadata=runs.metadata, history=runs.history)
-    options = {k: v for k, v in told.items() if not k.endswith("_sha256") and k != "exclude"}
+    options = {k: v for k, v in stated.items() if not k.endswith("_sha256") and k != "exclude"}
     options["accept"] = "suspect"  # a run was settled once, with all the others beside it
     start, length = options.pop("start_m", None), options.pop("length_m", None)
     if options["method"] != "kono":  # its range depends on its window

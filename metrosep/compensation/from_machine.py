@@ -338,7 +338,7 @@ def _references(
         try:
             given = [float(r) for r in np.atleast_1d(np.asarray(reference, dtype=np.float64))]
         except (TypeError, ValueError):
-            raise TableError(f"reference {reference!r} is no position") from None
+            raise TableError(f"reference {reference!r} is not a position") from None
         if len(given) != len(axes):
             raise TableError(f"reference has {len(given)} positions for {len(axes)} axes")
     zero = []
@@ -469,7 +469,7 @@ def _looked_up(table: Table, places: Sequence[FloatArray]) -> FloatArray:
 
 
 def _zero_moves(tables: Mapping[str, Table]) -> tuple[str, ...]:
-    """Return what the interpolation leaves at a reference that is no node, by axis."""
+    """Return what the interpolation leaves at a reference that is not a node, by axis."""
     found: list[str] = []
     for axis, table in tables.items():
         zero = table.reference
@@ -479,7 +479,7 @@ def _zero_moves(tables: Mapping[str, Table]) -> tuple[str, ...]:
             over = table.axes if isinstance(table, CompensationMap) else (table.axis,)
             where = ", ".join(format_position(a, p) for a, p in zip(over, places, strict=True))
             found.append(
-                f"at the reference {where}, which is no node, {axis} is corrected by "
+                f"at the reference {where}, which is not a node, {axis} is corrected by "
                 f"{format_length(there, digits=3)}, not zero: make the reference a node"
             )
     return tuple(found)

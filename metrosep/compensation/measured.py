@@ -156,7 +156,7 @@ def estimate_slope(estimate: Any) -> float:
     slope: Quantity | None = getattr(estimate, "slope", None)
     if slope is None or not np.isfinite(slope.value):
         raise DataError(
-            "the estimate does not tell the slope that it removed, which is part of the error of an "
+            "the estimate does not state the slope that it removed, which is part of the error of an "
             "axis along itself: separate again"
         )
     return float(slope.value)

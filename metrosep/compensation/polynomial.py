@@ -53,7 +53,7 @@ class PolynomialFit:
     legendre_coefficients : ndarray, shape (degree + 1,), m
         In Legendre polynomials of the scaled position.
     cov : ndarray or None, shape (degree + 1, degree + 1), m^2
-        Their covariance; None where nothing tells it.
+        Their covariance; None where nothing states it.
     cov_source : str
         Where the covariance comes from.
     domain : tuple of (float, float), m

@@ -385,17 +385,17 @@ class CompensationTable:
         last = self.history[-1] if self.history else None
         if last is None or last.name != "table" or "direction" not in last.parameters:
             raise TableError("its history does not say how it was made of an estimate")
-        told = last.parameters
-        if told.get("entries_sha256") != self._digest():
+        stated = last.parameters
+        if stated.get("entries_sha256") != self._digest():
             raise TableError("it was changed since it was made")
         return type(self).from_error(
             error,
             positions=self.positions,
             axis=self.axis,
             compensates=self.compensates,
-            direction=told["direction"],
+            direction=stated["direction"],
             reference=self.reference,
-            exact=bool(told["exact"]),
+            exact=bool(stated["exact"]),
         )
 
     def verify(

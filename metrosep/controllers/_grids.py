@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -139,7 +140,7 @@ def rolling_grid(
         span = n * step
     elif spacing is not None and not is_whole(span / step):
         raise TableError(
-            f"{axis}: the span {format_length(span)} is no multiple of the spacing "
+            f"{axis}: the span {format_length(span)} is not a multiple of the spacing "
             f"{format_length(step)}; entries stand at equal steps over it"
         )
     else:
@@ -575,6 +576,15 @@ def require_linear(axes: Iterable[str], title: str) -> None:
             raise TableError(
                 f"{title}: axis {axis} turns, this dialect writes lengths only; write "
                 "controller='csv' and enter it by hand, in the unit of that axis"
+            )
+
+
+def require_names(table: CompensationTable, control: str) -> None:
+    """Refuse names of axes that a control does not have: a capital and perhaps a digit."""
+    for name in (table.axis, table.compensates):
+        if not re.fullmatch(r"[A-Z]\d?", name, re.ASCII):
+            raise TableError(
+                f"axis {name!r} is not a {control} axis: a capital and perhaps a digit"
             )
 
 

@@ -76,7 +76,7 @@ class Grid:
 def checked_name(name: str, what: str) -> str:
     """Return the name of a machine axis, and refuse what is none."""
     if not _NAME.fullmatch(name):
-        raise DataError(f"{what}={name!r} is no name of a machine axis such as 'X1'")
+        raise DataError(f"{what}={name!r} is not a name of a machine axis such as 'X1'")
     return name
 
 
@@ -89,8 +89,8 @@ def write_program(
 ) -> bytes:
     """Return a file."""
     head = [f"%_N_{name}", f"CHANDATA({channel})"]
-    told = [*comments, note(facts, [*head, *lines, "M17"])]
-    body = [*head, *(f"; {c}" for c in told), *lines, "M17"]
+    stated = [*comments, note(facts, [*head, *lines, "M17"])]
+    body = [*head, *(f"; {c}" for c in stated), *lines, "M17"]
     return joined(body)
 
 
@@ -225,14 +225,14 @@ def axis_letter(machine_axis: str, *, turns: bool, otherwise: str) -> str:
     return otherwise if is_rotary(otherwise) == turns else "C"
 
 
-def turning(machine_axis: str, told: bool | None, option: str, path: Path) -> bool:
-    """Return whether a machine axis turns, and refuse where nothing tells."""
-    if told is not None:
-        return told
+def turning(machine_axis: str, stated: bool | None, option: str, path: Path) -> bool:
+    """Return whether a machine axis turns, and refuse where nothing states."""
+    if stated is not None:
+        return stated
     match = _LETTER.fullmatch(machine_axis)
     if match is None:
         raise DataError(
-            f"{path}: nothing tells whether {machine_axis[:40]} is in mm or in degrees; give {option}"
+            f"{path}: nothing states whether {machine_axis[:40]} is in mm or in degrees; give {option}"
         )
     return is_rotary(match[1])
 
@@ -317,7 +317,7 @@ def read_tables(assignments: list[Assignment], path: Path) -> dict[int, CecTable
             facts.setdefault(numbers[0], {})[kind] = a
         else:
             raise CorruptFileError(
-                path, f"line {a.line}: {a.name}[{','.join(a.indices)}] is no part of such a table"
+                path, f"line {a.line}: {a.name}[{','.join(a.indices)}] is not part of such a table"
             )
     if not values and not facts:
         raise CorruptFileError(path, "it holds no table")
@@ -471,7 +471,7 @@ def opened(
     o = settled(known, options, path, file=noted, partial=True)
     if "entry_sign" not in o:
         raise DataError(
-            f"{path}: neither the file nor a sidecar tells the sign of its entries; give entry_sign=1 "
+            f"{path}: neither the file nor a sidecar states the sign of its entries; give entry_sign=1 "
             f"(entry = +e) or -1 to read it as {controller}"
         )
     return read_tables(assignments, path), o, noted
@@ -490,9 +490,9 @@ def axis_names(
     >>> axis_names({}, ("AX1", "AX1"), (False, False), ("X", "Z"))
     ('X', 'X')
     """
-    told = tuple(noted["axes"].split(",")) if "axes" in noted else ()
-    if len(told) == len(machine) and all(told):
-        return told
+    stated = tuple(noted["axes"].split(",")) if "axes" in noted else ()
+    if len(stated) == len(machine) and all(stated):
+        return stated
     found: dict[str, str] = {}
     for name, turned, usual in zip(machine, turns, otherwise, strict=True):
         letter = axis_letter(name, turns=turned, otherwise=usual)

@@ -63,7 +63,7 @@ _COMMON = (
     Option(
         "names",
         "names of the looked-up axes and the corrected one, 'X, Y, Z' (of a line 'X, Z'), to read "
-        "files that do not tell them",
+        "files that do not state them",
         "text",
     ),
 )
@@ -148,7 +148,7 @@ class Aerotech(Dialect):
         _require_offset_rule(grid, known, path, ("column", "row"))
         values = known["corrected_sign"] * grid.values
         x, y = _positions(grid, known, path)
-        names = _told_names(known, path, 3) or ("X", "Y", "")
+        names = _stated_names(known, path, 3) or ("X", "Y", "")
         own = {grid.column_axis: names[0], grid.row_axis: names[1]}
         fields = map_identity(
             path,
@@ -243,11 +243,11 @@ class AerotechLine(Dialect):
         x, _ = _positions(grid, known, path)
         fields = identity(path, first=float(x[0]))
         if not load_sidecar(path):
-            names = _told_names(known, path, 2)
+            names = _stated_names(known, path, 2)
             if names is None and grid.output != grid.column_axis:
                 raise DataError(
                     f"{path}: axis {grid.output} is corrected over axis {grid.column_axis}, and nothing "
-                    "tells which axes these are; give names='X, Z', the looked-up one first"
+                    "states which axes these are; give names='X, Z', the looked-up one first"
                 )
             fields["axis"], fields["compensates"] = names or ("X", "X")
         _require_output(grid, {grid.column_axis: fields["axis"]}, fields["compensates"], path)
@@ -299,7 +299,7 @@ def _split(names: str) -> tuple[str, ...]:
     return tuple(n.strip() for n in names.split(","))
 
 
-def _told_names(known: dict[str, Any], path: Path, n: int) -> tuple[str, ...] | None:
+def _stated_names(known: dict[str, Any], path: Path, n: int) -> tuple[str, ...] | None:
     """Return the names of the looked-up axes and the corrected one, from comment or user."""
     noted: tuple[str, ...] = ()
     if "axes" in known and "corrects" in known:
@@ -496,7 +496,7 @@ def read_grid(
     }
     if "corrected_sign" not in facts:
         raise DataError(
-            f"{path}: neither the file nor a sidecar tells how the encoder of the corrected axis "
+            f"{path}: neither the file nor a sidecar states how the encoder of the corrected axis "
             f"counts; give corrected_sign=1 or -1 to read it as {controller}"
         )
     grid = _parsed(lines, path, facts)
@@ -524,7 +524,7 @@ def _parsed(lines: list[tuple[int, str]], path: Path, facts: dict[str, Any]) -> 
             path,
             "a table is two lines :START2D, rows of numbers and :END, and nothing else",
             found=f"{len(starts)} :START2D and {len(ends)} :END in {len(lines)} lines",
-            hint="it was cut short, or is no 2-D calibration of Aerotech",
+            hint="it was cut short, or is not a 2-D calibration of Aerotech",
         )
     numbers = _header(lines[0], path)
     words = _keys(lines[1], path)

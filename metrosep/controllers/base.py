@@ -202,7 +202,7 @@ def load_bytes(path: Path, *, max_bytes: int = 50_000_000) -> bytes:
 
 
 def load_sidecar(path: Path) -> dict[str, Any]:
-    """Return the sidecar of a table, empty if there is none, refused if it is no JSON object."""
+    """Return the sidecar of a table, empty if there is none, refused if it is not a JSON object."""
     beside = sidecar_path(path)
     if not beside.is_file():
         return {}
@@ -225,7 +225,7 @@ def load_sidecar(path: Path) -> dict[str, Any]:
 
 
 def _no_constant(name: str) -> float:
-    raise ValueError(f"{name} is no number")
+    raise ValueError(f"{name} is not a number")
 
 
 def sidecar_options(path: Path, known: tuple[Option, ...]) -> dict[str, Any]:

@@ -159,7 +159,7 @@ class Etalon(Dialect):
         o = settled(self.options, options, path, file=chosen.noted, partial=True)
         if "entry_sign" not in o:
             raise DataError(
-                f"{path}: neither the file nor a sidecar tells the sign of its entries; give "
+                f"{path}: neither the file nor a sidecar states the sign of its entries; give "
                 "entry_sign=1 (entry = +e) or -1 to read it as etalon"
             )
         place, unit = _units(chosen.parameter)
@@ -175,7 +175,7 @@ def _parameter(table: CompensationTable, wanted: str | None) -> str:
     name = f"E{table.compensates}{table.axis}" if wanted is None else wanted
     if not _COMPONENT.fullmatch(name):
         raise DataError(
-            f"{name!r} is no error parameter of ISO 230-1: E, the direction of the error and the axis "
+            f"{name!r} is not an error parameter of ISO 230-1: E, the direction of the error and the axis "
             f"that moves, of X, Y, Z, A, B, C; the table is {table.axis} -> {table.compensates}; give "
             "parameter='EXY', or name the axes of the table so"
         )
@@ -259,7 +259,7 @@ def _block(
             expected="VALUE = number or Gridpoints = {",
         )
     if not _COMPONENT.fullmatch(name):
-        raise CorruptFileError(path, f"line {start}: {name} is no error over an axis")
+        raise CorruptFileError(path, f"line {start}: {name} is not an error over an axis")
     rows: list[tuple[float, float]] = []
     for number, line in code[at + 1 :]:
         if line == "}":

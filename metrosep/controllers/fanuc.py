@@ -8,7 +8,6 @@ of the Series 0i (3620 to 3624); the sign is not written there and must be tried
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -38,6 +37,7 @@ from metrosep.controllers._grids import (
     Resampling,
     require_capacity,
     require_linear,
+    require_names,
     require_on_axis,
     require_one_direction,
     require_sizes,
@@ -480,9 +480,7 @@ def _require_axes(table: CompensationTable, options: Mapping[str, Any]) -> None:
             f"{_STRAIGHTNESS_TITLE} corrects another axis than the moving one, this table is {table.axis} -> "
             f"{table.compensates}; write controller='fanuc'"
         )
-    for name in (table.axis, table.compensates):
-        if not re.fullmatch(AXIS.pattern, name, re.ASCII):
-            raise TableError(f"axis {name!r} is no Fanuc axis: a capital and perhaps a digit")
+    require_names(table, "Fanuc")
     if options["moving_axis"] == options["compensated_axis"]:
         raise TableError(
             f"moving_axis and compensated_axis are both {options['moving_axis']}: give the numbers of "

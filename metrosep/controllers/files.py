@@ -347,7 +347,7 @@ def _iteration(carried: Any, target: Path) -> list[Finding]:
         return [
             Finding(
                 "warning",
-                f"{target} is replaced and nothing tells what it held: if it was active while the "
+                f"{target} is replaced and nothing states what it held: if it was active while the "
                 "readings were taken, the new table is what is left and must be added to it",
                 "take the readings with the table off",
                 "active",
@@ -500,7 +500,7 @@ def read(path: PathLike, controller: str = "linuxcnc", **options: Any) -> Any:
     ReadError
         If the file cannot be read or is damaged, or its sidecar describes another file.
     DataError
-        If controller or option is unknown, or one is needed that nothing tells.
+        If controller or option is unknown, or one is needed that nothing states.
     LimitError
         If it has more entries than the controller takes.
     """
@@ -532,7 +532,7 @@ def simulate(path: PathLike, controller: str = "linuxcnc", **options: Any) -> Si
     ReadError
         If the file cannot be read or is damaged, or its sidecar describes another file.
     DataError
-        If controller or option is unknown, or one is needed that nothing tells.
+        If controller or option is unknown, or one is needed that nothing states.
     """
     dialect, data, given = _opened(path, controller, options)
     return dialect.lookup(data, Path(path), **given)

@@ -24,6 +24,7 @@ from metrosep.controllers._grids import (
     Resampling,
     carry,
     require_linear,
+    require_names,
     require_sizes,
     uniform_positions,
 )
@@ -198,18 +199,18 @@ def _looked_up(
         raise damaged(path, "name and column say another axis", expected=named[2], found=target)
     beside: Any = load_sidecar(path).get("table")
     beside = beside if isinstance(beside, dict) else {}
-    told = {
+    stated = {
         "the file": named[1] if named else None,
         "its sidecar": beside.get("axis"),
         "its column BACKLASH": target if both else None,
         "you": options.get("looked_up_axis"),
     }
-    axis = agreed(path, "the axis that is looked up", told)
+    axis = agreed(path, "the axis that is looked up", stated)
     sources = {"the file": target, "its sidecar": beside.get("compensates")}
     agreed(path, "the corrected axis", sources)
     if axis is None:
         raise DataError(
-            f"{path}: the table corrects {target}, but its name {name} does not tell over which axis; "
+            f"{path}: the table corrects {target}, but its name {name} does not state over which axis; "
             f"give looked_up_axis= ({target} if the axis corrects itself)"
         )
     return str(axis)
@@ -267,9 +268,7 @@ def _alone(table: CompensationTable) -> tuple[Finding, ...]:
 def _require_axes(table: CompensationTable, said: str | None) -> None:
     if said not in (None, table.axis):
         raise TableError(f"looked_up_axis={said!r}, but the table is looked up over {table.axis}")
-    for name in (table.axis, table.compensates):
-        if not _AXIS.fullmatch(name):
-            raise TableError(f"axis {name!r} is no HEIDENHAIN axis: a capital and perhaps a digit")
+    require_names(table, "HEIDENHAIN")
     if not table.is_on_axis and table.reverse is not None:
         raise TableError(
             f"BACKLASH belongs to {table.axis} itself, this table is {table.axis} -> "
@@ -281,7 +280,7 @@ def _decimals(unit: float) -> int:
     decimals = round(-math.log10(unit / 1e-3))
     if abs(unit * 10.0**decimals / 1e-3 - 1.0) > 1e-9:
         raise DataError(
-            f"resolution={unit!r} m is no power of ten of a millimetre; use such as '100 nm' or '10 nm'"
+            f"resolution={unit!r} m is not a power of ten of a millimetre; use such as '100 nm' or '10 nm'"
         )
     return decimals
 

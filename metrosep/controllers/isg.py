@@ -124,7 +124,9 @@ class _List(Resampling):
     ) -> Encoded:
         """Return the bytes with what rounding costs: cells by their place, columns as they should be."""
         if not re.fullmatch(_NAME.pattern, name, re.ASCII):
-            raise TableError(f"axis {name!r} is no name for a list: letters, digits, underscores")
+            raise TableError(
+                f"axis {name!r} is not a name for a list: letters, digits, underscores"
+            )
         key = f"kw.{self.structure}"
         lines = [
             _SIGN.write(entry_sign=options["entry_sign"]),
@@ -665,7 +667,7 @@ def _interval(table: CompensationMap, wanted: float | None, quantum: float) -> f
     counts = round(step / quantum)
     if counts < 1 or (wanted is not None and abs(wanted / quantum - counts) > _SAME):
         raise TableError(
-            f"the interval {format_length(step, digits=9)} is no multiple of {format_length(quantum)}, "
+            f"the interval {format_length(step, digits=9)} is not a multiple of {format_length(quantum)}, "
             "the step of a position in the list; give interval= a multiple of it"
         )
     for p in (table.x, table.y):
@@ -751,13 +753,13 @@ def _entries(
         if entry is None or entry["key"] in entries:
             raise CorruptFileError(
                 path,
-                f"line {i} is no entry, or one that is there twice: {line.strip()[:60]!r}",
+                f"line {i} is not an entry, or one that is there twice: {line.strip()[:60]!r}",
                 hint="one 'key value' a line; comments behind # or in /* */",
             )
         if whole and "." in entry["value"]:
             raise CorruptFileError(
                 path,
-                f"line {i}: {entry['key']} {entry['value']} is no whole number",
+                f"line {i}: {entry['key']} {entry['value']} is not a whole number",
                 hint="builds before V3.1.3132 / V4.29 cut it: write it with number_type='integer'",
             )
         entries[entry["key"]] = (entry["value"], i)
@@ -800,7 +802,7 @@ def _fields(path: Path, first: float, slave: str, options: Mapping[str, Any]) ->
     master = fields["axis"] if master is None else master
     if master == slave:
         raise DataError(
-            f"{path}: the list corrects {slave} over another axis, and nothing tells its name; give "
+            f"{path}: the list corrects {slave} over another axis, and nothing states its name; give "
             "master_name="
         )
     return {**fields, "axis": master, "compensates": slave}

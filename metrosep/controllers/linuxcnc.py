@@ -18,6 +18,7 @@ import numpy as np
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._grammar import decoded
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -139,7 +140,9 @@ class LinuxCNC(Dialect):
         """Return the table, refusing whatever LinuxCNC would silently drop."""
         rows = [
             _triple(line, number, path)
-            for number, line in enumerate(_text(data, path).splitlines(), start=1)
+            for number, line in enumerate(
+                decoded(data, path, "LinuxCNC compensation file").splitlines(), start=1
+            )
         ]
         table = np.array(rows)
         falling = np.flatnonzero(np.diff(table[:, 0]) <= 0)
@@ -240,15 +243,6 @@ def _routing(table: CompensationTable) -> list[str]:
         f"net b-fb comp-fb-b.in0   # from the encoder of {b}",
         "net b-motor-fb comp-fb-b.out => joint.B.motor-pos-fb",
     ]
-
-
-def _text(data: bytes, path: Path) -> str:
-    try:
-        return data.decode("ascii")
-    except UnicodeDecodeError as exc:
-        raise CorruptFileError(
-            path, "not ASCII text", offset=exc.start, hint="this is no LinuxCNC compensation file"
-        ) from None
 
 
 def _triple(line: str, number: int, path: Path) -> tuple[float, float, float]:

@@ -21,6 +21,7 @@ import numpy as np
 
 from metrosep.compensation.area_errors import bilinear
 from metrosep.compensation.maps import CompensationMap
+from metrosep.controllers._grammar import decoded
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -117,7 +118,7 @@ class LinuxCNCEoffset(Dialect):
         wrong = [a for a in letters if a not in tuple(LETTERS)]
         if wrong:
             raise TableError(
-                f"{wrong[0]!r} is no linear axis of LinuxCNC ({', '.join(LETTERS)}); a map over a "
+                f"{wrong[0]!r} is not a linear axis of LinuxCNC ({', '.join(LETTERS)}); a map over a "
                 "rotary axis can go along in the tool path"
             )
         if table.values.size > _MAX_NODES:
@@ -412,10 +413,7 @@ def _indented(lines: Iterable[str]) -> str:
 
 def grid_of(data: bytes, path: Path) -> Grid:
     """Return what a program holds; the rest of it must be the program that metrosep writes."""
-    try:
-        lines = data.decode("ascii").split("\n")
-    except UnicodeDecodeError as exc:
-        raise CorruptFileError(path, "not ASCII text", offset=exc.start, hint=_HINT) from None
+    lines = decoded(data, path, "HAL component of metrosep").split("\n")
     axes = next((m for m in map(_AXES.fullmatch, lines) if m), None)
     if axes is None:
         raise CorruptFileError(path, "no line AXES = (...) of a map in it", hint=_HINT)
@@ -490,7 +488,7 @@ def _block(lines: Sequence[str], name: str, pattern: str, path: Path) -> list[tu
         match = re.fullmatch(pattern, line)
         if match is None:
             raise CorruptFileError(
-                path, f"line {number} is no entry of {name}", found=repr(line[:60]), hint=_HINT
+                path, f"line {number} is not an entry of {name}", found=repr(line[:60]), hint=_HINT
             )
         found.append((number, match[1]))
     if len(found) < 2:

@@ -23,7 +23,7 @@ import numpy as np
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._grammar import damaged
+from metrosep.controllers._grammar import code_rows, damaged, decoded
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -171,11 +171,8 @@ def _damaged(path: Path, number: int, found: str, wanted: str) -> CorruptFileErr
 
 def _rows(data: bytes, path: Path) -> list[tuple[int, str]]:
     """Return the lines that are neither blank nor comments, each with its number."""
-    hint = "this is no HAL file of metrosep, or it was converted; LinuxCNC wants ASCII and LF"
-    try:
-        text = data.decode("ascii")
-    except UnicodeDecodeError as exc:
-        raise CorruptFileError(path, "not ASCII text", offset=exc.start, hint=hint) from None
+    hint = "this is not a HAL file of metrosep, or it was converted; LinuxCNC wants ASCII and LF"
+    text = decoded(data, path, "HAL file of metrosep")
     if "\\" in text:
         line = text[: text.index("\\")].count("\n") + 1
         raise CorruptFileError(
@@ -185,8 +182,7 @@ def _rows(data: bytes, path: Path) -> list[tuple[int, str]]:
         )
     if not text.endswith("\n") or not text.replace("\n", " ").isprintable():
         raise CorruptFileError(path, "cut in a line, or with control characters", hint=hint)
-    lines = [(i, line.partition("#")[0].strip()) for i, line in enumerate(text.split("\n"), 1)]
-    rows = [(i, line) for i, line in lines if line]
+    rows, _ = code_rows(text.split("\n"), "#")
     if not rows:
         raise CorruptFileError(path, "no HAL command in it", hint=hint)
     return rows
@@ -327,7 +323,9 @@ class LinuxCNCLincurve(Dialect):
         """Return HAL commands."""
         _check_table(table, source_joint, target_joint)
         if not THREAD.fullmatch(thread):
-            raise DataError(f"linuxcnc-lincurve: thread={thread!r} is no name of a thread in HAL")
+            raise DataError(
+                f"linuxcnc-lincurve: thread={thread!r} is not a name of a thread in HAL"
+            )
         (unit, name), (unit_c, name_c) = _unit(table.axis), _unit(table.compensates)
         x = [round(v / unit * UNIT) for v in table.positions.tolist()]
         y = [round(v / unit_c * UNIT) for v in table.forward.tolist()]
@@ -354,7 +352,7 @@ class LinuxCNCLincurve(Dialect):
 
         Notes
         -----
-        Without the comment that names the axes and without a sidecar nothing tells degrees: the numbers are
+        Without the comment that names the axes and without a sidecar nothing states degrees: the numbers are
         taken as millimetres, and the axes are called after their joints.
         """
         chain = parsed(data, path)

@@ -34,6 +34,7 @@ from metrosep.controllers._grammar import (
 from metrosep.controllers._grids import (
     Resampling,
     require_linear,
+    require_names,
     require_one_direction,
     require_sizes,
     sections,
@@ -222,9 +223,7 @@ class Mitsubishi(Resampling):
 
 
 def _require_axes(table: CompensationTable, cross_axis: str) -> None:
-    for name in (table.axis, table.compensates):
-        if not re.fullmatch(AXIS.pattern, name, re.ASCII):
-            raise TableError(f"axis {name!r} is no Mitsubishi axis: a capital and perhaps a digit")
+    require_names(table, "Mitsubishi")
     if not table.is_on_axis and cross_axis != "tried":
         raise TableError(
             f"the rule of signs is documented for an axis that corrects itself, this table is "

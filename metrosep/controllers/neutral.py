@@ -256,7 +256,7 @@ def _grid(values: FloatArray, lines: list[int], path: Path) -> tuple[FloatArray,
             hint="x is the fastest, every row holds the same x; no node may be missing or twice",
         )
     if len(values) % n or y.size < 2 or n < 2:
-        raise damaged(path, f"{len(values)} nodes are no grid of rows of {n}")
+        raise damaged(path, f"{len(values)} nodes are not a grid of rows of {n}")
     for name, p in (("x", x), ("y", y)):
         if (np.diff(p) <= 0).any():
             raise CorruptFileError(path, f"{name} does not rise", hint="sort the lines")

@@ -215,7 +215,9 @@ def rolled_size(program: Program, path: Path) -> tuple[int, int]:
     """Return entries and counts of a table over one motor, and refuse one that jumps at the roll-over."""
     n, counts = program.entries.size, int(program.define["span"])
     if n == 0 or counts < n:
-        raise damaged(path, f"{n} entries over {counts} counts are no table", field="DEFINE line")
+        raise damaged(
+            path, f"{n} entries over {counts} counts are not a table", field="DEFINE line"
+        )
     if program.entries[-1] != 0:
         raise damaged(
             path,

@@ -264,7 +264,7 @@ class PMACPlane(Dialect):
         if rows < 1 or columns < 1 or spans[0] < columns or spans[1] < rows:
             raise damaged(
                 path,
-                f"{rows} rows and {columns} columns over {spans[1]} and {spans[0]} counts are no table",
+                f"{rows} rows and {columns} columns over {spans[1]} and {spans[0]} counts are not a table",
                 field="DEFINE COMP",
             )
         entries = np.concatenate([[0], program.entries]).reshape(rows + 1, columns + 1)

@@ -268,7 +268,7 @@ def _klipper_parsed(
         if line.startswith("["):
             found = _SECTION.fullmatch(line)
             if section or found is None or _PROFILE.fullmatch(found[1]) is None:
-                raise _klipper_wrong(path, number, "one section [bed_mesh NAME]", line)
+                raise _wrong(path, number, "one section [bed_mesh NAME]", line)
             section = True
         elif line[0] in " \t" and last == "points":
             rows.append((number, _points(line, number, path)))
@@ -276,7 +276,7 @@ def _klipper_parsed(
             key, sign, value = line.partition("=") if "=" in line else line.partition(":")
             last = key.strip()
             if not (section and sign) or last not in _KEYS or last in keys or line[0].isspace():
-                raise _klipper_wrong(path, number, "a key of a mesh, once", line)
+                raise _wrong(path, number, "a key of a mesh, once", line)
             keys[last] = value.strip()
             if last == "points" and value.strip():
                 rows.append((number, _points(value, number, path)))
@@ -289,9 +289,7 @@ def _klipper_parsed(
 def _points(line: str, number: int, path: Path) -> list[float]:
     words = [w.strip() for w in line.split(",")]
     if not all(map(_NUMBER.fullmatch, words)):
-        raise _klipper_wrong(
-            path, number, "numbers with commas between; Klipper would not start", line
-        )
+        raise _wrong(path, number, "numbers with commas between; Klipper would not start", line)
     return [float(w) for w in words]
 
 
@@ -305,15 +303,6 @@ def _number(text: str, key: str, path: Path) -> float:
     if _NUMBER.fullmatch(text) is None:
         raise CorruptFileError(path, "a number is needed", field=key, found=text[:40])
     return float(text)
-
-
-def _klipper_wrong(path: Path, line: int, expected: str, found: str) -> CorruptFileError:
-    return damaged(
-        path,
-        f"line {line} does not belong into a mesh",
-        expected=expected,
-        found=found.strip()[:60],
-    )
 
 
 # ------------------------------------------------------------------------------------------------
@@ -577,7 +566,7 @@ def _row(line: str, number: int, n: int, path: Path) -> list[float]:
 def _wrong(path: Path, line: int, expected: str, found: str) -> CorruptFileError:
     return damaged(
         path,
-        f"line {line} is not that of a height map",
+        f"line {line} does not belong into a mesh or height map",
         expected=expected,
-        found=found[:60] or "nothing",
+        found=found.strip()[:60] or "nothing",
     )

@@ -65,7 +65,7 @@ def judged(findings: Iterable[Finding], waive: Sequence[str]) -> tuple[Finding, 
     names = waived_names(waive)
     unknown = [n for n in names if n not in CHECKS]
     if unknown:
-        raise DataError(f"waive={unknown[0]!r} is no check; there are {', '.join(CHECKS)}")
+        raise DataError(f"waive={unknown[0]!r} is not a check; there are {', '.join(CHECKS)}")
     found = tuple(findings)
     errors = [f for f in found if f.level == "error" and f.check not in names]
     if errors:

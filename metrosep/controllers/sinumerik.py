@@ -414,7 +414,7 @@ def _missed(product: ProductTables, o: Mapping[str, Any]) -> float:
     span = float(np.ptp(product.map.values))
     if missed > _RESIDUAL * span and not o["accept_residual"]:
         raise LimitError(
-            f"the map is no product of two tables: f(x) g(y) misses it by up to "
+            f"the map is not a product of two tables: f(x) g(y) misses it by up to "
             f"{format_length(missed, digits=3)}, its corrections span {format_length(span, digits=3)}; "
             "write a table over one axis, choose a control that holds maps, or accept it with "
             "accept_residual=True"
@@ -658,7 +658,7 @@ def _chosen(assignments: list[Assignment], path: Path, o: dict[str, Any]) -> tup
             facts.setdefault((a.indices[0], a.indices[1]), {})[kind] = a
         else:
             raise CorruptFileError(
-                path, f"line {a.line}: {a.name}[{','.join(a.indices)}] is no part of such a table"
+                path, f"line {a.line}: {a.name}[{','.join(a.indices)}] is not part of such a table"
             )
     keys = list(dict.fromkeys([*values, *facts]))
     bad = [k for k in keys if k[0] not in ("0", "1")]

@@ -213,7 +213,7 @@ def _require_name(name: str) -> None:
     is_word = f" {name.upper()} " in _KEYWORDS
     if not _NAME.fullmatch(name) or "__" in name or name.endswith("_") or is_word:
         raise TableError(
-            f"name={name[:60]!r} is no ST identifier: letters, digits and single underscores, up to 60, "
+            f"name={name[:60]!r} is not an ST identifier: letters, digits and single underscores, up to 60, "
             "and no word of the language"
         )
 

@@ -583,7 +583,7 @@ def _from_json(text: str) -> dict[str, Any]:
         stored = json.loads(text)
     except (ValueError, RecursionError) as exc:
         raise DataError(
-            f"calibration={text[:40]!r} is no JSON of a stored calibration: {exc}"
+            f"calibration={text[:40]!r} is not the JSON of a stored calibration: {exc}"
         ) from None
     return cast("dict[str, Any]", stored)
 

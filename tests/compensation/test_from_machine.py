@@ -370,7 +370,7 @@ def test_reference_elsewhere():
         ({"at": {"Y": 0.0}}, DataError, "'Z'"),
         ({"at": {"X": 0.0, **AT}}, DataError, "looked up"),
         ({"at": {"Y": [0.0, 1.0], "Z": 0.0}}, DataError, "one finite"),
-        ({"corrects": ("X", "Q")}, DataError, "no linear axis"),
+        ({"corrects": ("X", "Q")}, DataError, "not a linear axis"),
         ({"corrects": ()}, DataError, "each axis once"),
         ({"corrects": ("X", "X")}, DataError, "each axis once"),
         ({"positions": X[::-1]}, TableError, "rise"),
@@ -378,7 +378,7 @@ def test_reference_elsewhere():
         ({"at": [0.0]}, DataError, "axis names"),
         ({"at": {"Y": "0", "Z": 0.0}}, DataError, "one finite"),
         ({"positions": 0.1, "over": ("X", "Y"), "at": {"Z": 0.0}}, DataError, "1 arrays for 2"),
-        ({"reference": "rim"}, TableError, "no position"),
+        ({"reference": "rim"}, TableError, "not a position"),
         ({"reference": 1.0}, TableError, "outside"),
         ({"reference": (0.0, 0.0)}, TableError, "2 positions for 1"),
     ],
@@ -454,10 +454,10 @@ def test_a_reference_that_is_no_node_is_told_with_its_amount():
             reference=reference,
         )
 
-    told = [m for m in tables(45e-3).messages if "no node" in m]
+    told = [m for m in tables(45e-3).messages if "not a node" in m]
     there = abs(float(tables(45e-3)["X"].correction(45e-3)[0]))
     assert there == pytest.approx(25e-9, abs=0.1e-9)  # times 1 + 2e-3 x
     assert len(told) == 1
-    assert "X = 45 mm, which is no node, X is corrected by " in told[0]
+    assert "X = 45 mm, which is not a node, X is corrected by " in told[0]
     assert "25 nm" in told[0]
-    assert not [m for m in tables(40e-3).messages if "no node" in m]
+    assert not [m for m in tables(40e-3).messages if "not a node" in m]

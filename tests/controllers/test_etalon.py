@@ -125,7 +125,7 @@ def test_parameter_names():
     assert b"[EXY]" in Etalon().encode(made, parameter="EXY").data
     with pytest.raises(DataError, match="lengths and angles"):
         Etalon().encode(made, parameter="EAY")
-    with pytest.raises(DataError, match="no error parameter"):
+    with pytest.raises(DataError, match="not an error parameter"):
         Etalon().encode(made, parameter="C0B")
 
 
@@ -288,9 +288,9 @@ class TestEtalon(DialectContract):
     reading = (("entry_sign", 1),)
     damage = (
         ("[EXY]\n", "", "line 1"),
-        ("[EXY]", "[EXQ]", "EXQ is no error over an axis"),
+        ("[EXY]", "[EXQ]", "EXQ is not an error over an axis"),
         ("[EXY]", "[EXY", "line 1"),
-        ("[EXY]", "[C0B]", "C0B is no error over an axis"),
+        ("[EXY]", "[C0B]", "C0B is not an error over an axis"),
         ("Gridpoints", "Points", "followed by"),
         ("= {", "=", "followed by"),
         ("}  // end", "// end", "cut short"),

@@ -236,7 +236,7 @@ def test_what_cannot_be_carried_is_refused(table):
         encode(table)
     with pytest.raises(TableError, match="controller='fanuc'"):
         encode(CompensationTable(x, zero, None, "X", "X", 0.0))
-    with pytest.raises(TableError, match="no Fanuc axis"):
+    with pytest.raises(TableError, match="not a Fanuc axis"):
         encode(CompensationTable(x, zero, None, "X", "slide", 0.0))
     with pytest.raises(TableError, match="numbers of two axes"):
         encode(cross(x, zero), moving_axis=2)

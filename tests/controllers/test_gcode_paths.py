@@ -641,7 +641,7 @@ def test_direction_dependent_table_is_refused(folder):
         (Surface(np.zeros((3, 3)), dx=1.0, dy=1.0), {"c_zero": math.nan}, "c_zero"),
         (Surface(np.zeros((3, 3)), dx=1.0, dy=1.0), {"move_x": True}, "slope"),
         (Profile([0.0, 1.0], [0.0, math.nan]), {}, "two measured"),
-        (5.0, {}, "no map"),
+        (5.0, {}, "not a map"),
     ],
 )
 def test_unusable_errors_are_refused(error, options, part):

@@ -189,7 +189,7 @@ def test_what_cannot_be_carried_is_refused(table):
     x = [0.0, 1e-3]
     with pytest.raises(TableError, match="turns"):
         encode(CompensationTable(x, [0, 0], None, "B", "B", 0.0))
-    with pytest.raises(TableError, match="no HEIDENHAIN axis"):
+    with pytest.raises(TableError, match="not a HEIDENHAIN axis"):
         encode(CompensationTable(x, [0, 0], None, "slide", "slide", 0.0))
     with pytest.raises(TableError, match=r"BACKLASH belongs to X.*X -> Z"):
         encode(CompensationTable(x, [0, 0], [0, 1e-6], "X", "Z", 0.0))
@@ -219,7 +219,7 @@ UNNAMED = SAG.replace("BEGIN Y_Z", "BEGIN AXISY")
 
 def test_name_that_does_not_tell_the_axis_is_asked_for():
     """A column Z in AXISY.COM is the sag of Z over Y, and not of Z over X."""
-    with pytest.raises(DataError, match=r"does not tell over which axis.*looked_up_axis="):
+    with pytest.raises(DataError, match=r"does not state over which axis.*looked_up_axis="):
         decode(UNNAMED.encode())
     made = decode(UNNAMED.encode(), looked_up_axis="Y")
     assert (made.axis, made.compensates) == ("Y", "Z")

@@ -279,7 +279,7 @@ def test_whole_numbers_are_too_coarse_for_nanometres(tmp_path):
         axis_number=1,
         number_type="real",
     )
-    with pytest.raises(CorruptFileError, match="no whole number"):
+    with pytest.raises(CorruptFileError, match="not a whole number"):
         controllers.read(tmp_path / "a.lis", "isg-axis", number_type="integer")
 
 
@@ -337,7 +337,7 @@ def test_what_cannot_be_carried_is_refused(table):
         cross(table)
     with pytest.raises(TableError, match="are the same"):
         cross(CompensationTable(x, [0, 0], None, "X", "Z", 0.0), master_number=3)
-    with pytest.raises(TableError, match="no name for a list"):
+    with pytest.raises(TableError, match="not a name for a list"):
         axis(CompensationTable(x, [0, 0], None, "slide 1", "slide 1", 0.0))
     with pytest.raises(TableError, match="turns"):
         axis(CompensationTable(x, [0, 0], None, "C", "C", 0.0))

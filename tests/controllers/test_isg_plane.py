@@ -203,7 +203,7 @@ def test_what_cannot_be_carried_is_refused():
         encode(made, capacity=5)
     with pytest.raises(LimitError, match="interval="):
         encode(made, interval=1e-7)
-    with pytest.raises(TableError, match="no multiple"):
+    with pytest.raises(TableError, match="not a multiple"):
         encode(made, interval=2.5e-7)
     with pytest.raises(DataError, match="entry_sign"):
         decode(HAND.split("\n", 1)[1].encode())

@@ -309,7 +309,7 @@ def test_a_position_that_is_not_a_number_is_a_fault_and_moves_nothing(program, m
     ("axes", "third"), [(("X", "C"), "Z"), (("X", "Y"), "A"), (("x", "Y"), "Z")]
 )
 def test_other_axes_than_linear_ones_are_refused(axes, third, dialect):
-    with pytest.raises(TableError, match="no linear axis of LinuxCNC"):
+    with pytest.raises(TableError, match="not a linear axis of LinuxCNC"):
         dialect.encode(map_of(axes=axes, compensates=third))
 
 
@@ -381,7 +381,7 @@ def test_every_cut_is_noticed(program, dialect):
         ("    10,\n", "    30,\n", "does not rise"),
         ("(0, 10000, -20000)", "(0, 10000)", "2 entries, X_MM has 3"),
         ("    (0, 10000, -20000),\n", "", "at least 2 entries"),
-        ("    (0, 10000, -20000),\n", "    (0, 1e4, -20000),\n", "no entry of COUNTS"),
+        ("    (0, 10000, -20000),\n", "    (0, 1e4, -20000),\n", "not an entry of COUNTS"),
         ("COUNT_MM = 0.0000001", "COUNT_MM = -0.0000001", "above zero"),
         ("COUNT_MM = 0.0000001", "COUNT_MM = 1e-7", "COUNT_MM"),
         ("(1.0 - s) * low[i]", "(1.0 + s) * low[i]", "is not that of the program"),
@@ -464,7 +464,7 @@ def test_endless_numbers_are_no_entries(digits, old, program, dialect):
 @pytest.mark.parametrize("name", ["X\nimport os", '"', "Z\\", "\u0416"])
 def test_names_that_would_break_the_program_are_refused(name, dialect):
     for more in ({"axes": (name, "Y")}, {"compensates": name}):
-        with pytest.raises(TableError, match=r"no linear axis|name"):
+        with pytest.raises(TableError, match=r"not a linear axis|name"):
             dialect.encode(map_of(**more))
 
 

@@ -210,7 +210,7 @@ def test_cross_axis_needs_a_word():
 
 @pytest.mark.parametrize("name", ["x", "stage", "X1 2", "\u03b1"])
 def test_axis_name_that_no_control_has_is_refused(name):
-    with pytest.raises(TableError, match="no Mitsubishi axis"):
+    with pytest.raises(TableError, match="not a Mitsubishi axis"):
         encode(CompensationTable([0.0, 1e-3], [0, 0], None, name, name, 0.0))
 
 

@@ -293,10 +293,10 @@ def test_too_few_digits_far_from_zero_are_found():
 @pytest.mark.parametrize(
     ("name", "options", "kind", "text"),
     [
-        ("plc-st", {"function": "1st"}, DataError, "no identifier"),
-        ("plc-st", {"function": "END_VAR"}, DataError, "no identifier"),
-        ("plc-st", {"function": "h"}, DataError, "no identifier"),
-        ("plc-st", {"function": "a*)b"}, DataError, "no identifier"),
+        ("plc-st", {"function": "1st"}, DataError, "not an identifier"),
+        ("plc-st", {"function": "END_VAR"}, DataError, "not an identifier"),
+        ("plc-st", {"function": "h"}, DataError, "not an identifier"),
+        ("plc-st", {"function": "a*)b"}, DataError, "not an identifier"),
         ("plc-st", {"digits": 2}, DataError, "digits"),
         ("plc-st", {"x_unit": "inch"}, DataError, "x_unit"),
         ("plc-st", {"actuator_sign": 0}, DataError, "actuator_sign"),
@@ -383,7 +383,7 @@ def test_comments_that_are_contradicted_or_doubled_are_refused(name):
     "words", ["SIN", "INT", "Real", "bool", "Abs", "LIMIT", "while", "TON", "MIN", "string", "_x"]
 )
 def test_names_that_the_language_takes_are_refused(words):
-    with pytest.raises(DataError, match="no identifier"):
+    with pytest.raises(DataError, match="not an identifier"):
         encode("plc-st", paper(), function=words)
 
 

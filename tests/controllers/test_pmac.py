@@ -308,7 +308,7 @@ def test_value_at_zero_is_refused(table):
     ("options", "error", "text"),
     [
         ({"span": "39 mm"}, TableError, "shorter than the travel"),
-        ({"span": "45 mm", "spacing": "2 mm"}, TableError, "no multiple"),
+        ({"span": "45 mm", "spacing": "2 mm"}, TableError, "not a multiple"),
         ({"target_motor": None}, TableError, "which motor is Z"),
         ({"target_motor": 1}, TableError, "a motor moves one axis"),
         ({"count": "1e-7 nm", "source_count": COUNT}, LimitError, "24 bits"),
@@ -566,7 +566,7 @@ class TestPMAC(DialectContract):
         (",4000000", "", "DEFINE line"),
         ("#1D,", "#0D,", "no motor #0"),
         ("#2 DEFINE", "#33 DEFINE", "no motor #33"),
-        ("4000000", "0", "no table"),
+        ("4000000", "0", "not a table"),
         ("DELETE GATHER", "DELETE ALL", "DEFINE line"),
         ("#2 DEFINE", "2 DEFINE", "DEFINE line"),
         ("-800", "\u2212800", "not ASCII"),

@@ -379,5 +379,5 @@ class TestPMACBacklash(DialectContract):
         ("480 0", "480", "3 of 4"),
         ("BLCOMP 4", "BLCOMP 3", "3 entries"),
         ("BLCOMP 4,", "COMP 4,", "DEFINE line"),
-        ("4000000", "3", "no table"),
+        ("4000000", "3", "not a table"),
     )

@@ -321,5 +321,5 @@ class TestPMACPlane(DialectContract):
         ("0 1600 -800 0\nI51", "0 1600 -900 0\nI51", "differs from the first"),
         ("I51=1", "I51=0", "I51"),
         (",4000000", "", "DEFINE line"),
-        ("3000000", "2", "no table"),
+        ("3000000", "2", "not a table"),
     )

@@ -136,7 +136,7 @@ HEAD = "X_mm,C_deg,Z_mm\n"
         ("X_mm,C_mm,Z_mm\n1,2,3\n", {}, UnitError, "column C"),
         ("X_mm,Z_mm\n1,2\n", {}, DataError, "no column 'C'"),
         ("1,2,3\n", {}, DataError, "no column 'X'"),
-        (HEAD + "1,2\n", {}, CorruptFileError, "no number|columns"),
+        (HEAD + "1,2\n", {}, CorruptFileError, "not a number|columns"),
         (HEAD + "1,2,3\n1,2,3,4\n", {}, CorruptFileError, "line 3 has 4"),
         (HEAD + "1,2,abc\n", {}, CorruptFileError, "line 2: 'abc'"),
         (HEAD + "1,2,nan\n", {}, CorruptFileError, "'nan'"),

@@ -50,7 +50,7 @@ def test_a_waived_check_is_recorded(tmp_path, table):
 def test_another_name_does_not_waive(tmp_path, table):
     with pytest.raises(LimitError, match="cover 0 m"):
         write(table, tmp_path / "x.csv", travel_high=60e-3, waive=("stroke",))
-    with pytest.raises(DataError, match=r"waive='everything' is no check; there are dry-run"):
+    with pytest.raises(DataError, match=r"waive='everything' is not a check; there are dry-run"):
         write(table, tmp_path / "x.csv", travel_high=60e-3, waive=("everything",))
 
 

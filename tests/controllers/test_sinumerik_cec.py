@@ -365,7 +365,7 @@ def test_map_that_is_no_product_is_refused_unless_waived(bump):
         lambda x, y: bump(x) + 2e-6 * np.exp(-((y / 4e-3) ** 2)), x=X, y=Y, exact=False
     )
 
-    with pytest.raises(LimitError, match=r"no product.*misses it by up to.*accept_residual"):
+    with pytest.raises(LimitError, match=r"not a product.*misses it by up to.*accept_residual"):
         SinumerikCecProduct().encode(made, **OVER, keep_zero=True)
     encoded = SinumerikCecProduct().encode(made, **OVER, keep_zero=True, accept_residual=True)
 
@@ -641,8 +641,8 @@ class TestSinumerikCec(DialectContract):
         ("M17\n", "", "cut short"),
         ("$AN_CEC[0,1]=0.003\n", "", "0 ... 2"),
         ("$AN_CEC[0,1]", "$AN_CEC[0.1]", "line 4.*commas"),
-        ("$AN_CEC[0,1]", "$AN_CEC[0,1,2]", "line 4.*no part"),
-        ("$AN_CEC[0,1]", "$AA_CEC[0,1]", "line 4.*no part"),
+        ("$AN_CEC[0,1]", "$AN_CEC[0,1,2]", "line 4.*not part"),
+        ("$AN_CEC[0,1]", "$AA_CEC[0,1]", "line 4.*not part"),
         ("=0.003", "=0.003mm", "line 4 holds no number"),
         ("(AX1)", "AX1", "line 6: INPUT_AXIS is a machine axis in parentheses"),
         ("(AX1)", "(1)", "line 6"),

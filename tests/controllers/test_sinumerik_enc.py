@@ -462,7 +462,7 @@ class TestSinumerikEnc(DialectContract):
         ("=0.003", "=nan", "line 4 holds no number"),
         ("=0.003", "", "line 4 is not"),
         ("=0.003", "=", "line 4 is not"),
-        ("$AA_ENC_COMP[0,1", "$AA_ENC_COMB[0,1", "line 4.*no part"),
+        ("$AA_ENC_COMP[0,1", "$AA_ENC_COMB[0,1", "line 4.*not part"),
         ("$AA_ENC_COMP[0,1", "G1 X5", "line 4 is not"),
         ("STEP[0,X1]=5.0", "STEP[0,X1]=0", "positive"),
         ("STEP[0,X1]=5.0", "STEP[0,X1]=-5.0", "positive"),

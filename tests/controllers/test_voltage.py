@@ -357,7 +357,7 @@ def test_missing_line_of_a_time_table_is_refused(one_way):
         ({"voltage_V": [0, 1, 2], "mean_um": [0, math.inf, 7]}, "mean_um .* infinite at 1 V"),
         ({"voltage_V": [0, 1], "mean_um": [0, 1], "up_um": [0, -math.inf]}, "equal|infinite"),
         ('{"voltage_V": [0, 1], "mean_um": [0]}', "equal length"),
-        ('{"voltage_V": [0, 1', "no JSON"),
+        ('{"voltage_V": [0, 1', "not the JSON"),
     ],
 )
 def test_what_is_no_calibration(value, words):

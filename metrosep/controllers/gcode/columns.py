@@ -146,7 +146,9 @@ def pieces(stream: BinaryIO, path: Path, *, mark: bool = False) -> Iterator[list
             )
         cut = len(data) if not new else max(data.rfind(b"\n"), data.rfind(b"\r", 0, -1)) + 1
         if b"\x00" in new:
-            raise CorruptFileError(path, "this is no text of a program", hint="check the name")
+            raise CorruptFileError(
+                path, "this is not the text of a program", hint="check the name"
+            )
         rest = data[cut:]
         lines = (
             data[:cut].decode("latin-1").splitlines(True)
@@ -262,7 +264,7 @@ def _by_token(block: str, row: int, state: ModalState, out: Columns) -> None:
         if token.kind != "word" or token.letter not in "XCZF":
             continue
         if token.letter in words:
-            why = "the letter stands twice in one block"
+            why = "the letter is there twice in one block"
             raise refuse_block(line, token.text, why, "write it once")
         words[token.letter] = token
         anchor = anchor if token.letter == "F" else token.end

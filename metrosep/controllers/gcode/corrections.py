@@ -307,7 +307,7 @@ def as_path_correction(
             audit={"kind": "function c(X, C)", "sign": "added to Z as it is"},
         )
     raise DataError(
-        f"a {type(correction).__name__} is no correction; give a table, a map, a function c(X, C) or "
+        f"a {type(correction).__name__} is not a correction; give a table, a map, a function c(X, C) or "
         "error_correction(map of the error)"
     )
 
@@ -453,7 +453,7 @@ def _error_lookup(
             True,
         )
     raise DataError(
-        f"a {type(error).__name__} is no map of an error; give a Surface, a Profile or a function e(x, y)"
+        f"a {type(error).__name__} is not a map of an error; give a Surface, a Profile or a function e(x, y)"
     )
 
 

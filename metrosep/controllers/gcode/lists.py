@@ -395,7 +395,7 @@ def _rows(
             text = fields[column.index].strip() if 0 <= column.index < width else ""
             if not _NUMBER.fullmatch(text):
                 raise CorruptFileError(
-                    path, f"line {number + 1}: {text!r} in column {letter} is no number"
+                    path, f"line {number + 1}: {text!r} in column {letter} is not a number"
                 )
             value = float(text)
             digits = decimals_of(text) if "e" not in text.lower() else 0

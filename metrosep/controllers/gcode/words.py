@@ -140,7 +140,7 @@ def _refused(block: str, at: int, line: int) -> Exception:
         return refuse_block(line, f"{rest!r}", why, "write numbers with a decimal point")
     return CorruptFileError(
         f"line {line}",
-        f"{rest!r} is no word of G-code (a letter and a number)",
+        f"{rest!r} is not a word of G-code (a letter and a number)",
         hint="post-process the path to plain words",
     )
 
