@@ -54,7 +54,7 @@ _LEVEL = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Interaction:
+class Interaction(PlainResult):
     """How much of a map is neither f(x) nor g(y), and whether that is more than noise.
 
     Parameters
