@@ -92,7 +92,9 @@ def test_exact_inverse_is_taken_past_the_last_entry_where_the_error_is_known(lop
 
 
 def test_positions_outside_the_profile_are_refused(lopsided):
-    with pytest.raises(TableError, match=r"X = 0 mm \.\.\. X = 50 mm leave the measured range .* X = 40 mm"):
+    with pytest.raises(
+        TableError, match=r"X = 0 mm \.\.\. X = 50 mm leave the measured range .* X = 40 mm"
+    ):
         made(profile(lopsided, 0.0, 40e-3))
 
 
