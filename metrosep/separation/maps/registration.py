@@ -15,10 +15,12 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     DataError,
     DegenerateFitError,
+    InvalidSamplesError,
     NotConvergedError,
     TooFewSamplesError,
+    UnitError,
 )
-from metrosep.core.numbers import not_negative
+from metrosep.core.numbers import not_negative, real
 from metrosep.core.surface import Surface
 from metrosep.separation.maps._map_input import (
     MapGrid,
@@ -115,15 +117,20 @@ def register_maps(
         [fixed, moved], what="register_maps", names=("fixed", "moved"), dx=dx, dy=dy, centre=centre
     )
     u_reading = checked_u(u_reading, "u_reading")
-    start = _three(start)
-    if not all(math.isfinite(v) for v in start):
-        raise DataError(f"register_maps: start holds shift_x, shift_y, angle, got {start}")
-    if abs(start[2]) > 2.0 * np.pi + 1e-9:
+    try:
+        kinds = ("length", "length", "angle")
+        numbers = [real(v, "start", dimension=d) for v, d in zip(start, kinds, strict=True)]
+    except (TypeError, ValueError, InvalidSamplesError, UnitError):
         raise DataError(
-            f"register_maps: the start angle {start[2]} rad is more than a turn; it looks like degrees"
+            f"register_maps: start holds shift_x, shift_y, angle, got {start!r}"
+        ) from None
+    if abs(numbers[2]) > 2.0 * np.pi + 1e-9:
+        raise DataError(
+            f"register_maps: the start angle {numbers[2]} rad is more than a turn; it looks like "
+            "degrees"
         )
     stack = without_plane(stack, grid)
-    first = np.array(start, dtype=np.float64)
+    first = np.array(numbers, dtype=np.float64)
     p = _coarse_shift(stack, first, grid)
     free = np.array([True, True, rotation])
     end = _gauss_newton(stack, p, grid, free)
@@ -210,16 +217,6 @@ def registration_uncertainty(
     turn = grid.x * gy - grid.y[:, None] * gx
     square = (gx * both[0]) ** 2 + (gy * both[1]) ** 2 + (turn * u_angle) ** 2
     return np.asarray(np.sqrt(square))
-
-
-def _three(start: tuple[float, float, float]) -> tuple[float, float, float]:
-    try:
-        x, y, angle = (float(v) for v in start)
-    except (TypeError, ValueError):
-        raise DataError(
-            f"register_maps: start holds shift_x, shift_y, angle, got {start!r}"
-        ) from None
-    return x, y, angle
 
 
 def _coarse_shift(stack: FloatArray, start: FloatArray, grid: MapGrid) -> FloatArray:

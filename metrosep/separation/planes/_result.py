@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import fields
 from typing import Any
 
 from metrosep.core.provenance import freeze_mapping
-from metrosep.separation._readings import plain, reduced
+from metrosep.separation._methods import StoredResult
+from metrosep.separation._readings import plain
 
 
-class PlainResult:
+class PlainResult(StoredResult):
     """A result, as a frozen dataclass, whose fields are plain values, curves, maps or results."""
 
     __slots__ = ()
@@ -19,9 +20,6 @@ class PlainResult:
         for name, value in _of(self).items():
             if isinstance(value, Mapping):
                 object.__setattr__(self, name, freeze_mapping(value))
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON, SI, NaN as None.
@@ -39,12 +37,10 @@ def _of(result: Any) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
+    if isinstance(value, PlainResult) or (
+        isinstance(value, Mapping) and hasattr(value, "to_dict")
+    ):
+        return plain(value.to_dict())  # a positioning test is a mapping of its values, too
     if isinstance(value, Mapping):
         return {str(k): _plain(v) for k, v in value.items()}
-    known = plain(value)
-    if not isinstance(known, str) or isinstance(value, str):
-        return known
-    # `plain` knows no results of other modules, and writes them as text
-    if hasattr(value, "to_dict"):
-        return plain(value.to_dict())
-    return plain(asdict(value)) if is_dataclass(value) and not isinstance(value, type) else known
+    return plain(value)

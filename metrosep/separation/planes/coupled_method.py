@@ -23,7 +23,7 @@ from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesErro
 from metrosep.core.numbers import not_negative
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import RecordedMethod, described_by, settle
+from metrosep.separation._methods import History, RecordedMethod, described_by, settle
 from metrosep.separation._readings import known_parts, real_numbers
 from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.planes._grid_solution import (
@@ -100,13 +100,7 @@ class CoupledGrid(RecordedMethod):
     def null_space(self) -> tuple[Unobservable, ...]:
         return (unseen_terms(self.slopes),)
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
-    ) -> Separation:
+    def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
         both = np.asarray(real_numbers(readings, f"{self.name}: readings"), dtype=np.float64)
         if both.ndim not in (3, 4) or both.shape[0] != 2:
             raise DataError(
@@ -114,7 +108,7 @@ class CoupledGrid(RecordedMethod):
                 f"(2, repeats, n_y, n_x), got {both.shape}"
             )
         how: dict[str, Any] = {"slopes": self.slopes, "repeats": self.repeats}
-        found = coupled_grid(*both, dx=self.dx, dy=self.dy, u_reading=u_reading, **how)
+        found = coupled_grid(*both, dx=self.dx, dy=self.dy, u_reading=stated, **how)
         step = Step(self.name, {"dx_m": self.dx, "dy_m": self.dy, **how})
         return replace(found, history=(*history, step))
 

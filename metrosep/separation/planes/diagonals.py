@@ -18,13 +18,12 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotSeparableError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import RecordedMethod
+from metrosep.separation._methods import History, RecordedMethod
 from metrosep.separation._readings import (
     NOISE_UNKNOWN,
     checked_readings,
     known_parts,
     part_of,
-    stated_u,
 )
 from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.planes._result import PlainResult
@@ -386,14 +385,7 @@ class Diagonals(RecordedMethod):
             *(Unobservable(name, "term", ("common to all axes",), _INSTRUMENT) for name in seen),
         )
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
-    ) -> Separation:
-        stated = stated_u(u_reading, "m")
+    def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
         array = checked_readings(readings, names=self.names, minimum=1, what=self.name)
         array = array.reshape(len(self.names), -1)
         count = (~np.isnan(array)).sum(axis=1)

@@ -23,7 +23,7 @@ from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.core.numbers import not_negative, positive
 from metrosep.core.provenance import Step
-from metrosep.separation._methods import RecordedMethod, described_by, settle
+from metrosep.separation._methods import History, RecordedMethod, described_by, settle
 from metrosep.separation._readings import known_parts, part_of, real_numbers
 from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.planes._grid_solution import (
@@ -149,13 +149,7 @@ class GridCalibration(RecordedMethod):
     def null_space(self) -> tuple[Unobservable, ...]:
         return unseen_terms()
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
-    ) -> Separation:
+    def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
         views = np.asarray(real_numbers(readings, f"{self.name}: readings"), dtype=np.float64)
         count = len(self.placements)
         if views.ndim not in (4, 5) or views.shape[0] != count or views.shape[-1] != 2:
@@ -164,9 +158,7 @@ class GridCalibration(RecordedMethod):
                 f"2) or ({count}, repeats, n_y, n_x, 2), got {views.shape}"
             )
         given = [GridView(v, *p) for v, p in zip(views, self.placements, strict=True)]
-        found = grid_calibration(
-            given, pitch=self.pitch, repeats=self.repeats, u_reading=u_reading
-        )
+        found = grid_calibration(given, pitch=self.pitch, repeats=self.repeats, u_reading=stated)
         step = Step(self.name, {"pitch_m": self.pitch, "repeats": self.repeats})
         return replace(found, history=(*history, step))
 

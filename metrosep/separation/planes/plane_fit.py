@@ -29,7 +29,7 @@ from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering
-from metrosep.separation._methods import RecordedMethod, settle
+from metrosep.separation._methods import History, RecordedMethod, settle
 from metrosep.separation._readings import (
     known_parts,
     part_of,
@@ -54,7 +54,7 @@ _LEVEL = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Interaction:
+class Interaction(PlainResult):
     """How much of a map is neither f(x) nor g(y), and whether that is more than noise.
 
     Parameters
@@ -600,12 +600,8 @@ class PlaneModel(RecordedMethod):
             Unobservable("beta", "term", ("tilt of the artefact along x",), _TILT),
         )
 
-    def separate(
-        self,
-        readings: ArrayLike | Surface,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
+    def _solved(
+        self, readings: ArrayLike | Surface, stated: float | None, history: History
     ) -> Separation:
         if isinstance(readings, Surface):
             grid = (readings.dx, readings.dy, tuple(readings.origin))
@@ -617,7 +613,7 @@ class PlaneModel(RecordedMethod):
             history = (*readings.history, *history)
             readings = readings.z
         fit = fit_plane_model(
-            readings, dx=self.dx, dy=self.dy, origin=self.origin, u_reading=u_reading
+            readings, dx=self.dx, dy=self.dy, origin=self.origin, u_reading=stated
         )
         stack = plane_stack(readings, self.dx, self.dy, self.origin)[0]
         return self._result(fit, _left_share((~np.isnan(stack)).sum(axis=0)), history)
