@@ -216,7 +216,9 @@ def levelled(sums: Equations, choice: Choice) -> tuple[Equations, dict[str, floa
     change = np.linalg.solve(unit, sums.right[rows] / norms) / norms
     square = max(sums.square - float(change @ sums.right[rows]), 0.0)
     right = sums.right - sums.gram[:, rows] @ change
-    return replace(sums, right=right, square=square), dict(zip(names, change.tolist(), strict=True))
+    return replace(sums, right=right, square=square), dict(
+        zip(names, change.tolist(), strict=True)
+    )
 
 
 def alike(sums: Equations, choice: Choice, held: Sequence[str]) -> dict[str, tuple[str, float]]:
