@@ -141,16 +141,13 @@ class MapMaker:
 
     def miss(self) -> float:
         """Return how far the nominal tool point stands from the points it should cut, m."""
-        x, y, z, _, _ = self._points(slice(None, None, max(1, self.mesh.x.size // _SAMPLE)))
-        q = axis_positions(self.chain, x, y, z, positions=self.positions, tool=self.tool)
+        (x, y, z, _, _), q = self._sample()
         reached = self.chain.transform(q, tool=self.tool)[..., :3, 3]
         return float(np.abs(reached - np.stack((x, y, z), axis=-1)).max())
 
     def _is_rounding(self) -> NDArray[np.bool_]:
         """Return which terms move the tool within the surface: what is left is rounding."""
-        rows = slice(None, None, max(1, self.mesh.x.size // _SAMPLE))
-        x, y, z, gx, gy = self._points(rows)
-        q = axis_positions(self.chain, x, y, z, positions=self.positions, tool=self.tool)
+        (_, _, _, gx, gy), q = self._sample()
         J = self.chain.jacobian(q, tool=self.tool, terms=self.terms)
         size = np.abs(J[:, 2]) + np.abs(gx[:, None] * J[:, 0]) + np.abs(gy[:, None] * J[:, 1])
         return np.asarray(
@@ -187,6 +184,12 @@ class MapMaker:
                 block = self._wave(vertical, rows)
             out[:, rows] = block.T
         return out.T
+
+    def _sample(self) -> tuple[tuple[FloatArray, ...], dict[str, FloatArray]]:
+        """Return some points, and where the axes stand at them."""
+        points = self._points(slice(None, None, max(1, self.mesh.x.size // _SAMPLE)))
+        place: Any = {"positions": self.positions, "tool": self.tool}
+        return points, axis_positions(self.chain, *points[:3], **place)
 
     def _points(self, rows: slice) -> tuple[FloatArray, ...]:
         m = self.mesh

@@ -41,8 +41,6 @@ DIRECTIONS = "XYZABC"
 _LOCATION_NAME = re.compile(r"E?[XYZABC]0[A-Za-z][A-Za-z0-9_]*")
 _UNIT_TOLERANCE = 1e-9  # a direction typed with ten digits passes, one with three does not
 
-Triple = tuple[float, float, float]
-
 
 @dataclass(frozen=True, slots=True)
 class Element:

@@ -344,15 +344,14 @@ def run_polynomial(
     scatter = _repeatability(pairs, domain)
     drift = _drift(pairs, own, domain)
     u = np.full(chosen + 1, np.nan) if cov is None else np.sqrt(np.diag(cov))
-    in_um = [1e6 * 1e-3**k for k in range(chosen + 1)]
     audit = {
         "degree": chosen,
         "chosen_by": degree if isinstance(degree, str) else "user",
         "quantity": quantity,
         "runs": n,
         "domain_mm": (domain[0] * 1e3, domain[1] * 1e3),
-        "coefficients_um_mm": [float(c) * f for c, f in zip(mean, in_um, strict=True)],
-        "u_um_mm": None if cov is None else [float(c) * f for c, f in zip(u, in_um, strict=True)],
+        "coefficients_um_mm": [float(c) * 1e6 * 1e-3**k for k, c in enumerate(mean)],
+        "u_um_mm": None if cov is None else [float(c) * 1e6 * 1e-3**k for k, c in enumerate(u)],
         "cov_source": f"scatter of {n} runs" if n > 1 else "unknown: one run",
         "cov_degrees_of_freedom": n - 1,
     }
