@@ -10,6 +10,7 @@ servo-driven diamond turning, Eq. (12)-(20), made exact.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -321,7 +322,16 @@ class ToolSetting:
 
     @classmethod
     def identify(
-        cls, surface: Surface | Profile | PointSet, form: Form, **options: Any
+        cls,
+        surface: Surface | Profile | PointSet,
+        form: Form,
+        *,
+        free: Sequence[str] | None = None,
+        nose_radius: float | None = None,
+        centre: tuple[float, float] | None = None,
+        region: tuple[float, float] | None = None,
+        start: ToolSetting | None = None,
+        noise: float | None = None,
     ) -> ToolSetting:
         """Return the setting that explains a measured map, with its uncertainty.
 
@@ -331,9 +341,21 @@ class ToolSetting:
             Heights of the part as cut, form included; NaN = not measured.
         form : Form
             The nominal surface, all parameters known.
-        **options : object
-            Of `metrosep.process.setting_fit.identify_setting`: free, nose_radius, centre, region,
-            start, noise.
+        free : sequence of str, optional
+            What is fitted, of ``dx dy dR piston tilt_x tilt_y shift_x shift_y rotation``. If
+            omitted all but the rotation, and without the shifts (and dy) on a profile.
+        nose_radius : float, m, optional
+            Programmed nose radius; a dR that would leave no nose is then refused.
+        centre : tuple of (float, float), m, optional
+            Spindle axis in the coordinates of the map; its origin, or the middle of what was
+            measured on a map whose origin was not declared, if omitted.
+        region : tuple of (float, float), m, optional
+            Inner and outer radius of what is used.
+        start : ToolSetting, optional
+            Where to start; the linear solution if omitted. What is not fitted stays there, and its
+            u_dy goes into the uncertainty of dx.
+        noise : float, m, optional
+            Standard deviation of one height; from the residual if omitted.
 
         Returns
         -------
@@ -343,9 +365,19 @@ class ToolSetting:
         Raises
         ------
         DataError
-            As of `identify_setting`.
-        FitError
-            As of `identify_setting`.
+            If the form, a freedom, the centre, the region or the noise is not usable.
+        TooFewSamplesError
+            If fewer points than freedoms remain.
+        DegenerateFitError
+            If neither dx, dy nor dR leaves a trace on this surface.
+        UnitError
+            If the nose radius or the noise cannot be in metres.
+        NotConvergedError
+            If the iteration does not settle.
+
+        Notes
+        -----
+        The full account is at `metrosep.process.setting_fit.identify_setting`.
 
         Examples
         --------
@@ -362,7 +394,16 @@ class ToolSetting:
         """
         from metrosep.process.setting_fit import identify_setting
 
-        return identify_setting(surface, form, **options).setting
+        return identify_setting(
+            surface,
+            form,
+            free=free,
+            nose_radius=nose_radius,
+            centre=centre,
+            region=region,
+            start=start,
+            noise=noise,
+        ).setting
 
     def _errors(self, form: Form, x: FloatArray, y: FloatArray, *, exact: bool) -> FloatArray:
         """Return the error at points of any shape; NaN in the core and off the form."""
