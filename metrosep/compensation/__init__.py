@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from metrosep.core._lazy import lazy_names
+from metrosep.core._lazy import lazy_package
 
 if TYPE_CHECKING:
     from metrosep.compensation.area_errors import ErrorMap as ErrorMap
@@ -78,38 +78,4 @@ if TYPE_CHECKING:
     )
     from metrosep.compensation.verify import dry_run as dry_run
 
-_HOMES = {
-    "area_errors": ("ErrorMap",),
-    "closed_loop": (
-        "LoopCut",
-        "LoopHistory",
-        "LoopPass",
-        "LoopResult",
-        "iterate_loop",
-        "run_closed_loop",
-    ),
-    "combine": ("combine_tables",),
-    "from_machine": ("MachineTables", "tables_from_machine"),
-    "knots": ("Knots", "choose_knots", "knots_for_tolerance", "optimal_values"),
-    "limits": ("Finding", "Limits", "check_limits", "dead_zone"),
-    "loop_machines": ("AxisMachine", "FaceMachine", "LoopMachine", "Servo"),
-    "map_verify": ("MapVerification", "dry_run_map"),
-    "maps": ("CompensationMap", "check_map_limits"),
-    "polynomial": ("PolynomialFit", "exact_correction", "fit_polynomial"),
-    "products": ("ProductTables", "rank_one"),
-    "reversal": ("LostMotion",),
-    "rounding": ("Rounded", "round_entries", "round_increments"),
-    "table": ("CompensationTable",),
-    "trial": ("TrialMap", "TrialTable", "trial_map", "trial_table"),
-    "uniform": ("is_uniform", "resample_uniform", "resampling_error", "uniform_spacing"),
-    "verification": ("DirectionResidual", "Verification"),
-    "verify": ("dry_run",),
-}
-
-__all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605
-
-__getattr__ = lazy_names(__name__, _HOMES)
-
-
-def __dir__() -> list[str]:
-    return list(__all__)
+__getattr__, __dir__ = lazy_package(__name__)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from metrosep.core._lazy import lazy_names
+from metrosep.core._lazy import lazy_package
 
 if TYPE_CHECKING:
     from metrosep.controllers.files import (
@@ -32,23 +32,4 @@ if TYPE_CHECKING:
     )
     from metrosep.controllers.registry import describe as describe, find as find, names as names
 
-_HOMES = {
-    "files": ["dry_run_carried", "read", "simulate", "write"],
-    "gcode.corrections": [
-        "PathCorrection",
-        "as_path_correction",
-        "error_correction",
-        "nose_correction",
-    ],
-    "gcode.paths": ["PathResult", "rewrite_path"],
-    "gcode.lists": ["PointResult", "rewrite_points"],
-    "registry": ["describe", "find", "names"],
-}
-
-__all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605
-
-__getattr__ = lazy_names(__name__, _HOMES)
-
-
-def __dir__() -> list[str]:
-    return list(__all__)
+__getattr__, __dir__ = lazy_package(__name__)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from metrosep.core._lazy import lazy_names
+from metrosep.core._lazy import lazy_package
 
 if TYPE_CHECKING:
     from metrosep.io.check import check_file as check_file
@@ -17,18 +17,4 @@ if TYPE_CHECKING:
     from metrosep.io.runs import read_runs as read_runs
     from metrosep.io.stream import open_stream as open_stream
 
-_HOMES = {
-    "check": ("check_file",),
-    "readings": ("read_readings",),
-    "registry": ("formats", "identify"),
-    "runs": ("read_runs",),
-    "stream": ("open_stream",),
-}
-
-__all__ = ["check_file", "formats", "identify", "open_stream", "read_readings", "read_runs"]
-
-__getattr__ = lazy_names(__name__, _HOMES)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazy_package(__name__)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from metrosep.core._lazy import lazy_names
+from metrosep.core._lazy import lazy_package
 
 if TYPE_CHECKING:
     from metrosep.plot.charts import (
@@ -79,96 +79,4 @@ if TYPE_CHECKING:
         zernike_bars as zernike_bars,
     )
 
-_HOMES = {
-    "charts": (
-        "draw_bars",
-        "draw_chart",
-        "plan_density",
-        "plan_sd",
-        "positioning_chart",
-    ),
-    "evidence_chart": (
-        "evidence_plot",
-        "feed_map",
-    ),
-    "maps": (
-        "flat_maps",
-        "overlap_mismatch",
-        "separation_maps",
-        "stitch_layout",
-        "stitched_surface",
-    ),
-    "multipoint": (
-        "probe_gain_chart",
-        "probe_layout",
-        "probe_residuals",
-        "probe_transfer",
-        "speed_plot",
-        "straightness_parts",
-    ),
-    "polar": (
-        "harmonic_bars",
-        "polar_plot",
-    ),
-    "sensitivity_chart": (
-        "sensitivity_bars",
-        "sensitivity_maps",
-        "sensitivity_pareto",
-    ),
-    "series_chart": (
-        "allan_plot",
-        "drift_chart",
-    ),
-    "servo_chart": (
-        "before_after_chart",
-        "calibration_chart",
-        "closed_loop_plot",
-        "follow_up_chart",
-        "setting_map",
-        "setting_profiles",
-        "static_error_chart",
-        "straightness_chart",
-    ),
-    "spectra": (
-        "residual_psd",
-        "spectrum",
-    ),
-    "style": (
-        "COLOURS",
-        "DASHED",
-        "DOTTED",
-        "axes_or_new",
-        "figure_png",
-        "figure_svg",
-        "house_style",
-        "label_decades",
-    ),
-    "summary": (
-        "before_after",
-        "charts_of",
-        "drawable",
-        "overview",
-        "parts_plot",
-        "reversal_quartet",
-        "separation_parts",
-    ),
-    "table": ("table_plot",),
-    "toolpath_chart": (
-        "path_error_counts",
-        "path_error_figure",
-        "path_error_line",
-    ),
-    "wavefront_chart": (
-        "disc_map",
-        "wavefront_map",
-        "zernike_bars",
-    ),
-}
-
-__all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605
-
-__getattr__ = lazy_names(__name__, _HOMES)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazy_package(__name__)

@@ -4,21 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from metrosep.core._lazy import lazy_names
+from metrosep.core._lazy import lazy_package
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe as Recipe
     from metrosep.recipe.result import Result as Result
-
-_HOMES = {"recipe": ("Recipe",), "result": ("Result",)}
-
-__all__ = ["Recipe", "Result"]
-
-__getattr__ = lazy_names(__name__, _HOMES)
-
-
-def __dir__() -> list[str]:
-    return __all__
 
 
 METHODS = {
@@ -63,3 +53,5 @@ METHODS = {
     "flexure_calibration": "methods:OLD/flexure_calibration",
     "predict": "methods:OLD/predict",
 }
+
+__getattr__, __dir__ = lazy_package(__name__)

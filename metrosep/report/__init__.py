@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from metrosep.core._lazy import lazy_names
+from metrosep.core._lazy import lazy_package
 
 if TYPE_CHECKING:
     from metrosep.report.aqdef import render_dfq as render_dfq, write_dfq as write_dfq
@@ -36,53 +36,4 @@ if TYPE_CHECKING:
         write_workbook as write_workbook,
     )
 
-_HOMES = {
-    "aqdef": (
-        "render_dfq",
-        "write_dfq",
-    ),
-    "compare": (
-        "compare_documents",
-        "compare_recipes",
-    ),
-    "comparison": (
-        "Comparison",
-        "Row",
-        "compare_tables",
-    ),
-    "csv_long": (
-        "render_csv",
-        "write_csv",
-    ),
-    "html": (
-        "render_html",
-        "write_html",
-    ),
-    "index": (
-        "render_index",
-        "write_index",
-    ),
-    "parquet": (
-        "render_index_parquet",
-        "render_parquet",
-        "write_index_parquet",
-        "write_parquet",
-    ),
-    "typeset": (
-        "render_pdf",
-        "write_pdf",
-        "write_plain_pdf",
-    ),
-    "workbook": (
-        "write_index_workbook",
-        "write_workbook",
-    ),
-}
-
-__all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605
-
-__getattr__ = lazy_names(__name__, _HOMES)
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazy_package(__name__)
