@@ -97,7 +97,9 @@ def _require_kind(recipe: Recipe, inputs: Any) -> None:
 
 def _options(method: type[Method], step: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Return the keys of a step; names of files are looked for beside the recipe."""
-    options = {k: v for k, v in step.items() if k != "op"}
+    options: dict[str, Any] = {
+        k: tuple(v) if isinstance(v, list) else v for k, v in step.items() if k != "op"
+    }
     for key, value in options.items():
         if method.fields[key].kind == "file" and (folder / value).exists():
             options[key] = str(folder / value)

@@ -8,32 +8,23 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     DataError,
     FormatMismatchError,
-    InvalidSamplesError,
     LimitError,
-    NotSeparableError,
-    TooFewSamplesError,
-    UnitError,
 )
-from metrosep.core.inputs import Readings, RoleColumns
+from metrosep.core.inputs import Readings
 from metrosep.core.methods import METHODS
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.core.runset import Run, RunSet
-from metrosep.recipe.key_values import typed_number
-from metrosep.recipe.method import CURVES, MAPS, OP, Method, input_fields, toolbox
-from metrosep.recipe.ops_lines import LINES
+from metrosep.recipe.method import CURVES, MAPS, OP, Method, input_fields
 from metrosep.recipe.ops_machine import MACHINES
-from metrosep.recipe.ops_planes import MAPS_OF, PLANES
 from metrosep.recipe.ops_process import PROCESSES
 from metrosep.recipe.ops_quality import QUALITY
 from metrosep.recipe.plan import PLANS
@@ -41,95 +32,6 @@ from metrosep.recipe.schema import Field
 
 __all__ = ["CURVES", "MAPS", "METHODS", "Method", "input_fields"]
 
-
-# ---- steps of recipes for positioning tests: ISO 230-2, diagonals of ISO 230-6 -----------------
-
-Positions = tuple[Any, Any, Any]
-"""Targets, forward and backward: the arguments of `iso230_2`."""
-
-
-def _positions(data: RoleColumns, rows: Any = slice(None)) -> Positions:
-    values = data.values
-    if "forward" in values:  # from a list of a positioning test
-        both = [v if v.size else None for v in (values["forward"], values["backward"])]
-        return values["target"], both[0], both[1]
-    found: Positions = toolbox("positions_from_columns")(
-        values["target"][rows],
-        _words(values["direction"][rows]),
-        values["readings"].T[rows],
-    )
-    return found
-
-
-def _words(direction: Any) -> list[str]:
-    return [str(d) for d in direction]
-
-
-def _iso230_2(data: RoleColumns, options: Mapping[str, Any]) -> Any:
-    unit = data.units.get("target", "m")
-    if data.units.get("readings", unit) != unit:
-        raise UnitError("targets and positions must both be lengths, or both angles")
-    return toolbox("iso230_2")(*_positions(data), unit=unit, **options)
-
-
-def _iso230_6(tables: Sequence[RoleColumns], options: Mapping[str, Any]) -> Any:
-    """One file for each diagonal, or one file with a column that names the diagonal of each row."""
-    rest = dict(options)
-    names = rest.pop("names", None)
-    first = tables[0]
-    if "diagonal" in first.values:
-        if len(tables) > 1 or names is not None:
-            raise DataError(
-                "a column of diagonals is for one file; leave names out and give that file alone"
-            )
-        marks = first.values["diagonal"]
-        diagonals = {
-            str(name): _positions(first, np.flatnonzero(marks == name))
-            for name in dict.fromkeys(marks.tolist())
-        }
-    else:
-        names = [t.name for t in tables] if names is None else names
-        if len(names) != len(tables):
-            raise DataError(
-                f"{len(names)} names of diagonals for {len(tables)} files; give one for each file: "
-                'names = ["ppp", "npp"]'
-            )
-        if len(set(names)) != len(names):
-            raise DataError("a diagonal is named twice; give each file its own name")
-        diagonals = {n: _positions(t) for n, t in zip(names, tables, strict=True)}
-    if not diagonals:
-        raise NotSeparableError("there is no diagonal in the files")
-    return toolbox("iso230_6_diagonals")(diagonals, **rest)
-
-
-_COMMON = {"confidence": Field("number"), "seed": Field("integer")}
-
-POSITIONS: Mapping[str, Method] = {
-    "iso230_2": Method(
-        "positioning accuracy and repeatability of an axis, ISO 230-2",
-        "table",
-        (),
-        {**OP, **_COMMON},
-        _iso230_2,
-        roles={"target": "position?", "direction": "label?", "readings": "position*?"},
-    ),
-    "iso230_6_diagonals": Method(
-        "deviations along diagonals and squareness of the axes, ISO 230-6",
-        "tables",
-        (),
-        {**OP, "names": Field("texts"), "size": Field("lengths"), **_COMMON},
-        _iso230_6,
-        roles={
-            "target": "length?",
-            "direction": "label?",
-            "readings": "length*?",
-            "diagonal": "label?",
-        },
-    ),
-}
-
-
-# ------------------------------------------------------------------------------------------------
 
 # ---- the step of a dual servo: straightness runs to polynomial, drive table, before and after ----
 
@@ -430,175 +332,8 @@ DUAL_SERVO: Mapping[str, Method] = {
 
 # ------------------------------------------------------------------------------------------------
 
-# ---- steps of recipes around a separation: check and choose probes, evidence, fiducials, sweeps ----
-
-_SAME_FEED = 1e-6
-"""Feeds of one run may differ by this relative share: rounding of text."""
-
-
-def _evidence(data: RoleColumns, options: Mapping[str, Any]) -> Any:
-    rest = dict(options)
-    way = rest.pop("direction", None)
-    runs = _runs(data)
-    if way is not None:
-        runs = runs.select(direction=1 if way == "forward" else -1)
-    return toolbox("evidence_table")(runs, **rest)
-
-
-def _runs(data: RoleColumns) -> RunSet:
-    """Return the runs of a table, told apart by the column of runs, in the order of the rows."""
-    values = data.values
-    found = []
-    for name in dict.fromkeys(values["run"].tolist()):
-        rows = values["run"] == name
-        feed = values["feed"][rows]
-        if not np.isfinite(feed).all() or float(np.ptp(feed)) > _SAME_FEED * abs(float(feed[0])):
-            raise InvalidSamplesError(
-                f"run {name}: its rows have different feedrates, or none; a run has one"
-            )
-        time = values["time"][rows] if "time" in values else None
-        found.append(
-            Run(
-                values["x"][rows],
-                values["z"][rows],
-                t=time,
-                feed=abs(float(feed[0])),
-                run_id=str(name),
-            )
-        )
-    return RunSet(found)
-
-
-def _fiducials(data: RoleColumns, options: Mapping[str, Any]) -> Any:
-    """Register marked points; a row holds one of them in both maps."""
-    pairs = [
-        np.column_stack([data.values[f"x_{which}"], data.values[f"y_{which}"]])
-        for which in ("fixed", "moved")
-    ]
-    seen = np.isfinite(pairs[0]).all(axis=1) & np.isfinite(pairs[1]).all(axis=1)
-    if not seen.all():
-        row = int(np.flatnonzero(~seen)[0]) + 1
-        raise InvalidSamplesError(
-            f"point {row} of {seen.size} lacks a coordinate in one of the maps; drop the row"
-        )
-    if seen.size < 2:
-        raise TooFewSamplesError(f"two points or more are needed, got {seen.size}")
-    return toolbox("register_points")(*pairs)
-
-
-CHECKS: Mapping[str, Method] = {
-    "evidence_table": Method(
-        "how surely each wavelength of an error repeats over runs of several feedrates",
-        "table",
-        (),
-        {
-            **OP,
-            "direction": Field("text", choices=("forward", "reverse")),
-            "start": Field("length"),
-            "length": Field("size"),
-            "shortest": Field("size"),
-            "bandwidth": Field("frequency"),
-            "false_discovery_rate": Field("number"),
-        },
-        _evidence,
-        roles={"x": "length", "z": "length", "feed": "speed", "run": "label", "time": "time?"},
-    ),
-    "register_points": Method(
-        "shift and turn of one map against another from points that are marked in both",
-        "table",
-        (),
-        {**OP},
-        _fiducials,
-        roles={"x_fixed": "length", "y_fixed": "length", "x_moved": "length", "y_moved": "length"},
-    ),
-}
-
-
-# ------------------------------------------------------------------------------------------------
-
-# ---- positioning tests whose table holds deviations in place of the positions that were reached ----
-# Many measuring programs write ``actual - target``; the evaluation takes positions. A table that is
-# taken for the other kind gives a nonsensical result or none, so the data decide whether what was
-# said about them can be true.
-
-_VALUES = ("position", "deviation")
-_SMALL, _LARGE = 0.1, 0.5
-"""Readings that span less of the targets than the first are deviations, more than the second are
-positions: an axis that is wrong by a tenth of its travel is broken, not measured."""
-
-
-def with_values(method: Method) -> Method:
-    """Return a method of positioning tests with the key ``values``."""
-
-    def call(inputs: Any, options: Mapping[str, Any]) -> Any:
-        rest = dict(options)
-        kind = rest.pop("values", "position")
-        if isinstance(inputs, tuple):
-            return method.from_inputs(tuple(as_positions(i, kind) for i in inputs), rest)
-        return method.from_inputs(as_positions(inputs, kind), rest)
-
-    fields = {**method.fields, "values": Field("text", choices=_VALUES)}
-    return replace(method, fields=fields, from_inputs=call)
-
-
-def as_positions(data: RoleColumns, values: str) -> RoleColumns:
-    """Return the readings of a positioning test as positions reached.
-
-    Notes
-    -----
-    NaN stays NaN. Without a range of targets nothing is judged; the evaluation refuses that.
-    """
-    target = np.asarray(data.values["target"], dtype=np.float64)
-    found = {k: data.values[k] for k in ("readings", "forward", "backward") if k in data.values}
-    angle = data.units.get("target") == "rad"
-    for name, readings in found.items():
-        _require_kind(target, np.asarray(readings, dtype=np.float64), values, name, angle=angle)
-    if values == "position":
-        return data
-    reached: dict[str, Any] = {}
-    for name, readings in found.items():
-        column = target if name == "readings" else target[:, None]  # a row a run, a row a target
-        reached[name] = readings + column if readings.size else readings
-    return replace(data, values={**data.values, **reached})
-
-
-def _require_kind(
-    target: FloatArray, readings: FloatArray, values: str, name: str, *, angle: bool
-) -> None:
-    span, reach = _range(target), _range(readings)
-    if span == 0.0 or not np.isfinite(readings).any():
-        return
-    dimension = "angle" if angle else "length"
-    sizes = (
-        f"they span {typed_number(reach, dimension)} where the targets span "
-        f"{typed_number(span, dimension)}"
-    )
-    if values == "position" and reach < _SMALL * span:
-        raise InvalidSamplesError(
-            f"the {name} look like deviations, not like positions reached: {sizes}; if they are "
-            'actual minus target, say values = "deviation", else name the columns of positions'
-        )
-    if values == "deviation" and reach > _LARGE * span:
-        raise InvalidSamplesError(
-            f"the {name} look like positions reached, not like deviations: {sizes}; leave "
-            'values = "deviation" out'
-        )
-
-
-def _range(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(known.max() - known.min()) if known.size else 0.0
-
-
-# ------------------------------------------------------------------------------------------------
-
 OLD: Mapping[str, Method] = {
-    **LINES,
-    **{name: with_values(method) for name, method in POSITIONS.items()},
-    **MAPS_OF,
-    **PLANES,
     **PLANS,
-    **CHECKS,
     **MACHINES,
     **PROCESSES,
     **DUAL_SERVO,

@@ -8,20 +8,29 @@ found from the readings, and fewer wavelengths are lost.
 
 from __future__ import annotations
 
+import sys
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, FormatMismatchError
+from metrosep.core.inputs import Readings
+from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.separation._readings import checked_readings
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import (
+    U_READING,
+    Separation,
+    SeparationMethod,
+    Unobservable,
+    as_rows,
+)
 from metrosep.separation.lines._line_probes import Row, checked_row, interpolation
 from metrosep.separation.lines._line_problem import (
     Request,
@@ -41,6 +50,32 @@ __all__ = ["MultiProbe", "multi_probe_straightness"]
 
 class ProbeRowMethod(SeparationMethod):
     """Probes in a row; derived classes say where they sit."""
+
+    over: ClassVar = "x"
+    roles: ClassVar[Mapping[str, str]] = {"pitch": "angle?"}
+    arguments: ClassVar[Mapping[str, Option]] = {
+        **U_READING,
+        "u_pitch": Option("angle", help="standard uncertainty of one reading of the pitch"),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> Separation:
+        """Return the parts of probes on one carriage, with or without an angle sensor."""
+        if data.position is None and "step" not in options:
+            raise FormatMismatchError(
+                'the positions of the carriage are needed: x = "x_mm" in [input], or step = "10 mm"'
+            )
+        rest = dict(options)
+        if data.position is not None:
+            rest["x"] = data.position
+        if "pitch" in data.extra:
+            rest["pitch"] = data.extra["pitch"].mean(axis=0)
+        if isinstance(rest.get("distance"), tuple):
+            rest["distance"] = one_or_two(rest["distance"])
+        found: Separation = getattr(sys.modules[cls.__module__], cls.name)(
+            as_rows(data.values), **rest
+        )
+        return found
 
     @property
     @abstractmethod
@@ -82,6 +117,20 @@ class ProbeRowMethod(SeparationMethod):
 
 
 # ---- readings that known parts produce on probes in a row --------------------------------------
+
+
+def one_or_two(given: tuple[float, ...]) -> float | tuple[float, ...]:
+    """Return the distance of three probes, or both where they differ."""
+    if len(given) not in (1, 2) or min(given) <= 0.0:
+        raise DataError(
+            "three probes have one distance, or two that differ, above zero; got "
+            + ", ".join(f"{d * 1e3:g} mm" for d in given)
+        )
+    return given[0] if len(given) == 1 else given
+
+
+STEP = "between the positions of the carriage, and between the samples of the form"
+SMOOTHING = "weight of the penalty of generalised and combined"
 
 
 def simulated(
@@ -156,13 +205,23 @@ class MultiProbe(ProbeRowMethod):
         If the offsets do not rise or the method is unknown.
     """
 
-    offsets: tuple[float, ...]
-    step: float
-    method: str = "least_squares"
-    zeros_known: bool = False
-    smoothing: float = 1e-3
+    offsets: tuple[float, ...] = option(
+        kind="lengths", help="of the probes on the carriage, rising, in the order of the readings"
+    )
+    step: float = option(kind="size", required=False, help=STEP)
+    method: str = option(
+        "least_squares",
+        kind="text",
+        choices=("least_squares", "generalised"),
+        help="generalised adds a penalty on third differences",
+    )
+    zeros_known: bool = option(
+        False, kind="flag", help="true: the probes were adjusted to one line"
+    )
+    smoothing: float = option(1e-3, kind="number", help="weight of the penalty of generalised")
 
     name: ClassVar[str] = "multi_probe_straightness"
+    what: ClassVar[str] = "straightedge and slide from probes at any offsets on the carriage"
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("straightness", "pitch")
 

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.separation._readings import (
@@ -31,7 +32,7 @@ from metrosep.separation._readings import (
     stacked,
     without_basis,
 )
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import U_READING, Separation, SeparationMethod, Unobservable
 from metrosep.spectral.dft import real_number
 
 __all__ = ["StraightedgeReversal", "straightedge_reversal"]
@@ -56,10 +57,18 @@ class StraightedgeReversal(SeparationMethod):
         Positions in m; equal steps, of a length that does not matter, if omitted.
     """
 
-    u_registration: float = 0.0
+    u_registration: float = option(
+        0.0,
+        kind="uncertainty",
+        help="standard uncertainty of the position of the edge in the second set-up",
+    )
     x: tuple[float, ...] | None = None
 
     name: ClassVar[str] = "straightedge_reversal"
+    what: ClassVar[str] = "form of a straightedge and straightness of a slide, by reversal"
+    readings: ClassVar[tuple[str, ...]] = ("m1", "m2")
+    over: ClassVar = "x"
+    arguments: ClassVar[Mapping[str, Option]] = U_READING
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("machine",)
 

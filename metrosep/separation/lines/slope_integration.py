@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,11 +22,13 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
+from metrosep.core.inputs import Readings
+from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
 from metrosep.separation._readings import as_numbers, known_parts, line_basis, stated_u
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import Separation, SeparationMethod, Unobservable, over_line
 from metrosep.separation.lines._line_problem import method_named, number
 
 __all__ = ["SlopeIntegration", "integrate_slopes", "slope_transfer"]
@@ -460,12 +462,32 @@ class SlopeIntegration(SeparationMethod):
     """
 
     x: tuple[float, ...]
-    method: str = "spline"
-    zero_known: bool = False
+    method: str = option(
+        "spline",
+        kind="text",
+        choices=("spline", "trapezoid", "simpson", "fourier", "feet"),
+        help="how the slopes are integrated",
+    )
+    zero_known: bool = option(
+        False, kind="flag", help="true: the zero of the slope is known, and so is the line"
+    )
 
     name: ClassVar[str] = "integrate_slopes"
+    what: ClassVar[str] = "heights of a surface from slopes; each column a pass"
+    over: ClassVar = "x"
+    dimension: ClassVar = "angle"
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "u_slope": Option("angle", help="standard uncertainty of one reading")
+    }
     truth_parts: ClassVar[tuple[str, ...]] = ("height",)
     error_parts: ClassVar[tuple[str, ...]] = ("zero",)
+
+    @classmethod
+    def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> Any:
+        """Return the heights; columns and their repeats are passes."""
+        passes = data.values.reshape(-1, data.values.shape[-1])
+        slopes = passes[0] if len(passes) == 1 else passes
+        return integrate_slopes(slopes, over_line(data), **options)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "method", method_named(self.method, RULES, self.name))

@@ -15,11 +15,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, as_float
-from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.inputs import Readings
+from metrosep.core.options import Option
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.separation._readings import checked_readings, known_parts, stated_u
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import (
+    U_READING,
+    NamedMethod,
+    Separation,
+    SeparationMethod,
+    Unobservable,
+    as_rows,
+)
 from metrosep.separation.lines._line_problem import number
 
 __all__ = ["ZeroAdjustment", "ZeroCalibration", "zero_calibration"]
@@ -191,6 +200,48 @@ def _not_negative(value: Any, name: str) -> float:
     if not (math.isfinite(u) and u >= 0.0):
         raise DataError(f"{name} is {value}; it must be a standard uncertainty >= 0 in m")
     return u
+
+
+class ZeroTest(NamedMethod):
+    """`zero_calibration` by its name: three probes over a flat, or before and after a reversal."""
+
+    name: ClassVar[str] = "zero_calibration"
+    what: ClassVar[str] = (
+        "zero difference of three probes, from a flat, a reversal or an angle sensor"
+    )
+    over: ClassVar = "x"
+    roles: ClassVar[Mapping[str, str]] = {"pitch": "angle?"}
+    arguments: ClassVar[Mapping[str, Option]] = {
+        **U_READING,
+        "distance": Option(
+            "lengths",
+            required=True,
+            help="between neighbouring probes, two values where they differ",
+        ),
+        "u_flat": Option("uncertainty", help="standard uncertainty of the bend of the flat"),
+        "step": Option("size", help="between the positions of the carriage"),
+        "u_pitch": Option("angle", help="standard uncertainty of one reading of the pitch"),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> ZeroCalibration:
+        """Return the zero difference; readings 4 to 6 are those of the reversed probes."""
+        from metrosep.separation.lines.multi_probes import one_or_two
+
+        rest = {**options, "distance": one_or_two(options["distance"])}
+        if "pitch" in data.extra:
+            rest["pitch"] = data.extra["pitch"].mean(axis=0)
+        readings = as_rows(data.values)
+        if len(readings) == 6:
+            rest["reversed_m"] = readings[3:]
+        elif len(readings) == 3 and "pitch" not in rest:
+            rest["flat"] = 0.0
+        elif len(readings) != 3:
+            raise InvalidSamplesError(
+                "3 readings over a flat are needed, or 6: 3 as they are and 3 reversed; got "
+                f"{len(readings)}"
+            )
+        return zero_calibration(readings[:3], **rest)
 
 
 def distances(distance: float | tuple[float, float]) -> tuple[float, float]:

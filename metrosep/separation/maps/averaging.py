@@ -5,18 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.separation._readings import given_parts
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import (
+    U_READING,
+    NamedMethod,
+    Separation,
+    SeparationMethod,
+    Unobservable,
+)
 from metrosep.separation.maps._map_input import (
     PIXELS,
     REMOVABLE,
@@ -152,6 +159,22 @@ def ball_average(
     )
 
 
+class BallTest(NamedMethod):
+    """`ball_average` by its name."""
+
+    name: ClassVar[str] = "ball_average"
+    what: ClassVar[str] = "error of an instrument from maps of many patches of a ball"
+    reads: ClassVar = "maps"
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "removed": Option(
+            "texts", help="terms that are set-up, not form: piston,tilt or piston,tilt,power"
+        ),
+        "correlated": Option(
+            "flag", help="true: neighbouring pixels of a patch are taken as correlated"
+        ),
+    }
+
+
 @dataclass(frozen=True, slots=True)
 class ThreePositions(SeparationMethod):
     """Sphere at the confocal position, turned by 180 degrees there, and at the cat's eye.
@@ -170,11 +193,29 @@ class ThreePositions(SeparationMethod):
 
     dx: float | None = None
     dy: float | None = None
-    removed: tuple[str, ...] = ("piston", "tilt", "power")
+    removed: tuple[str, ...] = option(
+        ("piston", "tilt", "power"),
+        kind="texts",
+        help="terms that are set-up, not form: piston,tilt or piston,tilt,power",
+    )
 
     name: ClassVar[str] = "three_positions"
+    what: ClassVar[str] = "form of a sphere and error of the interferometer from three positions"
+    reads: ClassVar = "maps"
+    readings: ClassVar[tuple[str, ...]] = ("confocal", "confocal_180", "cats_eye")
+    arguments: ClassVar[Mapping[str, Option]] = U_READING
     truth_parts: ClassVar[tuple[str, ...]] = ("part",)
     error_parts: ClassVar[tuple[str, ...]] = ("instrument", "diverger_odd")
+
+    @classmethod
+    def from_inputs(cls, data: Sequence[Any], options: Mapping[str, Any]) -> Separation:
+        """Return the parts of exactly three maps."""
+        if len(data) != 3:
+            raise TooFewSamplesError(
+                "three maps are needed (confocal, confocal turned by 180 degrees, cat's eye), got "
+                f"{len(data)}"
+            )
+        return three_positions(*data, **options)
 
     def __post_init__(self) -> None:
         _check_removed(self.removed)

@@ -8,17 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
+from metrosep.core.inputs import RoleColumns
+from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.separation._readings import known_parts, real_numbers
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import U_READING, Separation, SeparationMethod, Unobservable
 from metrosep.separation.planes._grid_solution import Repeats, Slopes, refuse_unknown
+from metrosep.separation.planes._table_grid import PLACE, TableGrid, repeats_of
 from metrosep.separation.planes.plane_fit import plane_steps
 from metrosep.separation.planes.plane_grid import coupled_grid, unseen_terms
 
@@ -54,12 +57,48 @@ class CoupledGrid(SeparationMethod):
 
     dx: float
     dy: float
-    slopes: Slopes = "free"
-    repeats: Repeats = "relaid"
+    slopes: Slopes = option(
+        "free",
+        kind="text",
+        choices=("free", "common", "none"),
+        help="whether each line has a slope of its own, all have one, or none has any",
+    )
+    repeats: Repeats = option(
+        "relaid",
+        kind="text",
+        choices=("relaid", "passes"),
+        help="relaid: the straightedge was laid anew for each repeat; passes: it stayed",
+    )
 
     name: ClassVar[str] = "coupled_grid"
+    what: ClassVar[str] = "error map of a plane from lines along x and lines along y"
+    reads: ClassVar = "table"
+    roles: ClassVar[Mapping[str, str]] = {
+        **PLACE, "z": "length", "line": "label", "repeat": "label?",
+    }  # fmt: skip
+    arguments: ClassVar[Mapping[str, Option]] = U_READING
     truth_parts: ClassVar[tuple[str, ...]] = ()
     error_parts: ClassVar[tuple[str, ...]] = ("error",)
+
+    @classmethod
+    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> Separation:
+        """Return the map that the lines along x and along y of a table make."""
+        from metrosep.separation.planes.plane_grid import coupled_grid
+
+        grid, marks = TableGrid(data), data.values["line"]
+        unknown = sorted(set(marks.tolist()) - {"x", "y"})
+        if unknown:
+            raise DataError(
+                f'a line runs along "x" or "y", the column of lines says {unknown[0]!r}'
+            )
+        both = []
+        for way in ("x", "y"):
+            each = [
+                grid.filled(data.values["z"], rows & (marks == way), f"{what}, lines along {way}")
+                for what, rows in repeats_of(data)
+            ]
+            both.append(each[0] if len(each) == 1 else np.array(each))
+        return coupled_grid(*both, **grid.steps, **options)
 
     def __post_init__(self) -> None:
         plane_steps(self.dx, self.dy)
