@@ -41,6 +41,9 @@ def enabled_checks() -> frozenset[str]:
 
 def faults(path: str, value: object, checks: frozenset[str]) -> Iterator[str]:
     """One line per fault of one docstring."""
+    function = value.__func__ if isinstance(value, classmethod | staticmethod) else value
+    if not inspect.isclass(value) and not function.__doc__ and inspect.getdoc(function):
+        return  # inherited: it is checked where it stands
     off: frozenset[str] = frozenset()
     if isinstance(value, property):
         off = _PROPERTY_ALSO_OFF
@@ -48,7 +51,6 @@ def faults(path: str, value: object, checks: frozenset[str]) -> Iterator[str]:
         if issubclass(value, enum.Enum) or getattr(value, "_is_protocol", False):
             off = _NOT_CONSTRUCTED_ALSO_OFF
     elif path.rsplit(".", 2)[-2][:1].isupper():
-        function = value.__func__ if isinstance(value, classmethod | staticmethod) else value
         only_self = set(inspect.signature(function).parameters) <= {"self", "cls"}
         off = _SHORT_METHOD_ALSO_OFF if only_self else _METHOD_ALSO_OFF
     result = validate(path)

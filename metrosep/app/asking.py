@@ -173,9 +173,9 @@ def _map_fields(given: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def _may_be_map(file: Path) -> bool:
     """Whether a text holds nothing but numbers without names: a matrix of heights."""
-    from metrosep.io.delimited_maps import is_matrix
     from metrosep.io.runs import columns_of
     from metrosep.io.source import open_file
+    from metrosep.io.text.delimited_maps import is_matrix
 
     table, known = columns_of(open_file(file), {})
     return known == "delimited" and is_matrix(table)

@@ -24,7 +24,7 @@ def info(
     """Say what is in FILE: format, shape, steps, heights, gaps, hash."""
     from metrosep.cli.errors import exit_code_of, report_error
     from metrosep.core.errors import MetrosepError
-    from metrosep.io.describe import describe
+    from metrosep.io.check import describe
 
     results: list[dict[str, Any]] = []
     code = 0
@@ -127,7 +127,7 @@ def _print_description(name: str, found: dict[str, Any]) -> None:
         )
     columns = found["metadata"].get("columns")
     if columns and found["kind"] == "table":
-        from metrosep.io.delimited_maps import shown_columns
+        from metrosep.io.text.delimited_maps import shown_columns
 
         click.echo(f"  columns   {shown_columns(tuple(_column_text(c) for c in columns))}")
     for warning in found["metadata"].get("warnings") or ():

@@ -12,9 +12,9 @@ import click
 from metrosep.cli.options import file_options, json_option, name_values, read_aloud, say
 
 if TYPE_CHECKING:
-    from metrosep.controllers.gcode_corrections import PathCorrection
-    from metrosep.controllers.gcode_paths import PathResult
-    from metrosep.controllers.point_lists import PointResult
+    from metrosep.controllers.gcode.corrections import PathCorrection
+    from metrosep.controllers.gcode.lists import PointResult
+    from metrosep.controllers.gcode.paths import PathResult
 
 __all__ = ["path"]
 
@@ -164,7 +164,7 @@ def _words(message: str) -> str:
 
 
 def _correction(file: str, reading: dict[str, Any], options: dict[str, Any]) -> PathCorrection:
-    from metrosep.controllers.gcode_corrections import error_correction
+    from metrosep.controllers.gcode.corrections import error_correction
     from metrosep.core.errors import DataError
     from metrosep.core.profile import Profile
     from metrosep.core.surface import Surface
@@ -217,7 +217,7 @@ def _lengths(options: dict[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
 def _program(
     program: str, out: str, made: PathCorrection, options: dict[str, Any], *, force: bool
 ) -> PathResult:
-    from metrosep.controllers.gcode_paths import rewrite_path
+    from metrosep.controllers.gcode.paths import rewrite_path
 
     if options["columns"] or options["units"]:
         raise click.UsageError("--column and --column-unit need --points")
@@ -240,7 +240,7 @@ def _program(
 def _points(
     program: str, out: str, made: PathCorrection, options: dict[str, Any], *, force: bool
 ) -> PointResult:
-    from metrosep.controllers.point_lists import rewrite_points
+    from metrosep.controllers.gcode.lists import rewrite_points
 
     for name in (
         "tolerance",

@@ -16,19 +16,19 @@ if TYPE_CHECKING:
         simulate as simulate,
         write as write,
     )
-    from metrosep.controllers.gcode_corrections import (
+    from metrosep.controllers.gcode.corrections import (
         PathCorrection as PathCorrection,
         as_path_correction as as_path_correction,
         error_correction as error_correction,
         nose_correction as nose_correction,
     )
-    from metrosep.controllers.gcode_paths import (
-        PathResult as PathResult,
-        rewrite_path as rewrite_path,
-    )
-    from metrosep.controllers.point_lists import (
+    from metrosep.controllers.gcode.lists import (
         PointResult as PointResult,
         rewrite_points as rewrite_points,
+    )
+    from metrosep.controllers.gcode.paths import (
+        PathResult as PathResult,
+        rewrite_path as rewrite_path,
     )
     from metrosep.controllers.registry import (
         describe as describe,
@@ -38,14 +38,14 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "files": ["dry_run_carried", "read", "simulate", "write"],
-    "gcode_corrections": [
+    "gcode.corrections": [
         "PathCorrection",
         "as_path_correction",
         "error_correction",
         "nose_correction",
     ],
-    "gcode_paths": ["PathResult", "rewrite_path"],
-    "point_lists": ["PointResult", "rewrite_points"],
+    "gcode.paths": ["PathResult", "rewrite_path"],
+    "gcode.lists": ["PointResult", "rewrite_points"],
     "registry": ["describe", "find", "names"],
 }
 

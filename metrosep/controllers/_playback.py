@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._lookups import one_way
-from metrosep.controllers.base import Simulator
+from metrosep.controllers.base import Simulator, one_way
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, LimitError, TableError

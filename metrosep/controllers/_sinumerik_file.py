@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.compensation.area_errors import format_position, is_rotary
-from metrosep.controllers._along import format_amount, format_span
+from metrosep.controllers._grids import format_amount, format_span
 from metrosep.controllers._notes import agreed, note, read_notes
 from metrosep.controllers.base import Simulator, sidecar_options
 from metrosep.controllers.options import Option

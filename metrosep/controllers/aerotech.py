@@ -20,7 +20,7 @@ from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._even import even_map, even_table, map_identity
+from metrosep.controllers._grids import even_map, even_table, map_identity
 from metrosep.controllers._notes import agreed, note, read_notes
 from metrosep.controllers.base import (
     Dialect,

@@ -10,16 +10,15 @@ from __future__ import annotations
 import hashlib
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.limits import Finding, Limits
-from metrosep.controllers._lookups import Simulator, looked_up
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, ReadError
@@ -32,6 +31,8 @@ __all__ = [
     "identity",
     "load_bytes",
     "load_sidecar",
+    "looked_up",
+    "one_way",
     "require_unchanged",
     "sidecar_options",
     "sidecar_path",
@@ -477,3 +478,32 @@ def _not_ours(path: Path, field: str, expected: str, found: object) -> CorruptFi
         found=repr(found)[:40],
         hint="move it away or write the table again",
     )
+
+
+# ---- what every simulated look-up starts with: places and directions of one shape, checked -----
+
+Simulator = Callable[..., FloatArray]
+
+
+def looked_up(
+    places: tuple[ArrayLike, ...], direction: ArrayLike
+) -> tuple[tuple[FloatArray, ...], NDArray[Any]]:
+    """Return places and directions, broadcast."""
+    arrays = np.broadcast_arrays(
+        *(np.asarray(p, dtype=np.float64) for p in places), np.asarray(direction)
+    )
+    if not np.isin(arrays[-1], (-1, 1)).all():
+        raise DataError("direction is +1 or -1")
+    return tuple(arrays[:-1]), arrays[-1]
+
+
+def one_way(function: Any, n_places: int = 1) -> Simulator:
+    """Return a lookup that is the same in both directions of motion."""
+
+    def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
+        return np.asarray(function(*looked_up((position,), direction)[0]))
+
+    def over(x: ArrayLike, y: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
+        return np.asarray(function(*looked_up((x, y), direction)[0]))
+
+    return along if n_places == 1 else over

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from metrosep.compensation.knots import choose_knots
 from metrosep.compensation.rounding import round_entries, round_increments
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._increments import (
+from metrosep.controllers._grids import (
     DRY_RUN,
     Resampling,
     ascii_lines,

@@ -18,7 +18,7 @@ import numpy as np
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.rounding import round_entries
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._increments import (
+from metrosep.controllers._grids import (
     Resampling,
     ascii_lines,
     carry,

@@ -21,8 +21,14 @@ import numpy as np
 
 from metrosep.compensation.area_errors import bilinear
 from metrosep.compensation.maps import CompensationMap
-from metrosep.controllers._lookups import one_way
-from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, load_sidecar
+from metrosep.controllers.base import (
+    Dialect,
+    DialectInfo,
+    Encoded,
+    Simulator,
+    load_sidecar,
+    one_way,
+)
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError

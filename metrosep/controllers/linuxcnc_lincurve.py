@@ -23,13 +23,13 @@ import numpy as np
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._lookups import one_way
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
     Encoded,
     Simulator,
     identity,
+    one_way,
     sidecar_path,
 )
 from metrosep.controllers.options import Option

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from metrosep.compensation.rounding import round_increments
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._increments import (
+from metrosep.controllers._grids import (
     Resampling,
     ascii_lines,
     carry,

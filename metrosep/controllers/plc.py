@@ -27,9 +27,15 @@ from numpy.polynomial import legendre
 
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.polynomial import PolynomialFit
-from metrosep.controllers._lookups import one_way
 from metrosep.controllers._plain_text import ascii_lines, decimal, facts_of, resolved, scaled
-from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, load_sidecar
+from metrosep.controllers.base import (
+    Dialect,
+    DialectInfo,
+    Encoded,
+    Simulator,
+    load_sidecar,
+    one_way,
+)
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError

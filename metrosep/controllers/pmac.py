@@ -24,7 +24,7 @@ from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
-from metrosep.controllers._lookups import one_way
+from metrosep.controllers._grids import RollingGrid, enclosing_nodes, rolled_values, rolling_grid
 from metrosep.controllers._plain_text import (
     agreed,
     ascii_lines,
@@ -33,7 +33,6 @@ from metrosep.controllers._plain_text import (
     resolved,
     scaled,
 )
-from metrosep.controllers._uniform import RollingGrid, enclosing_nodes, rolled_values, rolling_grid
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -41,6 +40,7 @@ from metrosep.controllers.base import (
     Simulator,
     identity,
     load_sidecar,
+    one_way,
 )
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray

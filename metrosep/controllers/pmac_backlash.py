@@ -28,9 +28,8 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.measured import measured_error
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
-from metrosep.controllers._lookups import looked_up
+from metrosep.controllers._grids import enclosing_nodes, rolled_values, rolling_grid
 from metrosep.controllers._plain_text import is_same, printable, resolved
-from metrosep.controllers._uniform import enclosing_nodes, rolled_values, rolling_grid
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -38,6 +37,7 @@ from metrosep.controllers.base import (
     Simulator,
     load_bytes,
     load_sidecar,
+    looked_up,
     require_unchanged,
 )
 from metrosep.controllers.options import Option

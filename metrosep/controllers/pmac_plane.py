@@ -24,16 +24,22 @@ from numpy.typing import NDArray
 from metrosep.compensation.area_errors import bilinear
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
-from metrosep.controllers._lookups import one_way
-from metrosep.controllers._plain_text import printable, resolved
-from metrosep.controllers._uniform import (
+from metrosep.controllers._grids import (
     RollingGrid,
     enclosing_nodes,
     holds_zero,
     rolled_weights,
     rolling_grid,
 )
-from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, load_sidecar
+from metrosep.controllers._plain_text import printable, resolved
+from metrosep.controllers.base import (
+    Dialect,
+    DialectInfo,
+    Encoded,
+    Simulator,
+    load_sidecar,
+    one_way,
+)
 from metrosep.controllers.options import Option
 from metrosep.controllers.pmac import (
     ACTIVATION,

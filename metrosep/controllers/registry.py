@@ -1,47 +1,44 @@
-"""The dialects by name; each is loaded when it is asked for."""
+"""The dialects by name, found in the modules of this package; each is loaded when it is asked for."""
 
 from __future__ import annotations
 
 import functools
-import importlib
+import importlib.util
+import pkgutil
+import re
 
 from metrosep.controllers.base import Dialect, DialectInfo
 from metrosep.core.errors import DataError
 
 __all__ = ["describe", "find", "names"]
 
-_PLACES = {
-    "linuxcnc": "linuxcnc:LinuxCNC",
-    "csv": "neutral:Neutral",
-    "csv-map": "neutral:NeutralMap",
-    "linuxcnc-lincurve": "linuxcnc_lincurve:LinuxCNCLincurve",
-    "linuxcnc-eoffset": "linuxcnc_eoffset:LinuxCNCEoffset",
-    "pmac": "pmac:PMAC",
-    "pmac-plane": "pmac_plane:PMACPlane",
-    "pmac-backlash": "pmac_backlash:PMACBacklash",
-    "plc-st": "plc:PLCStructuredText",
-    "plc-pmac": "plc:PLCTurboPMAC",
-    "aerotech": "aerotech:Aerotech",
-    "aerotech-line": "aerotech:AerotechLine",
-    "sinumerik-enc": "sinumerik_cec:SinumerikEnc",
-    "sinumerik-cec": "sinumerik_cec:SinumerikCec",
-    "sinumerik-cec-product": "sinumerik_cec:SinumerikCecProduct",
-    "twincat": "twincat:TwinCAT",
-    "isg-axis": "isg_cross:IsgAxis",
-    "isg-cross": "isg_cross:IsgCross",
-    "isg-plane": "isg_cross:IsgPlane",
-    "heidenhain": "heidenhain:Heidenhain",
-    "fanuc": "fanuc:Fanuc",
-    "fanuc-straightness": "fanuc:FanucStraightness",
-    "mitsubishi": "mitsubishi:Mitsubishi",
-    "pi-gcs": "pi_gcs:PiGcs",
-    "nv200": "pi_gcs:NV200",
-    "voltage": "voltage:Voltage",
-    "etalon": "etalon:Etalon",
-    "klipper": "reprap:Klipper",
-    "rrf": "reprap:RepRap",
-}
-"""Module and class of each dialect, in the order in which they are listed."""
+_DIALECT = re.compile(
+    r"^class (\w+)\(\w+\):(?:(?!^class ).)*?DialectInfo\(\s*id=\"([\w-]+)\"",
+    re.MULTILINE | re.DOTALL,
+)
+"""A class with its facts, as the text of a module states them."""
+
+_FIRST = ("linuxcnc", "neutral", "linuxcnc_lincurve", "linuxcnc_eoffset", "pmac")
+"""Modules whose dialects are listed first; the others follow by name."""
+
+
+@functools.cache
+def _places() -> dict[str, tuple[str, str]]:
+    """Return module and class of each dialect: of every module of this package that has one."""
+    package = "metrosep.controllers"
+    found = [m.name for m in pkgutil.iter_modules(importlib.import_module(package).__path__)]
+    ranks = {name: i for i, name in enumerate(_FIRST)}
+    places: dict[str, tuple[str, str]] = {}
+    for module in sorted(found, key=lambda m: (ranks.get(m, len(ranks)), m)):
+        spec = importlib.util.find_spec(f"{package}.{module}")
+        source = getattr(spec and spec.loader, "get_source", lambda _: None)(f"{package}.{module}")
+        for name, known in _DIALECT.findall(source or ""):
+            if known in places:
+                raise RuntimeError(
+                    f"two classes are the controller {known!r}: {name} and {places[known][1]}"
+                )
+            places[known] = (f"{package}.{module}", name)
+    return places
 
 
 def names() -> tuple[str, ...]:
@@ -57,7 +54,7 @@ def names() -> tuple[str, ...]:
     >>> names()[:2]
     ('linuxcnc', 'csv')
     """
-    return tuple(_PLACES)
+    return tuple(_places())
 
 
 def describe() -> tuple[DialectInfo, ...]:
@@ -68,7 +65,7 @@ def describe() -> tuple[DialectInfo, ...]:
     tuple of DialectInfo
         One for each name.
     """
-    return tuple(find(name).info for name in _PLACES)
+    return tuple(find(name).info for name in _places())
 
 
 @functools.cache
@@ -90,10 +87,10 @@ def find(controller: str) -> Dialect:
     DataError
         If there is none of that name.
     """
-    if controller not in _PLACES:
+    if controller not in _places():
         raise DataError(
-            f"unknown controller {controller!r}; there are {', '.join(map(repr, _PLACES))}"
+            f"unknown controller {controller!r}; there are {', '.join(map(repr, _places()))}"
         )
-    module, _, name = _PLACES[controller].partition(":")
-    made: Dialect = getattr(importlib.import_module(f"metrosep.controllers.{module}"), name)()
+    module, name = _places()[controller]
+    made: Dialect = getattr(importlib.import_module(module), name)()
     return made

@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
-from metrosep.controllers._even import even_map
-from metrosep.controllers._lookups import one_way
+from metrosep.controllers._grids import even_map
 from metrosep.controllers._plain_text import ascii_lines, decimal
-from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator
+from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, one_way
 from metrosep.controllers.neutral import map_fields, require_last_end
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._increments import (
+from metrosep.controllers._grids import (
     Resampling,
     ascii_lines,
     carry,

@@ -24,7 +24,6 @@ from numpy.typing import ArrayLike
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._lookups import looked_up
 from metrosep.controllers._plain_text import known_options, scaled
 from metrosep.controllers._playback import (
     PLAYBACK_OPTIONS,
@@ -44,6 +43,7 @@ from metrosep.controllers.base import (
     Simulator,
     identity,
     load_sidecar,
+    looked_up,
     sidecar_options,
 )
 from metrosep.controllers.options import Option

@@ -294,7 +294,7 @@ def _next_to_the_model(
 
     m_d is the mean square of the residual along the orthonormal polynomials of degree d, of which
     nothing lies in the model; log m_d = a - b log d, b >= 0. A column of Q of degree o has the
-    variance exp(a - b log o) (8), never below s^2; then cov = R^-1 diag(v) R^-T (9).
+    variance exp(a - b log o) (8), from s^2 to the sum of all squares; then cov = R^-1 diag(v) R^-T (9).
     """
     Q, R, r = _factors(J, r)
     N, p = Q.shape
@@ -338,7 +338,9 @@ def _next_to_the_model(
         b = max(-float(w @ ((at - middle) * (logs - mean))) / spread, 0.0) if spread else 0.0
         known = ~np.isnan(order)
         rise = b * (np.log(np.maximum(order[known], _LEAST_ORDER)) - middle)
-        level[known] = np.maximum(np.exp(mean - rise), s2)
+        # A long smooth wave falls faster than any power law: no column is held to be larger than
+        # all that the fit left, or a waviness of 1 um would give a tilt an uncertainty of 40 um.
+        level[known] = np.clip(np.exp(np.minimum(mean - rise, 300.0)), s2, r @ r)
     return np.asarray((inverse * level) @ inverse.T), n_functions
 
 

@@ -80,6 +80,16 @@ class Form(ABC):
         ----------
         **values : float
             By name, SI.
+
+        Returns
+        -------
+        Form
+            Another one of the same kind and domain; this one stays as it is.
+
+        Raises
+        ------
+        DataError
+            If a name is unknown or a value is not allowed.
         """
 
     @abstractmethod
@@ -90,21 +100,41 @@ class Form(ABC):
         ----------
         x, y : ndarray, m
             Positions in the form's frame.
+
+        Returns
+        -------
+        ndarray, m
+            Heights. A polynomial has them outside its domain too, where it soon goes astray.
+
+        Raises
+        ------
+        DataError
+            If a parameter is not known yet.
         """
 
     @abstractmethod
     def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return dz/dx and dz/dy at points of equal shape.
+        """Return dz/dx and dz/dy at points of equal shape; NaN where there is none.
 
         Parameters
         ----------
         x, y : ndarray, m
             Positions in the form's frame.
+
+        Returns
+        -------
+        tuple of ndarray
+            Slopes, dimensionless.
+
+        Raises
+        ------
+        DataError
+            If a parameter is not known yet.
         """
 
     @abstractmethod
     def derivatives(self, x: FloatArray, y: FloatArray, names: Sequence[str]) -> list[FloatArray]:
-        """Return dz/dp for each named parameter.
+        """Return dz/dp for each named parameter; NaN where there is none.
 
         Parameters
         ----------
@@ -112,6 +142,16 @@ class Form(ABC):
             Positions in the form's frame, of equal shape.
         names : sequence of str
             Of parameters.
+
+        Returns
+        -------
+        list of ndarray
+            In the order of the names, m per unit of the parameter.
+
+        Raises
+        ------
+        DataError
+            If a name is unknown or a parameter is not known yet.
         """
 
     def expansion(
@@ -136,6 +176,11 @@ class Form(ABC):
             As `slopes`.
         derivatives : list of ndarray
             As `derivatives`.
+
+        Raises
+        ------
+        DataError
+            If a name is unknown or a parameter is not known yet.
         """
         return (
             self.height(x, y),
@@ -165,6 +210,11 @@ class Form(ABC):
         ------
         DataError
             If a parameter is unknown and the form has no rule to guess it.
+        TooFewSamplesError
+            If there are too few points to guess, 4 for a curved form.
+        DegenerateFitError
+            If the points show no guess: all at the centre, on too few positions along an axis whose
+            radius is not known, or not enough for the coefficients.
         """
         unknown = [k for k, v in self.parameters.items() if v is None]
         if unknown:
@@ -201,14 +251,20 @@ class Form(ABC):
         along_x, along_y = self.slopes(xs, ys)
         return along_x.reshape(shape), along_y.reshape(shape)
 
-    def _points(
-        self, x: ArrayLike, y: ArrayLike
-    ) -> tuple[FloatArray, FloatArray, tuple[int, ...]]:
-        unknown = [k for k, v in self.parameters.items() if v is None]
+    def _known(self, *names: str) -> list[float]:
+        """Return the values of parameters; one that is not known yet is an error."""
+        values = [self.parameters[n] for n in names]
+        unknown = [n for n, v in zip(names, values, strict=True) if v is None]
         if unknown:
             raise DataError(
                 f"{self.name} has no value for {', '.join(unknown)} yet: give one, or fit it"
             )
+        return [float(v) for v in values if v is not None]
+
+    def _points(
+        self, x: ArrayLike, y: ArrayLike
+    ) -> tuple[FloatArray, FloatArray, tuple[int, ...]]:
+        self._known(*self.parameters)
         xs, ys = np.broadcast_arrays(
             np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
         )
@@ -224,29 +280,7 @@ class Form(ABC):
 def checked(
     value: float | str | None, name: str, *, zero: bool = True, dimension: str | None = None
 ) -> float | None:
-    """Return a parameter as a finite float, or None.
-
-    Parameters
-    ----------
-    value : float or None
-        As given.
-    name : str
-        For the message.
-    zero : bool, optional
-        Whether zero is allowed.
-    dimension : str, optional
-        Where a text with a unit of it is taken, too.
-
-    Returns
-    -------
-    float or None
-        The value.
-
-    Raises
-    ------
-    DataError
-        If it is no number, not finite, or zero where that is not allowed.
-    """
+    """Return a parameter as a finite float, or None where it is not known yet."""
     if value is None:
         return None
     number = real(value, name, dimension=dimension, finite=False)
@@ -257,7 +291,7 @@ def checked(
 
 # ---- what shapes with a few named parameters share: frozen fields, names checked, curvature guessed ----
 # A subclass is a frozen dataclass whose parameters are fields named as in `units`. It writes
-# `_height`, `_slopes` and `_derivatives`; this class checks names and unknown values before.
+# `_derivatives`; this class checks the names before.
 
 
 class Shape(Form):
@@ -269,97 +303,16 @@ class Shape(Form):
         return {name: getattr(self, name) for name in self.units}
 
     def with_parameters(self, **values: float) -> Self:
-        """Return the form with other values of some parameters.
-
-        Parameters
-        ----------
-        **values : float
-            By name, SI.
-
-        Returns
-        -------
-        Form
-            Another one; this one stays as it is.
-
-        Raises
-        ------
-        DataError
-            If a name is unknown or a value is not allowed.
-        """
         self._check_names(values)
         return cast(Self, dataclasses.replace(cast(Any, self), **values))
 
-    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return z at points of equal shape, float64; NaN outside the domain.
-
-        Parameters
-        ----------
-        x, y : ndarray, m
-            Positions in the form's frame.
-
-        Returns
-        -------
-        ndarray, m
-            Heights.
-
-        Raises
-        ------
-        DataError
-            If a parameter is not known yet.
-        """
-        return self._height(x, y)
-
-    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return dz/dx and dz/dy at points of equal shape; NaN where there is none.
-
-        Parameters
-        ----------
-        x, y : ndarray, m
-            Positions in the form's frame.
-
-        Returns
-        -------
-        tuple of ndarray
-            Slopes, dimensionless.
-
-        Raises
-        ------
-        DataError
-            If a parameter is not known yet.
-        """
-        return self._slopes(x, y)
-
     def derivatives(self, x: FloatArray, y: FloatArray, names: Sequence[str]) -> list[FloatArray]:
-        """Return dz/dp for each named parameter; NaN where there is none.
-
-        Parameters
-        ----------
-        x, y : ndarray, m
-            Positions in the form's frame, of equal shape.
-        names : sequence of str
-            Of parameters.
-
-        Returns
-        -------
-        list of ndarray
-            In the order of the names, m per unit of the parameter.
-
-        Raises
-        ------
-        DataError
-            If a name is unknown or a parameter is not known yet.
-        """
         self._check_names(names)
         return self._derivatives(x, y, names)
 
-    def _height(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        raise NotImplementedError
-
-    def _slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        raise NotImplementedError
-
+    @abstractmethod
     def _derivatives(self, x: FloatArray, y: FloatArray, names: Sequence[str]) -> list[FloatArray]:
-        raise NotImplementedError
+        """Return dz/dp for parameters that exist."""
 
     def _check_names(self, names: Any) -> None:
         strange = [n for n in names if n not in self.parameters]
@@ -368,15 +321,6 @@ class Shape(Form):
             raise DataError(
                 f"{self.name} has no parameter {', '.join(map(str, strange))}; there are: {have}"
             )
-
-    def _known(self, *names: str) -> list[float]:
-        values = [self.parameters[n] for n in names]
-        unknown = [n for n, v in zip(names, values, strict=True) if v is None]
-        if unknown:
-            raise DataError(
-                f"{self.name} has no value for {', '.join(unknown)} yet: give one, or fit it"
-            )
-        return [float(v) for v in values if v is not None]
 
     def _set(self, **values: object) -> None:
         for name, value in values.items():
@@ -435,21 +379,7 @@ def rotation_matrix(tilt_x: Any, tilt_y: Any, rotation_z: Any) -> NDArray[Any]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placement:
-    """A form at a place.
-
-    Parameters
-    ----------
-    form : Form
-        With values for all its parameters.
-    rigid : mapping of str to float
-        Rigid-body freedoms other than zero, SI.
-    tilt : {"plane", "rotation"}
-        How tilts act.
-    direction : {"vertical", "normal"}
-        Of the deviation; "normal" is the distance to the nearest point of the placed form.
-    is_line : bool
-        Whether the points are a profile: the nearest point is looked for along it only.
-    """
+    """A form at a place; `is_line` looks for the nearest point along a profile only."""
 
     form: Form
     rigid: Mapping[str, float]
@@ -458,33 +388,11 @@ class Placement:
     is_line: bool = False
 
     def get(self, name: str) -> float:
-        """Return the value of a rigid-body freedom.
-
-        Parameters
-        ----------
-        name : str
-            Of the freedom.
-
-        Returns
-        -------
-        float
-            Zero where it was not given.
-        """
+        """Return the value of a rigid-body freedom."""
         return float(self.rigid.get(name, 0.0))
 
     def deviation(self, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
-        """Return measured minus ideal; NaN outside the domain of the form.
-
-        Parameters
-        ----------
-        x, y, z : ndarray, m
-            Points of equal shape.
-
-        Returns
-        -------
-        ndarray, m
-            Positive where there is too much material.
-        """
+        """Return measured minus ideal; NaN outside the domain of the form."""
         if self.direction == "normal":
             return self._foot(x, y, z)[1]
         xf, yf, zf = self._to_form(x, y, z)
@@ -498,25 +406,11 @@ class Placement:
         rigid: Sequence[str],
         shape: Sequence[str],
     ) -> FloatArray:
-        """Return derivatives of the ideal height by what is free, and the deviations.
+        """Return derivatives of the ideal height by what is free (rows), and the deviations (last row).
 
-        Parameters
-        ----------
-        x, y, z : ndarray, shape (n,), m
-            Points.
-        rigid, shape : sequence of str
-            Free freedoms and parameters.
-
-        Returns
-        -------
-        ndarray, shape (n_free + 1, n)
-            A row per freedom and parameter, along the deviation; the last row is measured minus
-            ideal. The derivative by a radius of curvature is that by 1/R, which has no pole.
-
-        Notes
-        -----
-        By the envelope theorem the derivative of the distance is that of the height at the foot
-        of the normal, over ``sqrt(1 + |slope|^2)``: no second derivative of the form is needed.
+        The derivative by a radius of curvature is that by 1/R, which has no pole. By the envelope
+        theorem the derivative of the distance is that of the height at the foot of the normal, over
+        ``sqrt(1 + |slope|^2)``: no second derivative of the form is needed.
         """
         if self.direction == "normal":
             on_form, distance, secant = self._foot(x, y, z)

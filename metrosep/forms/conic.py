@@ -68,26 +68,8 @@ class Conic(Shape):
         self._set(R=checked(self.R, "R", zero=False, dimension="length"), k=checked(self.k, "k"))
 
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
-        """Return the conic with values for its unknown parameters, good enough to start a fit.
-
-        Parameters
-        ----------
-        x, y, z : ndarray, shape (n,), m
-            Valid points, x and y from the assumed vertex; no NaN.
-
-        Returns
-        -------
-        Conic
-            R by algebraic regression with tilt and piston; an unknown k is 0, or -1 where a
-            sphere of that R would end before the data do.
-
-        Raises
-        ------
-        TooFewSamplesError
-            If there are fewer than 4 points.
-        DegenerateFitError
-            If all points lie at the centre.
-        """
+        # R by algebraic regression with tilt and piston; an unknown k is 0, or -1 where a sphere of
+        # that R would end before the data do.
         extent = float(np.sqrt((x * x + y * y).max())) if x.size else 0.0
         values: dict[str, float] = {}
         k = self.k
@@ -108,11 +90,11 @@ class Conic(Shape):
         square = x * x + y * y
         return R, square, 1.0 - ((1.0 + k) / R / R) * square
 
-    def _height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
         R, square, w = self._parts(x, y)
         return square / (R * (1.0 + root(w)))
 
-    def _slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         R, _, w = self._parts(x, y)
         rate = 1.0 / (R * positive_root(w))
         return x * rate, y * rate
@@ -126,31 +108,7 @@ class Conic(Shape):
     def expansion(
         self, x: FloatArray, y: FloatArray, names: Sequence[str], *, slopes: bool
     ) -> tuple[FloatArray, tuple[FloatArray, FloatArray] | None, list[FloatArray]]:
-        """Return heights, slopes and derivatives at once, from one square root.
-
-        Parameters
-        ----------
-        x, y : ndarray, m
-            Positions in the form's frame, of equal shape.
-        names : sequence of str
-            Of parameters.
-        slopes : bool
-            Whether slopes are wanted.
-
-        Returns
-        -------
-        height : ndarray, m
-            NaN also on the equator, where slopes are infinite.
-        slopes : tuple of ndarray or None
-            dz/dx and dz/dy.
-        derivatives : list of ndarray
-            In the order of the names.
-
-        Raises
-        ------
-        DataError
-            If a name is unknown or a parameter is not known yet.
-        """
+        # From one square root; heights are NaN also on the equator, where slopes are infinite.
         self._check_names(names)
         R, square, w = self._parts(x, y)
         w = positive_root(w)
@@ -344,52 +302,16 @@ class Asphere(Shape):
 
     @property
     def parameters(self) -> dict[str, float | None]:
-        """Shape parameters by name, SI; None where not known yet."""
         return {"R": self.R, "k": self.k, **{f"a{n}": v for n, v in self.terms}}
 
     def with_parameters(self, **values: float) -> Self:
-        """Return the asphere with other values of some parameters.
-
-        Parameters
-        ----------
-        **values : float
-            By name (R, k, a4 ...), SI.
-
-        Returns
-        -------
-        Asphere
-            Another one with the same powers.
-
-        Raises
-        ------
-        DataError
-            If a name is unknown or a value is not allowed.
-        """
         self._check_names(values)
         now = {**self.parameters, **values}
         terms = {n: now[f"a{n}"] for n, _ in self.terms}
         return type(self)(now["R"], now["k"], terms, norm_radius=self.norm_radius)
 
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
-        """Return the asphere with values for its unknown parameters, good enough to start a fit.
-
-        Parameters
-        ----------
-        x, y, z : ndarray, shape (n,), m
-            Valid points, x and y from the assumed vertex; no NaN.
-
-        Returns
-        -------
-        Asphere
-            Unknown coefficients are 0; R and k as `Conic.start` finds them without the known ones.
-
-        Raises
-        ------
-        TooFewSamplesError
-            If there are fewer than 4 points.
-        DegenerateFitError
-            If all points lie at the centre.
-        """
+        # Unknown coefficients are 0; R and k as of a conic, without the known coefficients.
         zeros = {f"a{n}": 0.0 for n, v in self.terms if v is None}
         form = self.with_parameters(**zeros)
         if self.R is not None and self.k is not None:
@@ -434,10 +356,10 @@ class Asphere(Shape):
         total = _horner(even, rho2)
         return total + np.sqrt(rho2) * _horner(odd, rho2) if odd else total
 
-    def _height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
         return Conic(self.R, self.k).height(x, y) + self.departure(x, y)
 
-    def _slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         gx, gy = Conic(self.R, self.k).slopes(x, y)
         rate = self._powers(x * x + y * y, lowered=2)
         return gx + x * rate, gy + y * rate

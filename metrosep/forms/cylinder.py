@@ -62,26 +62,8 @@ class Cylinder(Shape):
         )
 
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
-        """Return the cylinder with values for its unknown parameters, good enough to start a fit.
-
-        Parameters
-        ----------
-        x, y, z : ndarray, shape (n,), m
-            Valid points, x and y from the assumed vertex line; no NaN.
-
-        Returns
-        -------
-        Cylinder
-            The axis has the direction, -pi/2 < angle <= pi/2, in which a parabolic cylinder with
-            tilt and piston leaves least; R by algebraic regression across it.
-
-        Raises
-        ------
-        TooFewSamplesError
-            If there are fewer than 4 points.
-        DegenerateFitError
-            If all points lie at the centre, or have no extent across the axis.
-        """
+        # The axis, -pi/2 < angle <= pi/2, in which a parabolic cylinder with tilt and piston leaves
+        # least; R by algebraic regression across it.
         values: dict[str, float] = {}
         angle = self.angle
         if angle is None:
@@ -106,11 +88,11 @@ class Cylinder(Shape):
         u = t / R
         return R, t, 1.0 - u * u
 
-    def _height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
         R, t, w = self._parts(x, y)
         return t * (t / R) / (1.0 + root(w))
 
-    def _slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         R, t, w = self._parts(x, y)
         (angle,) = self._known("angle")
         rate = t / (R * positive_root(w))

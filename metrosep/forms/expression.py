@@ -294,27 +294,9 @@ class Expression(Shape):
 
     @property
     def parameters(self) -> dict[str, float | None]:
-        """Parameters by name, SI; None where not known yet."""
         return dict(self.values)
 
     def with_parameters(self, **values: float) -> Self:
-        """Return the form with other values of some parameters.
-
-        Parameters
-        ----------
-        **values : float
-            By name, SI.
-
-        Returns
-        -------
-        Expression
-            Another one with the same formula.
-
-        Raises
-        ------
-        DataError
-            If a name is unknown or a value is not finite.
-        """
         self._check_names(values)
         now = self.parameters | values
         return type(self)(self.text, units=self.units, has_centre=self.has_centre, **now)
@@ -342,10 +324,10 @@ class Expression(Shape):
             found = {n: _finite(slopes.get(n, 0.0), x, value) for n in by}
             return _finite(value, x, value), found
 
-    def _height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
         return self._evaluate(x, y, ())[0]
 
-    def _slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         found = self._evaluate(x, y, ("x", "y"))[1]
         return found["x"], found["y"]
 

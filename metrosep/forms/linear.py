@@ -52,44 +52,123 @@ _SMALLEST_SINGULAR_VALUE = 1e-13
 
 
 class LinearForm(Form):
-    """A form that is linear in all its parameters.
+    """A form that is linear in all its parameters, its coefficients.
 
     Attributes
     ----------
     is_linear : bool
         True.
+    names : tuple of str
+        Of the parameters; of a polynomial the lowest total degree first.
     """
 
     is_linear = True
+    names: tuple[str, ...]
+    _values: tuple[float | None, ...]
+
+    @property
+    def parameters(self) -> dict[str, float | None]:
+        return dict(zip(self.names, self._values, strict=True))
 
     @abstractmethod
     def basis(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the functions at points of equal shape, shape ``(n_parameters, *x.shape)``.
+        """Return the functions at points of equal shape, in the order of the parameters.
 
         Parameters
         ----------
         x, y : ndarray, m
             Positions in the form's frame.
-        """
-
-    def derivatives(self, x: FloatArray, y: FloatArray, names: Sequence[str]) -> list[FloatArray]:
-        """Return dz/dp for each named parameter: its function.
-
-        Parameters
-        ----------
-        x, y : ndarray, m
-            Positions in the form's frame, of equal shape.
-        names : sequence of str
-            Of parameters.
 
         Returns
         -------
-        list of ndarray
-            In the order of the names.
+        ndarray, shape ``(n_parameters, *x.shape)``
+            NaN outside the domain.
         """
+
+    def derivatives(self, x: FloatArray, y: FloatArray, names: Sequence[str]) -> list[FloatArray]:
         place = {name: i for i, name in enumerate(self.parameters)}
         functions = self.basis(x, y)
         return [functions[place[name]] for name in names]
+
+    def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> LinearForm:
+        if None not in self._values and self._has_domain:
+            return self
+        fitted = self.fit_points(x, y, z).form
+        given = {k: v for k, v in self.parameters.items() if v is not None}
+        return fitted.with_parameters(**given)  # type: ignore[return-value]
+
+    @property
+    def _has_domain(self) -> bool:
+        """Whether known coefficients say all."""
+        return True
+
+    @abstractmethod
+    def fit_points(
+        self, x: ArrayLike, y: ArrayLike, z: ArrayLike, *, weights: ArrayLike | None = None
+    ) -> LinearFit:
+        """Return the least-squares form through scattered points in its domain.
+
+        Parameters
+        ----------
+        x, y : array_like, shape (n,), m
+            Positions in the form's frame.
+        z : array_like, shape (n,), m
+            Heights; NaN where not measured.
+        weights : array_like, shape (n,), optional
+            Weight of each point, >= 0.
+
+        Returns
+        -------
+        LinearFit
+            ``.form``, ``.covariance``, ``.residual_sd``.
+
+        Raises
+        ------
+        InvalidSamplesError
+            If lengths differ, or something is infinite.
+        DegenerateFitError
+            If the valid points in the domain do not determine the coefficients.
+        """
+
+    @abstractmethod
+    def fit_grid(
+        self, x: ArrayLike, y: ArrayLike, z: ArrayLike, *, weights: ArrayLike | None = None
+    ) -> LinearFit:
+        """Return the least-squares form through a map, without a design matrix.
+
+        Parameters
+        ----------
+        x : array_like, shape (n_x,), m
+            Positions of the columns in the form's frame, uniform and growing.
+        y : array_like, shape (n_y,), m
+            Positions of the rows in the form's frame, uniform and growing.
+        z : array_like, shape (n_y, n_x), m
+            Heights; NaN where not measured.
+        weights : array_like, shape (n_y, n_x), optional
+            Weight of each pixel, 0 to 1.
+
+        Returns
+        -------
+        LinearFit
+            ``.form``, ``.covariance``, ``.residual_sd``.
+
+        Raises
+        ------
+        DataError
+            If the form has one variable.
+        InvalidSamplesError
+            If shapes differ, something is infinite, or an axis of a disc falls.
+        NotUniformError
+            If x or y is not uniform.
+        DegenerateFitError
+            If the valid pixels in the domain do not determine the coefficients.
+
+        Notes
+        -----
+        The covariance is that of the terms fitted together over the valid pixels. Zernike terms are
+        orthogonal, and a coefficient independent of the other terms in the fit, only over a full
+        disc.
+        """
 
     @abstractmethod
     def fit_map(
@@ -99,14 +178,21 @@ class LinearForm(Form):
 
         Parameters
         ----------
-        x : array_like, shape (n_x,), m
-            Positions of the columns, uniform and growing.
-        y : array_like, shape (n_y,), m
-            Positions of the rows, uniform and growing.
-        z : array_like, shape (n_y, n_x), m
-            Heights; NaN where not measured.
-        weights : array_like, shape (n_y, n_x), optional
-            Weight of each pixel, 0 to 1.
+        x, y, z, weights : array_like
+            As of `fit_grid`.
+
+        Returns
+        -------
+        fit : LinearFit
+            ``.form``, ``.covariance``, ``.residual_sd``.
+        residual : ndarray, shape (n_y, n_x), m
+            What is left; NaN outside the domain too.
+
+        Raises
+        ------
+        DataError
+            If the form has one variable, the samples are invalid or not uniform, or do not
+            determine the coefficients: as `fit_grid`.
         """
 
     @abstractmethod
@@ -117,12 +203,20 @@ class LinearForm(Form):
 
         Parameters
         ----------
-        x, y : array_like, shape (n,), m
-            Positions.
-        z : array_like, shape (n,), m
-            Heights; NaN where not measured.
-        weights : array_like, shape (n,), optional
-            Weight of each point, >= 0.
+        x, y, z, weights : array_like, shape (n,)
+            As of `fit_points`.
+
+        Returns
+        -------
+        fit : LinearFit
+            ``.form``, ``.covariance``, ``.residual_sd``.
+        residual : ndarray, shape (n,), m
+            What is left; NaN outside the domain too.
+
+        Raises
+        ------
+        DataError
+            If the samples are invalid or do not determine the coefficients: as `fit_points`.
         """
 
 

@@ -105,6 +105,11 @@ class Polynomial(LinearForm):
             if self.variables == 2
             else tuple((i, 0) for i in range(self.degree + 1))
         )
+        letter = _LETTERS[basis]
+        if self.variables == 1:
+            self.names = tuple(f"{letter}{'' if letter == 'c' else '_'}{i}" for i, _ in self.terms)
+        else:
+            self.names = tuple(f"{letter}_{i}_{j}" for i, j in self.terms)
         self._values = self._given(coefficients)
         self.centre, self.half_width = self._domain(centre, half_width)
 
@@ -158,31 +163,15 @@ class Polynomial(LinearForm):
         return tuple(float(table[t]) for t in self.terms)
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters, lowest total degree first."""
-        letter = _LETTERS[self.basis_name]
-        if self.variables == 1:
-            short = "" if letter == "c" else "_"
-            return tuple(f"{letter}{short}{i}" for i, _ in self.terms)
-        return tuple(f"{letter}_{i}_{j}" for i, j in self.terms)
-
-    @property
     def units(self) -> Mapping[str, str]:  # type: ignore[override]
-        """SI unit of each parameter."""
         if self.basis_name != "power":
             return dict.fromkeys(self.names, "m")
         return dict(zip(self.names, (_unit(i + j) for i, j in self.terms), strict=True))
 
     @property
     def spanned(self) -> frozenset[str]:
-        """Rigid-body freedoms that the coefficients already hold."""
         flat = {"piston"} if self.degree == 0 else {"piston", "tilt_x", "tilt_y"}
         return frozenset(flat | {"shift_x", "shift_y"} if self.basis_name == "power" else flat)
-
-    @property
-    def parameters(self) -> dict[str, float | None]:
-        """Coefficients by name, SI; None where not known yet."""
-        return dict(zip(self.names, self._values, strict=True))
 
     @property
     def coefficients(self) -> FloatArray:
@@ -201,23 +190,6 @@ class Polynomial(LinearForm):
         return c if self.variables == 2 else c[:, 0]
 
     def with_parameters(self, **values: float) -> Polynomial:
-        """Return the polynomial with other values of some coefficients.
-
-        Parameters
-        ----------
-        **values : float
-            By name, SI.
-
-        Returns
-        -------
-        Polynomial
-            On the same domain.
-
-        Raises
-        ------
-        DataError
-            If a name is not one of the parameters.
-        """
         return self._copy({**self.parameters, **values}, self.centre, self.half_width)
 
     def for_profile(self) -> Polynomial:
@@ -255,33 +227,9 @@ class Polynomial(LinearForm):
         return [(p - c) / h for p, c, h in zip(points, self.centre, self.half_width, strict=True)]
 
     def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return z at points of equal shape.
-
-        Parameters
-        ----------
-        x, y : ndarray, m
-            Positions; a polynomial of one variable is the same for every y.
-
-        Returns
-        -------
-        ndarray, m
-            Heights, also outside the domain, where a polynomial soon goes astray.
-        """
         return self._sums(x, y, ((0, 0),))[0]
 
     def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return dz/dx and dz/dy at points of equal shape.
-
-        Parameters
-        ----------
-        x, y : ndarray, m
-            Positions.
-
-        Returns
-        -------
-        tuple of ndarray
-            Slopes, dimensionless.
-        """
         if self.variables == 1:
             return self._sums(x, y, ((1, 0),))[0], np.zeros_like(x)
         dx, dy = self._sums(x, y, ((1, 0), (0, 1)))
@@ -308,46 +256,10 @@ class Polynomial(LinearForm):
         return [o.reshape(x.shape) for o in out]
 
     def basis(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the functions at points of equal shape, shape ``(n_parameters, *x.shape)``.
-
-        Parameters
-        ----------
-        x, y : ndarray, m
-            Positions.
-
-        Returns
-        -------
-        ndarray
-            In the order of `names`.
-        """
         tables = [values(u, self.degree, basis=self.basis_name) for u in self._scaled(x, y)]
         i, j = np.array(self.terms).T
         out: FloatArray = tables[0][i]
         return out if self.variables == 1 else out * tables[1][j]
-
-    def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Polynomial:
-        """Return the least-squares polynomial through points.
-
-        Parameters
-        ----------
-        x, y, z : ndarray, shape (n,), m
-            Valid points.
-
-        Returns
-        -------
-        Polynomial
-            With all coefficients; the form itself if all are known.
-
-        Raises
-        ------
-        DegenerateFitError
-            If the points do not determine the coefficients.
-        """
-        if all(v is not None for v in self._values):
-            return self
-        fitted = self.fit_points(x, y, z).form
-        given = {k: v for k, v in self.parameters.items() if v is not None}
-        return fitted.with_parameters(**given)  # type: ignore[return-value]
 
     def fit_profile(
         self, x: ArrayLike, z: ArrayLike, *, weights: ArrayLike | None = None
@@ -382,29 +294,6 @@ class Polynomial(LinearForm):
     def fit_points(
         self, x: ArrayLike, y: ArrayLike, z: ArrayLike, *, weights: ArrayLike | None = None
     ) -> LinearFit:
-        """Return the least-squares polynomial through scattered points.
-
-        Parameters
-        ----------
-        x, y : array_like, shape (n,), m
-            Positions.
-        z : array_like, shape (n,), m
-            Heights; NaN where not measured.
-        weights : array_like, shape (n,), optional
-            Weight of each point, >= 0.
-
-        Returns
-        -------
-        LinearFit
-            ``.form``, ``.covariance``, ``.residual_sd``.
-
-        Raises
-        ------
-        InvalidSamplesError
-            If lengths differ, or something is infinite.
-        DegenerateFitError
-            If the valid points do not determine the coefficients.
-        """
         if self.variables == 1:
             return self.fit_profile(x, z, weights=weights)
         return self._fitted(*fit_points(x, y, z, self.terms, weights=weights))
@@ -412,35 +301,6 @@ class Polynomial(LinearForm):
     def fit_grid(
         self, x: ArrayLike, y: ArrayLike, z: ArrayLike, *, weights: ArrayLike | None = None
     ) -> LinearFit:
-        """Return the least-squares polynomial through a map, without a design matrix.
-
-        Parameters
-        ----------
-        x : array_like, shape (n_x,), m
-            Positions of the columns, uniform.
-        y : array_like, shape (n_y,), m
-            Positions of the rows, uniform.
-        z : array_like, shape (n_y, n_x), m
-            Heights; NaN where not measured.
-        weights : array_like, shape (n_y, n_x), optional
-            Weight of each pixel, 0 to 1.
-
-        Returns
-        -------
-        LinearFit
-            ``.form``, ``.covariance``, ``.residual_sd``.
-
-        Raises
-        ------
-        DataError
-            If the polynomial has one variable.
-        InvalidSamplesError
-            If shapes differ, or something is infinite.
-        NotUniformError
-            If x or y is not uniform.
-        DegenerateFitError
-            If the valid pixels do not determine the coefficients.
-        """
         if self.variables == 1:
             raise DataError("a map needs a polynomial of two variables; this one has one")
         return self._fitted(*fit_grid(x, y, z, self.degree, self.kind, weights=weights))
@@ -448,31 +308,8 @@ class Polynomial(LinearForm):
     def fit_list(
         self, x: ArrayLike, y: ArrayLike, z: ArrayLike, *, weights: ArrayLike | None = None
     ) -> tuple[LinearFit, FloatArray]:
-        """Return the least-squares polynomial through points, and what it leaves.
-
-        Parameters
-        ----------
-        x, y : array_like, shape (n,), m
-            Positions.
-        z : array_like, shape (n,), m
-            Heights; NaN where not measured.
-        weights : array_like, shape (n,), optional
-            Weight of each point, >= 0.
-
-        Returns
-        -------
-        fit : LinearFit
-            ``.form``, ``.covariance``, ``.residual_sd``.
-        residual : ndarray, shape (n,), m
-            Evaluated on the scaled domain, so that powers far from their origin cost no digits.
-
-        Raises
-        ------
-        InvalidSamplesError
-            If lengths differ, or something is infinite.
-        DegenerateFitError
-            If the valid points do not determine the coefficients.
-        """
+        # The residual is evaluated on the scaled domain, so that powers far from their origin cost no
+        # digits.
         xs, ys, zs = (np.asarray(v, dtype=np.float64) for v in (x, y, z))
         if self.variables == 1:
             raw = fit_profile(xs, zs, self.degree, weights=weights)
@@ -485,37 +322,6 @@ class Polynomial(LinearForm):
     def fit_map(
         self, x: ArrayLike, y: ArrayLike, z: ArrayLike, *, weights: ArrayLike | None = None
     ) -> tuple[LinearFit, FloatArray]:
-        """Return the least-squares polynomial through a map, and the map without it.
-
-        Parameters
-        ----------
-        x : array_like, shape (n_x,), m
-            Positions of the columns, uniform.
-        y : array_like, shape (n_y,), m
-            Positions of the rows, uniform.
-        z : array_like, shape (n_y, n_x), m
-            Heights; NaN where not measured.
-        weights : array_like, shape (n_y, n_x), optional
-            Weight of each pixel, 0 to 1.
-
-        Returns
-        -------
-        fit : LinearFit
-            ``.form``, ``.covariance``, ``.residual_sd``.
-        residual : ndarray, shape (n_y, n_x), m
-            What is left.
-
-        Raises
-        ------
-        DataError
-            If the polynomial has one variable.
-        InvalidSamplesError
-            If shapes differ, or something is infinite.
-        NotUniformError
-            If x or y is not uniform.
-        DegenerateFitError
-            If the valid pixels do not determine the coefficients.
-        """
         if self.variables == 1:
             raise DataError("a map needs a polynomial of two variables; this one has one")
         raw, residual = remove_map(x, y, z, self.degree, self.kind, weights=weights)

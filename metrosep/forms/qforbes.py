@@ -178,28 +178,10 @@ class QForbes(Shape):
 
     @property
     def parameters(self) -> dict[str, float | None]:
-        """Shape parameters by name, SI; None where not known yet."""
         base = {"R": self.R} | ({"k": self.k} if self.kind == "con" else {})
         return base | {f"a{m}": v for m, v in enumerate(self.coefficients)}
 
     def with_parameters(self, **values: float) -> Self:
-        """Return the asphere with other values of some parameters.
-
-        Parameters
-        ----------
-        **values : float
-            By name (R, k, a0 ...), SI.
-
-        Returns
-        -------
-        QForbes
-            Of the same kind and radius.
-
-        Raises
-        ------
-        DataError
-            If a name is unknown or a value is not allowed.
-        """
         self._check_names(values)
         return self._with({**self.parameters, **values}, self.radius)
 
@@ -213,26 +195,8 @@ class QForbes(Shape):
         return Conic(self.R, self.k)
 
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
-        """Return the asphere with values for its unknown parameters, good enough to start a fit.
-
-        Parameters
-        ----------
-        x, y, z : ndarray, shape (n,), m
-            Valid points, x and y from the assumed vertex; no NaN.
-
-        Returns
-        -------
-        QForbes
-            Unknown coefficients are 0, R and k those of a conic, an unknown radius that of the
-            farthest point.
-
-        Raises
-        ------
-        TooFewSamplesError
-            If there are fewer than 4 points.
-        DegenerateFitError
-            If the points lie in a plane to rounding.
-        """
+        # Unknown coefficients are 0, R and k those of a conic, an unknown radius that of the farthest
+        # point.
         radius = self.radius or float(np.sqrt((x * x + y * y).max(initial=0.0))) or None
         now = {n: 0.0 if v is None and n[0] == "a" else v for n, v in self.parameters.items()}
         if now["R"] is None or now.get("k", 0.0) is None:
@@ -292,11 +256,11 @@ class QForbes(Shape):
             raise DataError(f"{self.name} has no radius yet: give half the aperture, or fit it")
         return np.where(square > (self.radius * (1.0 + _RIM)) ** 2, np.nan, 1.0)
 
-    def _height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
         inside = self._inside(x * x + y * y)
         return inside * (self.base.height(x, y) + self.departure(x, y))
 
-    def _slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         square = x * x + y * y
         inside = self._inside(square)
         gx, gy = self.base.slopes(x, y)

@@ -82,32 +82,12 @@ class SineGrid(Shape):
 
     @property
     def period(self) -> tuple[float, float]:
-        """Wavelengths along x and y, m: a shift by one of them changes nothing."""
+        # A shift by one of them changes nothing.
         (Lx,) = self._known("wavelength")
         return Lx, Lx if self.wavelength_y == "same" else self._known("wavelength_y")[0]
 
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
-        """Return the grid with values for its unknown amplitudes and phases.
-
-        Parameters
-        ----------
-        x, y, z : ndarray, shape (n,), m
-            Valid points, x and y from the assumed origin; no NaN.
-
-        Returns
-        -------
-        SineGrid
-            By linear regression with tilt and piston, whatever the lateral position.
-
-        Raises
-        ------
-        DataError
-            If a wavelength is not known: there is no rule to guess it.
-        TooFewSamplesError
-            If there are fewer than 7 points.
-        DegenerateFitError
-            If all heights are equal.
-        """
+        # By linear regression with tilt and piston, whatever the lateral position.
         unknown = [k for k, v in self.parameters.items() if v is None]
         if not unknown or any(n.startswith("wavelength") for n in unknown):
             super().start(x, y, z)
@@ -151,12 +131,12 @@ class SineGrid(Shape):
         phase_x, phase_y = self._known("phase_x", "phase_y")
         return (2.0 * math.pi / Lx) * x + phase_x, (2.0 * math.pi / Ly) * y + phase_y
 
-    def _height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
         Ax, _, Ay, _ = self._values()
         a, b = self._angles(x, y)
         return Ax * np.sin(a) + Ay * np.cos(b)
 
-    def _slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         Ax, Lx, Ay, Ly = self._values()
         a, b = self._angles(x, y)
         return (2.0 * math.pi * Ax / Lx) * np.cos(a), (-2.0 * math.pi * Ay / Ly) * np.sin(b)

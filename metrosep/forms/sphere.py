@@ -52,25 +52,7 @@ class Sphere(Shape):
         self._set(R=checked(self.R, "R", zero=False, dimension="length"))
 
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
-        """Return the sphere with a radius good enough to start a fit.
-
-        Parameters
-        ----------
-        x, y, z : ndarray, shape (n,), m
-            Valid points, x and y from the assumed vertex; no NaN.
-
-        Returns
-        -------
-        Sphere
-            R by algebraic regression with tilt and piston; finite also for a flat part.
-
-        Raises
-        ------
-        TooFewSamplesError
-            If there are fewer than 4 points.
-        DegenerateFitError
-            If all points lie at the centre.
-        """
+        # R by algebraic regression with tilt and piston; finite also for a flat part.
         if self.R is not None:
             return self
         R = radius_of(mean_curvature(x, y, z, name=self.name))
@@ -82,11 +64,11 @@ class Sphere(Shape):
         square = u * u + v * v
         return R, square, 1.0 - square
 
-    def _height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
         R, square, w = self._parts(x, y)
         return R * square / (1.0 + root(w))
 
-    def _slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         R, _, w = self._parts(x, y)
         rate = 1.0 / (R * positive_root(w))
         return x * rate, y * rate

@@ -119,10 +119,10 @@ class MeshForm(Shape):
             z[at[hit]], facet[at[hit]], within[at[hit]] = height[hit], t[hit], inner[hit]
             entry = entry + 1
 
-    def _height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
         return self._top(x, y)[0]
 
-    def _slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         _, facet = self._top(x, y)
         slopes = np.where(facet[..., None] >= 0, self.planes[facet], np.nan)
         return np.ascontiguousarray(slopes[..., 0]), np.ascontiguousarray(slopes[..., 1])
@@ -286,23 +286,7 @@ class GridForm(Shape):
         self._set(spline=_spline(_continued(self.surface.z / size)))
 
     def with_parameters(self, **values: float) -> Self:
-        """Return the form with another factor on its heights.
-
-        Parameters
-        ----------
-        **values : float
-            ``scale``.
-
-        Returns
-        -------
-        GridForm
-            Another one that shares the map and the spline.
-
-        Raises
-        ------
-        DataError
-            If a name is unknown or the value is not finite.
-        """
+        # Another one that shares the map and the spline.
         self._check_names(values)
         other = copy.copy(self)
         for name, value in values.items():
@@ -310,25 +294,7 @@ class GridForm(Shape):
         return other
 
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
-        """Return the form with a factor good enough to start a fit.
-
-        Parameters
-        ----------
-        x, y, z : ndarray, shape (n,), m
-            Valid points in the coordinates of the map; no NaN.
-
-        Returns
-        -------
-        GridForm
-            By linear regression with piston and tilt over the points in the domain.
-
-        Raises
-        ------
-        TooFewSamplesError
-            If fewer than 4 points lie in the domain.
-        DegenerateFitError
-            If the map is a plane there, which a factor cannot be told from tilt.
-        """
+        # By linear regression with piston and tilt over the points in the domain.
         if self.scale is not None:
             return self
         unit = self._evaluate(x, y, 0, 0)
@@ -371,10 +337,10 @@ class GridForm(Shape):
             found[inside] = factor * self.spline.ev(v, u, dx=along_y, dy=along_x)
         return found.reshape(x.shape)
 
-    def _height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
         return self._known("scale")[0] * self._evaluate(x, y, 0, 0)
 
-    def _slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         (scale,) = self._known("scale")
         return scale * self._evaluate(x, y, 1, 0), scale * self._evaluate(x, y, 0, 1)
 

@@ -86,26 +86,7 @@ class Toric(Shape):
         )
 
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
-        """Return the toric with values for its unknown radii, good enough to start a fit.
-
-        Parameters
-        ----------
-        x, y, z : ndarray, shape (n,), m
-            Valid points, x and y from the assumed vertex; no NaN.
-
-        Returns
-        -------
-        Toric
-            Radii from the best quadratic, with all points in the domain.
-
-        Raises
-        ------
-        TooFewSamplesError
-            If there are fewer than 4 points.
-        DegenerateFitError
-            If all points lie at the centre, or have fewer than 3 positions along an axis whose
-            radius is not known.
-        """
+        # Radii from the best quadratic, with all points in the domain.
         if self.Rb is not None and self.Rd is not None:
             return self
         Rb, Rd = _start_radii(x, y, z, (self.Rb is None, self.Rd is None), self.name)
@@ -127,11 +108,11 @@ class Toric(Shape):
         left = np.where(arm * Rb > 0.0, (arm - x) * (arm + x), np.nan)
         return Rb, Rd, g, arm, left
 
-    def _height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
         Rb, _, g, arm, left = self._parts(x, y)
         return g + x * x / (arm + math.copysign(1.0, Rb) * root(left))
 
-    def _slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         Rb, Rd, _, arm, left = self._parts(x, y)
         Q = math.copysign(1.0, Rb) * positive_root(left)
         u = y / Rd
@@ -201,27 +182,8 @@ class Biconic(Shape):
         self._set(kx=checked(self.kx, "kx"), ky=checked(self.ky, "ky"))
 
     def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Self:
-        """Return the biconic with values for its unknown parameters, good enough to start a fit.
-
-        Parameters
-        ----------
-        x, y, z : ndarray, shape (n,), m
-            Valid points, x and y from the assumed vertex; no NaN.
-
-        Returns
-        -------
-        Biconic
-            Radii from the best quadratic; an unknown conic constant is 0, or -1 where the data
-            would leave the domain.
-
-        Raises
-        ------
-        TooFewSamplesError
-            If there are fewer than 4 points.
-        DegenerateFitError
-            If all points lie at the centre, or have fewer than 3 positions along an axis whose
-            radius is not known.
-        """
+        # Radii from the best quadratic; an unknown conic constant is 0, or -1 where the data would
+        # leave the domain.
         Rx, Ry, kx, ky = self.Rx, self.Ry, self.kx, self.ky
         if Rx is None or Ry is None:
             found = _start_radii(x, y, z, (Rx is None, Ry is None), self.name)
@@ -241,11 +203,11 @@ class Biconic(Shape):
         u, v = x / Rx, y / Ry
         return values, u * x + v * y, 1.0 - (1.0 + kx) * u * u - (1.0 + ky) * v * v
 
-    def _height(self, x: FloatArray, y: FloatArray) -> FloatArray:
+    def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
         _, top, w = self._parts(x, y)
         return top / (1.0 + root(w))
 
-    def _slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         (Rx, Ry, kx, ky), top, w = self._parts(x, y)
         w = positive_root(w)
         first = 2.0 / (1.0 + w)

@@ -119,6 +119,7 @@ class Zernike(LinearForm):
         self.radius = checked(radius, "radius", zero=False, dimension="length")
         if self.radius is not None and self.radius < 0.0:
             raise DataError(f"radius must be positive, got {radius}")
+        self.units = dict.fromkeys(self.names, "m")
         self._values = self._given(coefficients)
         self._norms: FloatArray = np.array(
             [
@@ -144,50 +145,26 @@ class Zernike(LinearForm):
         return tuple(checked(float(v), k) for k, v in zip(self.names, c, strict=True))
 
     @property
-    def units(self) -> Mapping[str, str]:  # type: ignore[override]
-        """SI unit of each parameter."""
-        return dict.fromkeys(self.names, "m")
-
-    @property
     def labels(self) -> dict[str, str]:
         """What opticians call each term, by parameter name."""
         return {k: term_name(n, m) for k, (n, m) in zip(self.names, self.nm, strict=True)}
 
     @property
     def spanned(self) -> frozenset[str]:
-        """Rigid-body freedoms that the terms already hold."""
         held = {(0, 0): "piston", (1, 1): "tilt_x", (1, -1): "tilt_y"}
         return frozenset(word for nm, word in held.items() if nm in self.nm)
 
-    @property
-    def parameters(self) -> dict[str, float | None]:
-        """Coefficients by name, m; None where not known yet."""
-        return dict(zip(self.names, self._values, strict=True))
-
     def with_parameters(self, **values: float) -> Zernike:
-        """Return the form with other values of some coefficients.
-
-        Parameters
-        ----------
-        **values : float
-            By name, m.
-
-        Returns
-        -------
-        Zernike
-            On the same disc.
-
-        Raises
-        ------
-        DataError
-            If a name is not one of the parameters.
-        """
         return self._copy(self._given({**self.parameters, **values}), self.radius)
 
     def _copy(self, values: tuple[float | None, ...], radius: float | None) -> Zernike:
         form = copy(self)
         form.radius, form._values = radius, values  # noqa: SLF001  # of this class
         return form
+
+    @property
+    def _has_domain(self) -> bool:
+        return self.radius is not None
 
     def _on_disc(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         if self.radius is None:
@@ -201,18 +178,6 @@ class Zernike(LinearForm):
         return known * self._norms
 
     def height(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return z at points of equal shape; NaN outside the disc.
-
-        Parameters
-        ----------
-        x, y : ndarray, m
-            Positions from the centre of the disc.
-
-        Returns
-        -------
-        ndarray, m
-            Heights.
-        """
         u, v = (p.ravel() for p in self._on_disc(x, y))
         out, weights = np.empty(u.size), self._weights()
         for start in range(0, u.size, _BLOCK):
@@ -222,18 +187,6 @@ class Zernike(LinearForm):
         return out.reshape(x.shape)
 
     def slopes(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return dz/dx and dz/dy at points of equal shape; NaN outside the disc.
-
-        Parameters
-        ----------
-        x, y : ndarray, m
-            Positions from the centre of the disc.
-
-        Returns
-        -------
-        tuple of ndarray
-            Slopes, dimensionless; finite at the centre.
-        """
         u, v = (p.ravel() for p in self._on_disc(x, y))
         weights = self._weights() / (self.radius or 1.0)
         out = np.empty((2, u.size))
@@ -246,81 +199,13 @@ class Zernike(LinearForm):
         return dx.reshape(x.shape), dy.reshape(x.shape)
 
     def basis(self, x: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the normalised terms at points of equal shape, NaN outside the disc.
-
-        Parameters
-        ----------
-        x, y : ndarray, m
-            Positions from the centre of the disc.
-
-        Returns
-        -------
-        ndarray, shape ``(n_terms, *x.shape)``
-            In the order of `names`.
-        """
         u, v = self._on_disc(x, y)
         terms = zernike_values(u, v, self.nm) * self._norms.reshape(-1, *(1,) * u.ndim)
         return np.where(np.isnan(u), np.nan, terms)
 
-    def start(self, x: FloatArray, y: FloatArray, z: FloatArray) -> Zernike:
-        """Return the least-squares form through points.
-
-        Parameters
-        ----------
-        x, y, z : ndarray, shape (n,), m
-            Valid points, x and y from the centre of the disc.
-
-        Returns
-        -------
-        Zernike
-            With all coefficients; the form itself if all are known.
-
-        Raises
-        ------
-        DegenerateFitError
-            If the points do not determine the coefficients.
-        """
-        if all(v is not None for v in self._values) and self.radius is not None:
-            return self
-        fitted = self.fit_points(x, y, z).form
-        given = {k: v for k, v in self.parameters.items() if v is not None}
-        return fitted.with_parameters(**given)  # type: ignore[return-value]
-
     def fit_grid(
         self, x: ArrayLike, y: ArrayLike, z: ArrayLike, *, weights: ArrayLike | None = None
     ) -> LinearFit:
-        """Return the least-squares form through a map; points beyond the radius have no part.
-
-        Parameters
-        ----------
-        x : array_like, shape (n_x,), m
-            Positions of the columns from the centre of the disc, uniform and growing.
-        y : array_like, shape (n_y,), m
-            Positions of the rows from the centre of the disc, uniform and growing.
-        z : array_like, shape (n_y, n_x), m
-            Heights; NaN where not measured.
-        weights : array_like, shape (n_y, n_x), optional
-            Weight of each pixel, 0 to 1.
-
-        Returns
-        -------
-        LinearFit
-            ``.form``, ``.covariance``, ``.residual_sd``.
-
-        Raises
-        ------
-        InvalidSamplesError
-            If shapes differ, something is infinite, or an axis falls.
-        NotUniformError
-            If x or y is not uniform.
-        DegenerateFitError
-            If the valid pixels inside the disc do not determine the terms.
-
-        Notes
-        -----
-        The covariance is that of the terms fitted together over the valid pixels. Only over a full
-        disc are they orthogonal, and a coefficient independent of the other terms in the fit.
-        """
         return self._fitted(
             fit_zernike_grid(z, x, y, self.nm, radius=self.radius, weights=weights)
         )
@@ -328,31 +213,6 @@ class Zernike(LinearForm):
     def fit_list(
         self, x: ArrayLike, y: ArrayLike, z: ArrayLike, *, weights: ArrayLike | None = None
     ) -> tuple[LinearFit, FloatArray]:
-        """Return the least-squares form through points, and what it leaves.
-
-        Parameters
-        ----------
-        x, y : array_like, shape (n,), m
-            Positions from the centre of the disc.
-        z : array_like, shape (n,), m
-            Heights; NaN where not measured.
-        weights : array_like, shape (n,), optional
-            Weight of each point, >= 0.
-
-        Returns
-        -------
-        fit : LinearFit
-            ``.form``, ``.covariance``, ``.residual_sd``.
-        residual : ndarray, shape (n,), m
-            NaN beyond the radius too.
-
-        Raises
-        ------
-        InvalidSamplesError
-            If lengths differ, or something is infinite.
-        DegenerateFitError
-            If the valid points do not determine the coefficients.
-        """
         xs, ys, zs = (np.asarray(v, dtype=np.float64) for v in (x, y, z))
         fit = self.fit_points(xs, ys, zs, weights=weights)
         return fit, zs - fit.form.height(xs, ys)
@@ -360,35 +220,6 @@ class Zernike(LinearForm):
     def fit_map(
         self, x: ArrayLike, y: ArrayLike, z: ArrayLike, *, weights: ArrayLike | None = None
     ) -> tuple[LinearFit, FloatArray]:
-        """Return the least-squares form through a map, and the map without it.
-
-        Parameters
-        ----------
-        x : array_like, shape (n_x,), m
-            Positions of the columns from the centre of the disc, uniform and growing.
-        y : array_like, shape (n_y,), m
-            Positions of the rows, uniform and growing.
-        z : array_like, shape (n_y, n_x), m
-            Heights; NaN where not measured.
-        weights : array_like, shape (n_y, n_x), optional
-            Weight of each pixel, 0 to 1.
-
-        Returns
-        -------
-        fit : LinearFit
-            ``.form``, ``.covariance``, ``.residual_sd``.
-        residual : ndarray, shape (n_y, n_x), m
-            What is left; NaN beyond the radius too.
-
-        Raises
-        ------
-        InvalidSamplesError
-            If shapes differ, something is infinite, or an axis falls.
-        NotUniformError
-            If x or y is not uniform.
-        DegenerateFitError
-            If the valid pixels inside the disc do not determine the terms.
-        """
         fit = self.fit_grid(x, y, z, weights=weights)
         form = cast("Zernike", fit.form)
         weights_of_terms = form._weights()  # noqa: SLF001  # another instance of this class
@@ -399,29 +230,6 @@ class Zernike(LinearForm):
     def fit_points(
         self, x: ArrayLike, y: ArrayLike, z: ArrayLike, *, weights: ArrayLike | None = None
     ) -> LinearFit:
-        """Return the least-squares form through points; those beyond the radius have no part.
-
-        Parameters
-        ----------
-        x, y : array_like, shape (n,), m
-            Positions from the centre of the disc.
-        z : array_like, shape (n,), m
-            Heights; NaN where not measured.
-        weights : array_like, shape (n,), optional
-            Weight of each point, >= 0.
-
-        Returns
-        -------
-        LinearFit
-            ``.form``, ``.covariance``, ``.residual_sd``.
-
-        Raises
-        ------
-        InvalidSamplesError
-            If lengths differ, or something is infinite.
-        DegenerateFitError
-            If the valid points inside the disc do not determine the terms.
-        """
         return self._fitted(
             fit_zernike_points(x, y, z, self.nm, radius=self.radius, weights=weights)
         )

@@ -14,8 +14,8 @@ from typing import Final, Literal, TypeAlias
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.io.headers import header_unit
-from metrosep.io.table import Column, Table
+from metrosep.io.text.dialect import header_unit
+from metrosep.io.text.table import Column, Table
 
 __all__ = ["BLOCKS", "FoundRuns", "Role", "jumps_back", "role_of", "runs_in"]
 

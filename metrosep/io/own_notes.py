@@ -22,7 +22,7 @@ from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
-from metrosep.io.native import decode_history, encode_history
+from metrosep.io.containers.native import decode_history, encode_history
 from metrosep.io.source import RawFile
 
 __all__ = [

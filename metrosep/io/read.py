@@ -26,7 +26,13 @@ from metrosep.core.surface import Surface
 from metrosep.core.text_options import TEXT_OPTIONS, accepted_options
 from metrosep.core.units import parse_unit
 from metrosep.io import registry
-from metrosep.io.maps import ROW_ORDERS, lateral_or_none, make_profile, make_surface, only_channels
+from metrosep.io.objects import (
+    ROW_ORDERS,
+    lateral_or_none,
+    make_profile,
+    make_surface,
+    only_channels,
+)
 from metrosep.io.registry import Format
 from metrosep.io.source import RawFile, lateral_steps, open_file, refuse_options
 
@@ -60,7 +66,7 @@ def read(
     **layout
         For text: ``x``, ``z``, ``time``, ``sampling_rate`` and how it is written: ``separator``,
         ``decimal``, ``thousands``, ``encoding``, ``comment``, ``skip_rows``, ``skip_lines``,
-        ``missing``; see `metrosep.io.delimited.read`. For binary maps: ``max_pixels``.
+        ``missing``; see `metrosep.io.text.delimited.read`. For binary maps: ``max_pixels``.
 
     Returns
     -------

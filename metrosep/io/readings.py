@@ -19,9 +19,8 @@ from metrosep.core.errors import FormatMismatchError, InvalidSamplesError
 from metrosep.core.inputs import Readings
 from metrosep.core.provenance import Step
 from metrosep.io.runs import Role, columns_of, role_values
-from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.source import RawFile, open_file
-from metrosep.io.table import Table
+from metrosep.io.text.table import ColumnSpec, Table, pick, sensitivity, to_si
 
 __all__ = ["read_readings"]
 

@@ -182,7 +182,7 @@ class Format:
         if where == "builtin":
             return cast("Reader", importlib.import_module(f"metrosep.io.{name}"))
         if where == "layout":
-            from metrosep.io.layout import LayoutReader
+            from metrosep.io.text.layout import LayoutReader
 
             source = self.folder / "format.toml" if self.folder else self.id
             layout = self.facts.get("layout", {})

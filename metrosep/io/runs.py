@@ -35,10 +35,18 @@ from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import parse_quantity, parse_unit
 from metrosep.io import registry
 from metrosep.io._roles import BLOCKS, jumps_back, runs_in
-from metrosep.io.dialect import Dialect, decode
-from metrosep.io.select import ColumnSpec, pick, sensitivity, to_si
 from metrosep.io.source import RawFile, open_file
-from metrosep.io.table import Column, Table, interruption, read_table
+from metrosep.io.text.dialect import Dialect, decode
+from metrosep.io.text.table import (
+    Column,
+    ColumnSpec,
+    Table,
+    interruption,
+    pick,
+    read_table,
+    sensitivity,
+    to_si,
+)
 
 __all__ = [
     "FeedSpec",
@@ -418,7 +426,7 @@ def stored_runs(file: RawFile) -> RunSet | None:
     """Return the runs of a file that metrosep wrote as a whole, else ``None``."""
     if _format(file) != _OWN:
         return None
-    from metrosep.io.native import read
+    from metrosep.io.containers.native import read
 
     obj = read(file)
     if isinstance(obj, RunSet):

@@ -25,9 +25,9 @@ from metrosep.core.errors import (
 )
 from metrosep.core.text_options import accepted_options
 from metrosep.core.units import Unit, parse_quantity
-from metrosep.io.logger import with_units
 from metrosep.io.read import recognise
 from metrosep.io.source import RawFile, open_file
+from metrosep.io.text.logger import with_units
 
 __all__ = ["ChunkSource", "Stream", "open_stream"]
 
@@ -38,11 +38,11 @@ _SAME_STEP = 1e-4
 """Largest relative difference of a stated rate from the file's own: digits of a header."""
 
 _SOURCES = {
-    "hdf5": "metrosep.io.stream_hdf5",
-    "metrosep-h5": "metrosep.io.stream_hdf5",
-    "matlab": "metrosep.io.stream_hdf5",
-    "tdms": "metrosep.io.stream_tdms",
-    "delimited": "metrosep.io.stream_text",
+    "hdf5": "metrosep.io.containers.hdf5",
+    "metrosep-h5": "metrosep.io.containers.hdf5",
+    "matlab": "metrosep.io.containers.hdf5",
+    "tdms": "metrosep.io.containers.tdms",
+    "delimited": "metrosep.io.text.delimited",
 }
 
 

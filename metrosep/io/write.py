@@ -48,11 +48,11 @@ WITHOUT_HISTORY = ("int", "sdf", "sur")
 _Writer = tuple[str, str, tuple[type, ...]]
 
 _BINARY: dict[str, _Writer] = {
-    "x3p": ("metrosep.io.x3p_container", "x3p_bytes", (Surface, Profile)),
-    "int": ("metrosep.io.codev_int", "int_bytes", (Surface,)),
-    "sur": ("metrosep.io.digital_surf", "sur_bytes", (Surface,)),
-    "sdf": ("metrosep.io.sdf", "sdf_bytes", (Surface,)),
-    "h5": ("metrosep.io.native", "native_bytes", (Surface, Profile, Recording, RunSet)),
+    "x3p": ("metrosep.io.maps.x3p", "x3p_bytes", (Surface, Profile)),
+    "int": ("metrosep.io.text.codev_int", "int_bytes", (Surface,)),
+    "sur": ("metrosep.io.maps.digital_surf", "sur_bytes", (Surface,)),
+    "sdf": ("metrosep.io.maps.sdf", "sdf_bytes", (Surface,)),
+    "h5": ("metrosep.io.containers.native", "native_bytes", (Surface, Profile, Recording, RunSet)),
 }
 """Format to module, function and the objects that it holds."""
 

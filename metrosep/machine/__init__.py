@@ -16,13 +16,8 @@ if TYPE_CHECKING:
         freedom_maps as freedom_maps,
         removed_freedoms as removed_freedoms,
     )
-    from metrosep.machine.chain_files import (
-        preset_table as preset_table,
-        presets as presets,
-    )
-    from metrosep.machine.chains import (
-        Chain as Chain,
-    )
+    from metrosep.machine.chain_files import preset_table as preset_table, presets as presets
+    from metrosep.machine.chains import Chain as Chain
     from metrosep.machine.elements import (
         Element as Element,
         axis_of as axis_of,
@@ -31,10 +26,7 @@ if TYPE_CHECKING:
         import_errors as import_errors,
         to_paper as to_paper,
     )
-    from metrosep.machine.error_sets import (
-        ErrorSet as ErrorSet,
-        as_error_set as as_error_set,
-    )
+    from metrosep.machine.error_sets import ErrorSet as ErrorSet, as_error_set as as_error_set
     from metrosep.machine.gram import (
         aligned_gram as aligned_gram,
         correlations as correlations,
@@ -47,16 +39,12 @@ if TYPE_CHECKING:
         IdentifiedGroup as IdentifiedGroup,
         identify as identify,
     )
-    from metrosep.machine.ranking import (
-        rank as rank,
-    )
+    from metrosep.machine.ranking import rank as rank
     from metrosep.machine.sensitivity import (
         ParetoStep as ParetoStep,
         SensitivityTable as SensitivityTable,
     )
-    from metrosep.machine.sobol import (
-        sobol_indices as sobol_indices,
-    )
+    from metrosep.machine.sobol import sobol_indices as sobol_indices
     from metrosep.machine.terms import (
         CallableTerm as CallableTerm,
         ConstantTerm as ConstantTerm,
@@ -67,58 +55,24 @@ if TYPE_CHECKING:
         as_term as as_term,
     )
 
+# fmt: off
 _HOMES = {
-    "alignment": (
-        "FREEDOMS",
-        "alignment_space",
-        "freedom_maps",
-        "removed_freedoms",
-    ),
-    "chain_files": (
-        "preset_table",
-        "presets",
-    ),
-    "chains": ("Chain",),
-    "elements": (
-        "Element",
-        "axis_of",
-        "element_terms",
-        "from_paper",
-        "import_errors",
-        "to_paper",
-    ),
-    "error_sets": (
-        "ErrorSet",
-        "as_error_set",
-    ),
-    "gram": (
-        "aligned_gram",
-        "correlations",
-        "expected_mean_square",
-        "groups_alike",
-        "shares",
-    ),
-    "identification": (
-        "Identification",
-        "IdentifiedGroup",
-        "identify",
-    ),
-    "ranking": ("rank",),
-    "sensitivity": (
-        "ParetoStep",
-        "SensitivityTable",
-    ),
-    "sobol": ("sobol_indices",),
-    "terms": (
-        "CallableTerm",
-        "ConstantTerm",
-        "ErrorTerm",
-        "FourierTerm",
-        "PolynomialTerm",
-        "TableTerm",
-        "as_term",
-    ),
+    "alignment": ["FREEDOMS", "alignment_space", "freedom_maps", "removed_freedoms"],
+    "chain_files": ["preset_table", "presets"],
+    "chains": ["Chain"],
+    "elements": ["Element", "axis_of", "element_terms", "from_paper", "import_errors", "to_paper"],
+    "error_sets": ["ErrorSet", "as_error_set"],
+    "gram": ["aligned_gram", "correlations", "expected_mean_square", "groups_alike", "shares"],
+    "identification": ["Identification", "IdentifiedGroup", "identify"],
+    "ranking": ["rank"],
+    "sensitivity": ["ParetoStep", "SensitivityTable"],
+    "sobol": ["sobol_indices"],
+    "terms": [
+        "CallableTerm", "ConstantTerm", "ErrorTerm", "FourierTerm", "PolynomialTerm",
+        "TableTerm", "as_term",
+    ],
 }
+# fmt: on
 
 __all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605
 

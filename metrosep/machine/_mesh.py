@@ -2,39 +2,20 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import FloatArray, as_float, frozen_float
-from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
+from metrosep.core import numbers
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.middle import assumed_axis
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.forms.stl import GridForm
-
-__all__ = [
-    "N_AZIMUTH",
-    "N_RHO",
-    "Positions",
-    "SurfaceMesh",
-    "TrialAmounts",
-    "axis_positions",
-    "centred_form",
-    "check_amount",
-    "finite_number",
-    "finite_vector",
-    "is_angle",
-    "is_real",
-    "polar_mesh",
-    "positions_array",
-    "real_array",
-    "standard_uncertainty",
-]
 
 N_RHO, N_AZIMUTH = 300, 720
 
@@ -47,35 +28,19 @@ _AT_EDGE = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceMesh:
-    """Points of the nominal surface, measured from the axis of the part.
+    """Points of the nominal surface where it is defined, measured from the axis of the part."""
 
-    Parameters
-    ----------
-    x, y, z, slope_x, slope_y : ndarray, shape (n,)
-        Position in m and slopes; only points at which the surface is defined.
-    weights : ndarray, shape (n,)
-        Area of each point seen along z, sum 1.
-    index : ndarray of int, shape (n,)
-        Place of each point in the whole mesh.
-    shape : tuple of (int, int)
-        Of the whole mesh: radii and azimuths.
-    rho, azimuth : ndarray
-        Radii and azimuths of the whole mesh.
-    form : callable
-        ``form(x, y)`` and ``form.gradient(x, y)`` from the axis of the part.
-    """
-
-    x: FloatArray
+    x: FloatArray  # shape (n,): position in m, and slopes
     y: FloatArray
     z: FloatArray
     slope_x: FloatArray
     slope_y: FloatArray
-    weights: FloatArray
-    index: NDArray[np.intp]
-    shape: tuple[int, int]
+    weights: FloatArray  # shape (n,): area of each point seen along z, sum 1
+    index: NDArray[np.intp]  # shape (n,): place of each point in the whole mesh
+    shape: tuple[int, int]  # of the whole mesh: radii and azimuths
     rho: FloatArray
     azimuth: FloatArray
-    form: Any
+    form: Any  # ``form(x, y)`` and ``form.gradient(x, y)`` from the axis of the part
 
     @property
     def n_missing(self) -> int:
@@ -125,12 +90,22 @@ def centred_form(surface: Any, centre: tuple[float, float] | None) -> Any:
 def checked_centre(centre: tuple[float, float] | None) -> tuple[float, float]:
     """Return a centre as two finite numbers; zero if None."""
     try:
-        x, y = (0.0, 0.0) if centre is None else (float(v) for v in centre)
+        x, y = (0.0, 0.0) if centre is None else centre
     except (TypeError, ValueError):
-        x = y = math.nan
-    if not (math.isfinite(x) and math.isfinite(y)):
-        raise DataError(f"centre is a pair of finite positions (x, y) in m, got {centre!r}")
-    return x, y
+        raise DataError(f"centre is a pair of positions (x, y) in m, got {centre!r}") from None
+    return numbers.quantity(x, "x of the centre", "length"), numbers.quantity(
+        y, "y of the centre", "length"
+    )
+
+
+def checked_place(tool: Any) -> tuple[float, float, float]:
+    """Return a tool point as three numbers in m."""
+    try:
+        x, y, z = tool
+    except (TypeError, ValueError):
+        raise DataError(f"tool is a point (x, y, z) in m, got {tool!r}") from None
+    x, y, z = (numbers.quantity(v, "a coordinate of the tool", "length") for v in (x, y, z))
+    return x, y, z
 
 
 def polar_mesh(
@@ -146,8 +121,11 @@ def polar_mesh(
 
     Azimuths begin at 0, so that a symmetric surface is met symmetrically.
     """
-    outer, inner = _radii(radius, inner_radius)
-    n_rho, n_azimuth = _count(n_rho, "n_rho", 2), _count(n_azimuth, "n_azimuth", 4)
+    outer, inner = checked_radii(radius, inner_radius)
+    n_rho, n_azimuth = (
+        numbers.count(n_rho, "n_rho", least=2),
+        numbers.count(n_azimuth, "n_azimuth", least=4),
+    )
     if n_rho * n_azimuth < _FEWEST:
         raise TooFewSamplesError(
             f"a mesh of {n_rho} x {n_azimuth} points is too coarse to rank on"
@@ -169,23 +147,14 @@ def polar_mesh(
     if not isinstance(surface, Surface):
         _refuse_beyond(form, surface, outer, azimuth)
     area = np.repeat(rho, n_azimuth)[index]
-    at = [np.ascontiguousarray(v[index]) for v in (x, y, z, slope_x, slope_y)]
-    mesh = SurfaceMesh(
-        x=at[0],
-        y=at[1],
-        z=at[2],
-        slope_x=at[3],
-        slope_y=at[4],
-        weights=area / area.sum(),
-        index=index,
-        shape=(n_rho, n_azimuth),
-        rho=rho,
-        azimuth=azimuth,
-        form=form,
+    x, y, z, slope_x, slope_y = (
+        np.ascontiguousarray(v[index]) for v in (x, y, z, slope_x, slope_y)
     )
-    for name in ("x", "y", "z", "slope_x", "slope_y", "weights", "index", "rho", "azimuth"):
-        getattr(mesh, name).setflags(write=False)
-    return mesh
+    weights = area / area.sum()
+    for array in (x, y, z, slope_x, slope_y, weights, index, rho, azimuth):
+        array.setflags(write=False)
+    shape = (n_rho, n_azimuth)
+    return SurfaceMesh(x, y, z, slope_x, slope_y, weights, index, shape, rho, azimuth, form)
 
 
 def _refuse_beyond(form: Any, given: Any, outer: float, azimuth: FloatArray) -> None:
@@ -212,24 +181,16 @@ def _refuse_beyond(form: Any, given: Any, outer: float, azimuth: FloatArray) -> 
     )
 
 
-def _radii(radius: Any, inner_radius: Any) -> tuple[float, float]:
-    is_text = isinstance(radius, str) or isinstance(inner_radius, str)
-    try:
-        outer, inner = (float(v) for v in ("text" if is_text else radius, inner_radius))
-    except (TypeError, ValueError):
-        raise DataError(f"radii are numbers in m, got {radius!r} and {inner_radius!r}") from None
-    if not (math.isfinite(outer) and math.isfinite(inner) and 0.0 <= inner < outer):
+def checked_radii(radius: Any, inner_radius: Any) -> tuple[float, float]:
+    """Return outer and inner radius of a part in m, 0 <= inner < outer."""
+    outer = numbers.quantity(radius, "radius", "length")
+    inner = numbers.quantity(inner_radius, "inner_radius", "length")
+    if not 0.0 <= inner < outer:
         raise InvalidSamplesError(
             f"the part lies between inner_radius = {inner} m and radius = {outer} m; "
             "0 <= inner_radius < radius is needed"
         )
     return outer, inner
-
-
-def _count(value: int, name: str, least: int) -> int:
-    if isinstance(value, bool) or int(value) != value or value < least:
-        raise TooFewSamplesError(f"{name} is a whole number of at least {least}, got {value!r}")
-    return int(value)
 
 
 # ---- where the axes stand when the tool cuts a point of the part -------------------------------
@@ -339,278 +300,3 @@ def _filled(value: ArrayLike, shape: tuple[int, ...], name: str) -> FloatArray:
             f"positions of axis {name!r} must be numbers, one per point {shape}, got shape "
             f"{np.shape(value)}"
         ) from None
-
-
-# ---- private helpers: rigid poses as components, each a number or an array of states -----------
-# A pose maps a point of its own frame into its parent: ``p_parent = R p + t``. `R` is kept as nine and
-# `t` as three components; a component is a float where it is the same in every state, otherwise an
-# array that broadcasts. Products with 0 and 1 are skipped, so that the 25 columns of a lathe cost a
-# few passes over the states and no matrix per state.
-
-Part = float | FloatArray
-Vector = tuple[Part, Part, Part]
-Matrix = tuple[Vector, Vector, Vector]
-
-UNIT: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-ORIGIN: Vector = (0.0, 0.0, 0.0)
-
-
-class Pose(NamedTuple):
-    """Rotation and translation of one frame in another."""
-
-    r: Matrix = UNIT
-    t: Vector = ORIGIN
-
-
-def as_part(value: FloatArray) -> Part:
-    """Return a number where the array holds but one, so that zeros can be skipped."""
-    return float(value) if value.ndim == 0 else value
-
-
-def times(a: Part, b: Part) -> Part:
-    """Return a*b; a plain 0 or 1 costs nothing."""
-    if isinstance(a, float):
-        if a == 0.0:
-            return 0.0
-        if a == 1.0:
-            return b
-    if isinstance(b, float):
-        if b == 0.0:
-            return 0.0
-        if b == 1.0:
-            return a
-    return a * b
-
-
-def plus(a: Part, b: Part) -> Part:
-    """Return a+b; a plain 0 costs nothing."""
-    if isinstance(a, float) and a == 0.0:
-        return b
-    if isinstance(b, float) and b == 0.0:
-        return a
-    return a + b
-
-
-def minus(a: Part, b: Part) -> Part:
-    """Return a-b; a plain 0 costs nothing."""
-    if isinstance(b, float) and b == 0.0:
-        return a
-    if isinstance(a, float) and a == 0.0:
-        return -b
-    return a - b
-
-
-def is_zero(a: Vector) -> bool:
-    """Return whether all three components are plain zeros."""
-    return all(isinstance(part, float) and part == 0.0 for part in a)
-
-
-def dot(a: Vector, b: Vector) -> Part:
-    """Return the scalar product."""
-    return plus(plus(times(a[0], b[0]), times(a[1], b[1])), times(a[2], b[2]))
-
-
-def cross(a: Vector, b: Vector) -> Vector:
-    """Return the vector product a x b."""
-    return (
-        minus(times(a[1], b[2]), times(a[2], b[1])),
-        minus(times(a[2], b[0]), times(a[0], b[2])),
-        minus(times(a[0], b[1]), times(a[1], b[0])),
-    )
-
-
-def add(a: Vector, b: Vector) -> Vector:
-    """Return a + b."""
-    return plus(a[0], b[0]), plus(a[1], b[1]), plus(a[2], b[2])
-
-
-def subtract(a: Vector, b: Vector) -> Vector:
-    """Return a - b."""
-    return minus(a[0], b[0]), minus(a[1], b[1]), minus(a[2], b[2])
-
-
-def scale(a: Vector, factor: Part) -> Vector:
-    """Return factor * a."""
-    return times(a[0], factor), times(a[1], factor), times(a[2], factor)
-
-
-def turn(r: Matrix, v: Vector) -> Vector:
-    """Return R v."""
-    return dot(r[0], v), dot(r[1], v), dot(r[2], v)
-
-
-def transpose(r: Matrix) -> Matrix:
-    """Return the transpose, which is the inverse of a rotation."""
-    if r is UNIT:
-        return UNIT
-    return (
-        (r[0][0], r[1][0], r[2][0]),
-        (r[0][1], r[1][1], r[2][1]),
-        (r[0][2], r[1][2], r[2][2]),
-    )
-
-
-def matmul(a: Matrix, b: Matrix) -> Matrix:
-    """Return the product of two matrices; that with the unit matrix costs nothing."""
-    if a is UNIT or b is UNIT:
-        return b if a is UNIT else a
-    columns = transpose(b)
-    return (
-        (dot(a[0], columns[0]), dot(a[0], columns[1]), dot(a[0], columns[2])),
-        (dot(a[1], columns[0]), dot(a[1], columns[1]), dot(a[1], columns[2])),
-        (dot(a[2], columns[0]), dot(a[2], columns[1]), dot(a[2], columns[2])),
-    )
-
-
-def compose(a: Pose, b: Pose) -> Pose:
-    """Return the pose ``a b``: first b, then a."""
-    return Pose(matmul(a.r, b.r), add(a.t, turn(a.r, b.t)))
-
-
-def apply(a: Pose, point: Vector) -> Vector:
-    """Return the point in the parent's frame."""
-    return add(a.t, turn(a.r, point))
-
-
-def inverse(a: Pose) -> Pose:
-    """Return the inverse of a rigid pose (orthonormal rotation)."""
-    r = transpose(a.r)
-    return Pose(r, scale(turn(r, a.t), -1.0))
-
-
-def hat(w: Vector) -> Matrix:
-    """Return the skew matrix with ``hat(w) v = w x v``."""
-    x, y, z = w
-    return (0.0, minus(0.0, z), y), (z, 0.0, minus(0.0, x)), (minus(0.0, y), x, 0.0)
-
-
-def rotation(axis: Sequence[float], angle: Part) -> Matrix:
-    """Return the right-handed rotation by `angle` about a unit axis (Rodrigues)."""
-    x, y, z = (float(c) for c in axis)
-    c: Part = math.cos(angle) if isinstance(angle, float) else np.cos(angle)
-    s: Part = math.sin(angle) if isinstance(angle, float) else np.sin(angle)
-    v = minus(1.0, c)
-
-    def own(n: float) -> Part:
-        return 1.0 if n * n == 1.0 else plus(c, times(n * n, v))
-
-    def mixed(ab: float, n: float) -> Part:
-        return plus(times(ab, v), times(n, s))
-
-    return (
-        (own(x), mixed(x * y, -z), mixed(x * z, y)),
-        (mixed(x * y, z), own(y), mixed(y * z, -x)),
-        (mixed(x * z, -y), mixed(y * z, x), own(z)),
-    )
-
-
-# ---- private helper: numbers that a person typed or measured; texts, truth values and dates are none ----
-# numpy takes True for 1, "0.01" for 0.01 and None for NaN. Of a position or an error of a machine
-# each of these is a slip that no result would show.
-
-LARGEST = {"m": 1.0, "rad": 1.0}
-"""Amounts of error terms above these are other units: um as m, degrees as rad. Units themselves pass."""
-
-_HINTS = {
-    "m": "lengths are in m, 5 um are 5e-6",
-    "rad": "angles are in rad, 0.5 degrees are 0.00873 and 1 arc second 4.85e-6",
-}
-
-
-class TrialAmounts(dict[str, float]):
-    """Amounts that a fit tries, by term: on its way they may be larger than those of a machine."""
-
-
-def is_real(value: object) -> bool:
-    """Return whether a value is one real number: not a truth value, a text, a date, an array."""
-    if isinstance(value, np.ndarray):
-        return value.ndim == 0 and value.dtype.kind in "iuf" and not np.ma.is_masked(value)
-    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(
-        value, bool
-    )
-
-
-def finite_number(value: Any, name: str) -> float:
-    """Return a finite real number as a float."""
-    if np.iscomplexobj(value):
-        raise InvalidSamplesError(f"{name} must be real, got {value!r}")
-    if not is_real(value):
-        raise InvalidSamplesError(
-            f"{name} must be a number in SI, got {value!r} of type {type(value).__name__}"
-        )
-    number = float(value)
-    if not math.isfinite(number):
-        raise InvalidSamplesError(f"{name} is {number}; leave out a term that was not measured")
-    return number
-
-
-def standard_uncertainty(value: Any) -> float:
-    """Return a standard uncertainty as a float, refusing negative ones."""
-    number = finite_number(value, "standard uncertainty of a term")
-    if number < 0.0:
-        raise InvalidSamplesError(f"standard uncertainty of a term is {number}; it must be >= 0")
-    return number
-
-
-def real_array(values: Any, name: str) -> FloatArray:
-    """Return real numbers as a new float64 array, NaN and infinities kept."""
-    _refuse_no_numbers(values, name)
-    try:
-        array = as_float(values)
-    except (TypeError, ValueError) as exc:
-        raise InvalidSamplesError(f"{name} must be real numbers in SI: {exc}") from None
-    return array
-
-
-def positions_array(values: Any, name: str) -> FloatArray:
-    """Return real numbers as a new float64 array, NaN kept; infinities are refused."""
-    array = real_array(values, name)
-    if np.isinf(array).any():
-        first = tuple(int(i) for i in np.argwhere(np.isinf(array))[0])
-        where = f" at index {first}" if first else ""
-        raise InvalidSamplesError(f"{name} is infinite{where}")
-    return array
-
-
-def finite_vector(values: Sequence[float], name: str) -> tuple[float, ...]:
-    """Return finite real numbers of one dimension as a tuple."""
-    _refuse_no_numbers(values, name)
-    array = frozen_float(values, name=name, ndim=1)
-    if np.isnan(array).any():
-        raise InvalidSamplesError(
-            f"{name} hold NaN at index {int(np.argmax(np.isnan(array)))}; leave out what was not "
-            "measured"
-        )
-    return tuple(array.tolist())
-
-
-def is_angle(term: str) -> bool:
-    """Return whether the ISO 230-1 name is that of an angle: EAX, ECC, B0Z."""
-    return term.removeprefix("E")[:1] in ("A", "B", "C")
-
-
-def check_amount(term: str, values: FloatArray, what: str) -> None:
-    """Refuse amounts of a term that only another unit explains."""
-    unit = "rad" if is_angle(term) else "m"
-    largest = float(np.abs(values).max(initial=0.0))
-    if largest > LARGEST[unit]:
-        raise UnitError(
-            f"{what} is {largest:.6g} {unit}; above {LARGEST[unit]:g} {unit} it is no error of a "
-            f"machine: {_HINTS[unit]}"
-        )
-
-
-def _refuse_no_numbers(values: Any, name: str) -> None:
-    """Refuse what numpy would take for numbers; complex ones are left to `as_float`."""
-    try:
-        kind = np.asarray(values).dtype.kind
-    except ValueError as exc:
-        raise InvalidSamplesError(f"{name} must be real numbers in SI: {exc}") from None
-    mixed = isinstance(values, list | tuple) and any(
-        isinstance(v, bool | np.bool_) for v in values
-    )
-    if kind not in "iufc" or mixed:
-        raise InvalidSamplesError(
-            f"{name} must be real numbers in SI, got {str(values)[:40]!r} of type "
-            f"{type(values).__name__}; write NaN where nothing was measured"
-        )

@@ -7,35 +7,20 @@ the normal one is ``d / sqrt(1 + |grad z|^2)``. Blocks of points keep the memory
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, InvalidSamplesError
-from metrosep.machine import _mesh as ps
-from metrosep.machine._mesh import Positions, SurfaceMesh, axis_positions, positions_array
-from metrosep.machine._term_amounts import Shape
+from metrosep.core.errors import InvalidSamplesError
+from metrosep.machine._mesh import Positions, SurfaceMesh, axis_positions
 from metrosep.machine.alignment import Alignment, freedom_maps
-from metrosep.machine.elements import Element
+from metrosep.machine.error_sets import ErrorSet
 from metrosep.machine.gram import AlignedGram, groups_alike
 from metrosep.optics.rays import Mode, check_mode, path_sensitivity
-
-__all__ = [
-    "OWN",
-    "MapMaker",
-    "Perturbation",
-    "Solution",
-    "Solver",
-    "WavefrontHook",
-    "common_map",
-    "path_hook",
-    "span_of",
-    "unit_columns",
-    "vertical_maps",
-]
 
 _BLOCK = 16384
 _SAMPLE = 1000
@@ -114,6 +99,21 @@ def path_hook(mode: str, n: float | None) -> WavefrontHook:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """How a term runs along its axis, in parts of its largest amount: of its value, or of its u."""
+
+    errors: ErrorSet
+    name: str
+    of_u: bool
+    scale: float
+
+    def at(self, q: Mapping[str, FloatArray]) -> FloatArray:
+        """Return the shape at axis positions."""
+        found = self.errors.u_at(q) if self.of_u else self.errors.at(q, names=(self.name,))
+        return np.asarray(found[self.name] / self.scale)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class MapMaker:
     """Everything that unit maps are made of; `make` makes them."""
 
@@ -162,23 +162,18 @@ class MapMaker:
 
         Piston, tilt and defocus of a wavefront are those of the wavefront itself.
         """
-        mesh = self.mesh
-        plain = freedom_maps(
-            names, x=mesh.x, y=mesh.y, z=mesh.z, slope_x=mesh.slope_x, slope_y=mesh.slope_y
-        )
+
+        def vertical(*points: FloatArray, wanted: Sequence[str] = names) -> FloatArray:
+            x, y, z, slope_x, slope_y = points
+            return freedom_maps(wanted, x=x, y=y, z=z, slope_x=slope_x, slope_y=slope_y)
+
+        plain = vertical(*self._points(slice(None)))
         if self.response == "form":
             return plain / self._secant(slice(None))[:, None]
         moved = [k for k, n in enumerate(names) if n not in _OF_THE_WAVE]
         if moved:
-            motions = [names[k] for k in moved]
-
-            def vertical(*points: FloatArray) -> FloatArray:
-                return freedom_maps(
-                    motions,
-                    **dict(zip(("x", "y", "z", "slope_x", "slope_y"), points, strict=True)),
-                )
-
-            plain[:, moved] = self._blocks(vertical, len(moved))
+            motions = partial(vertical, wanted=[names[k] for k in moved])
+            plain[:, moved] = self._blocks(motions, len(moved))
         return plain
 
     def _blocks(self, vertical: Callable[..., FloatArray], n_maps: int) -> FloatArray:
@@ -233,150 +228,6 @@ class MapMaker:
         return result
 
 
-# ---- private helper: where the frames of a chain stand at given positions, seen from the workpiece ----
-# Of each frame only two things are needed: the directions of its axes in workpiece coordinates, and
-# the lever, the tool point in the frame itself. Either is gathered from its own end of the chain, so
-# that a lever that is zero by construction is a plain 0 and costs nothing.
-
-Frame = tuple[str, str]  # element, "before" or "after" its motion
-
-
-class States:
-    """Frames and levers of a chain at the states asked for."""
-
-    def __init__(
-        self, elements: Sequence[Element], positions: Mapping[str, FloatArray], tool: FloatArray
-    ) -> None:
-        inputs = {**positions, **{f"tool {'xyz'[k]}": tool[..., k] for k in range(3)}}
-        self.shape = _shape(inputs)
-        self._with_nan = [values for values in inputs.values() if np.isnan(np.sum(values))]
-        self.active = set(positions) | {e.name for e in elements if e.kind == "fixed"}
-        self.moves = {
-            e.name: motion(e, ps.as_part(positions.get(e.name, np.zeros(())))) for e in elements
-        }
-        tools = [e for e in elements if e.branch == "tool"]
-        works = [e for e in elements if e.branch == "workpiece"]
-        self.levers: dict[Frame, ps.Vector] = {}
-        self.turned: dict[Frame, ps.Matrix] = {}
-        self.tool: ps.Vector = (_part(tool, 0), _part(tool, 1), _part(tool, 2))
-        point = self._levers_of_tool(tools, self.tool)
-        self.point = self._levers_of_workpiece(works, point)
-        bed = self._turns_of_workpiece(works)
-        self.tool_turn = self._turns_of_tool(tools, bed)
-
-    def _levers_of_tool(self, elements: Sequence[Element], point: ps.Vector) -> ps.Vector:
-        """Go from the tool to the bed; return the tool point in the bed."""
-        for e in reversed(elements):
-            self.levers[e.name, "after"] = point
-            point = ps.apply(self.moves[e.name], point)
-            self.levers[e.name, "before"] = point
-            point = ps.add(point, triple(e.location))
-        return point
-
-    def _levers_of_workpiece(self, elements: Sequence[Element], point: ps.Vector) -> ps.Vector:
-        """Go from the bed to the workpiece; return the tool point in the workpiece."""
-        for e in elements:
-            point = ps.subtract(point, triple(e.location))
-            self.levers[e.name, "before"] = point
-            point = ps.apply(ps.inverse(self.moves[e.name]), point)
-            self.levers[e.name, "after"] = point
-        return point
-
-    def _turns_of_workpiece(self, elements: Sequence[Element]) -> ps.Matrix:
-        """Go from the workpiece to the bed; return the directions of the bed."""
-        turned = ps.UNIT
-        for e in reversed(elements):
-            self.turned[e.name, "after"] = turned
-            turned = ps.matmul(turned, ps.transpose(self.moves[e.name].r))
-            self.turned[e.name, "before"] = turned
-        return turned
-
-    def _turns_of_tool(self, elements: Sequence[Element], turned: ps.Matrix) -> ps.Matrix:
-        """Go from the bed to the tool; return the directions of the tool."""
-        for e in elements:
-            self.turned[e.name, "before"] = turned
-            turned = ps.matmul(turned, self.moves[e.name].r)
-            self.turned[e.name, "after"] = turned
-        return turned
-
-    def read_lever(self, element: Element) -> ps.Vector:
-        """Return the tool point from where the error motions of an element were read."""
-        return ps.subtract(self.levers[element.name, element.frame], triple(element.measured_at))
-
-    def six(self, element: Element, frame: str, lever: ps.Vector) -> list[ps.Vector]:
-        """Return ``sign W^-1 A hat(e_j) A^-1 p`` for the six directions of one frame A."""
-        turned = self.turned[element.name, frame]
-        sign = 1.0 if element.branch == "tool" else -1.0
-        turns = [ps.turn(turned, ps.cross(axis, lever)) for axis in ps.UNIT]
-        return [ps.scale(column, sign) for column in (*ps.transpose(turned), *turns)]
-
-    def poison(self, out: FloatArray) -> None:
-        """Write NaN in every state in which a position or the tool point is NaN."""
-        if self._with_nan:
-            bad = np.zeros(self.shape, dtype=bool)
-            for values in self._with_nan:
-                bad |= np.isnan(values)
-            out[..., bad] = np.nan
-
-
-def motion(element: Element, position: ps.Part) -> ps.Pose:
-    """Return the nominal motion M of an element at its position."""
-    if element.kind == "linear":
-        return ps.Pose(t=ps.scale(triple(element.direction), position))
-    angle = element.angle if element.kind == "fixed" else position
-    if isinstance(angle, float) and angle == 0.0:
-        return ps.Pose()
-    return ps.Pose(r=ps.rotation(element.direction, angle))
-
-
-def positions_of(
-    elements: Sequence[Element], q: Mapping[str, ArrayLike], chain: str
-) -> dict[str, FloatArray]:
-    """Return the positions as arrays; a parked axis that is missing stays missing."""
-    if not isinstance(q, Mapping):
-        raise DataError(f"positions are a mapping of axis names, got {type(q).__name__}")
-    moving = [e for e in elements if e.kind != "fixed"]
-    for name in q:
-        if name not in [e.name for e in moving]:
-            known = ", ".join(e.name for e in moving)
-            raise DataError(f"chain {chain!r} has no axis {name!r}; its axes are {known}")
-    positions = {}
-    for e in moving:
-        if e.name in q:
-            positions[e.name] = positions_array(q[e.name], f"position of axis {e.name!r}")
-        elif not e.parked:
-            raise DataError(
-                f"the position of axis {e.name!r} of chain {chain!r} is missing; "
-                f"q holds {', '.join(q) or 'nothing'}"
-            )
-    return positions
-
-
-def tool_point(tool: ArrayLike) -> FloatArray:
-    """Return the tool point as an array (..., 3)."""
-    point = positions_array(tool, "tool point")
-    if point.ndim == 0 or point.shape[-1] != 3:
-        raise InvalidSamplesError(f"a tool point has 3 coordinates in m, got shape {point.shape}")
-    return point
-
-
-def triple(values: Sequence[float]) -> ps.Vector:
-    """Return three numbers as a vector."""
-    return values[0], values[1], values[2]
-
-
-def _part(tool: FloatArray, k: int) -> ps.Part:
-    return ps.as_part(np.asarray(tool[..., k]))
-
-
-def _shape(arrays: Mapping[str, FloatArray]) -> tuple[int, ...]:
-    try:
-        return np.broadcast_shapes(*(np.shape(a) for a in arrays.values()))
-    except ValueError:
-        shapes = ", ".join(f"{n} {np.shape(a)}" for n, a in arrays.items())
-        raise InvalidSamplesError(f"positions and tool do not broadcast: {shapes}") from None
-
-
 # ---- least squares of terms and freedoms at points: what is determined, alone or together ------
 
 _DETERMINED = 1e-7
@@ -410,14 +261,8 @@ class Solution:
 
     def plus(self, step: Solution) -> Solution:
         """Return the sum of two solutions."""
-        return Solution(
-            self.names,
-            self.sizes,
-            self.scaled + step.scaled,
-            self.amounts + step.amounts,
-            step.scaled_covariance,
-            step.rank,
-        )
+        scaled, amounts = self.scaled + step.scaled, self.amounts + step.amounts
+        return replace(step, scaled=scaled, amounts=amounts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -481,8 +326,8 @@ class Solver:
         inverse = directions[good].T / singular[good]
         scaled = inverse @ (U[:, good].T @ freed)
         rest = heights[used] - self.maps[used][:, self.visible] @ (scaled / self.sizes)
-        amounts = np.linalg.lstsq(*_scaled_columns(columns[used], rest), rcond=None)[0]
-        amounts = amounts / _column_sizes(columns[used])
+        own = _column_sizes(columns[used])
+        amounts = np.linalg.lstsq(columns[used] / own, rest, rcond=None)[0] / own
         names = tuple(self.names[i] for i in self.visible)
         return Solution(
             names, self.sizes, scaled, amounts, inverse @ inverse.T, int(np.count_nonzero(good))
@@ -533,10 +378,6 @@ def common_map(correlation: FloatArray) -> tuple[FloatArray, float]:
 def _column_sizes(columns: FloatArray) -> FloatArray:
     sizes = np.sqrt(np.sum(columns**2, axis=0))
     return np.asarray(np.where(sizes > 0.0, sizes, 1.0))
-
-
-def _scaled_columns(columns: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArray]:
-    return columns / _column_sizes(columns), right
 
 
 def unit_columns(columns: FloatArray) -> tuple[FloatArray, FloatArray]:

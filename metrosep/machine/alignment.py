@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
@@ -130,76 +131,38 @@ def freedom_maps(
     gives ``-x - z dz/dx``. ``tilt_x`` and ``tilt_y`` are plain planes, ``defocus`` is x^2 + y^2.
     """
     px, py, pz, gx, gy = (np.asarray(v, dtype=np.float64) for v in (x, y, z, slope_x, slope_y))
+    maps = {
+        "piston": np.ones_like(px),
+        "tilt_x": px,
+        "tilt_y": py,
+        "defocus": px**2 + py**2,
+        "shift_x": -gx,
+        "shift_y": -gy,
+        "rotation_x": py + pz * gy,
+        "rotation_y": -px - pz * gx,
+        "rotation_z": py * gx - px * gy,
+    }
     columns = np.empty((px.size, len(names)))
     for k, name in enumerate(names):
-        if name == "piston":
-            columns[:, k] = 1.0
-        elif name == "tilt_x":
-            columns[:, k] = px
-        elif name == "tilt_y":
-            columns[:, k] = py
-        elif name == "defocus":
-            columns[:, k] = px**2 + py**2
-        elif name == "shift_x":
-            columns[:, k] = -gx
-        elif name == "shift_y":
-            columns[:, k] = -gy
-        elif name == "rotation_x":
-            columns[:, k] = py + pz * gy
-        elif name == "rotation_y":
-            columns[:, k] = -px - pz * gx
-        elif name == "rotation_z":
-            columns[:, k] = py * gx - px * gy
-        else:
-            raise DataError(f"there is no freedom {name!r}; there are: {', '.join(FREEDOMS)}")
+        columns[:, k] = maps[numbers.choice(name, "a freedom", FREEDOMS)]
     return columns
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
-    """The space of maps that an alignment removes.
+    """The space of maps that an alignment removes."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Freedoms that were asked for.
-    used : tuple of str
-        Those that move the surface in a way of their own.
-    dropped : tuple of str
-        Those that do not: they leave the surface as it is, or do what others do.
-    weights : ndarray, shape (n,)
-        Area of each point, sum 1.
-    basis : ndarray, shape (n, k)
-        Orthonormal under the weights, one column per used freedom.
-    mixing : ndarray, shape (k, k)
-        Upper triangular: maps of the used freedoms = `basis` @ `mixing`.
-    """
-
-    names: tuple[str, ...]
-    used: tuple[str, ...]
-    dropped: tuple[str, ...]
-    weights: FloatArray
-    basis: FloatArray
-    mixing: FloatArray
+    names: tuple[str, ...]  # freedoms that were asked for
+    used: tuple[str, ...]  # those that move the surface in a way of their own
+    dropped: tuple[str, ...]  # those that leave the surface as it is, or do what others do
+    weights: FloatArray  # shape (n,): area of each point, sum 1
+    basis: FloatArray  # shape (n, k): orthonormal under the weights, a column per used freedom
+    mixing: (
+        FloatArray  # shape (k, k), upper triangular: maps of the used freedoms = basis @ mixing
+    )
 
     def remove(self, maps: ArrayLike) -> FloatArray:
-        """Return maps without what the alignment takes away.
-
-        Parameters
-        ----------
-        maps : array_like, shape (n, m) or (n,), m
-            One map per column.
-
-        Returns
-        -------
-        ndarray, same shape
-            Least-squares remainder; the argument is not changed.
-
-        Raises
-        ------
-        InvalidSamplesError
-            If the number of points differs or a value is not finite.
-        """
+        """Return maps (n, m) or (n,) without what the alignment takes away, by least squares."""
         values, shape = self._checked(maps)
         out = np.array(values)
         with one_blas_thread():
@@ -210,40 +173,13 @@ class Alignment:
         return out.reshape(shape)
 
     def amounts(self, maps: ArrayLike) -> FloatArray:
-        """Return how much of each used freedom the alignment takes out of each map.
-
-        Parameters
-        ----------
-        maps : array_like, shape (n, m) or (n,), m
-            One map per column.
-
-        Returns
-        -------
-        ndarray, shape (k, m) or (k,)
-            In the unit of each freedom, order of `used`.
-
-        Raises
-        ------
-        InvalidSamplesError
-            If the number of points differs or a value is not finite.
-        """
+        """Return how much of each used freedom is taken out of each map, (k, m) or (k,), in its unit."""
         values, shape = self._checked(maps)
         found = np.linalg.solve(self.mixing, self.components(values))
         return np.asarray(found.reshape((len(self.used), *shape[1:])), dtype=np.float64)
 
     def components(self, maps: FloatArray) -> FloatArray:
-        """Return the scalar products of the basis with maps; nothing is checked.
-
-        Parameters
-        ----------
-        maps : ndarray, shape (n, m), m
-            One map per column.
-
-        Returns
-        -------
-        ndarray, shape (k, m)
-            In m.
-        """
+        """Return the scalar products of the basis with maps, (k, m); nothing is checked."""
         total = np.zeros((self.basis.shape[1], maps.shape[1]))
         for i in range(0, maps.shape[0], _BLOCK):
             rows = slice(i, i + _BLOCK)

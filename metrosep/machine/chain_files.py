@@ -27,9 +27,9 @@ from importlib.resources import files
 from os import PathLike
 from typing import Any, overload
 
+from metrosep.core import numbers
 from metrosep.core.errors import DataError, MetrosepError, UnitError
 from metrosep.core.plain_files import MACHINE_BYTES, read_plain
-from metrosep.machine._mesh import is_real
 from metrosep.machine.chains import Chain
 from metrosep.machine.elements import DIRECTIONS, Element
 
@@ -97,11 +97,7 @@ def _parameters(declared: Any, given: Mapping[str, float], source: str) -> dict[
     for name, meaning in declared.items():
         if name not in given:
             raise DataError(f"{source}: parameter {name!r} is missing ({meaning})")
-        if not is_real(given[name]) or not math.isfinite(given[name]):
-            raise DataError(
-                f"{source}: parameter {name!r} is {given[name]!r}, not a finite number"
-            )
-    return {name: float(value) for name, value in given.items()}
+    return {n: numbers.real(v, f"{source}: parameter {n!r}") for n, v in given.items()}
 
 
 def _element(row: Mapping[str, Any], values: Mapping[str, float], where: str) -> Element:
@@ -112,8 +108,7 @@ def _element(row: Mapping[str, Any], values: Mapping[str, float], where: str) ->
             raise DataError(f"{where}: key {key!r} must be a text, got {row.get(key)!r}")
     if row["kind"] != "fixed" and "direction" not in row:
         raise DataError(f"{where}: key 'direction' is missing")
-    if not isinstance(row.get("parked", False), bool):
-        raise DataError(f"{where}: parked is true or false, got {row['parked']!r}")
+    numbers.flag(row.get("parked", False), f"{where}: parked")
     options = {k: v for k, v in row.items() if k in _PLAIN_KEYS}
     if "direction" in row:
         options["direction"] = _direction(row["direction"], where)
@@ -177,9 +172,7 @@ def _scaled(value: Any, factor: float, values: Mapping[str, float], where: str) 
         if factor != 1.0:
             raise DataError(f"{where}: the parameter {name!r} is SI; use the key without a prefix")
         return sign * values[name]
-    if not is_real(value):
-        raise DataError(f"{where}: {value!r} is no number")
-    return float(value) * factor
+    return numbers.real(value, where, finite=False) * factor
 
 
 # ---- chains of common machines, by name --------------------------------------------------------
@@ -206,9 +199,9 @@ def presets() -> tuple[str, ...]: ...
 @overload
 def presets(name: None) -> tuple[str, ...]: ...
 @overload
-def presets(name: str, *, spindle_errors: str = ..., **parameters: float) -> Chain: ...
+def presets(name: str, *, spindle_errors: str = ..., **parameters: float | str) -> Chain: ...
 def presets(
-    name: str | None = None, *, spindle_errors: str | None = None, **parameters: float
+    name: str | None = None, *, spindle_errors: str | None = None, **parameters: float | str
 ) -> Chain | tuple[str, ...]:
     """Return the chain of a common machine, or the names of all of them.
 
@@ -219,7 +212,7 @@ def presets(
     spindle_errors : str, optional
         Of the lathes: ``"co-rotating"`` (eq 3 of [1]_: the errors turn with the workpiece; default
         of fts_lathe) or ``"fixed"`` (they stay in the machine, ISO 230-7; default of sts_lathe).
-    **parameters : float, m
+    **parameters : float or str, m
         ``radius`` of the workpiece (fts_lathe, > 0), ``pivot_height`` of the C table's datum above
         the axis of A (five_axis).
 
@@ -266,15 +259,16 @@ def presets(
     table = preset_table(name)
     if spindle_errors is not None:
         _choose_spindle(table, name, spindle_errors)
-    chain = Chain.from_dict(table, **parameters)
-    for key, value in parameters.items():
+    lengths = {n: numbers.quantity(v, f"{n} of {name}", "length") for n, v in parameters.items()}
+    chain = Chain.from_dict(table, **lengths)
+    for key, value in lengths.items():
         if abs(value) > _LARGEST:
             raise UnitError(
                 f"{key} of {name} is {value} m, more than {_LARGEST:g} m; lengths are in m, "
                 "20 mm are 0.02"
             )
-    if parameters.get("radius", 1.0) <= 0.0:
-        raise DataError(f"radius of {name} is {parameters['radius']} m; it must be positive")
+    if "radius" in lengths:
+        numbers.positive(lengths["radius"], f"radius of {name}", dimension="length")
     return chain
 
 
@@ -317,9 +311,7 @@ def _choose_spindle(table: dict[str, Any], name: str, choice: str) -> None:
     """Write the error frame of the spindle into the table."""
     if name not in _LATHES:
         raise DataError(f"{name} has no spindle errors to choose; {', '.join(_LATHES)} have")
-    if choice not in tuple(_SPINDLE_ERRORS):
-        known = ", ".join(_SPINDLE_ERRORS)
-        raise DataError(f"spindle_errors is {choice!r}; known are {known}")
+    numbers.choice(choice, "spindle_errors", _SPINDLE_ERRORS)
     for element in table["element"]:
         if element["name"] == "C":
             element["error_frame"] = _SPINDLE_ERRORS[choice]

@@ -22,9 +22,8 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.machine import _mesh as ps
-from metrosep.machine._exact import EXACT, exact_pose, linear_error, linear_pose
-from metrosep.machine._responses import States, positions_of, tool_point
+from metrosep.machine import _poses as ps
+from metrosep.machine._poses import States
 from metrosep.machine.elements import (
     BRANCHES,
     DIRECTIONS,
@@ -343,9 +342,9 @@ class Chain:
         states = self._states(q, tool)
         values = self._values(q, errors)
         if rule is None:
-            shift = linear_error(self.elements, states, values).t
+            shift = ps.linear_error(self.elements, states, values).t
         else:
-            pose = exact_pose(self.elements, states, values, rule)
+            pose = ps.exact_pose(self.elements, states, values, rule)
             shift = ps.subtract(pose.t, states.point)
         out = np.zeros((3, *states.shape))
         for k, part in enumerate(shift):
@@ -404,9 +403,9 @@ class Chain:
         states = self._states(q, tool)
         values = self._values(q, {} if errors is None else errors)
         if rule is None:
-            pose = linear_pose(self.elements, states, values)
+            pose = ps.linear_pose(self.elements, states, values)
         else:
-            pose = exact_pose(self.elements, states, values, rule)
+            pose = ps.exact_pose(self.elements, states, values, rule)
         out = np.zeros((4, 4, *states.shape))
         for i in range(3):
             for k in range(3):
@@ -473,7 +472,9 @@ class Chain:
         return result
 
     def _states(self, q: Positions, tool: ArrayLike) -> States:
-        return States(self.elements, positions_of(self.elements, q, self.name), tool_point(tool))
+        return States(
+            self.elements, ps.positions_of(self.elements, q, self.name), ps.tool_point(tool)
+        )
 
     def _active(self, names: Iterable[str], q: Positions) -> list[str]:
         """Return the terms of the elements that are joints: fixed ones, and axes that are in q."""
@@ -538,10 +539,10 @@ def _columns(element: Element, states: States, chosen: Sequence[str]) -> dict[st
 def _rule(exact: bool | str) -> str | None:
     """Return the kind of product, None for the first order."""
     if isinstance(exact, str):
-        if exact not in EXACT:
-            raise DataError(f"exact is {exact!r}; known are False, True and {', '.join(EXACT)}")
+        if exact not in ps.EXACT:
+            raise DataError(f"exact is {exact!r}; known are False, True and {', '.join(ps.EXACT)}")
         return exact
-    return EXACT[0] if exact else None
+    return ps.EXACT[0] if exact else None
 
 
 def _line_column(element: Element, states: States, line: Sequence[float]) -> ps.Vector:
@@ -619,14 +620,14 @@ def refuse_parallel(elements: Sequence[Element]) -> None:
 
 def _directions_at_home(elements: Sequence[Element]) -> dict[str, FloatArray]:
     """Return the directions of the axes in the bed: only fixed parts turn anything at home."""
-    from metrosep.machine._mesh import rotation
-
     turned = {branch: np.eye(3) for branch in BRANCHES}
     found = {}
     for e in elements:
         found[e.name] = turned[e.branch] @ np.array(e.direction)
         if e.kind == "fixed":
-            turned[e.branch] = turned[e.branch] @ np.array(rotation(e.direction, float(e.angle)))
+            turned[e.branch] = turned[e.branch] @ np.array(
+                ps.rotation(e.direction, float(e.angle))
+            )
     return found
 
 

@@ -21,28 +21,16 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Any, TypeVar
 
+from metrosep.core import numbers
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.provenance import freeze_mapping
-from metrosep.machine._mesh import is_real
 
 __all__ = [
-    "BRANCHES",
-    "DIRECTIONS",
-    "FRAMES",
-    "KINDS",
-    "SIDES",
-    "Element",
-    "axis_of",
-    "element_terms",
-    "error_sign",
-    "from_paper",
-    "import_errors",
-    "located_axis",
-    "paper_hint",
-    "to_paper",
-]
+    "BRANCHES", "DIRECTIONS", "FRAMES", "KINDS", "SIDES", "Element", "axis_of", "element_terms",
+    "error_sign", "from_paper", "import_errors", "located_axis", "paper_hint", "to_paper",
+]  # fmt: skip
 
 KINDS = ("linear", "rotary", "fixed")
 BRANCHES = ("tool", "workpiece")
@@ -143,21 +131,12 @@ class Element:
                 f"an axis name is a letter and then letters, digits or _, got {self.name!r}; "
                 "it becomes part of the term names (X -> EXX)"
             )
-        for key, allowed in (
-            ("kind", KINDS),
-            ("branch", BRANCHES),
-            ("error_frame", FRAMES),
-            ("errors_of", SIDES),
-        ):
-            value = getattr(self, key)
-            if value not in (*allowed, None) or (value is None and key != "error_frame"):
-                raise DataError(
-                    f"{key} of element {self.name!r} is {value!r}; known are {', '.join(allowed)}"
-                )
-        self._set("direction", _vector(self.direction, 3, f"direction of {self.name!r}"))
-        self._set("location", _vector(self.location, 3, f"location of {self.name!r}"))
-        point = _vector(self.measured_at, 3, f"measured_at of {self.name!r}")
-        self._set("measured_at", point)
+        known = {"kind": KINDS, "branch": BRANCHES, "error_frame": FRAMES, "errors_of": SIDES}
+        for key, allowed in known.items():
+            if key != "error_frame" or self.error_frame is not None:
+                numbers.choice(getattr(self, key), f"{key} of element {self.name!r}", allowed)
+        for key in ("direction", "location", "measured_at"):
+            self._set(key, _vector(getattr(self, key), 3, f"{key} of {self.name!r}"))
         norm = math.hypot(*self.direction)
         if abs(norm - 1.0) > _UNIT_TOLERANCE:
             raise DataError(
@@ -165,11 +144,8 @@ class Element:
                 f"{norm:.9g}; it must be a unit vector"
             )
         self._set("direction", tuple(c / norm for c in self.direction))
-        if not is_real(self.angle) or not math.isfinite(self.angle):
-            raise InvalidSamplesError(
-                f"angle of element {self.name!r} is {_short(self.angle)}, not a finite number in rad"
-            )
-        self._set("angle", float(self.angle))
+        angle = numbers.quantity(self.angle, f"angle of element {self.name!r}", "angle")
+        self._set("angle", angle)
         if self.kind != "fixed" and self.angle != 0.0:
             raise DataError(
                 f"element {self.name!r} is {self.kind} and has a fixed angle of {self.angle} rad; "
@@ -190,10 +166,7 @@ class Element:
         object.__setattr__(self, key, value)
 
     def _check_parking(self) -> None:
-        if not isinstance(self.parked, bool):
-            raise DataError(
-                f"parked of element {self.name!r} is true or false, got {self.parked!r}"
-            )
+        numbers.flag(self.parked, f"parked of element {self.name!r}")
         if self.parallel_to is not None and not isinstance(self.parallel_to, str):
             raise DataError(
                 f"parallel_to of element {self.name!r} is the name of an axis, got "
@@ -263,13 +236,7 @@ class Element:
 
 
 def error_sign(element: Element) -> float:
-    """Return what turns an element's errors into motions of its body: -1 or 1.
-
-    Examples
-    --------
-    >>> error_sign(Element("X", "workpiece", "linear", errors_of="tool"))
-    -1.0
-    """
+    """Return what turns an element's errors into motions of its body: -1 or 1."""
     return -1.0 if (element.errors_of, element.branch) == ("tool", "workpiece") else 1.0
 
 
@@ -295,6 +262,14 @@ def element_terms(element: Element) -> tuple[str, ...]:
     return motions + tuple(element.location_errors)
 
 
+def term_unit(chain: Any, term: str) -> str:
+    """Return "rad" for an angular term of a chain, "m" for another."""
+    for element in chain.elements:
+        if term in element.location_errors:
+            return "rad" if any(element.location_errors[term][3:]) else "m"
+    return "rad" if term[1:2] in ("A", "B", "C") else "m"
+
+
 def _short(value: object) -> str:
     text = repr(value)
     return text if len(text) < 80 else text[:60] + " ..."
@@ -305,7 +280,7 @@ def _vector(values: Sequence[float], size: int, name: str) -> tuple[float, ...]:
         listed = () if isinstance(values, str | Mapping) else tuple(values)
     except TypeError:
         listed = ()
-    if not listed or not all(is_real(v) for v in listed):
+    if not listed or not all(numbers.is_real(v) for v in listed):
         raise InvalidSamplesError(f"{name} must be {size} numbers, got {_short(values)}")
     vector = tuple(float(v) for v in listed)
     if len(vector) != size or not all(math.isfinite(v) for v in vector):
@@ -498,25 +473,13 @@ def axis_of(term: str) -> str | None:
 
 
 def located_axis(term: str) -> str | None:
-    """Return the axis whose place a location error describes.
-
-    Examples
-    --------
-    >>> located_axis("B0Z"), located_axis("EXX")
-    ('Z', None)
-    """
+    """Return the axis whose place a location error describes."""
     match = _ISO_LOCATION.fullmatch(term)
     return None if match is None else match[2]
 
 
 def paper_hint(term: str) -> str:
-    """Return what to add to a message about an unknown name: the term that the paper means by it.
-
-    Examples
-    --------
-    >>> paper_hint("dxy")
-    "; in the paper's swapped subscripts it is EYX, see import_errors"
-    """
+    """Return what to add to a message about an unknown name: the term that the paper means by it."""
     try:
         meant = from_paper(term)
     except DataError:

@@ -9,19 +9,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.provenance import freeze_mapping
-from metrosep.machine._mesh import (
+from metrosep.machine.elements import axis_of
+from metrosep.machine.terms import (
+    CallableTerm,
+    ConstantTerm,
+    ErrorTerm,
     TrialAmounts,
+    as_term,
     check_amount,
-    finite_number,
+    check_direction,
+    direction_message,
+    is_angle,
     positions_array,
     real_array,
+    refuse_length,
 )
-from metrosep.machine._term_sources import check_direction, direction_message, refuse_length
-from metrosep.machine.elements import axis_of
-from metrosep.machine.terms import CallableTerm, ConstantTerm, ErrorTerm, as_term
 
 __all__ = ["ErrorSet", "as_error_set"]
 
@@ -34,10 +40,11 @@ class ErrorSet:
 
     Parameters
     ----------
-    values : mapping of str to float, callable or ErrorTerm
-        One entry per term: a number (m or rad), a function of the axis position, or an object with
-        ``evaluate(x)`` and ``sd(x)``, such as what `metrosep.separation.separate` returns.
-    u : mapping of str to float, m or rad, optional
+    values : mapping of str to float, str, callable or ErrorTerm
+        One entry per term: a number (m or rad) or a text with its unit (``"2 um"``), a function of
+        the axis position, or an object with ``evaluate(x)`` and ``sd(x)``, such as what
+        `metrosep.separation.separate` returns.
+    u : mapping of str to float or str, m or rad, optional
         Standard uncertainty of numbers and functions; 0 where nothing is given.
     correlations : mapping of (str, str) to float, optional
         Correlation coefficients of pairs of terms, -1 to 1; 0 where nothing is given.
@@ -77,7 +84,7 @@ class ErrorSet:
     """
 
     values: Mapping[str, Any]
-    u: Mapping[str, float] = field(default_factory=dict)
+    u: Mapping[str, float | str] = field(default_factory=dict)
     correlations: Mapping[tuple[str, str], float] = field(default_factory=dict)
     direction: str | Mapping[str, str] = "mean"
     terms: Mapping[str, ErrorTerm] = field(init=False, repr=False)
@@ -99,25 +106,29 @@ class ErrorSet:
                 if name not in self.values:
                     known = ", ".join(str(n) for n in self.values) or "none"
                     raise DataError(f"{key} of {name!r} belongs to no term; there are {known}")
-        terms, messages = {}, []
+        terms, messages, values, us = {}, [], dict(self.values), dict(self.u)
         for name, value in self.values.items():
             axis_of(name)
             way = ways.get(name, "mean")
+            dimension = "angle" if is_angle(name) else "length"
             try:
-                terms[name] = self._term(name, value, way)
+                if isinstance(value, str):
+                    values[name] = numbers.quantity(value, "its value", dimension)
+                if name in us:
+                    us[name] = numbers.quantity(us[name], "its u", dimension)
+                terms[name] = self._term(name, values[name], us.get(name), way)
             except DataError as exc:
                 raise type(exc)(f"error term {name!r}: {exc}") from None
             messages.append(direction_message(name, value, way))
-        for key in ("values", "u", "correlations"):
-            object.__setattr__(self, key, freeze_mapping(getattr(self, key)))
+        frozen: dict[str, Any] = {"values": values, "u": us, "correlations": self.correlations}
+        for key, found in frozen.items():
+            object.__setattr__(self, key, freeze_mapping(found))
         object.__setattr__(self, "terms", freeze_mapping(terms))
         object.__setattr__(self, "messages", tuple(m for m in messages if m is not None))
         self._check_correlations()
 
-    def _term(self, name: str, value: Any, direction: str) -> ErrorTerm:
-        if name in self.u and self.u[name] is None:
-            raise InvalidSamplesError("its u is None; leave it out where none is known")
-        term = as_term(value, u=self.u.get(name), direction=direction)
+    def _term(self, name: str, value: Any, u: Any, direction: str) -> ErrorTerm:
+        term = as_term(value, u=u, direction=direction)
         refuse_length(name, value)
         if isinstance(self.values, TrialAmounts):
             return term
@@ -295,9 +306,7 @@ class ErrorSet:
                 raise DataError(f"correlation {pair!r}: name each pair of two terms once")
             seen.add(frozenset(pair))
             self._known(pair)
-            r = finite_number(given, f"correlation of {pair}")
-            if abs(r) > 1.0:
-                raise InvalidSamplesError(f"correlation of {pair} is {r}; it lies in -1 to 1")
+            numbers.between(given, f"correlation of {pair}", -1.0, 1.0)
         involved = sorted({name for pair in self.correlations for name in pair})
         if involved:
             lowest = float(np.linalg.eigvalsh(self.correlation(involved)).min())

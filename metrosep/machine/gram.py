@@ -14,20 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.machine.alignment import Alignment
 
 __all__ = [
-    "AlignedGram",
-    "aligned_gram",
-    "check_gram",
-    "correlations",
-    "expected_mean_square",
-    "groups_alike",
+    "AlignedGram", "aligned_gram", "check_gram", "correlations", "expected_mean_square", "groups_alike",
     "shares",
-]
+]  # fmt: skip
 
 
 _BLOCK = 2048
@@ -38,28 +34,16 @@ NOTHING_LEFT = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AlignedGram:
-    """Gram matrices and extremes of unit maps, before and after alignment.
+    """Gram matrices and extremes of unit maps, before and after alignment."""
 
-    Parameters
-    ----------
-    raw, matrix : ndarray, shape (m, m)
-        Before and after alignment; zero in rows of which nothing is left.
-    lowest_raw, highest_raw, lowest, highest : ndarray, shape (m,)
-        Extremes of each unit map.
-    amounts : ndarray, shape (k, m)
-        What the alignment takes out of each unit map, per used freedom.
-    is_removed : ndarray of bool, shape (m,)
-        Whether the alignment takes the whole map, or the map is zero.
-    """
-
-    raw: FloatArray
+    raw: FloatArray  # shape (m, m): before and after alignment, zero in rows that it takes whole
     matrix: FloatArray
-    lowest_raw: FloatArray
+    lowest_raw: FloatArray  # shape (m,): extremes of each unit map
     highest_raw: FloatArray
     lowest: FloatArray
     highest: FloatArray
-    amounts: FloatArray
-    is_removed: NDArray[np.bool_]
+    amounts: FloatArray  # shape (k, m): what is taken out of each unit map, per used freedom
+    is_removed: NDArray[np.bool_]  # shape (m,): the whole map is taken, or it is zero
 
 
 def aligned_gram(maps: ArrayLike, space: Alignment) -> AlignedGram:
@@ -277,8 +261,7 @@ def groups_alike(
     >>> groups_alike([[1.0, 0.95, 0.0], [0.95, 1.0, 0.0], [0.0, 0.0, 1.0]], ["a", "b", "c"])
     (('a', 'b'),)
     """
-    if not 0.0 < threshold < 1.0:
-        raise DataError(f"the threshold of |r| must be between 0 and 1, got {threshold}")
+    check_threshold(threshold)
     r = correlations(matrix)
     if len(names) != r.shape[0]:
         raise DataError(f"{len(names)} names for a Gram matrix of {r.shape[0]} terms")
@@ -291,6 +274,13 @@ def groups_alike(
         tuple(n for n, g in zip(names, group, strict=True) if g == k) for k in sorted(set(group))
     ]
     return tuple(g for g in found if len(g) > 1)
+
+
+def check_threshold(threshold: float) -> float:
+    """Return the |r| from which on terms are alike, above 0 and below 1."""
+    if not 0.0 < numbers.between(threshold, "the threshold of |r|", 0.0, 1.0) < 1.0:
+        raise InvalidSamplesError(f"the threshold of |r| must be between 0 and 1, got {threshold}")
+    return threshold
 
 
 def check_gram(matrix: ArrayLike) -> FloatArray:

@@ -22,9 +22,8 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.forms.plane import Plane
-from metrosep.machine._map_noise import map_noise
-from metrosep.machine._measured import Measured, measured_points
-from metrosep.machine._mesh import Positions, TrialAmounts, axis_positions
+from metrosep.machine._measured import Measured, map_noise, measured_points
+from metrosep.machine._mesh import Positions, axis_positions, checked_place
 from metrosep.machine._responses import (
     OWN,
     MapMaker,
@@ -34,10 +33,11 @@ from metrosep.machine._responses import (
     span_of,
     unit_columns,
 )
-from metrosep.machine._sensitivity_text import amount_text
-from metrosep.machine._term_amounts import term_unit
 from metrosep.machine.alignment import alignment_space, freedom_maps, removed_freedoms
-from metrosep.machine.gram import aligned_gram
+from metrosep.machine.elements import term_unit
+from metrosep.machine.gram import aligned_gram, check_threshold
+from metrosep.machine.sensitivity import amount_text, plain_rows
+from metrosep.machine.terms import TrialAmounts
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -172,10 +172,9 @@ def identify(
         raise DataError(f"terms names no error term; known are {', '.join(chain.terms)}")
     if len(set(names)) < len(names):
         raise DataError("terms names a term twice")
-    if not 0.0 < threshold < 1.0:
-        raise DataError(f"the threshold of |r| must be between 0 and 1, got {threshold}")
+    check_threshold(threshold)
     freedoms = removed_freedoms(removed)
-    place: tuple[float, float, float] = tuple(float(v) for v in tool)  # type: ignore[assignment]
+    place = checked_place(tool)
     points = measured_points(
         surface_map,
         Plane() if form is None else form,
@@ -227,7 +226,10 @@ def _fit(
     left = points.z - nominal - solver.effect(solution)
     if not exact:
         return solution, left, everything
-    used = _outside_the_core(model, points, solution)
+    # away from the centre, where neighbours do not change places
+    moved = model.error(points.mesh.x, points.mesh.y, solution.errors())
+    reach = float(np.nanmax(np.hypot(moved[:, 0], moved[:, 1]), initial=0.0))
+    used = np.asarray(np.hypot(points.mesh.x, points.mesh.y) > 20.0 * reach)
     total = solution
     # heights of a deep part round: steps of that size never end
     rounding = 4.0 * float(np.finfo(float).eps * np.abs(points.z).max()) + 1e-18
@@ -250,14 +252,6 @@ def _fit(
     )
 
 
-def _outside_the_core(model: CutModel, points: Measured, solution: Solution) -> NDArray[np.bool_]:
-    """Return the points at which neighbours do not change places: away from the centre."""
-    errors = solution.errors()
-    moved = model.error(points.mesh.x, points.mesh.y, errors)
-    reach = float(np.nanmax(np.hypot(moved[:, 0], moved[:, 1]), initial=0.0))
-    return np.asarray(np.hypot(points.mesh.x, points.mesh.y) > 20.0 * reach)
-
-
 def _result(
     solver: Solver,
     solution: Solution,
@@ -270,7 +264,10 @@ def _result(
     exact: bool,
 ) -> Identification:
     n = int(used.sum())
-    residual = points.on_map(np.where(used, left, np.nan))
+    residual: Any = points.on_map(np.where(used, left, np.nan))
+    residual.setflags(write=False)
+    if isinstance(source, Surface):
+        residual = replace(source, z=residual, history=(*source.history, Step("identify")))
     names = solver.names
     spread, inflation, noise = _uncertainty(solver, left[used], used, points)
     m = len(solver.visible)
@@ -321,7 +318,7 @@ def _result(
         sq_before=float(np.sqrt(np.mean(before[used] ** 2))),
         sq_after=after,
         predicted_sq=float(np.sqrt(after**2 + added)),
-        residual=_as_given(residual, source),
+        residual=residual,
         audit=freeze_mapping(audit),
         messages=(
             *_about_curves(curves, solver, solution, moved, exact),
@@ -368,7 +365,6 @@ def _curves_left(
             lower[name] = block[:, ~keep]
             columns[name], curves[name] = block[:, keep], functions[:, keep] / sizes[keep]
     m = len(solver.visible)
-    nothing = _CurvesLeft((), np.zeros(m), np.zeros(m, dtype=bool))
     reach = float(points.mesh.rho[-1])
     found: list[tuple[str, float, tuple[str, ...]]] = []
     chosen: list[FloatArray] = []
@@ -406,7 +402,7 @@ def _curves_left(
         within = span_of(np.hstack([within, chosen[-1]]))
         rest = rest - within @ (within.T @ rest)
     if not found:
-        return nothing
+        return _CurvesLeft((), np.zeros(m), np.zeros(m, dtype=bool))
     # what the curves hold of terms and freedoms goes over to those
     together = np.hstack(chosen)
     along = np.linalg.lstsq(together - plain @ (plain.T @ together), start, rcond=OWN)[0]
@@ -488,14 +484,9 @@ def _uncertainty(
     known = floor > 0.0
     inflation = float(np.sqrt(np.max(np.diag(cov)[known] / floor[known], initial=1.0)))
     parts = [(w, v) for w, v in zip(found.widths, found.variances, strict=True) if v > 0.0]
-    return (
-        cov,
-        inflation,
-        {
-            "noise_widths_px": tuple(w for w, _ in parts),
-            "noise_nm": tuple(1e9 * float(np.sqrt(v)) for _, v in parts),
-        },
-    )
+    widths = tuple(w for w, _ in parts)
+    noise = tuple(1e9 * float(np.sqrt(v)) for _, v in parts)
+    return cov, inflation, {"noise_widths_px": widths, "noise_nm": noise}
 
 
 def _group(
@@ -522,20 +513,6 @@ def _group(
         u,
         freeze_mapping({n: (float(v), float(s)) for n, (v, s) in alone.items()}),
         float(strength) / len(members),
-    )
-
-
-def _as_given(residual: FloatArray, source: Any) -> Surface | FloatArray:
-    if not isinstance(source, Surface):
-        residual.setflags(write=False)
-        return residual
-    return Surface(
-        residual,
-        dx=source.dx,
-        dy=source.dy,
-        origin=source.origin,
-        metadata=source.metadata,
-        history=(*source.history, Step("identify")),
     )
 
 
@@ -799,10 +776,7 @@ class Identification:
             ``sq_after_nm``, ``predicted_sq_nm``, ``audit``, ``messages``.
         """
         return {
-            "terms": [
-                {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in row.items()}
-                for row in self._rows()
-            ],
+            "terms": plain_rows(self._rows()),
             "groups": [
                 {"terms": list(g.names), "sq_nm": 1e9 * g.sq, "u_nm": 1e9 * g.u}
                 for g in self.groups
@@ -852,18 +826,11 @@ class Identification:
         )
 
     def _rows(self) -> list[dict[str, Any]]:
-        place = {n: (k, g) for k, g in enumerate(self.groups, start=1) for n in g.names}
-        nothing = (float("nan"), float("nan"))
-        return [
-            {
-                "term": n,
-                "value": float(self.values[i]),
-                "u": float(self.u[i]),
-                "unit": self.units[i],
-                "group": place[n][0] if n in place else 0,
-                "if_alone": (place[n][1].equivalents[n] if n in place else nothing)[0],
-                "u_if_alone": (place[n][1].equivalents[n] if n in place else nothing)[1],
-                "observable": n not in self.unobservable,
-            }
-            for i, n in enumerate(self.names)
-        ]
+        alone = {n: (k, *g.equivalents[n]) for k, g in enumerate(self.groups, 1) for n in g.names}
+        rows = []
+        for n, unit, value, u in zip(self.names, self.units, self.values, self.u, strict=True):
+            group, amount, u_amount = alone.get(n, (0, float("nan"), float("nan")))
+            row = {"term": n, "value": float(value), "u": float(u), "unit": unit, "group": group}
+            row |= {"if_alone": amount, "u_if_alone": u_amount}
+            rows.append(row | {"observable": n not in self.unobservable})
+        return rows

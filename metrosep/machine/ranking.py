@@ -8,13 +8,15 @@ one part cannot tell apart, Monte Carlo. `error = actual - nominal`, z out of th
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.middle import assumed_axis
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.surface import Surface
@@ -25,15 +27,17 @@ from metrosep.machine._mesh import (
     Positions,
     SurfaceMesh,
     axis_positions,
+    checked_place,
+    checked_radii,
     polar_mesh,
 )
-from metrosep.machine._responses import MapMaker, WavefrontHook, path_hook
-from metrosep.machine._term_amounts import TermAmounts, amounts_of_set, term_amounts
+from metrosep.machine._responses import MapMaker, Shape, WavefrontHook, path_hook
 from metrosep.machine.alignment import Alignment, alignment_space, removed_freedoms
-from metrosep.machine.elements import axis_of
+from metrosep.machine.elements import axis_of, term_unit
 from metrosep.machine.error_sets import ErrorSet
-from metrosep.machine.gram import AlignedGram, aligned_gram, groups_alike
+from metrosep.machine.gram import AlignedGram, aligned_gram, check_covariance, groups_alike
 from metrosep.machine.sensitivity import SensitivityTable
+from metrosep.machine.sobol import DISTRIBUTIONS
 
 __all__ = ["rank"]
 
@@ -156,8 +160,8 @@ def rank(
     >>> table.order, table.unobservable
     (('B0Z', 'EXX', 'EZX'), ('EZX',))
     """
-    _check_option("response", response, ("form", "wavefront"))
-    _check_option("direction", direction, ("vertical", "normal"))
+    numbers.choice(response, "response", ("form", "wavefront"))
+    numbers.choice(direction, "direction", ("vertical", "normal"))
     if response == "wavefront" and direction == "normal":
         raise DataError("a wavefront has no normal direction; leave direction out")
     if wavefront is not None and not callable(wavefront):
@@ -170,15 +174,10 @@ def rank(
     notes: tuple[str, ...] = ()
     if centre is None and isinstance(surface, Surface):
         centre, notes = assumed_axis(surface)
-    mesh = polar_mesh(
-        surface,
-        radius=radius,
-        inner_radius=inner_radius,
-        n_rho=n_rho,
-        n_azimuth=n_azimuth,
-        centre=centre,
-    )
-    place: tuple[float, float, float] = tuple(float(v) for v in tool)  # type: ignore[assignment]
+    radius, inner_radius = checked_radii(radius, inner_radius)
+    lengths: Any = {"radius": radius, "inner_radius": inner_radius, "centre": centre}
+    mesh = polar_mesh(surface, **lengths, n_rho=n_rho, n_azimuth=n_azimuth)
+    place = checked_place(tool)
     if isinstance(errors, ErrorSet):
         q = axis_positions(chain, mesh.x, mesh.y, mesh.z, positions=positions, tool=place)
         if mean is not None or correlations is not None or distribution != "normal":
@@ -206,8 +205,8 @@ def rank(
     space = alignment_space(freedoms, columns, mesh.weights, scales=_scales(freedoms, mesh))
     gram = aligned_gram(maker.make(), space)
     audit = {
-        "radius_mm": 1e3 * float(radius),
-        "inner_radius_mm": 1e3 * float(inner_radius),
+        "radius_mm": 1e3 * radius,
+        "inner_radius_mm": 1e3 * inner_radius,
         "n_rho": mesh.shape[0],
         "n_azimuth": mesh.shape[1],
         "n_missing": mesh.n_missing,
@@ -244,11 +243,6 @@ def rank(
             *_messages(amounts, gram, space, mesh),
         ),
     )
-
-
-def _check_option(name: str, value: str, known: tuple[str, ...]) -> None:
-    if value not in known:
-        raise DataError(f"{name} is one of {', '.join(known)}, got {value!r}")
 
 
 def _scales(names: tuple[str, ...], mesh: SurfaceMesh) -> FloatArray:
@@ -339,3 +333,117 @@ def _messages(
     if zero:
         found.append(f"{', '.join(zero)}: magnitude zero, so no part in the ranking")
     return tuple(found)
+
+
+# ---- how large each error term may be, from what a person writes --------------------------------
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TermAmounts:
+    """Terms with magnitudes, means and covariance, in SI; shapes of functions."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    magnitudes: FloatArray  # shape (m,), as the mean; the covariance is (m, m)
+    mean: FloatArray
+    covariance: FloatArray
+    shapes: Mapping[str, Shape] = field(default_factory=dict)
+    typed: tuple[str, ...] = ()  # each magnitude as a person wrote it, empty where it was a number
+
+
+def term_amounts(
+    chain: Any,
+    errors: Any,
+    *,
+    mean: Mapping[str, float | str] | None = None,
+    correlations: Mapping[tuple[str, str], float] | ArrayLike | None = None,
+    distribution: str = "normal",
+) -> TermAmounts:
+    """Return checked amounts of the terms named in `errors`, in its order."""
+    numbers.choice(distribution, "distribution", DISTRIBUTIONS)
+    if not isinstance(errors, Mapping):
+        raise DataError(
+            "errors maps terms to magnitudes in SI, such as {'EXX': 1e-6, 'B0Z': '0.001 deg'}; got "
+            f"{type(errors).__name__}"
+        )
+    names = chain.known_terms(tuple(errors))
+    if not names:
+        raise DataError(f"errors names no term; known are {', '.join(chain.terms)}")
+    units = tuple(term_unit(chain, n) for n in names)
+    size = np.array([_amount(errors[n], u, n) for n, u in zip(names, units, strict=True)])
+    if (size < 0.0).any():
+        k = int(np.argmax(size < 0.0))
+        raise InvalidSamplesError(f"the magnitude of {names[k]} is {size[k]}, below zero")
+    known = {} if mean is None else mean
+    extra = [n for n in known if n not in names]
+    if extra:
+        raise DataError(f"mean names {', '.join(map(str, extra))}, which errors does not")
+    middle = np.array(
+        [_amount(known.get(n, 0.0), u, n) for n, u in zip(names, units, strict=True)]
+    )
+    sd = size * DISTRIBUTIONS[distribution]
+    covariance = check_covariance(
+        _correlation_matrix(correlations, names) * np.outer(sd, sd), len(names)
+    )
+    for array in (size, middle, covariance):
+        array.setflags(write=False)
+    typed = tuple(v.strip() if isinstance(v := errors[n], str) else "" for n in names)
+    return TermAmounts(names, units, size, middle, covariance, typed=typed)
+
+
+def amounts_of_set(chain: Any, errors: ErrorSet, q: Mapping[str, FloatArray]) -> TermAmounts:
+    """Return the amounts of an error set on a part that is cut at axis positions q.
+
+    The magnitude of a term is the root of its expected square, ``sqrt(value^2 + u^2)``. A term that
+    depends on its position keeps its shape, and its uncertainty is taken to have the same shape.
+    """
+    names = chain.known_terms(errors.names)
+    if not names:
+        raise DataError(f"errors names no term; known are {', '.join(chain.terms)}")
+    value, u = errors.at(q), errors.u_at(q)
+    shapes: dict[str, Shape] = {}
+    mean, sd = np.zeros(len(names)), np.zeros(len(names))
+    for k, n in enumerate(names):
+        top, top_u = (float(np.abs(v).max(initial=0.0)) for v in (value[n], u[n]))
+        if value[n].ndim or u[n].ndim:
+            shapes[n] = Shape(errors, n, top == 0.0, (top or top_u) or 1.0)
+            mean[k] = top
+            rms, rms_u = (float(np.sqrt(np.mean(v**2))) for v in (value[n], u[n]))
+            sd[k] = rms_u * (top / rms if rms > 0.0 else top_u / rms_u if rms_u > 0.0 else 0.0)
+        else:
+            mean[k], sd[k] = float(value[n]), float(u[n])
+    covariance = check_covariance(errors.correlation(names) * np.outer(sd, sd), len(names))
+    size = np.sqrt(mean**2 + sd**2)
+    for array in (size, mean, covariance):
+        array.setflags(write=False)
+    units = tuple(term_unit(chain, n) for n in names)
+    return TermAmounts(names, units, size, mean, covariance, shapes)
+
+
+def _amount(value: float | str, unit: str, name: str) -> float:
+    return numbers.quantity(value, name, "length" if unit == "m" else "angle")
+
+
+def _correlation_matrix(
+    correlations: Mapping[Any, float] | ArrayLike | None, names: tuple[str, ...]
+) -> FloatArray:
+    n = len(names)
+    if correlations is None:
+        return np.eye(n)
+    if isinstance(correlations, Mapping):
+        matrix = np.eye(n)
+        for pair, value in correlations.items():
+            if not (len(pair) == 2 and len(set(pair)) == 2 and set(pair) <= set(names)):
+                raise DataError(f"correlations names pairs of the terms in errors, got {pair!r}")
+            i, j = (names.index(p) for p in pair)
+            matrix[i, j] = matrix[j, i] = numbers.real(value, f"correlation of {pair}")
+    else:
+        matrix = np.asarray(correlations, dtype=np.float64)
+    if matrix.shape != (n, n) or not np.isfinite(matrix).all() or (np.diag(matrix) != 1.0).any():
+        raise InvalidSamplesError(
+            f"correlations must be a finite {n} x {n} matrix with ones on its diagonal, got shape "
+            f"{matrix.shape}"
+        )
+    if np.abs(matrix).max() > 1.0:
+        raise InvalidSamplesError(f"a correlation of {np.abs(matrix).max()} is beyond 1")
+    return matrix

@@ -7,15 +7,17 @@ is that of the expected mean square ``tr(G S) + mu' G mu``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
-from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
 from metrosep.machine._responses import MapMaker
@@ -181,36 +183,31 @@ class SensitivityTable:
     @property
     def expected_sq(self) -> float:
         """Root of the expected mean square after alignment, ``tr(G S) + mu' G mu``, m."""
-        square = expected_mean_square(self.gram, self.covariance, self.mean)
-        return float(np.sqrt(max(square, 0.0)))  # effects that cancel leave rounding
+        return _root(expected_mean_square(self.gram, self.covariance, self.mean))
 
     @property
     def expected_sq_raw(self) -> float:
         """The same before alignment, m."""
-        square = expected_mean_square(self.unit_gram.raw, self.covariance, self.mean)
-        return float(np.sqrt(max(square, 0.0)))
+        return _root(expected_mean_square(self.unit_gram.raw, self.covariance, self.mean))
 
     @property
     def sq_together(self) -> float:
         """Sq after alignment with every term at plus its magnitude at once, m."""
-        return float(np.sqrt(max(float(self.magnitudes @ self.gram @ self.magnitudes), 0.0)))
+        return _root(self.magnitudes @ self.gram @ self.magnitudes)
 
     @property
     def sq_together_raw(self) -> float:
         """The same before alignment, m."""
-        square = float(self.magnitudes @ self.unit_gram.raw @ self.magnitudes)
-        return float(np.sqrt(max(square, 0.0)))
+        return _root(self.magnitudes @ self.unit_gram.raw @ self.magnitudes)
 
     def __getitem__(self, term: str) -> Quantity:
         """Return Sq of a term after alignment, with its definition."""
-        i = self._place(term)
-        removed = ", ".join(self.removed) or "nothing"
+        kind = self.direction if self.response == "form" else self.response
         text = (
-            f"Sq of the {self.direction if self.response == 'form' else self.response} deviation "
-            f"from {term} = {self.size_text(term)}; "
-            f"removed: {removed}; area-weighted"
+            f"Sq of the {kind} deviation from {term} = {self.size_text(term)}; "
+            f"removed: {', '.join(self.removed) or 'nothing'}; area-weighted"
         )
-        return Quantity(float(self.sq[i]), "m", text, symbol="Sq")
+        return Quantity(float(self.sq[self._place(term)]), "m", text, symbol="Sq")
 
     def size_text(self, term: str) -> str:
         """Return the magnitude of a term as it was written, or with three digits and its unit.
@@ -230,8 +227,6 @@ class SensitivityTable:
         DataError
             If the term is not in the table.
         """
-        from metrosep.machine._sensitivity_text import amount_text
-
         i = self._place(term)
         written = self.typed[i] if self.typed else ""
         return written or amount_text(float(self.magnitudes[i]), self.units[i])
@@ -249,8 +244,7 @@ class SensitivityTable:
         ndarray, shape (n_rho, n_azimuth, m), m per unit
             NaN where the surface is not defined.
         """
-        maps = self._maps(aligned=aligned)
-        whole = self.maker.mesh.whole(maps)
+        whole = self.maker.mesh.whole(self._maps(aligned=aligned))
         whole.setflags(write=False)
         return whole
 
@@ -352,14 +346,8 @@ class SensitivityTable:
             raise DataError(
                 "Sobol indices need independent terms, these are correlated; take shares"
             )
-        return sobol_indices(
-            self.gram,
-            self._spreads(),
-            mean=self.mean,
-            distribution=self.distribution,
-            n=n,
-            seed=seed,
-        )
+        options: Any = {"mean": self.mean, "distribution": self.distribution, "n": n, "seed": seed}
+        return sobol_indices(self.gram, self._spreads(), **options)
 
     def pareto(self, *, by: str = "group", left: float = 0.0) -> tuple[ParetoStep, ...]:
         """Return what is left when the terms are compensated one after the other, best first.
@@ -384,10 +372,8 @@ class SensitivityTable:
         InvalidSamplesError
             If `left` is not between 0 and 1.
         """
-        if by not in ("group", "term"):
-            raise DataError(f"by is 'group' or 'term', got {by!r}")
-        if not 0.0 <= left <= 1.0:
-            raise InvalidSamplesError(f"left is a share between 0 and 1, got {left}")
+        numbers.choice(by, "by", ("group", "term"))
+        left = numbers.between(left, "left", 0.0, 1.0)
         grouped = {n: g for g in self.groups for n in g} if by == "group" else {}
         open_sets = list(dict.fromkeys(grouped.get(n, (n,)) for n in self.names))
         factors = np.ones(len(self.names))
@@ -427,10 +413,7 @@ class SensitivityTable:
             ``expected_sq_nm``, ``expected_sq_raw_nm``, ``pareto``, ``audit``, ``messages``.
         """
         return {
-            "terms": [
-                {k: None if isinstance(v, float) and np.isnan(v) else v for k, v in row.items()}
-                for row in self._rows()
-            ],
+            "terms": plain_rows(self._rows()),
             "groups": [list(g) for g in self.groups],
             "unobservable": list(self.unobservable),
             "expected_sq_nm": 1e9 * self.expected_sq,
@@ -448,8 +431,6 @@ class SensitivityTable:
         str
             Several lines.
         """
-        from metrosep.machine._sensitivity_text import report_text
-
         return report_text(self)
 
     def __repr__(self) -> str:
@@ -519,8 +500,12 @@ class SensitivityTable:
 
     def _expected(self, factors: FloatArray) -> float:
         covariance = self.covariance * np.outer(factors, factors)
-        square = expected_mean_square(self.gram, covariance, self.mean * factors)
-        return float(np.sqrt(max(square, 0.0)))
+        return _root(expected_mean_square(self.gram, covariance, self.mean * factors))
+
+
+def _root(square: Any) -> float:
+    """Return the root of a square; effects that cancel leave rounding, which may be negative."""
+    return float(np.sqrt(max(float(square), 0.0)))
 
 
 # ---- monte Carlo of error terms: Sq of each draw from the Gram matrix, P-V from its map --------
@@ -531,42 +516,17 @@ _DRAWS, _POINTS = 256, 1024
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MonteCarloResult:
-    """Drawn errors and what they do.
+    """Drawn errors and what they do."""
 
-    Parameters
-    ----------
-    amounts : ndarray, shape (n, m)
-        Drawn amounts of the terms.
-    sq : ndarray, shape (n,), m
-        Sq of each draw after alignment.
-    pv : ndarray, shape (n,) or None, m
-        P-V of each draw, if maps were made.
-    mean_square, u_mean_square : float, m^2
-        Mean of Sq^2 and its standard uncertainty from the number of draws.
-    expected : float, m^2
-        ``tr(G S) + mu' G mu``.
-    """
-
-    amounts: FloatArray
-    sq: FloatArray
-    pv: FloatArray | None
-    mean_square: float
+    amounts: FloatArray  # shape (n, m): drawn amounts of the terms
+    sq: FloatArray  # shape (n,), m: of each draw after alignment
+    pv: FloatArray | None  # shape (n,), m: if maps were made
+    mean_square: float  # m^2: mean of Sq^2, and its standard uncertainty from the number of draws
     u_mean_square: float
-    expected: float
+    expected: float  # m^2: ``tr(G S) + mu' G mu``
 
     def quantile(self, p: float) -> float:
-        """Return the Sq that a share p of the parts stays below.
-
-        Parameters
-        ----------
-        p : float
-            Between 0 and 1.
-
-        Returns
-        -------
-        float
-            In m.
-        """
+        """Return the Sq in m that a share p (0 to 1) of the parts stays below."""
         return float(np.quantile(self.sq, p))
 
 
@@ -624,3 +584,70 @@ def peak_to_valleys(maps: FloatArray, amounts: FloatArray) -> FloatArray:
                 np.maximum(high[rows], drawn.max(axis=1), out=high[rows])
     result: FloatArray = (high - low) * top
     return result
+
+
+# ---- the table as text for a terminal ------------------------------------------------------------
+
+_ANGLES = (("urad", 1e-6), ("arcsec", math.pi / 648e3), ("deg", math.pi / 180.0))
+_ROUND = 1e-9
+"""Of the amount: a number this near to one of three digits was typed as that."""
+
+
+def plain_rows(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return rows of a table for JSON: None for NaN."""
+    return [{k: None if v != v else v for k, v in row.items()} for row in rows]
+
+
+def amount_text(value: float, unit: str) -> str:
+    """Return an amount of a term with three digits; an angle in the unit in which it is round."""
+    if value != value:
+        return "not known"
+    if unit != "rad":
+        return f"0 {unit}" if value == 0.0 else format_length(value, digits=3)
+    texts = {name: f"{value / factor:.3g}" for name, factor in _ANGLES}
+    digits = {
+        name: len(text.partition("e")[0].lstrip("-").replace(".", "").strip("0"))
+        for name, text in texts.items()
+    }
+    round_ones = [
+        name
+        for name, factor in _ANGLES
+        if abs(float(texts[name]) * factor - value) <= _ROUND * abs(value)
+    ]
+    name = min(round_ones, key=digits.__getitem__, default="urad")
+    return f"{texts[name]} {name}"
+
+
+def report_text(table: SensitivityTable) -> str:
+    """Return the ranked table, what hangs together, what is left after compensation, messages."""
+    kind = f"{table.direction} deviation" if table.response == "form" else "optical path"
+    meaning = "standard uncertainty" if table.distribution == "normal" else "half-width, uniform"
+    lines = [
+        f"Error terms ranked by Sq of the {kind}; removed: {', '.join(table.removed) or 'nothing'}",
+        f"magnitude: {meaning}; area-weighted over {table.space.weights.size} points",
+        "",
+        f"{'term':<8}{'magnitude':>12}{'Sq raw':>12}{'Sq':>12}{'P-V':>12}{'share':>8}  group",
+    ]
+    group = {n: f"({k})" for k, g in enumerate(table.groups, start=1) for n in g}
+    share, seen = table.shares, [n for n in table.order if n in table.visible]
+    if not seen:
+        lines[-1] = "none of these terms leaves anything that could be seen on this part"
+    for name in seen:
+        i = table.names.index(name)
+        sizes = [format_length(float(v[i]), digits=3) for v in (table.sq_raw, table.sq, table.pv)]
+        lines.append(
+            f"{name:<8}{table.size_text(name):>12}{sizes[0]:>12}{sizes[1]:>12}{sizes[2]:>12}"
+            f"{100.0 * share[i]:>7.1f}%  {group.get(name, '')}".rstrip()
+        )
+    lines += [f"not visible: {', '.join(names)} ({why})" for why, names in table.hidden.items()]
+    raw = format_length(table.expected_sq_raw)
+    lines += ["", f"expected Sq {format_length(table.expected_sq)} (nothing removed: {raw})"]
+    lines += [
+        f"({k}) {', '.join(g)}: maps alike (|r| > {table.threshold:g}), one part cannot tell them apart"
+        for k, g in enumerate(table.groups, start=1)
+    ]
+    done: list[str] = []
+    for step in table.pareto()[1:4] if seen else ():
+        done.extend(step.names)
+        lines.append(f"without {' + '.join(done)}: {format_length(step.sq)}")
+    return "\n".join([*lines, *table.messages])

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 from metrosep.machine.gram import check_gram
 
 __all__ = ["DISTRIBUTIONS", "SobolIndices", "sobol_indices"]
@@ -29,23 +30,13 @@ _REPEATS = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SobolIndices:
-    """Sobol indices with the standard uncertainty of their simulation.
+    """Sobol indices with the standard uncertainty of their simulation."""
 
-    Parameters
-    ----------
-    first, total : ndarray, shape (m,)
-        First-order and total index; NaN where the RMS does not vary.
-    u_first, u_total : ndarray, shape (m,)
-        Standard uncertainty, from independent repeats.
-    n : int
-        Draws of all repeats together, per term.
-    """
-
-    first: FloatArray
+    first: FloatArray  # shape (m,): first-order index; NaN where the RMS does not vary
     total: FloatArray
-    u_first: FloatArray
+    u_first: FloatArray  # standard uncertainty, from independent repeats
     u_total: FloatArray
-    n: int
+    n: int  # draws of all repeats together, per term
 
 
 def sobol_indices(
@@ -105,8 +96,7 @@ def sobol_indices(
     """
     G = check_gram(matrix)
     m = G.shape[0]
-    if distribution not in DISTRIBUTIONS:
-        raise DataError(f"distribution is one of {', '.join(DISTRIBUTIONS)}, got {distribution!r}")
+    numbers.choice(distribution, "distribution", DISTRIBUTIONS)
     size = np.asarray(magnitudes, dtype=np.float64)
     middle = np.zeros(m) if mean is None else np.asarray(mean, dtype=np.float64)
     if size.shape != (m,) or not np.isfinite(size).all() or (size < 0.0).any():
@@ -115,7 +105,7 @@ def sobol_indices(
         )
     if middle.shape != (m,) or not np.isfinite(middle).all():
         raise InvalidSamplesError(f"mean must hold {m} finite amounts, got shape {middle.shape}")
-    if n < 8 * _REPEATS:
+    if numbers.count(n, "n") < 8 * _REPEATS:
         raise TooFewSamplesError(f"Sobol indices need at least {8 * _REPEATS} draws, got {n}")
     scale = float(np.sqrt(np.max(np.diag(G) * (size**2 + middle**2), initial=0.0)))
     G = G / (scale**2 or 1.0)

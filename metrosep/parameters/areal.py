@@ -83,18 +83,6 @@ class ArealParameterTable(ParameterTable):
     __slots__ = ()
 
     def own_symbol(self, symbol: str) -> str:
-        """Return the symbol under which the table holds a parameter.
-
-        Parameters
-        ----------
-        symbol : str
-            Such as Smrk1.
-
-        Returns
-        -------
-        str
-            Such as Smr1.
-        """
         return _ALIASES.get(symbol, symbol)
 
 

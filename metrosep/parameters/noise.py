@@ -226,18 +226,6 @@ class WhiteNoise(StationaryNoise):
         _checked_positive(self.sigma, "standard deviation sigma", zero=True)
 
     def standard_deviation(self, target: Target) -> float:
-        """Return sigma.
-
-        Parameters
-        ----------
-        target : Profile, Surface, Sampling or tuple of int
-            Not used.
-
-        Returns
-        -------
-        float
-            In m.
-        """
         return self.sigma
 
     def _eigenvalues(self, target: Sampling, *, doubled: bool = True) -> FloatArray:

@@ -91,18 +91,6 @@ class ProfileParameterTable(ParameterTable):
     __slots__ = ()
 
     def own_symbol(self, symbol: str) -> str:
-        """Return the symbol under which the table holds a parameter.
-
-        Parameters
-        ----------
-        symbol : str
-            In the spelling of either edition.
-
-        Returns
-        -------
-        str
-            In that of the table's edition.
-        """
         known = (*self, *self.unavailable)
         if symbol in known:
             return symbol

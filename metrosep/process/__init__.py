@@ -55,10 +55,7 @@ if TYPE_CHECKING:
         fitted_heights as fitted_heights,
         knot_slopes as knot_slopes,
     )
-    from metrosep.process.jobs import (
-        JobPlan as JobPlan,
-        TurningJob as TurningJob,
-    )
+    from metrosep.process.jobs import JobPlan as JobPlan, TurningJob as TurningJob
     from metrosep.process.learning import (
         LearningStep as LearningStep,
         learn_step as learn_step,
@@ -68,10 +65,7 @@ if TYPE_CHECKING:
         MachiningTime as MachiningTime,
         machining_time as machining_time,
     )
-    from metrosep.process.nose import (
-        RoundNose as RoundNose,
-        rake_error as rake_error,
-    )
+    from metrosep.process.nose import RoundNose as RoundNose, rake_error as rake_error
     from metrosep.process.nose_checks import (
         NoseCheck as NoseCheck,
         clearance_check as clearance_check,
@@ -124,135 +118,46 @@ if TYPE_CHECKING:
         run_polynomial as run_polynomial,
         straightness_lines as straightness_lines,
     )
-    from metrosep.process.tips import (
-        TipPath as TipPath,
-        tip_path as tip_path,
-    )
-    from metrosep.process.tool_settings import (
-        ToolSetting as ToolSetting,
-    )
+    from metrosep.process.tips import TipPath as TipPath, tip_path as tip_path
+    from metrosep.process.tool_settings import ToolSetting as ToolSetting
 
+# fmt: off
 _HOMES = {
-    "arc_lengths": (
-        "angle_at_length",
-        "arc_length",
-    ),
-    "chip": (
-        "approximate_chip_thickness",
-        "cusp_height",
-        "cusp_ra",
-        "max_chip_thickness",
-    ),
-    "drive": (
-        "DriveTable",
-        "GainSweep",
-        "drive_table",
-        "stability_limits",
-        "stage_displacement",
+    "arc_lengths": ["angle_at_length", "arc_length"],
+    "chip": ["approximate_chip_thickness", "cusp_height", "cusp_ra", "max_chip_thickness"],
+    "drive": [
+        "DriveTable", "GainSweep", "drive_table", "stability_limits", "stage_displacement",
         "sweep_gains",
-    ),
-    "dual_servo": (
-        "BeforeAfter",
-        "CumulativeError",
-        "before_after",
-        "cumulative_error",
-    ),
-    "feedforward": (
-        "CorrectedPath",
-        "CorrectedPoints",
-        "corrected_path",
-        "corrected_points",
-    ),
-    "flexure": (
-        "FlexureCalibration",
-        "flexure_calibration",
-    ),
-    "follow_ups": (
-        "FollowUp",
-        "FollowUpMap",
-        "TermShare",
-        "follow_up",
-    ),
-    "interpolation": (
-        "evaluate",
-        "fitted_heights",
-        "knot_slopes",
-    ),
-    "jobs": (
-        "JobPlan",
-        "TurningJob",
-    ),
-    "learning": (
-        "LearningStep",
-        "learn_step",
-        "low_pass",
-    ),
-    "machining_times": (
-        "MachiningTime",
-        "machining_time",
-    ),
-    "nose": (
-        "RoundNose",
-        "rake_error",
-    ),
-    "nose_checks": (
-        "NoseCheck",
-        "clearance_check",
-        "gouge_check",
-        "window_check",
-    ),
-    "path_errors": (
-        "PathErrorMap",
-        "estimated_points",
-        "sine_path_error",
-        "sine_path_step",
-    ),
-    "path_points": (
-        "CountCurve",
-        "PathPoints",
-        "PointPlan",
-        "SpiralPath",
-        "errors_by_count",
+    ],
+    "dual_servo": ["BeforeAfter", "CumulativeError", "before_after", "cumulative_error"],
+    "feedforward": ["CorrectedPath", "CorrectedPoints", "corrected_path", "corrected_points"],
+    "flexure": ["FlexureCalibration", "flexure_calibration"],
+    "follow_ups": ["FollowUp", "FollowUpMap", "TermShare", "follow_up"],
+    "interpolation": ["evaluate", "fitted_heights", "knot_slopes"],
+    "jobs": ["JobPlan", "TurningJob"],
+    "learning": ["LearningStep", "learn_step", "low_pass"],
+    "machining_times": ["MachiningTime", "machining_time"],
+    "nose": ["RoundNose", "rake_error"],
+    "nose_checks": ["NoseCheck", "clearance_check", "gouge_check", "window_check"],
+    "path_errors": ["PathErrorMap", "estimated_points", "sine_path_error", "sine_path_step"],
+    "path_points": [
+        "CountCurve", "PathPoints", "PointPlan", "SpiralPath", "errors_by_count",
         "points_for_tolerance",
-    ),
-    "predictions": (
-        "BudgetTotal",
-        "Contribution",
-        "CorrectedProgram",
-        "ErrorBudget",
-        "Prediction",
-    ),
-    "servo": (
-        "Gains",
-        "ServoModel",
-        "error_ratio",
-        "retuned_error",
-    ),
-    "setting_fit": (
-        "SettingFit",
-        "identify_setting",
-    ),
-    "setting_maps": (
-        "SettingError",
-        "SettingTolerance",
-        "setting_tolerance",
-    ),
-    "static_errors": (
-        "StaticComparison",
-        "compare_static",
-    ),
-    "straightness_runs": (
-        "RunPolynomial",
-        "StraightnessLines",
-        "run_polynomial",
-        "straightness_lines",
-    ),
-    "tips": (
-        "TipPath",
-        "tip_path",
-    ),
-    "tool_settings": ("ToolSetting",),
+    ],
+    "predictions": [
+        "BudgetTotal", "Contribution", "CorrectedProgram", "ErrorBudget", "Prediction",
+    ],
+    "servo": ["Gains", "ServoModel", "error_ratio", "retuned_error"],
+    "setting_fit": ["SettingFit", "identify_setting"],
+    "setting_maps": ["SettingError", "SettingTolerance", "setting_tolerance"],
+    "static_errors": ["StaticComparison", "compare_static"],
+    "straightness_runs": [
+        "RunPolynomial", "StraightnessLines", "run_polynomial", "straightness_lines",
+    ],
+    "tips": ["TipPath", "tip_path"],
+    "tool_settings": ["ToolSetting"],
 }
+# fmt: on
 
 __all__ = sorted(name for names in _HOMES.values() for name in names)  # noqa: PLE0605
 

@@ -11,9 +11,11 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import FloatArray, as_float
-from metrosep.core.errors import DataError, InvalidSamplesError, UnitError
+from metrosep.core import numbers
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.units import format_length
+from metrosep.process._plain import not_above, real_array
 
 __all__ = ["approximate_chip_thickness", "cusp_height", "cusp_ra", "max_chip_thickness"]
 
@@ -200,10 +202,9 @@ def _checked(**given: ArrayLike) -> list[FloatArray]:
     """Return arrays that broadcast, in range and plausible as metres."""
     arrays = {}
     for name, value in given.items():
-        try:
-            array = as_float(value)
-        except (TypeError, ValueError):
-            raise DataError(f"{name} must be a length in m, got {value!r}") from None
+        array = real_array(
+            numbers.quantity(value, name, "length") if isinstance(value, str) else value, name
+        )
         bad = array[~np.isfinite(array)]
         if bad.size:
             raise InvalidSamplesError(f"{name} is {float(bad[0])}: a finite length in m is needed")
@@ -211,13 +212,7 @@ def _checked(**given: ArrayLike) -> list[FloatArray]:
         if least.size:
             bound = "> 0" if name == "R" else ">= 0"
             raise DataError(f"{name} must be {bound}, got {float(least[0])} m")
-        large = array[array >= _LARGEST[name]]
-        if large.size:
-            size = float(large[0])
-            raise UnitError(
-                f"{name} = {size:g} m is not plausible: lengths are in metres, so {size:g} mm is "
-                f"{size * 1e-3:g} and {size:g} um is {size * 1e-6:g}"
-            )
+        not_above(float(array.max(initial=0.0)), name, _LARGEST[name])
         arrays[name] = array
     try:
         shaped = dict(zip(arrays, np.broadcast_arrays(*arrays.values()), strict=True))

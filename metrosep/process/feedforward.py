@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray, as_float, frozen_float, same_length
 from metrosep.core.errors import (
     DataError,
@@ -22,16 +23,11 @@ from metrosep.core.errors import (
     NotConvergedError,
     TooFewSamplesError,
 )
-from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
-from metrosep.process._setting_equations import known_form
-from metrosep.process.setting_maps import (
-    finite_positions,
-    plausible_length,
-    positive_length,
-    real_array,
-)
+from metrosep.process._plain import Frozen, finite_positions, length, real_array
+from metrosep.process._setting_equations import FACTORS, known_form
+from metrosep.process.setting_maps import plausible_places
 from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["CorrectedPath", "CorrectedPoints", "corrected_path", "corrected_points"]
@@ -44,7 +40,7 @@ _SHALLOWEST = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class CorrectedPath:
+class CorrectedPath(Frozen):
     """Heights to command so that the part comes out right with the tool as it stands.
 
     Parameters
@@ -98,17 +94,10 @@ class CorrectedPath:
     audit: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        Frozen.__post_init__(self)
         names = ("rho", "theta", "z", "cut_rho", "cut_theta", "target", "change", "u")
-        arrays = {
-            n: frozen_float(getattr(self, n), name=n, ndim=1)
-            for n in names
-            if getattr(self, n) is not None
-        }
-        same_length(**arrays)
-        for name, array in arrays.items():
-            object.__setattr__(self, name, array)
-        object.__setattr__(self, "residual_pv", freeze_mapping(self.residual_pv))
-        object.__setattr__(self, "audit", freeze_mapping(self.audit))
+        given = {n: getattr(self, n) for n in names if getattr(self, n) is not None}
+        same_length(**{n: frozen_float(v, name=n, ndim=1) for n, v in given.items()})
 
     def __repr__(self) -> str:
         rest = self.residual_pv.get("rss")
@@ -229,7 +218,7 @@ def corrected_path(
     if not isinstance(setting, ToolSetting):
         raise DataError(f"the setting must be a ToolSetting, got {type(setting).__name__}")
     r = np.atleast_1d(finite_positions(rho, "rho"))
-    plausible_length(float(np.abs(r).max(initial=0.0)), "rho")
+    plausible_places(r, "rho")
     azimuth = np.atleast_1d(finite_positions(theta, "theta"))
     if r.ndim != 1 or r.shape != azimuth.shape:
         raise InvalidSamplesError(
@@ -253,22 +242,15 @@ def corrected_path(
     u, rest, said = left_over(setting, np.stack([-slope, -tangential, 1.0 - secant]), cut_rho)
     core = abs(setting.dy)
     if core > 0.0:
-        said += (
-            (
-                f"nothing within rho = {format_length(core)} = |dy| of the spindle axis is cut, whatever "
-                "is commanded: set the tool height"
-            ),
+        said.append(
+            f"nothing within rho = {format_length(core)} = |dy| of the spindle axis is cut, whatever "
+            "is commanded: set the tool height"
         )
-    said += tuple(m for m in setting.messages if m not in said)
-    audit = {
-        "form": repr(form),
-        "dx_um": setting.dx * 1e6,
-        "dy_um": setting.dy * 1e6,
-        "dR_um": setting.dR * 1e6,
-        "n_points": int(r.size),
-    }
+    said += [m for m in setting.messages if m not in said]
+    sizes = {f"{n}_um": getattr(setting, n) * 1e6 for n in FACTORS}
+    audit = {"form": repr(form), **sizes, "n_points": int(r.size)}
     return CorrectedPath(
-        r, azimuth, z, cut_rho, cut_theta, height, z - plain, u, rest, said, audit
+        r, azimuth, z, cut_rho, cut_theta, height, z - plain, u, rest, tuple(said), audit
     )
 
 
@@ -330,17 +312,21 @@ def corrected_points(
     if not np.isfinite(target).all():
         n = int(np.flatnonzero(~np.isfinite(target).all(axis=1))[0])
         raise InvalidSamplesError(f"point {n} is {target[n].tolist()}: leave it out")
-    tolerance, most_steps = _checked_stop(tolerance, most_steps)
+    tolerance = length(tolerance, "tolerance", 1e-2)
+    numbers.count(most_steps, "most_steps")
     command = target - _errors_at(error, target)
     before, contraction = math.inf, 0.0
-    for step in range(1, int(most_steps) + 1):
+    for step in range(1, most_steps + 1):
         residual = command + _errors_at(error, command) - target
         worst = float(np.abs(residual).max())
         contraction = 0.0 if step == 1 else worst / before
         if worst <= tolerance:
-            return CorrectedPoints(
-                command, target, residual, step, contraction, _said(contraction)
+            said = (
+                f"the iteration shrinks by {contraction:.2g} a step only: the error changes by that much "
+                "of its position, which no sound machine does; check its units"
             )
+            shown = (said,) if contraction > 0.1 else ()
+            return CorrectedPoints(command, target, residual, step, contraction, shown)
         if worst >= before:
             at = int(np.abs(residual).max(axis=1).argmax())
             raise NotConvergedError(
@@ -405,35 +391,26 @@ def _landed(form: Form, r: FloatArray, azimuth: FloatArray, setting: ToolSetting
 
 def left_over(
     setting: ToolSetting, effect: FloatArray, rho: FloatArray
-) -> tuple[FloatArray | None, dict[str, float], tuple[str, ...]]:
+) -> tuple[FloatArray | None, dict[str, float], list[str]]:
     """Return u of the cut height, P-V per factor for one u, and what is not known."""
     cov = setting.covariance
     if cov is None:
-        said = "the residual is not predicted: the uncertainty of the setting is not known"
-        return None, {}, (said,)
+        return (
+            None,
+            {},
+            ["the residual is not predicted: the uncertainty of the setting is not known"],
+        )
     shown = np.abs(effect).max(axis=1)
     free = np.isinf(np.diag(cov))
     if (free & (shown > 0.0)).any():
-        names = [n for n, f in zip(("dx", "dy", "dR"), free, strict=True) if f]
-        said = f"the residual is not predicted: {', '.join(names)} is not determined"
-        return None, {}, (said,)
+        names = ", ".join(n for n, f in zip(FACTORS, free, strict=True) if f)
+        return None, {}, [f"the residual is not predicted: {names} is not determined"]
     cov = np.where(np.isfinite(cov), cov, 0.0)
     u = np.sqrt(np.maximum(np.einsum("in,ij,jn->n", effect, cov, effect), 0.0))
     each = np.ptp(effect, axis=1) * np.sqrt(np.diag(cov))
-    found = dict(zip(("dx", "dy", "dR"), each.tolist(), strict=True))
+    found: dict[str, float] = dict(zip(FACTORS, each.tolist(), strict=True))
     found |= {"sum": float(each.sum()), "rss": math.sqrt(float((each**2).sum()))}
-    return u, found, ()
-
-
-def _checked_stop(tolerance: object, most_steps: object) -> tuple[float, int]:
-    limit = positive_length(tolerance, "tolerance", 1e-2)
-    whole = isinstance(most_steps, int | np.integer) and not isinstance(most_steps, bool)
-    if limit is None or not whole or int(most_steps) < 1:  # type: ignore[call-overload]
-        raise DataError(
-            f"tolerance must be positive in m and most_steps a whole number >= 1, got {tolerance!r}, "
-            f"{most_steps!r}"
-        )
-    return limit, int(most_steps)  # type: ignore[call-overload]
+    return u, found, []
 
 
 def _errors_at(error: Volumetric, points: FloatArray) -> FloatArray:
@@ -455,14 +432,3 @@ def _errors_at(error: Volumetric, points: FloatArray) -> FloatArray:
             "there; keep the path inside the measured volume"
         )
     return values
-
-
-def _said(contraction: float) -> tuple[str, ...]:
-    if contraction > 0.1:
-        return (
-            (
-                f"the iteration shrinks by {contraction:.2g} a step only: the error changes by that "
-                "much of its position, which no sound machine does; check its units"
-            ),
-        )
-    return ()

@@ -15,22 +15,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import (
-    DataError,
-    InvalidSamplesError,
-    NotConvergedError,
-    UnitError,
-)
+from metrosep.core.errors import DataError, NotConvergedError, UnitError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
+from metrosep.process._plain import finite_positions, length
 from metrosep.process._setting_equations import known_form, polar_slopes
-from metrosep.process.setting_maps import (
-    LARGEST_NOSE,
-    finite_positions,
-    positions,
-    real_number,
-)
+from metrosep.process.setting_maps import LARGEST_NOSE, positions
 
 __all__ = ["RoundNose", "rake_error"]
 
@@ -87,15 +79,7 @@ class RoundNose:
     window: float | None = None
 
     def __post_init__(self) -> None:
-        radius = _number(self.radius, "radius")
-        if radius <= 0.0:
-            raise DataError(f"the nose radius must be > 0, got {radius} m")
-        if radius >= LARGEST_NOSE:
-            raise UnitError(
-                f"the nose radius is {radius:g} m: it is in metres, so {radius:g} mm is "
-                f"{radius * 1e-3:g}"
-            )
-        object.__setattr__(self, "radius", radius)
+        object.__setattr__(self, "radius", length(self.radius, "the nose radius", LARGEST_NOSE))
         rake = _angle(self.rake, "rake", _STEEPEST_RAKE, signed=True)
         object.__setattr__(self, "rake", rake)
         for name, limit in (("clearance", 0.5 * math.pi), ("window", math.pi)):
@@ -235,8 +219,7 @@ def rake_error(
     -0.76
     """
     form = known_form(form)
-    if not isinstance(nose, RoundNose):
-        raise DataError(f"the nose must be a RoundNose, got {type(nose).__name__}")
+    checked_nose(nose)
     xs, ys = positions(x, y)
     at = xs.ravel(), ys.ravel()
     if sense is not None or nose.rake == 0.0:
@@ -262,9 +245,15 @@ def signed_sense(sense: str | None, rake: float) -> float:
             'sense="counterclockwise" or sense="clockwise" (how the tool goes round the part, seen '
             "from above)"
         )
-    if sense not in (None, "counterclockwise", "clockwise"):
-        raise DataError(f"sense must be counterclockwise or clockwise, got {sense!r}")
+    if sense is not None:
+        numbers.choice(sense, "sense", ("counterclockwise", "clockwise"))
     return -1.0 if sense == "clockwise" else 1.0
+
+
+def checked_nose(nose: object) -> None:
+    """Refuse what is not a nose."""
+    if not isinstance(nose, RoundNose):
+        raise DataError(f"the nose must be a RoundNose, got {type(nose).__name__}")
 
 
 def smallest_length(form: Form) -> float:
@@ -333,18 +322,8 @@ def _raked(form: Form, x: FloatArray, y: FloatArray, nose: RoundNose, sign: floa
     return np.asarray(e)
 
 
-def _number(value: object, name: str) -> float:
-    try:
-        number = real_number(value)
-    except (TypeError, ValueError):
-        raise DataError(f"{name} must be a number, got {value!r}") from None
-    if not math.isfinite(number):
-        raise InvalidSamplesError(f"{name} must be finite, got {number}")
-    return number
-
-
 def _angle(value: object, name: str, limit: float, *, signed: bool) -> float:
-    angle = _number(value, name)
+    angle = numbers.quantity(value, name, "angle")
     if abs(angle) > math.pi:
         raise UnitError(
             f"{name} = {angle:g} rad is no such angle: angles are in radians, so {angle:g} degrees "

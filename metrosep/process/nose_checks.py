@@ -9,18 +9,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, LimitError
-from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
+from metrosep.process._plain import Frozen
 from metrosep.process._setting_equations import known_form, polar_slopes
-from metrosep.process.nose import RoundNose, smallest_length
+from metrosep.process.nose import RoundNose, checked_nose, smallest_length
 from metrosep.process.setting_maps import map_extent, polar_axes
 from metrosep.process.tips import Edge, tips
 
@@ -38,7 +39,7 @@ _HALVINGS, _SETTLED = 20, 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class NoseCheck:
+class NoseCheck(Frozen):
     """Whether a nose fits a surface, and where it fits worst.
 
     Parameters
@@ -157,7 +158,7 @@ def gouge_check(
     5.07
     """
     form = known_form(form)
-    _check_nose(nose)
+    checked_nose(nose)
     inner, outer, said = map_extent(radius, region)
     length = smallest_length(form)
     n_rho, n_theta = _fine_mesh(outer - inner, nose, length, n_rho, n_theta)
@@ -167,7 +168,7 @@ def gouge_check(
     rho, theta = rho.ravel(), theta.ravel()
     blocks = [slice(k, k + _BLOCK) for k in range(0, rho.size, _BLOCK)]
     share = np.concatenate([_share(form, nose, rho[k], theta[k], step) for k in blocks])
-    known, said = _defined(share, rho, form, said)
+    known = _defined(share, rho, form, said)
     at = int(np.nanargmax(np.where(known, share, np.nan)))
     where, hollow, resolved = _sharpest(form, float(rho[at]), float(theta[at]), step)
     worst = 1.0 / hollow if hollow > 0.0 else math.inf
@@ -183,27 +184,24 @@ def gouge_check(
             f"of the mesh); a path that gouges nothing leaves {format_length(left)} there; take a "
             "smaller nose"
         )
-        said = (first, *said)
+        said.insert(0, first)
     elif coarse:
         first = (
             f"not judged: the radial step of the mesh, {format_length(step)}, is more than a quarter "
             f"of the smallest length of the {form.name}, {format_length(length)}; give a larger "
             "n_rho, or a narrower region"
         )
-        said = (first, *said)
+        said.insert(0, first)
     elif form.period is None:
         arc = 2.0 * math.pi * outer / n_theta
-        said = (
-            *said,
-            (
-                f"hollows narrower than {format_length(step)} along rho, or than {format_length(arc)} "
-                "along the cut, may not be seen"
-            ),
+        said.append(
+            f"hollows narrower than {format_length(step)} along rho, or than {format_length(arc)} "
+            "along the cut, may not be seen"
         )
     audit = {**_audit(form, nose, (inner, outer), n_rho, n_theta), "step_um": step * 1e6}
     return NoseCheck(
-        not (bad or coarse), worst, nose.tip_radius, "m", where, float(theta[at]), bad, said,
-        freeze_mapping(audit), left, step,
+        not (bad or coarse), worst, nose.tip_radius, "m", where, float(theta[at]), bad, tuple(said),
+        audit, left, step,
     )  # fmt: skip
 
 
@@ -216,12 +214,8 @@ def _fine_mesh(
         step = min(nose.radius / 40.0, length / 8.0, usual)
         n_rho = min(math.ceil(extent / step), _MOST // _FEWEST_AZIMUTHS) + 1
     if n_theta is None:
-        n_theta = min(360, max(_FEWEST_AZIMUTHS, _USUAL // n_rho)) if _is_count(n_rho) else 1
+        n_theta = min(360, max(_FEWEST_AZIMUTHS, _USUAL // numbers.count(n_rho, "n_rho", least=2)))
     return n_rho, n_theta
-
-
-def _is_count(n: object) -> bool:
-    return isinstance(n, int | np.integer) and not isinstance(n, bool) and int(n) > 0
 
 
 def _bent(form: Form, rho: FloatArray, theta: FloatArray, width: float) -> FloatArray:
@@ -283,14 +277,8 @@ def _left(form: Form, nose: RoundNose, rho: float, theta: float) -> float:
         for _ in range(2):  # all of the edge, then about the best
             ex, ey, ez = edge.point(psi)
             at = np.sqrt(np.maximum(rho * rho - ey * ey, 0.0))
-            made = tips(
-                form,
-                at - ex,
-                theta - np.arctan2(ey, at),
-                edge,
-                strict=False,
-                step=nose.radius / 400.0,
-            )
+            turned, step = theta - np.arctan2(ey, at), nose.radius / 400.0
+            made = tips(form, at - ex, turned, edge, strict=False, step=step)
             cut = made.z + ez
             if np.isnan(cut).all():
                 break
@@ -355,18 +343,14 @@ def clearance_check(
     >>> clearance_check(SineGrid(amplitude=50e-9, wavelength=100e-6), nose, radius=500e-6).ok
     True
     """
-    _check_nose(nose)
+    checked_nose(nose)
     if nose.clearance is None:
         raise DataError("the nose has no clearance angle: give RoundNose(..., clearance=...)")
-    if travel not in ("growing", "falling", "both"):
-        raise DataError(f'travel must be "growing", "falling" or "both", got {travel!r}')
+    numbers.choice(travel, "travel", get_args(Travel))
     form, rho, theta, said, audit = _mesh(form, nose, radius, region, n_rho, n_theta)
     _, _, along = polar_slopes(form, rho, theta)
-    if travel == "both":
-        descent = np.abs(along)
-    else:
-        descent = -along if travel == "growing" else along
-    known, said = _defined(descent, rho, form, said)
+    descent = {"both": np.abs(along), "growing": -along, "falling": along}[travel]
+    known = _defined(descent, rho, form, said)
     return _steepest(
         np.arctan(descent), known, rho, theta, nose.clearance, said, {**audit, "travel": travel},
         f"the flank rubs on the {form.name}: it falls along the cut by", "its clearance",
@@ -424,12 +408,12 @@ def window_check(
     >>> window_check(Sphere(R=5e-3), nose, radius=3e-3).ok
     False
     """
-    _check_nose(nose)
+    checked_nose(nose)
     if nose.window is None:
         raise DataError("the nose has no window: give RoundNose(..., window=...)")
     form, rho, theta, said, audit = _mesh(form, nose, radius, region, n_rho, n_theta)
     _, slope, across = polar_slopes(form, rho, theta)
-    known, said = _defined(slope, rho, form, said)
+    known = _defined(slope, rho, form, said)
     c = math.cos(nose.rake) - np.abs(across * math.sin(nose.rake))
     return _steepest(
         np.arctan2(np.abs(slope), c), known, rho, theta, 0.5 * nose.window, said, audit,
@@ -444,8 +428,8 @@ def _steepest(
     rho: FloatArray,
     theta: FloatArray,
     limit: float,
-    said: tuple[str, ...],
-    audit: Mapping[str, Any],
+    said: list[str],
+    audit: dict[str, Any],
     what: str,
     against: str,
 ) -> NoseCheck:
@@ -453,21 +437,13 @@ def _steepest(
     worst = float(angle[at])
     bad = int(np.count_nonzero(angle[known] >= limit))
     if bad:
-        said = (
-            (
-                f"{what} {math.degrees(worst):.4g} degrees at {_place(rho[at], theta[at])}, "
-                f"{against} is {math.degrees(limit):.4g} degrees ({bad} points of the mesh)"
-            ),
-            *said,
+        said.insert(
+            0,
+            f"{what} {math.degrees(worst):.4g} degrees at {_place(rho[at], theta[at])}, "
+            f"{against} is {math.degrees(limit):.4g} degrees ({bad} points of the mesh)",
         )
-    return NoseCheck(
-        not bad, worst, limit, "rad", float(rho[at]), float(theta[at]), bad, said, audit
-    )
-
-
-def _check_nose(nose: object) -> None:
-    if not isinstance(nose, RoundNose):
-        raise DataError(f"the nose must be a RoundNose, got {type(nose).__name__}")
+    where = float(rho[at]), float(theta[at])
+    return NoseCheck(not bad, worst, limit, "rad", *where, bad, tuple(said), audit)
 
 
 def _mesh(
@@ -477,12 +453,12 @@ def _mesh(
     region: tuple[float, float] | None,
     n_rho: int,
     n_theta: int,
-) -> tuple[Form, FloatArray, FloatArray, tuple[str, ...], Mapping[str, Any]]:
+) -> tuple[Form, FloatArray, FloatArray, list[str], dict[str, Any]]:
     form = known_form(form)
-    _check_nose(nose)
+    checked_nose(nose)
     inner, outer, said = map_extent(radius, region)
     rho, theta = polar_axes((inner, outer), n_rho, n_theta)
-    audit = freeze_mapping(_audit(form, nose, (inner, outer), n_rho, n_theta))
+    audit = _audit(form, nose, (inner, outer), n_rho, n_theta)
     return form, rho.ravel(), theta.ravel(), said, audit
 
 
@@ -501,21 +477,19 @@ def _audit(
 
 
 def _defined(
-    values: FloatArray, rho: FloatArray, form: Form, said: tuple[str, ...]
-) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
+    values: FloatArray, rho: FloatArray, form: Form, said: list[str]
+) -> NDArray[np.bool_]:
+    """Return where values are known, and say how many are not."""
     known = np.isfinite(values)
     if not known.any():
         raise DataError(f"the {form.name} is not defined anywhere on the region")
     if not known.all():
         first = format_length(float(rho[~known][0]))
-        said = (
-            *said,
-            (
-                f"{int(np.count_nonzero(~known))} points are not judged because the {form.name} is not "
-                f"defined there, the first at rho = {first}"
-            ),
+        said.append(
+            f"{int(np.count_nonzero(~known))} points are not judged because the {form.name} is not "
+            f"defined there, the first at rho = {first}"
         )
-    return known, said
+    return known
 
 
 def _place(rho: float, theta: float) -> str:

@@ -9,44 +9,47 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, DegenerateFitError
 from metrosep.core.profile import Profile
-from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
-from metrosep.forms.points import Points, PointSet, points_of
+from metrosep.forms.points import PointSet, points_of
+from metrosep.process._plain import Frozen, frozen, optional_length
 from metrosep.process._setting_equations import (
     FACTORS,
     FREEDOMS,
+    alike,
+    known_form,
+    modelled,
+    solve,
+)
+from metrosep.process._setting_steps import (
     Correlation,
     Settled,
     Task,
-    alike,
     correlation,
     covariance,
-    known_form,
-    modelled,
     neighbours_of_scattered,
-    solve,
+    settle_in_period,
 )
-from metrosep.process._setting_periods import settle_in_period
-from metrosep.process.setting_maps import LARGEST_NOSE, checked_region, positive_length
+from metrosep.process.setting_maps import LARGEST_NOSE, checked_region
 from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["SettingFit", "identify_setting"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class SettingFit:
+class SettingFit(Frozen):
     """A tool setting found on a measured map, and how far to trust it.
 
     Parameters
@@ -220,11 +223,12 @@ def identify_setting(
     points = points_of(surface, centre=centre, middle=True)
     names = _checked_free(free, is_line=isinstance(surface, Profile))
     wanted = (0.0, math.inf) if region is None else checked_region(region)
-    noise = positive_length(noise, "noise", 1e-3)
-    nose_radius = positive_length(nose_radius, "nose_radius", LARGEST_NOSE)
+    noise = optional_length(noise, "noise", 1e-3)
+    nose_radius = optional_length(nose_radius, "nose_radius", LARGEST_NOSE)
     if start is not None and not isinstance(start, ToolSetting):
         raise DataError(f"start must be a ToolSetting, got {type(start).__name__}")
-    task = Task(points, form, names, wanted, noise, _extent(points))
+    extent = float(np.hypot(np.abs(points.x).max(), np.abs(points.y).max()))
+    task = Task(points, form, names, wanted, noise, extent)
     values = dict.fromkeys(FREEDOMS, 0.0)
     if start is not None:
         values |= {"dx": start.dx, "dy": start.dy, "dR": start.dR}
@@ -253,7 +257,16 @@ def _result(
     _check_nose(fitted, u, nose_radius)
     groups = correlated_pairs(choice.used, cov)
     effect = effect_of_dy(task, settled)
-    audit = _audit(task, settled) | {
+    audit = {
+        "n_used": sums.n,
+        "n_measured": task.points.n_valid,
+        "inner_um": settled.region.inner * 1e6,
+        "residual_rms_nm": math.sqrt(sums.mean_square) * 1e9,
+        "noise_from": "residual" if task.noise is None else "stated",
+        "steps": settled.steps,
+        "centre_um": tuple(c * 1e6 for c in task.points.centre),
+        "free": tuple(task.names),
+        "form": repr(task.form),
         "noise_nm": level * 1e9,
         "u_raised": max(raised.values(), default=1.0),
         "points_alike": linked.alike,
@@ -261,38 +274,14 @@ def _result(
     if effect is not None:
         audit["dx_by_1um_of_dy_nm"] = effect[0] * 1e9
     said += said_of_dy(settled, effect, u, u_dy)
-    said += doubts(task, settled, groups, residual, level, linked, raised)
-    found: dict[str, Any] = {
-        "setting": None,
-        "values": freeze_mapping(fitted),
-        "u": freeze_mapping(u),
-        "cov": _frozen(cov),
-        "residual": residual,
-        "rms": math.sqrt(sums.mean_square),
-        "n_used": sums.n,
-        "groups": groups,
-        "held": freeze_mapping(dict(choice.given_up)),
-        "messages": said,
-        "audit": freeze_mapping(audit),
-    }
+    said += _warnings(task, settled, groups, residual, level, linked, raised)
     dx, dy, dR = (values[n] for n in FACTORS)
-    joint = _of_setting(task, settled, cov, u_dy)
-    alone = SettingFit(**{**found, "setting": ToolSetting(dx, dy, dR, cov=joint)})
-    return SettingFit(**{**found, "setting": ToolSetting(dx, dy, dR, cov=joint, fit=alone)})
-
-
-def _audit(task: Task, settled: Settled) -> dict[str, Any]:
-    return {
-        "n_used": settled.sums.n,
-        "n_measured": task.points.n_valid,
-        "inner_um": settled.region.inner * 1e6,
-        "residual_rms_nm": math.sqrt(settled.sums.mean_square) * 1e9,
-        "noise_from": "residual" if task.noise is None else "stated",
-        "steps": settled.steps,
-        "centre_um": tuple(c * 1e6 for c in task.points.centre),
-        "free": tuple(task.names),
-        "form": repr(task.form),
-    }
+    tool = ToolSetting(dx, dy, dR, cov=_of_setting(task, settled, cov, u_dy))
+    rms, held = math.sqrt(sums.mean_square), dict(choice.given_up)
+    alone = SettingFit(
+        tool, fitted, u, frozen(cov), residual, rms, sums.n, groups, held, said, audit
+    )
+    return replace(alone, setting=replace(tool, fit=alone))
 
 
 def _of_setting(task: Task, settled: Settled, cov: FloatArray, u_dy: float | None) -> FloatArray:
@@ -350,15 +339,6 @@ def _residual(
     return PointSet(surface.x, surface.y, z[0])
 
 
-def _frozen(values: FloatArray) -> FloatArray:
-    values.setflags(write=False)
-    return values
-
-
-def _extent(points: Points) -> float:
-    return float(np.hypot(np.abs(points.x).max(), np.abs(points.y).max()))
-
-
 def _checked_free(free: Sequence[str] | None, *, is_line: bool) -> list[str]:
     if free is None:
         gone = {"rotation"} | ({"tilt_y", "shift_x", "shift_y"} if is_line else set())
@@ -368,8 +348,7 @@ def _checked_free(free: Sequence[str] | None, *, is_line: bool) -> list[str]:
     except TypeError:
         raise DataError(f"free must name freedoms, got {free!r}") from None
     for name in asked:
-        if name not in FREEDOMS:
-            raise DataError(f"unknown freedom {name!r}; one of {', '.join(FREEDOMS)}")
+        numbers.choice(name, "a freedom", FREEDOMS)
     if not any(n in FACTORS for n in asked):
         raise DataError("free names neither dx, dy nor dR: there is no setting to find")
     return [n for n in FREEDOMS if n in asked]
@@ -408,7 +387,7 @@ def correlated_pairs(names: Sequence[str], cov: FloatArray) -> tuple[tuple[str, 
     return tuple(sorted(found, key=lambda pair: -abs(pair[2])))
 
 
-def doubts(
+def _warnings(
     task: Task,
     settled: Settled,
     groups: Sequence[tuple[str, str, float]],

@@ -9,25 +9,28 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import FloatArray, as_float, frozen_float
-from metrosep.core.errors import (
-    DataError,
-    InvalidSamplesError,
-    NotConvergedError,
-    TooFewSamplesError,
-    UnitError,
-)
+from metrosep.core import numbers
+from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core.errors import DataError, InvalidSamplesError, NotConvergedError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
+from metrosep.process._plain import (
+    Frozen,
+    finite_positions,
+    length,
+    not_above,
+    real_array,
+    same_places,
+)
 from metrosep.process._setting_equations import FACTORS, exact_cut, height_errors, known_form
 
 __all__ = ["SettingError", "SettingTolerance", "setting_tolerance"]
@@ -38,7 +41,7 @@ DEFAULT_RADIUS = 500e-6
 """m: the workpiece of the slow-tool-servo paper, taken where the caller names none."""
 
 _MOST_POINTS = 20_000_000
-_LARGEST_PART = 2.0
+LARGEST_PART = 2.0
 """m: no turned part has a larger radius; from here on a number is in mm or um."""
 
 
@@ -91,9 +94,8 @@ class SettingError:
 
     def __post_init__(self) -> None:
         for name in ("rho", "theta", "z", "u"):
-            given = getattr(self, name)
-            if given is not None:
-                array = frozen_float(given, name=name, ndim=2)
+            if getattr(self, name) is not None:
+                array = frozen_float(getattr(self, name), name=name, ndim=2)
                 object.__setattr__(self, name, array)
                 if array.shape != self.rho.shape:
                     raise InvalidSamplesError(
@@ -212,68 +214,42 @@ class SettingError:
         )
 
 
-def checked_region(region: object) -> tuple[float, float]:
-    """Return inner and outer radius in m, 0 <= inner < outer; refuse anything else."""
+def checked_region(region: Any) -> tuple[float, float]:
+    """Return inner and outer radius in m, 0 <= inner < outer."""
     try:
-        inner, outer = (_no_flag(v) for v in region)  # type: ignore[attr-defined]
+        low, high = region
     except (TypeError, ValueError):
         raise DataError(
             f"a region is a pair (inner radius, outer radius) in m, got {region!r}"
         ) from None
-    if not (math.isfinite(inner) and math.isfinite(outer) and 0.0 <= inner < outer):
+    inner = numbers.quantity(low, "the inner radius of a region", "length")
+    outer = numbers.quantity(high, "the outer radius of a region", "length")
+    if not 0.0 <= inner < outer:
         raise DataError(
             f"a region needs 0 <= inner < outer radius in m, got ({inner}, {outer}); "
             "a radius may be 500e-6 for 500 um"
         )
-    plausible_length(outer, "the radius")
-    return inner, outer
-
-
-def _no_flag(value: Any) -> float:
-    if isinstance(value, bool | np.bool_):
-        raise TypeError("a flag is no length")
-    return float(value)
-
-
-def plausible_length(length: float, name: str) -> None:
-    """Refuse a place on a workpiece that can only be in um or mm."""
-    if abs(length) > _LARGEST_PART:
-        raise UnitError(
-            f"{name} is {length:g} m, and no part is that large: lengths are in metres, so {length:g} "
-            f"mm is {length * 1e-3:g} and {length:g} um is {length * 1e-6:g}"
-        )
-
-
-def _is_whole(n: object) -> bool:
-    return (isinstance(n, int | np.integer) and not isinstance(n, bool)) or (
-        isinstance(n, float) and n.is_integer()
-    )
+    return inner, not_above(outer, "the radius", LARGEST_PART)
 
 
 def polar_axes(
     region: tuple[float, float], n_rho: int, n_theta: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return rho and theta of a polar mesh, rows radii from inner to outer, both included."""
-    for name, n, least in (("n_rho", n_rho, 2), ("n_theta", n_theta, 1)):
-        if not _is_whole(n) or n < least:
-            raise TooFewSamplesError(f"{name} must be a whole number >= {least}, got {n!r}")
+    n_rho, n_theta = numbers.count(n_rho, "n_rho", least=2), numbers.count(n_theta, "n_theta")
     _affordable(n_rho * n_theta)
-    rho = np.linspace(*region, int(n_rho))
-    theta = 2.0 * math.pi * np.arange(int(n_theta)) / int(n_theta)
+    rho = np.linspace(*region, n_rho)
+    theta = 2.0 * math.pi * np.arange(n_theta) / n_theta
     shape = (rho.size, theta.size)
     return np.broadcast_to(rho[:, None], shape).copy(), np.broadcast_to(theta, shape).copy()
 
 
 def square_axes(outer: float, step: float | None) -> tuple[FloatArray, FloatArray, float]:
     """Return x and y of square pixels that hold (0, 0) and reach the rim, and their step."""
-    try:
-        step = outer / 200.0 if step is None else _no_flag(step)
-    except (TypeError, ValueError):
-        raise DataError(f"the step must be a length in m, got {step!r}") from None
-    if not (math.isfinite(step) and 0.0 < step <= outer):
+    step = outer / 200.0 if step is None else length(step, "step")
+    if step > outer:
         raise DataError(
-            f"the step must be positive and at most the radius {format_length(outer)}, "
-            f"got {step} m"
+            f"the step must be at most the radius {format_length(outer)}, got {step} m"
         )
     n = math.floor(outer / step * (1.0 + 1e-12))
     _affordable((2 * n + 1) ** 2)
@@ -298,7 +274,7 @@ _LARGEST_WANTED = 1e-3
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class SettingTolerance:
+class SettingTolerance(Frozen):
     """Largest errors of the setting that a wanted form error allows.
 
     Parameters
@@ -408,7 +384,7 @@ def setting_tolerance(
     0.159
     """
     form = known_form(form)
-    wanted = _checked_wanted(wanted)
+    wanted = length(wanted, "the wanted error", _LARGEST_WANTED)
     inner, outer, said = map_extent(radius, region)
     x, y, lines = _points(inner, outer, azimuths, n_rho, n_theta)
     cut = exact_cut(form, np.hypot(x, y), np.arctan2(y, x), 0.0, 0.0, 0.0)
@@ -425,20 +401,16 @@ def setting_tolerance(
         found = _grown(form, x, y, {name: start}, wanted, caps)[name]
         alone[name] = math.inf if found >= caps[name] else found
         if not math.isfinite(alone[name]):
-            said += (
-                (
-                    f"{name} leaves less than {format_length(wanted)} P-V here up to "
-                    f"{format_length(caps[name])}; no larger ones were tried"
-                ),
+            said.append(
+                f"{name} leaves less than {format_length(wanted)} P-V here up to "
+                f"{format_length(caps[name])}; no larger ones were tried"
             )
     thirds = {n: min(v, caps[n]) / 3.0 for n, v in alone.items()}
     together = _grown(form, x, y, thirds, wanted, caps)
     if alone["dy"] > inner:
-        said += (
-            (
-                "dy also leaves an uncut core of its own size about the axis, which has no height "
-                "and is not in these numbers"
-            ),
+        said.append(
+            "dy also leaves an uncut core of its own size about the axis, which has no height and is "
+            "not in these numbers"
         )
     limiting = min(alone, key=lambda n: alone[n] / LARGEST_SETTING[n])
     audit = {
@@ -449,15 +421,7 @@ def setting_tolerance(
         "where": lines,
         "removed": "nothing",
     }
-    return SettingTolerance(
-        wanted,
-        freeze_mapping(alone),
-        freeze_mapping(together),
-        freeze_mapping(sensitivity),
-        limiting,
-        said,
-        freeze_mapping(audit),
-    )
+    return SettingTolerance(wanted, alone, together, sensitivity, limiting, tuple(said), audit)
 
 
 def _grown(
@@ -504,9 +468,9 @@ def _worst(form: Form, x: FloatArray, y: FloatArray, sizes: Mapping[str, float])
     largest = 0.0
     for signs in itertools.product((1.0, -1.0), repeat=len(sizes)):
         signed = {n: s * v for s, (n, v) in zip(signs, sizes.items(), strict=True)}
-        values = (signed.get("dx", 0.0), signed.get("dy", 0.0), signed.get("dR", 0.0))
+        dx, dy, dR = (signed.get(n, 0.0) for n in FACTORS)
         try:
-            e = height_errors(form, x, y, values, exact=True)
+            e = height_errors(form, x, y, (dx, dy, dR), exact=True)
         except NotConvergedError:
             return math.inf
         known = e[~np.isnan(e)]
@@ -531,21 +495,6 @@ def _points(
     return (rho * np.cos(theta)).ravel(), (rho * np.sin(theta)).ravel(), lines
 
 
-def _checked_wanted(wanted: float) -> float:
-    try:
-        number = real_number(wanted)
-    except (TypeError, ValueError):
-        raise DataError(f"the wanted error must be a number in m, got {wanted!r}") from None
-    if not (math.isfinite(number) and number > 0.0):
-        raise DataError(f"the wanted error must be positive and finite, in m, got {number}")
-    if number > _LARGEST_WANTED:
-        raise UnitError(
-            f"the wanted error is {number:g} m: it is in metres, so {number:g} nm is "
-            f"{number * 1e-9:g}"
-        )
-    return number
-
-
 # ---- private: what a tool setting, its uncertainty, a position and a region may be -------------
 
 LARGEST_NOSE = 0.1
@@ -554,36 +503,13 @@ LARGEST_SETTING = {"dx": 1e-3, "dy": 1e-3, "dR": 10e-3}
 """m: more than this is a number in um or mm that lost its unit."""
 
 
-def checked_setting(value: object, name: str) -> float:
-    try:
-        number = real_number(value)
-    except (TypeError, ValueError):
-        raise DataError(f"{name} must be a number in m, got {value!r}") from None
-    if not math.isfinite(number):
-        raise DataError(f"{name} must be finite, got {number}")
-    if abs(number) > LARGEST_SETTING[name]:
-        raise UnitError(
-            f"{name} = {number:g} m is no tool setting (limit {format_length(LARGEST_SETTING[name])}): "
-            f"values are in metres, so {number:g} um is {number * 1e-6:g}"
-        )
-    return number
-
-
-def checked_uncertainty(value: object, name: str) -> float | None:
+def checked_uncertainty(value: Any, name: str) -> float | None:
+    """Return a standard uncertainty in m, infinite where a factor is not determined; None stays."""
     if value is None:
         return None
-    try:
-        number = real_number(value)
-    except (TypeError, ValueError):
-        raise DataError(f"{name} must be a number in m, got {value!r}") from None
-    if math.isnan(number) or number < 0.0:
-        raise DataError(f"{name} must be zero or more, got {number}")
-    if math.isfinite(number) and number > 10e-3:
-        raise UnitError(
-            f"{name} = {number:g} m is no uncertainty of a tool setting: values are in metres, so "
-            f"{number:g} um is {number * 1e-6:g}"
-        )
-    return number
+    if not isinstance(value, str) and numbers.is_real(value) and float(value) == math.inf:
+        return math.inf
+    return not_above(numbers.not_negative(value, name, dimension="length"), name, 10e-3)
 
 
 def checked_covariance(cov: ArrayLike) -> FloatArray:
@@ -603,83 +529,27 @@ def checked_covariance(cov: ArrayLike) -> FloatArray:
     return array
 
 
-def checked_factors(factors: Sequence[str]) -> None:
-    for name in factors:
-        if name not in FACTORS:
-            raise DataError(f"a factor of the setting is dx, dy or dR, got {name!r}")
-
-
-def real_array(values: object, name: str) -> FloatArray:
-    """Return a float64 copy; refuse what holds no real numbers."""
-    try:
-        return as_float(values)
-    except (TypeError, ValueError) as exc:
-        raise InvalidSamplesError(
-            f"{name} must hold real numbers, got {type(values).__name__}: {exc}"
-        ) from None
-
-
-def positive_length(value: object, name: str, largest: float) -> float | None:
-    """Return a length in m, > 0 and below `largest`; None stays."""
-    if value is None:
-        return None
-    try:
-        number = real_number(value)
-    except (TypeError, ValueError):
-        raise DataError(f"{name} must be a number in m, got {value!r}") from None
-    if not (math.isfinite(number) and number > 0.0):
-        raise DataError(f"{name} must be positive and finite, in m, got {value}")
-    if number >= largest:
-        raise UnitError(
-            f"{name} = {number:g} m is not plausible: lengths are in metres, so {number:g} um is "
-            f"{number * 1e-6:g}"
-        )
-    return number
-
-
-def real_number(value: Any) -> float:
-    """Return a float; flags and complex numbers are a TypeError."""
-    if isinstance(value, bool | np.bool_):
-        raise TypeError("a flag is no number")
-    return float(value)
-
-
 def positions(x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return x and y on the workpiece, finite and of one shape."""
     found = {"x": finite_positions(x, "x"), "y": finite_positions(y, "y")}
     for name, array in found.items():
-        plausible_length(float(np.abs(array).max(initial=0.0)), name)
-    try:
-        xs, ys = np.broadcast_arrays(found["x"], found["y"])
-    except ValueError:
-        raise InvalidSamplesError(
-            f"x of shape {found['x'].shape} and y of shape {found['y'].shape} do not broadcast: give "
-            "one y for each x, or one for all"
-        ) from None
+        plausible_places(array, name)
+    xs, ys = same_places(**found)
     return xs, ys
 
 
-def finite_positions(values: ArrayLike, name: str) -> FloatArray:
-    """Return a float64 copy without NaN and infinities."""
-    array = real_array(values, name)
-    bad = np.flatnonzero(~np.isfinite(array))
-    if bad.size:
-        raise InvalidSamplesError(
-            f"{name} is {array.ravel()[bad[0]]} at point {int(bad[0])}: leave the point out"
-        )
-    return array
+def plausible_places(places: FloatArray, name: str) -> None:
+    """Refuse places on a workpiece that can only be in um or mm."""
+    not_above(float(np.abs(places).max(initial=0.0)), name, LARGEST_PART)
 
 
 def map_extent(
     radius: float | None, region: tuple[float, float] | None
-) -> tuple[float, float, tuple[str, ...]]:
-    if region is not None:
-        if radius is not None:
-            raise DataError("give either a radius or a region, not both")
-        inner, outer = checked_region(region)
-        return inner, outer, ()
-    if radius is None:
+) -> tuple[float, float, list[str]]:
+    """Return inner and outer radius in m, and what to say of them."""
+    if region is not None and radius is not None:
+        raise DataError("give either a radius or a region, not both")
+    if region is None and radius is None:
         said = f"no radius was given: the map reaches to {format_length(DEFAULT_RADIUS)}"
-        return 0.0, DEFAULT_RADIUS, (said,)
-    inner, outer = checked_region((0.0, radius))
-    return inner, outer, ()
+        return 0.0, DEFAULT_RADIUS, [said]
+    return *checked_region((0.0, radius) if region is None else region), []

@@ -23,13 +23,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
+from metrosep.process._plain import Frozen, finite_positions, same_places
 from metrosep.process._setting_equations import known_form
-from metrosep.process.nose import RoundNose, signed_sense, smallest_length
-from metrosep.process.setting_maps import finite_positions, plausible_length
+from metrosep.process.nose import RoundNose, checked_nose, signed_sense, smallest_length
+from metrosep.process.setting_maps import plausible_places
 
 __all__ = ["TipPath", "TipSurface", "tip_path"]
 
@@ -49,7 +50,7 @@ _MOST_STEPS = 60
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class TipPath:
+class TipPath(Frozen):
     """Heights of the tip and where the edge touches; read-only arrays of equal length.
 
     Parameters
@@ -80,10 +81,6 @@ class TipPath:
     along_y: FloatArray
     step: float
     messages: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        for name in ("X", "azimuth", "z", "psi", "rho", "theta", "along_x", "along_y"):
-            object.__setattr__(self, name, frozen_float(getattr(self, name), name=name, ndim=1))
 
     def __repr__(self) -> str:
         return f"TipPath({self.z.size} tips, contacts up to {np.degrees(np.nanmax(np.abs(self.psi))):.4g} deg)"
@@ -149,16 +146,10 @@ def tip_path(
     """
     form = known_form(form)
     edge = Edge.of(nose, sense)
-    given = np.atleast_1d(finite_positions(X, "X")), finite_positions(azimuth, "azimuth")
-    try:
-        places = np.broadcast_arrays(*given)
-    except ValueError:
-        raise InvalidSamplesError(
-            f"X of shape {np.shape(X)} and azimuth of shape {np.shape(azimuth)} do not broadcast: "
-            "give one azimuth for each X, or one for all"
-        ) from None
+    given = {"X": np.atleast_1d(finite_positions(X, "X"))}
+    places = same_places(**given, azimuth=finite_positions(azimuth, "azimuth"))
     x, phi = (np.array(a, dtype=np.float64).ravel() for a in places)
-    plausible_length(float(np.abs(x).max(initial=0.0)), "X")
+    plausible_places(x, "X")
     return tips(form, x, phi, edge, strict=strict)
 
 
@@ -176,8 +167,7 @@ class Edge:
     @classmethod
     def of(cls, nose: RoundNose, sense: str | None) -> Edge:
         """Return the edge of a nose, or raise DataError where its sense must be known."""
-        if not isinstance(nose, RoundNose):
-            raise DataError(f"the nose must be a RoundNose, got {type(nose).__name__}")
+        checked_nose(nose)
         half = 0.5 * (math.pi if nose.window is None else nose.window)
         return cls(nose.radius, nose.rake, signed_sense(sense, nose.rake), half)
 

@@ -10,7 +10,6 @@ servo-driven diamond turning, Eq. (12)-(20), made exact.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -18,10 +17,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
+from metrosep.process._plain import not_above
 from metrosep.process._setting_equations import (
     FACTORS,
     Factor,
@@ -30,11 +31,10 @@ from metrosep.process._setting_equations import (
     known_form,
 )
 from metrosep.process.setting_maps import (
+    LARGEST_SETTING,
     Mesh,
     SettingError,
     checked_covariance,
-    checked_factors,
-    checked_setting,
     checked_uncertainty,
     map_extent,
     polar_axes,
@@ -106,7 +106,8 @@ class ToolSetting:
 
     def __post_init__(self) -> None:
         for name in FACTORS:
-            object.__setattr__(self, name, checked_setting(getattr(self, name), name))
+            size = numbers.quantity(getattr(self, name), name, "length")
+            object.__setattr__(self, name, not_above(size, name, LARGEST_SETTING[name]))
             value = getattr(self, f"u_{name}")
             object.__setattr__(self, f"u_{name}", checked_uncertainty(value, f"u_{name}"))
         if self.cov is not None:
@@ -159,7 +160,8 @@ class ToolSetting:
         >>> ToolSetting(dx=1e-6, dy=2e-6).only("dy")
         ToolSetting(dx=0 m, dy=2 um, dR=0 m)
         """
-        checked_factors(factors)
+        for name in factors:
+            numbers.choice(name, "a factor of the setting", FACTORS)
         kept = {n: getattr(self, n) for n in factors}
         return ToolSetting(**kept, **{f"u_{n}": getattr(self, f"u_{n}") for n in factors})
 
@@ -292,54 +294,38 @@ class ToolSetting:
         """
         form = known_form(form)
         if factor is not None:
-            return self.only(factor).error_map(
-                form,
-                radius=radius,
-                region=region,
-                mesh=mesh,
-                n_rho=n_rho,
-                n_theta=n_theta,
-                step=step,
-                exact=exact,
-            )
-        inner, outer, messages = map_extent(radius, region)
+            options: Any = {"mesh": mesh, "n_rho": n_rho, "n_theta": n_theta, "step": step}
+            alone = self.only(factor)
+            return alone.error_map(form, radius=radius, region=region, exact=exact, **options)
+        inner, outer, said = map_extent(radius, region)
+        numbers.choice(mesh, "mesh", ("polar", "square"))
         if mesh == "polar":
             rho, theta = polar_axes((inner, outer), n_rho, n_theta)
             x, y = rho * np.cos(theta), rho * np.sin(theta)
             inside = np.ones(rho.shape, dtype=bool)
-        elif mesh == "square":
+        else:
             x, y, _ = square_axes(outer, step)
             rho, theta = np.hypot(x, y), np.arctan2(y, x)
             inside = (rho <= outer * (1.0 + 1e-12)) & (rho >= inner * (1.0 - 1e-12))
-        else:
-            raise DataError(f'mesh must be "polar" or "square", got {mesh!r}')
         z = self._errors(form, x.ravel(), y.ravel(), exact=exact).reshape(x.shape)
-        messages += self._map_messages(rho, z, inside, form)
+        said += self._map_messages(rho, z, inside, form)
         z[~inside] = np.nan
         u = self._uncertainties(form, x, y, z)
-        return SettingError(
-            rho,
-            theta,
-            z,
-            mesh,
-            u,
-            messages,
-            self._audit(form, inner, outer, mesh, exact),
-            partial(_errors_at, form, (self.dx, self.dy, self.dR), exact),
-        )
+        audit = {
+            "form": repr(form),
+            **{f"{n}_um": getattr(self, n) * 1e6 for n in FACTORS},
+            "inner_um": inner * 1e6,
+            "outer_um": outer * 1e6,
+            "mesh": mesh,
+            "model": "exact" if exact else "sum of Eq. (12), (17), (20)",
+            "removed": "nothing",
+        }
+        at_points = partial(_errors_at, form, (self.dx, self.dy, self.dR), exact)
+        return SettingError(rho, theta, z, mesh, u, tuple(said), audit, at_points)
 
     @classmethod
     def identify(
-        cls,
-        surface: Surface | Profile | PointSet,
-        form: Form,
-        *,
-        free: Sequence[str] | None = None,
-        nose_radius: float | None = None,
-        centre: tuple[float, float] | None = None,
-        region: tuple[float, float] | None = None,
-        start: ToolSetting | None = None,
-        noise: float | None = None,
+        cls, surface: Surface | Profile | PointSet, form: Form, **options: Any
     ) -> ToolSetting:
         """Return the setting that explains a measured map, with its uncertainty.
 
@@ -349,21 +335,9 @@ class ToolSetting:
             Heights of the part as cut, form included; NaN = not measured.
         form : Form
             The nominal surface, all parameters known.
-        free : sequence of str, optional
-            What is fitted, of ``dx dy dR piston tilt_x tilt_y shift_x shift_y rotation``. If
-            omitted all but the rotation, and without the shifts (and dy) on a profile.
-        nose_radius : float, m, optional
-            Programmed nose radius; a dR that would leave no nose is then refused.
-        centre : tuple of (float, float), m, optional
-            Spindle axis in the coordinates of the map; its origin, or the middle of what was
-            measured on a map whose origin was not declared, if omitted.
-        region : tuple of (float, float), m, optional
-            Inner and outer radius of what is used.
-        start : ToolSetting, optional
-            Where to start; the linear solution if omitted. What is not fitted stays there, and its
-            u_dy goes into the uncertainty of dx.
-        noise : float, m, optional
-            Standard deviation of one height; from the residual if omitted.
+        **options : object
+            Of `metrosep.process.setting_fit.identify_setting`: free, nose_radius, centre, region,
+            start, noise.
 
         Returns
         -------
@@ -383,10 +357,6 @@ class ToolSetting:
         NotConvergedError
             If the iteration does not settle.
 
-        Notes
-        -----
-        The full account is at `metrosep.process.setting_fit.identify_setting`.
-
         Examples
         --------
         >>> import numpy as np
@@ -402,16 +372,7 @@ class ToolSetting:
         """
         from metrosep.process.setting_fit import identify_setting
 
-        return identify_setting(
-            surface,
-            form,
-            free=free,
-            nose_radius=nose_radius,
-            centre=centre,
-            region=region,
-            start=start,
-            noise=noise,
-        ).setting
+        return identify_setting(surface, form, **options).setting
 
     def _errors(self, form: Form, x: FloatArray, y: FloatArray, *, exact: bool) -> FloatArray:
         """Return the error at points of any shape; NaN in the core and off the form."""
@@ -437,7 +398,7 @@ class ToolSetting:
 
     def _map_messages(
         self, rho: FloatArray, z: FloatArray, inside: NDArray[np.bool_], form: Form
-    ) -> tuple[str, ...]:
+    ) -> list[str]:
         said = []
         core = int(np.count_nonzero(inside & (rho < abs(self.dy))))
         if core:
@@ -468,22 +429,7 @@ class ToolSetting:
                 "twice, because the tool crosses the axis before the path ends; the second pass "
                 "may cut deeper and is not in the model"
             )
-        return tuple(said)
-
-    def _audit(
-        self, form: Form, inner: float, outer: float, mesh: str, exact: bool
-    ) -> dict[str, Any]:
-        return {
-            "form": repr(form),
-            "dx_um": self.dx * 1e6,
-            "dy_um": self.dy * 1e6,
-            "dR_um": self.dR * 1e6,
-            "inner_um": inner * 1e6,
-            "outer_um": outer * 1e6,
-            "mesh": mesh,
-            "model": "exact" if exact else "sum of Eq. (12), (17), (20)",
-            "removed": "nothing",
-        }
+        return said
 
     def _refuse(self, x: float, y: float, form: Form) -> None:
         rho = math.hypot(x, y)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from itertools import chain
 from typing import Any
@@ -33,8 +33,8 @@ _FOUND = re.compile(r'"\\u0000numbers (\d+)\\u0000"')
 _PLAIN = ({float}, {float, type(None)})
 
 
-def document_text(document: Mapping[str, Any], *, indent: int | None = None) -> str:
-    """Return a document as JSON with sorted keys.
+def document_text(document: Mapping[str, Any]) -> str:
+    """Return a document as JSON with sorted keys, without spaces: half the size, several times as fast.
 
     Examples
     --------
@@ -42,38 +42,36 @@ def document_text(document: Mapping[str, Any], *, indent: int | None = None) -> 
     '{"a":2,"b":[1.5,null]}'
     """
     lists: list[str] = []
-    swapped = _swapped(document, 0, indent, lists)
-    text = _dumps(swapped, indent)
+    swapped = _swapped(document, lists)
+    text = _dumps(swapped)
     if not lists:
         return text
     parts = _FOUND.split(text)
     marks = [int(k) for k in parts[1::2]]
     if sorted(marks) != list(range(len(lists))):  # a text of the document looks like a mark
-        return _dumps(document, indent)
+        return _dumps(document)
     parts[1::2] = [lists[k] for k in marks]
     return "".join(parts)
 
 
-def _dumps(value: Any, indent: int | None) -> str:
-    separators = (",", ":") if indent is None else None
-    return json.dumps(value, indent=indent, sort_keys=True, allow_nan=False, separators=separators)
+def _dumps(value: Any) -> str:
+    return json.dumps(value, sort_keys=True, allow_nan=False, separators=(",", ":"))
 
 
-def _swapped(value: Any, level: int, indent: int | None, lists: list[str]) -> Any:
+def _swapped(value: Any, lists: list[str]) -> Any:
     """Return a value with marks in place of long lists of numbers, whose texts go to `lists`."""
     if isinstance(value, dict | Mapping):
-        return {k: _swapped(v, level + 1, indent, lists) for k, v in value.items()}
+        return {k: _swapped(v, lists) for k, v in value.items()}
     if not isinstance(value, list | tuple):
         return value
-    join = _joiner(level, indent)
     if len(value) >= _SHORTEST and set(map(type, value)) in _PLAIN:
-        lists.append(join(_texts(value)))
+        lists.append(_joined(_texts(value)))
     elif _is_table(value):
-        n, inner = len(value[0]), _joiner(level + 1, indent)
+        n = len(value[0])
         texts = _texts(list(chain.from_iterable(value)))
-        lists.append(join([inner(texts[i : i + n]) for i in range(0, len(texts), n)]))
+        lists.append(_joined(_joined(texts[i : i + n]) for i in range(0, len(texts), n)))
     else:
-        return [_swapped(v, level + 1, indent, lists) for v in value]
+        return [_swapped(v, lists) for v in value]
     return _MARK.format(len(lists) - 1)
 
 
@@ -87,12 +85,8 @@ def _is_table(value: list[Any] | tuple[Any, ...]) -> bool:
     return set(map(type, chain.from_iterable(value))) in _PLAIN
 
 
-def _joiner(level: int, indent: int | None) -> Callable[[list[str]], str]:
-    """Return what makes a list of texts, as `json.dumps` does at this level."""
-    if indent is None:
-        return lambda texts: f"[{','.join(texts)}]"
-    own, line = "\n" + " " * (indent * level), "\n" + " " * (indent * (level + 1))
-    return lambda texts: f"[{line}{f',{line}'.join(texts)}{own}]"
+def _joined(texts: Iterable[str]) -> str:
+    return f"[{','.join(texts)}]"
 
 
 def _texts(values: list[float | None] | tuple[float | None, ...]) -> list[str]:

@@ -353,9 +353,9 @@ def _require_all(method: type[Method], roles: Mapping[str, Role]) -> None:
 
 def _listed_test(file: Path, layout: Mapping[str, Any]) -> RoleColumns:
     """Return targets and positions of a list of a positioning test (format iso230-2)."""
-    from metrosep.io.iso230_2_list import FORMAT, read_targets, sniff
     from metrosep.io.registry import Match
     from metrosep.io.source import open_file
+    from metrosep.io.text.iso230_2_list import FORMAT, read_targets, sniff
 
     source = open_file(file)
     if sniff(source) is Match.NO:

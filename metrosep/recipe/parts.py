@@ -88,7 +88,7 @@ def _csv(columns: Mapping[str, Any]) -> bytes:
 
 
 def _hdf5(columns: Mapping[str, Any], document: Mapping[str, Any]) -> bytes:
-    from metrosep.io.table_hdf5 import table_bytes
+    from metrosep.io.containers.native import table_bytes
 
     recipe = document.get("recipe") or {}
     provenance = {

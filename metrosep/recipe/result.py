@@ -91,9 +91,9 @@ class Result:
         Returns
         -------
         bytes
-            UTF-8, sorted keys, no NaN.
+            UTF-8, sorted keys, no spaces, no NaN: the same bytes at every door.
         """
-        text = document_text(clean(self.document), indent=1)
+        text = document_text(clean(self.document))
         return (text + "\n").encode("utf-8")
 
     def write(self, path: str | os.PathLike[str]) -> Path:

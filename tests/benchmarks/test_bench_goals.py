@@ -11,8 +11,8 @@ import numpy as np
 
 import metrosep as ms
 from metrosep.compensation.knots import choose_knots
-from metrosep.controllers.gcode_corrections import error_correction
-from metrosep.controllers.gcode_paths import rewrite_path
+from metrosep.controllers.gcode.corrections import error_correction
+from metrosep.controllers.gcode.paths import rewrite_path
 from metrosep.machine import presets
 from metrosep.parameters.deviation import flatness_deviation, roundness_deviation
 from metrosep.process.path_points import SpiralPath

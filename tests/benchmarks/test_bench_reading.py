@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import metropro
+from metrosep.io.maps import metropro
 from metrosep.io.source import RawFile
 from metrosep.io.stream import open_stream
 

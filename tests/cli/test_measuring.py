@@ -131,7 +131,11 @@ def test_exit_code_is_the_verdict(metrosep, waves, limit, U, code):
         (("--form", "cone"), 2, "there is no form 'cone'"),
         (("--lambda-c", "0.5 um"), 2, "um"),
         (("--lambda-c", "80"), 2, "unit"),
-        (("--edition", "ISO 4287:1997", "--kind", "R", "--params", "Sq"), 2, "belongs to profiles"),
+        (
+            ("--edition", "ISO 4287:1997", "--kind", "R", "--params", "Sq"),
+            2,
+            "belongs to profiles",
+        ),
         (("--params", "Sq", "--end", "cut"), 2, "--lambda-s"),
         (("--lambda-s", "80 um", "--lambda-c", "20 um"), 2, "must be shorter"),
         (("--params", "Sq", "--U", "Sa=1 nm"), 2, "no limit"),

@@ -248,7 +248,7 @@ def test_diameters_of_lists(call, tmp_path):
 
 SLOW_MAP = """
 import sys, os, signal
-from metrosep.controllers import gcode_paths
+from metrosep.controllers.gcode import paths as gcode_paths
 old = gcode_paths.Rewriter.rewrite
 def rewrite(self, lines):
     os.kill(os.getpid(), signal.SIGTERM)

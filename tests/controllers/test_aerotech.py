@@ -10,7 +10,6 @@ from hypothesis import given, settings, strategies as st
 from metrosep import controllers
 from metrosep.compensation import CompensationTable
 from metrosep.compensation.maps import CompensationMap
-from metrosep.controllers import registry
 from metrosep.controllers.aerotech import Aerotech, AerotechLine
 from metrosep.errors import (
     CorruptFileError,
@@ -40,16 +39,6 @@ UP = Aerotech.info.example
 
 def options(**changes):
     return {**UP, **changes}
-
-
-@pytest.fixture(autouse=True)
-def registered(monkeypatch):
-    """Both dialects by name, wherever the list of them stands."""
-    monkeypatch.setitem(registry._PLACES, "aerotech", "aerotech:Aerotech")
-    monkeypatch.setitem(registry._PLACES, "aerotech-line", "aerotech:AerotechLine")
-    registry.find.cache_clear()
-    yield
-    registry.find.cache_clear()
 
 
 def interpreter(text):

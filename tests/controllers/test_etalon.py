@@ -10,7 +10,6 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
 from metrosep.compensation import CompensationTable
-from metrosep.controllers import registry
 from metrosep.controllers.etalon import Etalon
 from metrosep.errors import (
     CorruptFileError,
@@ -35,14 +34,6 @@ Gridpoints = {
 }  // end of EXY
 """
 """Layout of the TF5280 pages, with numbers of our own: X is 1.25 um too far in - at Y = -10 mm."""
-
-
-@pytest.fixture(autouse=True)
-def registered(monkeypatch):
-    monkeypatch.setitem(registry._PLACES, "etalon", "etalon:Etalon")
-    registry.find.cache_clear()
-    yield
-    registry.find.cache_clear()
 
 
 def interpreter(text):

@@ -10,7 +10,6 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
 from metrosep.compensation import CompensationTable
-from metrosep.controllers import registry
 from metrosep.controllers.fanuc import Fanuc
 from metrosep.controllers.options import checked_options
 from metrosep.errors import (
@@ -41,12 +40,6 @@ HAND = (
     + "".join(f"N{10033 + i}P{v}\n" for i, v in enumerate(MANUAL))
     + "%\n"
 )
-
-
-@pytest.fixture(autouse=True)
-def registered(monkeypatch):
-    monkeypatch.setitem(registry._PLACES, "fanuc", "fanuc:Fanuc")
-    registry.find.cache_clear()
 
 
 def walk(data, position_mm, *, unit_um, reference_mm=0.0, increment_mm=0.001):

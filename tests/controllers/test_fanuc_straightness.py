@@ -10,7 +10,6 @@ from scipy.optimize import linprog
 
 from metrosep import Profile, controllers
 from metrosep.compensation import CompensationTable
-from metrosep.controllers import registry
 from metrosep.controllers.fanuc import FanucStraightness
 from metrosep.controllers.options import checked_options
 from metrosep.errors import (
@@ -40,13 +39,6 @@ HAND = HEAD + (
 """By hand: e = 0 at 0, +2.5 um at 10 mm, -1 um at 25 mm, 0 at 50 mm; entries -e in 0.1 um."""
 
 FACTS = {"detection_unit": 1e-7, "interval": 5e-3, "reference_number": 40}
-
-
-@pytest.fixture(autouse=True)
-def registered(monkeypatch):
-    place = "fanuc:FanucStraightness"
-    monkeypatch.setitem(registry._PLACES, "fanuc-straightness", place)
-    registry.find.cache_clear()
 
 
 def encode(table, **given):

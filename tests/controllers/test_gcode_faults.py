@@ -19,9 +19,9 @@ from controllers.program_marks import unmarked
 
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers.gcode_corrections import error_correction
-from metrosep.controllers.gcode_paths import rewrite_path
-from metrosep.controllers.point_lists import rewrite_points
+from metrosep.controllers.gcode.corrections import error_correction
+from metrosep.controllers.gcode.lists import rewrite_points
+from metrosep.controllers.gcode.paths import rewrite_path
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import (
     CorruptFileError,
@@ -99,7 +99,7 @@ def test_cutting_where_the_place_was_lost_is_refused(folder, away, letter):
 
 
 def test_the_place_is_lost_across_pieces_of_a_file_too(folder, monkeypatch):
-    from metrosep.controllers import gcode_columns
+    from metrosep.controllers.gcode import columns as gcode_columns
 
     program = START + "(" + "a" * 60 + ")\nG28 Z0\n(" + "b" * 60 + ")\nG0 X4. C90.\nG1 Z.1 F10\n"
     whole, _ = folder.rewrite(program)

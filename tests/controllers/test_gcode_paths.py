@@ -13,8 +13,8 @@ import pytest
 from controllers.program_marks import unmarked
 
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers.gcode_corrections import error_correction, nose_correction
-from metrosep.controllers.gcode_paths import rewrite_path
+from metrosep.controllers.gcode.corrections import error_correction, nose_correction
+from metrosep.controllers.gcode.paths import rewrite_path
 from metrosep.core.errors import (
     CorruptFileError,
     DataError,
@@ -716,7 +716,7 @@ def test_late_refusal_in_a_long_program_leaves_nothing(folder):
 
 
 def test_long_programs_are_the_same_whatever_the_pieces(folder, monkeypatch):
-    from metrosep.controllers import gcode_columns
+    from metrosep.controllers.gcode import columns as gcode_columns
 
     body = "".join(
         f"N{i} X{9 - i * 1e-3:.3f} C{i * 7.5:.1f}" + (" Z1.0" if i % 3 else "") + "\r\n"

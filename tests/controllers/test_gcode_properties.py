@@ -11,7 +11,7 @@ import numpy as np
 from controllers.program_marks import unmarked
 from hypothesis import given, settings, strategies as st
 
-from metrosep.controllers.gcode_paths import rewrite_path
+from metrosep.controllers.gcode.paths import rewrite_path
 
 HALF = 0.5e-6 * (1 + 1e-6)
 """Half of the last digit with 6 digits, mm; the share is binary rounding."""

@@ -17,8 +17,8 @@ MEGABYTES = 200.0
 PROGRAM = """
 import json, sys
 import numpy as np
-from metrosep.controllers.gcode_corrections import error_correction
-from metrosep.controllers.gcode_paths import rewrite_path
+from metrosep.controllers.gcode.corrections import error_correction
+from metrosep.controllers.gcode.paths import rewrite_path
 from metrosep.core.surface import Surface
 y, x = np.mgrid[-21e-3:21e-3:512j, -21e-3:21e-3:512j]
 step = 42e-3 / 511

@@ -8,7 +8,6 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
 from metrosep.compensation import CompensationTable
-from metrosep.controllers import registry
 from metrosep.controllers.heidenhain import Heidenhain
 from metrosep.controllers.options import checked_options
 from metrosep.errors import (
@@ -42,12 +41,6 @@ SAG = (
     "1     -85.0000                        0.0030\r\n"
     "[END]\r\n"
 )
-
-
-@pytest.fixture(autouse=True)
-def registered(monkeypatch):
-    monkeypatch.setitem(registry._PLACES, "heidenhain", "heidenhain:Heidenhain")
-    registry.find.cache_clear()
 
 
 def encode(table, **given):

@@ -11,8 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import Profile, controllers
 from metrosep.compensation import CompensationTable
-from metrosep.controllers import registry
-from metrosep.controllers.isg_cross import IsgAxis, IsgCross
+from metrosep.controllers.isg import IsgAxis, IsgCross
 from metrosep.controllers.options import checked_options
 from metrosep.errors import (
     CorruptFileError,
@@ -66,13 +65,6 @@ kw.ssfk.table[1].neg 80
 kw.ssfk.table[2].neg 67
 """
 """The documents' calculation: setpoint 19866.7 um, actual 19856.5 (pos), 19874.7 um (neg)."""
-
-
-@pytest.fixture(autouse=True)
-def registered(monkeypatch):
-    monkeypatch.setitem(registry._PLACES, "isg-axis", "isg_cross:IsgAxis")
-    monkeypatch.setitem(registry._PLACES, "isg-cross", "isg_cross:IsgCross")
-    registry.find.cache_clear()
 
 
 def axis(table, **given):

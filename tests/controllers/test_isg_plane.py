@@ -10,8 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
 from metrosep.compensation.maps import CompensationMap
-from metrosep.controllers import registry
-from metrosep.controllers.isg_cross import IsgPlane
+from metrosep.controllers.isg import IsgPlane
 from metrosep.controllers.options import checked_options
 from metrosep.errors import (
     CorruptFileError,
@@ -49,12 +48,6 @@ kw.crosscomp2.table[1][2].correction 0
 
 GRID = (np.array([-5.0, 0.0, 5.0]) * 1e-3, np.array([2.0, 7.0]) * 1e-3)
 VALUES = np.array([[1.0, 0.0, -2.0], [3.0, 0.5, 0.0]]) * 1e-6
-
-
-@pytest.fixture(autouse=True)
-def registered(monkeypatch):
-    monkeypatch.setitem(registry._PLACES, "isg-plane", "isg_cross:IsgPlane")
-    registry.find.cache_clear()
 
 
 NUMBERS = {"axis_number": 3, "master1_number": 1, "master2_number": 2}

@@ -11,7 +11,6 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
 from metrosep.compensation.maps import CompensationMap
-from metrosep.controllers import registry
 from metrosep.controllers.options import checked_options
 from metrosep.controllers.reprap import Klipper
 from metrosep.errors import CorruptFileError, DataError, LimitError, TableError
@@ -39,13 +38,6 @@ min_y = -5
 max_y = 20.5
 """
 VALUES = [[3e-6, 0.0, -1e-6], [0.0, -2e-6, 1e-12]]
-
-
-@pytest.fixture(autouse=True)
-def _registered(monkeypatch):
-    if "klipper" not in registry._PLACES:
-        monkeypatch.setitem(registry._PLACES, "klipper", "reprap:Klipper")
-        registry.find.cache_clear()
 
 
 def encode(table, **options):

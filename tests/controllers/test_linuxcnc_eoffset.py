@@ -13,7 +13,6 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
 from metrosep.compensation.maps import CompensationMap
-from metrosep.controllers import registry
 from metrosep.controllers.linuxcnc_eoffset import LinuxCNCEoffset
 from metrosep.errors import (
     CorruptFileError,
@@ -64,14 +63,6 @@ def applied(text, x, y):
     along = np.array([np.interp(x, xs, row) for row in counts])
     at = np.array([np.interp(v, ys, column) for v, column in zip(y, along.T, strict=True)])
     return np.rint(at) * data["COUNT_MM"] * 1e-3
-
-
-@pytest.fixture(autouse=True)
-def registered(monkeypatch):
-    monkeypatch.setitem(registry._PLACES, "linuxcnc-eoffset", "linuxcnc_eoffset:LinuxCNCEoffset")
-    registry.find.cache_clear()
-    yield
-    registry.find.cache_clear()
 
 
 @pytest.fixture

@@ -9,7 +9,6 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
 from metrosep.compensation import CompensationTable
-from metrosep.controllers import registry
 from metrosep.controllers.linuxcnc_lincurve import LinuxCNCLincurve
 from metrosep.errors import (
     CorruptFileError,
@@ -123,16 +122,6 @@ def applied(text, positions, a=0, b=1):
         hal.period({f"joint.{a}.pos-cmd": x, f"joint.{b}.motor-pos-cmd": 0.0})
         found.append(hal.get("comp-cmd.out") * 1e-3)
     return np.array(found)
-
-
-@pytest.fixture(autouse=True)
-def registered(monkeypatch):
-    monkeypatch.setitem(
-        registry._PLACES, "linuxcnc-lincurve", "linuxcnc_lincurve:LinuxCNCLincurve"
-    )
-    registry.find.cache_clear()
-    yield
-    registry.find.cache_clear()
 
 
 @pytest.fixture

@@ -8,7 +8,6 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
 from metrosep.compensation import CompensationTable
-from metrosep.controllers import registry
 from metrosep.controllers.mitsubishi import Mitsubishi
 from metrosep.controllers.options import checked_options
 from metrosep.errors import (
@@ -43,12 +42,6 @@ TRAVEL_MM = {10: 10.002, 20: 20.001, -10: -10.003, -20: -20.001}
 """Where the axis really is; entries of HAND worked out from these with the manual's formulas:
 +10: (10 - 10.002) x 2 = -0.004; +20: (10 - 9.999) x 2 = +0.002;
 -10: (10 + (-10.003)) x 2 = -0.006; -20: (10 + (-9.998)) x 2 = +0.004."""
-
-
-@pytest.fixture(autouse=True)
-def registered(monkeypatch):
-    monkeypatch.setitem(registry._PLACES, "mitsubishi", "mitsubishi:Mitsubishi")
-    registry.find.cache_clear()
 
 
 def encode(table, **given):

@@ -11,7 +11,6 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
 from metrosep.compensation.maps import CompensationMap
-from metrosep.controllers import registry
 from metrosep.controllers.base import sidecar_path
 from metrosep.controllers.neutral import NeutralMap
 from metrosep.errors import CorruptFileError, TableError
@@ -28,13 +27,6 @@ HAND = """x_mm,y_mm,correction_um
 """
 X, Y = [-10e-3, 0.0, 25.4e-3], [0.0, 5e-3]
 VALUES = [[0.0, -1.5e-6, 1e-12], [2e-6, 0.0, -0.25e-6]]
-
-
-@pytest.fixture(autouse=True)
-def _registered(monkeypatch):
-    if "csv-map" not in registry._PLACES:
-        monkeypatch.setitem(registry._PLACES, "csv-map", "neutral:NeutralMap")
-        registry.find.cache_clear()
 
 
 def hand_map():

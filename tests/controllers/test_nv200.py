@@ -10,9 +10,8 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
 from metrosep.compensation import CompensationTable
-from metrosep.controllers import registry
 from metrosep.controllers.options import checked_options
-from metrosep.controllers.pi_gcs import MAX_POINTS, NV200
+from metrosep.controllers.waves import MAX_POINTS, NV200
 from metrosep.errors import CorruptFileError, DataError, LimitError, TableError
 
 NOWHERE = Path(os.devnull)
@@ -40,13 +39,6 @@ HAND_OPTIONS = {
     "start": 0.0,
     "direction": 1,
 }
-
-
-@pytest.fixture(autouse=True)
-def _registered(monkeypatch):
-    if "nv200" not in registry._PLACES:
-        monkeypatch.setitem(registry._PLACES, "nv200", "pi_gcs:NV200")
-        registry.find.cache_clear()
 
 
 @pytest.fixture(scope="session")

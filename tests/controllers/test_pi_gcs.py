@@ -11,10 +11,9 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import Profile, controllers
 from metrosep.compensation import CompensationTable
-from metrosep.controllers import registry
 from metrosep.controllers.base import load_sidecar
 from metrosep.controllers.options import checked_options
-from metrosep.controllers.pi_gcs import PiGcs
+from metrosep.controllers.waves import PiGcs
 from metrosep.errors import CorruptFileError, DataError, LimitError, TableError
 
 NOWHERE = Path(os.devnull)
@@ -45,13 +44,6 @@ PASS = {
     "memory": 262144,
     "start": 0.0,
 }
-
-
-@pytest.fixture(autouse=True)
-def _registered(monkeypatch):
-    if "pi-gcs" not in registry._PLACES:
-        monkeypatch.setitem(registry._PLACES, "pi-gcs", "pi_gcs:PiGcs")
-        registry.find.cache_clear()
 
 
 @pytest.fixture(scope="session")

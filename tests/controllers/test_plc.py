@@ -13,7 +13,6 @@ from numpy.polynomial import Polynomial, legendre
 from metrosep import Profile, controllers
 from metrosep.compensation import fit_polynomial
 from metrosep.compensation.polynomial import PolynomialFit
-from metrosep.controllers import registry
 from metrosep.controllers.options import checked_options
 from metrosep.controllers.plc import PLCStructuredText, PLCTurboPMAC
 from metrosep.errors import (
@@ -69,15 +68,6 @@ P101=0.3389+P102*(0.48246-P102*(0.00605)) ; y
 CLOSE
 """
 HAND = {"plc-st": HAND_ST, "plc-pmac": HAND_PMAC}
-
-
-@pytest.fixture(autouse=True)
-def registered(monkeypatch):
-    monkeypatch.setitem(registry._PLACES, "plc-st", "plc:PLCStructuredText")
-    monkeypatch.setitem(registry._PLACES, "plc-pmac", "plc:PLCTurboPMAC")
-    registry.find.cache_clear()
-    yield
-    registry.find.cache_clear()
 
 
 def evaluate(name, text, x):

@@ -10,7 +10,6 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
 from metrosep.compensation import CompensationTable
-from metrosep.controllers import registry
 from metrosep.controllers.options import checked_options
 from metrosep.controllers.pmac import PMAC
 from metrosep.errors import (
@@ -41,14 +40,6 @@ TOLD = {
 """What the file of the specification does not say of the machine."""
 SPEC_ERROR_UM = [0, 0.5, 0.8, 0.6, 0.2, -0.2, -0.4, -0.2, 0]
 """Controllers notes, section 3.1: straightness of X to Z, 10 nm a count, every 5 mm."""
-
-
-@pytest.fixture(autouse=True)
-def registered(monkeypatch):
-    monkeypatch.setitem(registry._PLACES, "pmac", "pmac:PMAC")
-    registry.find.cache_clear()
-    yield
-    registry.find.cache_clear()
 
 
 def interpret(text, count, source_count=None):

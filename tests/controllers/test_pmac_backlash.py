@@ -11,7 +11,6 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
 from metrosep.compensation import CompensationTable
-from metrosep.controllers import registry
 from metrosep.controllers.options import checked_options
 from metrosep.controllers.pmac_backlash import PMACBacklash
 from metrosep.errors import (
@@ -40,15 +39,6 @@ TOLD = {"count": COUNT, "source_sign": 1, "motor_zero": 0.0}
 """What that file does not say of the machine."""
 HAND_LOST_UM = [0.7, 0.8, 0.5, 1.0, 0.7]
 """e_rev - e_fwd at 0, 10, 20, 30, 40 mm: 1120 sixteenths of 10 nm are 0.7 um."""
-
-
-@pytest.fixture(autouse=True)
-def registered(monkeypatch):
-    monkeypatch.setitem(registry._PLACES, "pmac", "pmac:PMAC")
-    monkeypatch.setitem(registry._PLACES, "pmac-backlash", "pmac_backlash:PMACBacklash")
-    registry.find.cache_clear()
-    yield
-    registry.find.cache_clear()
 
 
 def interpret(text, count):

@@ -9,7 +9,6 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
 from metrosep.compensation.maps import CompensationMap
-from metrosep.controllers import registry
 from metrosep.controllers.options import checked_options
 from metrosep.controllers.pmac_plane import PMACPlane
 from metrosep.errors import CorruptFileError, DataError, LimitError, TableError
@@ -36,14 +35,6 @@ TOLD = {
 """What that file does not say of the machine."""
 HAND_UM = [[0.0, 1.0, -0.5, 0.0], [0.2, 0.4, 0.6, 0.2], [0.0, 1.0, -0.5, 0.0]]
 """Corrections in um at 10 nm a count: 1600 sixteenths are 1 um; rows Y, columns X."""
-
-
-@pytest.fixture(autouse=True)
-def registered(monkeypatch):
-    monkeypatch.setitem(registry._PLACES, "pmac-plane", "pmac_plane:PMACPlane")
-    registry.find.cache_clear()
-    yield
-    registry.find.cache_clear()
 
 
 def interpret(text, count, row_count=None, column_count=None):

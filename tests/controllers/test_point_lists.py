@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from metrosep.controllers.gcode_corrections import error_correction
-from metrosep.controllers.point_lists import rewrite_points
+from metrosep.controllers.gcode.corrections import error_correction
+from metrosep.controllers.gcode.lists import rewrite_points
 from metrosep.core.errors import (
     CorruptFileError,
     DataError,

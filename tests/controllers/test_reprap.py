@@ -11,7 +11,6 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
 from metrosep.compensation.maps import CompensationMap
-from metrosep.controllers import registry
 from metrosep.controllers.options import checked_options
 from metrosep.controllers.reprap import MAX_LINE, RepRap
 from metrosep.errors import CorruptFileError, DataError, LimitError, TableError
@@ -31,13 +30,6 @@ X,Y,10.00,50.00,-5.00,20.50,-1.00,20.00,25.50,3,2
   0.000, -0.002,  0.000
 """
 VALUES = [[3e-6, 0.0, -1e-6], [0.0, -2e-6, 1e-10]]
-
-
-@pytest.fixture(autouse=True)
-def _registered(monkeypatch):
-    if "rrf" not in registry._PLACES:
-        monkeypatch.setitem(registry._PLACES, "rrf", "reprap:RepRap")
-        registry.find.cache_clear()
 
 
 def encode(table, **options):

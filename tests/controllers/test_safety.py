@@ -124,7 +124,7 @@ class Inverted(Neutral):
 @pytest.fixture
 def plant(monkeypatch):
     def put(name, cls):
-        monkeypatch.setattr(registry, "_PLACES", {**registry._PLACES, name: "x:X"})
+        monkeypatch.setitem(registry._places(), name, ("x", "X"))
         found = registry.find
         monkeypatch.setattr(
             "metrosep.controllers.files.find", lambda n: cls() if n == name else found(n)

@@ -11,8 +11,7 @@ from hypothesis import given, settings, strategies as st
 from metrosep import controllers
 from metrosep.compensation import CompensationTable
 from metrosep.compensation.maps import CompensationMap
-from metrosep.controllers import registry
-from metrosep.controllers.sinumerik_cec import SinumerikCec, SinumerikCecProduct
+from metrosep.controllers.sinumerik import SinumerikCec, SinumerikCecProduct
 from metrosep.errors import (
     CorruptFileError,
     DataError,
@@ -52,17 +51,6 @@ $AN_CEC_IS_MODULO[0]=0
 M17
 """
 """Example of the controllers notes, section 3.4."""
-
-
-@pytest.fixture(autouse=True)
-def registered(monkeypatch):
-    monkeypatch.setitem(registry._PLACES, "sinumerik-cec", "sinumerik_cec:SinumerikCec")
-    monkeypatch.setitem(
-        registry._PLACES, "sinumerik-cec-product", "sinumerik_cec:SinumerikCecProduct"
-    )
-    registry.find.cache_clear()
-    yield
-    registry.find.cache_clear()
 
 
 def interpreter(text):

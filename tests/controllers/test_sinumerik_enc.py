@@ -9,8 +9,7 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
 from metrosep.compensation import CompensationTable
-from metrosep.controllers import registry
-from metrosep.controllers.sinumerik_cec import SinumerikEnc
+from metrosep.controllers.sinumerik import SinumerikEnc
 from metrosep.errors import (
     CorruptFileError,
     DataError,
@@ -41,14 +40,6 @@ $AA_ENC_COMP_IS_MODULO[0,X1]=0
 M17
 """
 """Example of the controllers notes, section 3.4."""
-
-
-@pytest.fixture(autouse=True)
-def registered(monkeypatch):
-    monkeypatch.setitem(registry._PLACES, "sinumerik-enc", "sinumerik_cec:SinumerikEnc")
-    registry.find.cache_clear()
-    yield
-    registry.find.cache_clear()
 
 
 @pytest.fixture(scope="module")

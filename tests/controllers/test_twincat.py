@@ -9,7 +9,6 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
 from metrosep.compensation import CompensationTable
-from metrosep.controllers import registry
 from metrosep.controllers.options import checked_options
 from metrosep.controllers.twincat import TwinCAT
 from metrosep.errors import (
@@ -40,12 +39,6 @@ MaxPosition := 10.000000000, NoOfTableElements := 3);
 END_VAR
 """
 """Axis that is 2 um too far at +10 mm and 1.5 um short at -10 mm."""
-
-
-@pytest.fixture(autouse=True)
-def registered(monkeypatch):
-    monkeypatch.setitem(registry._PLACES, "twincat", "twincat:TwinCAT")
-    registry.find.cache_clear()
 
 
 def encode(table, **given):

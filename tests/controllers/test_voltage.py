@@ -11,7 +11,6 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import Recording, controllers
 from metrosep.compensation import CompensationTable
-from metrosep.controllers import registry
 from metrosep.controllers.base import load_sidecar
 from metrosep.controllers.options import checked_options
 from metrosep.controllers.voltage import Voltage
@@ -25,13 +24,6 @@ SENSITIVITY = 1.66e-6
 """Dual-servo paper: 16.6 um at 10 V."""
 DAC_STEP = 10.0 / 65535 * SENSITIVITY
 """0.25 nm of 16 bits."""
-
-
-@pytest.fixture(autouse=True)
-def _registered(monkeypatch):
-    if "voltage" not in registry._PLACES:
-        monkeypatch.setitem(registry._PLACES, "voltage", "voltage:Voltage")
-        registry.find.cache_clear()
 
 
 def encode(table, **options):

@@ -92,6 +92,52 @@ def test_u_is_the_scatter_of_maps_whose_pixels_hang_together(model, s):
         assert np.sqrt(np.mean(np.square(white))) > 1.5 * s
 
 
+def long_maps(n_y, n_x, length):
+    """Residuals that hang together over the whole map, by waves of our own: rms 1 um, in rows."""
+    X, Y = np.meshgrid(np.arange(n_x) / n_x, np.arange(n_y) / n_x)
+    rng = np.random.default_rng(n_x)
+    for _ in range(12):
+        k = rng.standard_normal((12, 2)) / length
+        phase = rng.uniform(0.0, 2 * np.pi, 12)
+        z = sum(np.cos(kx * X + ky * Y + q) for (kx, ky), q in zip(k, phase, strict=True))
+        yield 1e-6 * z / np.sqrt(6.0)
+
+
+@pytest.mark.parametrize("length", [0.1, 0.25, 0.5])
+@pytest.mark.parametrize("shape", [(60, 60), (40, 150), (200, 170)])
+def test_no_tilt_is_less_sure_than_everything_that_the_fit_left(shape, length):
+    """Of maps that hang together over their whole width, u was up to 100 times the residual."""
+    pulls, covered = [], []
+    for z in long_maps(*shape, length):
+        found = fit(surface(z), Plane())
+        if np.isnan(found.u["tilt_x"]):  # fewer independent cells than the plane needs: refused
+            assert "their uncertainty is not known" in " ".join(found.warnings)
+            continue
+        spread = STEP * np.std(np.arange(shape[1]))
+        assert found.u["tilt_x"] * spread <= 1.05 * found.rms
+        assert found.u["piston"] <= 1.05 * found.rms
+        pulls.append(found.params["tilt_x"] / found.u["tilt_x"])
+        covered.append(abs(found.params["tilt_x"]) <= coverage(found) * found.u["tilt_x"])
+
+    assert len(pulls) >= 8
+    assert np.sqrt(np.mean(np.square(pulls))) > 0.25
+    assert np.mean(covered) >= 0.8  # a wave of several widths of the map is a tilt to any fit
+
+
+@pytest.mark.parametrize("n", [60, 400])
+def test_a_waviness_of_little_more_than_a_period_leaves_a_tilt_that_is_known(n):
+    wave = 1e-6 * np.sin(60 / 7 * np.arange(n) / n)
+    x = STEP * np.arange(n)
+    fits = [
+        (fit(surface(np.tile(wave, (n, 1))), Plane()), "tilt_x"),
+        (fit(ms.Profile(x, wave), Plane()), "tilt_x"),
+        (fit(PointSet(np.tile(x, 3), np.repeat(x[:3], n), np.tile(wave, 3)), Plane()), "tilt_x"),
+    ]
+    for found, name in fits:
+        assert abs(found.params[name]) < found.coverage_factor * found.u[name]
+        assert found.u[name] * np.std(x) <= 1.05 * found.rms
+
+
 def test_a_profile_and_a_list_of_points_are_not_sure_of_themselves_either():
     t = np.arange(-40, 41)
     kernel = np.exp(-0.5 * (t / 10.0) ** 2)

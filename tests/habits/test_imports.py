@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import metrosep as ms
 
-PROGRAMS = frozenset({"metrosep/io/hdf5_worker.py"})
+PROGRAMS = frozenset({"metrosep/io/containers/hdf5_worker.py"})
 """Run as processes of their own; nothing imports them."""
 
 HEAVY = frozenset(

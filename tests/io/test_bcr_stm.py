@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import bcr_stm
+from metrosep.io.maps import bcr_stm
 from metrosep.io.registry import Match, identify
 from metrosep.io.source import RawFile
 

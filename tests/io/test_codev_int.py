@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import codev_int
-from metrosep.io.codev_int import int_bytes, quantisation_step
 from metrosep.io.registry import Match, identify
 from metrosep.io.source import RawFile
+from metrosep.io.text import codev_int
+from metrosep.io.text.codev_int import int_bytes, quantisation_step
 
 NM = 1e-9
 REL = 1e-6  # digits of the manifest of the corpus

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import dabam
 from metrosep.io.source import RawFile
+from metrosep.io.text import dabam
 
 NM = 1e-9
 URAD = 1e-6

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import datx
-from metrosep.io.native import native_bytes
+from metrosep.io.containers import datx
+from metrosep.io.containers.native import native_bytes
 
 RTOL = 1e-12  # one multiplication in double precision
 ROWS = [[9.0, 1.0, 2.0], [3.0, 4.0, -5.0]]

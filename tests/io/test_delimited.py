@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import delimited
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile, open_file
+from metrosep.io.text import delimited
 
 NM = 1e-9
 AM = 1e-18

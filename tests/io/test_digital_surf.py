@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import digital_surf
-from metrosep.io.digital_surf import FIELDS, sur_bytes
+from metrosep.io.maps import digital_surf
+from metrosep.io.maps.digital_surf import FIELDS, sur_bytes
 from metrosep.io.registry import Match, identify
 from metrosep.io.source import RawFile, open_file
 

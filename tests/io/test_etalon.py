@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import etalon
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
+from metrosep.io.text import etalon
 
 PUBLISHED = """\
 // Every parameter is specified in a block.

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import fourd
+from metrosep.io.containers import fourd
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
 

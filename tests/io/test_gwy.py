@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import gwy
+from metrosep.io.maps import gwy
 from metrosep.io.source import RawFile
 
 NM = 1e-9

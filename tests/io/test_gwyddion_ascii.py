@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import gwyddion_ascii
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
+from metrosep.io.text import gwyddion_ascii
 
 NM = 1e-9
 DOUBLE = 1e-12  # relative; a product of two doubles

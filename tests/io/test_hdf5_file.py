@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import hdf5_file
-from metrosep.io.hdf5_file import has_magic, open_hdf5
+from metrosep.io.containers import hdf5_file
+from metrosep.io.containers.hdf5_file import has_magic, open_hdf5
 from metrosep.io.source import RawFile, open_file
 
 

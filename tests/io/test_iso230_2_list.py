@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import iso230_2_list
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
+from metrosep.io.text import iso230_2_list
 
 TEXT = 1e-12  # relative; text to double and one factor
 

@@ -8,8 +8,8 @@ import pytest
 
 import metrosep as ms
 from metrosep.io import registry
-from metrosep.io.layout import LayoutReader
 from metrosep.io.source import RawFile
+from metrosep.io.text.layout import LayoutReader
 
 PM = 1e-12  # heights of micrometres, one multiplication
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import lvm
+from metrosep.io.text import lvm
 
 TEXT = 1e-12  # relative; text to double and one factor
 

@@ -10,8 +10,8 @@ import pytest
 from scipy import io as scipy_io
 
 import metrosep as ms
-from metrosep.io import matlab, matlab as matlab_v5
-from metrosep.io.matlab import load
+from metrosep.io.containers import matlab, matlab as matlab_v5
+from metrosep.io.containers.matlab import load
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
 

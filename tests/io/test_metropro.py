@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io.metropro import FIELDS
+from metrosep.io.maps.metropro import FIELDS
 
 NM = 1e-9
 PM = 1e-12

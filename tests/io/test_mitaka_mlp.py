@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import mitaka_mlp
 from metrosep.io.source import RawFile
+from metrosep.io.text import mitaka_mlp
 
 UM = 1e-6
 DOUBLE = 1e-12  # relative; a factor of 1e-3

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import mitutoyo_xlsx
+from metrosep.io.containers import mitutoyo_xlsx
+from metrosep.io.containers.workbook import Workbook, zip_members
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
-from metrosep.io.workbook import Workbook, zip_members
 
 NM = 1e-9
 UM = 1e-6

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import mx_slice
 from metrosep.io.read import channels
 from metrosep.io.registry import Match, identify
 from metrosep.io.source import RawFile
+from metrosep.io.text import mx_slice
 
 NM = 1e-9
 REL = 1e-6  # digits of the manifest of the corpus

@@ -7,8 +7,8 @@ import pytest
 import metrosep as ms
 from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
-from metrosep.io import native
-from metrosep.io.native import native_bytes
+from metrosep.io.containers import native
+from metrosep.io.containers.native import native_bytes
 from metrosep.io.source import RawFile
 
 METADATA = {

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import nmm
-from metrosep.io.describe import describe
+from metrosep.io.check import describe
+from metrosep.io.text import nmm
 
 UM = 1e-6
 PAIRS = ("line-1", "line-2", "positions", "interrupted")

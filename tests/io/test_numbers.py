@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import CorruptFileError
-from metrosep.io.numbers import parse_decimals, parse_numbers
 from metrosep.io.source import open_file
+from metrosep.io.text.numbers import parse_decimals, parse_numbers
 
 
 def floats(n: int = 60_000) -> np.ndarray:

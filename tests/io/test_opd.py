@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import opd
+from metrosep.io.maps import opd
 from metrosep.io.registry import Match, identify
 from metrosep.io.source import RawFile
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import opdx
+from metrosep.io.maps import opdx
 from metrosep.io.registry import Match, identify
 from metrosep.io.source import RawFile, open_file
 

@@ -8,7 +8,7 @@ import pytest
 import metrosep as ms
 from metrosep.core.provenance import Step
 from metrosep.filters import DoubleFilterError, gaussian, profile_kind, roughness, waviness
-from metrosep.io.x3p_container import md5
+from metrosep.io.maps.x3p import md5
 
 UM = 1e-6
 X = np.arange(8000) * 0.5 * UM

@@ -9,7 +9,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.io import registry
-from metrosep.io.describe import describe
+from metrosep.io.check import describe
 from metrosep.io.read import channels
 from metrosep.io.registry import Match
 from metrosep.io.source import open_file
@@ -166,7 +166,7 @@ def test_channels_are_the_labels_of_a_stacked_export(repository):
 
 
 def test_the_slow_reader_of_tables_is_asked_only_when_no_other_is_sure(put, monkeypatch):
-    from metrosep.io import delimited
+    from metrosep.io.text import delimited
 
     asked = []
     sniff = delimited.sniff
@@ -182,7 +182,7 @@ def test_the_slow_reader_of_tables_is_asked_only_when_no_other_is_sure(put, monk
 
 def test_the_reader_of_tables_is_never_sure(repository):
     """Otherwise it must be asked with the others, so that two sure readers are refused."""
-    from metrosep.io import delimited
+    from metrosep.io.text import delimited
 
     files = [f for f in sorted((repository / "data_formats").rglob("*.*")) if f.is_file()]
     assert len(files) > 50

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io.layout import LayoutReader
 from metrosep.io.registry import get
 from metrosep.io.source import RawFile
 from metrosep.io.stream import open_stream
+from metrosep.io.text.layout import LayoutReader
 
 nptdms = pytest.importorskip("nptdms", reason="writes the TDMS files of these tests")
 

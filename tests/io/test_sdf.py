@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import sdf
+from metrosep.io.maps import sdf
+from metrosep.io.maps.sdf import sdf_bytes
 from metrosep.io.registry import Match, identify
-from metrosep.io.sdf import sdf_bytes
 from metrosep.io.source import RawFile
 
 NM = 1e-9

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import stream_text
 from metrosep.io.stream import open_stream
+from metrosep.io.text import delimited as stream_text
 
 PM = 1e-12
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import talyrond
-from metrosep.io.describe import describe
+from metrosep.io.check import describe
+from metrosep.io.containers import talyrond
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
 

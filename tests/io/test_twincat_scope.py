@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import twincat_scope
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
+from metrosep.io.text import twincat_scope
 
 START = 132959733843760000
 HEADER = (

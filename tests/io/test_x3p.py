@@ -11,7 +11,7 @@ import pytest
 import x3pio
 
 import metrosep as ms
-from metrosep.io import x3p
+from metrosep.io.maps import x3p
 
 NM = 1e-9
 AM = 1e-18
@@ -218,9 +218,9 @@ def test_zip_bomb_is_refused_from_the_directory(sample, tmp_path):
 
 
 def test_bomb_that_claims_a_matching_map_needs_consent(edited, monkeypatch):
-    from metrosep.io import x3p_container
+    from metrosep.io.maps import x3p
 
-    monkeypatch.setattr(x3p_container, "_SUSPECT_BYTES", 1000)
+    monkeypatch.setattr(x3p, "_SUSPECT_BYTES", 1000)
     stream = io.BytesIO()
     with zipfile.ZipFile(edited("<SizeY>4<", "<SizeY>40000<")) as source:
         main = source.read("main.xml")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io import zygo_xyz
 from metrosep.io.registry import Match
 from metrosep.io.source import RawFile
+from metrosep.io.text import zygo_xyz
 
 PM = 1e-12
 FM = 1e-15

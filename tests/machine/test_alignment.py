@@ -155,5 +155,5 @@ def test_bad_input_is_refused():
         space.remove(np.ones(4))
     with pytest.raises(InvalidSamplesError, match="NaN"):
         space.remove([1.0, np.nan, 1.0])
-    with pytest.raises(DataError, match="no freedom"):
+    with pytest.raises(DataError, match="one of piston"):
         freedom_maps(["roll"], x=[0], y=[0], z=[0], slope_x=[0], slope_y=[0])

@@ -80,7 +80,7 @@ def test_amounts_that_are_no_numbers(value):
         lambda: PolynomialTerm([0.0, value]),
         lambda: ErrorSet({"EXX": 0.0, "EYX": 0.0}, correlations={("EXX", "EYX"): value}),
     ):
-        with pytest.raises(InvalidSamplesError):
+        with pytest.raises(DataError):
             make()
 
 
@@ -134,17 +134,17 @@ def test_values_that_are_no_mapping_of_names(values):
 def test_uncertainties_that_are_no_mapping(u):
     with pytest.raises(DataError, match="u is a mapping"):
         ErrorSet({"EXX": 0.0}, u=u)
-    with pytest.raises(DataError, match=r"'EXX'.*leave it out"):
+    with pytest.raises(DataError, match=r"'EXX'.*u must be a number.*got None"):
         ErrorSet({"EXX": 0.0}, u={"EXX": None})
 
 
 @pytest.mark.parametrize(
     ("correlations", "message"),
     [
-        ({("EXX", "EYX"): "0.5"}, "number in SI"),
-        ({("EXX", "EYX"): None}, "number in SI"),
-        ({("EXX", "EYX"): np.array([0.5])}, "number in SI"),
-        ({("EXX", "EYX"): True}, "number in SI"),
+        ({("EXX", "EYX"): "0.5"}, "must be a number"),
+        ({("EXX", "EYX"): None}, "must be a number"),
+        ({("EXX", "EYX"): np.array([0.5])}, "must be a number"),
+        ({("EXX", "EYX"): True}, "must be a number"),
         ({("EXX",): 0.5}, "pair of two terms"),
         ({("EXX", "EYX", "EXX"): 0.5}, "pair of two terms"),
         ({"EXX": 0.5}, "pair of two terms"),
@@ -191,7 +191,7 @@ def test_errors_to_import_are_a_mapping():
     [
         ({"name": 1}, "axis name"),
         ({"name": None}, "axis name"),
-        ({"kind": ["linear"]}, "known are"),
+        ({"kind": ["linear"]}, "one of linear"),
         ({"direction": ("1", "0", "0")}, "3 numbers"),
         ({"direction": (True, 0, 0)}, "3 numbers"),
         ({"direction": None}, "3 numbers"),
@@ -317,12 +317,12 @@ def test_parameters_in_mm_are_refused():
     for radius in (20, 20.0, np.int64(20)):
         with pytest.raises(UnitError, match=r"radius of fts_lathe is 20(\.0)? m.*20 mm are 0\.02"):
             presets("fts_lathe", radius=radius)
-    with pytest.raises(UnitError, match="pivot_height of five_axis is -50 m"):
+    with pytest.raises(UnitError, match=r"pivot_height of five_axis is -50.0 m"):
         presets("five_axis", pivot_height=-50)
     for radius in (1, np.int64(3), np.float32(0.02), np.array(0.02)):
         assert presets("fts_lathe", radius=radius).name == "fts_lathe"
     for radius in (True, "0.02", None, np.nan, np.array([0.02]), 1j):
-        with pytest.raises(DataError, match="not a finite number"):
+        with pytest.raises(DataError, match=r"radius of fts_lathe|radius .* has no unit"):
             presets("fts_lathe", radius=radius)
 
 
@@ -354,7 +354,7 @@ def load(tmp_path, text, encoding="utf-8", **parameters):
         (W + X + 'location_errors = ["B0X", "B0X"]', "twice"),
         (W + X + 'location_errors = ["B0Q"]', "no axis 'Q'"),
         (W + X + 'location_errors = ["Z0X"]', "does nothing"),
-        (W + X + "location_errors = { B0X = { B = true } }", "no number"),
+        (W + X + "location_errors = { B0X = { B = true } }", "must be a number, got True"),
         (W + X + "errors = { X = 1 }", "errors"),
         (W + X + 'errors = [["X"]]', "errors"),
         (W + X + "errors = [1]", "errors"),

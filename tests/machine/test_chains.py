@@ -422,10 +422,10 @@ def test_axes_that_repeat_each_other_on_purpose_pass():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"kind": "helical"}, "'helical'; known are linear, rotary, fixed"),
-        ({"branch": "bed"}, "'bed'; known are tool, workpiece"),
-        ({"error_frame": "around"}, "known are after, before"),
-        ({"errors_of": "bed"}, "known are body, tool"),
+        ({"kind": "helical"}, "one of linear, rotary, fixed, got 'helical'"),
+        ({"branch": "bed"}, "one of tool, workpiece, got 'bed'"),
+        ({"error_frame": "around"}, "one of after, before"),
+        ({"errors_of": "bed"}, "one of body, tool"),
         ({"direction": (1, 1, 0)}, "length 1.41"),
         ({"direction": (1, 0)}, "3 finite numbers"),
         ({"location": (0, 0, np.nan)}, "3 finite numbers"),

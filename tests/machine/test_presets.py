@@ -153,8 +153,12 @@ def test_tables_are_new_each_time():
     [
         ("fts", {}, "there are five_axis, fts_lathe"),
         ("fts_lathe", {}, "'radius' is missing"),
-        ("fts_lathe", {"radius": -0.02}, "-0.02 m; it must be positive"),
-        ("fts_lathe", {"radius": np.nan}, "'radius' is nan"),
+        ("fts_lathe", {"radius": -0.02}, "must be positive and finite, got -0.02 m"),
+        (
+            "fts_lathe",
+            {"radius": np.nan},
+            "radius of fts_lathe must be a finite number in m, got nan",
+        ),
         ("fts_lathe", {"radius": 0.02, "height": 1.0}, "no parameter 'height'; it has radius"),
         ("mill_xyz", {"radius": 0.02}, "no parameter 'radius'; it has none"),
         ("fts_lathe", {"radius": 0.02, "spindle_errors": "turning"}, "co-rotating, fixed"),

@@ -184,10 +184,10 @@ def test_sets_cannot_be_changed_from_outside():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: ConstantTerm(np.nan), "leave out a term"),
-        (lambda: ConstantTerm(1e-6, u=-1.0), "must be >= 0"),
-        (lambda: ConstantTerm(1j), "must be real"),
-        (lambda: ConstantTerm("1 um"), "number in SI"),
+        (lambda: ConstantTerm(np.nan), "finite number, got nan"),
+        (lambda: ConstantTerm(1e-6, u=-1.0), "zero or more"),
+        (lambda: ConstantTerm(1j), "must be a number, got 1j"),
+        (lambda: ConstantTerm("1 um"), "must be a number, got '1 um'"),
         (lambda: PolynomialTerm([1.0, np.nan]), "coefficients hold NaN at index 1"),
         (lambda: PolynomialTerm([1.0], covariance=np.eye(2)), r"\(1, 1\)"),
         (lambda: PolynomialTerm([1.0, 2.0], covariance=[[1, 2], [2, 1]]), "negative"),
@@ -205,17 +205,29 @@ def test_sets_cannot_be_changed_from_outside():
         (lambda: as_term(None), "NoneType"),
         (lambda: as_term(ConstantTerm(1.0), u=1.0), "of its own"),
         (lambda: ErrorSet({"dxx": 1.0}), "EXX"),
-        (lambda: ErrorSet({"EXX": "1 um"}), "'EXX'"),
+        (lambda: ErrorSet({"EXX": "1 mrad"}), "'EXX'.*angle"),
         (lambda: ErrorSet({"EXX": 1.0}, u={"EYX": 1.0}), "'EYX' belongs to no term"),
         (lambda: ErrorSet({"EXX": 1e-6}, correlations={("EXX", "EYX"): 0.1}), "'EYX' is no term"),
         (lambda: ErrorSet({"EXX": 1e-6}, correlations={("EXX", "EXX"): 0.1}), "once"),
-        (lambda: ErrorSet({"EXX": 0, "EYX": 0}, correlations={("EXX", "EYX"): 1.1}), "-1 to 1"),
+        (
+            lambda: ErrorSet({"EXX": 0, "EYX": 0}, correlations={("EXX", "EYX"): 1.1}),
+            "between -1 and 1",
+        ),
         (lambda: as_error_set([1.0]), "mapping"),
     ],
 )
 def test_terms_that_cannot_be(make, message):
     with pytest.raises((DataError, InvalidSamplesError), match=message):
         make()
+
+
+def test_amounts_are_numbers_in_si_or_texts_with_their_unit():
+    errors = ErrorSet({"EXX": "2 um", "ECC": "10 urad"}, u={"EXX": "100 nm"})
+    assert errors.terms["EXX"] == ConstantTerm(2e-6, u=1e-7)
+    assert (errors.values["ECC"], errors.u["EXX"]) == (1e-5, 1e-7)
+    assert (
+        presets("fts_lathe", radius="20 mm").elements == presets("fts_lathe", radius=0.02).elements
+    )
 
 
 def test_correlations_that_contradict_each_other():
@@ -287,14 +299,14 @@ def test_chain_of_a_file(tmp_path):
         ('direction = "-X"', 'direction = "-W"', r"element 1 \(X\).*'-W' is none of"),
         ('direction = "-X"', "direction = [1, 1, 0]", r"element 1 \(X\).*length 1\.41"),
         ('direction = "-X"\n', "", "'direction' is missing"),
-        ('branch = "tool"', 'branch = "bed"', r"element 2 \(head\).*known are tool, workpiece"),
+        ('branch = "tool"', 'branch = "bed"', r"element 2 \(head\).*one of tool, workpiece"),
         ('branch = "tool"', 'branch = "workpiece"', "does not close.*'tool'"),
-        ('kind = "fixed"', 'kind = "glued"', "'glued'; known are linear, rotary, fixed"),
+        ('kind = "fixed"', 'kind = "glued"', "one of linear, rotary, fixed, got 'glued'"),
         ('name = "head"\n', "", "'name' must be a text"),
         ('"-height"', '"-width"', "'-width' is no parameter; the chain has height"),
         ("[10, 0, -5]", '["height", 0, 0]', "SI; use the key without a prefix"),
         ("[10, 0, -5]", "[10, 0]", "3 finite numbers"),
-        ("[10, 0, -5]", "[10, 0, true]", "True is no number"),
+        ("[10, 0, -5]", "[10, 0, true]", "must be a number, got True"),
         ("[10, 0, -5]", "[10, 0, nan]", "3 finite numbers"),
         ("location_mm", "location_m = [0, 0, 0]\nlocation_mm", "given twice"),
         ('errors = "A"', 'errors = "Q"', "known directions"),
@@ -318,9 +330,9 @@ def test_files_that_are_wrong(tmp_path, old, new, message):
     ("parameters", "message"),
     [
         ({}, r"'height' is missing \(height of the probe in m\)"),
-        ({"height": np.nan}, "'height' is nan"),
+        ({"height": np.nan}, "'height' must be a finite number, got nan"),
         ({"height": 0.3, "width": 1.0}, "no parameter 'width'; it has height"),
-        ({"height": "300 mm"}, "'300 mm', not a finite number"),
+        ({"height": "300 mm"}, "'height' must be a number, got '300 mm'"),
     ],
 )
 def test_parameters_that_are_wrong(tmp_path, parameters, message):

@@ -97,7 +97,7 @@ def test_cusps_of_the_paper():
         ((1e-3, 2e-6, 2e-3), DataError, "depth 2 mm is more than the nose radius 1 mm"),
         ((1e-3, np.nan, 2e-6), InvalidSamplesError, "f is nan"),
         ((1e-3, np.inf, 2e-6), InvalidSamplesError, "f is inf"),
-        ((1e-3, "2 um", 2e-6), DataError, "f must be a length"),
+        ((1e-3, "2", 2e-6), UnitError, "f '2' has no unit"),
         ((1e-3, [1e-6, 2e-6], [1e-6, 2e-6, 3e-6]), InvalidSamplesError, "broadcast"),
     ],
 )

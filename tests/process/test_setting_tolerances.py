@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from metrosep.core.errors import DataError, TooFewSamplesError, UnitError
+from metrosep.core.errors import DataError, UnitError
 from metrosep.forms import SineGrid, Sphere
 from metrosep.process.setting_maps import setting_tolerance
 from metrosep.process.tool_settings import ToolSetting
@@ -80,15 +80,15 @@ def test_bad_input_is_named():
         setting_tolerance(GRID, 0.0)
     with pytest.raises(DataError, match="must be positive"):
         setting_tolerance(GRID, math.nan)
-    with pytest.raises(UnitError, match="1 nm is 1e-09"):
+    with pytest.raises(UnitError, match=r"limit 1 mm.* 1 um is 1e-06"):
         setting_tolerance(GRID, 1.0)
-    with pytest.raises(DataError, match="must be a number"):
-        setting_tolerance(GRID, "1 nm")
+    with pytest.raises(UnitError, match="has no unit"):
+        setting_tolerance(GRID, "1")
     with pytest.raises(DataError, match="azimuths is empty"):
         setting_tolerance(GRID, NM, azimuths=[])
     with pytest.raises(DataError, match="no value for R"):
         setting_tolerance(Sphere(), NM)
     with pytest.raises(DataError, match="anywhere"):
         setting_tolerance(Sphere(R=1e-3), NM, region=(2e-3, 3e-3))
-    with pytest.raises(TooFewSamplesError, match="n_rho"):
+    with pytest.raises(DataError, match="n_rho"):
         setting_tolerance(GRID, NM, n_rho=0)

@@ -136,7 +136,7 @@ def test_what_the_path_cannot_do_is_said_or_refused():
     assert np.isnan(loose.z).tolist() == [False, True]
     with pytest.raises(DataError, match='sense="counterclockwise" or sense="clockwise"'):
         tip_path(BALL, 8e-3, 0.0, nose=RoundNose(R, -0.5))
-    with pytest.raises(DataError, match="sense must be counterclockwise"):
+    with pytest.raises(DataError, match="sense is one of counterclockwise"):
         tip_path(BALL, 8e-3, 0.0, nose=nose, sense="left")
     with pytest.raises(DataError, match="must be a RoundNose"):
         tip_path(BALL, 8e-3, 0.0, nose=R)

@@ -12,7 +12,7 @@ import pytest
 import metrosep as ms
 from metrosep.cli.main import main
 from metrosep.core.errors import RecipeError, WriteError
-from metrosep.io.table_hdf5 import table_bytes
+from metrosep.io.containers.native import table_bytes
 from metrosep.separation import machine_axis
 
 NM = 1e-9

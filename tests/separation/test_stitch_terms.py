@@ -14,7 +14,7 @@ from metrosep.separation.maps._stitch_grid import (
 from metrosep.separation.maps._stitch_models import plain_problem, with_polynomials
 from metrosep.separation.maps._stitch_solve import (
     ReferenceSystem,
-    WindowTerms,
+    Terms,
     inverse_of,
     normal_matrix,
 )
@@ -53,9 +53,7 @@ def test_products_of_two_axes_are_the_columns(case, degree):
     lay = layout(*CASES[case])
     overlaps = overlaps_of(lay)
     assert len(overlaps) == 1
-    terms = with_polynomials(
-        lay, overlaps, ("piston", "tilt", "power"), degree, line=False, weight=lay.weights()
-    ).terms
+    terms = with_polynomials(lay, overlaps, ("piston", "tilt", "power"), degree, line=False).terms
     scale = max(np.abs(lay.placed[0].x).max(), np.abs(lay.placed[0].y).max())
 
     def make(k, box):
@@ -70,7 +68,7 @@ def test_products_of_two_axes_are_the_columns(case, degree):
         ]
         return np.stack(own + shared)
 
-    plain, o, rng = WindowTerms(make), overlaps[0], np.random.default_rng(2)
+    plain, o, rng = Terms(make), overlaps[0], np.random.default_rng(2)
     weight = rng.random(lay.placed[0].valid[o.in_i].shape)
     n = make(0, o.in_i).shape[0]
     window, factors, block = (

@@ -12,21 +12,27 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotSeparableError
 from metrosep.separation.contract import Unobservable
-from metrosep.separation.maps._stitch_grid import Layout, Overlap, Pieces
+from metrosep.separation.maps._stitch_grid import (
+    Layout,
+    Overlap,
+    Pieces,
+    layout_of,
+    overlaps_of,
+    require_connection,
+)
 from metrosep.separation.maps._stitch_solve import (
     Inverse,
     PolynomialTerms,
     Problem,
     ReferenceSystem,
-    fitted_pieces,
+    fitted_to,
+    freedom_maps,
     freedom_terms,
     half_size,
     inverse_of,
-    mean_of,
-    n_of,
     noise_of,
     normal_matrix,
-    right_side,
+    require_rank,
     variance_map,
 )
 
@@ -66,35 +72,32 @@ class Solution:
     noise: tuple[float, float] = (math.nan, 0.0)
 
 
+def connected(
+    pieces: Pieces, freedoms: tuple[str, ...]
+) -> tuple[Problem, Inverse, list[FloatArray]]:
+    """Return the design with the freedoms only, its inverse and the windows, or refuse gaps."""
+    layout = layout_of(pieces)
+    overlaps = overlaps_of(layout)
+    problem = plain_problem(layout, overlaps, freedoms, line=pieces.line)
+    require_connection(overlaps, len(pieces), least=problem.terms.count + 1)
+    inverse = inverse_of(normal_matrix(problem))
+    # all freedoms together leave open as many combinations as one sub-aperture has
+    require_rank(inverse, problem, problem.terms.count)
+    return problem, inverse, [p.values for p in layout.placed]
+
+
 def plain_problem(
     layout: Layout, overlaps: tuple[Overlap, ...], freedoms: tuple[str, ...], *, line: bool
 ) -> Problem:
     """Return the design with the freedoms only."""
-    terms = freedom_terms(layout, freedoms, line=line)
-    each = n_of(terms)
-    n = len(layout.placed)
-    columns = [k * each + np.arange(each) for k in range(n)]
-    return Problem(layout, overlaps, terms, columns, n * each, layout.weights())
+    return Problem(layout, overlaps, freedom_terms(layout, freedoms, line=line))
 
 
 def rigid_basis(layout: Layout, freedoms: tuple[str, ...], *, line: bool) -> FloatArray:
     """Return what the freedoms of all sub-apertures together leave open, on the stitched grid."""
     x, y = layout.x - layout.x.mean(), layout.y - layout.y.mean()
     scale = max(float(np.abs(x).max()), float(np.abs(y).max()), np.finfo(float).tiny)
-    u, v = np.meshgrid(x / scale, y / scale)
-    out = []
-    if "piston" in freedoms:
-        out.append(np.ones_like(u))
-    if "tilt" in freedoms:
-        out += [u] if line else [u, v]
-    if "power" in freedoms:
-        out.append(u**2 if line else u**2 + v**2)
-    return np.array(out)
-
-
-def n_rigid(freedoms: tuple[str, ...], *, line: bool) -> int:
-    """Return how many combinations the freedoms of all leave open."""
-    return sum({"piston": 1, "tilt": 1 if line else 2, "power": 1}[f] for f in freedoms)
+    return freedom_maps(*np.meshgrid(x / scale, y / scale), freedoms, line=line)
 
 
 def _spread(problem: Problem, noise: tuple[float, float], settings: Settings) -> float:
@@ -109,9 +112,7 @@ def without_reference(
     settings: Settings,
 ) -> Solution:
     """Return the stitching without a reference."""
-    theta = inverse.matrix @ right_side(problem, values, mean_of(problem, values))
-    fitted = fitted_pieces(problem, values, theta)
-    mean = mean_of(problem, fitted)
+    theta, fitted, mean = fitted_to(problem, inverse, values)
     basis = rigid_basis(problem.layout, settings.freedoms, line=pieces.line)
     labels = np.where(problem.weight > 0.0, 0, -1)
     noise = noise_of(problem, fitted, mean, inverse.rank)
@@ -145,18 +146,9 @@ def with_polynomial(
     """Return the stitching with a polynomial that all sub-apertures share."""
     degree = settings.degree or 0
     shape, layout = _one_shape(pieces), problem.layout
-    full = with_polynomials(
-        layout,
-        problem.overlaps,
-        settings.freedoms,
-        degree,
-        line=pieces.line,
-        weight=problem.weight,
-    )
+    full = with_polynomials(layout, problem.overlaps, settings.freedoms, degree, line=pieces.line)
     inverse = inverse_of(normal_matrix(full))
-    theta = inverse.matrix @ right_side(full, values, mean_of(full, values))
-    fitted = fitted_pieces(full, values, theta)
-    mean = mean_of(full, fitted)
+    theta, fitted, mean = fitted_to(full, inverse, values)
     noise = noise_of(full, fitted, mean, inverse.rank)
     modes = null_modes(full, inverse, degree, shape, line=pieces.line)
     u, v = instrument_grid(layout, shape)
@@ -175,14 +167,7 @@ def with_polynomial(
     basis = _removed_basis(problem, modes, pieces, settings)
     labels = np.where(problem.weight > 0.0, 0, -1)
     if settings.ambiguous == "surface":
-        rest = [z - p.forward(reference) for p, z in zip(layout.placed, values, strict=True)]
-        simple = inverse_of(normal_matrix(problem)).matrix
-        mean = mean_of(
-            problem,
-            fitted_pieces(
-                problem, rest, simple @ right_side(problem, rest, mean_of(problem, rest))
-            ),
-        )
+        mean = _with_reference(problem, inverse_of(normal_matrix(problem)), values, reference)[2]
         basis_out = rigid_basis(layout, settings.freedoms, line=pieces.line)
     else:
         basis_out = basis
@@ -210,15 +195,9 @@ def with_pixels(
 ) -> Solution:
     """Return the stitching with a map of pixels that all sub-apertures share."""
     shape = _one_shape(pieces)
-    layout = problem.layout
     links = links_of(problem, shape, pieces.kind)
     full = with_polynomials(
-        layout,
-        problem.overlaps,
-        settings.freedoms,
-        _ANALYSED_DEGREE,
-        line=pieces.line,
-        weight=problem.weight,
+        problem.layout, problem.overlaps, settings.freedoms, _ANALYSED_DEGREE, line=pieces.line
     )
     modes = null_modes(
         full, inverse_of(normal_matrix(full)), _ANALYSED_DEGREE, shape, line=pieces.line
@@ -233,13 +212,10 @@ def with_pixels(
     links = replace(links, instrument=np.where(wild, -1, links.instrument))
     reference = without_modes(raw, links.instrument, modes.reference)
     used = _continued(raw, reference, modes.reference)
-    rest = [z - p.forward(used) for p, z in zip(layout.placed, values, strict=True)]
-    theta = inverse.matrix @ right_side(problem, rest, mean_of(problem, rest))
-    fitted = fitted_pieces(problem, rest, theta)
+    theta, fitted, mean = _with_reference(problem, inverse, values, used)
     labels = links.surface
-    mean = mean_of(problem, fitted)
     if settings.ambiguous == "surface":
-        rigid = rigid_basis(layout, settings.freedoms, line=pieces.line)
+        rigid = rigid_basis(problem.layout, settings.freedoms, line=pieces.line)
         surface = _cleaned(mean, np.where(labels >= 0, 0, -1), rigid)
     else:
         surface = without_modes(mean, labels, basis)
@@ -382,7 +358,6 @@ def with_polynomials(
     degree: int,
     *,
     line: bool,
-    weight: FloatArray,
 ) -> Problem:
     """Return the design of the freedoms with a shared polynomial of the instrument."""
     own = freedom_terms(layout, freedoms, line=line)
@@ -393,10 +368,7 @@ def with_polynomials(
         return np.concatenate([own.make(k, x, y), polynomial(x / scale, y / scale, powers)])
 
     terms = PolynomialTerms(layout, make, max(degree, own.degree))
-    n, each = len(layout.placed), n_of(own)
-    shared = n * each + np.arange(len(powers))
-    columns = [np.concatenate([k * each + np.arange(each), shared]) for k in range(n)]
-    return Problem(layout, overlaps, terms, columns, n * each + len(powers), weight)
+    return Problem(layout, overlaps, terms, len(powers))
 
 
 def null_modes(
@@ -560,7 +532,7 @@ def resolved(
     instrument, surface = links.instrument, links.surface
     for readings, truth, found in system.probes():
         instrument = _agreeing(found - truth, instrument, modes[0])
-        error = surface_with(problem, inverse, readings, found)
+        error = _with_reference(problem, inverse, readings, found)[2]
         surface = _agreeing(np.nan_to_num(error), surface, modes[1])
     return Links(instrument, surface, links.n_groups)
 
@@ -590,26 +562,22 @@ def scatter(
     for _ in range(draws):
         noise = [p.forward(rng.standard_normal(system.shape)) for p in problem.layout.placed]
         r = system.solve(system.left(noise), _OF_DRAWS)
-        s = surface_with(problem, inverse, noise, r)
+        s = _with_reference(problem, inverse, noise, r)[2]
         of_r += np.nan_to_num(without_modes(r, links.instrument, modes[0])) ** 2
         of_s += np.nan_to_num(without_modes(s, links.surface, modes[1])) ** 2
     smooth = _smooth_root(of_r, links.instrument >= 0, draws)
     if draws > 0:
         alone = system.weak & ~np.isnan(smooth)
         smooth[alone] = np.sqrt(of_r[alone] / draws)
-    return (
-        smooth,
-        _smooth_root(of_s, links.surface >= 0, draws),
-    )
+    return smooth, _smooth_root(of_s, links.surface >= 0, draws)
 
 
-def surface_with(
+def _with_reference(
     problem: Problem, inverse: Inverse, values: list[FloatArray], reference: FloatArray
-) -> FloatArray:
-    """Return the mean of readings without a reference and their freedoms."""
+) -> tuple[FloatArray, list[FloatArray], FloatArray]:
+    """Return what `fitted_to` finds of the readings without a reference."""
     rest = [v - p.forward(reference) for p, v in zip(problem.layout.placed, values, strict=True)]
-    theta = inverse.matrix @ right_side(problem, rest, mean_of(problem, rest))
-    return mean_of(problem, fitted_pieces(problem, rest, theta))
+    return fitted_to(problem, inverse, rest)
 
 
 def _group_centred(values: FloatArray, group: LabelArray) -> FloatArray:

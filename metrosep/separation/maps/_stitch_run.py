@@ -17,33 +17,24 @@ from metrosep.core.quantity import Quantity
 from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.maps._stitch_grid import (
     Pieces,
-    layout_of,
     mirrored_piece,
     outlying_pairs,
-    overlaps_of,
     pair_residuals,
-    require_connection,
     without_own_plane,
 )
 from metrosep.separation.maps._stitch_models import (
     Settings,
     Solution,
-    n_rigid,
-    plain_problem,
+    connected,
     with_pixels,
     with_polynomial,
     without_reference,
 )
 from metrosep.separation.maps._stitch_solve import (
     Problem,
-    fitted_pieces,
-    inverse_of,
-    mean_of,
+    fitted_to,
     noise_of,
-    normal_matrix,
     own_residuals,
-    require_rank,
-    right_side,
 )
 
 _RIGID = "how the whole lies in space is arbitrary; it was removed by least squares"
@@ -51,13 +42,7 @@ _RIGID = "how the whole lies in space is arbitrary; it was removed by least squa
 
 def run(pieces: Pieces, settings: Settings, extra: dict[str, Any]) -> Separation:
     """Return the stitched surface."""
-    layout = layout_of(pieces)
-    overlaps = overlaps_of(layout)
-    problem = plain_problem(layout, overlaps, settings.freedoms, line=pieces.line)
-    require_connection(overlaps, len(pieces), least=problem.columns[0].size + 1)
-    values = [p.values for p in layout.placed]
-    inverse = inverse_of(normal_matrix(problem))
-    require_rank(inverse, problem, n_rigid(settings.freedoms, line=pieces.line))
+    problem, inverse, values = connected(pieces, settings.freedoms)
     if not settings.fit_reference:
         solution = without_reference(problem, inverse, values, pieces, settings)
     elif settings.degree is None:
@@ -391,16 +376,9 @@ def _every(n: int, q: int) -> slice:
 def _mismatch(pieces: Pieces, freedoms: tuple[str, ...]) -> tuple[float, float] | None:
     """Return the noise that the overlaps show, and its degrees of freedom."""
     try:
-        layout = layout_of(pieces)
-        overlaps = overlaps_of(layout)
-        problem = plain_problem(layout, overlaps, freedoms, line=pieces.line)
-        require_connection(overlaps, len(pieces), least=problem.columns[0].size + 1)
-        inverse = inverse_of(normal_matrix(problem))
-        require_rank(inverse, problem, n_rigid(freedoms, line=pieces.line))
+        problem, inverse, values = connected(pieces, freedoms)
     except MetrosepError:
         return None
-    values = [p.values for p in layout.placed]
-    theta = inverse.matrix @ right_side(problem, values, mean_of(problem, values))
-    fitted = fitted_pieces(problem, values, theta)
-    noise, freedom = noise_of(problem, fitted, mean_of(problem, fitted), inverse.rank)
+    _, fitted, mean = fitted_to(problem, inverse, values)
+    noise, freedom = noise_of(problem, fitted, mean, inverse.rank)
     return (noise, freedom) if freedom >= _LEAST_SAMPLES else None

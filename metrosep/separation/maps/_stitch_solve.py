@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,20 +26,28 @@ _NULL = 1e-11
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """The design of a stitching."""
+    """The design of a stitching: columns of each sub-aperture, and behind them those that all share."""
 
     layout: Layout  # sub-apertures on the grid
     overlaps: tuple[Overlap, ...]  # pairs
-    terms: Terms  # the columns of each sub-aperture
-    columns: list[NDArray[np.int64]]  # of ndarray of int: where they stand among all unknowns
-    n_columns: int  # number of unknowns
-    weight: FloatArray  # shape (grid): sum of the weights at each pixel
+    terms: Terms  # the columns of each sub-aperture, its own and the shared ones
+    n_shared: int = 0
+    columns: list[NDArray[np.int64]] = field(init=False)  # where they stand among all unknowns
+    n_columns: int = field(init=False)  # number of unknowns
+    weight: FloatArray = field(init=False)  # shape (grid): sum of the weights at each pixel
     inverse_weight: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
-        out = np.zeros(self.weight.shape)
-        np.divide(1.0, self.weight, out=out, where=self.weight > 0.0)
-        object.__setattr__(self, "inverse_weight", out)
+        n, each = len(self.layout.placed), self.terms.count - self.n_shared
+        shared = n * each + np.arange(self.n_shared)
+        weight = self.layout.weights()
+        for name, value in (
+            ("columns", [np.append(k * each + np.arange(each), shared) for k in range(n)]),
+            ("n_columns", n * each + self.n_shared),
+            ("weight", weight),
+            ("inverse_weight", np.divide(1, weight, out=np.zeros_like(weight), where=weight > 0)),
+        ):
+            object.__setattr__(self, name, value)
 
     def share(self, k: int) -> FloatArray:
         """Return the share ``w_i / sum w`` of a sub-aperture in the mean; 0 where not measured."""
@@ -58,21 +66,25 @@ class Problem:
 
 
 def freedom_terms(layout: Layout, freedoms: tuple[str, ...], *, line: bool) -> PolynomialTerms:
-    """Return the columns of the freedoms: 1, tilts, power, each about the centre and scaled."""
+    """Return the columns of the freedoms, about the centre of each sub-aperture and scaled."""
     halves = [half_size(p) for p in layout.placed]
 
     def make(k: int, x: FloatArray, y: FloatArray) -> FloatArray:
-        u, v = x / halves[k], y / halves[k]
-        out = []
-        if "piston" in freedoms:
-            out.append(np.ones_like(u))
-        if "tilt" in freedoms:
-            out += [u] if line else [u, v]
-        if "power" in freedoms:
-            out.append(u**2 if line else u**2 + v**2)
-        return np.stack(out)
+        return freedom_maps(x / halves[k], y / halves[k], freedoms, line=line)
 
     return PolynomialTerms(layout, make, 2 if "power" in freedoms else 1)
+
+
+def freedom_maps(
+    u: FloatArray, v: FloatArray, freedoms: tuple[str, ...], *, line: bool
+) -> FloatArray:
+    """Return 1, the tilts and the power at scaled positions, as far as they are freedoms."""
+    out = [np.ones_like(u)] if "piston" in freedoms else []
+    if "tilt" in freedoms:
+        out += [u] if line else [u, v]
+    if "power" in freedoms:
+        out.append(u**2 if line else u**2 + v**2)
+    return np.stack(out)
 
 
 def half_size(piece: Placed) -> float:
@@ -160,14 +172,16 @@ def require_rank(inverse: Inverse, problem: Problem, expected: int) -> None:
     )
 
 
-def fitted_pieces(
-    problem: Problem, values: list[FloatArray], theta: FloatArray
-) -> list[FloatArray]:
-    """Return windows without their freedoms."""
-    return [
-        v - problem.terms.combine(k, theta[problem.columns[k]][None])[0]
-        for k, v in enumerate(values)
+def fitted_to(
+    problem: Problem, inverse: Inverse, values: list[FloatArray]
+) -> tuple[FloatArray, list[FloatArray], FloatArray]:
+    """Return the freedoms, the windows without them, and the mean of these windows."""
+    theta = inverse.matrix @ right_side(problem, values, mean_of(problem, values))
+    fitted = [
+        v - problem.terms.combine(k, theta[columns][None])[0]
+        for k, (v, columns) in enumerate(zip(values, problem.columns, strict=True))
     ]
+    return theta, fitted, mean_of(problem, fitted)
 
 
 def own_residuals(problem: Problem, fitted: list[FloatArray]) -> FloatArray:
@@ -260,52 +274,38 @@ Make = Callable[[int, FloatArray, FloatArray], FloatArray]
 WHOLE: Box = (slice(None), slice(None))
 
 
-class Terms(Protocol):
-    """The columns of each sub-aperture, by what is done with them."""
+class Terms:
+    """The columns of each sub-aperture, by what is done with them; here they are given as windows."""
+
+    def __init__(self, make: Callable[[int, Box], FloatArray]) -> None:
+        self._windows = make
+
+    @property
+    def count(self) -> int:
+        """Number of columns of each sub-aperture."""
+        return int(self.values(0, (slice(0, 1), slice(0, 1))).shape[0])
 
     def values(self, k: int, box: Box = WHOLE) -> FloatArray:
         """Return the columns in a part of a window, shape (n, rows, columns)."""
+        return self._windows(k, box)
 
     def gram(self, i: int, in_i: Box, j: int, in_j: Box, weight: FloatArray) -> FloatArray:
         """Return ``sum of f_i weight f_j`` over a common part, shape (n_i, n_j)."""
-
-    def project(self, k: int, window: FloatArray, box: Box = WHOLE) -> FloatArray:
-        """Return ``sum of f_k window`` over a part, shape (n,)."""
-
-    def combine(self, k: int, factors: FloatArray, box: Box = WHOLE) -> FloatArray:
-        """Return ``factors @ f_k`` for factors of shape (m, n): shape (m, rows, columns)."""
-
-    def quadratic(self, i: int, in_i: Box, j: int, in_j: Box, block: FloatArray) -> FloatArray:
-        """Return ``f_i block f_j`` at each pixel of a common part."""
-
-
-class WindowTerms:
-    """Columns that are given as windows."""
-
-    def __init__(self, make: Callable[[int, Box], FloatArray]) -> None:
-        self.make = make
-
-    def values(self, k: int, box: Box = WHOLE) -> FloatArray:
-        """Return the columns in a part of a window."""
-        return self.make(k, box)
-
-    def gram(self, i: int, in_i: Box, j: int, in_j: Box, weight: FloatArray) -> FloatArray:
-        """Return the weighted sums of products."""
-        f_i = _flat(self.make(i, in_i))
-        f_j = f_i if i == j and in_i == in_j else _flat(self.make(j, in_j))
+        f_i = _flat(self.values(i, in_i))
+        f_j = f_i if i == j and in_i == in_j else _flat(self.values(j, in_j))
         return np.asarray((f_i * weight.ravel()) @ f_j.T)
 
     def project(self, k: int, window: FloatArray, box: Box = WHOLE) -> FloatArray:
-        """Return the sums of products with a window."""
-        return np.asarray(_flat(self.make(k, box)) @ window.ravel())
+        """Return ``sum of f_k window`` over a part, shape (n,)."""
+        return np.asarray(_flat(self.values(k, box)) @ window.ravel())
 
     def combine(self, k: int, factors: FloatArray, box: Box = WHOLE) -> FloatArray:
-        """Return sums of columns."""
-        return np.asarray(np.tensordot(factors, self.make(k, box), axes=1))
+        """Return ``factors @ f_k`` for factors of shape (m, n): shape (m, rows, columns)."""
+        return np.asarray(np.tensordot(factors, self.values(k, box), axes=1))
 
     def quadratic(self, i: int, in_i: Box, j: int, in_j: Box, block: FloatArray) -> FloatArray:
-        """Return a bilinear form at each pixel."""
-        f_i, f_j = self.make(i, in_i), self.make(j, in_j)
+        """Return ``f_i block f_j`` at each pixel of a common part."""
+        f_i, f_j = self.values(i, in_i), self.values(j, in_j)
         return np.asarray((np.tensordot(block.T, f_i, axes=1) * f_j).sum(axis=0))
 
 
@@ -318,8 +318,8 @@ class _Table:
     along_x: FloatArray
 
 
-class PolynomialTerms:
-    """Columns that are polynomials of x and y."""
+class PolynomialTerms(Terms):
+    """Columns that are polynomials of x and y: no window of them is ever written out."""
 
     def __init__(self, layout: Layout, make: Make, degree: int) -> None:
         self.layout, self.make, self.degree = layout, make, degree
@@ -376,11 +376,6 @@ class PolynomialTerms:
         inner = np.tensordot(form, pair_y, axes=([0, 2], [0, 1]))  # a, c, r
         inner = np.tensordot(inner, pair_x, axes=([0, 1], [0, 1]))  # r, q
         return np.asarray((base_y @ inner) @ base_x.T)
-
-
-def n_of(terms: Terms) -> int:
-    """Return how many columns each sub-aperture has."""
-    return int(terms.values(0, (slice(0, 1), slice(0, 1))).shape[0])
 
 
 def _axis(n: int, degree: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -458,12 +453,7 @@ _OF_PROBES = 1e-7
 class ReferenceSystem:
     """What neither surface nor freedoms explain of a reference, as equations for its pixels."""
 
-    def __init__(
-        self,
-        problem: Problem,
-        inverse: Inverse,
-        shape: tuple[int, int],
-    ) -> None:
+    def __init__(self, problem: Problem, inverse: Inverse, shape: tuple[int, int]) -> None:
         self.problem, self.inverse, self.shape = problem, inverse, shape
         self.placed = problem.layout.placed
         self.weights = [p.weight * p.valid for p in self.placed]
@@ -593,12 +583,7 @@ class ReferenceSystem:
             return np.asarray((theta @ self.coupling).reshape(self.shape))
         columns, terms = self.problem.columns, self.problem.terms
         windows = [terms.combine(k, theta[c][None])[0] for k, c in enumerate(columns)]
-        mean = mean_of(self.problem, windows)
-        rests: list[FloatArray] = [
-            np.asarray(w * np.where(p.valid, v - mean[p.rows, p.columns], 0.0), dtype=np.float64)
-            for p, w, v in zip(self.placed, self.weights, windows, strict=True)
-        ]
-        return self._spread(rests)
+        return self._spread(self._without_mean(windows))
 
     def _coupling(self) -> FloatArray:
         """Return what each freedom does to the free pixels, shape (n_columns, pixels)."""
@@ -665,10 +650,7 @@ def _columns(piece: Placed, chosen: NDArray[np.intp], shape: tuple[int, int]) ->
         return piece.operator[0].tocsc()[:, chosen]
     along_y, along_x = (m.tocsc() for m in piece.operator)
     rows, columns = np.divmod(chosen, shape[1])
-    in_y, in_x = (
-        along_y[:, rows],
-        along_x[:, columns],
-    )  # a column of the product is their outer one
+    in_y, in_x = along_y[:, rows], along_x[:, columns]  # a column is the outer product of theirs
     width = piece.valid.shape[1]
     index, values, ends = [], [], [0]
     for k in range(chosen.size):

@@ -31,15 +31,12 @@ from metrosep.separation.maps._stitch_run import run
 from metrosep.separation.maps._stitch_solve import (
     Box,
     Problem,
-    WindowTerms,
-    fitted_pieces,
+    Terms,
+    fitted_to,
     freedom_terms,
     inverse_of,
-    mean_of,
-    n_of,
     noise_of,
     normal_matrix,
-    right_side,
 )
 from metrosep.spectral.dft import finite_number, real_number
 
@@ -484,18 +481,14 @@ def _one_pass(
     layout = layout_of(pieces)
     overlaps = overlaps_of(layout)
     own = freedom_terms(layout, freedoms, line=pieces.line)
-    n_own = n_of(own)
-    n, weight = len(pieces), layout.weights()
-    columns = [k * n_own + np.arange(n_own) for k in range(n)]
-    plain = Problem(layout, overlaps, own, columns, n * n_own, weight)
+    n, n_own = len(pieces), own.count
     require_connection(overlaps, n, least=n_own + n_axes + 1)
+    plain = Problem(layout, overlaps, own)
     values = [p.values for p in layout.placed]
-    theta = inverse_of(normal_matrix(plain)).matrix @ right_side(
-        plain, values, mean_of(plain, values)
-    )
-    slopes = _slopes(mean_of(plain, fitted_pieces(plain, values, theta)), layout, n_axes)
+    mean = fitted_to(plain, inverse_of(normal_matrix(plain)), values)[2]
+    slopes = _slopes(mean, layout, n_axes)
     layout = _where_known(layout, ~np.isnan(slopes.sum(axis=0)))
-    overlaps, weight, slopes = overlaps_of(layout), layout.weights(), np.nan_to_num(slopes)
+    overlaps, slopes = overlaps_of(layout), np.nan_to_num(slopes)
     require_connection(overlaps, n, least=n_own + n_axes + 1)
 
     def features(k: int, box: Box) -> FloatArray:
@@ -505,17 +498,15 @@ def _one_pass(
         )
 
     each = n_own + n_axes
-    columns = [k * each + np.arange(each) for k in range(n)]
-    full = Problem(layout, overlaps, WindowTerms(features), columns, n * each, weight)
+    full = Problem(layout, overlaps, Terms(features))
     inverse = inverse_of(normal_matrix(full))
     if inverse.null.shape[1] > n_own + n_axes:
         raise DegenerateFitError(
             "stitch: the overlaps show no structure that fixes the lateral offsets (a plane or a "
             'parabola shifted looks tilted); use registration="trust"'
         )
-    theta = inverse.matrix @ right_side(full, values, mean_of(full, values))
-    fitted = fitted_pieces(full, values, theta)
-    spread, _ = noise_of(full, fitted, mean_of(full, fitted), inverse.rank)
+    theta, fitted, mean = fitted_to(full, inverse, values)
+    spread, _ = noise_of(full, fitted, mean, inverse.rank)
     shift = theta.reshape(n, each)[:, n_own:]
     return shift - shift[0], _uncertainty(inverse.matrix, n, each, n_own, n_axes, spread)
 

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from metrosep.controllers.gcode_corrections import error_correction
-from metrosep.controllers.gcode_paths import rewrite_path
+from metrosep.controllers.gcode.corrections import error_correction
+from metrosep.controllers.gcode.paths import rewrite_path
 from metrosep.core.surface import Surface
 
 PYTHON = "/usr/bin/python3"

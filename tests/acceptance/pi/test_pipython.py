@@ -9,7 +9,7 @@ import pytest
 
 from metrosep.compensation import CompensationTable
 from metrosep.controllers.options import checked_options
-from metrosep.controllers.pi_gcs import PiGcs
+from metrosep.controllers.waves import PiGcs
 
 pytestmark = pytest.mark.peer
 

@@ -1,0 +1,621 @@
+"""Uniform grids for formats that take no other, also those that start at zero and roll over."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.limits import Limits
+from metrosep.compensation.maps import CompensationMap
+from metrosep.compensation.table import CompensationTable
+from metrosep.compensation.uniform import is_uniform, resample_uniform, resampling_error
+from metrosep.controllers.base import Dialect, load_sidecar, sidecar_options, sidecar_path
+from metrosep.controllers.options import Option
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError, UnitError
+from metrosep.core.units import format_length, parse_quantity
+
+__all__ = [
+    "DRY_RUN",
+    "AlongOption",
+    "Carried",
+    "Resampling",
+    "RollingGrid",
+    "along_axis",
+    "ascii_lines",
+    "carry",
+    "enclosing_nodes",
+    "even_map",
+    "even_table",
+    "fixed",
+    "format_amount",
+    "format_span",
+    "holds_zero",
+    "is_whole",
+    "map_identity",
+    "mm_text",
+    "mm_value",
+    "natural_spacing",
+    "require_capacity",
+    "require_interval",
+    "require_linear",
+    "require_on_axis",
+    "require_one_direction",
+    "require_sizes",
+    "require_zero",
+    "rolled_values",
+    "rolling_grid",
+    "uniform_positions",
+]
+
+_WHOLE = 1e-6
+"""Distance from a whole number of steps that rounding of decimals explains."""
+
+_NEAR = 1e-6
+"""Share of a step within which a position is a node."""
+
+_AT_ZERO = 1e-3
+"""Share of a step within which a table that ends beside the zero of a motor ends there."""
+
+_FINEST = 2000
+"""Intervals of the finest grid that is chosen without asking."""
+
+_MOST = 100_000
+"""Intervals of any grid, about: more come from a wrong unit."""
+
+
+def is_whole(value: float) -> bool:
+    """Return whether a number of steps is whole, but for the rounding of decimals.
+
+    Examples
+    --------
+    >>> is_whole(3e-3 / 1e-3), is_whole(2.5)
+    (True, False)
+    """
+    return abs(value - round(value)) <= _WHOLE
+
+
+def holds_zero(x: FloatArray) -> bool:
+    """Return whether knots enclose zero, or end so close to it that no line leads there.
+
+    Examples
+    --------
+    >>> holds_zero(np.array([1e-10, 1e-3])), holds_zero(np.array([1e-4, 1e-3]))
+    (True, False)
+    """
+    near = _AT_ZERO * float(np.diff(x).min())
+    return bool(x[0] <= near and x[-1] >= -near)
+
+
+def natural_spacing(positions: FloatArray, finest: int = _FINEST) -> float:
+    """Return the widest spacing of a grid through zero that holds every position, if there is one.
+
+    Examples
+    --------
+    >>> natural_spacing(np.array([-2.0, 0.0, 2.0])), natural_spacing(np.array([1.0, 3.0, 5.0]))
+    (2.0, 1.0)
+    """
+    smallest = float(np.diff(positions).min())
+    if is_uniform(positions):
+        smallest = float(positions[-1] - positions[0]) / (positions.size - 1)
+    for parts in range(1, 11):
+        if all(is_whole(parts * p / smallest) for p in positions.tolist()):
+            return smallest / parts
+    travel = max(float(positions[-1]), 0.0) - min(float(positions[0]), 0.0)
+    return max(smallest / 4.0, travel / finest)
+
+
+@dataclass(frozen=True, slots=True)
+class RollingGrid:
+    """A grid of n intervals from zero to a span, beyond which positions roll over."""
+
+    n: int  # intervals; node n is node 0
+    step: float  # m: their length
+    low: float  # m: range of positions that is used, zero included; negative ones stand at the top
+    high: float
+    counts: int  # the span in counts of the axis
+
+    @property
+    def span(self) -> float:
+        """Length after which positions roll over, m."""
+        return self.n * self.step
+
+    @property
+    def positions(self) -> FloatArray:
+        """Where the nodes 0 ... n - 1 stand: those at the top at their negative positions."""
+        at = np.arange(self.n) * self.step
+        return np.where(at >= self.span + self.low - _NEAR * self.step, at - self.span, at)
+
+
+def enclosing_nodes(step: float, first: float, last: float) -> NDArray[np.int64]:
+    """Return the numbers of the nodes, multiples of a step, that enclose a range.
+
+    Examples
+    --------
+    >>> enclosing_nodes(0.5, -0.6, 1.0).tolist()
+    [-2, -1, 0, 1, 2]
+    """
+    start = int(np.floor(first / step + _NEAR))
+    stop = int(np.ceil(last / step - _NEAR))
+    return np.arange(start, max(stop, start + 1) + 1)
+
+
+def rolling_grid(
+    positions: FloatArray,
+    *,
+    span: float | None,
+    spacing: float | None,
+    count: float,
+    axis: str,
+    finest: int = _FINEST,
+) -> RollingGrid:
+    """Return the grid of a table that starts at zero and rolls over."""
+    low, high = min(float(positions[0]), 0.0), max(float(positions[-1]), 0.0)
+    travel = high - low
+    step = natural_spacing(positions, finest) if spacing is None else spacing
+    if max(travel, span or 0.0) / step > _MOST:
+        raise LimitError(
+            f"{axis}: a spacing of {format_length(step)} over {format_length(max(travel, span or 0.0))} "
+            f"makes more than {_MOST} entries; give a wider spacing="
+        )
+    if span is None:
+        needed = int(np.ceil(travel / step - _NEAR))
+        n = needed + max(2, int(np.ceil(0.05 * needed)))
+        span = n * step
+    elif spacing is not None and not is_whole(span / step):
+        raise TableError(
+            f"{axis}: the span {format_length(span)} is no multiple of the spacing "
+            f"{format_length(step)}; entries stand at equal steps over it"
+        )
+    else:
+        n = max(1, round(span / step))
+    if span < travel - max(0.5 * count, _NEAR * step):
+        raise TableError(
+            f"{axis}: the span {format_length(span)} is shorter than the travel "
+            f"{format_length(low)} ... {format_length(high)} (zero included): positions would roll "
+            f"over inside it; give span= of at least {format_length(travel)}"
+        )
+    counts = round(span / count)
+    if counts < n:
+        raise LimitError(
+            f"{axis}: {n} entries over {format_length(span)} ({counts} counts) stand closer than a "
+            "count: give a wider spacing=, and check the units of count="
+        )
+    return RollingGrid(n, counts * count / n, low, high, counts)
+
+
+def rolled_values(grid: RollingGrid, x: FloatArray, y: FloatArray, tolerance: float) -> FloatArray:
+    """Return a broken line at the nodes 0 ... n - 1 of a grid, zero at zero."""
+    if holds_zero(x):
+        there = float(np.interp(0.0, x, y))
+        if abs(there) > tolerance:
+            raise TableError(
+                f"the value at the zero of the motor must be 0 by definition of the format, the "
+                f"table has {format_length(there)}; make the table with its reference there "
+                "(CompensationTable.from_error(reference=...)), or state where the zero of the motor "
+                "lies (motor_zero=)"
+            )
+    elif x[0] > 0.0:
+        x, y = np.append(0.0, x), np.append(0.0, y)
+    else:
+        x, y = np.append(x, 0.0), np.append(y, 0.0)
+    end = x[0] + grid.span
+    if end > x[-1] + _NEAR * grid.step:
+        x, y = np.append(x, end), np.append(y, y[0])
+    elif abs(float(y[-1] - y[0])) > tolerance:
+        raise TableError(
+            f"the travel fills the span of {format_length(grid.span)}, so its ends are one place, but "
+            f"the corrections there are {format_length(float(y[0]))} and "
+            f"{format_length(float(y[-1]))}; give a longer span="
+        )
+    values = np.interp(grid.positions, x, y)
+    values[0] = 0.0
+    return np.asarray(values)
+
+
+def rolled_weights(grid: RollingGrid, x: FloatArray) -> FloatArray:
+    """Return the matrix that takes values at knots to the nodes 0 ... n - 1 of a grid."""
+    knots = np.append(x, x[0] + grid.span)
+    at = x[0] + np.mod(grid.positions - x[0], grid.span)
+    at = np.where(knots[-1] - at <= _NEAR * grid.step, x[0], at)
+    weights = np.zeros((grid.n, x.size + 1))
+    right = np.clip(np.searchsorted(knots, at, side="right"), 1, x.size)
+    width = np.maximum(knots[right] - knots[right - 1], np.spacing(grid.span))
+    share = np.clip((at - knots[right - 1]) / width, 0.0, 1.0)
+    rows = np.arange(grid.n)
+    weights[rows, right - 1] = 1.0 - share
+    weights[rows, right] += share
+    weights[:, 0] += weights[:, -1]
+    return weights[:, :-1]
+
+
+# ---- lengths along an axis: an angle where it turns, as an option that a person types and as text ----
+
+_FARTHEST = 1e6
+"""No axis is as long, in m or rad."""
+
+
+@dataclass(frozen=True, slots=True)
+class AlongOption(Option):
+    """A length, or an angle of an axis that turns; which one is known only with the table."""
+
+    def checked(self, value: Any, controller: str) -> Any:
+        """Return the value as it is, if it is a number or a text with a unit of either kind."""
+        if value is None:
+            return None
+        what = f"{controller}: {self.name}"
+        try:
+            along_axis(value, "X", what, positive=self.positive)
+        except DataError:
+            try:
+                along_axis(value, "C", what, positive=self.positive)
+            except DataError:
+                raise DataError(
+                    f"{what}={str(value)[:40]!r} must be a length such as '2 mm', or an angle such as "
+                    f"'2 deg' of an axis that turns{', above zero' if self.positive else ''}"
+                ) from None
+        return value
+
+
+def along_axis(value: Any, axis: str, name: str, *, positive: bool = True) -> float | None:
+    """Return an option that is a length along an axis, or an angle where the axis turns.
+
+    Examples
+    --------
+    >>> along_axis("20 mm", "X", "spacing"), round(along_axis("2 deg", "C", "spacing"), 6)
+    (0.02, 0.034907)
+    """
+    if value is None:
+        return None
+    dimension = "angle" if is_rotary(axis) else "length"
+    if isinstance(value, bool) or not isinstance(value, str | int | float | np.number):
+        raise DataError(f"{name}={value!r} is not {dimension} along {axis}")
+    try:
+        number = parse_quantity(
+            value if isinstance(value, str) else float(value), dimension=dimension, name=name
+        )
+    except (UnitError, OverflowError) as exc:
+        turns = f"{axis} turns" if is_rotary(axis) else f"{axis} does not turn"
+        raise DataError(f"{name}={str(value)[:40]!r}: {exc} ({turns})") from None
+    if not abs(number) < _FARTHEST or (positive and not number > 0.0):
+        raise DataError(
+            f"{name}={str(value)[:40]!r} must be {'above zero' if positive else 'a position'}"
+        )
+    return number
+
+
+def format_span(axis: str, value: float, *, digits: int = 4) -> str:
+    """Return a distance along an axis as text with its unit.
+
+    Examples
+    --------
+    >>> format_span("X", 5e-4), format_span("C", 0.03490658503988659)
+    ('0.5 mm', '2 deg')
+    """
+    if is_rotary(axis):
+        return f"{math.degrees(value):.{digits}g} deg"
+    return f"{value * 1e3:.{digits}g} mm"
+
+
+def format_amount(axis: str, value: float, *, digits: int = 4) -> str:
+    """Return a small amount of an axis as text with its unit.
+
+    Examples
+    --------
+    >>> format_amount("X", 2.5e-7), format_amount("C", 2.5e-7)
+    ('250 nm', '0.25 urad')
+    """
+    if is_rotary(axis):
+        return f"{value * 1e6:.{digits}g} urad"
+    return format_length(value, digits=digits)
+
+
+# ---- even positions for formats that hold a first position and a step, and a map's sidecar -----
+
+_EVEN_WHOLE = 1e-9
+"""A span is a whole number of spacings, but for rounding."""
+
+_MAX_POINTS = 1_000_000
+"""Not a limit of a controller: beyond it a spacing has the wrong unit."""
+
+
+def even_positions(
+    positions: FloatArray, spacing: float | None, name: str, axis: str
+) -> FloatArray:
+    """Return the positions themselves, or even ones from first to last."""
+    if spacing is None:
+        if is_uniform(positions):
+            return positions
+        steps = np.diff(positions)
+        raise TableError(
+            f"the file needs uniform positions of {axis}, these lie "
+            f"{format_span(axis, float(steps.min()), digits=9)} to "
+            f"{format_span(axis, float(steps.max()), digits=9)} apart ({_between(axis, steps)} between "
+            f"them); give {name}='...' to resample them"
+        )
+    span = float(positions[-1] - positions[0])
+    if not span / spacing < _MAX_POINTS:
+        raise LimitError(f"{name} gives {span / spacing:.3g} positions of {axis}; check its unit")
+    count = max(math.ceil(span / spacing - _EVEN_WHOLE), 1)
+    return np.linspace(positions[0], positions[-1], count + 1)
+
+
+def _between(axis: str, steps: FloatArray) -> str:
+    difference = float(np.ptp(steps))
+    if is_rotary(axis):
+        return format_span(axis, difference, digits=3)
+    return format_length(difference, digits=3)
+
+
+def even_table(
+    table: CompensationTable, spacing: float | None, name: str = "spacing"
+) -> tuple[CompensationTable, float]:
+    """Return a table at even positions, and how far that takes it off."""
+    p = even_positions(table.positions, spacing, name, table.axis)
+    step = float(p[-1] - p[0]) / (p.size - 1)
+    carried = resample_uniform(table, start=float(p[0]), step=step, n=p.size)
+    return carried, resampling_error(table, carried)
+
+
+def even_map(
+    table: CompensationMap, spacings: tuple[float | None, float | None], names: tuple[str, str]
+) -> tuple[CompensationMap, float]:
+    """Return a map at even positions, and how far that takes it off."""
+    x = even_positions(table.x, spacings[0], names[0], table.axes[0])
+    y = even_positions(table.y, spacings[1], names[1], table.axes[1])
+    if x is table.x and y is table.y:
+        return table, 0.0
+    carried = replace(table, x=x, y=y, values=table.correction(x, y[:, None]), u=None)
+    px, py = np.union1d(x, table.x), np.union1d(y, table.y)[:, None]
+    return carried, float(np.abs(carried.correction(px, py) - table.correction(px, py)).max())
+
+
+def map_identity(
+    path: Path, *, axes: tuple[str, str], compensates: str, first: tuple[float, float]
+) -> dict[str, Any]:
+    """Return what a map's file cannot hold: axes, reference, what is not in it."""
+    told = load_sidecar(path).get("table")
+    if told is None:
+        return {"axes": axes, "compensates": compensates, "reference": first}
+    names = told.get("axes") if isinstance(told, dict) else None
+    place = told.get("reference_si") if isinstance(told, dict) else None
+    fits = (
+        isinstance(names, list)
+        and isinstance(place, list)
+        and len(names) == len(place) == 2
+        and all(isinstance(v, int | float) and abs(v) < _FARTHEST for v in place)
+    )
+    if names is None or place is None or not fits:
+        raise CorruptFileError(
+            sidecar_path(path),
+            "this is not the sidecar of a map",
+            field="table",
+            expected="axes and reference_si of two axes",
+            found=repr(told)[:40],
+            hint="move it away or write the map again",
+        )
+    return {
+        "axes": (str(names[0]), str(names[1])),
+        "compensates": str(told.get("compensates", compensates)),
+        "reference": (float(place[0]), float(place[1])),
+        "removed": "plane" if told.get("not_in_map") == "plane" else "offset",
+    }
+
+
+# ---- shared by the dialects of uniform tables and of increments: spacing, facts in comments, numbers ----
+# Unlike `metrosep.compensation.uniform.resample_uniform`, `carry` does not shift the entries: what a
+# file holds is the table at other positions, and every deviation is reported.
+
+DRY_RUN = "sign not documented: dry-run on the machine first"
+
+_UNIFORM = 1e-9
+"""Deviation from a grid over its spacing within which a position lies on it."""
+
+_SAME = 1e-12
+"""A picometre: interpolation between two entries leaves 1e-23 m of a zero."""
+
+
+class Resampling(Dialect):
+    """A dialect that resamples by itself: its points are counted in the file, not in the table."""
+
+    def limits(self, **machine: Any) -> Limits:
+        """Return the limits of the machine; the entries are counted by `encode`."""
+        return super().limits(**{"max_points": None, **machine})
+
+
+@dataclass(frozen=True, slots=True)
+class Carried:
+    """A table or map at the positions of a file."""
+
+    table: Any  # or CompensationMap: at these positions, not rounded
+    error: float  # m: largest deviation from the table it was made of, in both directions
+    is_new: bool  # whether its positions are others
+
+
+def carry(table: CompensationTable, positions: FloatArray) -> Carried:
+    """Return a table at other positions."""
+    margin = _UNIFORM * float(np.diff(positions).min())
+    same = positions.size == table.positions.size
+    if same and float(np.abs(positions - table.positions).max()) <= margin:
+        return Carried(table, 0.0, False)
+    made = replace(
+        table,
+        positions=positions,
+        forward=table.correction(positions, 1),
+        reverse=None if table.reverse is None else table.correction(positions, -1),
+        u=None if table.u is None else np.interp(positions, table.positions, table.u),
+    )
+    everywhere = np.union1d(table.positions, positions)
+    error = max(
+        float(np.abs(made.correction(everywhere, d) - table.correction(everywhere, d)).max())
+        for d in (1, -1)
+    )
+    return Carried(made, error, True)
+
+
+def uniform_positions(
+    table: CompensationTable,
+    *,
+    through: float | None = None,
+    interval: float | None = None,
+    quantum: float = 0.0,
+    max_points: int,
+    title: str,
+) -> FloatArray:
+    """Return positions of equal spacing that cover a table."""
+    low, high = table.span
+    span = high - low
+    anchor = low if through is None else through
+    own = span / (table.positions.size - 1)
+    if interval is None and _is_grid(table.positions, own, anchor):
+        interval = own
+    elif interval is None:
+        spare = 3 if through is not None else 1
+        interval = max(float(np.diff(table.positions).min()), span / max(max_points - spare, 1))
+        interval = span / math.ceil(span / interval) if not quantum else interval
+        interval = math.ceil(interval / quantum - 1e-6) * quantum if quantum else interval
+    if quantum and abs(interval / quantum - round(interval / quantum)) > 1e-6:
+        raise TableError(
+            f"{title}: the spacing {format_length(interval, digits=9)} is not a multiple of "
+            f"{format_length(quantum)}; give interval= a multiple of it"
+        )
+    require_interval(interval, span, title)
+    below = math.ceil((anchor - low) / interval - 1e-6)
+    above = math.ceil((high - anchor) / interval - 1e-6)
+    below, above = max(below, 0), max(above, 0)
+    if below + above + 1 > max_points:
+        raise LimitError(
+            f"{below + above + 1} points at {format_length(interval, digits=6)}, {title} takes "
+            f"{max_points}; give interval= at least {span / max(max_points - 3, 1) * 1e3:.4g} mm"
+        )
+    return np.asarray(anchor + interval * np.arange(-below, above + 1, dtype=np.float64))
+
+
+def require_interval(interval: float, span: float, title: str) -> None:
+    """Refuse a spacing that is larger than the table."""
+    if interval > span * (1.0 + 1e-9):
+        raise LimitError(
+            f"{title}: interval={format_length(interval, digits=9)} is larger than the table, which "
+            f"spans {format_length(span, digits=9)}; check the units of interval="
+        )
+
+
+def require_sizes(
+    table: CompensationTable, title: str, *, farthest: float, largest: float
+) -> None:
+    """Refuse positions and corrections that no number of the format holds."""
+    p = table.positions
+    columns = [table.forward] if table.reverse is None else [table.forward, table.reverse]
+    for what, values, most in (
+        ("position", p, farthest),
+        *(("correction", c, largest) for c in columns),
+    ):
+        worst = int(np.abs(values).argmax())
+        if abs(float(values[worst])) > most:
+            raise LimitError(
+                f"{title}: the {what} {format_length(float(values[worst]))} of entry {worst} exceeds "
+                f"{format_length(most)}; check the units of the table"
+            )
+
+
+def _is_grid(positions: FloatArray, spacing: float, anchor: float) -> bool:
+    steps = (anchor - positions[0]) / spacing
+    return is_uniform(positions) and abs(steps - round(steps)) <= _UNIFORM * positions.size
+
+
+def require_one_direction(table: CompensationTable, title: str, way: str) -> None:
+    """Refuse a table of two directions."""
+    if table.reverse is not None:
+        raise TableError(
+            f"{title} holds one value for both directions and this table has two; make it with "
+            f"direction='both' and enter the lost motion {way}"
+        )
+
+
+def require_on_axis(table: CompensationTable, title: str, instead: str) -> None:
+    """Refuse a table that corrects another axis than it looks up."""
+    if not table.is_on_axis:
+        raise TableError(
+            f"{title} shifts the axis whose position it looks up; this table is {table.axis} -> "
+            f"{table.compensates} and would move {table.axis} instead of {table.compensates}; write "
+            f"controller={instead}"
+        )
+
+
+def require_capacity(dialect: Dialect, n: int, given: Mapping[str, Any], path: Path) -> None:
+    """Refuse a file of more points than the control takes."""
+    option = next(o for o in dialect.options if o.name == "capacity")
+    stored = sidecar_options(path, (option,))
+    capacity = given.get("capacity") or stored.get("capacity") or option.default
+    if n > capacity:
+        raise LimitError(
+            f"{path}: {n} points, the control takes {capacity} as it comes; if yours has room for "
+            f"more ({option.help}), say capacity="
+        )
+
+
+def require_linear(axes: Iterable[str], title: str) -> None:
+    """Refuse axes that turn."""
+    for axis in axes:
+        if is_rotary(axis):
+            raise TableError(
+                f"{title}: axis {axis} turns, this dialect writes lengths only; write "
+                "controller='csv' and enter it by hand, in the unit of that axis"
+            )
+
+
+def require_zero(table: CompensationTable, reference: float, title: str) -> None:
+    """Refuse a table that is not zero where the controller takes it to be."""
+    there = float(table.correction(reference, 1)[0])
+    if abs(there) > _SAME:
+        raise TableError(
+            f"{title} counts from the reference position {format_length(reference)}, where the "
+            f"correction must be exactly 0 and is {format_length(there)}; make the reference "
+            f"one of the positions: CompensationTable.from_error(..., positions=[..., "
+            f"{reference:.9g}, ...], reference={reference:.9g})"
+        )
+
+
+def fixed(value: float, decimals: int) -> str:
+    """Return a decimal without exponent, and without the sign of a zero."""
+    text = f"{value:.{decimals}f}"
+    return text[1:] if text.startswith("-") and not text.strip("-0.") else text
+
+
+def mm_text(value: float | Decimal) -> str:
+    """Return a length in mm, exact, without exponent."""
+    number = value if isinstance(value, Decimal) else Decimal(repr(float(value)))
+    text = format(number.scaleb(3), "f")
+    text = text.rstrip("0").rstrip(".") if "." in text else text
+    return "0" if text in ("-0", "") else text
+
+
+def mm_value(text: str) -> float:
+    """Return a length that is printed in mm."""
+    return float(Decimal(text).scaleb(-3))
+
+
+def ascii_lines(data: bytes, path: Path, what: str) -> list[str]:
+    """Return the lines of a text, and refuse one that was cut."""
+    try:
+        text = data.decode("ascii")
+    except UnicodeDecodeError as exc:
+        raise CorruptFileError(
+            path, "not ASCII text", offset=exc.start, hint=f"this is no {what}"
+        ) from None
+    if re.search(r"[^\t\r\n -~]|\r(?!\n)", text):
+        raise CorruptFileError(path, "it holds control characters", hint=f"this is no {what}")
+    if not text.endswith("\n"):
+        raise CorruptFileError(
+            path, "the last line has no end: the file was cut short", hint="write the table again"
+        )
+    return text.replace("\r\n", "\n").split("\n")[:-1]

@@ -1,0 +1,241 @@
+"""Plain HDF5: datasets that other programs wrote, with the units that attributes or callers declare.
+
+Two-dimensional datasets are maps, one-dimensional ones of one length are the columns of a table.
+The special formats on HDF5 (4D, Zygo Mx, MATLAB, metrosep's own) have readers of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import CorruptFileError, FormatMismatchError
+from metrosep.core.profile import Profile
+from metrosep.core.recording import Recording
+from metrosep.core.surface import Surface
+from metrosep.io.containers.hdf5_file import Hdf5File, has_magic, open_hdf5
+from metrosep.io.registry import Match, get
+from metrosep.io.source import RawFile
+from metrosep.io.text.measurement import columns_as_object, map_as_surface, unit_label, unit_of
+from metrosep.io.text.table import ColumnSpec
+
+__all__ = ["channels", "is_number", "physical_values", "read", "sniff"]
+
+FORMAT = "hdf5"
+
+_FIRST_INVALID = 1e38
+
+
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is an HDF5 file."""
+    return Match.MAYBE if has_magic(file) else Match.NO
+
+
+def channels(file: RawFile) -> tuple[str, ...]:
+    """Return the datasets of numbers with one or two dimensions."""
+    with open_hdf5(file) as handle:
+        return tuple(n for n in handle.datasets if _dimensions(handle, n) in (1, 2))
+
+
+def read(
+    file: RawFile,
+    *,
+    channel: str | None = None,
+    lateral_step: Any = None,
+    unit: Any = None,
+    x: ColumnSpec | None = None,
+    z: ColumnSpec | None = None,
+    time: ColumnSpec | None = None,
+    sampling_rate: float | str | None = None,
+    scale: float | str | None = None,
+    max_pixels: int | None = None,
+) -> Surface | Profile | Recording:
+    """Return a map, or the columns of one length."""
+    with open_hdf5(file) as handle:
+        if channel is None:
+            _refuse_special(file)
+        maps = [n for n in handle.datasets if _dimensions(handle, n) == 2]
+        lines = [n for n in handle.datasets if _dimensions(handle, n) == 1]
+        asked = (x, z, time, sampling_rate)
+        header = {n: handle.attributes(n) for n in (*handle.groups, *maps, *lines)}
+        if channel in maps or (channel is None and len(maps) == 1 and not any(asked)):
+            name = channel or maps[0]
+            values = _values(file, handle, name, max_pixels)
+            return map_as_surface(
+                file,
+                FORMAT,
+                values,
+                name=name,
+                own_unit=unit_of(handle.attributes(name)),
+                unit=unit,
+                lateral_step=lateral_step,
+                scale=scale,
+                header=header,
+            )
+        columns = {
+            n: (_values(file, handle, n, max_pixels), unit_of(handle.attributes(n)))
+            for n in _chosen(file, handle, lines, maps, channel)
+        }
+    x, z, time = (_as_path(asked, columns) for asked in (x, z, time))
+    if not any(np.isfinite(v).any() for v, _ in columns.values()):
+        raise CorruptFileError(file.path, "no dataset holds a number")
+    return columns_as_object(
+        file,
+        FORMAT,
+        columns,
+        header,
+        lateral_step=lateral_step,
+        unit=unit,
+        x=x,
+        z=z,
+        time=time,
+        sampling_rate=sampling_rate,
+        scale=scale,
+    )
+
+
+def _as_path(asked: ColumnSpec | None, columns: Container[str]) -> ColumnSpec | None:
+    """Return a column that is named without the slash of the top as its path."""
+    if asked is None or asked in columns:
+        return asked
+    name = asked.partition(":")[0] if isinstance(asked, str) else asked[0]
+    if name.startswith("/") or f"/{name}" not in columns:
+        return asked
+    return f"/{asked}" if isinstance(asked, str) else (f"/{name}", asked[1])
+
+
+def _dimensions(handle: Hdf5File, name: str) -> int:
+    shape = handle.shape(name)
+    return len(shape) if handle.is_numeric(name) and 0 not in shape else 0
+
+
+def physical_values(
+    file: RawFile, name: str, raw: NDArray[Any], attributes: Mapping[str, Any]
+) -> FloatArray:
+    """Return stored numbers as the attributes say that they are meant."""
+    values = np.array(raw, dtype=np.float64)
+    missing = ~(np.abs(values) < _FIRST_INVALID)
+    for key in ("_FillValue", "missing_value"):
+        if is_number(attributes.get(key)):
+            missing |= values == float(attributes[key])
+    factors = [attributes.get("scale_factor", 1.0), attributes.get("add_offset", 0.0)]
+    if not all(is_number(f) and abs(f) < _FIRST_INVALID for f in factors) or factors[0] == 0:
+        raise CorruptFileError(
+            file.path,
+            "scale_factor or add_offset is not usable",
+            field=name,
+            found=repr(factors)[:60],
+        )
+    if factors != [1.0, 0.0]:
+        values = values * float(factors[0]) + float(factors[1])
+    values[missing] = np.nan
+    return values
+
+
+def is_number(value: Any) -> bool:
+    """Return whether an attribute is one real number."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _values(file: RawFile, handle: Hdf5File, name: str, max_pixels: int | None) -> FloatArray:
+    raw = handle.read(name, max_pixels=max_pixels)
+    return physical_values(file, name, raw, handle.attributes(name))
+
+
+def _refuse_special(file: RawFile) -> None:
+    """Name the reader of a special format for a file that was declared to be plain HDF5."""
+    for found in ("metrosep-h5", "fourd", "datx"):
+        if get(found).load_reader().sniff(file) is not Match.YES:
+            continue
+        raise FormatMismatchError(
+            f"{file.path}: is laid out as {found}; read it with format={found!r}, or name one dataset "
+            "with channel="
+        )
+
+
+def _chosen(
+    file: RawFile,
+    handle: Hdf5File,
+    lines: list[str],
+    maps: list[str],
+    channel: str | None,
+) -> list[str]:
+    """Return the lines that are as long as the longest one, or the one asked for and the times."""
+    if channel is not None and channel not in lines:
+        raise FormatMismatchError(
+            f"{file.path}: has no dataset {channel!r}; there is {_listed([*maps, *lines])}"
+        )
+    if not lines:
+        what = "no dataset of numbers in one or two dimensions"
+        if maps:
+            what = f"{len(maps)} maps ({_listed(maps)}); choose one with channel={maps[0]!r}"
+        raise FormatMismatchError(f"{file.path}: holds {what}")
+    length = max(handle.shape(n)[0] for n in ([channel] if channel else lines))
+    alike = [n for n in lines if handle.shape(n)[0] == length]
+    if channel is None:
+        return alike
+    return [n for n in alike if n == channel or n.rsplit("/", 1)[-1].lower() in ("t", "time")]
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(repr(n) for n in names[:12]) + (" ..." if len(names) > 12 else "") or "none"
+
+
+# ---- one-dimensional HDF5 datasets in chunks; the file is never loaded as a whole --------------
+
+_TIME_NAMES = frozenset({"t", "time"})
+
+
+def open_source(file: RawFile, stack: ExitStack) -> Hdf5Source:
+    """Return the numeric 1-D datasets of an HDF5 file that are as long as the longest one."""
+    handle = stack.enter_context(open_hdf5(file))
+    lengths = {
+        name: handle.shape(name)[0]
+        for name in handle.datasets
+        if handle.is_numeric(name) and len(handle.shape(name)) == 1 and not name.endswith("_json")
+    }
+    longest = max(lengths.values(), default=0)
+    if longest < 1:
+        raise FormatMismatchError(
+            f"{file.path}: holds no one-dimensional dataset of numbers, so there is nothing to stream"
+        )
+    return Hdf5Source(file, handle, tuple(n for n, k in lengths.items() if k == longest), longest)
+
+
+class Hdf5Source:
+    """Datasets of one length; see `metrosep.io.stream.ChunkSource`."""
+
+    def __init__(
+        self, file: RawFile, handle: Hdf5File, names: tuple[str, ...], n_samples: int
+    ) -> None:
+        self._file, self._handle = file, handle
+        self._paths = {str(handle.attributes(n).get("name") or n): n for n in names}
+        self.n_samples: int | None = n_samples
+        self.labels: Mapping[str, str] = {
+            n: unit_label(handle.attributes(p)) for n, p in self._paths.items()
+        }
+        self.time_step = self._step()
+
+    def _step(self) -> float | None:
+        n = self.n_samples or 0
+        for path in self._paths.values():
+            if path.rsplit("/", 1)[-1].lower() in _TIME_NAMES and n > 1:
+                first, last = (float(self._values(path, k, k + 1)[0]) for k in (0, n - 1))
+                unit = unit_of(self._handle.attributes(path))
+                step = (last - first) / (n - 1) * (unit.factor if unit is not None else 1.0)
+                return step if step > 0.0 else None
+        return None
+
+    def chunks(self, names: Sequence[str], size: int) -> Iterator[dict[str, FloatArray]]:
+        """Yield the datasets, `size` samples at a time."""
+        for start in range(0, self.n_samples or 0, size):
+            yield {n: self._values(self._paths[n], start, start + size) for n in names}
+
+    def _values(self, path: str, start: int, stop: int) -> FloatArray:
+        raw = self._handle.read(path, start=start, stop=stop)
+        return physical_values(self._file, path, raw, self._handle.attributes(path))

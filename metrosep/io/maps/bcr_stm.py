@@ -1,0 +1,216 @@
+"""BCR-STM exchange files ``.bcr`` and ``.bcrf``: a header of text, then 16-bit or float heights.
+
+The header is Latin-1 or UTF-16, 2048 characters unless it says otherwise, lines ``name = value``.
+Floats are in ``zunit``; integers times ``bit2nm`` are nm. Lengths are in ``xunit`` and ``yunit``
+(nm when missing), the step is length / pixels. Not measured is 32767 or about 3.4e38. The first
+row is taken for the top one. See ``data_formats/bcr-stm/SPEC.md``.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core.errors import (
+    CorruptFileError,
+    FormatMismatchError,
+    UnitError,
+    UnsupportedFeatureError,
+)
+from metrosep.core.surface import Surface
+from metrosep.core.units import Unit, parse_unit
+from metrosep.io.objects import (
+    check_area,
+    check_scale,
+    height_only as channels,
+    lateral_or_none,
+    make_surface,
+    need_bytes,
+    only_channels,
+    scaled,
+)
+from metrosep.io.registry import Match
+from metrosep.io.source import RawFile, lateral_steps
+
+__all__ = ["channels", "read", "sniff"]
+
+FORMAT = "bcr-stm"
+_MAGIC = re.compile(r"fileformat\s*=\s*(bcrstm|bcrf)(?:_unicode)?\s*$", re.MULTILINE)
+_ENCODINGS = (("latin-1", 1), ("utf-16-le", 2), ("utf-16-be", 2))
+_CHARACTERS = 2048
+_MAX_CHARACTERS = 2**20
+_VOID_COUNT = 32767
+_VOID_FLOAT = 1.7e38
+"""Every larger float is the largest one there is, however rounded."""
+
+
+class _Header(NamedTuple):
+    """Fields as text, bytes of the header, and whether heights are floats."""
+
+    fields: dict[str, str]
+    size: int
+    is_float: bool
+
+
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a BCR-STM file."""
+    return Match.NO if _encoding(file.head) is None else Match.YES
+
+
+def _encoding(head: bytes) -> tuple[str, int] | None:
+    """Return encoding and bytes per character of the header, None if it is of something else."""
+    for encoding, width in _ENCODINGS:
+        text = head[: 64 * width].decode(encoding, "replace").lstrip("\ufeff")
+        if _MAGIC.match(text):
+            return encoding, width
+    return None
+
+
+def read(
+    file: RawFile,
+    *,
+    channel: str | None = None,
+    lateral_step: Any = None,
+    unit: Any = None,
+    max_pixels: int | None = None,
+) -> Surface:
+    """Return the height map of a BCR-STM file."""
+    only_channels(file, "BCR-STM", channel)
+    override = lateral_steps(lateral_step)
+    header = _header(file)
+    fields = header.fields
+    if fields.get("forcecurve", "0") not in ("0", ""):
+        raise UnsupportedFeatureError(f"{file.path}: holds force curves, no map of heights")
+    columns, rows = (int(_number(file, fields, n)) for n in ("xpixels", "ypixels"))
+    check_area(file, columns, rows, max_pixels=max_pixels, names=("xpixels", "ypixels"))
+    warnings: list[str] = []
+    own = (
+        _step(file, fields, "x", columns, warnings),
+        _step(file, fields, "y", rows, warnings),
+    )
+    scale_unit = _height_unit(file, header, unit)
+    counts = 1.0 if header.is_float else _number(file, fields, "bit2nm")
+    scale = scale_unit.factor * check_scale(file, "bit2nm", counts, low=1e-12, high=1e6)
+    raw = _raw(file, header, (rows, columns), warnings)
+    invalid = raw > _VOID_FLOAT if header.is_float else raw == _VOID_COUNT
+    return make_surface(
+        file,
+        FORMAT,
+        scaled(raw, scale, invalid),
+        own,
+        row_order="top row first",
+        header=fields,
+        override=override,
+        warnings=warnings,
+        height_unit=scale_unit.name,
+        height_per_unit_m=scale,
+    )
+
+
+def _header(file: RawFile) -> _Header:
+    found = _encoding(file.head)
+    if found is None:
+        raise FormatMismatchError(
+            f"{file.path}: is not a BCR-STM file: expected 'fileformat = bcrstm' or 'bcrf', found "
+            f"{file.head[:16]!r}; leave out format= to have it recognised"
+        )
+    encoding, width = found
+    mark = 2 if file.head[:2] in (b"\xff\xfe", b"\xfe\xff") else 0
+    first = file.head[mark : _CHARACTERS * width].decode(encoding, "replace")
+    fields = _fields(first)
+    n_characters = int(
+        _number(file, fields | {"headersize": fields.get("headersize", "2048")}, "headersize")
+    )
+    if not _CHARACTERS // 4 <= n_characters <= _MAX_CHARACTERS:
+        raise CorruptFileError(
+            file.path,
+            "the size of the header is not usable",
+            field="headersize",
+            expected=f"{_CHARACTERS // 4} to {_MAX_CHARACTERS} characters",
+            found=n_characters,
+        )
+    size = n_characters * width
+    need_bytes(file, 0, size, "the header", name="headersize")
+    fields = _fields(file.data[mark:size].decode(encoding, "replace"))
+    return _Header(fields, size, fields["fileformat"].startswith("bcrf"))
+
+
+def _fields(text: str) -> dict[str, str]:
+    fields: dict[str, str] = {}
+    for line in text.split("\n"):
+        key, mark, value = line.partition("=")
+        if mark and not key.lstrip().startswith(("%", "#")):
+            fields.setdefault(key.strip().lower()[:80], value.strip(" \t\r\0")[:1000])
+    return fields
+
+
+def _number(file: RawFile, fields: dict[str, str], name: str) -> float:
+    """Return a number of the header; sizes are whole."""
+    text = fields.get(name, "")
+    is_size = name in ("xpixels", "ypixels", "headersize")
+    try:
+        return float(int(text[:12])) if is_size else float(text)
+    except ValueError:
+        raise CorruptFileError(
+            file.path,
+            f"{name} is no number" if text else f"{name} is missing",
+            field=name,
+            expected="a whole number" if is_size else "a number",
+            found=repr(text[:40]),
+        ) from None
+
+
+def _step(
+    file: RawFile, fields: dict[str, str], axis: str, n: int, warnings: list[str]
+) -> float | None:
+    """Return the step of an axis in m: its length divided by its pixels."""
+    name = f"{axis}length"
+    if name not in fields:
+        warnings.append(f"{name} is missing: taken as not calibrated")
+        return None
+    factor = _unit(file, fields, f"{axis}unit").factor
+    return lateral_or_none(file, name, _number(file, fields, name) / n, warnings, factor=factor)
+
+
+def _unit(file: RawFile, fields: dict[str, str], name: str) -> Unit:
+    try:
+        return parse_unit(fields.get(name) or "nm", dimension="length")
+    except UnitError as exc:
+        raise UnitError(f"{file.path}: {name}: {exc}") from None
+
+
+def _height_unit(file: RawFile, header: _Header, unit: Any) -> Unit:
+    own = _unit(file, header.fields, "zunit")
+    if unit is None:
+        if header.is_float or own.name == "nm":
+            return own
+        raise UnitError(
+            f"{file.path}: heights are in nm by bit2nm and in {own.name} by zunit; say which with unit="
+        )
+    declared = parse_unit(str(unit), dimension="length")
+    allowed = {own.name} if header.is_float else {own.name, "nm"}
+    if declared.name not in allowed:
+        raise FormatMismatchError(
+            f"{file.path}: heights are in {own.name} by the file, but {declared.name} was given; leave it "
+            "out"
+        )
+    return declared
+
+
+def _raw(
+    file: RawFile, header: _Header, shape: tuple[int, int], warnings: list[str]
+) -> NDArray[Any]:
+    """Return the stored heights; floats in double precision, so that the scale is not rounded."""
+    order = ">" if header.fields.get("intelmode", "1") == "0" else "<"
+    dtype = np.dtype(order + ("f4" if header.is_float else "i2"))
+    count = shape[0] * shape[1]
+    need_bytes(file, header.size, count * dtype.itemsize, "the map", name="xpixels, ypixels")
+    left = file.size - header.size - count * dtype.itemsize
+    if left:
+        warnings.append(f"{left} bytes follow the map; they were not read")
+    raw = np.frombuffer(file.data, dtype=dtype, count=count, offset=header.size).reshape(shape)
+    with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
+        return raw.astype(np.float64) if header.is_float else raw

@@ -1,0 +1,375 @@
+"""Gwyddion native ``.gwy``: data fields of a container, with their titles, units and masks.
+
+Heights are doubles in the unit of the field, row by row, the top row first. Pixels under a mask stay
+valid (a mask marks, it does not delete); their number is recorded. The tree is read by
+`metrosep.io.maps.gwy`; see ``data_formats/gwy/SPEC.md``.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import (
+    CorruptFileError,
+    FormatMismatchError,
+    UnitError,
+    UnsupportedFeatureError,
+)
+from metrosep.core.surface import Surface
+from metrosep.core.units import parse_unit
+from metrosep.io.objects import (
+    ROW_ORDERS,
+    check_area,
+    lateral_or_none,
+    make_surface,
+    only_channels,
+)
+from metrosep.io.registry import Match
+from metrosep.io.source import RawFile, lateral_steps
+
+__all__ = ["channels", "read", "sniff"]
+
+FORMAT = "gwy"
+_MAGIC = b"GWYP"
+_CONTAINER = "GwyContainer"
+_DATA = re.compile(r"/(\d{1,9})/data")
+_FIELD = "GwyDataField"
+_AXES = ("xy", "z")
+
+
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a Gwyddion file."""
+    if not file.head.startswith(_MAGIC):
+        return Match.NO
+    return Match.YES if file.head[4:].startswith(_CONTAINER.encode() + b"\0") else Match.MAYBE
+
+
+def channels(file: RawFile) -> tuple[str, ...]:
+    """Return the data fields, such as ``"/0/data"``."""
+    return _fields(_container(file, []))
+
+
+def read(
+    file: RawFile,
+    *,
+    channel: str | None = None,
+    lateral_step: Any = None,
+    unit: Any = None,
+    max_pixels: int | None = None,
+) -> Surface:
+    """Return a data field of a Gwyddion file."""
+    override = lateral_steps(lateral_step)
+    warnings: list[str] = []
+    root = _container(file, warnings)
+    key = _chosen(file, root, channel)
+    field = root.items[key]
+    z, shape = _values(file, key, field, max_pixels)
+    units = _units(file, field, unit, warnings)
+    steps = []
+    for name, count in (("xreal", shape[1]), ("yreal", shape[0])):
+        size = _number(file, field, name)
+        steps.append(lateral_or_none(file, name, size / count, warnings, factor=units["xy"]))
+    return make_surface(
+        file,
+        FORMAT,
+        z.reshape(shape) * units["z"],
+        (steps[0], steps[1]),
+        row_order=ROW_ORDERS[1],
+        header={k: plain(v) for k, v in root.items.items()},
+        override=override,
+        warnings=warnings,
+        channel=key,
+        title=_title(root, key),
+        units_in_file={a: _unit_text(field, a) for a in _AXES},
+        size_in_file=(_number(file, field, "xreal"), _number(file, field, "yreal")),
+        offset_in_file=tuple(_number(file, field, n, 0.0) for n in ("xoff", "yoff")),
+        n_masked=_masked(file, root, key, shape, max_pixels),
+    )
+
+
+def _container(file: RawFile, warnings: list[str]) -> GwyObject:
+    if not file.head.startswith(_MAGIC):
+        raise FormatMismatchError(
+            f"{file.path}: is no Gwyddion file: expected 'GWYP' at offset 0, found "
+            f"{file.head[:4].hex(' ')}; leave out format= to have it recognised"
+        )
+    root, end = read_object(file, len(_MAGIC))
+    if root.type != _CONTAINER:
+        raise CorruptFileError(
+            file.path, "holds no container", offset=4, expected=_CONTAINER, found=root.type[:40]
+        )
+    if end < file.size:
+        warnings.append(f"{file.size - end} bytes follow the container; they were not read")
+    return root
+
+
+def _fields(root: GwyObject) -> tuple[str, ...]:
+    found = [
+        (int(m[1]), key)
+        for key, value in root.items.items()
+        if (m := _DATA.fullmatch(key)) and isinstance(value, GwyObject) and value.type == _FIELD
+    ]
+    return tuple(key for _, key in sorted(found))
+
+
+def _chosen(file: RawFile, root: GwyObject, channel: str | None) -> str:
+    keys = _fields(root)
+    if not keys:
+        raise UnsupportedFeatureError(
+            f"{file.path}: holds no data field, only {', '.join(list(root.items)[:8]) or 'nothing'}; "
+            "save a height channel"
+        )
+    titled = [key for key in keys if channel is not None and _title(root, key) == channel]
+    return titled[0] if len(titled) == 1 else only_channels(file, "Gwyddion", channel, keys)
+
+
+def _title(root: GwyObject, key: str) -> str:
+    title = root.items.get(f"{key}/title", "")
+    return title if isinstance(title, str) else ""
+
+
+def _values(
+    file: RawFile, key: str, field: GwyObject, max_pixels: int | None
+) -> tuple[FloatArray, tuple[int, int]]:
+    """Return the values of a field and its shape; sizes are checked before anything is copied."""
+    columns, rows = (int(_number(file, field, n, whole=True)) for n in ("xres", "yres"))
+    check_area(file, columns, rows, max_pixels=max_pixels, names=("xres", "yres"))
+    data = field.items.get("data")
+    if not isinstance(data, GwyArray) or data.code != "D" or data.count != columns * rows:
+        found = f"{data.count} of type {data.code}" if isinstance(data, GwyArray) else "none"
+        raise CorruptFileError(
+            file.path,
+            f"the values of {key} do not fit its sizes",
+            offset=data.offset if isinstance(data, GwyArray) else field.offset,
+            field="data",
+            expected=f"{columns * rows} of type D",
+            found=found,
+        )
+    return np.frombuffer(file.data, "<f8", data.count, data.offset), (rows, columns)
+
+
+def _number(
+    file: RawFile,
+    field: GwyObject,
+    name: str,
+    default: float | None = None,
+    *,
+    whole: bool = False,
+) -> float:
+    value = field.items.get(name, default)
+    if isinstance(value, bool) or not isinstance(value, (int,) if whole else (int, float)):
+        raise CorruptFileError(
+            file.path,
+            "a field of the map is missing or of another type",
+            offset=field.offset,
+            field=name,
+            expected="a whole number" if whole else "a number",
+            found=type(value).__name__,
+        )
+    return value
+
+
+def _unit_text(field: GwyObject, axis: str) -> str:
+    """Return the unit as the file writes it; empty where it states none."""
+    unit = field.items.get(f"si_unit_{axis}")
+    text = unit.items.get("unitstr", "") if isinstance(unit, GwyObject) else ""
+    return text.strip() if isinstance(text, str) else ""
+
+
+def _units(
+    file: RawFile, field: GwyObject, declared: Any, warnings: list[str]
+) -> dict[str, float]:
+    """Return metres per unit of both axes; the format stores base SI, so metres if none is named."""
+    if isinstance(declared, Mapping):
+        given = {axis: declared.get(axis) for axis in _AXES}
+        refused = [a for a in declared if a not in _AXES or _unit_text(field, a)]
+    else:
+        given = dict.fromkeys(_AXES, declared)
+        refused = list(_AXES) if declared and all(_unit_text(field, a) for a in _AXES) else []
+    if refused:
+        raise FormatMismatchError(
+            f"{file.path}: unit= was given for {' and '.join(map(str, refused))}, but the field states xy "
+            f"in {_unit_text(field, 'xy')!r} and z in {_unit_text(field, 'z')!r}; give it only for xy or "
+            "z without one"
+        )
+    factors: dict[str, float] = {}
+    for axis in _AXES:
+        word = _unit_text(field, axis) or given[axis]
+        if not word:
+            warnings.append(
+                f"states no unit of {axis}: metres were taken, since the format stores base SI units; "
+                f"declare unit={{'{axis}': ...}} if that is not so"
+            )
+        try:
+            factors[axis] = parse_unit(str(word or "m"), dimension="length").factor
+        except UnitError as exc:
+            raise UnitError(
+                f"{file.path}: the unit of {axis} is {str(word)[:20]!r}, which is no length "
+                f"({str(exc)[:60]}); read another channel"
+            ) from None
+    return factors
+
+
+def _masked(
+    file: RawFile, root: GwyObject, key: str, shape: tuple[int, int], max_pixels: int | None
+) -> int | None:
+    """Return how many pixels the mask marks, None without a mask of the same shape."""
+    mask = root.items.get(key.removesuffix("data") + "mask")
+    if not isinstance(mask, GwyObject) or mask.type != _FIELD:
+        return None
+    values, own = _values(file, "the mask", mask, max_pixels)
+    return int((values >= 1.0).sum()) if own == shape else None
+
+
+# ---- the typed tree inside a Gwyddion ``.gwy`` file, read as if a stranger had sent it ---------
+# An object is a name, a size and components; a component is a name, a type letter and a value, little-
+# endian: ``b c i q d s o`` for bool, byte, int32, int64, double, text and object, capitals for arrays of
+# them. Every step moves forward inside the object that encloses it, objects nest only so deep, and an
+# array is a place in the file, not a copy: nothing is allocated that the file does not hold.
+
+_SCALARS = {"b": "?", "c": "b", "i": "i", "q": "q", "d": "d"}
+_ITEM_BYTES = {"C": 1, "I": 4, "Q": 8, "D": 8}
+_MAX_DEPTH = 32
+_MAX_COMPONENTS = 100_000
+
+
+@dataclass(frozen=True)
+class GwyArray:
+    """Where an array of numbers lies in the file."""
+
+    code: str  # ``"C"``, ``"I"``, ``"Q"`` or ``"D"``
+    offset: int  # first byte
+    count: int  # number of items
+
+
+@dataclass(frozen=True)
+class GwyObject:
+    """An object of the tree."""
+
+    type: str  # such as ``"GwyDataField"``
+    # components by name: plain values, `GwyArray`, `GwyObject` or tuples of them
+    items: dict[str, Any]
+    offset: int  # where the object begins
+
+
+def read_object(file: RawFile, offset: int) -> tuple[GwyObject, int]:
+    """Return the object that begins at an offset, and where it ends."""
+    return _Tree(file).object(offset, file.size, 0)
+
+
+def plain(value: Any) -> Any:
+    """Return a value of the tree as plain values; arrays become their type and length."""
+    if isinstance(value, GwyObject):
+        return {"type": value.type, **{k: plain(v) for k, v in value.items.items()}}
+    if isinstance(value, GwyArray):
+        return f"{value.count} items of type {value.code}"
+    if isinstance(value, tuple):
+        return [plain(v) for v in value]
+    return value
+
+
+class _Tree:
+    def __init__(self, file: RawFile) -> None:
+        self._file = file
+        self._n = 0
+
+    def object(self, offset: int, end: int, depth: int) -> tuple[GwyObject, int]:
+        if depth > _MAX_DEPTH:
+            raise self._corrupt("objects are nested too deep", offset, f"at most {_MAX_DEPTH}")
+        name, place = self._text(offset, end, "the name of an object")
+        size = self._count(place, end, f"size of {name}")
+        place += 4
+        stop = place + size
+        if stop > end:
+            raise self._corrupt(
+                "an object is larger than what encloses it",
+                place - 4,
+                f"at most {end - place} bytes",
+                f"{size} bytes",
+                f"size of {name}",
+            )
+        items: dict[str, Any] = {}
+        while place < stop:
+            self._tally(place)
+            key, place = self._text(place, stop, "the name of a component")
+            items[key], place = self._value(key, place, stop, depth)
+        return GwyObject(name, items, offset), stop
+
+    def _value(self, key: str, offset: int, end: int, depth: int) -> tuple[Any, int]:
+        """Return a value and where it ends; at least one byte is consumed."""
+        code = self._file.data[offset : offset + 1].decode("latin-1") if offset < end else ""
+        place = offset + 1
+        if code in _SCALARS:
+            form = "<" + _SCALARS[code]
+            self._need(place, struct.calcsize(form), end, key)
+            return struct.unpack_from(form, self._file.data, place)[0], place + struct.calcsize(
+                form
+            )
+        if code == "s":
+            return self._text(place, end, key)
+        if code == "o":
+            return self.object(place, end, depth + 1)
+        if code not in {*_ITEM_BYTES, "S", "O"}:
+            raise self._corrupt("a component has an unknown type", offset, None, repr(code), key)
+        count = self._count(place, end, key)
+        place += 4
+        if code in _ITEM_BYTES:
+            self._need(place, count * _ITEM_BYTES[code], end, key)
+            return GwyArray(code, place, count), place + count * _ITEM_BYTES[code]
+        values = []
+        for _ in range(count):  # each item takes a byte or more, so a false count soon ends
+            self._tally(place)
+            value, place = (
+                self._text(place, end, key) if code == "S" else self.object(place, end, depth + 1)
+            )
+            values.append(value)
+        return tuple(values), place
+
+    def _tally(self, offset: int) -> None:
+        self._n += 1
+        if self._n > _MAX_COMPONENTS:
+            raise self._corrupt("has too many components", offset, f"up to {_MAX_COMPONENTS}")
+
+    def _text(self, offset: int, end: int, what: str) -> tuple[str, int]:
+        stop = self._file.data.find(b"\0", offset, end)
+        if stop < 0:
+            raise self._corrupt("a text has no end", offset, "a zero byte", None, what)
+        return self._file.data[offset:stop].decode("utf-8", "replace"), stop + 1
+
+    def _count(self, offset: int, end: int, what: str) -> int:
+        self._need(offset, 4, end, what)
+        return int(struct.unpack_from("<I", self._file.data, offset)[0])
+
+    def _need(self, offset: int, count: int, end: int, what: str) -> None:
+        if offset + count > end:
+            raise self._corrupt(
+                "a value is larger than what encloses it",
+                offset,
+                f"at most {max(end - offset, 0)} bytes",
+                f"{count} bytes",
+                what,
+            )
+
+    def _corrupt(
+        self,
+        reason: str,
+        offset: int,
+        expected: str | None = None,
+        found: str | None = None,
+        what: str | None = None,
+    ) -> CorruptFileError:
+        return CorruptFileError(
+            self._file.path,
+            reason,
+            offset=offset,
+            field=what and what[:60],
+            expected=expected,
+            found=found,
+        )

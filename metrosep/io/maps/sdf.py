@@ -1,0 +1,385 @@
+"""Surface data file ``.sdf`` (ISO 25178-71) and its ancestor BCR: text or binary, in metres.
+
+The first letter of the version tells text (``aISO-1.0``) from binary (``bISO-1.0``). Height in m
+is ``raw * Zscale``, steps are Xscale and Yscale; not measured is the word BAD in text, NaN or a
+reserved count in binary data. The first profile has the smallest y; a file with one profile gives
+a `Profile`. See ``data_formats/sdf/SPEC.md``.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import (
+    CorruptFileError,
+    FormatMismatchError,
+    UnsupportedFeatureError,
+    WriteError,
+)
+from metrosep.core.profile import Profile
+from metrosep.core.surface import Surface
+from metrosep.io.objects import (
+    check_area,
+    check_scale,
+    height_only as channels,
+    lateral_or_none,
+    make_profile,
+    make_surface,
+    need_bytes,
+    only_channels,
+    scaled,
+    unpack_fields,
+)
+from metrosep.io.registry import Match
+from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.text.numbers import parse_numbers
+
+__all__ = ["FIELDS", "channels", "read", "sniff"]
+
+FORMAT = "sdf"
+_VERSION = re.compile(
+    rb"a(?:ISO-[12]\.0|BCR ?- ?[01]\.0|NIST-1\.0|NPL-V1\.0)(?=\s)|b(?:ISO-[12]\.0|BCR-[01]\.0)"
+)
+_MAX_HEADER = 100
+_MAX_NUMBER = 40
+_MAX_TRAILER = 65536
+
+FIELDS: tuple[tuple[int, str, str], ...] = (
+    (0, "8s", "version"),
+    (8, "10s", "ManufacID"),
+    (18, "12s", "CreateDate"),
+    (30, "12s", "ModDate"),
+    (42, "H", "NumPoints"),
+    (44, "H", "NumProfiles"),
+    (46, "d", "Xscale"),
+    (54, "d", "Yscale"),
+    (62, "d", "Zscale"),
+    (70, "d", "Zresolution"),
+    (78, "B", "Compression"),
+    (79, "B", "DataType"),
+    (80, "B", "CheckType"),
+)
+"""Offset, `struct` code (little-endian) and name of the fields of version 1.0."""
+
+_WIDE = tuple(
+    (at + (0 if at < 44 else 2 if at == 44 else 4), "I" if code == "H" else code, name)
+    for at, code, name in FIELDS
+)
+"""The same for ISO-2.0, where the two sizes take four bytes each."""
+
+_TYPES = {0: "<u1", 1: "<u2", 2: "<u4", 3: "<f4", 4: "<i1", 5: "<i2", 6: "<i4", 7: "<f8"}
+_ISO_TYPES = {"ISO-1.0": (5, 6, 7), "ISO-2.0": (3, 4, 5, 6, 7)}
+_MARKERS = {1: 2**16 - 1, 2: 2**32 - 1, 5: -(2**15), 6: -(2**31)}
+"""Reserved count that marks a point as not measured, by DataType."""
+
+_OLYMPUS = (5, 1)
+"""Two extra numbers after the header of files of that maker."""
+
+_KEYS = {name.lower(): name for _, _, name in FIELDS}
+
+
+class _Content(NamedTuple):
+    """Header, raw values in the order of the file, where they are not measured, and warnings."""
+
+    header: dict[str, Any]
+    raw: np.ndarray[Any, np.dtype[Any]]
+    invalid: np.ndarray[Any, np.dtype[np.bool_]] | None
+    warnings: list[str]
+
+
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a surface data file."""
+    return Match.YES if _VERSION.match(file.head) else Match.NO
+
+
+def read(
+    file: RawFile,
+    *,
+    channel: str | None = None,
+    lateral_step: Any = None,
+    unit: Any = None,
+    max_pixels: int | None = None,
+) -> Surface | Profile:
+    """Return the surface, or the one profile, of a surface data file."""
+    refuse_options(file, "a surface data file in metres", unit=unit)
+    only_channels(file, "SDF", channel)
+    override = lateral_steps(lateral_step)
+    version = _VERSION.match(file.head)
+    if version is None:
+        raise FormatMismatchError(
+            f"{file.path}: is not a surface data file: expected aISO-1.0, bISO-1.0, aBCR-1.0 or the like, "
+            f"found {file.head[:8]!r}; leave out format= to have it recognised"
+        )
+    content = (_text if version.group()[:1] == b"a" else _binary)(file, max_pixels)
+    header, warnings = content.header, content.warnings
+    scale = check_scale(file, "Zscale", header["Zscale"], low=1e-18, high=1e6)
+    own = [lateral_or_none(file, n, header[n], warnings) for n in ("Xscale", "Yscale")]
+    shape = (header["NumProfiles"], header["NumPoints"])
+    with np.errstate(invalid="ignore"):  # a signalling NaN is a NaN
+        z = scaled(content.raw, scale, content.invalid).reshape(shape)
+    if shape[0] > 1:
+        return make_surface(
+            file,
+            FORMAT,
+            z,
+            (own[0], own[1]),
+            row_order="smallest y first",
+            header=header,
+            override=override,
+            warnings=warnings,
+            height_per_unit_m=scale,
+        )
+    step = own[0] or (override[0] if override else None)
+    if step is None:
+        raise UnsupportedFeatureError(
+            f"{file.path}: its one profile has no step (Xscale 0); pass lateral_step="
+        )
+    return make_profile(
+        file,
+        FORMAT,
+        step * np.arange(shape[1], dtype=np.float64),
+        z[0],
+        header=header,
+        override=override[0] if override else None,
+        warnings=warnings,
+        height_per_unit_m=scale,
+    )
+
+
+def _check_flags(file: RawFile, header: dict[str, Any], max_pixels: int | None) -> None:
+    """Refuse sizes, types and packings before anything is allocated."""
+    names = ("NumPoints", "NumProfiles")
+    check_area(file, header[names[0]], header[names[1]], max_pixels=max_pixels, names=names)
+    for name in ("Compression", "CheckType"):
+        if header[name] != 0:
+            raise UnsupportedFeatureError(
+                f"{file.path}: has {name} {header[name]}; save it with {name} 0"
+            )
+    if header["DataType"] not in _TYPES:
+        raise UnsupportedFeatureError(
+            f"{file.path}: has DataType {header['DataType']}; there are 0 to {max(_TYPES)}"
+        )
+
+
+def _type_notes(header: dict[str, Any]) -> list[str]:
+    allowed = _ISO_TYPES.get(header["version"][1:], tuple(_TYPES))
+    if header["DataType"] in allowed:
+        return []
+    return [f"DataType {header['DataType']} does not belong to {header['version']}"]
+
+
+def _binary(file: RawFile, max_pixels: int | None) -> _Content:
+    layout = _WIDE if file.head[:8] == b"bISO-2.0" else FIELDS
+    header = unpack_fields(file, layout, order="<")
+    _check_flags(file, header, max_pixels)
+    dtype = np.dtype(_TYPES[header["DataType"]])
+    count = header["NumPoints"] * header["NumProfiles"]
+    start = layout[-1][0] + 1
+    warnings = _type_notes(header)
+    if header["version"] == "bISO-1.0" and file.size >= start + 8:
+        extra = unpack_fields(file, ((0, "2I", "extra"),), order="<", start=start)["extra"]
+        if extra == _OLYMPUS:
+            start += 8
+            warnings.append(
+                "the header is 8 bytes longer than the standard says; they were skipped"
+            )
+    need_bytes(file, start, count * dtype.itemsize, "the map", name="NumPoints, NumProfiles")
+    raw = np.frombuffer(file.data, dtype=dtype, count=count, offset=start)
+    header["trailer"] = _trailer(file, start + raw.nbytes)
+    markers = dict(_MARKERS)
+    if header["version"] == "bISO-2.0":
+        markers[4] = -128
+    marker = markers.get(header["DataType"])
+    invalid = None if marker is None else raw == marker
+    if raw.dtype.kind == "f":
+        with np.errstate(invalid="ignore"):
+            raw = raw.astype(np.float64)  # the scale must not be rounded to single precision
+    return _Content(header, raw, invalid, warnings)
+
+
+def _trailer(file: RawFile, start: int) -> str:
+    """Return the text after the heights; other bytes show that sizes or type are wrong."""
+    trailer = file.data[start : start + _MAX_TRAILER].strip(b"\0 \r\n*")
+    if not trailer.isascii() or b"\0" in trailer:
+        raise CorruptFileError(
+            file.path,
+            "what follows the heights is no text",
+            offset=start,
+            field="NumPoints, NumProfiles, DataType",
+            expected=f"the end of the file at {start}",
+            found=file.size,
+        )
+    return trailer.decode("ascii")
+
+
+def _text(file: RawFile, max_pixels: int | None) -> _Content:
+    header, start = _text_header(file)
+    _check_flags(file, header, max_pixels)
+    star = file.data.find(b"*", start)
+    body = file.data[start : star if star >= 0 else file.size]
+    count = header["NumPoints"] * header["NumProfiles"]
+    if 2 * count > len(body) + 1:
+        found: object = f"{len(body)} bytes"
+    else:
+        raw: FloatArray = parse_numbers(file, body, offset=start, missing=(b"BAD", b"bad"))
+        found = raw.size
+        if raw.size == count:
+            warnings = _type_notes(header)
+            if star < 0:
+                if not bytes(body[-1:]).isspace():
+                    raise CorruptFileError(
+                        file.path,
+                        "the file ends within its last height",
+                        field="heights",
+                        expected="the '*' after them, or a line end",
+                        found=bytes(body[-20:]).decode("ascii", "replace"),
+                        hint="copy the file again; if it is whole, end its last line",
+                    )
+                warnings.append("the '*' after the heights is missing")
+            header["trailer"] = _trailer(file, star + 1 if star >= 0 else file.size)
+            return _Content(header, raw, None, warnings)
+    raise CorruptFileError(
+        file.path,
+        "the heights do not fill the map",
+        offset=start,
+        field="NumPoints, NumProfiles",
+        expected=f"{header['NumPoints']} x {header['NumProfiles']} = {count}",
+        found=found,
+    )
+
+
+def _text_header(file: RawFile) -> tuple[dict[str, Any], int]:
+    """Return the header in the types of the binary one, and where the heights begin."""
+    texts: dict[str, tuple[int, str]] = {}
+    start = file.head.find(b"\n") + 1
+    version = file.head[: max(start, 1)].decode("latin-1").strip().replace(" ", "")
+    header: dict[str, Any] = {"version": version}
+    for number in range(2, _MAX_HEADER):
+        end = file.head.find(b"\n", start)
+        line = file.head[start : end if end >= 0 else None].decode("latin-1").strip()
+        if end < 0:
+            break
+        start = end + 1
+        if line == "*":
+            return header | _typed(file, texts), start
+        key, mark, value = line.partition("=")
+        if mark and not line.startswith(";"):
+            name = key.strip()
+            texts[_KEYS.get(name.lower(), name)] = (number, value.strip())
+    raise CorruptFileError(
+        file.path, "the header has no end", offset=start, expected="a line '*' before the heights"
+    )
+
+
+def _typed(file: RawFile, texts: dict[str, tuple[int, str]]) -> dict[str, Any]:
+    optional = {"Zresolution": "-1", "Compression": "0", "CheckType": "0"}
+    found: dict[str, Any] = {}
+    for _, code, name in FIELDS[1:]:
+        default = optional.get(name, "" if code.endswith("s") else None)
+        number, text = texts.get(name, (0, default))
+        if code.endswith("s") and text is not None:
+            found[name] = text
+            continue
+        try:
+            short = (text or "")[:_MAX_NUMBER]
+            found[name] = float(short) if code == "d" else int(short)
+        except ValueError:
+            raise CorruptFileError(
+                file.path,
+                f"{name} is missing" if text is None else f"{name} is no number",
+                field=f"line {number}" if number else name,
+                found=None if text is None else repr(text[:40]),
+            ) from None
+    return found | {k: v for k, (_, v) in texts.items() if k not in found}
+
+
+# ---- bytes of a surface data file (ISO 25178-71, version 1.0); the same surface gives the same bytes ----
+# Heights are written as double precision numbers in metres with Zscale 1, so that reading them back
+# gives the same numbers; not measured is the word BAD in text and NaN in binary data. The first
+# profile has the smallest y. The format has no origin: it is lost, and stated in the trailer.
+
+_MAX_SIZE = 65535
+_NO_DATE = "010119700000"
+"""The format demands DDMMYYYYHHMM; a clock would make the same surface give other bytes."""
+
+_DOUBLE = 7
+
+
+def sdf_bytes(surface: Surface, *, binary: bool = False) -> bytes:
+    """Return a surface as the content of an SDF file, version 1.0.
+
+    Parameters
+    ----------
+    surface : Surface
+        With both lateral steps, at most 65535 points a side.
+    binary : bool, optional
+        Write ``bISO-1.0`` instead of the text ``aISO-1.0``.
+
+    Returns
+    -------
+    bytes
+        Header, heights and trailer.
+
+    Raises
+    ------
+    WriteError
+        If a step is missing, nothing was measured, or the surface is too large.
+    """
+    if np.isnan(surface.z).all():
+        raise WriteError("nothing was measured, so there is nothing to write as SDF")
+    if surface.dx is None or surface.dy is None:
+        raise WriteError(
+            "the surface is laterally not calibrated and SDF needs both steps; give them on reading "
+            "with lateral_step=(dx, dy)"
+        )
+    rows, columns = surface.shape
+    if max(rows, columns) > _MAX_SIZE:
+        raise WriteError(
+            f"SDF version 1.0 holds at most {_MAX_SIZE} points a side, got {columns} x {rows}; write X3P"
+        )
+    x, y = surface.origin
+    trailer = f"<Origin> {x!r} {y!r} </Origin>\n"
+    if binary:
+        return _header(surface) + surface.z.astype("<f8").tobytes() + trailer.encode("ascii")
+    fields = {
+        "ManufacID": "metrosep",
+        "CreateDate": _NO_DATE,
+        "ModDate": _NO_DATE,
+        "NumPoints": columns,
+        "NumProfiles": rows,
+        "Xscale": repr(surface.dx),
+        "Yscale": repr(surface.dy),
+        "Zscale": "1.0",
+        "Zresolution": "-1.0",
+        "Compression": 0,
+        "DataType": _DOUBLE,
+        "CheckType": 0,
+    }
+    lines = ["aISO-1.0", *(f"{k:<12}= {v}" for k, v in fields.items()), "*"]
+    lines += [" ".join("BAD" if v != v else repr(v) for v in row) for row in surface.z.tolist()]
+    return ("\n".join(lines) + f"\n*\n{trailer}*\n").encode("ascii")
+
+
+def _header(surface: Surface) -> bytes:
+    rows, columns = surface.shape
+    return struct.pack(
+        "<8s10s12s12sHHddddBBB",
+        b"bISO-1.0",
+        b"metrosep".ljust(10),
+        _NO_DATE.encode("ascii"),
+        _NO_DATE.encode("ascii"),
+        columns,
+        rows,
+        surface.dx,
+        surface.dy,
+        1.0,
+        -1.0,
+        0,
+        _DOUBLE,
+        0,
+    )

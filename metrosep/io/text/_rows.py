@@ -1,0 +1,549 @@
+"""Every physical line of a text: to which class it belongs, and the rows of numbers.
+
+One mechanism for all doors: `read`, `read_runs`, `open_stream` and `check` hand the lines from the
+first row on to a `Body`, in blocks. A line is data, blank, a comment, a repeated header, a footer or
+set aside by the caller; any other line is refused with its number. Nothing is left out for the
+reason that the rest fits.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import AmbiguousFormatError, CorruptFileError
+from metrosep.core.text_options import TextOptions
+from metrosep.io.source import RawFile
+from metrosep.io.text._table_layout import Layout
+from metrosep.io.text.dialect import MISSING, is_comment, n_used
+
+__all__ = ["Block", "Body", "Ledger", "bad_field", "marker_of", "refuse_quotes"]
+
+_LISTED: Final = 100
+"""Lines of a class that are listed with their text."""
+
+_PART: Final = 2**18
+"""Characters that are parsed at once: what is odd in one part does not slow the others."""
+
+_PLAIN = frozenset("0123456789+-.,;|eE \t\n")
+
+_IN_ORDER = {
+    mark: re.compile(
+        rf"(?<![\d.,])(?:0\d*{m}\d|\d{{4,}}{m}\d|\d{{1,3}}{m}(?:\d{{1,2}}|\d{{4,}})(?![\d.,])|{m}\d|"
+        rf"\d+{m}\d+[eEdD])"
+    )
+    for mark, m in ((",", ","), (".", r"\."))
+}
+"""A number that shows what its mark is: 0,123 or 1,25 or 1234,567, but not 1,234."""
+
+_IN_DOUBT = {
+    ",": re.compile(r"(?<![\d.,])[1-9]\d{0,2},\d{3}(?![\d.,])"),
+    ".": re.compile(r"(?<![\d.,])[1-9]\d{0,2}\.\d{2}0(?![\d.,])"),
+}
+"""A number that may be in groups of thousands; with a point only where it ends in 0."""
+
+
+class Ledger:
+    """How many lines of each class there are, and which they are."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[str] = Counter()
+        self._listed: dict[str, list[tuple[int, str]]] = {}
+        self._ranges: dict[str, list[list[int]]] = {}
+
+    def add(self, kind: str, number: int, line: str) -> None:
+        """Enter one line of a class that is listed."""
+        self._counts[kind] += 1
+        listed = self._listed.setdefault(kind, [])
+        if len(listed) < _LISTED:
+            listed.append((number, line.strip()[:200]))
+        ranges = self._ranges.setdefault(kind, [])
+        if ranges and ranges[-1][1] == number - 1:
+            ranges[-1][1] = number
+        else:
+            ranges.append([number, number])
+
+    def count(self, kind: str, n: int) -> None:
+        """Enter lines of a class that is only counted: data, blank."""
+        self._counts[kind] += n
+
+    def __getitem__(self, kind: str) -> int:
+        return self._counts[kind]
+
+    @property
+    def total(self) -> int:
+        """Lines of all classes."""
+        return sum(self._counts.values())
+
+    def first(self, kind: str) -> tuple[int, str]:
+        """Return number and text of the first line of a class."""
+        return self._listed[kind][0]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the count of each class and, of all but data and blank, numbers and texts."""
+        listed = {
+            kind: {
+                "numbers": ", ".join(
+                    f"{a}" if a == b else f"{a}-{b}" for a, b in ranges[:_LISTED]
+                ),
+                "texts": tuple(text for _, text in self._listed[kind]),
+            }
+            for kind, ranges in self._ranges.items()
+        }
+        return {"total": self.total, **self._counts, "listed": listed}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Rows in the order of the file: numbers or texts of each column, and the line of each row."""
+
+    columns: list[FloatArray | list[str]]
+    lines: NDArray[np.int64]
+
+
+class Body:
+    """The lines from the first row on, taken block by block; each enters the ledger."""
+
+    def __init__(
+        self,
+        file: RawFile,
+        layout: Layout,
+        options: TextOptions,
+        ledger: Ledger,
+        *,
+        names: Sequence[str],
+        header: Iterable[Sequence[str]] = (),
+        is_map: bool = False,
+    ) -> None:
+        self._file, self._layout, self._options, self._ledger = file, layout, options, ledger
+        self._names = tuple(names)
+        self._n = len(self._names)
+        self._labels = [*layout.labels, *[False] * self._n][: self._n]
+        self._header = [[f.strip() for f in fields] for fields in header]
+        self._is_map = is_map
+        self._words = MISSING | {m for m in options.missing or () if isinstance(m, str)}
+        self._pending: list[
+            tuple[int, str, bool]
+        ] = []  # text or empty rows: footer, unless data follow
+        self._unproven = layout.unproven
+        self._whole: list[bool] = [
+            False
+        ] * self._n  # columns with unmarked numbers of 1 to 3 digits
+        self._grouped: list[int] = [0] * self._n  # and the line of such as 1.000
+        self._surplus: list[int] = []
+        self._markers = [m for m in options.missing or () if isinstance(m, float)]
+        self.comments: list[str] = []
+        self.last_row = ""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What has changed its meaning without being lost, so far."""
+        found = []
+        if self._surplus:
+            found.append(
+                f"{_rows(len(self._surplus))} more separators at the end than the others (first: line "
+                f"{self._surplus[0]}); they were left out, since nothing stands behind them"
+            )
+        for kind, what in (
+            ("repeated header", "repeats the header within the table"),
+            ("footer", "stands below the table and is no row of it"),
+        ):
+            if n := self._ledger[kind]:
+                line, text = self._ledger.first(kind)
+                more = f" (and {n - 1} more)" if n > 1 else ""
+                found.append(
+                    f"line {line} ({text[:40]!r}){more} {what}; look whether parts of the file belong "
+                    "together"
+                )
+        return tuple(found)
+
+    def take(self, text: str, first: int, *, last: bool, start: int = 0) -> Block:
+        r"""Return the rows of whole lines from `start` on; ends of lines are ``\n``, `first` counts from 1."""
+        blocks = []
+        while start < len(text):
+            end = text.find("\n", start + _PART) + 1 or len(text)
+            part = text[start:end]
+            blocks.append(self._take_part(part, first, last=last and end == len(text)))
+            first, start = first + part.count("\n"), end
+        if len(blocks) == 1:
+            return blocks[0]
+        columns: list[FloatArray | list[str]] = []
+        for k, label in enumerate(self._labels):
+            parts: list[Any] = [b.columns[k] for b in blocks]
+            columns.append([t for p in parts for t in p] if label else np.concatenate(parts))
+        return Block(columns, np.concatenate([b.lines for b in blocks]))
+
+    def _take_part(self, text: str, first: int, *, last: bool) -> Block:
+        n_lines = text.count("\n") + (not text.endswith("\n") and text != "")
+        numbers = self._fast(text, n_lines, first)
+        if numbers is not None:
+            lines = np.arange(first, first + n_lines, dtype=np.int64)
+            self._ledger.count("data", n_lines)
+            begin = text.rfind("\n", 0, len(text) - 1) + 1
+            self.last_row = text[begin:]
+            block = Block([numbers[:, k] for k in range(self._n)], lines)
+        else:
+            block = self._line_by_line(text, first, last=last)
+        if self._markers:
+            for values in block.columns:
+                if not isinstance(values, list):
+                    values[np.isin(values, self._markers)] = np.nan
+        return block
+
+    def finish(self, n_lines: int) -> None:
+        """Close the table: what still waits is a footer or blank; every line must be accounted for."""
+        for number, line, empty in self._pending:
+            if empty:
+                self._ledger.count("blank", 1)
+            else:
+                self._ledger.add("footer", number, line)
+        self._pending = []
+        if self._ledger.total != n_lines:
+            raise CorruptFileError(
+                self._file.path,
+                "the lines do not add up",
+                expected=f"{n_lines} lines",
+                found=f"{self._ledger.to_dict()}",
+                hint="report this file: it is an error of metrosep",
+            )
+
+    def _fast(self, text: str, n_lines: int, first: int) -> FloatArray | None:
+        """Return the rows of a block in which every line is plain, else ``None``."""
+        layout, dialect = self._layout, self._layout.dialect
+        mark, options = dialect.separator, self._options
+        if (
+            not n_lines
+            or any(self._labels)
+            or dialect.thousands
+            or options.comment is not None
+            or mark == ", "
+            or not _PLAIN.issuperset(text[:4096])
+            or any(r.start < first + n_lines and r.stop > first for r in options.skip_lines)
+            or self._pending
+        ):
+            return None
+        if mark != " ":
+            surplus = layout.n_raw - self._n
+            if text.count(mark) != n_lines * (layout.n_raw - 1):
+                return None
+            if (
+                surplus
+                and (text if text[-1:] == "\n" else text + "\n").count(mark * surplus + "\n")
+                != n_lines
+            ):
+                return None
+        if self._unproven and not self._prove(text):
+            return None
+        if dialect.decimal == ",":
+            if "." in text:
+                return None
+            text = text.replace(",", ".")
+        try:
+            values = np.loadtxt(
+                io.StringIO(text),
+                delimiter=None if mark == " " else mark,
+                comments=None,
+                usecols=range(self._n) if mark != " " and layout.n_raw > self._n else None,
+                ndmin=2,
+            )
+        except ValueError:
+            return None
+        fits = values.shape == (n_lines, self._n) and bool(np.isfinite(values).all())
+        return values if fits else None
+
+    def _prove(self, text: str) -> bool:
+        """Whether the block needs no closer look for what its decimal mark is."""
+        mark = self._layout.dialect.decimal
+        if mark not in text:
+            self._whole = [True] * self._n
+            return True
+        if _IN_ORDER[mark].search(text):
+            self._unproven = False
+            return True
+        return _IN_DOUBT[mark].search(text) is None
+
+    def _line_by_line(self, text: str, first: int, *, last: bool) -> Block:
+        dialect, options = self._layout.dialect, self._options
+        every = text.split("\n")
+        if every[-1] == "":
+            every.pop()
+        rows: list[list[str]] = []
+        numbers: list[int] = []
+        blanks = " " if dialect.separator == "\t" else None
+        if self._unproven:
+            self._prove(text)
+        for number, line in enumerate(every, first):
+            if options.skip_lines and options.sets_aside(number):
+                self._ledger.add("set aside", number, line)
+                continue
+            if not line.strip(blanks):
+                self._ledger.count("blank", 1)
+                continue
+            fields = dialect.split([line])[0]
+            if is_comment(line, options.comment) and not (
+                line.lstrip().startswith(dialect.separator) and len(fields) >= self._n
+            ):
+                self._ledger.add("comment", number, line)
+                self.comments.append(line.strip().lstrip('#%!;/" \t').rstrip('"'))
+                continue
+            if '"' in line:
+                refuse_quotes(self._file, number, line)
+            used = n_used(fields)
+            if not used:
+                self._pending.append((number, line, True))
+                continue
+            if [f.strip() for f in fields[:used]] in self._header:
+                self._ledger.add("repeated header", number, line)
+                continue
+            if self._is_text(fields):
+                self._pending.append((number, line, False))
+                continue
+            if len(fields) < self._n or used > self._n:
+                at_end = last and not any(rest.strip() for rest in every[number - first + 1 :])
+                raise self._wrong_count(number, line, len(fields), at_end=at_end)
+            if self._pending:
+                waiting = self._flush()
+                rows += [[""] * self._n for _ in waiting]
+                numbers += waiting
+            if len(fields) > self._layout.n_raw and dialect.separator != " ":
+                self._surplus.append(number)
+            rows.append(fields[: self._n])
+            numbers.append(number)
+            self.last_row = line
+        if last and self._is_map and all(empty for *_, empty in self._pending):
+            waiting = self._flush()  # rows of a map in which nothing was measured
+            rows += [[""] * self._n for _ in waiting]
+            numbers += waiting
+        self._ledger.count("data", len(rows))
+        lines = np.array(numbers, dtype=np.int64)
+        return Block(self._columns(rows, lines), lines)
+
+    def _is_text(self, fields: Sequence[str]) -> bool:
+        """Whether a line is words, no row: it begins with a letter where a number should stand."""
+        begin = fields[0].strip().strip('"')
+        if not begin[:1].isalpha() or begin.lower() in self._words:
+            return False
+        if not self._labels[0] or len(fields) < self._n:
+            return True
+        own = zip(fields, self._labels, strict=False)
+        plain = self._layout.dialect.plain
+        return not any(
+            f.strip().lower() in self._words or plain(f) is not None
+            for f, label in own
+            if not label
+        )
+
+    def _flush(self) -> list[int]:
+        """Return the lines of empty rows that waited, now that a row follows; text is refused."""
+        for number, line, empty in self._pending:
+            if not empty:
+                self._refuse_damaged(number, line)
+                raise CorruptFileError(
+                    self._file.path,
+                    "a line of text stands within the table",
+                    field=f"line {number}",
+                    expected=f"{self._n} fields ({self._layout.dialect})",
+                    found=repr(line.strip()[:60]),
+                    hint=f"if it may be left out, give skip_lines='{number}'; else split the file there",
+                )
+        waiting = [number for number, *_ in self._pending]
+        self._pending = []
+        return waiting
+
+    def _refuse_damaged(self, number: int, line: str) -> None:
+        """Refuse a row of which only some fields are no numbers by the first of these."""
+        fields = [f.strip() for f in self._layout.dialect.split([line])[0]]
+        good = [self._layout.dialect.plain(f) is not None for f in fields]
+        if len(fields) == self._n and any(good):
+            bad = next(f for f, g in zip(fields, good, strict=True) if not g)
+            raise bad_field(self._file, number, bad, "a row")
+
+    def _wrong_count(
+        self, number: int, line: str, found: int, *, at_end: bool
+    ) -> CorruptFileError:
+        cut = at_end and found < self._n
+        return CorruptFileError(
+            self._file.path,
+            "the file ends in the middle of a row"
+            if cut
+            else "a row has another number of fields",
+            field=f"line {number} ({line.strip()[:60]!r})",
+            expected=f"{self._n} fields ({self._layout.dialect})",
+            found=f"{found}",
+            hint=f"copy the file again, or leave that line out with skip_lines='{number}'",
+        )
+
+    def _columns(
+        self, rows: list[list[str]], lines: NDArray[np.int64]
+    ) -> list[FloatArray | list[str]]:
+        if not rows:
+            return [[] if label else np.empty(0) for label in self._labels]
+        found: list[FloatArray | list[str]] = []
+        for k, fields in enumerate(zip(*rows, strict=True)):
+            if self._labels[k]:
+                found.append([f.strip() for f in fields])
+                continue
+            found.append(self._floats(fields, lines, self._names[k]))
+            if self._unproven:
+                self._look_for_groups(k, fields, lines)
+        return found
+
+    def _look_for_groups(self, k: int, fields: Sequence[str], lines: NDArray[np.int64]) -> None:
+        """Refuse a column whose numbers may be in groups of thousands, with nothing to show it.
+
+        A writer with fixed decimals marks every number, a shortest-form writer never ends in 0
+        behind the mark: neither writes 990 beside 1.000.
+        """
+        mark = self._layout.dialect.decimal
+        texts = [f.strip().lstrip("+-") for f in fields]
+        self._whole[k] |= any(t.isdecimal() and len(t) <= 3 for t in texts)
+        if not self._grouped[k]:
+            at = next((i for i, t in enumerate(texts) if _IN_DOUBT[mark].fullmatch(t)), None)
+            self._grouped[k] = 0 if at is None else int(lines[at])
+        if self._grouped[k] and (mark == "," or self._whole[k]):
+            other = "." if mark == "," else ","
+            raise AmbiguousFormatError(
+                f"{self._file.path}: line {self._grouped[k]}: column {self._names[k]!r} holds a number such "
+                f"as 1{mark}000, which is one or one thousand, and no number of the file shows which; give "
+                f"decimal='{mark}', or thousands='{mark}' with decimal='{other}'"
+            )
+
+    def _floats(self, fields: Sequence[str], lines: NDArray[np.int64], name: str) -> FloatArray:
+        """Return the numbers of a column; the quick way first, then field by field."""
+        dialect = self._layout.dialect
+        joined = "\n".join(fields)
+        if dialect.decimal == "," and "." not in joined:
+            joined = joined.replace(",", ".")
+        elif dialect.decimal == ",":
+            joined = "_"
+        # what float() reads and a table may not
+        if joined.isascii() and not any(mark in joined for mark in "_nN,"):
+            with contextlib.suppress(ValueError):
+                quick = np.array(list(map(float, joined.split("\n"))), dtype=np.float64)
+                if np.isfinite(quick).all():
+                    return quick
+        values = np.empty(len(fields))
+        for i, field in enumerate(fields):
+            plain = dialect.plain(field)
+            if plain is not None:
+                values[i] = float(plain)
+            elif field.strip().lower() in self._words:
+                values[i] = np.nan
+            else:
+                raise bad_field(self._file, int(lines[i]), field.strip(), f"column {name!r}")
+        if np.isinf(values).any():
+            i = int(np.flatnonzero(np.isinf(values))[0])
+            raise bad_field(self._file, int(lines[i]), fields[i], f"column {name!r}")
+        return values
+
+
+def _rows(n: int) -> str:
+    return "1 row has" if n == 1 else f"{n} rows have"
+
+
+def refuse_quotes(file: RawFile, number: int, line: str) -> None:
+    """Refuse a line whose double quotes do not pair up."""
+    if line.count('"') % 2:
+        raise CorruptFileError(
+            file.path,
+            "the quotes do not pair up",
+            field=f"line {number}",
+            found=repr(line[:40]),
+            hint=f"correct that line, or leave it out with skip_lines='{number}'",
+        )
+
+
+def bad_field(file: RawFile, line: int, field: str, where: str) -> CorruptFileError:
+    """Return the error about a field that is no number."""
+    grouped = re.search(r"\d([.,'])\d{3}(?!\d)", field)
+    options = f"missing='{field[:40]}' if it means not measured, skip_lines='{line}' to leave the line out"
+    if grouped:
+        options = f'thousands="{grouped.group(1)}" if its digits are in groups, {options}'
+    return CorruptFileError(
+        file.path,
+        f"{where} holds something that is no number",
+        field=f"line {line}",
+        expected="a number, or an empty field where nothing was measured",
+        found=repr(field[:40]),
+        hint=f"correct that line, or give {options}",
+    )
+
+
+_MARKERS = frozenset(
+    {
+        32767.0,
+        -32768.0,
+        -32767.0,
+        65535.0,
+        2147483647.0,
+        -2147483648.0,
+        -2147483647.0,
+        4294967295.0,
+    }
+)
+"""Limits of the integers of converters."""
+_BEYOND = 1e20
+_FAR = 5.0
+"""A value of marker shape further away than so many times the spread of the others is refused."""
+_VERY_FAR = 20.0
+"""Any value that repeats exactly and is further away than that is reported."""
+_REPEATED = 3
+_NEAR = 0.5
+"""A value of marker shape that repeats is reported from so many spreads on: numbers of a measurement
+leave no gap of half their spread below an extreme that two of them share to the last digit."""
+
+
+def _has_marker_shape(value: float) -> bool:
+    digits = f"{abs(value):.12g}".replace(".", "")
+    nines = len(digits) >= 3 and set(digits) == {"9"}
+    return nines or value in _MARKERS or abs(value) >= _BEYOND
+
+
+def marker_of(values: FloatArray) -> tuple[float, float, bool] | None:
+    """Return a value that means "not measured", its distance in spreads, and whether that is sure.
+
+    Extremes of the shape of a marker are set aside in turn; what is left tells the spread R. Such a
+    value further than 5 R away is sure; one that repeats, beyond 0.5 R, and any other that repeats,
+    beyond 20 R, are not.
+    """
+    rest = values[np.isfinite(values)]
+    most = rest.size / 2
+    aside: list[float] = []
+    near: tuple[float, float, bool] | None = None
+    while rest.size >= _FEWEST:
+        extremes = (float(rest.max()), float(rest.min()))
+        counts = {e: int(np.count_nonzero(rest == e)) for e in extremes}
+        shaped = [e for e in extremes if _has_marker_shape(e) and counts[e] <= most]
+        if not shaped or len(aside) == _MOST_MARKERS:
+            repeated = [e for e in extremes if _REPEATED <= counts[e] <= most]
+            found = next((e for e in repeated if _distance(e, rest[rest != e]) > _VERY_FAR), None)
+            return near if found is None else (found, _distance(found, rest[rest != found]), False)
+        aside.append(shaped[0])
+        rest = rest[rest != shaped[0]]
+        for value in aside:
+            if (ratio := _distance(value, rest)) > _FAR:
+                return value, ratio, True
+            if ratio > _NEAR and near is None and np.count_nonzero(values == value) > 1:
+                near = (value, ratio, False)
+    return near
+
+
+_FEWEST = 3
+_MOST_MARKERS = 4
+
+
+def _distance(value: float, rest: FloatArray) -> float:
+    """Return how many times the spread of the others a value lies away; 0 where they hardly differ."""
+    if rest.size < _FEWEST or np.unique(rest[:1000]).size < _FEWEST:
+        return 0.0
+    low, high = float(rest.min()), float(rest.max())
+    return min(abs(value - low), abs(value - high)) / (high - low)

@@ -1,0 +1,289 @@
+"""Code V interferogram ``.int`` with a grid: integers, counted per wave, in text.
+
+After comments (``!``) and a title comes ``GRD nx ny SUR|WFR|FIL WVL um SSZ counts NDA missing``,
+then nx * ny integers, x fastest, the top row first; rows are turned so that row 0 has the
+smallest y. Height in um is ``raw * WVL / SSZ``. A wavefront (WFR) stays a wavefront: no factor is
+guessed. The format has no lateral step. See ``data_formats/codev-int/SPEC.md``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import (
+    CorruptFileError,
+    FormatMismatchError,
+    UnsupportedFeatureError,
+    WriteError,
+)
+from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
+from metrosep.io.objects import (
+    check_area,
+    height_only as channels,
+    make_surface,
+    only_channels,
+    scaled,
+)
+from metrosep.io.registry import Match
+from metrosep.io.source import RawFile, lateral_steps, refuse_options
+from metrosep.io.text.logger import first_lines
+from metrosep.io.text.numbers import one_number, parse_numbers
+
+__all__ = ["channels", "read", "sniff"]
+
+_LINE_END = re.compile(rb"\r\r\n|\r\n|\r|\n")
+FORMAT = "codev-int"
+_HEADER = re.compile(r"\s*(GRD\s+\S+\s+\S+|ZRN\s+\S+)\s(?=.*\bSSZ\b)", re.IGNORECASE)
+_COMMENT = re.compile(rb"^[ \t]*!.*$", re.MULTILINE)
+_KINDS = {"SUR": "surface", "WFR": "wavefront", "FIL": "intensity filter"}
+_NUMBER_KEYS = ("WVL", "SSZ", "NDA")
+_MICROMETRE = 1e-6
+
+
+class _Header(NamedTuple):
+    """Title, comments and keywords of the header, its line, and where the integers begin."""
+
+    title: str
+    comments: list[str]
+    keywords: dict[str, str]
+    line: int
+    start: int
+
+
+def sniff(file: RawFile) -> Match:
+    """Return how sure we are that a file is a Code V interferogram."""
+    return Match.NO if _top(file)[-1] is None else Match.YES
+
+
+def read(
+    file: RawFile,
+    *,
+    channel: str | None = None,
+    lateral_step: Any = None,
+    unit: Any = None,
+    max_pixels: int | None = None,
+) -> Surface:
+    """Return the grid of a Code V interferogram."""
+    refuse_options(file, "a Code V interferogram with its own scale", unit=unit)
+    only_channels(file, "Code V", channel)
+    override = lateral_steps(lateral_step)
+    header = _header(file)
+    kind = next((k for k in _KINDS if k in header.keywords), "")
+    if kind not in ("SUR", "WFR"):
+        raise UnsupportedFeatureError(
+            f"{file.path}: the Code V grid holds {_KINDS.get(kind, 'data of unnamed kind')}, no heights; "
+            "only SUR and WFR are read"
+        )
+    ranges = {"WVL": (1e-2, 1e3), "SSZ": (1e-9, 1e15)}
+    wavelength, counts = (
+        one_number(file, header.keywords.get(k, ""), line=header.line, name=k, low=low, high=high)
+        for k, (low, high) in ranges.items()
+    )
+    scale = wavelength * _MICROMETRE / counts
+    warnings = file.cut_text()
+    raw = _integers(file, header, max_pixels)
+    z = scaled(raw, scale, _missing(file, header, raw, warnings))
+    return make_surface(
+        file,
+        FORMAT,
+        z,
+        (None, None),
+        row_order="top row first",
+        header={"title": header.title, "comments": header.comments, **header.keywords},
+        override=override,
+        warnings=warnings,
+        data_kind=_KINDS[kind],
+        wavelength_m=wavelength * _MICROMETRE,
+        counts_per_wave=counts,
+        height_per_count_m=scale,
+        nearest_neighbour="NNB" in header.keywords,
+    )
+
+
+def _header(file: RawFile) -> _Header:
+    """Return the header: comments, the title, and the line of keywords."""
+    comments, title, text, number = _top(file)
+    if number is None:
+        raise FormatMismatchError(
+            f"{file.path}: is not a Code V interferogram: expected 'GRD nx ny SUR WVL ... SSZ ...' below "
+            f"the title, found {text[:40]!r}; leave out format= to have it recognised"
+        )
+    ends = (m.end() for m in _LINE_END.finditer(file.data))
+    start = next(itertools.islice(ends, number - 1, None), file.size)
+    return _Header(title, comments, _keywords(file, text, number), number, start)
+
+
+def _top(file: RawFile) -> tuple[list[str], str, str, int | None]:
+    """Return comments, title, the line below it, and its number if it is a line of keywords."""
+    comments: list[str] = []
+    others: list[str] = []
+    for number, line in enumerate(first_lines(file), start=1):
+        text = line.strip()
+        if text.startswith("!"):
+            comments.append(text[1:].strip())
+            continue
+        others.append(text)
+        if len(others) == 2:
+            return comments, others[0], text, number if _HEADER.match(text) else None
+    return comments, "", (others or [""])[-1], None
+
+
+def _keywords(file: RawFile, text: str, line: int) -> dict[str, str]:
+    """Return the keywords of the header line with their values as text."""
+    words = text.upper().split()
+    if words[0] == "ZRN":
+        raise UnsupportedFeatureError(
+            f"{file.path}: the Code V file holds Zernike coefficients, no grid; export it as a grid (GRD)"
+        )
+    found = {"GRD": " ".join(words[1:3])}
+    k = 3
+    while k < len(words):
+        word = words[k]
+        if word in _NUMBER_KEYS:
+            found[word] = words[k + 1] if k + 1 < len(words) else ""
+            k += 2
+        elif word in _KINDS or word == "NNB":
+            found[word] = ""
+            k += 1
+        else:
+            raise UnsupportedFeatureError(
+                f"{file.path}: line {line} of the Code V file has the keyword {word[:20]!r}, which is not "
+                "read; export it with GRD, SUR or WFR, WVL, SSZ and NDA alone"
+            )
+    return found
+
+
+def _integers(file: RawFile, header: _Header, max_pixels: int | None) -> FloatArray:
+    """Return the grid of counts, top row first."""
+    texts = header.keywords["GRD"].split()
+    if not all(t.isascii() and t.isdecimal() and len(t) < 10 for t in texts):
+        raise CorruptFileError(
+            file.path,
+            "the size of the grid is not usable",
+            field=f"line {header.line}, GRD",
+            expected="two whole numbers",
+            found=repr(header.keywords["GRD"][:40]),
+        )
+    columns, rows = (int(t) for t in texts)
+    check_area(file, columns, rows, max_pixels=max_pixels, names=("GRD nx", "GRD ny"))
+    body = _COMMENT.sub(lambda m: b" " * len(m.group()), file.data[header.start :])
+    raw = parse_numbers(file, body, offset=header.start, what="a count")
+    if raw.size != columns * rows:
+        raise CorruptFileError(
+            file.path,
+            "the integers do not fill the grid",
+            field=f"line {header.line}, GRD",
+            expected=f"{columns} x {rows} = {columns * rows}",
+            found=raw.size,
+        )
+    if not np.array_equal(raw, np.rint(raw)):  # NaN is no whole number either
+        k = int(np.argmin(raw == np.rint(raw)))
+        raise CorruptFileError(
+            file.path, "a count is no whole number", field=f"count {k + 1}", found=f"{raw[k]:g}"
+        )
+    return raw.reshape(rows, columns)
+
+
+def _missing(
+    file: RawFile, header: _Header, raw: FloatArray, warnings: list[str]
+) -> np.ndarray[Any, np.dtype[np.bool_]] | None:
+    """Return where nothing was measured."""
+    if "NDA" not in header.keywords:
+        warnings.append("the file declares no NDA: every count was taken as measured")
+        return None
+    text = header.keywords["NDA"]
+    marker = one_number(file, text, line=header.line, name="NDA", low=-1e15, high=1e15)
+    return np.asarray(raw == marker)
+
+
+# ---- bytes of a Code V ``.int`` grid from a surface; the same surface gives the same bytes -----
+# The format holds 16-bit counts: heights are rounded to steps of P-V / 65534. The middle between
+# the largest and smallest height becomes 0, since a constant would cost resolution; comments state
+# it, and the title states the step. Written top row first; lines have at most 80 characters.
+
+_LARGEST = 32767
+_MISSING = -32768
+_PER_LINE = 10
+_TITLE = 48
+"""Characters of the caller's title; the step follows within the 80 of a record."""
+
+_FLAT_STEP = 1e-15
+"""Step in m for a surface without relief: every count is 0 whatever the step."""
+
+
+def quantisation_step(surface: Surface) -> float:
+    """Return the step to which `int_bytes` rounds heights."""
+    low, high = _range(surface)
+    return (high - low) / (2 * _LARGEST) if high > low else _FLAT_STEP
+
+
+def int_bytes(
+    surface: Surface,
+    *,
+    wavelength: float = 632.8e-9,
+    kind: str = "SUR",
+    title: str = "metrosep",
+) -> bytes:
+    """Return a surface as the content of a Code V ``.int`` file with a grid.
+
+    Parameters
+    ----------
+    surface : Surface
+        Heights; the format holds no lateral steps, they are stated in a comment only.
+    wavelength : float, optional
+        In m, 10 nm to 1 mm; the unit in which the file states its scale.
+    kind : {"SUR", "WFR"}, optional
+        Whether the heights are those of a surface or of a wavefront; they are not converted.
+    title : str, optional
+        First line, at most 48 characters of printable ASCII; the quantisation step is added.
+
+    Returns
+    -------
+    bytes
+        ASCII text.
+
+    Raises
+    ------
+    WriteError
+        If nothing was measured, or an argument does not fit the format.
+    """
+    low, high = _range(surface)
+    if kind not in ("SUR", "WFR"):
+        raise WriteError(f"Code V kind {kind!r} is not written; use 'SUR' or 'WFR'")
+    if not 1e-8 <= wavelength <= 1e-3:  # also catches NaN
+        raise WriteError(f"wavelength is {wavelength} m; Code V needs one from 10 nm to 1 mm")
+    clean = title.strip()
+    if not (clean.isascii() and clean.isprintable() and len(clean) <= _TITLE) or clean[:1] == "!":
+        raise WriteError(
+            f"title {title[:60]!r} does not fit; use up to {_TITLE} ASCII characters, no ! at the start"
+        )
+    step = quantisation_step(surface)
+    micrometres = f"{wavelength * 1e6:.12g}"
+    counts_per_wave = f"{float(micrometres) * 1e-6 / step:.15g}"
+    middle = low + (high - low) / 2
+    unit = float(micrometres) * 1e-6 / float(counts_per_wave)
+    raw = np.clip(np.rint((surface.z - middle) / unit), -_LARGEST, _LARGEST)
+    counts = np.where(np.isnan(raw), _MISSING, raw).astype(np.int64)[::-1]
+    rows, columns = surface.shape
+    lines = [
+        "! written by metrosep; top row first, heights point out of the material",
+        f"! height of count 0: {middle!r} m",
+        f"! lateral steps dx = {surface.dx!r} m, dy = {surface.dy!r} m",
+        f"{clean} (step {format_length(step, digits=6)})",
+        f"GRD {columns} {rows} {kind} WVL {micrometres} SSZ {counts_per_wave} NDA {_MISSING}",
+    ]
+    flat = [f"{v:7d}" for v in counts.ravel().tolist()]
+    lines += ["".join(flat[i : i + _PER_LINE]) for i in range(0, len(flat), _PER_LINE)]
+    return ("\n".join(lines) + "\n").encode("ascii")
+
+
+def _range(surface: Surface) -> tuple[float, float]:
+    if np.isnan(surface.z).all():
+        raise WriteError("nothing was measured, so there is nothing to write as Code V INT")
+    return float(np.nanmin(surface.z)), float(np.nanmax(surface.z))

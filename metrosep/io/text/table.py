@@ -1,0 +1,501 @@
+"""A text file as columns of numbers and labels, with the units that it declares.
+
+Numbers stay as they stand in the file; `Column.values` and the unit give SI where a reader asks
+for it. Counts of fields are checked on every line, so that a file cut in the middle of a row or a
+row with a field too many is named by its line instead of being filled or shifted.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import (
+    AmbiguousFormatError,
+    CorruptFileError,
+    FormatMismatchError,
+    UnitError,
+)
+from metrosep.core.text_options import TextOptions
+from metrosep.core.units import Unit, likely_meaning, parse_sensitivity, parse_unit
+from metrosep.io.source import RawFile
+from metrosep.io.text._rows import Body, Ledger, bad_field, marker_of, refuse_quotes
+from metrosep.io.text._table_layout import Layout, find_layout, unmeasured_rows
+from metrosep.io.text.dialect import (
+    MISSING,
+    bare_unit,
+    decode,
+    find_column,
+    header_unit,
+    is_comment,
+    is_number,
+    n_used,
+    split_header,
+)
+
+__all__ = [
+    "Column",
+    "ColumnSpec",
+    "Table",
+    "TableHead",
+    "interruption",
+    "pick",
+    "read_table",
+    "refuse_markers",
+    "sensitivity",
+    "to_si",
+]
+
+_SAMPLE = 300
+"""Rows that are looked at first; further ones come from `_PLACES` parts of the rest."""
+_PLACES, _PLACE = 9, 2000
+_TAIL = 5000
+_FEW = 3
+"""Separators from which a line of nothing else, above or below a map, is a row of it."""
+_DECLARATION = re.compile(r'\s*"?sep=(.)"?\s*', re.IGNORECASE)
+_BEGUN = re.compile(r"\s*\"?[+-]?(?:\d+[.,]?\d*|[.,]\d)")
+"""How a number begins, whatever follows."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Column:
+    """One column of a table."""
+
+    name: str  # as in the header, or ``column1`` where there is none
+    unit: Unit | None  # what the file declares
+    # shape (n,), or None: numbers in the unit of the file, NaN = not measured; ``None`` for a
+    # column of labels
+    values: FloatArray | None
+    labels: tuple[str, ...] | None = None  # texts of a column of labels
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Table:
+    """Columns of a text file."""
+
+    columns: tuple[Column, ...]  # in the order of the file
+    lines: NDArray[np.int64]  # shape (n,): line of each row in the file, from 1
+    # mapping: encoding, separator, decimal mark, comments and the lines above the table
+    header: Mapping[str, Any]
+    warnings: tuple[str, ...] = ()  # what is odd
+    # mapping: how many lines of each class the text has, and which they are; empty for a recording
+    ledger: Mapping[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return int(self.lines.size)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all columns."""
+        return tuple(c.name for c in self.columns)
+
+    @property
+    def numbers(self) -> tuple[Column, ...]:
+        """The columns of numbers."""
+        return tuple(c for c in self.columns if c.values is not None)
+
+    def __getitem__(self, name: str) -> Column:
+        return next(c for c in self.columns if c.name == name)
+
+
+def read_table(file: RawFile, **text: Any) -> Table:
+    """Return the columns of a text file; every one of its lines is accounted for."""
+    options = TextOptions.of(text)
+    content, encoding = decode(file.data, file.path, options.encoding)
+    head = TableHead(file, content, encoding, options)
+    body = head.body()
+    rows = body.take(content, head.first_line, last=True, start=head.offset)
+    whole = content.endswith("\n")
+    body.finish(content.count("\n") + (not whole))
+    lines = rows.lines
+    columns = [
+        Column(name, unit, None, tuple(values))
+        if isinstance(values, list)
+        else Column(name, unit, values)
+        for name, unit, values in zip(head.names, head.units, rows.columns, strict=True)
+    ]
+    warnings = [*head.warnings(len(lines)), *body.warnings]
+    warnings += refuse_markers(file, columns, lines, options)
+    if not whole and body.last_row and content.endswith(body.last_row):
+        warnings += _cut_off(file, content, body.last_row, int(lines[-1]))
+    header = {**head.facts, "comments": (*head.comments, *body.comments)}
+    return Table(tuple(columns), lines, header, tuple(warnings), head.ledger.to_dict())
+
+
+def refuse_markers(
+    file: RawFile,
+    columns: Sequence[Column],
+    lines: NDArray[np.int64],
+    options: TextOptions,
+) -> list[str]:
+    """Return warnings about values that may mean "not measured"."""
+    found: list[str] = []
+    for column in () if options.missing is not None else columns:
+        if column.values is None or (column.unit is not None and column.unit.dimension == "time"):
+            continue
+        marker = marker_of(column.values)
+        if marker is None:
+            continue
+        value, ratio, sure = marker
+        at = np.flatnonzero(column.values == value)
+        text = repr(value).removesuffix(".0")
+        message = (
+            f"column {column.name!r} holds {text} in {at.size} row(s) (first: line {int(lines[at[0]])}), "
+            f"{ratio:.3g} times the spread of the others away; if it means 'not measured', give "
+            f"missing='{text}', else missing='none'"
+        )
+        if sure:
+            raise AmbiguousFormatError(f"{file.path}: {message}")
+        found.append(message)
+    return found
+
+
+def interruption(table: Table) -> tuple[str, ...]:
+    """Return a warning about lines without numbers between the rows, where time is counted by rows."""
+    gaps = np.flatnonzero(np.diff(table.lines) > 1)
+    if not gaps.size or "separator" not in table.header:
+        return ()
+    first = int(table.lines[gaps[0]]) + 1
+    return (
+        (
+            f"line {first} stands between the rows and holds no sample ({gaps.size} such place(s)), and the file "
+            "has no column of time; if samples were lost there, all later ones are too early"
+        ),
+    )
+
+
+def _cut_off(file: RawFile, content: str, row: str, line: int) -> list[str]:
+    """Return the warning about a last row without a line end; one that is visibly cut is refused."""
+    lengths = [len(text) for text in content[-_TAIL:].split("\n")[1:-1] if text.strip()]
+    if lengths and 2 * len(row.strip()) < float(np.median(lengths)):
+        raise CorruptFileError(
+            file.path,
+            "the file ends in the middle of a row",
+            field=f"line {line} ({row.strip()[:60]!r})",
+            hint=f"copy the file again, or leave that line out with skip_lines='{line}'",
+        )
+    return [
+        (
+            f"line {line}, the last one, has no line end: whether its last number is whole cannot be seen; "
+            "compare it with the source of the file"
+        )
+    ]
+
+
+class TableHead:
+    """What stands above the rows of a table: its layout, names and units; each line is classified."""
+
+    def __init__(self, file: RawFile, text: str, encoding: str, options: TextOptions) -> None:
+        self._file, self.ledger = file, Ledger()
+        self.comments: list[str] = []
+        content: list[tuple[int, int, str]] = []  # line, place in the text, and the line itself
+        others: list[tuple[int, str, str]] = []
+        position = number = n_measured = 0
+        while position < len(text) and n_measured <= _SAMPLE:
+            end = text.find("\n", position)
+            end = len(text) if end < 0 else end
+            line, at = text[position:end], position
+            position, number = end + 1, number + 1
+            declared = _DECLARATION.fullmatch(line) if number == 1 else None
+            if options.sets_aside(number):
+                others.append((number, line, "set aside"))
+            elif declared is not None:
+                others.append((number, line, "declaration"))
+                options = replace(options, separator=options.separator or declared.group(1))
+            elif not line.strip() and line.count("\t") < _FEW:
+                others.append((number, line, "blank"))
+            elif is_comment(line, options.comment):
+                others.append((number, line, "comment"))
+            else:
+                if line.count('"') % 2:
+                    refuse_quotes(file, number, line)
+                content.append((number, at, line))
+                n_measured += unmeasured_rows([line]) == 0 or n_measured > 0
+        self.options = options
+        lines = [line for *_, line in content]
+        further = _further(text[position:], options)
+        layout = find_layout(lines, file.path, options=options, further=further)
+        self.first_line, self.offset, _ = content[layout.start]
+        preamble = _Preamble(file, layout)
+        for place, _, line in content[: layout.start]:
+            kind = preamble.take(line, place)
+            if kind is not None:
+                self.ledger.add(kind, place, line)
+        for place, line, kind in others:
+            if place >= self.first_line:
+                break
+            if kind == "blank":
+                self.ledger.count(kind, 1)
+                continue
+            self.ledger.add(kind, place, line)
+            if kind == "comment":
+                self.comments.append(line.strip().lstrip('#%!;/" \t').rstrip('"'))
+        preamble.refuse_rest()
+        preamble.take_comment(self.comments)
+        self.names, self.units = preamble.columns()
+        self.warnings = preamble.warnings
+        self.layout, self._header = layout, preamble.rows
+        self.facts: dict[str, Any] = {
+            "encoding": encoding,
+            "separator": layout.dialect.separator,
+            "decimal": layout.dialect.decimal,
+            "quoted": layout.dialect.quoted,
+            "n_fields": layout.n_raw,
+            "columns": self.names,
+            "named": preamble.named,
+            "preamble": tuple(lines[: layout.start]),
+        }
+
+    def body(self) -> Body:
+        """Return what takes the lines from the first row on."""
+        return Body(
+            self._file,
+            self.layout,
+            self.options,
+            self.ledger,
+            names=self.names,
+            header=self._header,
+            is_map=not self.facts["named"] and len(self.names) > _FEW,
+        )
+
+
+def _further(rest: str, options: TextOptions) -> list[str]:
+    """Return whole lines from all over the rest of a text: they decide with the first ones."""
+    found: list[str] = []
+    for k in range(_PLACES):
+        at = len(rest) * k // _PLACES
+        lines = rest[at : at + _PLACE].split("\n")[1:-1]
+        found += [line for line in lines if line.strip() and not is_comment(line, options.comment)]
+    return found
+
+
+class _Preamble:
+    """The lines above a table: names, units, a count; anything else is refused."""
+
+    def __init__(self, file: RawFile, layout: Layout) -> None:
+        self._file = file
+        self._dialect = layout.dialect
+        self._n, self._most, self._usual = layout.n, layout.n_raw, layout.n_usual
+        self.rows: list[list[str]] = []
+        self._names: list[str] | None = None
+        self._units: list[Unit | None] | None = None
+        self._count: int | None = None
+        self._named_at = (0, "")
+        self._refused: list[tuple[int, str]] = []
+
+    def take(self, line: str, number: int) -> str | None:
+        """Return the class of a line; None where it waits to be refused."""
+        fields = [f.strip() for f in self._dialect.split([line])[0]]
+        while len(fields) > self._n and not fields[-1]:
+            fields.pop()
+        if self._n > 1 and len(fields) == 1 and fields[0].isdecimal():
+            self._count = int(fields[0])
+            return "count"
+        units = [bare_unit(f) for f in fields]
+        shared = len(fields) == 1 and units[0] is not None
+        empty = [not f.strip("[]() ") for f in fields]
+        known = all(u is not None or e for u, e in zip(units, empty, strict=True))
+        if (shared or len(fields) == self._n) and known and not all(empty):
+            self._units = units * self._n if shared else units
+            self.rows.append(fields)
+            return "units"
+        names = self._names_of(line)
+        if names is not None and not any(is_number(n, self._dialect.decimal) for n in names):
+            if all(_BEGUN.match(n) for n in names):
+                raise bad_field(self._file, number, names[0], "one of the columns")
+            if self._names is not None:
+                self._refused.append(self._named_at)  # the last row of names counts
+            self._names, self._named_at = names, (number, line.strip())
+            self.rows.append(names)
+            return "names"
+        if n_used(fields) == 0:
+            return "blank"
+        decimal = self._dialect.decimal
+        bad = [f for f in fields if not is_number(f, decimal) and f.lower() not in MISSING]
+        begun = _BEGUN.match(fields[0]) is not None
+        if begun and len(fields) == self._n and 0 < len(bad) < self._n:
+            raise bad_field(self._file, number, bad[0], "one of the columns")
+        if all(_BEGUN.match(f) or f.lower() in MISSING for f in fields):
+            raise CorruptFileError(
+                self._file.path,
+                "a row has another number of fields",
+                field=f"line {number} ({line.strip()[:60]!r})",
+                expected=f"{self._n} fields ({self._dialect})",
+                found=f"{len(fields)}",
+                hint=f"correct that line, or leave it out with skip_lines='{number}'",
+            )
+        self._refused.append((number, line.strip()))
+        return None
+
+    def _names_of(self, line: str) -> list[str] | None:
+        """Return the names in a line; they may tell of columns that the rows leave empty, or of fewer."""
+        mark = self._dialect.separator
+        n = n_used(self._dialect.split([line])[0])
+        if mark not in {" ", ", "} and (self._n < n <= self._most or n == self._usual < self._n):
+            names = split_header(line, mark, n)
+            if names is not None and not any(is_number(m, self._dialect.decimal) for m in names):
+                self._n = n
+                return names
+        return split_header(line, mark, self._n)
+
+    @property
+    def named(self) -> bool:
+        """Whether a row or a comment names the columns."""
+        return self._names is not None
+
+    def refuse_rest(self) -> None:
+        """Refuse the lines that are neither names nor units."""
+        if self._refused:
+            (first, line), (last, _) = min(self._refused), max(self._refused)
+            raise FormatMismatchError(
+                f"{self._file.path}: line {first} ({line[:40]!r}) is neither a row of {self._n} names, "
+                f"nor of units, nor of numbers; leave it out with skip_rows={last}, or start it with '#'"
+            )
+
+    def take_comment(self, comments: Sequence[str]) -> None:
+        if self._names is not None or not comments or ":" in comments[-1]:
+            return
+        names = split_header(comments[-1], self._dialect.separator, self._n)
+        if names is None or any(is_number(n, self._dialect.decimal) for n in names):
+            return
+        if self._n > 1 or header_unit(names[0])[1] is not None:
+            self._names = names
+
+    def columns(self) -> tuple[tuple[str, ...], tuple[Unit | None, ...]]:
+        raw = self._names or [f"column{i + 1}" for i in range(self._n)]
+        names: list[str] = []
+        for name in raw:
+            unique, count = name, 1
+            while unique in names:
+                count += 1
+                unique = f"{name} ({count})"
+            names.append(unique)
+        units = [header_unit(n)[1] for n in raw]
+        for i, unit in enumerate(self._units or []):
+            own = units[i]
+            if own is not None and unit is not None and own != unit:
+                raise FormatMismatchError(
+                    f"{self._file.path}: column {names[i]!r} is in {own.name} by its name, but in "
+                    f"{unit.name} by the row of units; correct the header"
+                )
+            units[i] = own or unit
+        return tuple(names), tuple(units)
+
+    def warnings(self, n_rows: int) -> tuple[str, ...]:
+        """Return what is odd about the lines above a table of so many rows."""
+        found = []
+        if self._count is not None and self._count != n_rows:
+            found.append(f"the file declares {self._count} rows and holds {n_rows}")
+        for name, unit in zip(*self.columns(), strict=True):
+            capital = "" if unit is None else unit.name.upper()
+            if unit is not None and unit.name not in name and unit.name != capital in name:
+                found.append(f"column {name!r}: {capital} was read as {unit.name}")
+        return tuple(found)
+
+
+# ---- columns of a table picked by name and brought to SI, with a unit that somebody declared ----
+
+ColumnSpec: TypeAlias = str | tuple[str, str]
+"""A column: its name, ``"name:unit"`` or ``("name", "unit")``."""
+
+
+def pick(
+    file: RawFile, table: Table, spec: ColumnSpec, *, role: str
+) -> tuple[Column, Unit | None]:
+    """Return the column that a specification names, and its unit."""
+    declared: str | None = None
+    if isinstance(spec, str):
+        name = spec
+        if spec not in table.names and ":" in spec:
+            name, declared = spec.rsplit(":", 1)
+    else:
+        if len(spec) != 2:
+            raise FormatMismatchError(
+                f"{role} column {spec!r} must be a name or a pair of name and unit"
+            )
+        name, declared = spec
+    if name.strip().isdecimal() and not table.header.get("named", True):
+        number = int(name)
+        name = table.names[number - 1] if 1 <= number <= len(table.names) else name
+    column = table[find_column(name, table.names, file.path, role=role)]
+    if not declared:
+        return column, column.unit
+    unit = parse_unit(declared)
+    if column.unit is not None and column.unit != unit:
+        raise FormatMismatchError(
+            f"{file.path}: {role} column {column.name!r} is in {column.unit.name} by its header, but "
+            f"{unit.name} was given; leave the unit out or correct the header"
+        )
+    return column, unit
+
+
+def to_si(
+    file: RawFile,
+    column: Column,
+    unit: Unit | None,
+    *,
+    dimension: str,
+    role: str,
+    scale: float | None = None,
+) -> FloatArray:
+    """Return the numbers of a column in SI."""
+    if column.values is None:
+        first = column.labels[0] if column.labels else ""
+        raise FormatMismatchError(
+            f"{file.path}: {role} column {column.name!r} holds text ({first!r}), not numbers; name "
+            "another column"
+        )
+    odd = likely_meaning(column.name) if unit is None else None
+    if odd is not None:
+        raise UnitError(
+            f"{file.path}: the unit of column {column.name!r} ({role}) is not known: {odd}; correct the "
+            f"header, or give {role}=({column.name!r}, {_usual(dimension)!r})"
+        )
+    if unit is None:
+        raise UnitError(
+            f"{file.path}: column {column.name!r} ({role}) declares no unit; rename it like "
+            f"'{column.name}_{_usual(dimension)}', or give {role}=({column.name!r}, "
+            f"{_usual(dimension)!r}) or unit="
+        )
+    if scale is not None:
+        if unit.dimension != "voltage":
+            raise UnitError(
+                f"{file.path}: column {column.name!r} ({role}) is in {unit.name}, not in volts; leave "
+                "scale= out"
+            )
+        return np.asarray(column.values * (unit.factor * scale))
+    if unit.dimension == "voltage" and dimension == "length":
+        raise UnitError(
+            f"{file.path}: column {column.name!r} ({role}) is in {unit.name}; give the sensitivity of "
+            "the sensor, such as scale='2.5 um/V'"
+        )
+    if unit.dimension != dimension:
+        raise UnitError(
+            f"{file.path}: column {column.name!r} ({role}) is in {unit.name} ({unit.dimension}); "
+            f"{'an' if dimension[:1] in 'aeiou' else 'a'} {dimension} is needed; name another column"
+        )
+    return np.asarray(column.values * unit.factor)
+
+
+def sensitivity(scale: float | str | None) -> float | None:
+    """Return the sensitivity of a sensor in m/V."""
+    if isinstance(scale, str):
+        return parse_sensitivity(scale)
+    return None if scale is None else float(scale)
+
+
+def _usual(dimension: str) -> str:
+    return {
+        "length": "um",
+        "time": "s",
+        "speed": "mm/min",
+        "angle": "deg",
+        "voltage": "V",
+        "frequency": "Hz",
+    }.get(dimension, "um")
