@@ -22,15 +22,16 @@ def __dir__() -> list[str]:
 
 
 METHODS = {
-    "dual_servo": "methods:OLD/dual_servo",
-    "gauge_study": "methods:OLD/gauge_study",
-    "part_series": "methods:OLD/part_series",
-    "plan_from_density": "methods:OLD/plan_from_density",
-    "rank": "methods:OLD/rank",
-    "identify": "methods:OLD/identify",
-    "wavefront": "methods:OLD/wavefront",
-    "tool_setting": "methods:OLD/tool_setting",
-    "follow_up": "methods:OLD/follow_up",
-    "flexure_calibration": "methods:OLD/flexure_calibration",
-    "predict": "methods:OLD/predict",
+    "plan_from_density": "plan:PlanFromDensity",
+    "rank": "ops_machine:Ranking",
+    "identify": "ops_machine:TermsIdentified",
+    "wavefront": "ops_machine:WavefrontOfMap",
+    "tool_setting": "ops_process:SettingFound",
+    "follow_up": "ops_process:FollowUpOfLog",
+    "flexure_calibration": "ops_process:FlexureCalibrated",
+    "predict": "ops_process:JobPredicted",
+    "dual_servo": "dual_servo:DualServo",
+    "gauge_study": "ops_quality:GaugeStudied",
+    "part_series": "ops_quality:SeriesOfParts",
 }
+"""Methods of the upper layers that have a name: module and class of each."""

@@ -1,4 +1,4 @@
-"""Carrying out a recipe whose step is one of the named separations (`metrosep.recipe.methods`)."""
+"""Carrying out a recipe whose step is one of the named separations (`metrosep.core.methods`)."""
 
 from __future__ import annotations
 

@@ -98,7 +98,8 @@ class CoupledGrid(SeparationMethod):
                 for what, rows in repeats_of(data)
             ]
             both.append(each[0] if len(each) == 1 else np.array(each))
-        return coupled_grid(*both, **grid.steps, **options)
+        x_lines, y_lines = both
+        return coupled_grid(x_lines, y_lines, **grid.steps, **options)
 
     def __post_init__(self) -> None:
         plane_steps(self.dx, self.dy)

@@ -1,8 +1,4 @@
-"""The separations that a recipe can ask for by name: what each reads, its keys, and its call.
-
-Every entry is data (`Method`): the kind of its inputs, the keys of its step, and a function of the
-toolbox that is loaded when it is used.
-"""
+"""The step of a dual servo: straightness runs to polynomial, drive table, before and after."""
 
 from __future__ import annotations
 
@@ -10,7 +6,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -20,20 +16,16 @@ from metrosep.core.errors import (
     LimitError,
 )
 from metrosep.core.inputs import Readings
-from metrosep.core.methods import METHODS
+from metrosep.core.methods import Method
+from metrosep.core.options import Option
 from metrosep.core.profile import Profile
+from metrosep.core.methods import Method
+from metrosep.core.options import Option
 from metrosep.core.provenance import Step
-from metrosep.recipe.method import CURVES, MAPS, OP, Method, input_fields
-from metrosep.recipe.ops_machine import MACHINES
-from metrosep.recipe.ops_process import PROCESSES
-from metrosep.recipe.ops_quality import QUALITY
-from metrosep.recipe.plan import PLANS
-from metrosep.recipe.schema import Field
 
-__all__ = ["CURVES", "MAPS", "METHODS", "Method", "input_fields"]
+__all__ = ["DualServo", "DualServoResult"]
 
 
-# ---- the step of a dual servo: straightness runs to polynomial, drive table, before and after ----
 
 _MOST_VOLTAGES = 10_001
 
@@ -62,69 +54,106 @@ class DualServoResult:
         return tuple(dict.fromkeys((*found, *self.assumed)))
 
 
-def _dual_servo(data: Readings, options: Mapping[str, Any]) -> DualServoResult:
-    from metrosep.process import drive_table, run_polynomial, straightness_lines
+class DualServo(Method):
+    """`dual_servo` by its name."""
 
-    if data.position is None or data.position_unit != "m":
-        raise DataError(
-            "straightness runs need their positions along the slide: name the column x"
+    name: ClassVar[str] = "dual_servo"
+    what: ClassVar[str] = 'straightness runs of a slide to a polynomial and the voltages of a flexure stage'
+    reads: ClassVar = "curves"
+    over: ClassVar = "x"
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "quantity": Option('text', choices=('error', 'compensation'), required=True, help='what the runs are: error is actual - nominal; compensation is added to the command'),
+        "degree": Option('degree', help='of the polynomial through all runs; f-test adds degrees while they help'),
+        "max_degree": Option('integer', help='highest degree that the search tries'),
+        "against": Option('text', help='what the straightness is measured against, a text'),
+        "calibration": Option('file', help='file with a sweep of the stage: voltage and displacement'),
+        "voltage": Option('text', help='column of that file, voltage_V'),
+        "displacement": Option('text', help='column of that file, displacement_um'),
+        "sensitivity": Option('text', help='of the stage, where there is no sweep, "1.66 um/V"'),
+        "offset": Option('length', help='where the stage rests, within its travel, "2 um"'),
+        "limits": Option('any', help='voltages of the amplifier, 0,10'),
+        "strict": Option('flag', help='true: a table beyond a limit is refused; false: it is written'),
+        "travel": Option('size', help='of the stage, from 0, "5 um"'),
+        "table_step": Option('size', help='between the positions of the voltages; a 400th of the travel if left out'),
+        "speed": Option('speed', help='of the slide, which tells how fast the voltage changes'),
+        "slew": Option('number', help='fastest change of the amplifier in V/s, 100'),
+        "bits": Option('integer', help='of the converter that gives the voltages'),
+        "at_rest": Option('file', help='file with the following error at rest: t_s, without_nm, with_nm'),
+        "resolution": Option('uncertainty', help='of the sensor that reads the following error at rest'),
+        "before": Option('file', help='file with a profile of the part before'),
+        "after": Option('file', help='file with a profile of the part after'),
+        "lambda_c": Option('size', help='cut-off of the roughness of both profiles'),
+        "lambda_s": Option('size', help='shortest wavelength of both profiles that counts'),
+        "form": Option('text', choices=('none', 'line'), help='line: a line is taken off both profiles first'),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> DualServoResult:
+        """Return what the step makes."""
+        from metrosep.process import drive_table, run_polynomial, straightness_lines
+
+        if data.position is None or data.position_unit != "m":
+            raise DataError(
+                "straightness runs need their positions along the slide: name the column x"
+            )
+        rest = dict(options)
+        _check_together(rest)
+        runs = tuple(
+            Profile(data.position, z, history=data.history) for reading in data.values for z in reading
         )
-    rest = dict(options)
-    _check_together(rest)
-    runs = tuple(
-        Profile(data.position, z, history=data.history) for reading in data.values for z in reading
-    )
-    quantity = rest["quantity"]
-    degree = rest.get("degree", "f-test")
-    polynomial = run_polynomial(
-        runs, quantity=quantity, degree=degree, max_degree=rest.get("max_degree", 6)
-    )
-    with np.errstate(invalid="ignore"):
-        mean = np.mean([r.z for r in runs], axis=0)
-    lines = straightness_lines(
-        Profile(data.position, mean), against=rest.get("against", "spindle face (assumed)")
-    )
-    calibration, history = _calibration(rest)
-    low, high = polynomial.domain
-    step = rest.get("table_step", (high - low) / 400.0)
-    count = round((high - low) / step) + 1
-    if not 2 <= count <= _MOST_VOLTAGES:
-        raise DataError(
-            f"table_step gives {count} voltages over {1e3 * (high - low):.6g} mm; 2 to "
-            f"{_MOST_VOLTAGES} can be written"
+        quantity = rest["quantity"]
+        degree = rest.get("degree", "f-test")
+        polynomial = run_polynomial(
+            runs, quantity=quantity, degree=degree, max_degree=rest.get("max_degree", 6)
         )
-    x = np.linspace(low, high, count)
-    table = drive_table(
-        x,
-        polynomial.evaluate(x),
-        quantity=quantity,
-        calibration=calibration,
-        offset=rest.get("offset", 0.0),
-        limits=_limits(rest.get("limits", _LIMITS)),
-        travel=rest.get("travel", math.inf),
-        speed=rest.get("speed"),
-        slew=rest.get("slew", math.inf),
-        bits=rest.get("bits"),
-        strict=False,
-    )
-    if table.violations and rest.get("strict", True):
-        raise LimitError(_refusal(table.violations, calibration, rest))
-    assumed: tuple[str, ...] = ()
-    if "limits" not in rest:
-        assumed = ("limits of 0 and 10 V are assumed; state those of the amplifier (limits)",)
-    static, more = _static(rest)
-    parts, last = _parts(rest)
-    return DualServoResult(
-        runs,
-        polynomial,
-        lines,
-        calibration,
-        table,
-        static,
-        parts,
-        (*history, *more, *last),
-        assumed,
-    )
+        with np.errstate(invalid="ignore"):
+            mean = np.mean([r.z for r in runs], axis=0)
+        lines = straightness_lines(
+            Profile(data.position, mean), against=rest.get("against", "spindle face (assumed)")
+        )
+        calibration, history = _calibration(rest)
+        low, high = polynomial.domain
+        step = rest.get("table_step", (high - low) / 400.0)
+        count = round((high - low) / step) + 1
+        if not 2 <= count <= _MOST_VOLTAGES:
+            raise DataError(
+                f"table_step gives {count} voltages over {1e3 * (high - low):.6g} mm; 2 to "
+                f"{_MOST_VOLTAGES} can be written"
+            )
+        x = np.linspace(low, high, count)
+        table = drive_table(
+            x,
+            polynomial.evaluate(x),
+            quantity=quantity,
+            calibration=calibration,
+            offset=rest.get("offset", 0.0),
+            limits=_limits(rest.get("limits", _LIMITS)),
+            travel=rest.get("travel", math.inf),
+            speed=rest.get("speed"),
+            slew=rest.get("slew", math.inf),
+            bits=rest.get("bits"),
+            strict=False,
+        )
+        if table.violations and rest.get("strict", True):
+            raise LimitError(_refusal(table.violations, calibration, rest))
+        assumed: tuple[str, ...] = ()
+        if "limits" not in rest:
+            assumed = ("limits of 0 and 10 V are assumed; state those of the amplifier (limits)",)
+        static, more = _static(rest)
+        parts, last = _parts(rest)
+        return DualServoResult(
+            runs,
+            polynomial,
+            lines,
+            calibration,
+            table,
+            static,
+            parts,
+            (*history, *more, *last),
+            assumed,
+        )
+
+
 
 
 _LIMITS = (0.0, 10.0)
@@ -293,49 +322,3 @@ def _parts(rest: Mapping[str, Any]) -> tuple[Any, tuple[Step, ...]]:
     return result, tuple(s for p in profiles for s in p.history)
 
 
-DUAL_SERVO: Mapping[str, Method] = {
-    "dual_servo": Method(
-        "straightness runs of a slide to a polynomial and the voltages of a flexure stage",
-        "curves",
-        (),
-        {
-            **OP,
-            "quantity": Field("text", choices=("error", "compensation"), required=True),
-            "degree": Field("degree"),
-            "max_degree": Field("integer"),
-            "against": Field("text"),
-            "calibration": Field("file"),
-            "voltage": Field("text"),
-            "displacement": Field("text"),
-            "sensitivity": Field("text"),
-            "offset": Field("length"),
-            "limits": Field("any"),
-            "strict": Field("flag"),
-            "travel": Field("size"),
-            "table_step": Field("size"),
-            "speed": Field("speed"),
-            "slew": Field("number"),
-            "bits": Field("integer"),
-            "at_rest": Field("file"),
-            "resolution": Field("uncertainty"),
-            "before": Field("file"),
-            "after": Field("file"),
-            "lambda_c": Field("size"),
-            "lambda_s": Field("size"),
-            "form": Field("text", choices=("none", "line")),
-        },
-        _dual_servo,
-        over="x",
-    ),
-}
-
-
-# ------------------------------------------------------------------------------------------------
-
-OLD: Mapping[str, Method] = {
-    **PLANS,
-    **MACHINES,
-    **PROCESSES,
-    **DUAL_SERVO,
-    **QUALITY,
-}
