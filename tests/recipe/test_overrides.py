@@ -460,8 +460,8 @@ def test_the_nearest_recipe_takes_what_it_says_itself(layered):
 
 
 def test_a_wrong_value_in_the_recipe_below_is_told_by_its_override(layered):
-    with pytest.raises(RecipeError, match=r"^base.toml, -s check.1.U=3 %: U = '3 %': "):
-        ms.Recipe.load(layered / "near.toml", overrides=["check.1.U=3 %"])
+    with pytest.raises(RecipeError, match=r"^base.toml, -s check.1.U=3 pints: U = '3 pints': "):
+        ms.Recipe.load(layered / "near.toml", overrides=["check.1.U=3 pints"])
     wrong = BASE.replace('Sa"\nupper', 'Sa"\nuper')
     (layered / "base.toml").write_text(wrong)
     with pytest.raises(RecipeError, match=r"^base.toml:14: unknown key"):
