@@ -104,7 +104,8 @@ def _explain(row: Mapping[str, Any], fields: Mapping[str, Field]) -> None:
         if key == "op":
             continue
         about = key_words(str(row["op"]), key)
-        kind = "" if '"' in about else kind_words(field.kind)
+        plain = about and ('"' in about or field.kind in ("text", "file", "table", "any"))
+        kind = "" if plain else kind_words(field.kind)
         if field.choices:
             kind = f"one of {', '.join(str(c) for c in field.choices)}"
         text = f"    {key}: " + "; ".join(part for part in (about, kind) if part)

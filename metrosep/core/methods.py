@@ -102,9 +102,7 @@ class Methods(Mapping[str, type[Method]]):
         """Return a method by its name."""
         package, place = self._places()[name]
         module, _, own = place.partition(":")
-        made = importlib.import_module(f"{package}.{module}")
-        holder, _, key = own.partition("/")
-        found: type[Method] = getattr(made, holder)[key] if key else getattr(made, own)
+        found: type[Method] = getattr(importlib.import_module(f"{package}.{module}"), own)
         return found
 
     def __contains__(self, name: object) -> bool:

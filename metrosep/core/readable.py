@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from metrosep.core.units import format_length, parse_unit
 
-__all__ = ["digits_of", "readable_text", "readable_unit", "value_text"]
+__all__ = ["digits_of", "readable_text", "readable_unit", "typed_number", "value_text"]
 
 _PREFIXED = {"m": "length", "rad": "angle", "s": "time"}
 _SMALL = 0.1
@@ -85,6 +85,42 @@ def value_text(value: float | None, unit: str, u: float | None = None) -> str:
     if 0.0 < u < abs(value):
         text = f"{value / factor:.{min(max(1 - math.floor(math.log10(u / factor)), 0), 9)}f}"
     return f"{text}{tail} (u = {digits_of(float(f'{u / own_factor:.2g}'))}{spread})"
+
+
+_DEGREE = math.pi / 180.0
+_STEPS = {
+    "angle": ((_DEGREE, "deg"), (1e-6, "urad"), (1e-9, "nrad")),
+    "time": ((3600.0, "h"), (60.0, "min"), (1.0, "s"), (1e-3, "ms"), (1e-6, "us")),
+    "frequency": ((1e6, "MHz"), (1e3, "kHz"), (1.0, "Hz")),
+    "speed": ((1.0 / 6e4, "mm/min"),),
+}
+_LEAST = {"deg": 0.02, "h": 2.0, "min": 2.0, "MHz": 1.0, "kHz": 1.0}
+"""Below so much of a unit the next smaller one is taken."""
+
+
+def typed_number(value: float, dimension: str, *, digits: int = 4) -> str:
+    """Return a number in SI with the unit in which a person would type it.
+
+    Examples
+    --------
+    >>> typed_number(0.02, "length"), typed_number(0.08, "speed")
+    ('20 mm', '4800 mm/min')
+    >>> typed_number(0.0, "length"), typed_number(5e-8, "angle"), typed_number(3600.0, "time")
+    ('0 nm', '50 nrad', '60 min')
+    """
+    if dimension == "length":
+        return "0 nm" if value == 0.0 else format_length(value, digits=digits)
+    steps = _STEPS[dimension]
+    size = abs(value)
+    factor, unit = steps[-1]
+    if value == 0.0:
+        factor, unit = steps[0] if dimension != "time" else (1.0, "s")
+    else:
+        for each in steps:
+            if size >= _LEAST.get(each[1], 1.0) * each[0] * (1.0 - 1e-9):
+                factor, unit = each
+                break
+    return f"{digits_of(value / factor, digits)} {unit}"
 
 
 def readable_text(message: str) -> str:

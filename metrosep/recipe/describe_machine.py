@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from metrosep.core.quantity import Quantity
+from metrosep.core.readable import typed_number
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.recipe.charts import bar_chart, map_chart
 from metrosep.recipe.description import Description, quantity
-from metrosep.recipe.key_values import typed_number
 
 __all__ = ["identification_of", "sensitivity_of", "wavefront_of"]
 

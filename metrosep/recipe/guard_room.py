@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from metrosep.core.errors import RecipeError
 from metrosep.core.limits import Limit
+from metrosep.core.readable import typed_number
 from metrosep.parameters.decision import decide
-from metrosep.recipe.key_values import typed_number
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe

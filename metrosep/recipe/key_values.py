@@ -6,62 +6,19 @@ is printed as ``20 mm``, ``0.1 deg`` or ``4800 mm/min``, and an example of a key
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
 from metrosep.core.options import KINDS
-from metrosep.core.units import format_length
+from metrosep.core.readable import digits_of, typed_number
 from metrosep.recipe.schema import Field
 
-__all__ = ["DIMENSIONS", "placeholder", "shown", "typed_number"]
+__all__ = ["DIMENSIONS", "placeholder", "shown"]
 
 DIMENSIONS: Mapping[str, str] = {
     name: kind.dimension for name, kind in KINDS.items() if kind.dimension is not None
 }
 """What the kinds of keys measure; kinds without a dimension are left out."""
-
-_DEGREE = math.pi / 180.0
-_STEPS = {
-    "angle": ((_DEGREE, "deg"), (1e-6, "urad"), (1e-9, "nrad")),
-    "time": ((3600.0, "h"), (60.0, "min"), (1.0, "s"), (1e-3, "ms"), (1e-6, "us")),
-    "frequency": ((1e6, "MHz"), (1e3, "kHz"), (1.0, "Hz")),
-    "speed": ((1.0 / 6e4, "mm/min"),),
-}
-_LEAST = {"deg": 0.02, "h": 2.0, "min": 2.0, "MHz": 1.0, "kHz": 1.0}
-"""Below so much of a unit the next smaller one is taken."""
-
-
-def typed_number(value: float, dimension: str, *, digits: int = 4) -> str:
-    """Return a number in SI with the unit in which a person would type it.
-
-    Examples
-    --------
-    >>> typed_number(0.02, "length"), typed_number(0.08, "speed")
-    ('20 mm', '4800 mm/min')
-    >>> typed_number(0.0, "length"), typed_number(5e-8, "angle"), typed_number(3600.0, "time")
-    ('0 nm', '50 nrad', '60 min')
-    """
-    if dimension == "length":
-        return "0 nm" if value == 0.0 else format_length(value, digits=digits)
-    steps = _STEPS[dimension]
-    size = abs(value)
-    factor, unit = steps[-1]
-    if value == 0.0:
-        factor, unit = steps[0] if dimension != "time" else (1.0, "s")
-    else:
-        for each in steps:
-            if size >= _LEAST.get(each[1], 1.0) * each[0] * (1.0 - 1e-9):
-                factor, unit = each
-                break
-    return f"{_digits(value / factor, digits)} {unit}"
-
-
-def _digits(value: float, digits: int) -> str:
-    """Return significant digits, whole numbers in full: no exponent for a number of common size."""
-    if abs(value) >= 10.0**digits and abs(value) < 1e7:
-        return f"{value:.0f}"
-    return f"{value:.{digits}g}"
 
 
 def shown(value: Any, field: Field, *, unit: str = "") -> str:
@@ -88,7 +45,7 @@ def shown(value: Any, field: Field, *, unit: str = "") -> str:
             return "0 mm"
         if dimension is not None:
             return typed_number(float(value), dimension)
-        return str(value) if isinstance(value, int) else _digits(value, 4)
+        return str(value) if isinstance(value, int) else digits_of(value)
     return str(value)
 
 

@@ -1,4 +1,4 @@
-"""Carrying out a recipe whose step is one of the named separations (`metrosep.recipe.methods`)."""
+"""Carrying out a recipe whose step is one of the named separations (`metrosep.core.methods`)."""
 
 from __future__ import annotations
 
@@ -97,7 +97,9 @@ def _require_kind(recipe: Recipe, inputs: Any) -> None:
 
 def _options(method: type[Method], step: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Return the keys of a step; names of files are looked for beside the recipe."""
-    options = {k: v for k, v in step.items() if k != "op"}
+    options: dict[str, Any] = {
+        k: tuple(v) if isinstance(v, list) else v for k, v in step.items() if k != "op"
+    }
     for key, value in options.items():
         if method.fields[key].kind == "file" and (folder / value).exists():
             options[key] = str(folder / value)

@@ -6,30 +6,15 @@ import difflib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from metrosep.core.errors import DataError, UnitError
+from metrosep.core.methods import Method
+from metrosep.core.options import Option
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_quantity
-from metrosep.recipe.method import OP, Method
-from metrosep.recipe.schema import Field
 
-__all__ = ["MACHINES", "form_of", "machine_of"]
-
-_PART = {
-    "machine": Field("file", required=True),
-    "machine_radius": Field("size"),
-    "spindle_errors": Field("text", choices=("co-rotating", "fixed")),
-    "radius": Field("size"),
-    "inner_radius": Field("size"),
-    "removed": Field("text"),
-    "tool": Field("lengths"),
-}
-
-_WAVE = {
-    "mode": Field("text", choices=("reflect", "refract")),
-    "n": Field("number"),
-}
+__all__ = ["form_of", "machine_of"]
 
 
 def form_of(text: str) -> Any:
@@ -74,18 +59,84 @@ def machine_of(options: dict[str, Any], radius: float | None) -> Any:
     return presets(name, **parameters)
 
 
-def _rank(_: Any, options: Mapping[str, Any]) -> Any:
-    from metrosep.machine import rank
+class Ranking(Method):
+    """`rank` by its name."""
 
-    rest = dict(options)
-    radius = rest.pop("radius")
-    _check_radius(radius)
-    form = form_of(rest.pop("form"))
-    chain = machine_of(rest, radius)
-    errors, read = _errors(chain, rest)
-    rest = {**rest, **_tool(rest)}
-    found = rank(chain, form, radius=radius, errors=errors, **rest)
-    return replace(found, messages=(*found.messages, *read)) if read else found
+    name: ClassVar[str] = "rank"
+    what: ClassVar[str] = "error terms of a machine, ranked by what they do to a part"
+    reads: ClassVar = "nothing"
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "machine": Option(
+            "file",
+            required=True,
+            help="a preset (five_axis, fts_lathe, mill_xyz, sts_lathe) or a file of TOML (docs/how-to/describe-a-machine.md)",
+        ),
+        "machine_radius": Option(
+            "size", help="of the preset fts_lathe, where it is not that of the part"
+        ),
+        "spindle_errors": Option(
+            "text",
+            choices=("co-rotating", "fixed"),
+            help="whether the errors of the spindle turn with the part or stand still, where a preset is named",
+        ),
+        "radius": Option(
+            "size", required=True, help='of the part, from its axis to the rim, "20 mm"'
+        ),
+        "inner_radius": Option("size", help="of the part, where it has a hole"),
+        "removed": Option(
+            "text", help="none, piston, plane, plane+defocus, rigid, or names with commas"
+        ),
+        "tool": Option(
+            "lengths", help="tool point x, y, z in the frame of the last element of its branch"
+        ),
+        "form": Option(
+            "text",
+            required=True,
+            help='the nominal surface with all its parameters, "sphere: R=50 mm"',
+        ),
+        "errors": Option("table", help='a table, { EXX = "1 um", B0Z = "0.2 arcsec" }'),
+        "all_lengths": Option(
+            "size", help='magnitude of every other term that is a length, "1 um"'
+        ),
+        "all_angles": Option(
+            "angle", help='magnitude of every other term that is an angle, "1 arcsec"'
+        ),
+        "response": Option(
+            "text",
+            choices=("form", "wavefront"),
+            help="deviation of the surface, or change of the optical path",
+        ),
+        "direction": Option(
+            "text", choices=("vertical", "normal"), help="of the deviation of the form"
+        ),
+        "distribution": Option(
+            "text",
+            choices=("normal", "uniform"),
+            help="whether a magnitude is a standard uncertainty or a half-width",
+        ),
+        "threshold": Option(
+            "number", help="terms whose shapes are more alike than this are a group"
+        ),
+        "mode": Option(
+            "text", choices=("reflect", "refract"), help="what the surface does to a plane wave"
+        ),
+        "n": Option("number", help="refractive index of the material, to refract"),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: Any, options: Mapping[str, Any]) -> Any:
+        """Return what the step makes."""
+        from metrosep.machine import rank
+
+        rest = dict(options)
+        radius = rest.pop("radius")
+        _check_radius(radius)
+        form = form_of(rest.pop("form"))
+        chain = machine_of(rest, radius)
+        errors, read = _errors(chain, rest)
+        rest = {**rest, **_tool(rest)}
+        found = rank(chain, form, radius=radius, errors=errors, **rest)
+        return replace(found, messages=(*found.messages, *read)) if read else found
 
 
 _LARGEST_RADIUS = 5.0
@@ -165,31 +216,107 @@ def _tool(rest: dict[str, Any]) -> dict[str, Any]:
     return {"tool": tuple(rest["tool"])}
 
 
-def _identify(maps: tuple[Surface, ...], options: Mapping[str, Any]) -> Any:
-    from metrosep.machine import identify
+class TermsIdentified(Method):
+    """`identify` by its name."""
 
-    rest = dict(options)
-    radius = rest.get("radius")
-    _check_radius(radius)
-    form = form_of(rest.pop("form")) if "form" in rest else None
-    chain = machine_of(rest, radius)
-    rest = {**rest, **_tool(rest)}
-    if "centre" in rest:
-        rest["centre"] = _pair(rest["centre"])
-    return identify(chain, _one(maps), form=form, **rest)
+    name: ClassVar[str] = "identify"
+    what: ClassVar[str] = "error terms of a machine that explain a measured part"
+    reads: ClassVar = "maps"
+    readings: ClassVar[tuple[str, ...]] = ("map",)
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "machine": Option(
+            "file",
+            required=True,
+            help="a preset (five_axis, fts_lathe, mill_xyz, sts_lathe) or a file of TOML (docs/how-to/describe-a-machine.md)",
+        ),
+        "machine_radius": Option(
+            "size", help="of the preset fts_lathe, where it is not that of the part"
+        ),
+        "spindle_errors": Option(
+            "text",
+            choices=("co-rotating", "fixed"),
+            help="whether the errors of the spindle turn with the part or stand still, where a preset is named",
+        ),
+        "radius": Option("size", help='of the part, from its axis to the rim, "20 mm"'),
+        "inner_radius": Option("size", help="of the part, where it has a hole"),
+        "removed": Option(
+            "text",
+            help="freedoms that an alignment takes out: none, piston, plane, rigid, or names with commas",
+        ),
+        "tool": Option(
+            "lengths", help="tool point x, y, z in the frame of the last element of its branch"
+        ),
+        "form": Option(
+            "text",
+            help="the nominal surface with all its parameters; what the map holds if left out",
+        ),
+        "terms": Option("texts", help="error terms that may be at work, EXX,EYX,B0Z"),
+        "centre": Option("lengths", help="x and y of the axis in the coordinates of the map"),
+        "threshold": Option(
+            "number", help="terms whose shapes are more alike than this are a group"
+        ),
+        "exact": Option("flag", help="true: the surface is cut anew, not linear in the errors"),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: tuple[Surface, ...], options: Mapping[str, Any]) -> Any:
+        """Return what the step makes."""
+        from metrosep.machine import identify
+
+        rest = dict(options)
+        radius = rest.get("radius")
+        _check_radius(radius)
+        form = form_of(rest.pop("form")) if "form" in rest else None
+        chain = machine_of(rest, radius)
+        rest = {**rest, **_tool(rest)}
+        if "centre" in rest:
+            rest["centre"] = _pair(rest["centre"])
+        return identify(chain, _one(data), form=form, **rest)
 
 
-def _wavefront(maps: tuple[Surface, ...], options: Mapping[str, Any]) -> Any:
-    from metrosep.optics import wavefront
+class WavefrontOfMap(Method):
+    """`wavefront` by its name."""
 
-    rest = dict(options)
-    wanted = {k: rest.pop(k) for k in ("terms", "order", "wavelength", "removed") if k in rest}
-    if "form" in rest:
-        rest["form"] = form_of(rest["form"])
-    if "centre" in rest:
-        rest["centre"] = _pair(rest["centre"])
-    front = wavefront(_one(maps), **rest)
-    return WavefrontResult(front, **wanted)
+    name: ClassVar[str] = "wavefront"
+    what: ClassVar[str] = "wavefront that a measured surface makes of a plane wave"
+    reads: ClassVar = "maps"
+    readings: ClassVar[tuple[str, ...]] = ("map",)
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "mode": Option(
+            "text", choices=("reflect", "refract"), help="what the surface does to a plane wave"
+        ),
+        "n": Option("number", help="refractive index of the material, to refract"),
+        "side": Option(
+            "text",
+            choices=("inside", "outside"),
+            help="where the light comes from: outside the material, or inside",
+        ),
+        "radius": Option("size", help="of the pupil; of what was measured if left out"),
+        "inner_radius": Option("size", help="of the part, where it has a hole"),
+        "centre": Option("lengths", help="x and y of the axis in the coordinates of the map"),
+        "form": Option(
+            "text", help="the nominal surface that is taken off, with all its parameters"
+        ),
+        "terms": Option("integer", help="number of Zernike terms"),
+        "order": Option("text", choices=("ansi", "noll", "fringe"), help="of the Zernike terms"),
+        "wavelength": Option("size", help="in which the wavefront is told too"),
+        "removed": Option("text", help="terms that are set-up: piston,tilt"),
+        "vertex_height": Option("length", help="height of the vertex above the zero of the map"),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: tuple[Surface, ...], options: Mapping[str, Any]) -> Any:
+        """Return what the step makes."""
+        from metrosep.optics import wavefront
+
+        rest = dict(options)
+        wanted = {k: rest.pop(k) for k in ("terms", "order", "wavelength", "removed") if k in rest}
+        if "form" in rest:
+            rest["form"] = form_of(rest["form"])
+        if "centre" in rest:
+            rest["centre"] = _pair(rest["centre"])
+        front = wavefront(_one(data), **rest)
+        return WavefrontResult(front, **wanted)
 
 
 class WavefrontResult:
@@ -222,62 +349,3 @@ def _pair(values: tuple[float, ...]) -> tuple[float, float]:
     if len(values) != 2:
         raise DataError(f"centre is two lengths x, y, got {len(values)}")
     return values[0], values[1]
-
-
-MACHINES: Mapping[str, Method] = {
-    "rank": Method(
-        "error terms of a machine, ranked by what they do to a part",
-        "nothing",
-        (),
-        {
-            **OP,
-            **_PART,
-            "radius": Field("size", required=True),
-            "form": Field("text", required=True),
-            "errors": Field("table"),
-            "all_lengths": Field("size"),
-            "all_angles": Field("angle"),
-            "response": Field("text", choices=("form", "wavefront")),
-            "direction": Field("text", choices=("vertical", "normal")),
-            "distribution": Field("text", choices=("normal", "uniform")),
-            "threshold": Field("number"),
-            **_WAVE,
-        },
-        _rank,
-    ),
-    "identify": Method(
-        "error terms of a machine that explain a measured part",
-        "maps",
-        ("map",),
-        {
-            **OP,
-            **_PART,
-            "form": Field("text"),
-            "terms": Field("texts"),
-            "centre": Field("lengths"),
-            "threshold": Field("number"),
-            "exact": Field("flag"),
-        },
-        _identify,
-    ),
-    "wavefront": Method(
-        "wavefront that a measured surface makes of a plane wave",
-        "maps",
-        ("map",),
-        {
-            **OP,
-            **_WAVE,
-            "side": Field("text", choices=("inside", "outside")),
-            "radius": Field("size"),
-            "inner_radius": Field("size"),
-            "centre": Field("lengths"),
-            "form": Field("text"),
-            "terms": Field("integer"),
-            "order": Field("text", choices=("ansi", "noll", "fringe")),
-            "wavelength": Field("size"),
-            "removed": Field("text"),
-            "vertex_height": Field("length"),
-        },
-        _wavefront,
-    ),
-}

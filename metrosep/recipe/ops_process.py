@@ -5,36 +5,63 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from metrosep.core.errors import DataError
 from metrosep.core.inputs import RoleColumns
+from metrosep.core.methods import Method
+from metrosep.core.options import Option
 from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.recipe.method import OP, Method
 from metrosep.recipe.ops_machine import form_of
-from metrosep.recipe.schema import Field
 
-__all__ = ["PROCESSES", "JobResult"]
+__all__ = ["JobResult"]
 
 
-def _tool_setting(maps: tuple[Surface, ...], options: Mapping[str, Any]) -> Any:
-    from metrosep.process import identify_setting
+class SettingFound(Method):
+    """`tool_setting` by its name."""
 
-    rest = dict(options)
-    form = form_of(rest.pop("form"))
-    for key in ("centre", "region"):
-        if key in rest:
-            if len(rest[key]) != 2:
-                raise DataError(f"{key} is two lengths, got {len(rest[key])}")
-            rest[key] = tuple(rest[key])
-    if len(maps) != 1:
-        raise DataError(f"one map is needed, got {len(maps)}; take them one by one")
-    return identify_setting(maps[0], form, **rest)
+    name: ClassVar[str] = "tool_setting"
+    what: ClassVar[str] = (
+        "errors of the tool setting (dx, dy, nose radius) that explain a turned part"
+    )
+    reads: ClassVar = "maps"
+    readings: ClassVar[tuple[str, ...]] = ("map",)
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "form": Option(
+            "text",
+            required=True,
+            help='the nominal surface, "sine_grid: amplitude=50 nm, wavelength=100 um"',
+        ),
+        "free": Option(
+            "texts",
+            help="what is fitted, piston,dx,dy,dR (tilt_x, tilt_y, shift_x, shift_y, rotation too)",
+        ),
+        "nose_radius": Option("size", help="of the tool as programmed"),
+        "centre": Option("lengths", help="x and y of the axis in the coordinates of the map"),
+        "region": Option("lengths", help='radii between which points are used, "20 um, 220 um"'),
+        "noise": Option("size", help='standard uncertainty of one height, "1 nm"'),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: tuple[Surface, ...], options: Mapping[str, Any]) -> Any:
+        """Return what the step makes."""
+        from metrosep.process import identify_setting
+
+        rest = dict(options)
+        form = form_of(rest.pop("form"))
+        for key in ("centre", "region"):
+            if key in rest:
+                if len(rest[key]) != 2:
+                    raise DataError(f"{key} is two lengths, got {len(rest[key])}")
+                rest[key] = tuple(rest[key])
+        if len(data) != 1:
+            raise DataError(f"one map is needed, got {len(data)}; take them one by one")
+        return identify_setting(data[0], form, **rest)
 
 
 def _recording(data: RoleColumns, **channels: str) -> Recording:
@@ -43,51 +70,106 @@ def _recording(data: RoleColumns, **channels: str) -> Recording:
     return Recording(np.asarray(data.values["time"]), values, history=data.history)
 
 
-def _follow_up(data: RoleColumns, options: Mapping[str, Any]) -> Any:
-    from metrosep.process import follow_up
+class FollowUpOfLog(Method):
+    """`follow_up` by its name."""
 
-    rest = dict(options)
-    given = [r for r in ("command", "actual", "error", "rho", "theta") if r in data.values]
-    spiral = rest.pop("spiral", None)
-    rpm = rest.pop("rpm", None)
-    if (spiral is None) != (rpm is None):
-        raise DataError(
-            "a spiral needs its start radius and feed, and the spindle speed: spiral = "
-            '["500 um", "2 um"] and rpm = 20'
-        )
-    if spiral is not None:
-        if len(spiral) != 2:
-            raise DataError(f"spiral is two lengths, start radius and feed, got {len(spiral)}")
-        rest["spiral"] = (spiral[0], spiral[1], 2.0 * np.pi * _turns_per_minute(rpm) / 60.0)
-    delay = rest.pop("delay", None)
-    if delay is not None:
-        rest["delay"] = delay
-    if rest.pop("estimate_delay", False):
+    name: ClassVar[str] = "follow_up"
+    what: ClassVar[str] = "follow-up error of an axis from its log, and what it depends on"
+    reads: ClassVar = "table"
+    roles: ClassVar[Mapping[str, str]] = {
+        "time": "time",
+        "command": "length?",
+        "actual": "length?",
+        "error": "length?",
+        "rho": "length?",
+        "theta": "angle?",
+    }
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "terms": Option(
+            "texts",
+            help="what the error may depend on, velocity,acceleration,jerk (position, friction too)",
+        ),
+        "delay": Option("time", help='known lag of the logger, taken out first, "1 ms"'),
+        "estimate_delay": Option("flag", help="true: the lag of the logger is found from the log"),
+        "window": Option("integer", help="samples over which velocity and acceleration are found"),
+        "error_sign": Option(
+            "text", choices=("actual-command", "command-actual"), help="what the logged error is"
+        ),
+        "spiral": Option("lengths", help='start radius and feed per turn, "500 um, 2 um"'),
+        "rpm": Option("any", help="turns of the spindle per minute, 20"),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> Any:
+        """Return what the step makes."""
+        from metrosep.process import follow_up
+
+        rest = dict(options)
+        given = [r for r in ("command", "actual", "error", "rho", "theta") if r in data.values]
+        spiral = rest.pop("spiral", None)
+        rpm = rest.pop("rpm", None)
+        if (spiral is None) != (rpm is None):
+            raise DataError(
+                "a spiral needs its start radius and feed, and the spindle speed: spiral = "
+                '["500 um", "2 um"] and rpm = 20'
+            )
+        if spiral is not None:
+            if len(spiral) != 2:
+                raise DataError(f"spiral is two lengths, start radius and feed, got {len(spiral)}")
+            rest["spiral"] = (spiral[0], spiral[1], 2.0 * np.pi * _turns_per_minute(rpm) / 60.0)
+        delay = rest.pop("delay", None)
         if delay is not None:
-            raise DataError("delay is stated and estimate_delay is true; give one of them")
-        rest["delay"] = "estimate"
-    if "error_sign" in rest and "error" not in given:
-        raise DataError(
-            'error_sign says what a logged error is; name its column: error = "fe_nm" (from command '
-            "and actual the sign is known)"
-        )
-    log = _recording(data, **{name: name for name in given})
-    if "error" in given:
-        rest["error"] = "error"
-    return follow_up(log, **rest)
+            rest["delay"] = delay
+        if rest.pop("estimate_delay", False):
+            if delay is not None:
+                raise DataError("delay is stated and estimate_delay is true; give one of them")
+            rest["delay"] = "estimate"
+        if "error_sign" in rest and "error" not in given:
+            raise DataError(
+                'error_sign says what a logged error is; name its column: error = "fe_nm" (from command '
+                "and actual the sign is known)"
+            )
+        log = _recording(data, **{name: name for name in given})
+        if "error" in given:
+            rest["error"] = "error"
+        return follow_up(log, **rest)
 
 
-def _flexure(data: RoleColumns, options: Mapping[str, Any]) -> Any:
-    from metrosep.process import flexure_calibration
+class FlexureCalibrated(Method):
+    """`flexure_calibration` by its name."""
 
-    n = data.values["displacement"].size
-    time = data.values.get("time", np.arange(float(n)))
-    log = Recording(
-        time,
-        {"voltage": data.values["voltage"], "displacement": data.values["displacement"]},
-        history=data.history,
+    name: ClassVar[str] = "flexure_calibration"
+    what: ClassVar[str] = (
+        "displacement of a flexure stage over its voltage: sensitivity, hysteresis, inverse"
     )
-    return flexure_calibration(log, **dict(options))
+    reads: ClassVar = "table"
+    roles: ClassVar[Mapping[str, str]] = {
+        "voltage": "any",
+        "displacement": "length",
+        "time": "time?",
+    }
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "line": Option(
+            "text",
+            choices=("least-squares", "end-point"),
+            help="line from which the linearity counts",
+        ),
+        "resolution": Option("uncertainty", help="of the sensor"),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> Any:
+        """Return what the step makes."""
+        from metrosep.process import flexure_calibration
+
+        n = data.values["displacement"].size
+        time = data.values.get("time", np.arange(float(n)))
+        log = Recording(
+            time,
+            {"voltage": data.values["voltage"], "displacement": data.values["displacement"]},
+            history=data.history,
+        )
+        return flexure_calibration(log, **dict(options))
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,41 +200,126 @@ class JobResult:
         )
 
 
-def _predict(_: Any, options: Mapping[str, Any]) -> JobResult:
-    from metrosep.process import ToolSetting, TurningJob
+class JobPredicted(Method):
+    """`predict` by its name."""
 
-    rest = {**options, "rpm": _turns_per_minute(options["rpm"])}
-    _check_predict(rest)
-    job = TurningJob(
-        form_of(rest["form"]),
-        rest["radius"],
-        rest["feed"],
-        rpm=rest["rpm"],
-        block_time=rest.get("block_time", 0.0),
-        core=rest.get("core", 0.0),
-        sense=rest.get("sense"),
-        nose=_nose(rest),
-    )
-    plan, path = _path(job, rest)
-    tool = None
-    setting = {k: rest[k] for k in ("dx", "dy", "dR", "u_dx", "u_dy", "u_dR") if k in rest}
-    if setting:
-        tool = ToolSetting(**setting)
-    log = _logged(rest, job)
-    removed = tuple(v.strip() for v in rest.get("removed", "").split(",") if v.strip())
-    prediction = job.predict(path, tool=tool, follow_up=log, removed=removed)
-    known = None if isinstance(log, float) else log
-    doubts: tuple[str, ...] = ()
-    if known is not None and (doubt := _other_surface(job, rest)):
-        doubts, known = (doubt,), None
-    program = None
-    if tool is not None or known is not None or job.nose is not None:
-        gain = float(rest.get("gain", 1.0))
-        program = job.compensated(path, tool=tool, follow_up=known, gain=gain)
-    history = getattr(log, "history", ())
-    return JobResult(
-        plan, prediction, rest.get("measured"), program, path, _allowed(job, plan), history, doubts
-    )
+    name: ClassVar[str] = "predict"
+    what: ClassVar[str] = "form error of a turned freeform before it is cut, cause by cause"
+    reads: ClassVar = "nothing"
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "form": Option(
+            "text",
+            required=True,
+            help='the nominal surface with all its parameters, "sine_grid: amplitude=50 nm, wavelength=100 um"',
+        ),
+        "radius": Option(
+            "size", required=True, help='of the part, from its axis to the rim, "20 mm"'
+        ),
+        "feed": Option("size", required=True, help='towards the centre per turn, "2 um"'),
+        "rpm": Option("any", required=True, help="turns of the spindle per minute, 20"),
+        "block_time": Option("time", help='that the controller needs for a block, "2 ms"'),
+        "core": Option("size", help='radius about the axis that is not judged, "4 um"'),
+        "sense": Option(
+            "text",
+            choices=("counterclockwise", "clockwise"),
+            help="in which the part turns, seen from the tool",
+        ),
+        "tolerance": Option("size", help='P-V that the points of the program may add, "1 nm"'),
+        "angle_step": Option("angle", help="constant angle between the points of the program"),
+        "length_step": Option(
+            "size", help="constant arc length between the points of the program"
+        ),
+        "distribution": Option(
+            "text",
+            choices=("CA", "CAL"),
+            help="points at constant angle (CA) or constant arc length (CAL)",
+        ),
+        "interpolation": Option(
+            "text",
+            choices=("linear", "spline"),
+            help="how the controller goes from point to point",
+        ),
+        "lead_in": Option("integer", help="turns before the rim is reached"),
+        "dx": Option(
+            "length", help='tool further from the spindle axis than programmed, "-0.25 um"'
+        ),
+        "dy": Option(
+            "length", help='tool off the axis towards growing azimuth of the part, "0.1 um"'
+        ),
+        "dR": Option("length", help='nose radius larger than programmed, "10 um"'),
+        "u_dx": Option("uncertainty", help="standard uncertainty of dx"),
+        "u_dy": Option("uncertainty", help="standard uncertainty of dy"),
+        "u_dR": Option("uncertainty", help="standard uncertainty of dR"),
+        "nose_radius": Option(
+            "size",
+            help='of the tool, "0.5 mm": the program is then a path of the tip; without it, points of the surface',
+        ),
+        "rake": Option(
+            "angle",
+            help='of the face in which the nose radius is measured, "-30 deg"; needs sense',
+        ),
+        "window": Option(
+            "angle", help='angle of the nose that is sharp, symmetric about the tip, "60 deg"'
+        ),
+        "follow_up": Option("file", help="file with the log of the dry run of this part"),
+        "log_time": Option("text", help="column of the log, t_s if left out"),
+        "log_command": Option("text", help="column of the log, command_um if left out"),
+        "log_actual": Option("text", help="column of the log, actual_um if left out"),
+        "follow_up_pv": Option(
+            "uncertainty", help='P-V of the follow-up error, where there is no log, "5 nm"'
+        ),
+        "gain": Option("number", help="share of a known error that the program makes up for, 1"),
+        "removed": Option(
+            "text",
+            help="freedoms that an alignment takes out of the predicted form, names with commas",
+        ),
+        "measured": Option("uncertainty", help='P-V of the part as cut, to compare, "8 nm"'),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: Any, options: Mapping[str, Any]) -> JobResult:
+        """Return what the step makes."""
+        from metrosep.process import ToolSetting, TurningJob
+
+        rest = {**options, "rpm": _turns_per_minute(options["rpm"])}
+        _check_predict(rest)
+        job = TurningJob(
+            form_of(rest["form"]),
+            rest["radius"],
+            rest["feed"],
+            rpm=rest["rpm"],
+            block_time=rest.get("block_time", 0.0),
+            core=rest.get("core", 0.0),
+            sense=rest.get("sense"),
+            nose=_nose(rest),
+        )
+        plan, path = _path(job, rest)
+        tool = None
+        setting = {k: rest[k] for k in ("dx", "dy", "dR", "u_dx", "u_dy", "u_dR") if k in rest}
+        if setting:
+            tool = ToolSetting(**setting)
+        log = _logged(rest, job)
+        removed = tuple(v.strip() for v in rest.get("removed", "").split(",") if v.strip())
+        prediction = job.predict(path, tool=tool, follow_up=log, removed=removed)
+        known = None if isinstance(log, float) else log
+        doubts: tuple[str, ...] = ()
+        if known is not None and (doubt := _other_surface(job, rest)):
+            doubts, known = (doubt,), None
+        program = None
+        if tool is not None or known is not None or job.nose is not None:
+            gain = float(rest.get("gain", 1.0))
+            program = job.compensated(path, tool=tool, follow_up=known, gain=gain)
+        history = getattr(log, "history", ())
+        return JobResult(
+            plan,
+            prediction,
+            rest.get("measured"),
+            program,
+            path,
+            _allowed(job, plan),
+            history,
+            doubts,
+        )
 
 
 def _nose(rest: Mapping[str, Any]) -> Any:
@@ -299,97 +466,3 @@ def _turns_per_minute(value: Any) -> float:
     if not np.isfinite(turns):
         raise DataError(f"rpm = {value!r} is no number of turns per minute; give rpm = 20")
     return turns
-
-
-PROCESSES: Mapping[str, Method] = {
-    "tool_setting": Method(
-        "errors of the tool setting (dx, dy, nose radius) that explain a turned part",
-        "maps",
-        ("map",),
-        {
-            **OP,
-            "form": Field("text", required=True),
-            "free": Field("texts"),
-            "nose_radius": Field("size"),
-            "centre": Field("lengths"),
-            "region": Field("lengths"),
-            "noise": Field("size"),
-        },
-        _tool_setting,
-    ),
-    "follow_up": Method(
-        "follow-up error of an axis from its log, and what it depends on",
-        "table",
-        (),
-        {
-            **OP,
-            "terms": Field("texts"),
-            "delay": Field("time"),
-            "estimate_delay": Field("flag"),
-            "window": Field("integer"),
-            "error_sign": Field("text", choices=("actual-command", "command-actual")),
-            "spiral": Field("lengths"),
-            "rpm": Field("any"),
-        },
-        _follow_up,
-        roles={
-            "time": "time",
-            "command": "length?",
-            "actual": "length?",
-            "error": "length?",
-            "rho": "length?",
-            "theta": "angle?",
-        },
-    ),
-    "flexure_calibration": Method(
-        "displacement of a flexure stage over its voltage: sensitivity, hysteresis, inverse",
-        "table",
-        (),
-        {
-            **OP,
-            "line": Field("text", choices=("least-squares", "end-point")),
-            "resolution": Field("uncertainty"),
-        },
-        _flexure,
-        roles={"voltage": "any", "displacement": "length", "time": "time?"},
-    ),
-    "predict": Method(
-        "form error of a turned freeform before it is cut, cause by cause",
-        "nothing",
-        (),
-        {
-            **OP,
-            "form": Field("text", required=True),
-            "radius": Field("size", required=True),
-            "feed": Field("size", required=True),
-            "rpm": Field("any", required=True),
-            "block_time": Field("time"),
-            "core": Field("size"),
-            "sense": Field("text", choices=("counterclockwise", "clockwise")),
-            "tolerance": Field("size"),
-            "angle_step": Field("angle"),
-            "length_step": Field("size"),
-            "distribution": Field("text", choices=("CA", "CAL")),
-            "interpolation": Field("text", choices=("linear", "spline")),
-            "lead_in": Field("integer"),
-            "dx": Field("length"),
-            "dy": Field("length"),
-            "dR": Field("length"),
-            "u_dx": Field("uncertainty"),
-            "u_dy": Field("uncertainty"),
-            "u_dR": Field("uncertainty"),
-            "nose_radius": Field("size"),
-            "rake": Field("angle"),
-            "window": Field("angle"),
-            "follow_up": Field("file"),
-            "log_time": Field("text"),
-            "log_command": Field("text"),
-            "log_actual": Field("text"),
-            "follow_up_pv": Field("uncertainty"),
-            "gain": Field("number"),
-            "removed": Field("text"),
-            "measured": Field("uncertainty"),
-        },
-        _predict,
-    ),
-}

@@ -3,33 +3,59 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.inputs import RoleColumns
-from metrosep.recipe.method import OP, Method
-from metrosep.recipe.schema import Field
+from metrosep.core.methods import Method
+from metrosep.core.options import Option
 
-__all__ = ["QUALITY"]
+__all__ = []
 
 
-def _gauge(data: RoleColumns, options: Mapping[str, Any]) -> Any:
-    from metrosep.parameters import gauge_study
+class GaugeStudied(Method):
+    """`gauge_study` by its name."""
 
-    values = data.values
-    parts = values["part"]
-    n = np.asarray(parts).size
-    conditions = values.get("condition", np.full(n, "all"))
-    readings = _cells(parts, conditions, values["value"])
-    return gauge_study(
-        readings,
-        unit=data.units.get("value", "m"),
-        name=data.columns["value"][0],
-        **options,
+    name: ClassVar[str] = "gauge_study"
+    what: ClassVar[str] = (
+        "repeatability and reproducibility of a measuring process (analysis of variance)"
     )
+    reads: ClassVar = "table"
+    roles: ClassVar[Mapping[str, str]] = {
+        "part": "label",
+        "condition": "label?",
+        "value": "position",
+    }
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "tolerance": Option("limit", help="width of the tolerance that the process must judge"),
+        "pool": Option(
+            "number",
+            help="significance above which the interaction is pooled with the repeatability",
+        ),
+        "coverage": Option(
+            "number", help="standard deviations that the spread of the process counts"
+        ),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> Any:
+        """Return what the step makes."""
+        from metrosep.parameters import gauge_study
+
+        values = data.values
+        parts = values["part"]
+        n = np.asarray(parts).size
+        conditions = values.get("condition", np.full(n, "all"))
+        readings = _cells(parts, conditions, values["value"])
+        return gauge_study(
+            readings,
+            unit=data.units.get("value", "m"),
+            name=data.columns["value"][0],
+            **options,
+        )
 
 
 def _cells(
@@ -58,37 +84,25 @@ def _cells(
     return np.array([[rows[p, c] for c in second] for p in first], dtype=np.float64)
 
 
-def _series(data: RoleColumns, options: Mapping[str, Any]) -> Any:
-    from metrosep.parameters import part_series
+class SeriesOfParts(Method):
+    """`part_series` by its name."""
 
-    names = data.columns["terms"]
-    if len(set(names)) != len(names):
-        raise DataError(f"a term is named twice in {', '.join(names)}; give each its own name")
-    table = dict(zip(names, np.atleast_2d(data.values["terms"]), strict=True))
-    unit = data.units.get("terms", "m")
-    return part_series(table, units=dict.fromkeys(names, unit), **options)
+    name: ClassVar[str] = "part_series"
+    what: ClassVar[str] = "drift and correlation of terms over a series of parts, control limits"
+    reads: ClassVar = "table"
+    roles: ClassVar[Mapping[str, str]] = {"terms": "position*"}
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "rate": Option("number", help="accepted share of false findings among the pairs of terms"),
+    }
 
+    @classmethod
+    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> Any:
+        """Return what the step makes."""
+        from metrosep.parameters import part_series
 
-QUALITY: Mapping[str, Method] = {
-    "gauge_study": Method(
-        "repeatability and reproducibility of a measuring process (analysis of variance)",
-        "table",
-        (),
-        {
-            **OP,
-            "tolerance": Field("limit"),
-            "pool": Field("number"),
-            "coverage": Field("number"),
-        },
-        _gauge,
-        roles={"part": "label", "condition": "label?", "value": "position"},
-    ),
-    "part_series": Method(
-        "drift and correlation of terms over a series of parts, control limits",
-        "table",
-        (),
-        {**OP, "rate": Field("number")},
-        _series,
-        roles={"terms": "position*"},
-    ),
-}
+        names = data.columns["terms"]
+        if len(set(names)) != len(names):
+            raise DataError(f"a term is named twice in {', '.join(names)}; give each its own name")
+        table = dict(zip(names, np.atleast_2d(data.values["terms"]), strict=True))
+        unit = data.units.get("terms", "m")
+        return part_series(table, units=dict.fromkeys(names, unit), **options)

@@ -3,34 +3,53 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from metrosep.core.errors import NotSeparableError
+from metrosep.core.methods import Method
+from metrosep.core.options import Option
 from metrosep.core.quantity import Quantity
 from metrosep.recipe.charts import plain
 from metrosep.recipe.description import Description, quantity
-from metrosep.recipe.method import OP, Method, toolbox
-from metrosep.recipe.schema import Field
 
 if TYPE_CHECKING:
     from metrosep.core.inputs import RoleColumns
     from metrosep.separation.runs.base import ErrorEstimate
 
-__all__ = ["PLAN", "PLANS", "feed_plan_of", "plan_after", "plan_document"]
+__all__ = ["PLAN", "PlanFromDensity", "feed_plan_of", "plan_after", "plan_document"]
 
 PLAN = {
-    **OP,
-    "v_min": Field("speed", required=True),
-    "v_max": Field("speed", required=True),
-    "n_runs": Field("integer", required=True),
-    "wavelengths": Field("range", required=True),
-    "length": Field("size"),
-    "settle_distance": Field("uncertainty"),
-    "max_time": Field("time"),
-    "min_ratio": Field("number"),
-    "fixed": Field("speeds"),
+    "op": Option("text", required=True),
+    "v_min": Option(
+        "speed", required=True, help="slowest feedrate of the machine that may be planned"
+    ),
+    "v_max": Option(
+        "speed", required=True, help="fastest feedrate of the machine that may be planned"
+    ),
+    "n_runs": Option(
+        "integer", required=True, help="number of runs to plan, beside those already done"
+    ),
+    "wavelengths": Option(
+        "range", required=True, help="shortest and longest wavelength that must become well known"
+    ),
+    "length": Option("size", help="travel of each run; that of the separated runs if left out"),
+    "settle_distance": Option(
+        "uncertainty",
+        help="part of the travel that is lost while the axis settles",
+        default="0 mm",
+    ),
+    "max_time": Option(
+        "time", help="most time that all new runs together may take; no limit if left out"
+    ),
+    "min_ratio": Option(
+        "number", help="two feedrates are equal or at least this ratio apart", default=1.1
+    ),
+    "fixed": Option(
+        "speeds",
+        help="feedrates of runs that were already done, separated by commas; none if left out",
+    ),
 }
 
 
@@ -69,7 +88,9 @@ def _planned(density: Any, options: Mapping[str, Any]) -> Any:
     else:
         waves = np.array(waves)
     required = [rest.pop(k) for k in ("v_min", "v_max", "n_runs")]
-    return toolbox("plan_feedrates")(density, waves, *required, **rest)
+    from metrosep.separation import plan_feedrates
+
+    return plan_feedrates(density, waves, *required, **rest)
 
 
 def feed_plan_of(produced: Any, inputs: Any = None) -> Description:
@@ -122,19 +143,18 @@ def plan_document(plan: Any) -> dict[str, Any]:
     }
 
 
-def _from_density(data: RoleColumns, options: Mapping[str, Any]) -> Any:
-    values = data.values
-    table = {"frequency_hz": values["frequency"], "psd_nm2_per_hz": values["psd"]}
-    return _planned(table, options)
+class PlanFromDensity(Method):
+    """`plan_feedrates` from a table, by a name of its own."""
 
+    name: ClassVar[str] = "plan_from_density"
+    what: ClassVar[str] = "feedrates of a set of runs from a density over time in nm^2/Hz"
+    reads: ClassVar = "table"
+    roles: ClassVar[Mapping[str, str]] = {"frequency": "frequency", "psd": "any"}
+    arguments: ClassVar[Mapping[str, Option]] = {k: v for k, v in PLAN.items() if k != "op"}
 
-PLANS: Mapping[str, Method] = {
-    "plan_from_density": Method(
-        "feedrates of a set of runs from a density over time in nm^2/Hz",
-        "table",
-        (),
-        PLAN,
-        _from_density,
-        roles={"frequency": "frequency", "psd": "any"},
-    ),
-}
+    @classmethod
+    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> Any:
+        """Return the plan for the density of a table."""
+        values = data.values
+        table = {"frequency_hz": values["frequency"], "psd_nm2_per_hz": values["psd"]}
+        return _planned(table, options)

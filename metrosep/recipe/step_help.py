@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from metrosep.core.options import KINDS
-from metrosep.core.readable import readable_text
+from metrosep.core.readable import readable_text, typed_number
 from metrosep.core.text_options import TEXT_OPTIONS
-from metrosep.recipe.key_values import DIMENSIONS, placeholder, typed_number
+from metrosep.recipe.key_values import DIMENSIONS, placeholder
 from metrosep.recipe.schema import Field
 from metrosep.recipe.steps import ALL_STEPS
 

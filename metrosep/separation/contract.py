@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "U_READING", "NamedMethod", "Separation", "SeparationMethod", "Unobservable", "as_rows",
-    "over_turn", "suppressed_harmonics",
+    "over_line", "over_turn", "suppressed_harmonics",
 ]  # fmt: skip
 
 _COORDINATE_UNITS = {"angle": "rad", "time": "s"}
@@ -353,6 +353,13 @@ def over_turn(data: Readings) -> None:
             'the angle of each sample is needed: name its column, angle = "angle_deg"'
         )
     require_turn(data.position)
+
+
+def over_line(data: Readings) -> FloatArray:
+    """Return the positions of readings, which must be there."""
+    if data.position is None:
+        raise FormatMismatchError('positions are needed: name their column, x = "x_mm"')
+    return data.position
 
 
 def as_rows(values: Any) -> Any:

@@ -8,7 +8,7 @@ import pytest
 from metrosep.cli.main import main
 from metrosep.core.errors import InvalidSamplesError
 from metrosep.core.inputs import RoleColumns
-from metrosep.recipe.methods import METHODS, as_positions, with_values
+from metrosep.separation.positions.positioning import as_positions
 
 SAME = 1e-12  # m: what the sum of target and deviation rounds
 RUNS = 5
@@ -17,14 +17,7 @@ LEAD, LOST = 2e-5, 4e-6  # 20 um/m too long; backward reads 4 um higher
 
 
 @pytest.fixture
-def wired(monkeypatch):
-    for name in ("iso230_2", "iso230_6_diagonals"):
-        if "values" not in METHODS[name].fields:
-            monkeypatch.setitem(METHODS, name, with_values(METHODS[name]))
-
-
-@pytest.fixture
-def metrosep(capsys, wired):
+def metrosep(capsys):
     def call(*words):
         with pytest.raises(SystemExit) as stop:
             main([str(w) for w in words])

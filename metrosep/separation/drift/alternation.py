@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, as_float
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
+from metrosep.core.inputs import Readings
+from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.separation._readings import (
@@ -265,6 +267,22 @@ _LEVEL = "the zero of drift and reading is arbitrary: only differences are free 
 _CURVED = "drift that is not linear within a sequence reaches the difference: see quadratic_gain"
 
 
+def in_time(data: Readings) -> tuple[FloatArray, FloatArray | None]:
+    """Return readings in the order of time, and times where there is a column of them.
+
+    A column of time means that the rows follow each other in time, one number each; without it
+    the columns do, each a curve over x.
+    """
+    if "time" not in data.extra:
+        return data.values[:, 0], None
+    if len(data.values) != 1 or data.values.shape[1] != 1:
+        raise InvalidSamplesError(
+            f"with a column of time there is one column of readings, got {len(data.values)}; for "
+            'curves leave time out and give times = ["0 s", ...] in the step'
+        )
+    return data.values[0, 0], data.extra["time"][0]
+
+
 @dataclass(frozen=True, slots=True)
 class AbbaDrift(SeparationMethod):
     """Sequences A-B-B-A of readings; each reading a number, a profile or a map.
@@ -295,12 +313,30 @@ class AbbaDrift(SeparationMethod):
     """
 
     n_sequences: int = 1
-    order: Literal["ABBA", "BAAB"] = "ABBA"
+    order: Literal["ABBA", "BAAB"] = option(
+        "ABBA", kind="text", choices=("ABBA", "BAAB"), help="order in which A and B were measured"
+    )
     t: tuple[float, ...] | None = None
 
     name: ClassVar[str] = "abba"
+    what: ClassVar[str] = (
+        "A minus B without drift; rows (with time) or columns in the order A B B A"
+    )
+    roles: ClassVar[Mapping[str, str]] = {"time": "time?"}
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "times": Option("times", help="of the columns; equal steps if left out"),
+        "sd": Option("uncertainty", help="standard deviation of one reading"),
+    }
     truth_parts: ClassVar[tuple[str, ...]] = ("difference",)
     error_parts: ClassVar[tuple[str, ...]] = ("drift_rate",)
+
+    @classmethod
+    def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> DriftFreeDifference:
+        """Return A minus B of rows or columns that follow each other in time."""
+        rest = dict(options)
+        readings, t = in_time(data)
+        times = rest.pop("times", None)
+        return abba(readings, t=times if t is None else t, **rest)
 
     def __post_init__(self) -> None:
         object.__setattr__(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,9 +17,12 @@ from metrosep.core.errors import (
     InvalidSamplesError,
     TooFewSamplesError,
 )
+from metrosep.core.inputs import RoleColumns
+from metrosep.core.options import Option
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.separation._readings import checked_number, plain, reduced
+from metrosep.separation.contract import NamedMethod
 
 __all__ = ["Dependence", "allan_deviation", "drift_against_temperature", "speed_dependence"]
 
@@ -402,6 +405,40 @@ def _result(
 
 
 # ---- allan deviation: how long averaging pays before drift takes over --------------------------
+
+
+_CONFIDENCE = Option("number", help="of the intervals, 0.95 is 95 %")
+
+
+class OverSpeed(NamedMethod):
+    """`speed_dependence` by its name."""
+
+    name: ClassVar[str] = "speed_dependence"
+    what: ClassVar[str] = "how an amplitude of error motion grows with speed"
+    reads: ClassVar = "table"
+    roles: ClassVar[Mapping[str, str]] = {"speed": "any", "amplitude": "length", "u": "length?"}
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "powers": Option("integers", help="of the speed: 0,2 is a constant and unbalance"),
+        "confidence": _CONFIDENCE,
+    }
+
+    @classmethod
+    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> Dependence:
+        """Return the fit of the column of values over the first one."""
+        variable, values = (data.values[role] for role in list(cls.roles)[:2])
+        made = speed_dependence if cls is OverSpeed else drift_against_temperature
+        return made(variable, values, u=data.values.get("u"), **options)
+
+
+class OverTemperature(OverSpeed):
+    """`drift_against_temperature` by its name."""
+
+    name: ClassVar[str] = "drift_against_temperature"
+    what: ClassVar[str] = "how a displacement follows a temperature"
+    roles: ClassVar[Mapping[str, str]] = {
+        "temperature": "any", "displacement": "length", "u": "length?",
+    }  # fmt: skip
+    arguments: ClassVar[Mapping[str, Option]] = {"confidence": _CONFIDENCE}
 
 
 def allan_deviation(

@@ -15,7 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, frozen_float
-from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.errors import (
+    DataError,
+    FormatMismatchError,
+    InvalidSamplesError,
+    TooFewSamplesError,
+)
+from metrosep.core.inputs import Readings, RoleColumns
+from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
@@ -30,8 +37,8 @@ from metrosep.separation._readings import (
     reduced,
     stated_u,
 )
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
-from metrosep.separation.drift.alternation import DriftFreeDifference, abba
+from metrosep.separation.contract import NamedMethod, Separation, SeparationMethod, Unobservable
+from metrosep.separation.drift.alternation import DriftFreeDifference, abba, in_time
 from metrosep.separation.drift.dependence import allan_deviation
 from metrosep.separation.runs.joint_method import JointDrift, joint_drift
 
@@ -365,6 +372,38 @@ def _worst(
     return found
 
 
+class DriftOfChannels(NamedMethod):
+    """`iso230_3_drift` by its name."""
+
+    name: ClassVar[str] = "iso230_3_drift"
+    what: ClassVar[str] = "thermal drift of several channels over windows of time, ISO 230-3"
+    reads: ClassVar = "table"
+    roles: ClassVar[Mapping[str, str]] = {"time": "time", "readings": "length*"}
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "kind": Option(
+            "text",
+            choices=("environment", "spindle", "axis"),
+            help="which test of ISO 230-3 it is",
+        ),
+        "windows": Option(
+            "windows", help="in which the drift is judged; those of the test if left out"
+        ),
+        "span": Option("time", help="length of a window that is moved over the test"),
+        "sd": Option("uncertainty", help="standard deviation of one reading"),
+        "names": Option("texts", help="of the channels; those of the columns if left out"),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> DriftTest:
+        """Return the drift of the columns of readings."""
+        rest = dict(options)
+        names = rest.pop("names", None) or data.columns["readings"]
+        columns = data.values["readings"]
+        if len(names) != len(columns):
+            raise DataError(f"{len(names)} names for {len(columns)} readings; give one for each")
+        return iso230_3_drift(data.values["time"], dict(zip(names, columns, strict=True)), **rest)
+
+
 def largest_range(times: FloatArray, z: FloatArray, span: float) -> float:
     """Return the largest range within any window of a length."""
     from collections import deque
@@ -466,13 +505,40 @@ class DriftFit(SeparationMethod):
 
     t: tuple[float, ...]
     labels: tuple[str, ...]
-    degree: int = 1
-    n_pieces: int | None = None
-    reference: float | None = None
+    degree: int = option(1, kind="integer", help="of the polynomial in time that the drift is")
+    n_pieces: int | None = option(
+        None, kind="integer", help="pieces of a broken line in place of a polynomial"
+    )
+    reference: float | None = option(
+        None, kind="time", help="time at which the drift is zero; the first one if left out"
+    )
 
     name: ClassVar[str] = "joint_drift"
+    what: ClassVar[str] = "repeated quantities and the drift between them, from one fit over time"
+    roles: ClassVar[Mapping[str, str]] = {"time": "time?", "label": "label?"}
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "times": Option("times", help="of the columns, where they follow each other in time"),
+        "labels": Option("texts", help="what was measured each time; one quantity if left out"),
+        "sd": Option("uncertainty", help="standard deviation of one reading"),
+    }
     truth_parts: ClassVar[tuple[str, ...]] = ("values",)
     error_parts: ClassVar[tuple[str, ...]] = ("drift",)
+
+    @classmethod
+    def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> JointDrift:
+        """Return the quantities and the drift of rows or columns that follow each other in time."""
+        rest = dict(options)
+        readings, t = in_time(data)
+        times, labels = rest.pop("times", None), rest.pop("labels", None)
+        t = times if t is None else t
+        if t is None:
+            raise FormatMismatchError(
+                'times are needed: time = "t_s" in [input] where rows follow each other in time, or '
+                'times = ["0 s", "30 s"] in the step where columns do'
+            )
+        if "label" in data.extra:
+            labels = data.extra["label"][0].tolist()
+        return joint_drift(t, readings, labels, **rest)
 
     def __post_init__(self) -> None:
         self._fit(np.zeros((len(self.t), 1)), None)

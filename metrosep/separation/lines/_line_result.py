@@ -6,6 +6,7 @@ Noise, zero, null space, audit, messages; readings that known parts produce.
 from __future__ import annotations
 
 import math
+import sys
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
@@ -15,14 +16,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, NotSeparableError, UnitError
+from metrosep.core.errors import DataError, FormatMismatchError, NotSeparableError, UnitError
+from metrosep.core.inputs import Readings
 from metrosep.core.numbers import not_negative
+from metrosep.core.options import Option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
 from metrosep.separation._methods import Parts, as_stated, not_known, type_a
 from metrosep.separation._readings import NOISE_UNKNOWN, checked_readings, known_parts
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import (
+    U_READING,
+    Separation,
+    SeparationMethod,
+    Unobservable,
+    as_rows,
+)
 from metrosep.separation.lines._line_found import Found, solve
 from metrosep.separation.lines._line_probes import Row, interpolation, positions
 from metrosep.separation.lines._line_problem import (
@@ -40,9 +49,38 @@ from metrosep.separation.lines._line_problem import (
     transfer_of,
 )
 
+STEP = "between the positions of the carriage, and between the samples of the form"
+SMOOTHING = "weight of the penalty of generalised and combined"
+
 
 class ProbeRowMethod(SeparationMethod):
     """Probes in a row on one carriage; derived classes say where they sit."""
+
+    over: ClassVar = "x"
+    roles: ClassVar[Mapping[str, str]] = {"pitch": "angle?"}
+    arguments: ClassVar[Mapping[str, Option]] = {
+        **U_READING,
+        "u_pitch": Option("angle", help="standard uncertainty of one reading of the pitch"),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> Separation:
+        """Return the parts of probes on one carriage, with or without an angle sensor."""
+        if data.position is None and "step" not in options:
+            raise FormatMismatchError(
+                'the positions of the carriage are needed: x = "x_mm" in [input], or step = "10 mm"'
+            )
+        rest = dict(options)
+        if data.position is not None:
+            rest["x"] = data.position
+        if "pitch" in data.extra:
+            rest["pitch"] = data.extra["pitch"].mean(axis=0)
+        if isinstance(rest.get("distance"), tuple):
+            rest["distance"] = one_or_two(rest["distance"])
+        found: Separation = getattr(sys.modules[cls.__module__], cls.name)(
+            as_rows(data.values), **rest
+        )
+        return found
 
     method: str
     smoothing: float
@@ -494,3 +532,13 @@ def null_space_messages(
     if lost > found.n_unread:
         out.append(f"{lost - found.n_unread} samples are not connected with the rest and left NaN")
     return out
+
+
+def one_or_two(given: tuple[float, ...]) -> float | tuple[float, ...]:
+    """Return the distance of three probes, or both where they differ."""
+    if len(given) not in (1, 2) or min(given) <= 0.0:
+        raise DataError(
+            "three probes have one distance, or two that differ, above zero; got "
+            + ", ".join(f"{d * 1e3:g} mm" for d in given)
+        )
+    return given[0] if len(given) == 1 else given

@@ -16,7 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.inputs import Readings
 from metrosep.core.numbers import choice, count, not_negative
+from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
@@ -34,7 +36,12 @@ from metrosep.separation._readings import (
     plain,
     unit_message,
 )
-from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.contract import (
+    NamedMethod,
+    Separation,
+    Unobservable,
+    over_line,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -346,6 +353,51 @@ def _messages(
 
 _LINE = "offset and slope are how the reference lies; measure the alignment otherwise"
 _FORM = "the form of the reference reads like the axis: reverse it (straightedge_reversal)"
+
+
+class StraightnessTest(NamedMethod):
+    """`straightness_iso230_1` by its name."""
+
+    name: ClassVar[str] = "straightness_iso230_1"
+    what: ClassVar[str] = "straightness of a motion from three reference lines, ISO 230-1"
+    readings: ClassVar[tuple[str, ...]] = ("deviation",)
+    over: ClassVar = "x"
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "reference": Option(
+            "text",
+            choices=("MZ", "LS", "EP"),
+            help="line that is judged: minimum zone, least squares, end points",
+        ),
+        "sd": Option(
+            "uncertainty",
+            help="standard deviation of one reading; of several repeats from their scatter",
+        ),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> MotionStraightness:
+        """Return the straightness of one reading over x; the scatter of repeats gives the sd of the mean.
+
+        A run that lies higher or askew adds a line to the mean, and lines are no straightness: the
+        scatter is that about a line of its own for each run.
+        """
+        x, repeats = over_line(data), data.values[0]
+        if len(data.values) != 1:
+            raise InvalidSamplesError(
+                f"one reading over x is needed, got {len(data.values)} ({', '.join(data.names)})"
+            )
+        rest, mean = dict(options), repeats[0]
+        if len(repeats) > 1:
+            mean = repeats.mean(axis=0)
+            common = np.isfinite(mean)
+            freedom = (len(repeats) - 1) * (int(common.sum()) - 2)
+            if freedom > 0:
+                line = np.vander(x[common] - x[common].mean(), 2)
+                left = (repeats - mean)[:, common].T
+                left = left - line @ np.linalg.lstsq(line, left, rcond=None)[0]
+                scatter = float(np.sum(left**2)) / freedom
+                rest.setdefault("sd", math.sqrt(scatter / len(repeats)))
+        return straightness_iso230_1(x, mean, **rest)
 
 
 @dataclass(frozen=True, slots=True)

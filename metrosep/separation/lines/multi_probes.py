@@ -17,12 +17,13 @@ from numpy.typing import ArrayLike
 
 from metrosep.core.errors import DataError
 from metrosep.core.numbers import flag, positive
+from metrosep.core.options import option
 from metrosep.core.profile import Profile
 from metrosep.separation._methods import described_by, settle
 from metrosep.separation.contract import Separation
 from metrosep.separation.lines._line_probes import Row, checked_row
 from metrosep.separation.lines._line_problem import given_readings, method_named
-from metrosep.separation.lines._line_result import ProbeRowMethod
+from metrosep.separation.lines._line_result import STEP, ProbeRowMethod
 
 __all__ = ["MultiProbe", "multi_probe_straightness"]
 
@@ -57,13 +58,23 @@ class MultiProbe(ProbeRowMethod):
         If the offsets do not rise or the method is unknown.
     """
 
-    offsets: tuple[float, ...]
-    step: float
-    method: str = "least_squares"
-    zeros_known: bool = False
-    smoothing: float = 1e-3
+    offsets: tuple[float, ...] = option(
+        kind="lengths", help="of the probes on the carriage, rising, in the order of the readings"
+    )
+    step: float = option(kind="size", required=False, help=STEP)
+    method: str = option(
+        "least_squares",
+        kind="text",
+        choices=("least_squares", "generalised"),
+        help="generalised adds a penalty on third differences",
+    )
+    zeros_known: bool = option(
+        False, kind="flag", help="true: the probes were adjusted to one line"
+    )
+    smoothing: float = option(1e-3, kind="number", help="weight of the penalty of generalised")
 
     name: ClassVar[str] = "multi_probe_straightness"
+    what: ClassVar[str] = "straightedge and slide from probes at any offsets on the carriage"
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("straightness", "pitch")
     _normed: ClassVar[bool] = True

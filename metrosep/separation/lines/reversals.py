@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.numbers import not_negative
+from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.separation._methods import History, Parts, RecordedMethod, described_by
@@ -34,7 +35,7 @@ from metrosep.separation._readings import (
     unit_message,
     without_basis,
 )
-from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.contract import U_READING, Separation, Unobservable
 
 __all__ = ["StraightedgeReversal", "straightedge_reversal"]
 
@@ -127,10 +128,18 @@ class StraightedgeReversal(ReversedPair):
         Positions in m; equal steps, of a length that does not matter, if omitted.
     """
 
-    u_registration: float = 0.0
+    u_registration: float = option(
+        0.0,
+        kind="uncertainty",
+        help="standard uncertainty of the position of the edge in the second set-up",
+    )
     x: tuple[float, ...] | None = None
 
     name: ClassVar[str] = "straightedge_reversal"
+    what: ClassVar[str] = "form of a straightedge and straightness of a slide, by reversal"
+    readings: ClassVar[tuple[str, ...]] = ("m1", "m2")
+    over: ClassVar = "x"
+    arguments: ClassVar[Mapping[str, Option]] = U_READING
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("machine",)
 

@@ -7,8 +7,9 @@ its uncertainty is exact for white noise of the slopes: a random walk along the 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +22,9 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
+from metrosep.core.inputs import Readings
 from metrosep.core.numbers import flag, not_negative, positive
+from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
@@ -36,7 +39,7 @@ from metrosep.separation._methods import (
     type_a,
 )
 from metrosep.separation._readings import as_numbers, known_parts, line_basis
-from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.contract import Separation, Unobservable, over_line
 from metrosep.separation.lines._line_problem import longest_run, method_named
 
 __all__ = ["SlopeIntegration", "integrate_slopes", "slope_transfer"]
@@ -100,13 +103,32 @@ class SlopeIntegration(RecordedMethod):
     """
 
     x: tuple[float, ...]
-    method: str = "spline"
-    zero_known: bool = False
+    method: str = option(
+        "spline",
+        kind="text",
+        choices=("spline", "trapezoid", "simpson", "fourier", "feet"),
+        help="how the slopes are integrated",
+    )
+    zero_known: bool = option(
+        False, kind="flag", help="true: the zero of the slope is known, and so is the line"
+    )
 
     name: ClassVar[str] = "integrate_slopes"
+    what: ClassVar[str] = "heights of a surface from slopes; each column a pass"
+    over: ClassVar = "x"
+    dimension: ClassVar = "angle"
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "u_slope": Option("angle", help="standard uncertainty of one reading")
+    }
     truth_parts: ClassVar[tuple[str, ...]] = ("height",)
     error_parts: ClassVar[tuple[str, ...]] = ("zero",)
-    dimension: ClassVar = "angle"
+
+    @classmethod
+    def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> Any:
+        """Return the heights; columns and their repeats are passes."""
+        passes = data.values.reshape(-1, data.values.shape[-1])
+        slopes = passes[0] if len(passes) == 1 else passes
+        return integrate_slopes(slopes, over_line(data), **options)
 
     def __post_init__(self) -> None:
         method = method_named(self.method, RULES, self.name)

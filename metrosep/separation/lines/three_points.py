@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core.errors import DataError
 from metrosep.core.numbers import not_negative, positive, real
+from metrosep.core.options import option
 from metrosep.core.profile import Profile
 from metrosep.separation._methods import described_by, settle
 from metrosep.separation.contract import Separation
@@ -27,7 +28,7 @@ from metrosep.separation.lines._line_problem import (
     method_named,
     split_call,
 )
-from metrosep.separation.lines._line_result import ProbeRowMethod
+from metrosep.separation.lines._line_result import SMOOTHING, STEP, ProbeRowMethod
 from metrosep.separation.lines.zero_adjustment import ZeroCalibration
 
 __all__ = ["ThreePoint", "TwoPoint", "three_point", "two_point", "zero_error_sag"]
@@ -106,14 +107,27 @@ class ThreePoint(ProbeRowMethod):
         distances, or the zero is not usable.
     """
 
-    distance: float | tuple[float, float]
-    step: float
-    method: str = "sequential"
-    zero: float | None = None
-    u_zero: float = 0.0
-    smoothing: float = 1e-3
+    distance: float | tuple[float, float] = option(
+        kind="lengths", help="between neighbouring probes, two values where they differ"
+    )
+    step: float = option(kind="size", required=False, help=STEP)
+    method: str = option(
+        "sequential",
+        kind="text",
+        choices=METHODS,
+        help="sequential sums along chains of samples, the others fit a curve; combined does both",
+    )
+    zero: float | None = option(
+        None, kind="length", help="zero difference e1 - 2 e2 + e3 of the probes, where it is known"
+    )
+    u_zero: float = option(0.0, kind="uncertainty", help="standard uncertainty of zero")
+    smoothing: float = option(1e-3, kind="number", help=SMOOTHING)
 
     name: ClassVar[str] = "three_point"
+    what: ClassVar[str] = (
+        "form of a straightedge and straightness of a slide, from three probes on the carriage"
+    )
+    readings: ClassVar[tuple[str, ...]] = ("trailing", "middle", "leading")
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("straightness", "pitch", "zero")
     _probe_names: ClassVar[tuple[str, ...]] = ("trailing probe", "middle probe", "leading probe")
@@ -274,12 +288,21 @@ class TwoPoint(ProbeRowMethod):
         distance that is no multiple of the step.
     """
 
-    distance: float
-    step: float
-    method: str = "sequential"
-    smoothing: float = 1e-3
+    distance: float = option(kind="size", help="from the trailing to the leading probe")
+    step: float = option(kind="size", required=False, help=STEP)
+    method: str = option(
+        "sequential",
+        kind="text",
+        choices=METHODS,
+        help="sequential sums along chains of samples, the others fit a curve; combined does both",
+    )
+    smoothing: float = option(1e-3, kind="number", help=SMOOTHING)
 
     name: ClassVar[str] = "two_point"
+    what: ClassVar[str] = (
+        "form of a straightedge and straightness of a slide, from two probes on the carriage"
+    )
+    readings: ClassVar[tuple[str, ...]] = ("trailing", "leading")
     truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
     error_parts: ClassVar[tuple[str, ...]] = ("straightness", "pitch")
     _probe_names: ClassVar[tuple[str, ...]] = ("trailing probe", "leading probe")

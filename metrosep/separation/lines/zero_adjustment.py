@@ -15,13 +15,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, as_float
-from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.inputs import Readings
 from metrosep.core.numbers import flag, not_negative
+from metrosep.core.options import Option
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.separation._methods import History, Parts, RecordedMethod, as_stated, settle, type_a
 from metrosep.separation._readings import checked_readings, known_parts
-from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.contract import (
+    U_READING,
+    NamedMethod,
+    Separation,
+    Unobservable,
+    as_rows,
+)
 from metrosep.separation.lines._line_problem import distances
 
 __all__ = ["ZeroAdjustment", "ZeroCalibration", "zero_calibration"]
@@ -202,6 +210,48 @@ def _weights(distance: float | tuple[float, float]) -> FloatArray:
     first, second = distances(distance)
     ratio = first / second
     return np.array([1.0, -(1.0 + ratio), ratio])
+
+
+class ZeroTest(NamedMethod):
+    """`zero_calibration` by its name: three probes over a flat, or before and after a reversal."""
+
+    name: ClassVar[str] = "zero_calibration"
+    what: ClassVar[str] = (
+        "zero difference of three probes, from a flat, a reversal or an angle sensor"
+    )
+    over: ClassVar = "x"
+    roles: ClassVar[Mapping[str, str]] = {"pitch": "angle?"}
+    arguments: ClassVar[Mapping[str, Option]] = {
+        **U_READING,
+        "distance": Option(
+            "lengths",
+            required=True,
+            help="between neighbouring probes, two values where they differ",
+        ),
+        "u_flat": Option("uncertainty", help="standard uncertainty of the bend of the flat"),
+        "step": Option("size", help="between the positions of the carriage"),
+        "u_pitch": Option("angle", help="standard uncertainty of one reading of the pitch"),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> ZeroCalibration:
+        """Return the zero difference; readings 4 to 6 are those of the reversed probes."""
+        from metrosep.separation.lines._line_result import one_or_two
+
+        rest = {**options, "distance": one_or_two(options["distance"])}
+        if "pitch" in data.extra:
+            rest["pitch"] = data.extra["pitch"].mean(axis=0)
+        readings = as_rows(data.values)
+        if len(readings) == 6:
+            rest["reversed_m"] = readings[3:]
+        elif len(readings) == 3 and "pitch" not in rest:
+            rest["flat"] = 0.0
+        elif len(readings) != 3:
+            raise InvalidSamplesError(
+                "3 readings over a flat are needed, or 6: 3 as they are and 3 reversed; got "
+                f"{len(readings)}"
+            )
+        return zero_calibration(readings[:3], **rest)
 
 
 def _differences(m: ArrayLike, weights: FloatArray) -> tuple[FloatArray, FloatArray]:

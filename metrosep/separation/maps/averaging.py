@@ -11,13 +11,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.numbers import positive
+from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.separation._methods import described_by
-from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.contract import (
+    U_READING,
+    NamedMethod,
+    Separation,
+    Unobservable,
+)
 from metrosep.separation.maps._map_input import (
     MapGrid,
     MapMethod,
@@ -149,6 +155,22 @@ def ball_average(
     )  # fmt: skip
 
 
+class BallTest(NamedMethod):
+    """`ball_average` by its name."""
+
+    name: ClassVar[str] = "ball_average"
+    what: ClassVar[str] = "error of an instrument from maps of many patches of a ball"
+    reads: ClassVar = "maps"
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "removed": Option(
+            "texts", help="terms that are set-up, not form: piston,tilt or piston,tilt,power"
+        ),
+        "correlated": Option(
+            "flag", help="true: neighbouring pixels of a patch are taken as correlated"
+        ),
+    }
+
+
 @dataclass(frozen=True, slots=True)
 class ThreePositions(MapMethod):
     """Sphere at the confocal position, turned by 180 degrees there, and at the cat's eye.
@@ -168,11 +190,29 @@ class ThreePositions(MapMethod):
 
     dx: float | None = None
     dy: float | None = None
-    removed: tuple[str, ...] = ("piston", "tilt", "power")
+    removed: tuple[str, ...] = option(
+        ("piston", "tilt", "power"),
+        kind="texts",
+        help="terms that are set-up, not form: piston,tilt or piston,tilt,power",
+    )
 
     name: ClassVar[str] = "three_positions"
+    what: ClassVar[str] = "form of a sphere and error of the interferometer from three positions"
+    reads: ClassVar = "maps"
+    readings: ClassVar[tuple[str, ...]] = ("confocal", "confocal_180", "cats_eye")
+    arguments: ClassVar[Mapping[str, Option]] = U_READING
     truth_parts: ClassVar[tuple[str, ...]] = ("part",)
     error_parts: ClassVar[tuple[str, ...]] = ("instrument", "diverger_odd")
+
+    @classmethod
+    def from_inputs(cls, data: Sequence[Any], options: Mapping[str, Any]) -> Separation:
+        """Return the parts of exactly three maps."""
+        if len(data) != 3:
+            raise TooFewSamplesError(
+                "three maps are needed (confocal, confocal turned by 180 degrees, cat's eye), got "
+                f"{len(data)}"
+            )
+        return three_positions(*data, **options)
 
     def __post_init__(self) -> None:
         checked_removed(self.removed)

@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, NotSeparableError
 from metrosep.core.numbers import choice, count, not_negative, positive
+from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.forms.zernike import ZernikeOrder
-from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.contract import U_READING, Separation, Unobservable
 from metrosep.separation.maps._flat_result import (
     FLATS,
     ODD_REASON,
@@ -101,24 +102,72 @@ class ThreeFlat(MapMethod):
         If the set-up turns or shifts nothing.
     """
 
-    angles: Sequence[float] = ()
-    pairs: str | Sequence[str] = "AB"
-    turned: Literal["first", "second"] = "first"
-    flip: Literal["x", "y"] = "x"
-    method: FlatMethod = "auto"
-    terms: int | tuple[int, ...] = 66
-    order: ZernikeOrder = "ansi"
+    angles: Sequence[float] = option(
+        (), kind="angles", help="turn of a flat in each reading after AB, AC, BC"
+    )
+    pairs: str | Sequence[str] = option(
+        "AB", kind="texts", help="flats of each of those readings: AB, AC, BC"
+    )
+    turned: Literal["first", "second"] = option(
+        "first", kind="text", choices=("first", "second"), help="which flat of the pair was turned"
+    )
+    flip: Literal["x", "y"] = option(
+        "x",
+        kind="text",
+        choices=("x", "y"),
+        help="coordinate that changes its sign in the second flat",
+    )
+    method: FlatMethod = option(
+        "auto",
+        kind="text",
+        choices=("auto", "pixel", "zernike", "iterative"),
+        help="how the flats are found; auto takes pixel where the turns allow it",
+    )
+    terms: int | tuple[int, ...] = option(
+        66, kind="integer", help="number of Zernike terms that are fitted"
+    )
+    order: ZernikeOrder = option(
+        "ansi", kind="text", choices=("ansi", "noll", "fringe"), help="of the Zernike terms"
+    )
     dx: float | None = None
     dy: float | None = None
     centre: tuple[float, float] | None = None
-    radius: float | None = None
-    removed: tuple[str, ...] = ("piston", "tilt")
-    u_registration: ArrayLike = 0.0
+    radius: float | None = option(
+        None, kind="size", help="of the Zernike terms; of what was measured if left out"
+    )
+    removed: tuple[str, ...] = option(
+        ("piston", "tilt"),
+        kind="texts",
+        help="terms that are set-up, not form: piston,tilt or piston,tilt,power",
+    )
+    u_registration: ArrayLike = option(
+        0.0, kind="uncertainty", help="standard uncertainty of the position of a map"
+    )
     largest_gain: float = 20.0
 
     name: ClassVar[str] = "three_flat"
+    what: ClassVar[str] = (
+        "absolute flatness of three flats; files AB, AC, BC, then those with a flat turned"
+    )
+    reads: ClassVar = "maps"
+    readings: ClassVar[tuple[str, ...]] = ("AB", "AC", "BC")
+    arguments: ClassVar[Mapping[str, Option]] = U_READING
     truth_parts: ClassVar[tuple[str, ...]] = FLATS
     error_parts: ClassVar[tuple[str, ...]] = ()
+
+    @classmethod
+    def from_inputs(cls, data: Sequence[Any], options: Mapping[str, Any]) -> Separation:
+        """Return the flats of maps AB, AC, BC and of those with a flat turned."""
+        from metrosep.separation.maps.flats import three_flat
+
+        rest, (ab, ac, bc, *turned) = dict(options), data
+        angles = rest.pop("angles", ())
+        if len(angles) != len(turned):
+            raise DataError(
+                f"{len(turned)} file(s) follow AB, AC, BC, but angles has {len(angles)}; give the "
+                'turn of each further reading: angles = ["90 deg"]'
+            )
+        return three_flat(ab, ac, bc, turned, angles, **rest)
 
     def __post_init__(self) -> None:
         n = int(np.size(np.asarray(self.angles, dtype=object)))

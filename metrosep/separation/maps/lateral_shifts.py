@@ -13,12 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, NotSeparableError
 from metrosep.core.numbers import count, not_negative, positive, real
+from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.forms.zernike import term_name
 from metrosep.forms.zernike_fit import zernike_values
 from metrosep.separation._methods import described_by
-from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.contract import U_READING, Separation, Unobservable
 from metrosep.separation.maps._flat_result import DiscBasis, zernike_terms_of
 from metrosep.separation.maps._map_input import (
     MapGrid,
@@ -76,9 +77,11 @@ class ShiftRotation(MapMethod):
         If the set-up turns or shifts nothing.
     """
 
-    angles: Sequence[float]
-    shifts: Sequence[tuple[float, float]]
-    terms: int = 28
+    angles: Sequence[float] = option(kind="angles", help="of the part in each map, in their order")
+    shifts: Sequence[tuple[float, float]] = option(
+        kind="places", help="of the part along x and y in each map"
+    )
+    terms: int = option(28, kind="integer", help="number of terms that are fitted")
     dx: float | None = None
     dy: float | None = None
     centre: tuple[float, float] | None = None
@@ -86,8 +89,24 @@ class ShiftRotation(MapMethod):
     largest_gain: float = 100.0
 
     name: ClassVar[str] = "shift_rotation"
+    what: ClassVar[str] = "part and instrument from maps of the part shifted and turned"
+    reads: ClassVar = "maps"
+    arguments: ClassVar[Mapping[str, Option]] = {
+        **U_READING,
+        "power": Option("length", help="sag of the part that is known, since no shift shows it"),
+        "u_power": Option("uncertainty", help="standard uncertainty of power"),
+    }
     truth_parts: ClassVar[tuple[str, ...]] = ("part",)
     error_parts: ClassVar[tuple[str, ...]] = ("instrument",)
+
+    @classmethod
+    def from_inputs(cls, data: Sequence[Any], options: Mapping[str, Any]) -> Separation:
+        """Return the parts of maps; a known power comes with its uncertainty."""
+        rest = dict(options)
+        u_power = rest.pop("u_power", 0.0)
+        if "power" in rest:
+            rest["power"] = (rest["power"], u_power)
+        return shift_rotation(list(data), **rest)
 
     def __post_init__(self) -> None:
         angles = checked_angles(self.angles, int(np.size(self.angles)), self.name)

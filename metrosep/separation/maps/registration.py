@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,8 +20,11 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
+from metrosep.core.inputs import RoleColumns
 from metrosep.core.numbers import not_negative, real
+from metrosep.core.options import Option
 from metrosep.core.surface import Surface
+from metrosep.separation.contract import U_READING, NamedMethod
 from metrosep.separation.maps._map_input import (
     MapGrid,
     checked_u,
@@ -161,6 +164,61 @@ def register_maps(
     messages = _warnings(stack, rms, form, p, grid, free)
     x, y, angle = (float(v) for v in end.p)
     return Registration(x, y, angle, cov, rms, grid.centre, messages, MappingProxyType(audit))
+
+
+class MapsRegistered(NamedMethod):
+    """`register_maps` by its name."""
+
+    name: ClassVar[str] = "register_maps"
+    what: ClassVar[str] = "shift and turn of a second map against a first one of the same surface"
+    reads: ClassVar = "maps"
+    readings: ClassVar[tuple[str, ...]] = ("fixed", "moved")
+    arguments: ClassVar[Mapping[str, Option]] = {
+        **U_READING,
+        "shift_x": Option("length", help="where the search begins along x"),
+        "shift_y": Option("length", help="where the search begins along y"),
+        "angle": Option("angle", help="where the search begins"),
+        "rotation": Option("flag", help="false: the maps are shifted only"),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: Sequence[Any], options: Mapping[str, Any]) -> Registration:
+        """Return shift and turn of two maps."""
+        if len(data) != 2:
+            raise TooFewSamplesError(f"two maps are registered, got {len(data)} files")
+        rest = dict(options)
+        x, y, angle = (rest.pop(key, 0.0) for key in ("shift_x", "shift_y", "angle"))
+        return register_maps(*data, start=(x, y, angle), **rest)
+
+
+class PointsRegistered(NamedMethod):
+    """`register_points` by its name; a row holds one point in both maps."""
+
+    name: ClassVar[str] = "register_points"
+    what: ClassVar[str] = (
+        "shift and turn of one map against another from points that are marked in both"
+    )
+    reads: ClassVar = "table"
+    roles: ClassVar[Mapping[str, str]] = {
+        "x_fixed": "length", "y_fixed": "length", "x_moved": "length", "y_moved": "length",
+    }  # fmt: skip
+
+    @classmethod
+    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> Registration:
+        """Return shift and turn of marked points."""
+        pairs = [
+            np.column_stack([data.values[f"x_{which}"], data.values[f"y_{which}"]])
+            for which in ("fixed", "moved")
+        ]
+        seen = np.isfinite(pairs[0]).all(axis=1) & np.isfinite(pairs[1]).all(axis=1)
+        if not seen.all():
+            row = int(np.flatnonzero(~seen)[0]) + 1
+            raise InvalidSamplesError(
+                f"point {row} of {seen.size} lacks a coordinate in one of the maps; drop the row"
+            )
+        if seen.size < 2:
+            raise TooFewSamplesError(f"two points or more are needed, got {seen.size}")
+        return register_points(*pairs, **options)
 
 
 def registration_uncertainty(

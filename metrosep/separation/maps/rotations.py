@@ -14,10 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError, NotSeparableError
 from metrosep.core.numbers import not_negative, positive
+from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.separation._methods import described_by
-from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.contract import U_READING, Separation, Unobservable
 from metrosep.separation.maps._map_input import (
     LISTED_ORDERS,
     RIGID,
@@ -87,16 +88,27 @@ class RotationTest(MapMethod):
         If the set-up turns or shifts nothing.
     """
 
-    angles: Sequence[float]
+    angles: Sequence[float] = option(kind="angles", help="of the part in each map, in their order")
     dx: float | None = None
     dy: float | None = None
     centre: tuple[float, float] | None = None
-    removed: tuple[str, ...] = ("piston", "tilt")
-    u_registration: float = 0.0
-    u_angle: float = 0.0
+    removed: tuple[str, ...] = option(
+        ("piston", "tilt"),
+        kind="texts",
+        help="terms that are set-up, not form: piston,tilt or piston,tilt,power",
+    )
+    u_registration: float = option(
+        0.0, kind="uncertainty", help="standard uncertainty of the position of a map"
+    )
+    u_angle: float = option(0.0, kind="angle", help="standard uncertainty of each angle")
     largest_gain: float = 20.0
 
     name: ClassVar[str] = "rotation_average"
+    what: ClassVar[str] = (
+        "part and instrument from maps of the part in several rotations; a file an angle"
+    )
+    reads: ClassVar = "maps"
+    arguments: ClassVar[Mapping[str, Option]] = U_READING
     truth_parts: ClassVar[tuple[str, ...]] = ("part",)
     error_parts: ClassVar[tuple[str, ...]] = ("instrument",)
 

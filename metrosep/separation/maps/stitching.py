@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, NotConvergedError
 from metrosep.core.numbers import choice, count
+from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.separation._readings import as_numbers, known_parts, part_of
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import U_READING, Separation, SeparationMethod, Unobservable
 from metrosep.separation.maps._map_input import checked_u
 from metrosep.separation.maps._stitch_grid import (
     Layout,
@@ -192,14 +193,53 @@ class Stitching(SeparationMethod):
     shape: tuple[int, int]
     dx: float = 1.0
     dy: float | None = None
-    freedoms: tuple[str, ...] = ("piston", "tilt")
+    freedoms: tuple[str, ...] = option(
+        ("piston", "tilt"), kind="texts", help="of each map: piston,tilt, power, shift_x, shift_y"
+    )
     fit_reference: bool = False
-    reference_degree: int | None = None
-    draws: int = 16
+    reference_degree: int | None = option(
+        None,
+        kind="integer",
+        help="of the polynomial that the reference is; pixel by pixel if left out",
+    )
+    draws: int = option(16, kind="integer", help="of noise, for the uncertainty")
 
     name: ClassVar[str] = "stitch"
+    what: ClassVar[str] = (
+        "one surface or profile from overlapping sub-apertures, with or without the reference"
+    )
+    reads: ClassVar = "maps"
+    accepts: ClassVar[tuple[str, ...]] = ("Surface", "Profile")
+    arguments: ClassVar[Mapping[str, Option]] = {
+        **U_READING,
+        "positions": Option("places", help="of the maps; those of the files if left out"),
+        "rotations": Option("angles", help="of the maps"),
+        "reference": Option(
+            "text",
+            choices=("none", "fit", "first"),
+            help="fit: the reference surface is found too; first: the first file holds it",
+        ),
+        "ambiguous": Option(
+            "text",
+            choices=("remove", "surface"),
+            help="where what surface and reference cannot tell apart goes",
+        ),
+        "registration": Option(
+            "text",
+            choices=("trust", "fit"),
+            help="fit: shifts of the maps are found from the overlaps",
+        ),
+    }
     truth_parts: ClassVar[tuple[str, ...]] = ("surface",)
     error_parts: ClassVar[tuple[str, ...]] = ("reference",)
+
+    @classmethod
+    def from_inputs(cls, data: Sequence[Any], options: Mapping[str, Any]) -> Separation:
+        """Return the surface; the first file is the known reference where reference is "first"."""
+        rest, maps = dict(options), list(data)
+        if rest.get("reference") == "first":
+            rest["reference"] = maps.pop(0)
+        return stitch(maps, **rest)
 
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]

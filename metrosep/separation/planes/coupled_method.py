@@ -20,12 +20,14 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError
+from metrosep.core.inputs import RoleColumns
 from metrosep.core.numbers import not_negative
+from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.separation._methods import History, RecordedMethod, described_by, settle
 from metrosep.separation._readings import known_parts, real_numbers
-from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.contract import U_READING, Separation, Unobservable
 from metrosep.separation.planes._grid_solution import (
     TERMS,
     Joined,
@@ -36,6 +38,7 @@ from metrosep.separation.planes._grid_solution import (
     noise_of,
     refuse_unknown,
 )
+from metrosep.separation.planes._table_grid import PLACE, TableGrid, repeats_of
 from metrosep.separation.planes.plane_fit import plane_steps
 
 __all__ = ["CoupledGrid", "coupled_grid"]
@@ -77,12 +80,47 @@ class CoupledGrid(RecordedMethod):
 
     dx: float
     dy: float
-    slopes: Slopes = "free"
-    repeats: Repeats = "relaid"
+    slopes: Slopes = option(
+        "free",
+        kind="text",
+        choices=("free", "common", "none"),
+        help="whether each line has a slope of its own, all have one, or none has any",
+    )
+    repeats: Repeats = option(
+        "relaid",
+        kind="text",
+        choices=("relaid", "passes"),
+        help="relaid: the straightedge was laid anew for each repeat; passes: it stayed",
+    )
 
     name: ClassVar[str] = "coupled_grid"
+    what: ClassVar[str] = "error map of a plane from lines along x and lines along y"
+    reads: ClassVar = "table"
+    roles: ClassVar[Mapping[str, str]] = {
+        **PLACE, "z": "length", "line": "label", "repeat": "label?",
+    }  # fmt: skip
+    arguments: ClassVar[Mapping[str, Option]] = U_READING
     truth_parts: ClassVar[tuple[str, ...]] = ()
     error_parts: ClassVar[tuple[str, ...]] = ("error",)
+
+    @classmethod
+    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> Separation:
+        """Return the map that the lines along x and along y of a table make."""
+        grid, marks = TableGrid(data), data.values["line"]
+        unknown = sorted(set(marks.tolist()) - {"x", "y"})
+        if unknown:
+            raise DataError(
+                f'a line runs along "x" or "y", the column of lines says {unknown[0]!r}'
+            )
+        both = []
+        for way in ("x", "y"):
+            each = [
+                grid.filled(data.values["z"], rows & (marks == way), f"{what}, lines along {way}")
+                for what, rows in repeats_of(data)
+            ]
+            both.append(each[0] if len(each) == 1 else np.array(each))
+        x_lines, y_lines = both
+        return coupled_grid(x_lines, y_lines, **grid.steps, **options)
 
     def __post_init__(self) -> None:
         dx, dy = plane_steps(self.dx, self.dy)

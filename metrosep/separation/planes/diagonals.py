@@ -16,6 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotSeparableError
+from metrosep.core.inputs import RoleColumns
+from metrosep.core.options import Option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.separation._methods import History, RecordedMethod
@@ -25,7 +27,7 @@ from metrosep.separation._readings import (
     known_parts,
     part_of,
 )
-from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.contract import NamedMethod, Separation, Unobservable
 from metrosep.separation.planes._result import PlainResult
 from metrosep.separation.planes.squareness import (
     PAIRS,
@@ -36,7 +38,12 @@ from metrosep.separation.planes.squareness import (
     signs_of,
     squareness_from_diagonals,
 )
-from metrosep.separation.positions.positioning import iso230_2
+from metrosep.separation.positions.positioning import (
+    POSITION_OPTIONS,
+    as_positions,
+    iso230_2,
+    reached,
+)
 from metrosep.separation.positions.positioning_result import PositioningTest
 
 if TYPE_CHECKING:
@@ -303,6 +310,53 @@ _INSTRUMENT = (
     "dead path and temperature"
 )
 _OPEN = "these diagonals do not determine it alone: add both diagonals of the faces"
+
+
+class DiagonalsOfTables(NamedMethod):
+    """`iso230_6_diagonals` by its name: a file for each diagonal, or one that names them."""
+
+    name: ClassVar[str] = "iso230_6_diagonals"
+    what: ClassVar[str] = "deviations along diagonals and squareness of the axes, ISO 230-6"
+    reads: ClassVar = "tables"
+    roles: ClassVar[Mapping[str, str]] = {
+        "target": "length?", "direction": "label?", "readings": "length*?", "diagonal": "label?",
+    }  # fmt: skip
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "names": Option("texts", help="of the diagonals, one for each file: ppp,npp"),
+        "size": Option("lengths", help="of the volume along x, y and z"),
+        **POSITION_OPTIONS,
+    }
+
+    @classmethod
+    def from_inputs(cls, data: Sequence[RoleColumns], options: Mapping[str, Any]) -> DiagonalTest:
+        """Return the evaluation of the diagonals."""
+        rest = dict(options)
+        names, values = rest.pop("names", None), rest.pop("values", "position")
+        tables = [as_positions(table, values) for table in data]
+        first = tables[0]
+        if "diagonal" in first.values:
+            if len(tables) > 1 or names is not None:
+                raise DataError(
+                    "a column of diagonals is for one file; leave names out and give that file alone"
+                )
+            marks = first.values["diagonal"]
+            diagonals = {
+                str(name): reached(first, np.flatnonzero(marks == name))
+                for name in dict.fromkeys(marks.tolist())
+            }
+        else:
+            names = [t.name for t in tables] if names is None else names
+            if len(names) != len(tables):
+                raise DataError(
+                    f"{len(names)} names of diagonals for {len(tables)} files; give one for each "
+                    'file: names = ["ppp", "npp"]'
+                )
+            if len(set(names)) != len(names):
+                raise DataError("a diagonal is named twice; give each file its own name")
+            diagonals = {n: reached(t) for n, t in zip(names, tables, strict=True)}
+        if not diagonals:
+            raise NotSeparableError("there is no diagonal in the files")
+        return iso230_6_diagonals(diagonals, **rest)
 
 
 @dataclass(frozen=True, slots=True)

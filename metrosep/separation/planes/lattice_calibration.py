@@ -21,11 +21,13 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
+from metrosep.core.inputs import RoleColumns
 from metrosep.core.numbers import not_negative, positive
+from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.separation._methods import History, RecordedMethod, described_by, settle
 from metrosep.separation._readings import known_parts, part_of, real_numbers
-from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.contract import U_READING, Separation, Unobservable
 from metrosep.separation.planes._grid_solution import (
     Repeats,
     moved_between,
@@ -34,6 +36,7 @@ from metrosep.separation.planes._grid_solution import (
     same_points,
     shares_of_passes,
 )
+from metrosep.separation.planes._table_grid import PLACE, TableGrid, repeats_of
 
 __all__ = ["GridCalibration", "GridView", "grid_calibration"]
 
@@ -110,13 +113,60 @@ class GridCalibration(RecordedMethod):
     ([0.0, 1.0], True)
     """
 
-    pitch: float
+    pitch: float = option(
+        kind="size", required=False, help="of the grid; the step of the table if left out"
+    )
     placements: tuple[Placement, ...] = _INITIAL_ROTATED_SHIFTED
-    repeats: Repeats = "relaid"
+    repeats: Repeats = option(
+        "relaid",
+        kind="text",
+        choices=("relaid", "passes"),
+        help="relaid: the plate was laid anew for each repeat; passes: it stayed",
+    )
 
     name: ClassVar[str] = "grid_calibration"
+    what: ClassVar[str] = "errors of a stage and of a grid plate from views of the plate"
+    reads: ClassVar = "table"
+    roles: ClassVar[Mapping[str, str]] = {
+        **PLACE, "ex": "length", "ey": "length", "view": "label", "repeat": "label?",
+    }  # fmt: skip
+    arguments: ClassVar[Mapping[str, Option]] = {
+        **U_READING,
+        "turns": Option(
+            "integers", help="quarter turns of the plate in each view, in their order"
+        ),
+        "shifts": Option("pairs", help="pitches by which the plate was shifted in each view"),
+    }
     truth_parts: ClassVar[tuple[str, ...]] = ("plate",)
     error_parts: ClassVar[tuple[str, ...]] = ("stage",)
+
+    @classmethod
+    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> Separation:
+        """Return the calibration from views; others than the three named ones have turns and shifts."""
+        rest, grid, marks = dict(options), TableGrid(data), data.values["view"]
+        pitch = rest.pop("pitch", grid.dx)
+        names = list(dict.fromkeys(marks.tolist()))
+        turns, shifts = rest.pop("turns", None), rest.pop("shifts", None)
+        views: dict[str, FloatArray] = {}
+        for name in names:
+            repeats = []
+            for what, rows in repeats_of(data):
+                chosen = rows & (marks == name)
+                if chosen.any():
+                    where = f"{what}, view {name}"
+                    pair = [grid.filled(data.values[e], chosen, where) for e in ("ex", "ey")]
+                    repeats.append(np.stack(pair, axis=-1))
+            views[name] = repeats[0] if len(repeats) == 1 else np.array(repeats)
+        if turns is None and shifts is None:
+            return grid_calibration(views, pitch=pitch, **rest)
+        turns = turns or (0,) * len(names)
+        shifts = shifts or ((0, 0),) * len(names)
+        if not len(turns) == len(shifts) == len(names):
+            raise DataError(
+                f"turns and shifts need one entry for each view ({', '.join(names)}), in their order"
+            )
+        each = zip(views.values(), turns, shifts, strict=True)
+        return grid_calibration([GridView(v, t, s) for v, t, s in each], pitch=pitch, **rest)
 
     def __post_init__(self) -> None:
         settle(self, pitch=positive(self.pitch, "pitch", dimension="length"))

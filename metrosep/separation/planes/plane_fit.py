@@ -23,7 +23,9 @@ from metrosep.core.errors import (
     NotSeparableError,
     TooFewSamplesError,
 )
+from metrosep.core.inputs import RoleColumns
 from metrosep.core.numbers import positive, real
+from metrosep.core.options import Option
 from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -35,9 +37,15 @@ from metrosep.separation._readings import (
     part_of,
     real_numbers,
 )
-from metrosep.separation.contract import Separation, Unobservable
+from metrosep.separation.contract import (
+    U_READING,
+    NamedMethod,
+    Separation,
+    Unobservable,
+)
 from metrosep.separation.planes._grid_solution import moved_between
 from metrosep.separation.planes._result import PlainResult
+from metrosep.separation.planes._table_grid import PLACE, TableGrid, repeats_of
 
 __all__ = [
     "Interaction",
@@ -533,6 +541,36 @@ _LINE = "mean and line of an axis are the piston and the tilt of the map: alpha 
 _SUM = "what depends on x alone or on y alone is the errors of the axes by definition"
 _TILT = "axis and artefact tilt alike; measure the alignment against another reference"
 _UNITS = {"coupling": "m", "along_x": "m", "along_y": "m", "alpha": "rad", "beta": "rad"}
+
+
+class PlaneOfTable(NamedMethod):
+    """`fit_plane_model` by its name."""
+
+    name: ClassVar[str] = "fit_plane_model"
+    what: ClassVar[str] = (
+        "errors of the two axes of a measured plane, their alignment and their coupling"
+    )
+    reads: ClassVar = "table"
+    roles: ClassVar[Mapping[str, str]] = {**PLACE, "z": "length", "repeat": "label?"}
+    arguments: ClassVar[Mapping[str, Option]] = {
+        **U_READING,
+        "zero": Option(
+            "text",
+            choices=("shared", "own"),
+            help="own: each repeat has a zero of its own, which is taken off first",
+        ),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> PlaneFit:
+        """Return the model of the plane that the rows of a table show."""
+        rest, grid = dict(options), TableGrid(data)
+        own = rest.pop("zero", "shared") == "own"
+        maps = [grid.filled(data.values["z"], rows, what) for what, rows in repeats_of(data)]
+        if own:
+            maps = [m - np.nanmean(m) for m in maps]
+        corner = (float(grid.x[0]), float(grid.y[0]))
+        return fit_plane_model(np.array(maps), origin=corner, **grid.steps, **rest)
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,8 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
+from metrosep.core.inputs import RoleColumns
+from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import parse_unit
@@ -71,14 +73,26 @@ class FringeError(SeparationMethod):
     """
 
     x: tuple[float, ...]
-    period: float
-    harmonics: int = 2
-    degree: int = 1
+    period: float = option(kind="size", help="of the fringes")
+    harmonics: int = option(2, kind="integer", help="of the period that are fitted")
+    degree: int = option(1, kind="integer", help="of the polynomial that is fitted beside them")
     unit: str = "m"
 
     name: ClassVar[str] = "periodic_error"
+    what: ClassVar[str] = "periodic error of an interferometer in a reading"
+    reads: ClassVar = "table"
+    roles: ClassVar[Mapping[str, str]] = {"position": "length", "reading": "position"}
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "u_reading": Option("limit", help="standard uncertainty of one reading")
+    }
     truth_parts: ClassVar[tuple[str, ...]] = ("corrected",)
     error_parts: ClassVar[tuple[str, ...]] = ("periodic",)
+
+    @classmethod
+    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> Separation:
+        """Return the periodic share of the column of readings."""
+        values, unit = data.values, data.units.get("reading", "m")
+        return periodic_error(values["position"], values["reading"], unit=unit, **options)
 
     def __post_init__(self) -> None:
         period = real_number(self.period, "periodic_error: period", "a length in m")

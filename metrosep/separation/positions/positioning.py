@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -18,9 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
+from metrosep.core.inputs import RoleColumns
+from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
+from metrosep.core.readable import typed_number
 from metrosep.separation._readings import (
     checked_number,
     checked_readings,
@@ -29,7 +32,7 @@ from metrosep.separation._readings import (
     part_of,
     stated_u,
 )
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import NamedMethod, Separation, SeparationMethod, Unobservable
 from metrosep.separation.positions.positioning_result import PositioningTest, build_result
 
 __all__ = ["PositioningSheet", "iso230_2", "positions_from_columns", "positions_from_profiles"]
@@ -326,6 +329,111 @@ _THERMAL = (
     "what all runs of one thermal state share, and errors between the targets, count as the axis or "
     "are not sampled: warm up otherwise, add a random part to each target"
 )
+
+
+POSITION_OPTIONS: Mapping[str, Option] = {
+    "confidence": Option("number", help="of the uncertainties, 0.95 is 95 %"),
+    "seed": Option("integer", help="of the draws that tell the uncertainty"),
+    "values": Option(
+        "text",
+        choices=("position", "deviation"),
+        help="what the readings are: positions reached, or actual minus target",
+    ),
+}
+
+
+class PositioningOfAxis(NamedMethod):
+    """`iso230_2` by its name, from a table or from a list of a positioning test."""
+
+    name: ClassVar[str] = "iso230_2"
+    what: ClassVar[str] = "positioning accuracy and repeatability of an axis, ISO 230-2"
+    reads: ClassVar = "table"
+    roles: ClassVar[Mapping[str, str]] = {
+        "target": "position?", "direction": "label?", "readings": "position*?",
+    }  # fmt: skip
+    arguments: ClassVar[Mapping[str, Option]] = POSITION_OPTIONS
+
+    @classmethod
+    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> PositioningTest:
+        """Return the evaluation of one axis."""
+        rest = dict(options)
+        data = as_positions(data, rest.pop("values", "position"))
+        unit = data.units.get("target", "m")
+        if data.units.get("readings", unit) != unit:
+            raise UnitError("targets and positions must both be lengths, or both angles")
+        return iso230_2(*reached(data), unit=unit, **rest)
+
+
+def reached(data: RoleColumns, rows: Any = slice(None)) -> tuple[Any, Any, Any]:
+    """Return targets, forward and backward of some rows of a table, or of a whole list."""
+    values = data.values
+    if "forward" in values:  # from a list of a positioning test
+        both = [v if v.size else None for v in (values["forward"], values["backward"])]
+        return values["target"], both[0], both[1]
+    found: tuple[Any, Any, Any] = positions_from_columns(
+        values["target"][rows],
+        [str(d) for d in values["direction"][rows]],
+        values["readings"].T[rows],
+    )
+    return found
+
+
+# Many measuring programs write ``actual - target``; the evaluation takes positions. A table that is
+# taken for the other kind gives a nonsensical result or none, so the data decide whether what was
+# said about them can be true.
+
+_SMALL, _LARGE = 0.1, 0.5
+"""Readings that span less of the targets than the first are deviations, more than the second are
+positions: an axis that is wrong by a tenth of its travel is broken, not measured."""
+
+
+def as_positions(data: RoleColumns, values: str) -> RoleColumns:
+    """Return the readings of a positioning test as positions reached.
+
+    Notes
+    -----
+    NaN stays NaN. Without a range of targets nothing is judged; the evaluation refuses that.
+    """
+    target = np.asarray(data.values["target"], dtype=np.float64)
+    found = {k: data.values[k] for k in ("readings", "forward", "backward") if k in data.values}
+    angle = data.units.get("target") == "rad"
+    for name, readings in found.items():
+        _require_kind(target, np.asarray(readings, dtype=np.float64), values, name, angle=angle)
+    if values == "position":
+        return data
+    reached: dict[str, Any] = {}
+    for name, readings in found.items():
+        column = target if name == "readings" else target[:, None]  # a row a run, a row a target
+        reached[name] = readings + column if readings.size else readings
+    return replace(data, values={**data.values, **reached})
+
+
+def _require_kind(
+    target: FloatArray, readings: FloatArray, values: str, name: str, *, angle: bool
+) -> None:
+    span, reach = _range(target), _range(readings)
+    if span == 0.0 or not np.isfinite(readings).any():
+        return
+    dimension = "angle" if angle else "length"
+    sizes = (
+        f"they span {typed_number(reach, dimension)} where the targets span "
+        f"{typed_number(span, dimension)}"
+    )
+    if values == "position" and reach < _SMALL * span:
+        raise InvalidSamplesError(
+            f"the {name} look like deviations, not like positions reached: {sizes}; if they are "
+            'actual minus target, say values = "deviation", else name the columns of positions'
+        )
+    if values == "deviation" and reach > _LARGE * span:
+        raise InvalidSamplesError(
+            f"the {name} look like positions reached, not like deviations: {sizes}; leave "
+            'values = "deviation" out'
+        )
+
+
+def _range(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.max() - known.min()) if known.size else 0.0
 
 
 @dataclass(frozen=True, slots=True)

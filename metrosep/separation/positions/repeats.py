@@ -17,12 +17,20 @@ from metrosep.core.errors import (
     NotConvergedError,
     TooFewSamplesError,
 )
+from metrosep.core.inputs import Readings
+from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.separation._readings import as_numbers, own_shares
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import (
+    U_READING,
+    NamedMethod,
+    Separation,
+    SeparationMethod,
+    Unobservable,
+)
 from metrosep.spectral.dft import real_number
 
 __all__ = ["RepeatSplit", "repeatable"]
@@ -59,13 +67,33 @@ class RepeatSplit(SeparationMethod):
     """
 
     x: tuple[float, ...] | None = None
-    align: Align = "line"
-    closed: bool = False
+    align: Align = option(
+        "line",
+        kind="text",
+        choices=("line", "piston", "none"),
+        help="what differs from repeat to repeat without being an error: offset and line, offset",
+    )
+    closed: bool = option(False, kind="flag", help="true: the curve closes after one revolution")
     steps: tuple[float, float] | None = None
 
     name: ClassVar[str] = "repeatable"
+    what: ClassVar[str] = "what repeats in several readings of one thing, and what does not"
+    arguments: ClassVar[Mapping[str, Option]] = {
+        **U_READING,
+        "shift": Option(
+            "text",
+            choices=("trust", "fit"),
+            help="fit: each repeat is shifted along x to agree with the first",
+        ),
+    }
     truth_parts: ClassVar[tuple[str, ...]] = ("repeatable",)
     error_parts: ClassVar[tuple[str, ...]] = ("non_repeatable",)
+
+    @classmethod
+    def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> Separation:
+        """Return what repeats; columns and their repeats are repeats of one reading."""
+        every = data.values.reshape(-1, data.values.shape[-1])
+        return repeatable(every, x=data.position, **options)
 
     def __post_init__(self) -> None:
         if self.align not in ("none", "piston", "line"):
@@ -436,6 +464,23 @@ def _share(mean: FloatArray, counts: FloatArray, pooled: float, m: int) -> dict[
 
 _MOST_PASSES = 50
 _SETTLED = 1e-3
+
+
+class RepeatedMaps(NamedMethod):
+    """`repeatable` of maps by its name."""
+
+    name: ClassVar[str] = "repeatable_maps"
+    what: ClassVar[str] = "what repeats in several maps of one thing, and what does not"
+    reads: ClassVar = "maps"
+    arguments: ClassVar[Mapping[str, Option]] = {
+        **U_READING,
+        "align": RepeatSplit.fields["align"],
+    }
+
+    @classmethod
+    def from_inputs(cls, data: Sequence[Surface], options: Mapping[str, Any]) -> Separation:
+        """Return what repeats in the maps."""
+        return repeatable(list(data), **options)
 
 
 def common_stack(

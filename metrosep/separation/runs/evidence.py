@@ -18,15 +18,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import ComplexArray, FloatArray, benjamini_hochberg
 from metrosep.core.blas import one_blas_thread
-from metrosep.core.errors import DataError, NotSeparableError
-from metrosep.core.runset import RunSet
+from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
+from metrosep.core.inputs import RoleColumns
+from metrosep.core.options import Option
+from metrosep.core.runset import Run, RunSet
+from metrosep.separation.contract import NamedMethod
 from metrosep.separation.runs.design import evaluation_range
 from metrosep.separation.runs.solver import LAG_CHI2, Solution
 from metrosep.separation.runs.spectra import feed_spectra, n_wavelengths
@@ -219,6 +222,69 @@ def _balanced(runs: RunSet) -> RunSet:
     groups = [members for _, members in runs.by_feed()]
     n = min(len(g) for g in groups)
     return RunSet([r for g in groups for r in g[:n]], history=runs.history)
+
+
+class EvidenceOfTable(NamedMethod):
+    """`evidence_table` by its name."""
+
+    name: ClassVar[str] = "evidence_table"
+    what: ClassVar[str] = (
+        "how surely each wavelength of an error repeats over runs of several feedrates"
+    )
+    reads: ClassVar = "table"
+    roles: ClassVar[Mapping[str, str]] = {
+        "x": "length", "z": "length", "feed": "speed", "run": "label", "time": "time?",
+    }  # fmt: skip
+    arguments: ClassVar[Mapping[str, Option]] = {
+        "direction": Option(
+            "text", choices=("forward", "reverse"), help="the runs that are looked at"
+        ),
+        "start": Option("length", help="where the evaluation range begins"),
+        "length": Option("size", help="of the evaluation range; the common travel if left out"),
+        "shortest": Option("size", help="shortest wavelength that is looked at"),
+        "bandwidth": Option("frequency", help="of the sensor"),
+        "false_discovery_rate": Option(
+            "number", help="accepted share of wavelengths called repeatable that are noise"
+        ),
+    }
+
+    @classmethod
+    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> EvidenceTable:
+        """Return the evidence of the runs of a table."""
+        rest = dict(options)
+        way = rest.pop("direction", None)
+        runs = _runs(data)
+        if way is not None:
+            runs = runs.select(direction=1 if way == "forward" else -1)
+        return evidence_table(runs, **rest)
+
+
+_SAME_FEED = 1e-6
+"""Feeds of one run may differ by this relative share: rounding of text."""
+
+
+def _runs(data: RoleColumns) -> RunSet:
+    """Return the runs of a table, told apart by the column of runs, in the order of the rows."""
+    values = data.values
+    found = []
+    for name in dict.fromkeys(values["run"].tolist()):
+        rows = values["run"] == name
+        feed = values["feed"][rows]
+        if not np.isfinite(feed).all() or float(np.ptp(feed)) > _SAME_FEED * abs(float(feed[0])):
+            raise InvalidSamplesError(
+                f"run {name}: its rows have different feedrates, or none; a run has one"
+            )
+        time = values["time"][rows] if "time" in values else None
+        found.append(
+            Run(
+                values["x"][rows],
+                values["z"][rows],
+                t=time,
+                feed=abs(float(feed[0])),
+                run_id=str(name),
+            )
+        )
+    return RunSet(found)
 
 
 def evidence_columns(
