@@ -118,7 +118,7 @@ def _without(
     if options["method"] == "joint" and rest.feeds:
         wanted = options.get("min_feeds", 2)
         options["min_feeds"] = min(wanted, len(rest.feeds))
-    return separate(
+    found: ErrorEstimate = separate(
         rest,
         start=start,
         length=length,
@@ -126,6 +126,7 @@ def _without(
         lag=options.pop("lag_s", 0.0),
         **options,
     )
+    return found
 
 
 def folds_of(carried: Any, runs: RunSet) -> list[tuple[tuple[int, ...], Any]]:

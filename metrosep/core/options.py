@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, dataclass, field as new_field
 from typing import Any, Literal
 
-from metrosep.core.errors import DataError, InvalidSamplesError, OptionError
+from metrosep.core.errors import DataError, InvalidSamplesError, OptionError, UnitError
 from metrosep.core.limits import FROM_FIT, Limit, parse_limit
 from metrosep.core.units import parse_quantity
 
@@ -55,6 +55,12 @@ class Option:
     inner: Mapping[str, Option] = new_field(default_factory=dict)
     low: float | None = None  # least value in SI
     high: float | None = None  # greatest
+    of: tuple[str, ...] = ()  # methods of a step that know it; empty for all
+
+    @property
+    def about(self) -> str:
+        """What it does, and for which methods of its step."""
+        return f"{' and '.join(self.of)} only: {self.help}" if self.of else self.help
 
 
 def option(
@@ -68,6 +74,7 @@ def option(
     inner: Mapping[str, Option] | None = None,
     low: float | None = None,
     high: float | None = None,
+    of: tuple[str, ...] = (),
 ) -> Any:
     """Return the field of a dataclass that is an option; `typed` is its default as a person writes it."""
     declared = Option(
@@ -75,10 +82,11 @@ def option(
         default is MISSING if required is None else required,
         choices,
         help,
-        typed if typed is not None or default is MISSING else default,
+        typed if typed is not None or default is MISSING or default == () else default,
         inner or {},
         low,
         high,
+        of,
     )
     return new_field(default=default, metadata={"option": declared})
 
@@ -114,7 +122,12 @@ def checked(declared: Option, value: Any, name: str, *, bare: bool = True) -> An
         isinstance(value, bool) or not isinstance(value, str | int) or value not in known
     ):
         raise OptionError(not_one_of(name, value, known))
-    found = KINDS[declared.kind].check(value, name, bare)
+    try:
+        found = KINDS[declared.kind].check(value, name, bare)
+    except (OptionError, UnitError) as exc:
+        if name == "value" or str(exc).startswith(name):
+            raise
+        raise type(exc)(f"{name} = {value!r}: {exc}") from None
     low, high = declared.low, declared.high
     if (low is not None and found < low) or (high is not None and found > high):
         ends = [f"from {low:g}"] if low is not None else []
@@ -211,7 +224,7 @@ def _items(value: Any, bare: bool) -> list[Any] | None:
 
 def _list_of(one: Check, example: str) -> Check:
     def check(value: Any, name: str, bare: bool) -> tuple[Any, ...]:
-        items = _items(value, bare)
+        items = [value] if bare and isinstance(value, str) else _items(value, bare)
         if not items:
             raise OptionError(f"a list is needed here, such as {example}")
         return tuple(one(item, name, bare) for item in items)

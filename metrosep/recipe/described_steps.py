@@ -9,7 +9,7 @@ from metrosep.core.methods import METHODS
 from metrosep.recipe.key_values import DIMENSIONS
 from metrosep.recipe.pipeline import schema
 from metrosep.recipe.schema import Field
-from metrosep.recipe.step_help import DEFAULTS, key_words, kind_words
+from metrosep.recipe.step_help import kind_words
 from metrosep.recipe.steps import STEPS, WHAT
 
 __all__ = ["described_steps"]
@@ -34,7 +34,6 @@ def described_steps() -> dict[str, Any]:
 
 
 def _described(op: str, what: str, fields: Mapping[str, Field], applies: str) -> dict[str, Any]:
-    defaults = DEFAULTS.get(op, {})
     return {
         "op": op,
         "what": what,
@@ -45,9 +44,9 @@ def _described(op: str, what: str, fields: Mapping[str, Field], applies: str) ->
                 "kind": field.kind,
                 "required": field.required,
                 "choices": list(field.choices),
-                "default": defaults.get(name),
+                "default": field.default,
                 "dimension": DIMENSIONS.get(field.kind),
-                "help": key_words(op, name) or kind_words(field.kind),
+                "help": field.about or kind_words(field.kind),
                 "keys": [],
             }
             for name, field in fields.items()

@@ -30,6 +30,7 @@ from metrosep.recipe.parts import write_parts
 from metrosep.recipe.preflight import RESULT_NAME
 from metrosep.recipe.result import SCHEMA, Result, clean, load_document, stored_estimate
 from metrosep.separation.contract import Separation
+from metrosep.separation.inputs import require_count
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
@@ -383,21 +384,6 @@ def _maps(
         objects.append(obj)
     require_count(method, len(objects), [f.name for f in files])
     return tuple(objects)
-
-
-def require_count(method: type[Method], n: int, names: Sequence[str]) -> None:
-    """Refuse another number of readings than the method has."""
-    most = len(method.readings) + method.spare
-    if method.reads == "curves" and method.readings and n > most:
-        raise InvalidSamplesError(
-            f"{most} readings are read ({', '.join(method.readings)}), got {n} ({', '.join(names)}); "
-            "leave the others out"
-        )
-    if method.readings and n < len(method.readings):
-        raise InvalidSamplesError(
-            f"{len(method.readings)} readings are needed ({', '.join(method.readings)}), got {n} "
-            f"({', '.join(names)}); name their columns in this order, or give one file for each"
-        )
 
 
 def sources(inputs: Inputs) -> tuple[tuple[Step, ...], tuple[str, ...]]:

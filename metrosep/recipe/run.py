@@ -251,7 +251,9 @@ def separate_inputs(recipe: Recipe, runs: RunSet, tell: Progress = _silent) -> E
 
     tell(f"separating {len(runs)} runs")
     step = next(s for s in recipe.steps if s["op"] == "separate")
-    return separate(runs, **{k: v for k, v in step.items() if k != "op"})
+    options = {k: v for k, v in step.items() if k != "op"}
+    found: ErrorEstimate = separate(runs, **options)
+    return found
 
 
 def _polynomial(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> dict[str, Any] | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from metrosep.core.options import KINDS
 from metrosep.core.readable import readable_text, typed_number
@@ -15,8 +14,6 @@ from metrosep.recipe.schema import Field
 from metrosep.recipe.steps import ALL_STEPS
 
 __all__ = [
-    "DEFAULTS",
-    "HELP",
     "StepKeys",
     "in_words",
     "key_words",
@@ -24,171 +21,6 @@ __all__ = [
     "kind_words",
     "step_words",
 ]
-
-HELP: Mapping[str, Mapping[str, str]] = {
-    "separate": {
-        "method": "joint: least squares over all runs at once, with uncertainty; kono: Fourier series of "
-        "the waves that repeat over the feedrates; mean: the plain mean of the runs",
-        "start": "where the evaluation range begins; centred in the common travel where only the length "
-        "is given",
-        "length": "length of the evaluation range; up to the end of the common travel if left out",
-        "shortest": "joint and kono only: shortest wavelength of the model; chosen from the data if left "
-        "out",
-        "lag": "joint only: delay of the reading against the position, positive when the reading is late; "
-        "auto corrects what the runs show, fit finds it in any case; both need two feedrates",
-        "exclude": "runs that are left out, by name; suspect leaves out all in which a fault was found",
-        "accept": "runs that are kept although they are refused, by name, or suspect",
-        "min_feeds": "joint only: feedrates that must be there; 1 accepts that vibration is only averaged",
-        "false_discovery_rate": "joint only: accepted share of wavelengths called repeatable that are "
-        "noise; the estimate itself does not depend on it",
-        "sigma_t": "kono only: a wavelength repeats where the standard deviation over the feedrates lies "
-        "below this, in SI; 5e-8 m, 5e-14 m^2 or 5e-17 m^3 after norm if left out, 0.05 where relative",
-        "p_t": "kono only: a wavelength counts where its mean over the feedrates lies above this, in SI; "
-        "1e-8 m, 1e-14 m^2 or 1e-17 m^3 after norm if left out",
-        "norm": "kono only: what is compared with the thresholds: amplitude in m, its square, or its "
-        "density over wavenumber",
-        "taper_fraction": "kono only: share of the samples over which the weight rises at each end",
-        "taper": "kono only: kono is the weight of the paper, tukey the symmetric cosine",
-        "rule": "kono only: shortest keeps all waves down to the shortest that passes, contiguous down to "
-        "the first that fails, mask only those that pass",
-        "modelling_length": "kono only: longest wavelength of the series; the evaluation range over the "
-        "flat part of the weight if left out",
-        "values": "kono only: amplitudes from the mean run of one feedrate, or of all runs",
-        "feed": "kono and mean only: the runs of this feedrate give the values; for kono the middle one, "
-        "for mean all runs if left out",
-        "averaging": "kono only: coherent takes the spectrum of the mean run, power the mean spectrum of "
-        "the runs",
-        "ddof": "kono only: 1 divides the squares by the feedrates less one (sample), 0 by the feedrates",
-        "relative": "kono only: true compares the standard deviation over the mean with sigma_t",
-        "min_coherence": "kono only: least agreement of the phases over the feedrates, 0 to 1; 0 ignores "
-        "them as the paper does",
-        "coefficients": "kono only: tapered are the Fourier sums of the weighted data, least_squares fits "
-        "the kept waves, which does not decay in the ends",
-        "drift": "joint only: degree of a polynomial in time that each run has for itself",
-        "lines": "joint only: frequencies of vibrations that are taken out as sines; auto looks for them; "
-        "none if left out",
-        "line_phase": "joint only: free gives each run its own amplitude and phase of a line, locked one "
-        "from the start of all runs",
-        "false_alarm": "joint only: chance that lines = auto finds a line where there is none",
-        "robust": "joint only: true takes weight from spikes, dropouts and bad stretches",
-        "following": "joint only: what grows with the feedrate: the offset, the whole error (scale), or "
-        "single waves of it",
-        "following_waves": "joint only: how many of the strongest waves grow with the feedrate, or their "
-        "wavelengths",
-        "probes": "joint only: name of the probe of each run, separated by commas; from the files if left "
-        "out",
-        "probe_gain": "joint only: equal takes all probes as sensitive as the first, fit finds their "
-        "sensitivities",
-    },
-    "polynomial": {
-        "degree": "degree of the polynomial; auto takes that of least AICc",
-        "max_degree": "highest degree that auto tries, up to 12",
-        "quantity": "error is actual - nominal; compensation is minus the error, what is added to the "
-        "command",
-    },
-    "plan_feedrates": {
-        "v_min": "slowest feedrate of the machine that may be planned",
-        "v_max": "fastest feedrate of the machine that may be planned",
-        "n_runs": "number of runs to plan, beside those already done",
-        "wavelengths": "shortest and longest wavelength that must become well known",
-        "length": "travel of each run; that of the separated runs if left out",
-        "settle_distance": "part of the travel that is lost while the axis settles",
-        "max_time": "most time that all new runs together may take; no limit if left out",
-        "min_ratio": "two feedrates are equal or at least this ratio apart",
-        "fixed": "feedrates of runs that were already done, separated by commas; none if left out",
-    },
-}
-"""By step and key: what it does. What only some methods know begins with their names and "only:"."""
-
-DEFAULTS: Mapping[str, Mapping[str, Any]] = {
-    "separate": {
-        "method": "joint",
-        "lag": "auto",
-        "min_feeds": 2,
-        "false_discovery_rate": 0.05,
-        "norm": "amplitude",
-        "taper_fraction": 0.1,
-        "taper": "kono",
-        "rule": "shortest",
-        "values": "one_feed",
-        "averaging": "coherent",
-        "ddof": 1,
-        "relative": False,
-        "min_coherence": 0.0,
-        "coefficients": "tapered",
-        "drift": 0,
-        "line_phase": "free",
-        "false_alarm": 0.001,
-        "robust": False,
-        "following": "off",
-        "following_waves": 3,
-        "probe_gain": "equal",
-    },
-    "polynomial": {"degree": "auto", "max_degree": 6},
-    "plan_feedrates": {"settle_distance": "0 mm", "min_ratio": 1.1},
-}
-"""By step and key, as it is typed; left out where what counts follows from the data."""
-
-_KEY_WORDS: Mapping[tuple[str, str], str] = {
-    ("", "machine"): "a preset (five_axis, fts_lathe, mill_xyz, sts_lathe) or a file of TOML "
-    "(docs/how-to/describe-a-machine.md)",
-    ("rank", "radius"): 'of the part, from its axis to the rim, "20 mm"',
-    ("identify", "radius"): 'of the part, from its axis to the rim, "20 mm"',
-    ("predict", "radius"): 'of the part, from its axis to the rim, "20 mm"',
-    ("predict", "rpm"): "turns of the spindle per minute, 20",
-    ("follow_up", "rpm"): "turns of the spindle per minute, 20",
-    ("", "machine_radius"): "of the preset fts_lathe, where it is not that of the part",
-    (
-        "tool_setting",
-        "form",
-    ): 'the nominal surface, "sine_grid: amplitude=50 nm, wavelength=100 um"',
-    ("tool_setting", "free"): "what is fitted, piston,dx,dy,dR (tilt_x, tilt_y, shift_x, shift_y, "
-    "rotation too)",
-    ("tool_setting", "noise"): 'standard uncertainty of one height, "1 nm"',
-    ("tool_setting", "region"): 'radii between which points are used, "20 um, 220 um"',
-    ("identify", "terms"): "error terms that may be at work, EXX,EYX,B0Z",
-    ("identify", "exact"): "true: the surface is cut anew, not linear in the errors",
-    ("rank", "errors"): 'a table, { EXX = "1 um", B0Z = "0.2 arcsec" }',
-    ("rank", "all_lengths"): 'magnitude of every other term that is a length, "1 um"',
-    ("rank", "all_angles"): 'magnitude of every other term that is an angle, "1 arcsec"',
-    ("rank", "removed"): "none, piston, plane, plane+defocus, rigid, or names with commas",
-    ("follow_up", "terms"): "what the error may depend on, velocity,acceleration,jerk (position, "
-    "friction too)",
-    ("follow_up", "delay"): 'known lag of the logger, taken out first, "1 ms"',
-    ("follow_up", "spiral"): 'start radius and feed per turn, "500 um, 2 um"',
-    ("predict", "feed"): 'towards the centre per turn, "2 um"',
-    ("predict", "block_time"): 'that the controller needs for a block, "2 ms"',
-    ("predict", "tolerance"): 'P-V that the points of the program may add, "1 nm"',
-    ("predict", "core"): 'radius about the axis that is not judged, "4 um"',
-    (
-        "predict",
-        "nose_radius",
-    ): 'of the tool, "0.5 mm": the program is then a path of the tip; without '
-    "it, points of the surface",
-    (
-        "predict",
-        "rake",
-    ): 'of the face in which the nose radius is measured, "-30 deg"; needs sense',
-    ("predict", "window"): 'angle of the nose that is sharp, symmetric about the tip, "60 deg"',
-    ("predict", "dx"): 'tool further from the spindle axis than programmed, "-0.25 um"',
-    ("predict", "dy"): 'tool off the axis towards growing azimuth of the part, "0.1 um"',
-    ("predict", "dR"): 'nose radius larger than programmed, "10 um"',
-    ("predict", "follow_up"): "file with the log of the dry run of this part",
-    ("predict", "follow_up_pv"): 'P-V of the follow-up error, where there is no log, "5 nm"',
-    ("predict", "gain"): "share of a known error that the program makes up for, 1",
-    ("predict", "measured"): 'P-V of the part as cut, to compare, "8 nm"',
-    ("dual_servo", "sensitivity"): 'of the stage, where there is no sweep, "1.66 um/V"',
-    ("dual_servo", "calibration"): "file with a sweep of the stage: voltage and displacement",
-    ("dual_servo", "voltage"): "column of that file, voltage_V",
-    ("dual_servo", "displacement"): "column of that file, displacement_um",
-    ("dual_servo", "offset"): 'where the stage rests, within its travel, "2 um"',
-    ("dual_servo", "limits"): "voltages of the amplifier, 0,10",
-    ("dual_servo", "travel"): 'of the stage, from 0, "5 um"',
-    ("dual_servo", "against"): "what the straightness is measured against, a text",
-    ("dual_servo", "strict"): "true: a table beyond a limit is refused; false: it is written",
-    ("dual_servo", "slew"): "fastest change of the amplifier in V/s, 100",
-}
-"""What a key means, by step and key; by key alone where the step is empty."""
 
 
 def kind_words(kind: str) -> str:
@@ -205,10 +37,7 @@ def kind_words(kind: str) -> str:
 def key_words(op: str, key: str) -> str:
     """Return what a key of a step does."""
     declared = ALL_STEPS[op].get(key) if op in ALL_STEPS else None
-    if declared is not None and declared.help:
-        return declared.help
-    own = HELP.get(op, {}).get(key) or _KEY_WORDS.get((op, key))
-    return own or _KEY_WORDS.get(("", key), "")
+    return "" if declared is None else declared.about
 
 
 # ---- messages of the library in the words of who typed a recipe or a command -------------------

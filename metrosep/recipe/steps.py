@@ -8,6 +8,7 @@ from metrosep.core.methods import METHODS
 from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.plan import PLAN
 from metrosep.recipe.schema import LAYOUT, Field
+from metrosep.separation.runs.options import RUN_OPTIONS
 
 __all__ = [
     "ALL_STEPS",
@@ -64,44 +65,22 @@ MEASURING_INPUT = {
 STEPS = {
     "separate": {
         "op": Field("text", required=True),
-        "method": Field("text", choices=("joint", "kono", "mean")),
-        "start": Field("length"),
-        "length": Field("size"),
-        "shortest": Field("size"),
-        "lag": Field("lag"),
-        "exclude": Field("texts"),
-        "accept": Field("texts"),
-        "min_feeds": Field("integer"),
-        "false_discovery_rate": Field("number"),
-        "sigma_t": Field("number"),
-        "p_t": Field("number"),
-        "norm": Field("text", choices=("amplitude", "power", "psd")),
-        "taper_fraction": Field("number"),
-        "taper": Field("text", choices=("kono", "tukey")),
-        "rule": Field("text", choices=("shortest", "contiguous", "mask")),
-        "modelling_length": Field("size"),
-        "values": Field("text", choices=("one_feed", "all")),
-        "feed": Field("speed"),
-        "averaging": Field("text", choices=("coherent", "power")),
-        "ddof": Field("integer"),
-        "relative": Field("flag"),
-        "min_coherence": Field("number"),
-        "coefficients": Field("text", choices=("tapered", "least_squares")),
-        "drift": Field("integer", choices=(0, 1, 2)),
-        "lines": Field("frequencies"),
-        "line_phase": Field("text", choices=("free", "locked")),
-        "false_alarm": Field("number"),
-        "robust": Field("flag"),
-        "following": Field("text", choices=("off", "offset", "scale", "waves")),
-        "following_waves": Field("waves"),
-        "probes": Field("texts"),
-        "probe_gain": Field("text", choices=("equal", "fit")),
+        **RUN_OPTIONS,
     },
     "polynomial": {
         "op": Field("text", required=True),
-        "degree": Field("degree"),
-        "max_degree": Field("integer"),
-        "quantity": Field("text", required=True, choices=("error", "compensation")),
+        "degree": Field(
+            "degree",
+            help="degree of the polynomial; auto takes that of least AICc",
+            default="auto",
+        ),
+        "max_degree": Field("integer", help="highest degree that auto tries, up to 12", default=6),
+        "quantity": Field(
+            "text",
+            required=True,
+            choices=("error", "compensation"),
+            help="error is actual - nominal; compensation is minus the error, what is added to the command",
+        ),
     },
     "plan_feedrates": PLAN,
     **{name: op.fields for name, op in MEASURING.items()},

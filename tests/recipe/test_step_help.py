@@ -11,9 +11,9 @@ import pytest
 from metrosep.compensation.polynomial import fit_polynomial
 from metrosep.recipe import Recipe
 from metrosep.recipe.described_steps import described_steps
-from metrosep.recipe.step_help import DEFAULTS, HELP, key_words
+from metrosep.recipe.step_help import key_words
 from metrosep.recipe.steps import STEPS
-from metrosep.separation.runs.entry import _OPTIONS, separate, separate_mean
+from metrosep.separation.runs.entry import separate, separate_mean
 from metrosep.separation.runs.fourier import SelectionRule, separate_kono
 from metrosep.separation.runs.joint import separate_joint
 from metrosep.separation.runs.planner import plan_feedrates
@@ -59,16 +59,11 @@ def defaults_of(op: str, key: str) -> list[Any]:
 
 @pytest.mark.parametrize(("op", "key"), KEYS)
 def test_every_key_has_one_plain_sentence(op, key):
-    words = HELP[op][key]
+    words = STEPS[op][key].about
 
     assert 20 < len(words) < 250
     assert not words.endswith(".")
     assert key_words(op, key) == words
-
-
-def test_no_words_for_keys_that_are_not_there():
-    assert {(op, key) for op in HELP for key in HELP[op]} == set(KEYS)
-    assert {(op, key) for op in DEFAULTS for key in DEFAULTS[op]} <= set(KEYS)
 
 
 @pytest.mark.parametrize(("op", "key"), KEYS)
@@ -76,8 +71,9 @@ def test_the_stated_default_is_that_of_the_code(op, key):
     known = defaults_of(op, key)
     assert known, f"no function of {op} has {key}"
 
-    if key in DEFAULTS[op]:
-        value = parsed(op, key, DEFAULTS[op][key])
+    stated = STEPS[op][key].default
+    if stated not in NOTHING:
+        value = parsed(op, key, stated)
         assert known == [value] * len(known)
         assert type(value) is type(known[0])
     elif not STEPS[op][key].required:
@@ -86,9 +82,11 @@ def test_the_stated_default_is_that_of_the_code(op, key):
 
 @pytest.mark.parametrize("key", [k for op, k in KEYS if op == "separate"])
 def test_keys_of_single_methods_say_so(key):
-    methods = {m for m, options in _OPTIONS.items() if key in options} or COMMON.get(key, set())
+    functions = {"joint": separate_joint, "kono": separate_kono, "mean": separate_mean}
+    own = {m for m, f in functions.items() if key in inspect.signature(f).parameters}
+    methods = COMMON.get(key, set() if key in inspect.signature(separate).parameters else own)
 
-    found = re.match(r"([\w ]+) only: ", HELP["separate"][key])
+    found = re.match(r"([\w ]+) only: ", STEPS["separate"][key].about)
 
     assert set(found[1].split(" and ") if found else ()) == methods
 
@@ -97,10 +95,10 @@ def test_the_thresholds_in_the_words_are_those_of_the_rule():
     for norm, unit in (("amplitude", "m"), ("power", "m^2"), ("psd", "m^3")):
         sigma, p, _, _ = SelectionRule(norm=norm).thresholds()
         for key, value in (("sigma_t", sigma), ("p_t", p)):
-            stated = re.findall(rf"(\S+) {re.escape(unit)}(?=[ ,])", HELP["separate"][key])
+            stated = re.findall(rf"(\S+) {re.escape(unit)}(?=[ ,])", STEPS["separate"][key].about)
             assert [float(v) for v in stated] == [pytest.approx(value, abs=1e-6 * value)]
     relative = SelectionRule(relative=True).thresholds()[0]
-    assert f"{relative} where relative" in HELP["separate"]["sigma_t"]
+    assert f"{relative} where relative" in STEPS["separate"]["sigma_t"].about
 
 
 def test_the_page_gets_words_and_defaults():

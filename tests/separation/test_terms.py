@@ -401,11 +401,20 @@ def test_an_option_that_cannot_be_meant_is_refused(
 
 @pytest.mark.parametrize("name", ["length", "start", "shortest"])
 @pytest.mark.parametrize("method", ["joint", "kono", "mean"])
-def test_a_length_as_text_is_refused(contract_machine, as_runset, method, name):
+def test_a_length_as_text_needs_its_unit(contract_machine, as_runset, method, name):
     runs = as_runset(contract_machine.Machine(3, n_repeats=1))
 
-    with pytest.raises(DataError, match=f"{name} is a number in metres"):
-        separate(runs, method=method, **{name: "20 mm"})
+    with pytest.raises(DataError, match=f"{name} '20' has no unit"):
+        separate(runs, method=method, **{name: "20"})
+
+
+def test_quantities_are_taken_as_text(contract_machine, as_runset):
+    runs = as_runset(contract_machine.Machine(3, n_repeats=1))
+
+    one = separate(runs, length="20 mm", start="5 mm", shortest="2 mm", lag="0 s")
+    other = separate(runs, length=20e-3, start=5e-3, shortest=2e-3, lag=0.0)
+
+    assert one.to_dict() == other.to_dict()
 
 
 @pytest.mark.parametrize(

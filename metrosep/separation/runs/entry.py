@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,69 +25,59 @@ from metrosep.separation.runs.design import evaluation_range
 from metrosep.separation.runs.forensics import Named, RunChecks, check_runs
 from metrosep.separation.runs.fourier import separate_kono
 from metrosep.separation.runs.joint import separate_joint
-from metrosep.separation.runs.options import metres
+from metrosep.separation.runs.options import RUN_OPTIONS, in_si, metres
 from metrosep.separation.runs.run_probes import probe_names
 from metrosep.separation.runs.spectra import feed_spectra_columns
 
 __all__ = ["separate", "separate_mean"]
 
-_OPTIONS = {
-    "joint": (
-        "min_feeds",
-        "false_discovery_rate",
-        "drift",
-        "lines",
-        "line_phase",
-        "false_alarm",
-        "robust",
-        "following",
-        "following_waves",
-        "probes",
-        "probe_gain",
-    ),
-    "kono": (
-        "sigma_t",
-        "p_t",
-        "norm",
-        "taper_fraction",
-        "taper",
-        "rule",
-        "modelling_length",
-        "values",
-        "feed",
-        "averaging",
-        "ddof",
-        "relative",
-        "min_coherence",
-        "coefficients",
-    ),
-    "mean": ("feed",),
-}
+_METHODS = ("joint", "kono", "mean")
+_OWN = ("method", "start", "length", "shortest", "lag", "exclude", "accept")
+"""Options that `separate` takes by itself."""
 
 _NAMES = {1: "forward", -1: "reverse"}
 
 
+@overload
 def separate(
     runs: RunSet,
     *,
     method: Literal["joint", "kono", "mean"] = "joint",
-    length: float | None = None,
-    start: float | None = None,
-    shortest: float | None = None,
-    lag: float | Literal["auto", "fit"] = "auto",
+    length: float | str | None = None,
+    start: float | str | None = None,
+    shortest: float | str | None = None,
+    lag: float | str = "auto",
     exclude: Named | None = None,
     accept: Named | None = None,
     **options: Any,
-) -> ErrorEstimate:
-    """Return the repeatable geometric error of an axis from repeated runs.
+) -> ErrorEstimate: ...
+@overload
+def separate(runs: Any, *, method: str, **options: Any) -> Any: ...
+def separate(
+    runs: Any,
+    *,
+    method: str = "joint",
+    length: float | str | None = None,
+    start: float | str | None = None,
+    shortest: float | str | None = None,
+    lag: float | str = "auto",
+    exclude: Named | None = None,
+    accept: Named | None = None,
+    **options: Any,
+) -> Any:
+    """Return the repeatable geometric error of an axis from repeated runs, or what another method makes.
 
     Parameters
     ----------
     runs : RunSet
-        Runs at one or, better, several feedrates, in one or both directions.
-    method : {"joint", "kono", "mean"}, optional
-        Joint generalised least squares over all runs; Kono's Fourier method to the letter; or
-        the plain mean.
+        Runs at one or, better, several feedrates, in one or both directions. For another method
+        what it reads: an array, a sequence or a mapping of readings, profiles, maps, columns by
+        their role, or results.
+    method : str, optional
+        "joint": generalised least squares over all runs; "kono": Kono's Fourier method to the
+        letter; "mean": the plain mean. Or one of the methods that ``metrosep ops`` lists, such as
+        "donaldson": everything else is then an option of that method, and the result is its own. An option
+        that is itself called method is given as ``method_``.
     length, start : float, m, optional
         Evaluation range: its length and where it begins. The common travel (for "kono" its flat
         part under the window) if both are omitted; centred in it if only the length is given.
@@ -132,13 +122,27 @@ def separate(
     >>> estimate = separate(axis.runs, start=axis.start, length=axis.stop - axis.start)
     >>> bool(abs(estimate.evaluate([20e-3]) - axis.truth([20e-3]) < 60e-9))
     True
+    >>> a = 2 * np.pi * np.arange(64) / 64
+    >>> readings = [5e-8 * np.cos(3 * a) + 2e-8 * np.sin(2 * a), 5e-8 * np.cos(3 * a) - 2e-8 * np.sin(2 * a)]
+    >>> found = separate(readings, method="donaldson", angle=a, u_reading="1 nm", u_index="0.05 deg")
+    >>> bool(abs(found.spindle - 2e-8 * np.sin(2 * a)).max() < 1e-20)
+    True
     """
-    if method not in _OPTIONS:
-        raise DataError(f"unknown method {method!r}; there are 'joint', 'kono' and 'mean'")
-    unknown = sorted(set(options) - set(_OPTIONS[method]))
+    if method not in _METHODS:
+        from metrosep.separation.inputs import separate_named
+
+        own = {"length": length, "start": start, "shortest": shortest, "exclude": exclude}
+        own |= {"accept": accept, "lag": None if lag == "auto" else lag}
+        named = {k: v for k, v in own.items() if v is not None}
+        return separate_named(runs, method, {**named, **options})
+    known = [k for k, o in RUN_OPTIONS.items() if k not in _OWN and method in (o.of or _METHODS)]
+    unknown = sorted(set(options) - set(known))
     if unknown:
-        known = ", ".join(_OPTIONS[method])
-        raise OptionError(f"method {method!r} has no option {unknown[0]!r}; it knows {known}")
+        raise OptionError(
+            f"method {method!r} has no option {unknown[0]!r}; it knows {', '.join(known)}"
+        )
+    options = {k: in_si(k, v) for k, v in options.items()}
+    lag = in_si("lag", lag)
     _check_types(runs, lag)
     length, start = metres(length, "length"), metres(start, "start")
     shortest = metres(shortest, "shortest")

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, cast
 
 import numpy as np
 
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
+from metrosep.core.numbers import quantity
+from metrosep.core.options import KINDS, Option, checked, option, options_of
 from metrosep.core.units import format_length
 from metrosep.separation._readings import checked_number
 
-__all__ = ["Following", "JointOptions", "metres"]
+__all__ = ["RUN_OPTIONS", "Following", "JointOptions", "in_si", "metres"]
 
 Following = Literal["off", "offset", "scale", "waves"]
 
@@ -25,20 +27,58 @@ _MAX_WAVES = 8
 class JointOptions:
     """What the joint model holds beside geometry, offsets and noise; all off by default."""
 
-    drift: int = 0  # {0, 1, 2}: degree of the polynomial in time of each run
-    # "auto" or tuple of float, Hz: deterministic lines; "auto" looks for them
-    lines: Literal["auto"] | tuple[float, ...] = ()
-    # {"free", "locked"}: whether each run has its own phase and amplitude, or all share them from
-    # their start
-    line_phase: Literal["free", "locked"] = "free"
-    false_alarm: float = 0.001  # chance that "auto" finds a line where there is none
-    robust: bool = False  # whether spikes and bad stretches lose their weight
-    # {"off", "offset", "scale", "waves"}: what depends on the feedrate
-    following: Following = "off"
-    # or tuple of float, m: how many of the strongest wavelengths depend on it, or which
-    following_waves: int | tuple[float, ...] = 3
-    # {"equal", "fit"}: whether the probes have the same sensitivity
-    probe_gain: Literal["equal", "fit"] = "equal"
+    drift: int = option(
+        0,
+        kind="integer",
+        choices=(0, 1, 2),
+        help="degree of a polynomial in time that each run has for itself",
+        of=("joint",),
+    )
+    lines: Literal["auto"] | tuple[float, ...] = option(
+        (),
+        kind="frequencies",
+        help="frequencies of vibrations that are taken out as sines; auto looks for them; none if left out",
+        of=("joint",),
+    )
+    line_phase: Literal["free", "locked"] = option(
+        "free",
+        kind="text",
+        choices=("free", "locked"),
+        help="free gives each run its own amplitude and phase of a line, locked one from the start of all runs",
+        of=("joint",),
+    )
+    false_alarm: float = option(
+        0.001,
+        kind="number",
+        help="chance that lines = auto finds a line where there is none",
+        of=("joint",),
+    )
+    robust: bool = option(
+        False,
+        kind="flag",
+        help="true takes weight from spikes, dropouts and bad stretches",
+        of=("joint",),
+    )
+    following: Following = option(
+        "off",
+        kind="text",
+        choices=("off", "offset", "scale", "waves"),
+        help="what grows with the feedrate: the offset, the whole error (scale), or single waves of it",
+        of=("joint",),
+    )
+    following_waves: int | tuple[float, ...] = option(
+        3,
+        kind="waves",
+        help="how many of the strongest waves grow with the feedrate, or their wavelengths",
+        of=("joint",),
+    )
+    probe_gain: Literal["equal", "fit"] = option(
+        "equal",
+        kind="text",
+        choices=("equal", "fit"),
+        help="equal takes all probes as sensitive as the first, fit finds their sensitivities",
+        of=("joint",),
+    )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "drift", _checked_drift(self.drift))
@@ -105,15 +145,158 @@ class JointOptions:
 
 
 def metres(value: Any, name: str) -> float | None:
-    """Return a length as a plain number: text such as "20 mm" is not one."""
-    if value is None:
-        return None
-    single = isinstance(value, int | float | np.number) or (
-        isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf"
-    )
-    if not single or isinstance(value, bool | np.complexfloating):
-        raise DataError(f"{name} is a number in metres (1.2 mm is 1.2e-3), got {value!r}")
-    return float(value)
+    """Return a length in m, of a number or of a text with its unit; None stays."""
+    return None if value is None else quantity(value, name, "length")
+
+
+def in_si(name: str, value: Any) -> Any:
+    """Return the value of an option of `separate`, texts with a unit in SI."""
+    declared = RUN_OPTIONS.get(name)
+    if declared is None or KINDS[declared.kind].dimension is None:
+        return value
+    several = isinstance(value, list | tuple) and any(isinstance(v, str) for v in value)
+    return checked(declared, value, name) if isinstance(value, str) or several else value
+
+
+RUN_OPTIONS: Mapping[str, Option] = {
+    "method": Option(
+        "text",
+        choices=("joint", "kono", "mean"),
+        help="joint: least squares over all runs at once, with uncertainty; kono: Fourier series of the waves that repeat over the feedrates; mean: the plain mean of the runs",
+        default="joint",
+    ),
+    "start": Option(
+        "length",
+        help="where the evaluation range begins; centred in the common travel where only the length is given",
+    ),
+    "length": Option(
+        "size",
+        help="length of the evaluation range; up to the end of the common travel if left out",
+    ),
+    "shortest": Option(
+        "size",
+        help="shortest wavelength of the model; chosen from the data if left out",
+        of=("joint", "kono"),
+    ),
+    "lag": Option(
+        "lag",
+        help="delay of the reading against the position, positive when the reading is late; auto corrects what the runs show, fit finds it in any case; both need two feedrates",
+        default="auto",
+        of=("joint",),
+    ),
+    "exclude": Option(
+        "texts",
+        help="runs that are left out, by name; suspect leaves out all in which a fault was found",
+    ),
+    "accept": Option(
+        "texts", help="runs that are kept although they are refused, by name, or suspect"
+    ),
+    "min_feeds": Option(
+        "integer",
+        help="feedrates that must be there; 1 accepts that vibration is only averaged",
+        default=2,
+        of=("joint",),
+    ),
+    "false_discovery_rate": Option(
+        "number",
+        help="accepted share of wavelengths called repeatable that are noise; the estimate itself does not depend on it",
+        default=0.05,
+        of=("joint",),
+    ),
+    "sigma_t": Option(
+        "number",
+        help="a wavelength repeats where the standard deviation over the feedrates lies below this, in SI; 5e-8 m, 5e-14 m^2 or 5e-17 m^3 after norm if left out, 0.05 where relative",
+        of=("kono",),
+    ),
+    "p_t": Option(
+        "number",
+        help="a wavelength counts where its mean over the feedrates lies above this, in SI; 1e-8 m, 1e-14 m^2 or 1e-17 m^3 after norm if left out",
+        of=("kono",),
+    ),
+    "norm": Option(
+        "text",
+        choices=("amplitude", "power", "psd"),
+        help="what is compared with the thresholds: amplitude in m, its square, or its density over wavenumber",
+        default="amplitude",
+        of=("kono",),
+    ),
+    "taper_fraction": Option(
+        "number",
+        help="share of the samples over which the weight rises at each end",
+        default=0.1,
+        of=("kono",),
+    ),
+    "taper": Option(
+        "text",
+        choices=("kono", "tukey"),
+        help="kono is the weight of the paper, tukey the symmetric cosine",
+        default="kono",
+        of=("kono",),
+    ),
+    "rule": Option(
+        "text",
+        choices=("shortest", "contiguous", "mask"),
+        help="shortest keeps all waves down to the shortest that passes, contiguous down to the first that fails, mask only those that pass",
+        default="shortest",
+        of=("kono",),
+    ),
+    "modelling_length": Option(
+        "size",
+        help="longest wavelength of the series; the evaluation range over the flat part of the weight if left out",
+        of=("kono",),
+    ),
+    "values": Option(
+        "text",
+        choices=("one_feed", "all"),
+        help="amplitudes from the mean run of one feedrate, or of all runs",
+        default="one_feed",
+        of=("kono",),
+    ),
+    "feed": Option(
+        "speed",
+        help="the runs of this feedrate give the values; for kono the middle one, for mean all runs if left out",
+        of=("kono", "mean"),
+    ),
+    "averaging": Option(
+        "text",
+        choices=("coherent", "power"),
+        help="coherent takes the spectrum of the mean run, power the mean spectrum of the runs",
+        default="coherent",
+        of=("kono",),
+    ),
+    "ddof": Option(
+        "integer",
+        help="1 divides the squares by the feedrates less one (sample), 0 by the feedrates",
+        default=1,
+        of=("kono",),
+    ),
+    "relative": Option(
+        "flag",
+        help="true compares the standard deviation over the mean with sigma_t",
+        default=False,
+        of=("kono",),
+    ),
+    "min_coherence": Option(
+        "number",
+        help="least agreement of the phases over the feedrates, 0 to 1; 0 ignores them as the paper does",
+        default=0.0,
+        of=("kono",),
+    ),
+    "coefficients": Option(
+        "text",
+        choices=("tapered", "least_squares"),
+        help="tapered are the Fourier sums of the weighted data, least_squares fits the kept waves, which does not decay in the ends",
+        default="tapered",
+        of=("kono",),
+    ),
+    "probes": Option(
+        "texts",
+        help="name of the probe of each run, separated by commas; from the files if left out",
+        of=("joint",),
+    ),
+    **options_of(JointOptions),
+}
+"""What `separate` takes for repeated runs, beside the runs."""
 
 
 def _checked_drift(drift: Any) -> int:
