@@ -29,7 +29,7 @@ from metrosep.separation.runs.options import metres
 from metrosep.separation.runs.run_probes import probe_names
 from metrosep.separation.runs.spectra import feed_spectra_columns
 
-__all__ = ["separate", "separate_mean"]
+__all__ = ["separate"]
 
 _OPTIONS = {
     "joint": (
@@ -104,9 +104,10 @@ def separate(
         Runs that are kept although they are refused.
     **options
         Of the method: "joint" min_feeds, false_discovery_rate, drift, lines, line_phase,
-        false_alarm, robust, following, following_waves, probes, probe_gain (`separate_joint`); "kono"
+        false_alarm, robust, following, following_waves, probes, probe_gain; "kono"
         sigma_t, p_t, norm, taper_fraction, taper, rule, modelling_length, values, feed, averaging,
-        ddof, relative, min_coherence, coefficients (`separate_kono`); "mean" feed.
+        ddof, relative, min_coherence, coefficients; "mean" feed.
+        ``metrosep ops separate`` describes each of them.
 
     Returns
     -------
