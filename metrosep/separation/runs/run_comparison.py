@@ -78,8 +78,8 @@ _FITTINGS, _ROUNDS, _SETTLED, _MARGIN = 2, 16, 0.1, 0.01
 still moves when it has settled; and the share of the travel at each end into which it may move."""
 
 _ORDERS = (0, 1, 2, 4, 8, 16, 24)
-_REPEATS = 0.8
-"""Least share of a wave that repeats, so that it counts as one of the error."""
+_REPEATS = 1e-3
+"""Chance by which noise would repeat as much as a wave that counts as one of the error."""
 
 _LEAST_WAVES = 6.0
 """Independent waves in which two runs are compared, at least."""
@@ -357,6 +357,7 @@ def _first_alignment(
 def _repeating(rows: FloatArray) -> FloatArray:
     """Return the share of each cosine wave of the runs that repeats, 0 to 1 (Wiener's filter)."""
     from scipy.fft import dct
+    from scipy.stats import f as f_distribution
 
     waves = dct(np.nan_to_num(rows), norm="ortho", axis=1)
     middle = np.median(waves, axis=0)
@@ -366,7 +367,8 @@ def _repeating(rows: FloatArray) -> FloatArray:
     both = np.convolve(middle**2, near, mode="same")
     share = np.clip(1.0 - noise / np.maximum(both, 1e-300), 0.0, 1.0)
     # By chance noise repeats a little; taken as a wave of the error it would seem to show a place.
-    return np.asarray(np.where(share > _REPEATS, share, 0.0))
+    least = 1.0 - 1.0 / float(f_distribution.isf(_REPEATS, 5, 5 * (len(rows) - 1)))
+    return np.asarray(np.where(share > least, share, 0.0))
 
 
 def _others(feeds: FloatArray, reference: NDArray[np.bool_], index: int) -> NDArray[np.bool_]:
