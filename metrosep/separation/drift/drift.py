@@ -16,13 +16,13 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import real
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
 from metrosep.separation._readings import (
     NOISE_UNKNOWN,
     as_numbers,
-    checked_number,
     checked_sd,
     known_parts,
     part_of,
@@ -229,7 +229,7 @@ def iso230_3_drift(
     }
     linear = [q for name, q in ranges.items() if name not in angular]
     combined = tuple(_combined([q[i] for q in linear], kind) for i in range(len(spans)))
-    length = math.nan if span is None else checked_number(span, "span", "a length of time in s")
+    length = math.nan if span is None else real(span, "span", what="a length of time in s")
     worst = {} if span is None else _worst(times, table, length, noise, angular)
     return DriftTest(
         kind=kind,

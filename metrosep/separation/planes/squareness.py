@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError, UnitError
+from metrosep.core.numbers import real
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
-from metrosep.separation._readings import checked_number, plain, reduced
+from metrosep.separation._readings import plain, reduced
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -304,14 +305,14 @@ def _standard_uncertainties(
     if u is None:
         return None
     if isinstance(u, Mapping):
-        own = {canonical_name(k)[0]: checked_number(v, f"u of {k}") for k, v in u.items()}
+        own = {canonical_name(k)[0]: real(v, f"u of {k}") for k, v in u.items()}
         missing = [n for n in names if n not in own]
         if missing:
             raise DataError(f"u lacks the diagonal {missing[0]}")
         sd = np.array([own[n] for n in names])
     else:
         what = "one number in m or a mapping of names to numbers"
-        sd = np.full(len(names), checked_number(u, "u", what))
+        sd = np.full(len(names), real(u, "u", what=what))
     if not (np.isfinite(sd).all() and (sd >= 0.0).all()):
         raise DataError("u must be zero or positive, in m")
     return sd

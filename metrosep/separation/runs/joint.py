@@ -29,10 +29,10 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
+from metrosep.core.numbers import count, real
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
-from metrosep.separation._readings import checked_count, checked_number
 from metrosep.separation.runs.base import (
     LINE_POINTS,
     DirectionEstimate,
@@ -148,7 +148,7 @@ def separate_joint(
         If the runs have no usable time, cover different travels or are too short.
     """
     share = "a share between 0 and 1, such as 0.05 for 5 %"
-    if not 0.0 < checked_number(false_discovery_rate, "false_discovery_rate", share) < 1.0:
+    if not 0.0 < real(false_discovery_rate, "false_discovery_rate", what=share) < 1.0:
         raise DataError(
             f"false_discovery_rate must be in (0, 1), got {false_discovery_rate}; 5 % is 0.05"
         )
@@ -166,7 +166,7 @@ def separate_joint(
         metres(value, name)
         for value, name in ((start, "start"), (length, "length"), (shortest, "shortest"))
     )
-    min_feeds = checked_count(min_feeds, "min_feeds")
+    min_feeds = count(min_feeds, "min_feeds", least=0)
     _check_feeds(runs, min_feeds=min_feeds, fit_lag=lag == "fit")
     names = probe_names(runs, probes)
     n_feeds, n_probes = len(runs.feeds), len(set(names))

@@ -22,14 +22,13 @@ from metrosep.core.errors import (
     NotSeparableError,
     TooFewSamplesError,
 )
+from metrosep.core.numbers import count, real
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
 from metrosep.separation._readings import (
     as_numbers,
-    checked_count,
-    checked_number,
     checked_sd,
     known_parts,
     part_of,
@@ -137,7 +136,7 @@ class JointSeparation(SeparationMethod):
             )
         frozen_float(self.feeds, name="feeds", ndim=1, min_size=1)
         metres(self.shortest, "shortest")
-        least = checked_count(self.min_feeds, "min_feeds")
+        least = count(self.min_feeds, "min_feeds", least=0)
         ways = self._ways()
         if len(ways) != len(self.feeds) or not set(ways) <= set(_WAYS):
             raise DataError(
@@ -592,7 +591,7 @@ def joint_drift(
     if np.isinf(table).any():
         raise InvalidSamplesError("a reading is infinite; write NaN where nothing was measured")
     sd = checked_sd(sd)
-    zero = float(times[0]) if reference is None else checked_number(reference, "reference")
+    zero = float(times[0]) if reference is None else real(reference, "reference")
     drift_design, model = _drift_design(times, zero, degree, n_pieces)
     known = tuple(dict.fromkeys(names))
     which = np.array([[name == k for k in known] for name in names], dtype=np.float64)
@@ -673,7 +672,7 @@ def _drift_design(
     both = np.append(times, zero)
     span = float(times[-1] - times[0])
     if n_pieces is None:
-        degree = checked_count(degree, "degree")
+        degree = count(degree, "degree", least=0)
         if degree > 8:
             raise DataError(f"degree of the drift is 0 to 8, got {degree}; use n_pieces for more")
         s = 2.0 * (both - times[0]) / span - 1.0
@@ -682,7 +681,7 @@ def _drift_design(
     else:
         from scipy.interpolate import BSpline
 
-        n_pieces = checked_count(n_pieces, "n_pieces", low=1)
+        n_pieces = count(n_pieces, "n_pieces")
         inner = np.linspace(times[0], times[-1], n_pieces + 1)
         knots = np.concatenate([[times[0]] * 3, inner, [times[-1]] * 3])
         # The splines sum to one: without the first they hold no constant.
