@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "LONG_WAVE",
+    "checked_count",
     "checked_feeds",
     "checked_sd",
     "checked_seed",
@@ -302,9 +303,15 @@ def checked_sd(value: Any, unit: str = "") -> float | None:
     return not_negative(real(value, "sd", what=f"a number{unit and f' in {unit}'}"), "sd")
 
 
+def checked_count(value: Any, name: str, *, low: int = 0) -> int:
+    """Return a whole number; 2.0 is one, too."""
+    whole = isinstance(value, float) and value.is_integer()
+    return count(int(value) if whole else value, name, least=low)
+
+
 def checked_seed(value: Any) -> int:
     """Return the seed of a simulation."""
-    return count(value, "seed", least=0)
+    return checked_count(value, "seed")
 
 
 # ---- private helper: refuse complex numbers, text and rows of unequal length before they are used ----

@@ -15,12 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, as_float
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
-from metrosep.core.numbers import count
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.separation._readings import (
     NOISE_UNKNOWN,
     as_numbers,
+    checked_count,
     checked_sd,
     known_parts,
     plain,
@@ -303,7 +303,9 @@ class AbbaDrift(SeparationMethod):
     error_parts: ClassVar[tuple[str, ...]] = ("drift_rate",)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "n_sequences", count(self.n_sequences, "n_sequences"))
+        object.__setattr__(
+            self, "n_sequences", checked_count(self.n_sequences, "n_sequences", low=1)
+        )
         self._weights()
 
     @property

@@ -29,10 +29,11 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
-from metrosep.core.numbers import count, real
+from metrosep.core.numbers import real
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
+from metrosep.separation._readings import checked_count
 from metrosep.separation.runs.base import (
     LINE_POINTS,
     DirectionEstimate,
@@ -166,7 +167,7 @@ def separate_joint(
         metres(value, name)
         for value, name in ((start, "start"), (length, "length"), (shortest, "shortest"))
     )
-    min_feeds = count(min_feeds, "min_feeds", least=0)
+    min_feeds = checked_count(min_feeds, "min_feeds")
     _check_feeds(runs, min_feeds=min_feeds, fit_lag=lag == "fit")
     names = probe_names(runs, probes)
     n_feeds, n_probes = len(runs.feeds), len(set(names))

@@ -22,13 +22,14 @@ from metrosep.core.errors import (
     NotSeparableError,
     TooFewSamplesError,
 )
-from metrosep.core.numbers import count, real
+from metrosep.core.numbers import real
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
 from metrosep.separation._readings import (
     as_numbers,
+    checked_count,
     checked_sd,
     known_parts,
     part_of,
@@ -136,7 +137,7 @@ class JointSeparation(SeparationMethod):
             )
         frozen_float(self.feeds, name="feeds", ndim=1, min_size=1)
         metres(self.shortest, "shortest")
-        least = count(self.min_feeds, "min_feeds", least=0)
+        least = checked_count(self.min_feeds, "min_feeds")
         ways = self._ways()
         if len(ways) != len(self.feeds) or not set(ways) <= set(_WAYS):
             raise DataError(
@@ -672,7 +673,7 @@ def _drift_design(
     both = np.append(times, zero)
     span = float(times[-1] - times[0])
     if n_pieces is None:
-        degree = count(degree, "degree", least=0)
+        degree = checked_count(degree, "degree")
         if degree > 8:
             raise DataError(f"degree of the drift is 0 to 8, got {degree}; use n_pieces for more")
         s = 2.0 * (both - times[0]) / span - 1.0
@@ -681,7 +682,7 @@ def _drift_design(
     else:
         from scipy.interpolate import BSpline
 
-        n_pieces = count(n_pieces, "n_pieces")
+        n_pieces = checked_count(n_pieces, "n_pieces", low=1)
         inner = np.linspace(times[0], times[-1], n_pieces + 1)
         knots = np.concatenate([[times[0]] * 3, inner, [times[-1]] * 3])
         # The splines sum to one: without the first they hold no constant.
