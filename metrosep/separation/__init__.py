@@ -205,17 +205,10 @@ if TYPE_CHECKING:
     )
     from metrosep.separation.runs.entry import (
         separate as separate,
-        separate_mean as separate_mean,
     )
     from metrosep.separation.runs.evidence import (
         EvidenceTable as EvidenceTable,
         evidence_table as evidence_table,
-    )
-    from metrosep.separation.runs.fourier import (
-        separate_kono as separate_kono,
-    )
-    from metrosep.separation.runs.joint import (
-        separate_joint as separate_joint,
     )
     from metrosep.separation.runs.joint_method import (
         JointDrift as JointDrift,
@@ -284,23 +277,18 @@ _HOMES = {
         "DriftTest",
         "iso230_3_drift",
     ),
-    "runs.entry": (
-        "separate",
-        "separate_mean",
-    ),
+    "runs.entry": ("separate",),
     "runs.evidence": (
         "EvidenceTable",
         "evidence_table",
     ),
     "maps.flat_setup": ("ThreeFlat",),
     "maps.flats": ("three_flat",),
-    "runs.fourier": ("separate_kono",),
     "lines.iso230_straightness": (
         "MotionStraightness",
         "ReferenceLine",
         "straightness_iso230_1",
     ),
-    "runs.joint": ("separate_joint",),
     "runs.joint_method": (
         "JointDrift",
         "JointSeparation",

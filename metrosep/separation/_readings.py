@@ -7,7 +7,6 @@ repeated: passes of a slide, revolutions of a spindle.
 from __future__ import annotations
 
 import math
-import numbers
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.core import numbers
 from metrosep.core._arrays import ComplexArray, FloatArray, as_float
 from metrosep.core.errors import (
     DataError,
@@ -24,11 +24,11 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
+from metrosep.core.numbers import count, not_negative, real
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.spectral.dft import real_number
 
 if TYPE_CHECKING:
     from metrosep.separation.contract import SeparationMethod
@@ -37,7 +37,6 @@ __all__ = [
     "LONG_WAVE",
     "checked_count",
     "checked_feeds",
-    "checked_number",
     "checked_sd",
     "checked_seed",
     "checked_wavelengths",
@@ -135,11 +134,8 @@ def average_repeats(
     mean = np.stack([_mean_curve(rows, n, basis) for rows, n in zip(array, counts, strict=True)])
     n_repeats = array.shape[1]
     if u_reading is not None:
-        stated = real_number(u_reading, "u_reading", f"a standard uncertainty in {unit}")
-        if not (math.isfinite(stated) and stated >= 0.0):
-            raise DataError(
-                f"u_reading is {stated}; it must be a standard uncertainty >= 0 in {unit}"
-            )
+        stated = stated_u(u_reading, unit)
+        assert stated is not None  # noqa: S101
         noise = Quantity(
             stated, unit, "standard uncertainty of one reading, as stated", symbol="s"
         )
@@ -300,34 +296,17 @@ _ENOUGH = 4
 # ---- settings of the standard tests as plain numbers -------------------------------------------
 
 
-def checked_number(value: Any, name: str, what: str = "a number") -> float:
-    """Return a finite number."""
-    single = isinstance(value, numbers.Real) or (
-        isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf"
-    )
-    if not single or isinstance(value, (bool, np.bool_)) or not math.isfinite(float(value)):
-        raise DataError(f"{name} must be {what}, got {value!r}")
-    return float(value)
-
-
 def checked_sd(value: Any, unit: str = "") -> float | None:
     """Return the standard deviation of one reading, or None."""
     if value is None:
         return None
-    tail = f", in {unit}" if unit else ""
-    sd = checked_number(value, "sd", f"a number{tail}")
-    if sd < 0.0:
-        raise DataError(f"sd must be zero or positive{tail}, got {value}")
-    return sd
+    return not_negative(real(value, "sd", what=f"a number{unit and f' in {unit}'}"), "sd")
 
 
 def checked_count(value: Any, name: str, *, low: int = 0) -> int:
-    """Return a whole number."""
-    what = f"a whole number of {low} or more"
-    found = checked_number(value, name, what)
-    if found != int(found) or found < low:
-        raise DataError(f"{name} must be {what}, got {value!r}")
-    return int(found)
+    """Return a whole number; 2.0 is one, too."""
+    whole = isinstance(value, float) and value.is_integer()
+    return count(int(value) if whole else value, name, least=low)
 
 
 def checked_seed(value: Any) -> int:
@@ -523,14 +502,12 @@ def part_of(
     return parts[name]
 
 
-def stated_u(u_reading: float | None, unit: str, name: str = "u_reading") -> float | None:
+def stated_u(u_reading: Any, unit: str, name: str = "u_reading") -> float | None:
     """Return a stated standard uncertainty of one reading, or None."""
     if u_reading is None:
         return None
-    value = checked_number(u_reading, name, f"a standard uncertainty >= 0 in {unit}")
-    if value < 0.0:
-        raise DataError(f"{name} is {value}; it must be a standard uncertainty >= 0 in {unit}")
-    return value
+    what = f"a standard uncertainty >= 0{unit and f' in {unit}'}"
+    return not_negative(real(u_reading, name, what=what), name)
 
 
 # ---- private helpers of result classes: plain values for JSON, and copies by copy and pickle ----
@@ -643,14 +620,9 @@ _N_IN_RANGE = 121
 
 
 def positive(value: Any, name: str, unit: str, *, zero: bool = False) -> float:
-    """Return a number that is positive and finite."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise DataError(f"{name} must be a number in {unit}, got {value!r}") from None
-    if not math.isfinite(number) or number < 0.0 or (number == 0.0 and not zero):
-        raise DataError(f"{name} is {number} {unit}; it must be positive and finite")
-    return number
+    """Return a number that is positive and finite, or zero where that is taken."""
+    check = not_negative if zero else numbers.positive
+    return check(real(value, name, what=f"a number in {unit}"), name)
 
 
 def checked_feeds(values: ArrayLike, name: str) -> FloatArray:

@@ -261,7 +261,7 @@ def test_reference_time_moves_the_level_only():
         (([0, 1, 2], [1, 2]), {}, InvalidSamplesError, "one reading"),
         (([0, 1, 2], [1, 2, np.inf]), {}, InvalidSamplesError, "infinite"),
         (([0, 1, 2], [1, 2, 3]), {"degree": 9}, DataError, "0 to 8"),
-        (([0, 1, 2], [1, 2, 3]), {"n_pieces": 0}, DataError, "1 or more"),
+        (([0, 1, 2], [1, 2, 3]), {"n_pieces": 0}, DataError, "whole number from 1"),
         (([0, 1, 2], [1, 2, 3]), {"reference": 7.0}, DataError, "outside"),
         (([0, 1, 2], [1, 2, 3]), {"sd": -1.0}, DataError, "sd must"),
         (([0, 1, 2], [1, 2, 3]), {"sd": "1 nm"}, DataError, "sd must be a number"),

@@ -183,6 +183,55 @@ def test_runs_of_one_feedrate_that_start_elsewhere_are_named(which):
     )
 
 
+@pytest.mark.parametrize(
+    ("machine", "by"),
+    [
+        # A short travel of two waves; 1/f of the longest wave; and many samples beyond the shortest.
+        ({"travel": 18.0, "waves": {6.7: 60.0, 2.7: 25.0}}, 0.3),
+        ({"travel": 18.0, "waves": {6.7: 60.0, 2.7: 25.0}}, -1.0),
+        ({"travel": 370.0, "waves": {150.0: 400.0, 61.0: 200.0, 23.0: 80.0, 9.0: 30.0}}, 5.0),
+    ],
+)
+@pytest.mark.parametrize("whole_feed", [True, False])
+def test_the_stated_displacement_is_the_planted_one(machine, by, whole_feed):
+    slow = machine["travel"] < 100.0
+    feeds = (1.0, 2.2, 4.8) if slow else (4.0, 8.7, 19.3)
+    moved = (2, 3) if whole_feed else (3,)
+
+    def displaced(axis):
+        for run in moved:
+            axis.displace(run, by)
+
+    rest = {"feeds": feeds, "repeats": 2, "rate": 100.0, "white": 3.0, "modes": ()}
+    messages = separate(spoilt(displaced, **machine, **rest), method="mean").messages
+    who = "the runs at .* mm/min are" if whole_feed else "run r4 is"
+    said = re.search(rf"^{who} displaced by (\S+) (mm|um) \(u (\S+) (um|nm)\)", messages[0])
+    unit = {"mm": 1.0, "um": 1e-3, "nm": 1e-6}
+    found, u = float(said[1]) * unit[said[2]], float(said[3]) * unit[said[4]]
+
+    assert len(messages) == (1 if whole_feed else 2)  # a kept run is said to be kept
+    if whole_feed:
+        assert f"{round(feeds[1] * 60)} mm/min" in said[0]
+    # The text has four digits.
+    assert abs(found - by) < 4.0 * u + 0.5e-3 * abs(by)
+    assert u < 0.02 * abs(by)
+
+
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_one_of_three_runs_with_twice_the_gain_is_named(which):
+    runs = spoilt(at(which, lambda z: 2.0 * z), feeds=(95.0,), white=5.0, modes=())
+    said = [m for m in separate(runs, method="mean").messages if m.startswith("run r")]
+
+    assert len(said) == 2  # the gain, and that the run is kept
+    assert re.match(rf"run r{which + 1} has the gain (1\.9|2\.0)\d", said[0])
+
+
+def test_separate_is_the_only_door_so_that_no_method_skips_the_checks():
+    import metrosep.separation as room
+
+    assert not {"separate_joint", "separate_kono", "separate_mean"} & set(dir(room))
+
+
 def test_readings_in_steps_far_above_the_noise_are_said_and_widen_the_band():
     def in_steps(axis):
         for run in range(9):

@@ -240,7 +240,7 @@ def test_one_feedrate_is_refused():
         (lambda: small(("up", "up", "up", "up")), "'forward' or 'reverse'"),
         (lambda: small(min_feeds=1.5), "min_feeds"),
         (lambda: small().separate(np.zeros((4, 5))), "97 positions"),
-        (lambda: small().separate(np.zeros((4, N)), u_reading=-1.0), "u_reading is"),
+        (lambda: small().separate(np.zeros((4, N)), u_reading=-1.0), "u_reading must be zero or more"),
         (
             lambda: small(("forward",) * 4).simulate({}, {"reverse": np.ones(N)}),
             "no run goes reverse",

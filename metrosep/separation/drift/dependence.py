@@ -18,10 +18,11 @@ from metrosep.core.errors import (
     TooFewSamplesError,
 )
 from metrosep.core.inputs import RoleColumns
+from metrosep.core.numbers import real
 from metrosep.core.options import Option
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
-from metrosep.separation._readings import checked_number, plain, reduced
+from metrosep.separation._readings import plain, reduced
 from metrosep.separation.contract import NamedMethod
 
 __all__ = ["Dependence", "allan_deviation", "drift_against_temperature", "speed_dependence"]
@@ -307,7 +308,7 @@ def _powers(powers: Any) -> tuple[int, ...]:
 def _check_model(powers: tuple[int, ...], confidence: float) -> None:
     if not powers or len(set(powers)) < len(powers) or min(powers) < 0:
         raise DataError(f"powers must be different and not negative, got {powers}")
-    if not 0.5 <= checked_number(confidence, "confidence", "a number, 0.95 for 95 %") < 1.0:
+    if not 0.5 <= real(confidence, "confidence", what="a number, 0.95 for 95 %") < 1.0:
         raise DataError(f"confidence must lie in 0.5 to 1 (0.95 is usual), got {confidence}")
 
 

@@ -22,6 +22,7 @@ from metrosep.core.errors import (
     TooFewSamplesError,
 )
 from metrosep.core.inputs import Readings, RoleColumns
+from metrosep.core.numbers import real
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
@@ -29,7 +30,6 @@ from metrosep.core.recording import Recording
 from metrosep.separation._readings import (
     NOISE_UNKNOWN,
     as_numbers,
-    checked_number,
     checked_sd,
     known_parts,
     part_of,
@@ -236,7 +236,7 @@ def iso230_3_drift(
     }
     linear = [q for name, q in ranges.items() if name not in angular]
     combined = tuple(_combined([q[i] for q in linear], kind) for i in range(len(spans)))
-    length = math.nan if span is None else checked_number(span, "span", "a length of time in s")
+    length = math.nan if span is None else real(span, "span", what="a length of time in s")
     worst = {} if span is None else _worst(times, table, length, noise, angular)
     return DriftTest(
         kind=kind,

@@ -19,13 +19,13 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
 from metrosep.core.inputs import RoleColumns
+from metrosep.core.numbers import real
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.readable import typed_number
 from metrosep.separation._readings import (
-    checked_number,
     checked_readings,
     checked_seed,
     known_parts,
@@ -125,7 +125,7 @@ def iso230_2(
     """
     if unit not in ("m", "rad"):
         raise DataError(f"unit is 'm' (linear axis) or 'rad' (rotary axis), got {unit!r}")
-    if not 0.5 <= checked_number(confidence, "confidence", "a number, 0.95 for 95 %") < 1.0:
+    if not 0.5 <= real(confidence, "confidence", what="a number, 0.95 for 95 %") < 1.0:
         raise DataError(f"confidence must lie in 0.5 to 1 (0.95 is usual), got {confidence}")
     seed = checked_seed(seed)
     goals = frozen_float(targets, name="targets", ndim=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Literal, overload
+from typing import Any, Literal, cast, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from metrosep.separation.runs.options import RUN_OPTIONS, in_si, metres
 from metrosep.separation.runs.run_probes import probe_names
 from metrosep.separation.runs.spectra import feed_spectra_columns
 
-__all__ = ["separate", "separate_mean"]
+__all__ = ["separate"]
 
 _METHODS = ("joint", "kono", "mean")
 _OWN = ("method", "start", "length", "shortest", "lag", "exclude", "accept")
@@ -94,9 +94,10 @@ def separate(
         Runs that are kept although they are refused.
     **options
         Of the method: "joint" min_feeds, false_discovery_rate, drift, lines, line_phase,
-        false_alarm, robust, following, following_waves, probes, probe_gain (`separate_joint`); "kono"
+        false_alarm, robust, following, following_waves, probes, probe_gain; "kono"
         sigma_t, p_t, norm, taper_fraction, taper, rule, modelling_length, values, feed, averaging,
-        ddof, relative, min_coherence, coefficients (`separate_kono`); "mean" feed.
+        ddof, relative, min_coherence, coefficients; "mean" feed.
+        ``metrosep ops separate`` describes each of them.
 
     Returns
     -------
@@ -142,7 +143,7 @@ def separate(
             f"method {method!r} has no option {unknown[0]!r}; it knows {', '.join(known)}"
         )
     options = {k: in_si(k, v) for k, v in options.items()}
-    lag = in_si("lag", lag)
+    lag = cast("float | Literal['auto', 'fit']", in_si("lag", lag))
     _check_types(runs, lag)
     length, start = metres(length, "length"), metres(start, "start")
     shortest = metres(shortest, "shortest")

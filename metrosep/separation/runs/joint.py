@@ -29,10 +29,11 @@ from metrosep.core.errors import (
     TooFewSamplesError,
     UnitError,
 )
+from metrosep.core.numbers import real
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
-from metrosep.separation._readings import checked_count, checked_number
+from metrosep.separation._readings import checked_count
 from metrosep.separation.runs.base import (
     LINE_POINTS,
     DirectionEstimate,
@@ -148,7 +149,7 @@ def separate_joint(
         If the runs have no usable time, cover different travels or are too short.
     """
     share = "a share between 0 and 1, such as 0.05 for 5 %"
-    if not 0.0 < checked_number(false_discovery_rate, "false_discovery_rate", share) < 1.0:
+    if not 0.0 < real(false_discovery_rate, "false_discovery_rate", what=share) < 1.0:
         raise DataError(
             f"false_discovery_rate must be in (0, 1), got {false_discovery_rate}; 5 % is 0.05"
         )

@@ -22,6 +22,7 @@ from metrosep.core.errors import (
     NotSeparableError,
     TooFewSamplesError,
 )
+from metrosep.core.numbers import real
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
@@ -29,7 +30,6 @@ from metrosep.core.units import format_length
 from metrosep.separation._readings import (
     as_numbers,
     checked_count,
-    checked_number,
     checked_sd,
     known_parts,
     part_of,
@@ -592,7 +592,7 @@ def joint_drift(
     if np.isinf(table).any():
         raise InvalidSamplesError("a reading is infinite; write NaN where nothing was measured")
     sd = checked_sd(sd)
-    zero = float(times[0]) if reference is None else checked_number(reference, "reference")
+    zero = float(times[0]) if reference is None else real(reference, "reference")
     drift_design, model = _drift_design(times, zero, degree, n_pieces)
     known = tuple(dict.fromkeys(names))
     which = np.array([[name == k for k in known] for name in names], dtype=np.float64)

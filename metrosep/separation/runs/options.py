@@ -10,10 +10,9 @@ from typing import Any, Literal, cast
 import numpy as np
 
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
-from metrosep.core.numbers import quantity
+from metrosep.core.numbers import flag, quantity, real
 from metrosep.core.options import KINDS, Option, checked, option, options_of
 from metrosep.core.units import format_length
-from metrosep.separation._readings import checked_number
 
 __all__ = ["RUN_OPTIONS", "Following", "JointOptions", "in_si", "metres"]
 
@@ -90,10 +89,9 @@ class JointOptions:
             value = getattr(self, name)
             if not isinstance(value, str) or value not in allowed:
                 raise DataError(f"{name} is one of {', '.join(allowed)}, got {value!r}")
-        if not isinstance(self.robust, bool | np.bool_):
-            raise DataError(f"robust is True or False, got {self.robust!r}")
+        flag(self.robust, "robust")
         chance = "a probability between 0 and 1"
-        if not 0.0 < checked_number(self.false_alarm, "false_alarm", chance) < 1.0:
+        if not 0.0 < real(self.false_alarm, "false_alarm", what=chance) < 1.0:
             raise DataError(f"false_alarm is {chance}, got {self.false_alarm}")
         object.__setattr__(self, "lines", _checked_lines(self.lines))
         object.__setattr__(self, "following_waves", _checked_waves(self.following_waves))

@@ -73,8 +73,14 @@ _GRID, _LEAST_GRID = 2048, 24
 _BLOCKS = 8
 """Most parts of which one is left out when it is asked what a shift owes to the other runs."""
 
-_ROUNDS = 4
+_FITTINGS, _ROUNDS, _SETTLED, _MARGIN = 2, 16, 0.1, 0.01
+"""Noise models one after the other; rounds with each at most; the share of its u by which a shift
+still moves when it has settled; and the share of the travel at each end into which it may move."""
+
 _ORDERS = (0, 1, 2, 4, 8, 16, 24)
+_REPEATS = 1e-3
+"""Chance by which noise would repeat as much as a wave that counts as one of the error."""
+
 _LEAST_WAVES = 6.0
 """Independent waves in which two runs are compared, at least."""
 
@@ -173,8 +179,10 @@ def compare_runs(runs: RunSet, table: RunTable, found: Findings) -> tuple[float,
         return None  # no error is seen by which runs could be compared
     bad = _suspects(table, gain)
     displaced, feeds, lag = _displaced(runs, table, gain, shift, list(bad))
-    odd = {*bad, *displaced, *(i for rows in feeds.values() for i in rows)}
-    if odd and table.compared.sum() - len(odd) >= 2:
+    suspects = {*bad, *displaced, *(i for rows in feeds.values() for i in rows)}
+    n_compared = int(table.compared.sum())
+    odd = next((o for o in (suspects, set(bad)) if o and n_compared - len(o) >= 2), None)
+    if odd is not None:
         table.reference[list(odd)] = False  # compare again with those that agree
         gain, shift = _gains_and_shifts(runs, table)
         bad = _suspects(table, gain)
@@ -194,61 +202,97 @@ def compare_runs(runs: RunSet, table: RunTable, found: Findings) -> tuple[float,
 
 def _gains_and_shifts(runs: RunSet, table: RunTable) -> tuple[FloatArray, FloatArray]:
     """Return gain and shift of every run against the median of the others, each with its u."""
-    left_out = ~table.compared
-    x, z = table.x, np.where(np.isnan(table.z) | left_out[:, None], 0.0, table.z)
+    x, z = table.x, np.where(np.isnan(table.z) | ~table.compared[:, None], 0.0, table.z)
+    rows = np.flatnonzero(table.compared).tolist()
     reach = int(_SHIFT_RANGE * x.size)
     sign, shift = _first_alignment(z, table.reference, reach, float(x[1] - x[0]))
     size = np.sqrt(np.mean(z**2, axis=1)) + 1e-300
-    gain = np.where(left_out, 1.0, sign * size / float(np.median(size[table.reference])))
-    out_gain, out_shift = np.full((len(z), 2), np.nan), np.full((len(z), 3), np.nan)
+    gain = sign * size / float(np.median(size[table.reference]))
+    gain[~table.compared] = 1.0
     feeds = np.array([runs[i].feed or 0.0 for i in table.members])
-    models: dict[int, AutoregressiveModel] = {}
-    aligned, keep = z, np.ones(x.size)
-    for _ in range(_ROUNDS):
-        aligned = np.array(
-            [
-                np.interp(x, x - d, row / a, left=np.nan, right=np.nan)
-                for row, d, a in zip(z, shift, gain, strict=True)
-            ]
-        )
-        aligned = np.array([_flat(x, row) for row in aligned])
-        keep = _repeating(aligned[table.reference])
-        columns = [
-            _columns(x, aligned, _others(feeds, table.reference, i), float(shift[i]), keep)
-            for i in range(len(z))
-        ]
-        fits = [np.linalg.lstsq(c, row, rcond=None)[0] for c, row in zip(columns, z, strict=True)]
-        rests = [
-            np.where(np.isnan(own), np.nan, row - c @ f)
-            for own, row, c, f in zip(table.z, z, columns, fits, strict=True)
-        ]
-        for i in np.flatnonzero(table.compared).tolist():
-            same = [
-                rests[j]
-                for j in range(len(z))
-                if abs(feeds[j] - feeds[i]) <= 0.02 * feeds[i]
-                and (table.reference[j] or j == i)
-                and (table.reference[i] or j == i)
-            ]
-            models[i] = _noise(same)
-            out_gain[i], step = _solve(columns[i], table.z[i], models[i])
-            limit = 0.5 * reach * (x[1] - x[0])
-            if math.isfinite(step[0]):
-                shift[i] = float(np.clip(shift[i] + step[0], -2 * limit, 2 * limit))
-                out_shift[i] = shift[i], step[1], 0.0
-            if math.isfinite(out_gain[i, 0]) and abs(out_gain[i, 0]) > 1e-6:
-                gain[i] = out_gain[i, 0]
-        own = out_gain[table.reference, 0]
-        middle = float(np.median(np.abs(own))) * (1.0 if np.sign(own).sum() >= 0.0 else -1.0)
-        if math.isfinite(middle) and abs(middle) > 1e-6:
-            gain, out_gain = gain / middle, out_gain * np.array([1 / middle, 1 / abs(middle)])
-    for i in np.flatnonzero(table.compared).tolist():
-        others = _others(feeds, table.reference, i)
+    others = [_others(feeds, table.reference, i) for i in range(len(z))]
+    # Against runs that are themselves to be moved, whole steps swing; by the share that the others
+    # have in the mean of all, they are the steps of Gauss and Newton against the common curve.
+    share = np.array([_share_of_others(feeds, table.reference, i) for i in range(len(z))])
+    white = AutoregressiveModel(np.empty(0), 1.0, 1.0)
+    models = dict.fromkeys(rows, white)
+    splines = [_spline(x, row) for row in table.z]
+    out_gain, out_shift = np.full((len(z), 2), np.nan), np.full((len(z), 3), np.nan)
+    aligned, keep, inside = z, np.ones(x.size), x
+    for fitting in range(_FITTINGS):  # white noise first: a model of a misfit would hide it
+        # One range that every run covers wherever it is moved: no run drops out at an end.
+        first = x[0] + max(0.0, -float(shift[rows].min())) + _MARGIN * np.ptp(x)
+        last = x[-1] - max(0.0, float(shift[rows].max())) - _MARGIN * np.ptp(x)
+        inside = x[(x >= first) & (x <= last)]
+        for _ in range(_ROUNDS):
+            aligned = np.array(
+                [
+                    _flat(inside, spline(inside + d)) / a
+                    for spline, d, a in zip(splines, shift, gain, strict=True)
+                ]
+            )
+            keep = _repeating(aligned[table.reference])
+            step = np.zeros(len(z))
+            for i in rows:
+                columns = _columns(inside, aligned, others[i], keep)
+                out_gain[i], change = _solve(columns, aligned[i] * gain[i], models[i])
+                if math.isfinite(change[0]):
+                    out_shift[i, :2] = shift[i] + change[0], change[1]
+                    step[i] = share[i] * change[0]
+            own_gain = out_gain[table.reference, 0]
+            sign_of_most = 1.0 if np.sign(own_gain).sum() >= 0.0 else -1.0
+            middle = sign_of_most * float(np.median(np.abs(own_gain)))
+            if math.isfinite(middle) and abs(middle) > 1e-6:
+                out_gain *= np.array([1 / middle, 1 / abs(middle)])
+            known = np.isfinite(out_gain[:, 0]) & (np.abs(out_gain[:, 0]) > 1e-6)
+            grows = np.where(known, share * (out_gain[:, 0] - gain), 0.0)
+            gain += grows
+            gain[np.abs(gain) < 1e-6] = 1e-6
+            step[rows] -= float(np.median(step[table.reference]))
+            limit = reach * (x[1] - x[0])
+            shift = np.clip(shift + step, -limit, limit)
+            moved = np.abs(np.column_stack([step, grows]))[rows]
+            if not (
+                moved > _SETTLED * np.column_stack([out_shift[:, 1], out_gain[:, 1]])[rows]
+            ).any():
+                break
+        if fitting == _FITTINGS - 1:
+            break
+        rests = {}
+        for i in rows:
+            columns = _columns(inside, aligned, others[i], keep)
+            known = ~np.isnan(aligned[i])
+            fit = np.linalg.lstsq(columns[known], aligned[i][known], rcond=None)[0]
+            rests[i] = gain[i] * (aligned[i] - columns @ fit)
+        for i in rows:
+            models[i] = _noise(
+                [
+                    rests[j]
+                    for j in rows
+                    if abs(feeds[j] - feeds[i]) <= 0.02 * feeds[i]
+                    and (j == i or (table.reference[j] and table.reference[i]))
+                ]
+            )
+    for i in rows:
         out_shift[i, 2] = _by_reference(
-            x, aligned, others, keep, table.z[i], models[i], float(shift[i])
+            inside, aligned, others[i], keep, aligned[i] * gain[i], models[i]
         )
+    few = [i for i in rows if others[i].sum() < _LEAST_FREEDOM]
+    if few:  # two others hardly know by what they differ: what all the runs show of it is pooled
+        out_shift[few, 2] = math.sqrt(float(np.mean(out_shift[few, 2] ** 2)))
     out_shift[:, 0] -= float(np.median(out_shift[table.reference, 0]))
     return out_gain, out_shift
+
+
+def _spline(x: FloatArray, row: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """Return a row as a function of the place, NaN where it has no reading."""
+    from scipy.interpolate import CubicSpline
+
+    known = ~np.isnan(row)
+    if known.sum() < 4:
+        return lambda at: np.full_like(at, np.nan)
+    curve, gone = CubicSpline(x[known], row[known]), np.where(known, 0.0, np.nan)
+    return lambda at: np.asarray(curve(at) + np.interp(at, x, gone, left=np.nan, right=np.nan))
 
 
 def _by_reference(
@@ -258,7 +302,6 @@ def _by_reference(
     keep: FloatArray,
     z: FloatArray,
     model: AutoregressiveModel,
-    shift: float,
 ) -> float:
     """Return what a shift changes with the choice of the runs compared with (jackknife).
 
@@ -273,7 +316,7 @@ def _by_reference(
     for block in blocks:
         left = others.copy()
         left[block] = False
-        columns = _columns(x, aligned, left, shift, keep, middle=np.nanmean)
+        columns = _columns(x, aligned, left, keep, middle=np.nanmean)
         found.append(_solve(columns, z, model)[1][0])
     n = len(blocks)
     return math.sqrt((n - 1) / n * float(((np.array(found) - np.mean(found)) ** 2).sum()))
@@ -314,6 +357,7 @@ def _first_alignment(
 def _repeating(rows: FloatArray) -> FloatArray:
     """Return the share of each cosine wave of the runs that repeats, 0 to 1 (Wiener's filter)."""
     from scipy.fft import dct
+    from scipy.stats import f as f_distribution
 
     waves = dct(np.nan_to_num(rows), norm="ortho", axis=1)
     middle = np.median(waves, axis=0)
@@ -321,7 +365,10 @@ def _repeating(rows: FloatArray) -> FloatArray:
     own = np.convolve(((waves - middle) ** 2).sum(axis=0), near, mode="same")
     noise = own / (len(rows) - 1) * (math.pi / 2.0 if len(rows) > 2 else 1.0) / len(rows)
     both = np.convolve(middle**2, near, mode="same")
-    return np.asarray(np.clip(1.0 - noise / np.maximum(both, 1e-300), 0.0, 1.0))
+    share = np.clip(1.0 - noise / np.maximum(both, 1e-300), 0.0, 1.0)
+    # By chance noise repeats a little; taken as a wave of the error it would seem to show a place.
+    least = 1.0 - 1.0 / float(f_distribution.isf(_REPEATS, 5, 5 * (len(rows) - 1)))
+    return np.asarray(np.where(share > least, share, 0.0))
 
 
 def _others(feeds: FloatArray, reference: NDArray[np.bool_], index: int) -> NDArray[np.bool_]:
@@ -338,25 +385,35 @@ def _others(feeds: FloatArray, reference: NDArray[np.bool_], index: int) -> NDAr
     return others if bool(others.any()) else reference
 
 
+def _share_of_others(feeds: FloatArray, reference: NDArray[np.bool_], index: int) -> float:
+    """Return the share of those a run is compared with in the mean of them and the run's like."""
+    if not reference[index]:
+        return 1.0
+    own = reference & (np.abs(feeds - feeds[index]) <= 0.02 * feeds[index])
+    n = int(reference.sum())
+    if n - int(own.sum()) >= 2:
+        return 1.0 - int(own.sum()) / n
+    return max(1.0 - 1.0 / n, 0.5)
+
+
 def _columns(
     x: FloatArray,
     aligned: FloatArray,
     others: NDArray[np.bool_],
-    shift: float,
     keep: FloatArray,
     middle: Callable[..., Any] = np.nanmedian,
 ) -> FloatArray:
     """Return what the others read, its change with a shift, a constant and a line."""
     from scipy.fft import dct, idct
+    from scipy.interpolate import CubicSpline
 
     rows = aligned[others]
     known = ~np.isnan(rows).all(axis=0)
     g = np.zeros(x.size)
     g[known] = middle(rows[:, known], axis=0)
     g = np.asarray(idct(keep * dct(g, norm="ortho"), norm="ortho"))
-    here = np.interp(x - shift, x, g)
-    slope = np.interp(x - shift, x, np.gradient(g, x))
-    return np.column_stack([here, -slope, np.ones(x.size), (x - x.mean()) / np.ptp(x)])
+    slope = CubicSpline(x, g)(x, 1)
+    return np.column_stack([g, -slope, np.ones(x.size), (x - x.mean()) / np.ptp(x)])
 
 
 def _noise(rests: Sequence[FloatArray]) -> AutoregressiveModel:
@@ -532,9 +589,20 @@ def _shift_line(
         root = np.sqrt(weight)
         fit = np.linalg.lstsq(columns * root[:, None], d * root, rcond=None)[0]
         weight = np.where(chosen, 1.0 / u / np.maximum(np.abs(d - columns @ fit) / u, 0.3), 0.0)
-    line = float(fit[0]), float(fit[1]) if several else 0.0
-    rest = ((d - _line_at(line, v)) / u)[chosen]
-    return line, float(np.minimum(rest**2, _SURE**2).sum()) + (line[1] / _LIKELY_LAG) ** 2
+    # Of three single runs any two lie on a line: no delay at all may be the likelier one.
+    found = []
+    for line in ((float(fit[0]), float(fit[1]) if several else 0.0), _level(d[chosen], u[chosen])):
+        rest = ((d - _line_at(line, v)) / u)[chosen]
+        cost = float(np.minimum(rest**2, _SURE**2).sum()) + (line[1] / _LIKELY_LAG) ** 2
+        found.append((cost, line))
+    cost, line = min(found)
+    return line, cost
+
+
+def _level(d: FloatArray, u: FloatArray) -> tuple[float, float]:
+    """Return the place of most shifts, the delay being none."""
+    costs = np.minimum(((d[:, None] - d) / u[:, None]) ** 2, _SURE**2).sum(axis=0)
+    return float(d[int(np.argmin(costs))]), 0.0
 
 
 # --- steps and spikes ----------------------------------------------------------------------------
