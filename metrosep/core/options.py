@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 from metrosep.core.errors import DataError, InvalidSamplesError, OptionError, UnitError
 from metrosep.core.limits import FROM_FIT, Limit, parse_limit
-from metrosep.core.units import parse_quantity
+from metrosep.core.units import TYPICAL, parse_quantity
 
 __all__ = ["KINDS", "Kind", "Option", "checked", "option", "options_of"]
 
@@ -154,11 +154,6 @@ _BITS = 64
 
 Check = Callable[[Any, str, bool], Any]
 
-_EXAMPLES = {
-    "length": "1.2 mm", "angle": "0.1 deg", "time": "2 ms", "frequency": "1 kHz",
-    "speed": "4800 mm/min",
-}  # fmt: skip
-
 
 def _typed(kind: type, what: str) -> Check:
     """Return the check of what is of one type as it stands."""
@@ -182,7 +177,7 @@ def _quantity(dimension: str, rule: str = "quantity") -> Check:
         if not bare and not isinstance(value, str):
             raise OptionError(
                 f"{'an' if dimension == 'angle' else 'a'} {dimension} is written with its unit in "
-                f'quotes, such as "{_EXAMPLES[dimension]}"'
+                f'quotes, such as "{TYPICAL[dimension]}"'
             )
         if isinstance(value, str):
             value = parse_quantity(value, dimension=dimension, name=name)
@@ -342,11 +337,13 @@ def _waves(value: Any, name: str, bare: bool) -> Any:
 
 
 def _lines(value: Any, name: str, bare: bool) -> Any:
-    return (
-        "auto"
-        if isinstance(value, str) and value == "auto"
-        else _list_of(_quantity("frequency"), '["50 Hz"]')(value, name, bare)
-    )
+    if isinstance(value, str) and value == "auto":
+        return value
+    if isinstance(value, str):
+        raise OptionError(
+            f'"auto", or a list of frequencies such as ["50 Hz"], is needed here, got {value!r}'
+        )
+    return _list_of(_quantity("frequency"), '["50 Hz"]')(value, name, bare)
 
 
 def _quantities(dimension: str, example: str) -> Check:

@@ -275,6 +275,14 @@ def parse_unit(text: str, *, dimension: str | None = None) -> Unit:
     return unit
 
 
+TYPICAL = {
+    "length": "1.2 mm", "angle": "0.1 deg", "time": "2 ms", "frequency": "1 kHz",
+    "speed": "4800 mm/min", "acceleration": "2 m/s2", "voltage": "2.5 V", "torque": "1 N m",
+    "number": "5 %",
+}  # fmt: skip
+"""A quantity of each dimension as a person writes it, for messages."""
+
+
 def _a(dimension: str) -> str:
     return f"an {dimension}" if dimension[:1] in "aeio" else f"a {dimension}"
 
@@ -296,7 +304,7 @@ def parse_quantity(value: str | float, *, dimension: str, name: str = "value") -
             number = float(value)
         except (TypeError, ValueError):
             raise UnitError(
-                f"{name} is {value!r}; give a number in SI or text with a unit, such as '1.2 mm'"
+                f"{name} is {value!r}; give a number in SI or text with a unit, such as {TYPICAL[dimension]!r}"
             ) from None
         if not math.isfinite(number):
             raise UnitError(f"{name} is {number}; a finite {dimension} is needed")
@@ -304,7 +312,7 @@ def parse_quantity(value: str | float, *, dimension: str, name: str = "value") -
     match = _QUANTITY.match(value)
     if match is None:
         raise UnitError(
-            f"{name} {value!r} is not a number with a unit; write it like '1.2 mm' "
+            f"{name} {value!r} is not a number with a unit; write it like {TYPICAL[dimension]!r} "
             f"(units: {_example(dimension)})"
         )
     digits, unit_text = match.groups()

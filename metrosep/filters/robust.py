@@ -149,6 +149,7 @@ def robust_gaussian(
     Examples
     --------
     >>> import numpy as np
+    >>> from metrosep import Profile
     >>> x = np.arange(1000) * 1e-6
     >>> z = np.where(np.arange(1000) % 200 < 20, -5e-6, 0.0)   # grooves in a plateau
     >>> plateau = robust_gaussian(Profile(x, z), cutoff=250e-6)

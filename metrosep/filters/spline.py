@@ -118,6 +118,7 @@ def spline(
     Examples
     --------
     >>> import numpy as np
+    >>> from metrosep import Profile
     >>> x = np.arange(2001) * 0.5e-6
     >>> wave = Profile(x, 1e-6 * np.cos(2 * np.pi * x / 80e-6))
     >>> mean_line = spline(wave, cutoff=80e-6)

@@ -19,6 +19,7 @@ WANTED = {
     "UnitError": 2,
     "DataError": 2,
     "OptionError": 2,
+    "OptionRangeError": 2,
     "ReadOptionError": 2,
     "WriteOptionError": 2,
     "ReadError": 4,

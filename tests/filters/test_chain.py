@@ -195,4 +195,4 @@ def test_a_cutoff_may_be_a_text_with_its_unit() -> None:
     number = roughness(p, lambda_c=0.25e-3, lambda_s=2.5e-6)
 
     assert np.array_equal(text.z, number.z, equal_nan=True)
-    assert text.metadata["lambda_c_m"] == pytest.approx(0.25e-3, rel=1e-15)
+    assert text.metadata["lambda_c_m"] == pytest.approx(0.25e-3, rel=0, abs=1e-18)
