@@ -75,7 +75,7 @@ def imports(known: dict[str, Path]) -> dict[str, set[str]]:
             elif node.module and node.module.partition(".")[0] == "metrosep":
                 full = [f"{node.module}.{alias.name}" for alias in node.names]
                 targets |= {f if f in known else node.module for f in full}
-        # what a package exports is no arrow of its own: its modules are asked in their stead
+        # what a package exports is not an arrow of its own: its modules are asked in their stead
         found[name] = {t for t in targets - {name} if known[t].name != "__init__.py"}
     return found
 

@@ -1,7 +1,7 @@
 """Move the mill with each map and see where the tool goes: ``python check.py FOLDER``; no code of metrosep.
 
 FOLDER holds what maps.py wrote. The files are read here anew, interpolated by hand, and the tool is
-placed by the product of rigid bodies of make_machine.py, at 400 places that are no nodes.
+placed by the product of rigid bodies of make_machine.py, at 400 places that are not nodes.
 """
 
 import re

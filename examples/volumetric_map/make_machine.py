@@ -4,7 +4,7 @@ Run ``python make_machine.py [FOLDER]``; without a folder the files beside this 
 The simulator uses no code of metrosep: rigid bodies one after the other, with whole rotations. The
 workpiece lies on X on Y, the tool hangs on Z; all errors are those of the tool against the workpiece,
 read where an indicator in the spindle stands at Z = 0: a carriage turns about that point, so its own
-travel is no lever. Y takes the guide of X away from the spindle: the roll of X has Y as its lever.
+travel is not a lever. Y takes the guide of X away from the spindle: the roll of X has Y as its lever.
 """
 
 import sys

@@ -86,7 +86,7 @@ def fewest_feeds(runs: RunSet) -> int:
 
 
 def _is_recording(file: Path) -> bool:
-    """Whether a file that is no text holds channels over time."""
+    """Whether a file that is not a text holds channels over time."""
     from metrosep.io.runs import columns_of
     from metrosep.io.source import open_file
 

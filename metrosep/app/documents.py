@@ -236,7 +236,7 @@ class RecipeDocument:
         self._replace(self._text)
 
     def show(self, view: Mapping[str, Any]) -> None:
-        """Keep what the page shows in ``[view]``; it is no edit and cannot be undone."""
+        """Keep what the page shows in ``[view]``; it is not an edit and cannot be undone."""
         self._replace(with_view(self._text, view))
 
     def redo(self) -> None:
@@ -250,7 +250,7 @@ class RecipeDocument:
             raise DataError(f"there is nothing to {verb}")
         label, text = source.pop()
         now = self._text
-        self._replace(with_view(text, view_of(now)))  # what is shown is no edit
+        self._replace(with_view(text, view_of(now)))  # what is shown is not an edit
         target.append((label, now))
 
     def save(self, path: Path, *, write: Callable[[Path, bytes], Any] = atomic_write) -> Path:
@@ -326,7 +326,7 @@ def _item(value: Any, *, in_tables: bool) -> Any:
     try:
         tomllib.loads(f"x = {tomlkit.item(value).as_string()}")
     except (TypeError, ValueError) as exc:
-        raise DataError(f"{value!r} is no value of a recipe ({exc})") from None
+        raise DataError(f"{value!r} is not a value of a recipe ({exc})") from None
     return tomlkit.item(value)
 
 
@@ -529,7 +529,7 @@ class Places:
         """Return a new place for an uploaded file."""
         last = name.replace("\\", "/").rpartition("/")[2].strip()
         if not _NAME.fullmatch(last) or last in (".", "..") or not last.isprintable():
-            raise WriteError(f"{name[:60]!r} is no file name")
+            raise WriteError(f"{name[:60]!r} is not a file name")
         if self._uploads is None:
             try:
                 made = tempfile.mkdtemp(prefix="metrosep-ui-")
@@ -538,7 +538,7 @@ class Places:
             self._uploads = Path(os.path.realpath(made))
         if together and not _SET.fullmatch(together):
             raise WriteError(
-                f"{together[:60]!r} is no name of a set; it has letters and digits only"
+                f"{together[:60]!r} is not a name of a set; it has letters and digits only"
             )
         folder = self._uploads / (f"set-{together}" if together else secrets.token_hex(4))
         try:

@@ -516,7 +516,7 @@ def _residuals(
     """Return speed and longest unbroken residual of each run within the evaluation range."""
     found = []
     for run in members:
-        inner = (run.x >= estimate.start) & (run.x <= estimate.stop)  # Kono's ends are no model
+        inner = (run.x >= estimate.start) & (run.x <= estimate.stop)  # Kono's ends are not model
         x = run.x[inner]
         rest = run.z[inner] - estimate.evaluate(x, direction=direction)
         edges = np.flatnonzero(np.isnan(np.concatenate([[np.nan], rest, [np.nan]])))

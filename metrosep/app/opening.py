@@ -273,7 +273,7 @@ def _runs(places: Places, files: list[Path], given: Mapping[str, Any]) -> Opened
     for file in files:
         if not holds_columns(file):
             raise DataError(
-                f"{file.name}: is no table of positions and readings; several files are one set of "
+                f"{file.name}: is not a table of positions and readings; several files are one set of "
                 "repeated runs, open a map or a profile by itself"
             )
     if "x" not in given or "z" not in given:

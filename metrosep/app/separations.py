@@ -104,7 +104,7 @@ class MethodResults:
     def result(self, recipe: Recipe, cancel: Cancel | None = None) -> Result:
         """Return everything that the recipe makes of the readings; nothing is written."""
         if not recipe.is_method or recipe.is_pipeline:
-            raise DataError(f"{recipe.name}: is no recipe of a named method")
+            raise DataError(f"{recipe.name}: is not a recipe of a named method")
         files = None if recipe.reads_nothing else self.files
         found: Result = self._results.of(_shown(recipe), lambda: recipe.run(files), cancel)
         return found

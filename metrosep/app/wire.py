@@ -98,10 +98,10 @@ def unpack(
     if end > data.nbytes or end > _MOST_HEADER:
         raise DataError(
             f"the frame says its header ends at byte {end}, but it has {data.nbytes} bytes: it was "
-            "cut, or is no frame"
+            "cut, or is not a frame"
         )
     if end % _ALIGNMENT:
-        raise DataError(f"the header ends at byte {end}, which is no multiple of {_ALIGNMENT}")
+        raise DataError(f"the header ends at byte {end}, which is not a multiple of {_ALIGNMENT}")
     header = _header(bytes(data[4:end]))
     arrays: dict[str, NDArray[Any]] = {}
     for k, entry in enumerate(header.pop("arrays")):
@@ -189,7 +189,7 @@ def _plain(value: Any, where: str) -> Any:
 
 
 def _refuse_constant(name: str) -> Any:
-    raise DataError(f"the header says {name}, which is no JSON; not measured is null")
+    raise DataError(f"the header says {name}, which is not JSON; not measured is null")
 
 
 def _finite(text: str) -> float:
@@ -202,7 +202,7 @@ def _finite(text: str) -> float:
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
-        raise DataError("a key stands twice in the header of a frame")
+        raise DataError("a key occurs twice in the header of a frame")
     return found
 
 
@@ -217,7 +217,7 @@ def _header(text: bytes) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         if isinstance(error, DataError):
             raise
-        raise DataError(f"the header of the frame is no JSON in UTF-8: {error}") from None
+        raise DataError(f"the header of the frame is not JSON in UTF-8: {error}") from None
     if not isinstance(header, dict):
         raise DataError(f"the header of a frame is an object, got {type(header).__name__}")
     if not isinstance(header.get("arrays"), list):

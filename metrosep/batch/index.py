@@ -74,7 +74,7 @@ def build_index(
     waiting : collection of str, optional
         Names of units that were found and not looked at, since the batch was stopped.
     left_out : sequence of LeftOut, optional
-        What is no input.
+        What is not an input.
 
     Returns
     -------

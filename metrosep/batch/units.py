@@ -86,7 +86,7 @@ class Found:
     messages : tuple of str
         In plain words.
     apart : tuple of LeftOut
-        What is no input, one for each reason.
+        What is not an input, one for each reason.
     """
 
     units: tuple[Unit, ...]
@@ -120,7 +120,7 @@ class Found:
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Output folders of other batches; what lies in them is no input."""
+        """Output folders of other batches; what lies in them is not an input."""
         return self.names("outputs")
 
 
@@ -136,7 +136,7 @@ def find_units(
     folder : str or path
         Input folder.
     out : Path, optional
-        Output folder; what lies in it is no input.
+        Output folder; what lies in it is not an input.
 
     Returns
     -------
@@ -157,7 +157,7 @@ def find_units(
     results, those of other batches are not looked into. Upper
     and lower case are the same, so that ``R.X3P`` is a ``*.x3p``; only where the files of a folder
     belong together the recipe's own reading counts, and a message names what it will not take.
-    Pipes, sockets and devices are no files: reading one would wait for ever.
+    Pipes, sockets and devices are not files: reading one would wait for ever.
     Where the recipe states neither files nor a pattern, every file counts whose suffix is one of a
     known format.
     """
@@ -198,8 +198,8 @@ def find_units(
         ("pattern", "do not fit the pattern of [batch]", left),
         ("links", "are links to folders", links),
         (CLOSED, "are folders that cannot be read", closed),
-        ("case", "are no plain files, or fit 'files' of [input] only in another case,", cased),
-        ("odd", "are no plain files (a pipe, a socket or a device)", odd),
+        ("case", "are not plain files, or fit 'files' of [input] only in another case,", cased),
+        ("odd", "are not plain files (a pipe, a socket or a device)", odd),
         ("outputs", f"are output folders of batches ({n} files)", outputs or []),
     )
     apart = tuple(LeftOut(w, why, tuple(sorted(names))) for w, why, names in reasons if names)
@@ -211,7 +211,7 @@ def find_units(
 
 
 def _is_output(root: Path) -> bool:
-    """Return whether an input folder is an output folder; refuse what is no folder, or closed."""
+    """Return whether an input folder is an output folder; refuse what is not a folder, or closed."""
     try:
         if root.is_dir():
             return is_output_folder(root)
@@ -551,7 +551,7 @@ def one_line_name(text: str) -> str:
 # ---- what a batch leaves out of its input folder: told at the end, and in the index ------------
 
 CLOSED = "closed"
-"""Folders that cannot be read: nobody knows what is in them, so that such a batch is no success."""
+"""Folders that cannot be read: nobody knows what is in them, so that such a batch is not a success."""
 
 _SHOWN = 3
 

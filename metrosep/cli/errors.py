@@ -44,7 +44,7 @@ _PLACES = ("x", "y", "z")
 
 
 def _place(name: str, number: str) -> str:
-    """Return a place in m as a reader wants it; the text itself where it is no number."""
+    """Return a place in m as a reader wants it; the text itself where it is not a number."""
     digits = number.rstrip(".")
     try:
         return f"{name} = {format_length(float(digits))}{number[len(digits) :]}"
@@ -57,7 +57,7 @@ def as_options(message: str, names: Collection[str]) -> str:
 
     Notes
     -----
-    A place, ``at x=0.02145``, is no option: it is written as ``at x = 21.45 mm``. Arguments of a
+    A place, ``at x=0.02145``, is not an option: it is written as ``at x = 21.45 mm``. Arguments of a
     call of Python stay.
 
     Examples

@@ -378,7 +378,7 @@ def _load(name: str) -> tuple[str, Any]:
             return "table", content
     elif path.is_file():
         raise ReadError(
-            f"{name} is no result.json, no recipe (.toml), and no table with its {path.name}.json "
+            f"{name} is not a result.json, no recipe (.toml), and no table with its {path.name}.json "
             "beside it; give one of these"
         )
     return "result", load_document(_with_result(path) if path.is_dir() else path)

@@ -58,7 +58,7 @@ def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, repor
 
 
 def input_lines(given: Mapping[str, Any], keys: Iterable[str]) -> list[str]:
-    """Return the lines of ``[input]`` for the options that were given; a count is no text."""
+    """Return the lines of ``[input]`` for the options that were given; a count is not a text."""
     return [
         f"{k} = {given[k] if k == 'skip_rows' and str(given[k]).isdecimal() else quoted(given[k])}"
         for k in keys

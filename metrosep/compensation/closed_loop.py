@@ -226,7 +226,7 @@ def run_closed_loop(
     Raises
     ------
     DataError
-        If `removed`, `rest` or the table does not fit the machine, or it is no table or function.
+        If `removed`, `rest` or the table does not fit the machine, or it is not a table or function.
     TooFewSamplesError
         If there is no repeat.
     InvalidSamplesError

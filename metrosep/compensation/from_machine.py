@@ -121,7 +121,7 @@ class MachineTables(Mapping[str, Table]):
         DataError
             A position is missing, an axis unknown, or a term is not known there.
         InvalidSamplesError
-            Positions are no real numbers, infinite, or do not broadcast.
+            Positions are not real numbers, infinite, or do not broadcast.
 
         Notes
         -----
@@ -246,7 +246,7 @@ def tables_from_machine(
     NotConvergedError
         The errors are so steep that the corrections do not settle.
     InvalidSamplesError
-        Positions are no real numbers, or a term is not known there.
+        Positions are not real numbers, or a term is not known there.
     LimitError
         A polynomial of `metrosep.process.run_polynomial` was not measured there.
     UnitError

@@ -118,7 +118,7 @@ def choose_knots(
     InvalidSamplesError
         If positions do not rise, or something is not a finite number.
     DataError
-        If lengths differ, `n` is no whole number or `values` is unknown.
+        If lengths differ, `n` is not a whole number or `values` is unknown.
     TableError
         If the curve is not zero at the reference, `n` exceeds what the grid holds, or 2 knots on
         the curve shall hold a reference between them.

@@ -52,7 +52,7 @@ class CompensationMap:
     compensates : str
         Axis that is corrected.
     reference : tuple of (float, float), m or rad
-        Where the correction is zero; `limits` warns where it is no node and the controller's
+        Where the correction is zero; `limits` warns where it is not a node and the controller's
         interpolation leaves an amount there.
     u : array_like or None, shape (m, n), m
         Standard uncertainty of the values; NaN in a ring of zeros, where nothing was measured.

@@ -188,7 +188,7 @@ class ProductTables:
         Raises
         ------
         SignCheckFailedError
-            If P-V or RMS does not shrink: the map is no product (sum) of two tables.
+            If P-V or RMS does not shrink: the map is not a product (sum) of two tables.
         TableError
             If map and measurement do not overlap, or there is nothing to verify against.
         DataError
@@ -246,7 +246,7 @@ def rank_one(
     Raises
     ------
     DataError
-        If `corrections` is no map or `form` is unknown.
+        If `corrections` is not a map or `form` is unknown.
     TableError
         If the map is zero everywhere.
 

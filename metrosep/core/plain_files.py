@@ -37,7 +37,7 @@ def read_plain_text(path: str | os.PathLike[str], limit: int) -> str:
 
 
 def require_plain(path: Path, limit: int | None = None) -> None:
-    """Refuse a path that is no plain file, without opening it; one of no file at all passes."""
+    """Refuse a path that is not a plain file, without opening it; one of no file at all passes."""
     try:
         found = path.stat()
     except (FileNotFoundError, NotADirectoryError):

@@ -52,7 +52,7 @@ class Surface(Heights):
     InvalidSamplesError
         If z is not two-dimensional, is infinite somewhere, or a step is not positive.
     OptionError
-        If a step or the origin is no number (True, an array, a complex number).
+        If a step or the origin is not a number (True, an array, a complex number).
     UnitError
         If a text has no unit of length.
 

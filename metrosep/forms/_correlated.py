@@ -349,7 +349,7 @@ def _orders(
 ) -> tuple[FloatArray, int]:
     """Return the degree of each column, at which polynomials hold half of it, and the last degree.
 
-    NaN for a column that is no low polynomial, such as a wave: part A is all it gets.
+    NaN for a column that is not a low polynomial, such as a wave: part A is all it gets.
     """
     top = _LOWEST if not is_line else _LOWEST + 3
     while True:

@@ -354,7 +354,7 @@ def positive_root(square: FloatArray) -> FloatArray:
 # ``tilt="plane"`` adds a plane, ``z = f(x - s) + p + t (x, y)``, as interferometer software does.
 # ``tilt="rotation"`` turns the form as a rigid body; then tilt_x and tilt_y are the slopes of its
 # base plane, which agree with the former to first order. The difference is ``t . grad(f) f``: for a
-# lens it is no plane, and looks like coma.
+# lens it is not a plane, and looks like coma.
 
 Tilt = Literal["plane", "rotation"]
 Direction = Literal["vertical", "normal"]

@@ -23,7 +23,7 @@ __all__ = ["Asphere", "Conic", "Cylinder", "Plane", "Sphere"]
 
 
 class _Revolution(Shape):
-    """A conic of revolution in R and k; `k` of a class is 0 where it is no parameter."""
+    """A conic of revolution in R and k; `k` of a class is 0 where it is not a parameter."""
 
     R: Any
     k: Any

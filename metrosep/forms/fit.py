@@ -233,7 +233,7 @@ def _result(
     )
 
 
-# ---- what a fit should tell its user: freedoms that hang together, periods, a tilt that is no plane ----
+# ---- what a fit should tell its user: freedoms that hang together, periods, a tilt that is not a plane ----
 
 _STRONG = 0.99
 """Correlation above which two parameters are hardly told apart."""

@@ -234,7 +234,7 @@ class GridForm(Shape):
     Raises
     ------
     DataError
-        If it is no surface, has no lateral calibration, or scale is not finite.
+        If it is not a surface, has no lateral calibration, or scale is not finite.
     TooFewSamplesError
         If it is smaller than 4 x 4, or no cell has four heights.
 

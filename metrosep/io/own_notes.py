@@ -292,7 +292,7 @@ def _decode(value: Any) -> Any:
 Header = Mapping[str, Any]
 
 _FIRST, _LAST = 1980, 2199
-"""Years outside are no dates of measuring: writers without a clock put 1970 or zeros."""
+"""Years outside are not dates of measuring: writers without a clock put 1970 or zeros."""
 
 
 def measured_at(metadata: Mapping[str, Any]) -> str | None:

@@ -241,7 +241,7 @@ def presets(
     B0Z is the paper's eta_zx with the sign of its eq 1 (eq 9 has the other one).
 
     Error motions are those that an instrument reads at the tool point (0, 0, 0) with the other axes
-    at zero: an indicator there on its own line returns EYX, EZX and so on, own travel is no lever
+    at zero: an indicator there on its own line returns EYX, EZX and so on, own travel is not a lever
     of an angle. For another point put ``measured_at_mm`` into `preset_table`. `Chain.describe` says
     for each axis where, in which directions and with which sign.
 

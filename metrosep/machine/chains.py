@@ -200,7 +200,7 @@ class Chain:
         >>> chain = Chain([Element("X", "workpiece", "linear", (-1, 0, 0), errors_of="tool"),
         ...                Element("Z", "tool", "linear")])
         >>> print(chain.describe())
-        X: linear, carries the workpiece; errors of the tool against the workpiece at (0, 0, 0) mm, in the frame before the axis: own travel is no lever; zero at X = 0
+        X: linear, carries the workpiece; errors of the tool against the workpiece at (0, 0, 0) mm, in the frame before the axis: own travel is not a lever; zero at X = 0
         Z: linear, carries the tool; errors of its body at (0, 0, 0) mm, in the frame that the axis moves; zero at Z = 0
         """
         frames = {
@@ -213,7 +213,9 @@ class Chain:
             place = ", ".join(
                 f"{1e3 * (c + r):g}" for c, r in zip(e.location, e.measured_at, strict=True)
             )
-            own = ": own travel is no lever" if (e.kind, e.frame) == ("linear", "before") else ""
+            own = (
+                ": own travel is not a lever" if (e.kind, e.frame) == ("linear", "before") else ""
+            )
             home = "" if e.kind == "fixed" else f"; zero at {e.name} = 0"
             lines.append(
                 f"{e.name}: {e.kind}, carries the {e.branch}; errors of {sense} at ({place}) mm, "
@@ -259,7 +261,7 @@ class Chain:
         Notes
         -----
         Closed adjoint form of [1]_, no differentiation and no loop over states. An axis that is
-        parked and not in `q` is no joint: its columns are zero (the setting of the machine takes
+        parked and not in `q` is not a joint: its columns are zero (the setting of the machine takes
         up what it does). NaN in a position gives NaN in every column of that state.
 
         References

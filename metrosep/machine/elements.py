@@ -11,7 +11,7 @@ point `measured_at` of that frame. With all axes at zero (and no fixed rotation)
 parallel to the bed. SI: metres and radians.
 
 An instrument reads at the functional point, which the tool side carries. Seen from there, an axis
-that carries the workpiece has its errors in the frame before it: its own travel is no lever, and a
+that carries the workpiece has its errors in the frame before it: its own travel is not a lever, and a
 rotary table does not turn the directions in which a nest in the spindle reads.
 """
 
@@ -80,7 +80,7 @@ class Element:
     angle : float, rad, optional
         Fixed rotation of a fixed part.
     parked : bool, optional
-        The axis may be missing in the positions: then it is no joint, its motion and errors are nil.
+        The axis may be missing in the positions: then it is not a joint, its motion and errors are nil.
     parallel_to : str, optional
         Name of the axis that this one repeats on purpose (a fast tool on a slide).
 
@@ -91,7 +91,7 @@ class Element:
         direction that is not a unit vector, a rotation of a part that is not fixed, a location error
         that does nothing (the shift of a slide's line of travel).
     InvalidSamplesError
-        A vector with the wrong length or with values that are no finite numbers, an angle that is none.
+        A vector with the wrong length or with values that are not finite numbers, an angle that is none.
 
     Notes
     -----

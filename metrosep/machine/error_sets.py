@@ -164,7 +164,7 @@ class ErrorSet:
         DataError
             The position of an axis is missing, or lies outside a term's table.
         InvalidSamplesError
-            A term is NaN or infinite at a position that is known, or a position is no real
+            A term is NaN or infinite at a position that is known, or a position is not a real
             number.
         LimitError
             A polynomial of `metrosep.process.run_polynomial` was not measured at a position.

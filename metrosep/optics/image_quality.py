@@ -190,7 +190,7 @@ def point_spread(
     DataError
         If a number is not one that can be used, or the field would not fit into memory.
     InvalidSamplesError
-        If opd or amplitude is no map of finite real numbers, or their shapes differ.
+        If opd or amplitude is not a map of finite real numbers, or their shapes differ.
     TooFewSamplesError
         If the phase turns by more than half a wave from pixel to pixel, or nothing is known.
 

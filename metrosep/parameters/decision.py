@@ -63,7 +63,7 @@ def decide(
     ------
     DataError
         If there is no limit, the limits cross, U or the factor is negative or not finite, or one
-        of them is no number.
+        of them is not a number.
 
     Notes
     -----

@@ -126,7 +126,7 @@ def robust_peak_to_valley(surface: Surface) -> float:
     Raises
     ------
     DataError
-        If it is no surface, a lateral step is not calibrated, the heights are out of range, or the outline of the valid pixels is not a disc.
+        If it is not a surface, a lateral step is not calibrated, the heights are out of range, or the outline of the valid pixels is not a disc.
     InvalidSamplesError
         If no pixel is valid.
     TooFewSamplesError

@@ -337,7 +337,7 @@ def _advice(e: Evaluation, cutoff: float, kind: str) -> str:
         return f"pass sections={n}."
     if off > 0.0:
         cut = f"crop the profile to {format_length(n * cutoff)} and pass sections={n}"
-        return f"the length is no whole number of them: {cut}{chain}."
+        return f"the length is not a whole number of them: {cut}{chain}."
     count = "one" if n == 1 else str(n)
     if n == len(e.parts):
         return f"the length is short of {count}: measure longer."

@@ -36,7 +36,7 @@ _MIN_SECTION = 2
 """Fewest samples in a section."""
 
 MIN_VALID_SHARE = 0.5
-"""Least share of valid samples of one section among several: with fewer it is no full section."""
+"""Least share of valid samples of one section among several: with fewer it is not a full section."""
 
 _ROUNDING = 1e-9
 """Relative, of a length: the mean step of a profile is rounded."""

@@ -87,7 +87,7 @@ class PartSeries:
     terms : tuple of TermSeries
         In the order they were given.
     correlation : ndarray, shape (n_terms, n_terms)
-        Of the terms without their slopes, so that two drifts alone are no correlation; NaN where
+        Of the terms without their slopes, so that two drifts alone are not correlation; NaN where
         fewer than five parts have both.
     correlated : tuple of (str, str, float)
         Pairs beyond chance, the strongest first; of terms that say the same the first stands for all.

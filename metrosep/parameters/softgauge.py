@@ -367,7 +367,7 @@ def _check_options(
 
 # ---- what record 2 of an ``.smd`` software gauge states: expected values and cut-offs ----------
 # Lines ``PARAMETER_VALUE symbol value unit uncertainty`` and ``PROFILE_FILTER Gaussian LS 2.5 um LC
-# 0.8 mm``; several of the latter add up. The word after the value is the unit where it is no number
+# 0.8 mm``; several of the latter add up. The word after the value is the unit where it is not a number
 # or exactly ``1``; any other number there is the uncertainty of a pure number. What stands between
 # ``/*`` and ``*/`` is a comment.
 

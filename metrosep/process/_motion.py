@@ -109,7 +109,7 @@ def derivatives(z: FloatArray, step: float, window: int | None = None) -> Deriva
         chosen = _window(z, longest)
     smooth = _weights(chosen, 0)
     noise = _residual(z, smooth)
-    # sums round: a change of that size is no motion
+    # sums round: a change of that size is not motion
     least = max(noise, _LAST_PLACES * float(np.nanmax(z) - np.nanmin(z)))
     weights = [_weights(chosen, k, step) for k in (1, 2, 3)]
     v, a, j = (_filtered(z, w) for w in weights)

@@ -573,7 +573,7 @@ def stability_limits(
     Returns
     -------
     tuple of (float, float)
-        Each interval; an end at `low` or `high` is no limit of stability.
+        Each interval; an end at `low` or `high` is not a limit of stability.
 
     Raises
     ------

@@ -103,7 +103,7 @@ def compare_static(
     -----
     P-V grows with the length of a record and is set by its worst spike; the ratio uses the range
     of the middle 95 %. Its uncertainty is that of a moving-block bootstrap, blocks four times the
-    time in which the correlation falls to 1/e, with a fixed seed. An offset is no following error
+    time in which the correlation falls to 1/e, with a fixed seed. An offset is not a following error
     here: it is the median, reported apart.
 
     References

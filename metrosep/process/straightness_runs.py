@@ -501,7 +501,7 @@ def to_powers(own: FloatArray, centre: float, scale: float) -> FloatArray:
 
 
 def choose(runs: Runs, rule: str, top: int) -> tuple[int, list[dict[str, float]]]:
-    """Return the degree by AICc or F-test, and the scores of all; drift per run is no shape."""
+    """Return the degree by AICc or F-test, and the scores of all; drift per run is not a shape."""
     numbers.choice(rule, "degree, if no number,", ("aicc", "f-test"))
     numbers.count(top, "max_degree", most=12)
     top = min(top, min(x.size for x, _ in runs) // 3)

@@ -1,7 +1,7 @@
 """Chart specifications of a result document: plain values from which a report draws.
 
 Long curves keep the smallest and largest value of each cell, maps every k-th pixel; a chart says
-what was left out. Values are SI, rounded to 6 digits: a chart is no source of numbers.
+what was left out. Values are SI, rounded to 6 digits: a chart is not a source of numbers.
 """
 
 from __future__ import annotations

@@ -232,7 +232,7 @@ def _volts(value: Any) -> float:
     except ValueError:
         volts = math.nan
     if not math.isfinite(volts):
-        raise DataError(f"limits: {value!r} is no voltage; give 0 V,10 V")
+        raise DataError(f"limits: {value!r} is not a voltage; give 0 V,10 V")
     return volts
 
 

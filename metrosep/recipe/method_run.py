@@ -361,7 +361,7 @@ def _listed_test(file: Path, layout: Mapping[str, Any]) -> RoleColumns:
     source = open_file(file)
     if iso230_2_list.sniff(source) is Match.NO:
         raise FormatMismatchError(
-            f"{file}: is no list of a positioning test; for a table name its columns: "
+            f"{file}: is not a list of a positioning test; for a table name its columns: "
             'target = "target_mm", direction = "direction", readings = ["run1_mm", "run2_mm"]'
         )
     target, forward, backward = read_targets(source)

@@ -464,5 +464,5 @@ def _turns_per_minute(value: Any) -> float:
     except ValueError:
         turns = np.nan
     if not np.isfinite(turns):
-        raise DataError(f"rpm = {value!r} is no number of turns per minute; give rpm = 20")
+        raise DataError(f"rpm = {value!r} is not a number of turns per minute; give rpm = 20")
     return turns

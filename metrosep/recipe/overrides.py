@@ -236,7 +236,7 @@ def _field(
         inner = found.inner
     own = held.get(key) if isinstance(held, Mapping) else None
     if inner is None and field.kind not in ("table", "any"):
-        raise override.error(f"{key} of {what} is no table; there is no key in it")
+        raise override.error(f"{key} of {what} is not a table; there is no key in it")
     if own is not None and not isinstance(own, dict):
         raise override.error(
             f"{key} of {what} is {own!r} in the recipe, no table; give all of it: "
@@ -270,7 +270,7 @@ def _beyond(value: Any, depth: int = 0) -> str | None:
     if isinstance(value, int) and value.bit_length() > _BITS:
         return f"a whole number cannot have more than {_BITS + 1} bits"
     if isinstance(value, float) and math.isnan(value):
-        return "nan is no number"
+        return "nan is not a number"
     inner = value.values() if isinstance(value, Mapping) else value
     each = inner if isinstance(value, Mapping | list) else ()
     return next((p for v in each if (p := _beyond(v, depth + 1)) is not None), None)

@@ -130,7 +130,7 @@ def _form_numbers(given: Mapping[str, Any], ideal: Any, key: str) -> dict[str, f
         if name not in units:
             raise StepError(f"{key}: {name} is none of {', '.join(units)}", key)
         if isinstance(value, bool) or not isinstance(value, str | int | float):
-            raise StepError(f"{key}: {name} = {value!r} is no number with a unit", key)
+            raise StepError(f"{key}: {name} = {value!r} is not a number with a unit", key)
         pure = units[name] in ("1", "")
         if not isinstance(value, str) and not pure:
             raise StepError(

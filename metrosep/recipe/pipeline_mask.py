@@ -199,7 +199,7 @@ def without_outliers(
     curvature does not (`form`). The robust standard deviation is 1.4826 times
     the median absolute deviation about the median. What stands out is then compared once more
     without the others that do, so that the neighbours of an outlier are not taken for one. A
-    feature wider than about half of the window is no outlier. Positions count as equally spaced.
+    feature wider than about half of the window is not an outlier. Positions count as equally spaced.
     """
     across = (
         WINDOWS["profile" if isinstance(obj, Profile) else "map"] if window is None else window

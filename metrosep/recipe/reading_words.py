@@ -27,7 +27,7 @@ _OF_READERS = frozenset(
 _READ_RUNS = re.compile(r",? or read repeated runs with read_runs\([^()]*\)")
 """A way out that is a call of Python; a recipe of another step does it."""
 _CONVERT = (
-    "; what --set names is no key of [input]: metrosep convert takes it, then run the recipe on the "
+    "; what --set names is not a key of [input]: metrosep convert takes it, then run the recipe on the "
     "file that it writes"
 )
 _ARGUMENT = re.compile(r"(?<![\w.\-\"'])([a-z_]+)=(?!=)('[^']*'|\"[^\"]*\"|[-+]?[\w.]*\w)?")

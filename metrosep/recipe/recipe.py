@@ -367,7 +367,7 @@ def _require_files(
     place: Callable[[int], Place],
     admits: Admits | None,
 ) -> None:
-    """Refuse a file that a key names and that is no plain file, too large, or not to be read."""
+    """Refuse a file that a key names and that is not a plain file, too large, or not to be read."""
     for i, step in enumerate(steps):
         for key, known in method.fields.items():
             if known.kind != "file" or key not in step:

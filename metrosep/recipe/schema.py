@@ -217,7 +217,7 @@ def _groups(pattern: str | None, place: Place) -> tuple[str, ...]:
     except re.error as exc:
         at = "" if exc.pos is None else f" at character {exc.pos + 1}"
         raise place.error(
-            f"pattern is no regular expression: {exc.msg}{at}; write it in single quotes, so that "
+            f"pattern is not a regular expression: {exc.msg}{at}; write it in single quotes, so that "
             "backslashes stay",
             "pattern",
         ) from None

@@ -114,7 +114,7 @@ def step_words(message: str, op: str, *, command: bool = False) -> str:
     Notes
     -----
     Numbers of keys with a dimension are SI in the library and get their unit here. A key without
-    its value gets dots and the unit that it takes. Words that are no key of the step stay.
+    its value gets dots and the unit that it takes. Words that are not keys of the step stay.
 
     Examples
     --------

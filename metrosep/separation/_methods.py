@@ -67,7 +67,7 @@ class RecordedMethod(SeparationMethod):
         Raises
         ------
         InvalidSamplesError
-            If the readings are no numbers, infinite, or of another shape.
+            If the readings are not numbers, infinite, or of another shape.
         TooFewSamplesError
             If too few samples were measured.
         NotSeparableError

@@ -421,7 +421,7 @@ def as_angles(angle: ArrayLike | None, what: str) -> FloatArray:
     try:
         angles = np.array(angle, dtype=np.float64)
     except (TypeError, ValueError) as exc:
-        raise InvalidSamplesError(f"{what}: the angles are no numbers ({exc})") from None
+        raise InvalidSamplesError(f"{what}: the angles are not numbers ({exc})") from None
     if angles.ndim != 1 or not np.isfinite(angles).all():
         raise InvalidSamplesError(f"{what}: the angles must be one row of finite numbers, in rad")
     return angles
@@ -481,7 +481,7 @@ def known_parts(
                 found[name] = np.array(values, dtype=np.float64)
             except (TypeError, ValueError) as exc:
                 raise DataError(
-                    f"{method.name}: the part {name!r} is no array of numbers: {exc}"
+                    f"{method.name}: the part {name!r} is not an array of numbers: {exc}"
                 ) from None
     if not found:
         every = ", ".join((*method.truth_parts, *method.error_parts))

@@ -160,7 +160,7 @@ def _curves(cls: type[Method], data: Any, own: Mapping[str, Any]) -> Readings:
         values = np.array([np.atleast_2d(np.asarray(c, dtype=np.float64)) for c in curves])
     except (TypeError, ValueError) as exc:
         raise InvalidSamplesError(
-            f"{cls.name}: the readings are no curves of the same length ({exc})"
+            f"{cls.name}: the readings are not curves of the same length ({exc})"
         ) from None
     if values.ndim != 3:
         raise InvalidSamplesError(

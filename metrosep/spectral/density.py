@@ -55,7 +55,7 @@ _DOCS = {
         """,
     "profile_raises": """
         DataError
-            If an option is unknown, or it is no profile.
+            If an option is unknown, or it is not a profile.
         InvalidSamplesError
             If a sample was not measured.
         NotUniformError
@@ -73,7 +73,7 @@ _DOCS = {
         """,
     "surface_raises": """
         DataError
-            If an option is unknown, it is no surface, or the surface has no lateral step.
+            If an option is unknown, it is not a surface, or the surface has no lateral step.
         InvalidSamplesError
             If a pixel was not measured.
         TooFewSamplesError

@@ -52,7 +52,7 @@ def taper_weights(n: int, fraction: float) -> FloatArray:
     n : int
         Number of samples, >= 1.
     fraction : float, dimensionless
-        Share of the record in both ramps together: 0 is no window, 1 is Hann.
+        Share of the record in both ramps together: 0 is not a window, 1 is Hann.
 
     Returns
     -------

@@ -44,7 +44,7 @@ def table(folder, head, rows=5):
         ("run,x,z", {"x": "x", "z": "z", "run": "run"}),
         ("a,b", {"x": "a", "z": "b"}),  # of two columns the first is the position
         ("a,b,c", {}),  # of three nothing is known
-        ("F_N,x_mm,z_um", {"x": "x_mm", "z": "z_um"}),  # a force is no feedrate
+        ("F_N,x_mm,z_um", {"x": "x_mm", "z": "z_um"}),  # a force is not a feedrate
         ("feed_mm_min,X_mm,Z_um", {"feed": "feed_mm_min", "x": "X_mm", "z": "Z_um"}),
     ],
 )

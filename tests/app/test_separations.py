@@ -130,7 +130,7 @@ def test_the_page_shows_the_numbers_of_the_result(tmp_path, repository):
     assert (row["value"], shown["verdict"]) == (pv["value"], verdict)
     x = np.linspace(0.0, 20.0, 2001)
     planted = np.sin(2 * np.pi * x / 10)
-    planted -= np.polyval(np.polyfit(x, planted, 1), x)  # a line is no error of straightness
+    planted -= np.polyval(np.polyfit(x, planted, 1), x)  # a line is not an error of straightness
     assert row["value"] == pytest.approx(np.ptp(planted) * 1e-6, abs=VIBRATION)
 
 

@@ -30,7 +30,7 @@ def writing(recipe_text):
     return Recipe.parse(text)
 
 
-# ---- what an earlier batch wrote is no input
+# ---- what an earlier batch wrote is not an input
 
 
 def test_the_results_of_an_earlier_batch_inside_the_folder_are_left_out_and_told(

@@ -62,7 +62,7 @@ def test_text_is_readable(scheme: int) -> None:
         (a, b): round(contrast(c[a], c[b]), 2) for a, b in pairs if contrast(c[a], c[b]) < READABLE
     }
     assert poor == {}
-    assert contrast(c["focus"], c["panel"]) >= 3.0  # WCAG 2, what is no text
+    assert contrast(c["focus"], c["panel"]) >= 3.0  # WCAG 2, what is not a text
 
 
 @pytest.mark.parametrize("file", OWN, ids=lambda p: p.name)

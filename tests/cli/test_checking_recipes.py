@@ -86,7 +86,7 @@ def test_every_mistake_is_told_with_its_line_and_the_nearest_word(run):
         ('op = "form"', 'op = "separate"', "r.toml:"),
         ('upper = "10 nm"', 'upper = "10 nm"\nlower = "20 nm"', "r.toml:1"),
         ("[input]", "[batch]\nindex = ['foo']\n[input]", ":3: index format 'foo'"),
-        ("[input]", "[batch]\npattern = '('\n[input]", ":3: pattern is no regular expression"),
+        ("[input]", "[batch]\npattern = '('\n[input]", ":3: pattern is not a regular expression"),
     ],
 )
 def test_each_mistake_ends_with_2(run, old, new, words):

@@ -354,7 +354,7 @@ def test_a_file_that_is_no_gauge(metrosep, waves):
 
 
 def test_what_the_reader_warns_of_is_said_where_a_number_is_made(metrosep, tmp_path):
-    """A row below the table is no sample: each command that uses the file says so, not only info."""
+    """A row below the table is not a sample: each command that uses the file says so, not only info."""
     file = tmp_path / "trace.csv"
     rows = "\n".join(f"{0.25 * i:.2f};{(i * 7) % 11 * 0.1:.1f}" for i in range(57))
     file.write_text(f"Weg [mm];Messwert [um]\n{rows}\nMittelwert;0.5\n", "utf-8")

@@ -277,7 +277,7 @@ def test_dry_run_refuses_the_reversed_sign():
 
 
 def test_uncertainty_of_the_terms_is_that_of_the_table():
-    """u(EZX) = 30 nm along Z; u(ECX) = 1 urad times the offset of the tool; own travel is no lever."""
+    """u(EZX) = 30 nm along Z; u(ECX) = 1 urad times the offset of the tool; own travel is not a lever."""
     errors = ErrorSet({"EZX": 0.0, "ECX": 0.0}, u={"EZX": 30e-9, "ECX": 1e-6})
     tables = mill_tables(errors)
     lever = np.full(X.size, TIP[0])

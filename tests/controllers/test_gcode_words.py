@@ -1,4 +1,4 @@
-"""Tokens of a block: every byte is kept, and what is no word is named."""
+"""Tokens of a block: every byte is kept, and what is not a word is named."""
 
 from __future__ import annotations
 

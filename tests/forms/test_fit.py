@@ -872,7 +872,7 @@ def test_what_is_held_may_be_a_text_with_its_unit():
 @pytest.mark.parametrize("value", [True, "50", b"51", "50 kg"])
 @pytest.mark.parametrize("option", ["fixed", "start"])
 def test_a_radius_that_is_no_number_is_never_metres(option, value):
-    """A "50" of a text field meant mm, and True is no radius: both were held as 50 m and 1 m."""
+    """A "50" of a text field meant mm, and True is not a radius: both were held as 50 m and 1 m."""
     map_ = ms.Surface(np.zeros((20, 20)), 1e-6, 1e-6)
 
     with pytest.raises(DataError, match=r"\['R'\]|unknown unit 'kg'"):

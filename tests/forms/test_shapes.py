@@ -173,7 +173,7 @@ def power_of_length(unit):
 def test_unit_of_length_does_not_matter(case, points, factor):
     form, _ = case
     if getattr(form, "norm_radius", None):
-        pytest.skip("the normalising radius is no parameter")
+        pytest.skip("the normalising radius is not a parameter")
     x, y = points
     scaled = form.with_parameters(
         **{n: v * factor ** power_of_length(form.units[n]) for n, v in form.parameters.items()}

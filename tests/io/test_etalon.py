@@ -1,4 +1,4 @@
-"""Etalon exchange format: terms, their units, what is no profile, damage."""
+"""Etalon exchange format: terms, their units, what is not a profile, damage."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Recognition by content; plug-ins only after the built-in readers; files that are no files."""
+"""Recognition by content; plug-ins only after the built-in readers; files that are not files."""
 
 import subprocess
 import sys

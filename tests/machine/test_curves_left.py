@@ -123,7 +123,7 @@ def test_scattered_points_show_the_bow_too(lathe):
 
 
 def test_a_bow_without_noise_is_found(lathe):
-    """Rounding alone is no curve, and no noise is no excuse."""
+    """Rounding alone is not a curve, and no noise is not an excuse."""
     curved = part(lambda rho: 1e-9 * (rho / R) ** 2, noise=0.0)
     assert np.isnan(identify(lathe, curved, form=Plane(), terms=["B0Z"])["B0Z"].value)
     straight = part(lambda rho: 1e-5 * rho, noise=0.0)

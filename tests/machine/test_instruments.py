@@ -177,7 +177,7 @@ def test_an_indicator_at_the_tool_reads_its_own_table(axis):
 
 @pytest.mark.parametrize("name", ["fts_lathe", "sts_lathe"])
 def test_an_indicator_in_place_of_the_lathe_tool_reads_the_table(name):
-    """Of X and of the axis along Z: a turn of the carriage is no straightness at the tool."""
+    """Of X and of the axis along Z: a turn of the carriage is not a straightness at the tool."""
     along = "FTS" if name == "fts_lathe" else "Z"
     chain = presets(name, **({"radius": 0.02} if name == "fts_lathe" else {}))
     travel = np.linspace(0.0, 0.02, 9)
@@ -395,8 +395,8 @@ def test_a_machine_of_my_own_reads_like_the_presets():
     assert tool.messages == ()
     stated = own_mill(errors_of="tool", error_frame="after")
     assert stated.volumetric_error(q, pitch)[2] == pytest.approx(-4e-6, abs=1e-18)
-    assert "own travel is no lever" in tool.describe()
-    assert "own travel is no lever" not in stated.describe()
+    assert "own travel is not a lever" in tool.describe()
+    assert "own travel is not a lever" not in stated.describe()
 
 
 def test_own_travel_as_a_lever_is_said_where_nobody_chose_it():

@@ -241,7 +241,7 @@ def test_lost_motion_that_is_not_known_is_left_out_with_a_message():
     assert "lost motion is not known" in message[0]
 
 
-# units and things that are no terms --------------------------------------------------------------
+# units and things that are not terms --------------------------------------------------------------
 
 
 def test_a_length_is_no_angle(estimate):

@@ -1,4 +1,4 @@
-"""What is rounding of zero is no drift; what is small and real is."""
+"""What is rounding of zero is not a drift; what is small and real is."""
 
 import math
 

@@ -502,7 +502,7 @@ def test_spectrum_peaks_at_the_motion():
 
 @pytest.mark.parametrize("scale", [1, 1e-9, 1e6])
 def test_steady_ramp_is_no_motion_to_regress_on(scale):
-    """What local polynomials make of rounding is no change of velocity."""
+    """What local polynomials make of rounding is not a change of velocity."""
     z = scale * np.arange(500)
     with pytest.raises(DataError, match="or evenly"):
         follow_up(Recording(np.arange(500), {"command": z, "actual": z}))

@@ -52,7 +52,7 @@ def test_single_numbers_and_empty_lists(value, expected):
     [
         ([1.0, math.nan, 2.0], [1.0, None, 2.0]),
         ([math.inf, -math.inf], [None, None]),
-        ([1e308, 1e308], [1e308, 1e308]),  # their sum is no float
+        ([1e308, 1e308], [1e308, 1e308]),  # their sum is not a float
         ((1.0, 2, "x"), [1.0, 2, "x"]),
         ([True, 1.0], [True, 1.0]),
         ([np.float64(1.5), np.float64("nan")], [1.5, None]),

@@ -223,7 +223,7 @@ def test_the_record_stays_where_the_own_text_ends_in_a_view(home):
 @pytest.mark.parametrize(
     ("table", "message"),
     [
-        ("pattern = '(?P<a'", r"r\.toml:3: pattern is no regular expression"),
+        ("pattern = '(?P<a'", r"r\.toml:3: pattern is not a regular expression"),
         ("key = ['part']", r"r\.toml:3: key names groups of a pattern"),
         ("pattern = '(?P<a>.*)'\nkey = ['b']", r'r\.toml:4: .*no group "b"; it has a'),
         ("pattern = '(?P<a>.*)'\nkey = []", r"r\.toml:4: key is empty"),

@@ -299,7 +299,7 @@ def test_stated_uncertainties_weigh(table):
     text = SWEEP.replace("[[step]]", 'u = ["us_nm", "ua_nm"]\n[[step]]')
     fits = run(text, file).produced.fits
     assert fits["asynchronous"].p_fit > 0.01
-    assert fits["synchronous"].p_fit < 1e-6  # the resonance is no polynomial
+    assert fits["synchronous"].p_fit < 1e-6  # the resonance is not a polynomial
     with pytest.raises(DataError, match="1 columns of uncertainties for 2"):
         run(text.replace(', "ua_nm"', ""), file)
 

@@ -275,7 +275,7 @@ def test_plane_from_a_table_of_points(tmp_path):
     found = {c["metric"]: c["value"] for c in result.document["characteristics"]}
     assert found["along_y.pv"] == pytest.approx(float(np.ptp(called.along_y.z)), abs=1e-14)
     assert found["beta"] == pytest.approx(called.beta.value, abs=1e-10)
-    with pytest.raises(MetrosepError, match="stands twice"):
+    with pytest.raises(MetrosepError, match="occurs twice"):
         run("fit_plane_model", file, rest=rest.replace('repeat = "rep"\n', ""))
 
 

@@ -186,8 +186,8 @@ def test_the_value_is_of_the_kind_of_the_key(given, path, value):
         ("step.1=plane", r"this is all of step 1 \(form\); name one of its keys: op, form"),
         ("step=plane", "say which step, by its number or name; the recipe has 1 form"),
         ("input=x", r"this is all of \[input\]; name one of its keys: files"),
-        ("input.files.first=x", r"files of \[input\] is no table"),
-        ("step.2.cutoff.unit=um", r"cutoff of step 2 \(filter\) is no table"),
+        ("input.files.first=x", r"files of \[input\] is not a table"),
+        ("step.2.cutoff.unit=um", r"cutoff of step 2 \(filter\) is not a table"),
         ("input.x.colum=X", r'unknown key "colum" in x of \[input\]; known: column, unit'),
         ("title.de=x", "title is a text"),
         ("step.form.form", r"write KEY=VALUE, such as"),
@@ -236,7 +236,10 @@ def test_a_key_in_what_is_no_table_says_how_to_give_all_of_it():
         ("step.2.order=7", r"recipe.toml, -s step.2.order=7: order = 7 is not one of 0, 1, 2"),
         ("step.2.cutoff=5", r"recipe.toml, -s step.2.cutoff=5: cutoff = 5: a length"),
         ("check.1.upper=5 V m", r"recipe.toml, -s check.1.upper=5 V m: upper = '5 V m': "),
-        ("batch.pattern=(", r"recipe.toml, -s batch.pattern=\(: pattern is no regular expression"),
+        (
+            "batch.pattern=(",
+            r"recipe.toml, -s batch.pattern=\(: pattern is not a regular expression",
+        ),
     ],
 )
 def test_a_wrong_value_is_told_by_its_override(given, message):
@@ -315,7 +318,7 @@ def test_a_key_can_be_added_to_every_table_of_every_example(file):
 
 
 def paths_of(value, path=()):
-    """Give the way to every value that is no table."""
+    """Give the way to every value that is not a table."""
     in_tables = path in (("step",), ("check",), ("output",))
     if isinstance(value, dict) or (in_tables and isinstance(value, list)):
         items = value.items() if isinstance(value, dict) else enumerate(value)
@@ -612,7 +615,7 @@ DIGITS = "7" * 5000
         ("step.2.order=0x" + "F" * 5000, "whole number .* more than 64 bits"),
         ("check.1.guard_factor=" + "9" * 400, "whole number .* more than 64 bits"),
         ("check.1.upper=" + "9" * 400, "whole number .* more than 64 bits"),
-        ("check.1.upper=nan", "the value cannot be read: nan is no number"),
+        ("check.1.upper=nan", "the value cannot be read: nan is not a number"),
         (f"step.{DIGITS}.form=plane", "there is no step 777"),
         ("step.form.fix." + ".".join("a" * 3000) + "=1", "the key has 3003 parts"),
     ],

@@ -1,4 +1,4 @@
-"""Recipes as editors save them: a byte order mark in front is no part of the text."""
+"""Recipes as editors save them: a byte order mark in front is not part of the text."""
 
 import pytest
 

@@ -240,7 +240,10 @@ def test_one_feedrate_is_refused():
         (lambda: small(("up", "up", "up", "up")), "'forward' or 'reverse'"),
         (lambda: small(min_feeds=1.5), "min_feeds"),
         (lambda: small().separate(np.zeros((4, 5))), "97 positions"),
-        (lambda: small().separate(np.zeros((4, N)), u_reading=-1.0), "u_reading must be zero or more"),
+        (
+            lambda: small().separate(np.zeros((4, N)), u_reading=-1.0),
+            "u_reading must be zero or more",
+        ),
         (
             lambda: small(("forward",) * 4).simulate({}, {"reverse": np.ones(N)}),
             "no run goes reverse",
@@ -255,7 +258,7 @@ def test_wrong_input_is_named(make, said):
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_one_strong_wave_in_little_noise(seed):
-    """200 nm at 6 mm, which is no harmonic of 37.5 mm, and 2 nm of white noise; no vibration."""
+    """200 nm at 6 mm, which is not a harmonic of 37.5 mm, and 2 nm of white noise; no vibration."""
     x = np.linspace(0.0, LENGTH, 121)
     wave = 200 * NM * np.cos(2 * math.pi * x / 6e-3)
     noise = 2 * NM * np.random.default_rng(seed).standard_normal((4, x.size))

@@ -538,7 +538,7 @@ def test_list_of_a_test_is_read_and_evaluated(tmp_path):
         (lambda t, f, b: (t, f[::-1], b), InvalidSamplesError, "order of the targets"),
         (lambda t, f, b: (t, None, None), DataError, "neither forward nor backward"),
         (lambda t, f, b: (t[:1], f[:1], b[:1]), TooFewSamplesError, "2 or more targets"),
-        (lambda t, f, b: (np.r_[t[0], t[:-1]], f, b), InvalidSamplesError, "stands twice"),
+        (lambda t, f, b: (np.r_[t[0], t[:-1]], f, b), InvalidSamplesError, "occurs twice"),
         (lambda t, f, b: (np.r_[np.nan, t[1:]], f, b), InvalidSamplesError, "target is NaN"),
         (lambda t, f, b: (t, f * np.nan, b), InvalidSamplesError, "no reading"),
         (lambda t, f, b: (t, f[0], b), InvalidSamplesError, "dimension"),

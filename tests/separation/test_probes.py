@@ -511,7 +511,7 @@ def test_readings_of_metres_are_doubted():
     m = rng.standard_normal((3, 100))
 
     assert any("are they in m?" in t for t in multiprobe(m, (0, 1, 3), 20).messages)
-    # the distance of a probe from its zero is no reading in um
+    # the distance of a probe from its zero is not a reading in um
     assert not any("are they" in t for t in multiprobe(5.0 + 1e-9 * m, (0, 1, 3), 20).messages)
 
 

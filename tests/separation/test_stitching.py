@@ -579,7 +579,7 @@ def test_known_reference_of_the_wrong_sign_is_said():
 
 
 def test_one_wrong_position_among_few_is_said():
-    """The mismatch is below three medians, but it is no noise."""
+    """The mismatch is below three medians, but it is not noise."""
     wrong = GRID + np.array([[0, 0]] * 4 + [[1, 0]] + [[0, 0]]) * 0.6 * STEP
     result = stitch(set_up(), wrong, dx=STEP)
     assert not result.audit["outlying_pairs"]

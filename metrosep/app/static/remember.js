@@ -1,5 +1,5 @@
 // @ts-check
-// What is shown is kept in the recipe, table [view], some time after the hand rests. It is no edit.
+// What is shown is kept in the recipe, table [view], some time after the hand rests. It is not an edit.
 
 /** @typedef {Record<string, any>} Dict */
 
@@ -46,7 +46,7 @@ export function sectionView(ends, unit) {
   if (!ends?.[0] || !ends[1]) return {};
   const is = unit === "m";
   const value = ends.map((end) => end.map((v) => round(is ? v * 1e3 : v)));
-  if (String(value[0]) === String(value[1])) return {}; // a point is no section: the last one is kept
+  if (String(value[0]) === String(value[1])) return {}; // a point is not a section: the last one is kept
   return { section_mm: is ? value : null, section_px: is ? null : value };
 }
 

@@ -271,7 +271,7 @@ def as_path_correction(
     ------
     DataError
         If it is an error (a Surface, a Profile), a table or map of another axis or
-        direction-dependent, or none of these; if `c_sense` or `c_zero` is given for what is no map, or
+        direction-dependent, or none of these; if `c_sense` or `c_zero` is given for what is not a map, or
         cannot be.
 
     Examples

@@ -202,7 +202,7 @@ def rewrite_path(
     UnsupportedFeatureError
         If the program holds what cannot be corrected from its text, with line and way out.
     CorruptFileError
-        If it is no G-code.
+        If it is not G-code.
     ReadError
         If it cannot be read.
     InvalidSamplesError

@@ -120,7 +120,7 @@ class ModalState:
     away: int = 0  # line of the last home move, 0 if there was none
     # axes whose place the text no longer tells since the last move; taken by the reader
     lost: str = ""
-    feed: float = math.nan  # F of a block that is no move, NaN once a move has taken it
+    feed: float = math.nan  # F of a block that is not a move, NaN once a move has taken it
     spindle: int = 0  # line of the last M3 or M4, 0 if the spindle stands
     spun: int = 0  # line of the first M3 or M4 that was in force in a feed move
     begun: bool = False  # after the first block that is more than ``%``

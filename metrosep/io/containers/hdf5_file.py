@@ -54,7 +54,7 @@ _SLOWEST_DISK = 2e7
 
 
 def look_into(file: RawFile) -> Hdf5File | None:
-    """Return the tree of a file to recognise it by, ``None`` where it is no HDF5 or is damaged."""
+    """Return the tree of a file to recognise it by, ``None`` where it is not an HDF5 or is damaged."""
     if not has_hdf5_magic(file):
         return None
     try:

@@ -85,7 +85,7 @@ def _named(objects: list[SurfObject]) -> dict[str, SurfObject]:
 
 
 def _check_header(file: RawFile, item: SurfObject, max_pixels: int | None) -> bool:
-    """Refuse what is no map of heights; return whether it is a profile."""
+    """Refuse what is not a map of heights; return whether it is a profile."""
     header = item.header
     kind = header["object_type"]
     if kind not in (*_PROFILES, *_SURFACES):

@@ -296,7 +296,7 @@ def split_header(line: str, separator: str, n_columns: int) -> list[str] | None:
 
 
 def encoding_hint(names: Iterable[str]) -> str:
-    """Return what to do where names hold codes that are no letters of Latin-1, empty elsewhere."""
+    """Return what to do where names hold codes that are not letters of Latin-1, empty elsewhere."""
     if not any("\x80" <= c <= "\x9f" for name in names for c in name):
         return ""
     return (

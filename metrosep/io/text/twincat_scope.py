@@ -34,7 +34,7 @@ _START = ("Starttime of export", "StartRecord")
 _END = ("Endtime of export", "EndRecord")
 _TICK = 1e-7  # s
 _LONGEST_MS = 1e12
-"""Relative times beyond thirty years are no times."""
+"""Relative times beyond thirty years are not times."""
 
 _FILETIME = re.compile(r"\d{17,18}")
 _FACTORS = {"ScaleFactor": 1.0, "Offset": 0.0, "Unit ScaleFactor": 1.0, "Unit Offset": 0.0}

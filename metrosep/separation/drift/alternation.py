@@ -121,12 +121,12 @@ def abba(
     Raises
     ------
     InvalidSamplesError
-        If the number of readings is no multiple of 4, shapes differ, times do not increase, or a
+        If the number of readings is not a multiple of 4, shapes differ, times do not increase, or a
         reading is infinite or nothing was measured.
     NotSeparableError
         If the times leave drift and difference one quantity.
     DataError
-        If `order` is not known or `sd` is no number or negative.
+        If `order` is not known or `sd` is not a number or negative.
 
     Notes
     -----
@@ -432,7 +432,7 @@ class AbbaDrift(SeparationMethod):
         DataError
             If `u_reading` is negative or no number.
         InvalidSamplesError
-            If the readings are no numbers, infinite, not 4 for each sequence, or none was measured.
+            If the readings are not numbers, infinite, not 4 for each sequence, or none was measured.
 
         Notes
         -----

@@ -161,18 +161,18 @@ def speed_dependence(
     Raises
     ------
     InvalidSamplesError
-        If a speed is NaN or negative, lengths differ, or u is no positive number.
+        If a speed is NaN or negative, lengths differ, or u is not a positive number.
     TooFewSamplesError
         If there are no more amplitudes than powers (with u: fewer).
     DegenerateFitError
         If the speeds do not tell the powers apart.
     DataError
-        If powers are no whole numbers, repeat or are negative, or confidence is out of range.
+        If powers are not whole numbers, repeat or are negative, or confidence is out of range.
 
     Notes
     -----
     Weighted least squares, intervals by Student's t. An amplitude is positive, so below about twice
-    its u noise lifts it (Rice); resonances are no power law: look at the residuals. Not
+    its u noise lifts it (Rice); resonances are not power law: look at the residuals. Not
     extrapolated.
 
     References

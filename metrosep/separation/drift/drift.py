@@ -624,7 +624,7 @@ class DriftFit(SeparationMethod):
         DataError
             If `u_reading` is negative or no number.
         InvalidSamplesError
-            If the readings are no numbers, infinite, or not one for each time.
+            If the readings are not numbers, infinite, or not one for each time.
         TooFewSamplesError
             If no point has enough readings.
 

@@ -52,7 +52,7 @@ class Row:
 
     @property
     def shifts(self) -> tuple[int, ...] | None:
-        """Offsets from the first probe in steps; None where one is no multiple of the step."""
+        """Offsets from the first probe in steps; None where one is not a multiple of the step."""
         ratio = (np.array(self.offsets) - self.offsets[0]) / self.step
         whole = np.round(ratio)
         if np.abs(ratio - whole).max() > GRID_RTOL or whole[-1] < 1.0:
@@ -69,7 +69,7 @@ class Row:
 
     @property
     def grid_period(self) -> int:
-        """Largest number of steps that divides all spacings; 0 where they are no multiples."""
+        """Largest number of steps that divides all spacings; 0 where they are not multiples."""
         shifts = self.shifts
         return 0 if shifts is None else math.gcd(*shifts)
 

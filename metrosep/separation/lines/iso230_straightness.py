@@ -378,7 +378,7 @@ class StraightnessTest(NamedMethod):
     def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> MotionStraightness:
         """Return the straightness of one reading over x; the scatter of repeats gives the sd of the mean.
 
-        A run that lies higher or askew adds a line to the mean, and lines are no straightness: the
+        A run that lies higher or askew adds a line to the mean, and lines are not straightness: the
         scatter is that about a line of its own for each run.
         """
         x, repeats = over_line(data), data.values[0]

@@ -285,7 +285,7 @@ class TwoPoint(ProbeRowMethod):
     ------
     DataError
         If a distance is not above zero, or the method unknown, or "sequential" is asked for with a
-        distance that is no multiple of the step.
+        distance that is not a multiple of the step.
     """
 
     distance: float = option(kind="size", help="from the trailing to the leading probe")
@@ -324,10 +324,10 @@ class TwoPoint(ProbeRowMethod):
 
 
 def _check_multiple(row: Row, method: str, what: str) -> None:
-    """Refuse sums where the distance is no multiple of the step."""
+    """Refuse sums where the distance is not a multiple of the step."""
     if method in ("sequential", "combined") and row.shifts is None:
         raise DataError(
-            f"{what}: the distances {[o * 1e3 for o in row.offsets[1:]]} mm are no multiples of the step "
+            f"{what}: the distances {[o * 1e3 for o in row.offsets[1:]]} mm are not multiples of the step "
             f"{row.step * 1e3:.9g} mm, so {method!r} sums do not close; use method='generalised' or "
             "'least_squares', or another step"
         )

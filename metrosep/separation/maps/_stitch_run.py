@@ -214,7 +214,7 @@ _LEAST_OF_ONE = 200
 """Pairs of neighbours for which a single overlap is judged: 0.6 is then 8 standard deviations."""
 
 _CHANCE = 4.0
-"""Standard deviations of the correlation of white noise that are no evidence."""
+"""Standard deviations of the correlation of white noise that are not evidence."""
 
 _LEAST_SHARE = 0.02
 """Of the structure in the overlaps: what interpolation of a rough part leaves is less."""

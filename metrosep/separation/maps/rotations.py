@@ -337,7 +337,7 @@ def lost_pixels(stack: FloatArray, part: FloatArray) -> tuple[str, ...]:
         return ()
     text = (
         f"{lost} pixels that all maps have measured, away from the rim, have no result: a gap or a corner costs its "
-        "turned counterparts, and its whole circle where the angles are no multiples of one step"
+        "turned counterparts, and its whole circle where the angles are not multiples of one step"
     )
     return (text,)
 

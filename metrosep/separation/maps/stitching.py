@@ -332,7 +332,7 @@ _LARGEST_STEP = 1.5
 """In pixels and pass: gradients say nothing about more."""
 
 _LARGEST_U = 0.5
-"""Standard uncertainty of an offset, in pixels, beyond which it is no result."""
+"""Standard uncertainty of an offset, in pixels, beyond which it is not a result."""
 
 
 def registered(pieces: Pieces, freedoms: tuple[str, ...]) -> tuple[Pieces, dict[str, Any]]:

@@ -38,7 +38,7 @@ Slopes = Literal["free", "common", "none"]
 Repeats = Literal["relaid", "passes"]
 
 _SPREAD = 5.0
-"""Standard deviations of a ratio of variances beyond which it is no chance."""
+"""Standard deviations of a ratio of variances beyond which it is not a chance."""
 
 _MOST_TERMS = 4000
 """Line terms that are solved in half a minute."""
@@ -72,7 +72,7 @@ class Lay:
 
 
 def refuse_unknown(slopes: str, repeats: str) -> None:
-    """Refuse what is no kind of slopes or repeats."""
+    """Refuse what is not a kind of slopes or repeats."""
     choice(slopes, "slopes", TERMS)
     choice(repeats, "repeats", get_args(Repeats))
 

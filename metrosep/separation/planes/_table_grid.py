@@ -58,7 +58,7 @@ class TableGrid:
         flat = row * self.x.size + column
         if np.unique(flat).size != flat.size:
             raise InvalidSamplesError(
-                f"{what}: a point stands twice; name the column that numbers repeats, "
+                f"{what}: a point occurs twice; name the column that numbers repeats, "
                 'repeat = "repeat"'
             )
         out = np.full((self.y.size, self.x.size), np.nan)

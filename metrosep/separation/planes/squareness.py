@@ -135,7 +135,7 @@ def squareness_from_diagonals(
         If lengths is not a mapping, a name is not known, a diagonal is given twice, `size` is not three
         positive lengths, or u is not a number, negative or lacks a diagonal.
     InvalidSamplesError
-        If a length error is no finite number.
+        If a length error is not a finite number.
     UnitError
         If a length error exceeds 1 % of its diagonal.
 

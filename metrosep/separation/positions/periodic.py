@@ -199,7 +199,7 @@ class FringeError(SeparationMethod):
             raise NotSeparableError(
                 f"periodic_error: no harmonic of {self.period:.6g} m can be told from a polynomial of "
                 f"degree {self.degree} over {float(np.ptp(x[good])):.3g} m at these positions; measure "
-                "over more fringes, with steps that are no multiple of one, or in other units "
+                "over more fringes, with steps that are not multiple of one, or in other units "
                 "(positions in m?)"
             )
         fit = _Fit(x, z, good, self.period, self.degree, shown)

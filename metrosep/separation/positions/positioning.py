@@ -138,7 +138,7 @@ def iso230_2(
     if (np.diff(goals) <= 0.0).any():
         i = int(np.flatnonzero(np.diff(goals) <= 0.0)[0])
         raise InvalidSamplesError(
-            f"target {goals[i]:.9g} {unit} stands twice; put all runs of one target in one row"
+            f"target {goals[i]:.9g} {unit} occurs twice; put all runs of one target in one row"
         )
     travel = float(goals[-1] - goals[0])
     if unit == "m" and travel > _LONGEST:
@@ -206,7 +206,7 @@ def positions_from_profiles(
     TooFewSamplesError
         If there is no run at all.
     InvalidSamplesError
-        If an element is no profile, or the targets of two runs differ.
+        If an element is not a profile, or the targets of two runs differ.
 
     Examples
     --------
@@ -264,7 +264,7 @@ def positions_from_columns(
     Raises
     ------
     InvalidSamplesError
-        If the columns differ in length, a direction is not known, a target is NaN or stands twice.
+        If the columns differ in length, a direction is not known, a target is NaN or occurs twice.
 
     Notes
     -----
@@ -309,7 +309,7 @@ def positions_from_columns(
         at = np.abs(rows[mine][:, None] - goals).argmin(axis=1)
         if np.unique(at).size < at.size:
             raise InvalidSamplesError(
-                "a target stands twice in one direction; put its runs in columns of one row"
+                "a target occurs twice in one direction; put its runs in columns of one row"
             )
         table = np.full((goals.size, values.shape[1]), math.nan)
         table[at] = values[mine]
@@ -452,7 +452,7 @@ class PositioningSheet(SeparationMethod):
     Raises
     ------
     DataError
-        If a direction is unknown or stands twice, there is none, or the unit is unknown.
+        If a direction is unknown or occurs twice, there is none, or the unit is unknown.
     InvalidSamplesError
         If the targets are not finite and rising.
 

@@ -298,7 +298,7 @@ def _check_twice(runs: RunSet, members: Sequence[int], steps: FloatArray, found:
         else:
             text = f"is identical to run {found.labels[twin]}"
         if _is_noisy(run.z) and steps[i] == 0.0:
-            found.say(i, f"{text}: the same readings are no second measurement", refused=True)
+            found.say(i, f"{text}: the same readings are not second measurement", refused=True)
         else:
             found.common.append(
                 f"run {found.labels[i]} {text}: readings without noise, or copied; the "

@@ -430,7 +430,7 @@ def contradictions(
     alone = np.zeros(own.size)
     for k in np.flatnonzero(np.array(spectrum["selected"]) & (own > _STRONG * sd)):
         near = np.abs(wave[0] / wave - wave[0] / own_wave[k]) < 1.6
-        # The greatest wave of its surroundings only: the flanks of a strong one are no waves.
+        # The greatest wave of its surroundings only: the flanks of a strong one are not waves.
         around = own[max(k - 3, 0) : k + 4]
         if own[k] >= around.max() and near.any() and not np.isnan(p[near]).any():
             alone[k] = own[k] if p[near].min() > _DISAGREES else 0.0

@@ -288,11 +288,11 @@ class JointSeparation(SeparationMethod):
         DataError
             If `u_reading` is negative or no number.
         InvalidSamplesError
-            If the readings are no numbers, infinite, or of another shape.
+            If the readings are not numbers, infinite, or of another shape.
         NotUniformError, TooFewSamplesError
             If the positions are too uneven, or a run has fewer than 32 readings.
         UnitError
-            If `shortest` is no wavelength that the positions can show.
+            If `shortest` is not a wavelength that the positions can show.
 
         Notes
         -----
@@ -560,10 +560,10 @@ def joint_drift(
     TooFewSamplesError
         If there are fewer readings than unknowns.
     InvalidSamplesError
-        If times do not increase, lengths differ, readings are no numbers or infinite, or labels
-        are no names.
+        If times do not increase, lengths differ, readings are not numbers or infinite, or labels
+        are not names.
     DataError
-        If degree, n_pieces, reference or sd is no number or out of range.
+        If degree, n_pieces, reference or sd is not a number or out of range.
 
     Notes
     -----

@@ -456,7 +456,7 @@ def _needed(u: float, others: FloatArray) -> float:
     """Return how far a run must be off, given its u and how far others are, in units of their u.
 
     At least 5 u. Where the others scatter more than their u says (lines of a vibration, slow
-    noise), u is no measure, and Student's distribution of their scatter is taken.
+    noise), u is not a measure, and Student's distribution of their scatter is taken.
     """
     from scipy.stats import t
 

@@ -53,7 +53,7 @@ def main():
     parser.read_string(job["config"])
     printer = _Printer()
     section = configfile.ConfigWrapper(printer, parser, {}, "bed_mesh")
-    bed_mesh.BedMeshCalibrate = lambda *args: _Any()  # probing is no part of it
+    bed_mesh.BedMeshCalibrate = lambda *args: _Any()  # probing is not part of it
     mesh = bed_mesh.BedMesh(section)
     mesh.toolhead = _Toolhead()
     mesh.pmgr.load_profile(job["profile"])

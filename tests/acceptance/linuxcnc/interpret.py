@@ -23,7 +23,7 @@ class Canon:
         self.feed = 0.0
 
     def __getattr__(self, name):
-        """Anything that is no move is accepted silently."""
+        """Anything that is not a move is accepted silently."""
         if name.startswith("_"):
             raise AttributeError(name)
         return lambda *args, **named: None
