@@ -4,6 +4,7 @@
 - The command line from click.
 - The table of formats from ``data_formats/*/format.toml``.
 - The table of controllers from the facts that each dialect states.
+- The steps of recipes with their options, from the fields of the classes.
 
 All of them go to ``docs/reference/generated`` (not committed); a page is rewritten only when its
 text changed, so that a second build stays quick.
@@ -59,6 +60,7 @@ def generate(app: Sphinx) -> None:
     pages["command-line.rst"] = command_line_page()
     pages["formats.rst"] = formats_page()
     pages["controllers-list.rst"] = controllers_page()
+    pages["steps.rst"] = steps_page()
     for stale in set(folder.iterdir()) - {folder / name for name in pages}:
         stale.unlink()
     for name, text in pages.items():
@@ -185,6 +187,35 @@ def controllers_page() -> str:
         "",
     ]
     return "\n".join(lines + _table([header, *rows])) + "\n"
+
+
+# ---- steps of recipes ----------------------------------------------------------------------------
+
+
+def steps_page() -> str:
+    """Table of the options of each step and method, as the fields of its class declare them."""
+    described = importlib.import_module("metrosep.recipe.described_steps").described_steps()
+    lines = [*_heading("Steps of recipes", "=")]
+    lines += [
+        "``op`` of a recipe, ``--method`` of ``metrosep separate`` and ``method=`` of",
+        "`metrosep.separation.separate` have the same names and options.",
+        "",
+    ]
+    for step in described["steps"]:
+        lines += [*_heading(step["op"], "-"), f"{step['what'].capitalize()}.", ""]
+        rows = [
+            [
+                f"``{key['name']}``",
+                key["kind"] + (", required" if key["required"] else ""),
+                ", ".join(map(str, key["choices"])),
+                "" if key["default"] is None else f"``{key['default']}``",
+                str(key["help"]).replace("*", r"\*").replace("|", r"\|"),
+            ]
+            for key in step["keys"]
+        ]
+        if rows:
+            lines += _table([["option", "kind", "one of", "default", "what it does"], *rows])
+    return "\n".join(lines) + "\n"
 
 
 def _words(value: Any) -> str:

@@ -154,7 +154,8 @@ def _curves(cls: type[Method], data: Any, own: Mapping[str, Any]) -> Readings:
         position = curves[0].x
         if any(c.x.shape != position.shape or np.any(c.x != position) for c in curves):
             raise InvalidSamplesError(f"{cls.name}: the profiles have different positions")
-        history = tuple(dict.fromkeys(step for c in curves for step in c.history))
+        steps = [step for c in curves for step in c.history]
+        history = tuple(s for i, s in enumerate(steps) if s not in steps[:i])
         curves = [c.z for c in curves]
     try:
         values = np.array([np.atleast_2d(np.asarray(c, dtype=np.float64)) for c in curves])
