@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep._version import __version__
 from metrosep.core.errors import DataError, FormatMismatchError, InvalidSamplesError
 from metrosep.core.inputs import Readings, Results, RoleColumns
-from metrosep.core.limits import FROM_FIT, limit_problem
+from metrosep.core.limits import limit_problem
 from metrosep.core.methods import METHODS, Method
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
-from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.forms.conic import curvature_name
 from metrosep.io.readings import read_readings
 from metrosep.io.runs import Role, read_roles
 from metrosep.io.source import open_file
-from metrosep.parameters.decision import Verdict, decide, worst
-from metrosep.recipe.characteristics import DECISION_RULE
+from metrosep.recipe.characteristics import DECISION_RULE, judged
 from metrosep.recipe.described import describe
 from metrosep.recipe.description import Description
 from metrosep.recipe.inputs_read import input_records, named_files
@@ -34,11 +30,8 @@ from metrosep.separation.inputs import require_count
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
-    from metrosep.recipe.schema import Place
 
-__all__ = ["judged", "run_method"]
-
-_OF_FIT = "fit residual"
+__all__ = ["load_inputs", "run_method", "sources"]
 
 
 def run_method(
@@ -115,7 +108,7 @@ def _document(
     warnings: tuple[str, ...],
     inputs: list[dict[str, Any]],
 ) -> dict[str, Any]:
-    from metrosep.recipe.run import versions
+    from metrosep.recipe.result import versions
 
     steps = tuple(history)
     name = recipe.steps[0]["op"]
@@ -150,133 +143,9 @@ def _document(
     )
 
 
-def judged(
-    recipe: Recipe, found: Mapping[str, Quantity], *, unlisted: Collection[str] = ()
-) -> dict[str, Any]:
-    """Return what was measured, and the verdict of each check."""
-    entries = []
-    verdicts = []
-    for i, check in enumerate(recipe.checks):
-        metric, place = check["metric"], recipe.place("[[check]]", i)
-        if metric not in found:
-            known = ", ".join(found)
-            raise place.error(
-                f'metric = "{metric}" is not in this result; there are {known}', "metric"
-            )
-        quantity = found[metric]
-        given = check.get("U")
-        for key in ("lower", "upper", "U"):
-            if key in check and check[key] != FROM_FIT:
-                problem = limit_problem(key, check[key], metric, quantity.unit)
-                if problem is not None:
-                    raise place.error(problem, key)
-        limits = {k: float(check[k]) if k in check else None for k in ("lower", "upper")}
-        guard = check.get("guard_factor", 1.0)
-        more: dict[str, Any] = {"u_source": "stated"}
-        if given == FROM_FIT or (given is None and quantity.u_source == _OF_FIT):
-            expanded, guard, verdict, more = _by_the_fit(check, found, limits, place)
-        else:
-            if given is None and quantity.u is None:
-                raise place.error(
-                    f"the uncertainty of {metric} is not known; state it: U = "
-                    + ('"10 nm", or U = "0 nm"' if quantity.unit == "m" else "0.001, or U = 0")
-                    + " for simple acceptance",
-                    "metric",
-                )
-            if given is None:
-                more = {"u_source": "of the method"}
-            expanded = float(given) if given is not None else 2.0 * float(quantity.u or 0.0)
-            verdict = decide(quantity.value, **limits, U=expanded, guard_factor=guard)
-        verdicts.append(verdict)
-        name = check.get("name", quantity.definition)
-        entries.append(
-            {**quantity.to_dict(), "metric": metric, "name": name, **limits, "U": expanded}
-            | {"guard_factor": guard, "verdict": verdict, **more}
-        )
-    checked = {c["metric"] for c in recipe.checks}
-    rest = [
-        {**q.to_dict(), "metric": k, "name": q.symbol or k, "lower": None, "upper": None}
-        | {"U": None, "guard_factor": None, "verdict": None}
-        for k, q in found.items()
-        if k not in checked and k not in unlisted
-    ]
-    return {"characteristics": [*entries, *rest], "verdict": worst(verdicts)}
-
-
-def _by_the_fit(
-    check: Mapping[str, Any],
-    found: Mapping[str, Quantity],
-    limits: Mapping[str, float | None],
-    place: Place,
-) -> tuple[float | None, float, Verdict, dict[str, Any]]:
-    """Return U, guard factor, verdict and what to say, of a parameter of a fit without a stated U.
-
-    With U = "from fit" the guard band is t_0.95 u, one-sided, and U is t_0.975 u. A radius is
-    judged by its curvature, which is normal where the radius is not.
-    """
-    from metrosep.forms.result import student
-
-    metric, factor = check["metric"], check.get("guard_factor", 1.0)
-    quantity = found[metric]
-    if quantity.u_source != _OF_FIT:
-        raise place.error(
-            f'U = "{FROM_FIT}" is for parameters of a fitted form, and {metric} is not one; state '
-            'U, such as U = "10 nm"',
-            "U",
-        )
-    if "U" not in check:
-        why = (
-            f'no U is stated; write the expanded uncertainty of {metric} as U, or U = "{FROM_FIT}" '
-            "for what the residual of this fit alone says"
-        )
-        return None, factor, "inconclusive", {"reason": why, "u_source": _OF_FIT}
-    if quantity.dof is None:
-        why = f"the fit does not know the uncertainty of {metric}: state U"
-        return None, factor, "inconclusive", {"reason": why, "u_source": _OF_FIT}
-    judged_by, bounds = quantity, limits
-    name, _, tail = metric.partition("#")
-    bent = found.get(f"{curvature_name(name)}#{tail}" if tail else curvature_name(name))
-    if name.startswith("R") and bent is not None:
-        judged_by, bounds = bent, _bent(limits, metric, place)
-    if judged_by.u is None:
-        why = f"the fit does not know the uncertainty of {metric}: state U"
-        return None, factor, "inconclusive", {"reason": why, "u_source": _OF_FIT}
-    one, two = student(quantity.dof, 0.95), student(quantity.dof, 0.975)
-    verdict = decide(judged_by.value, **bounds, U=one * judged_by.u, guard_factor=factor)
-    said = (
-        f"U from the residual of this fit, k = {two:.2f}, {quantity.dof:.3g} degrees of freedom; "
-        "scale, reference and repeatability are not in it"
-    )
-    U = None if quantity.u is None else two * quantity.u
-    return U, factor * one / two, verdict, {"u_source": _OF_FIT, "u_note": said}
-
-
-def _bent(
-    limits: Mapping[str, float | None], metric: str, place: Place
-) -> dict[str, float | None]:
-    """Return the limits of a curvature from those of its radius, which must keep clear of zero.
-
-    R >= a > 0 is 0 <= c <= 1/a, R <= b > 0 is c >= 1/b; for negative ones the other way round.
-    """
-    lower, upper = limits["lower"], limits["upper"]
-    sign = {math.copysign(1.0, v) for v in (lower, upper) if v is not None}
-    if len(sign) > 1 or 0.0 in (lower, upper):
-        raise place.error(
-            f"limits of {metric} on both sides of zero exclude flats and hold every short radius; "
-            f"judge the curvature {curvature_name(metric)}, which is zero for a flat",
-            "lower" if lower is not None else "upper",
-        )
-    low = None if upper is None else 1.0 / upper
-    high = None if lower is None else 1.0 / lower
-    if sign == {1.0}:
-        return {"lower": 0.0 if low is None else low, "upper": high}
-    return {"lower": low, "upper": 0.0 if high is None else high}
-
-
 # ---- inputs of the separations that recipes name: curves and columns from tables, maps from files ----
 
 Inputs = Readings | RoleColumns | Results | tuple[RoleColumns, ...] | tuple[Surface | Profile, ...]
-
 _POSITIONS = ("target", "direction", "readings")
 
 

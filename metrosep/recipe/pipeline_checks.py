@@ -30,6 +30,10 @@ __all__ = [
     "parameter_tables",
 ]
 
+USUAL_OF_MAPS = ("PV", "RMS", "Sa", "Sq", "Sz", "Ssk", "Sku")
+USUAL_OF_PROFILES = ("a", "q", "z", "t", "sk", "ku")
+"""Parameters that are evaluated where none are named; those of profiles behind P, W or R."""
+
 Check = Callable[[Mapping[str, Any]], None]
 
 
@@ -299,8 +303,6 @@ def _makes(step: Mapping[str, Any], symbol: str) -> bool:
 def _named(step: Mapping[str, Any]) -> set[str]:
     """Return the metrics that a step makes, in one spelling; with "all" some are left out."""
     if step["op"] == "parameters":
-        from metrosep.recipe.pipeline_steps import USUAL_OF_MAPS, USUAL_OF_PROFILES
-
         usual = {*USUAL_OF_MAPS, *(k + s for k in "PWR" for s in USUAL_OF_PROFILES)}
         return set(step.get("names") or usual) - {"all"}
     if step["op"] != "form":

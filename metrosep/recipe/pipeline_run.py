@@ -201,8 +201,7 @@ def _read(recipe: Recipe, files: list[Path], tell: Tell) -> Measured:
 def _document(recipe: Recipe, measured: Measurement, described: Description) -> dict[str, Any]:
     from metrosep.recipe.characteristics import DECISION_RULE
     from metrosep.recipe.inputs_read import input_records
-    from metrosep.recipe.result import SCHEMA, clean
-    from metrosep.recipe.run import versions
+    from metrosep.recipe.result import SCHEMA, clean, versions
     from metrosep.recipe.step_help import step_words
 
     messages = [step_words(m, s.op) for s in measured.stages for m in s.messages]
@@ -252,7 +251,7 @@ def judge_measurement(recipe: Recipe, measured: Measurement) -> Mapping[str, Any
     """Return characteristics and verdict; checks may use the spelling of the other edition."""
     from dataclasses import replace
 
-    from metrosep.recipe.method_run import judged
+    from metrosep.recipe.characteristics import judged
 
     checks = []
     for i, check in enumerate(recipe.checks):

@@ -13,6 +13,8 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.recipe.pipeline_checks import (
+    USUAL_OF_MAPS,
+    USUAL_OF_PROFILES,
     Evaluating,
     StepError,
     form_options,
@@ -21,11 +23,7 @@ from metrosep.recipe.pipeline_checks import (
 )
 from metrosep.recipe.pipeline_mask import Measured, masked, without_outliers
 
-__all__ = ["APPLY", "USUAL_OF_MAPS", "USUAL_OF_PROFILES", "Done", "usual_names"]
-
-USUAL_OF_MAPS = ("PV", "RMS", "Sa", "Sq", "Sz", "Ssk", "Sku")
-USUAL_OF_PROFILES = ("a", "q", "z", "t", "sk", "ku")
-"""Parameters that are evaluated where none are named; those of profiles behind P, W or R."""
+__all__ = ["APPLY", "Done", "usual_names"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,10 +9,11 @@ from __future__ import annotations
 import json
 import math
 import os
+import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,9 @@ from metrosep.core.errors import CorruptFileError, DataError, ReadError
 from metrosep.core.plain_files import read_plain
 from metrosep.core.runset import Run, RunSet
 from metrosep.recipe.document_text import document_text
-from metrosep.separation.runs.base import ErrorEstimate
+
+if TYPE_CHECKING:
+    from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = [
     "SCHEMA",
@@ -34,6 +37,7 @@ __all__ = [
     "plot_data",
     "run_records",
     "stored_estimate",
+    "versions",
 ]
 
 
@@ -73,6 +77,8 @@ class Result:
         DataError
             If the recipe separated something else; that is in `produced`.
         """
+        from metrosep.separation.runs.base import ErrorEstimate
+
         if isinstance(self.produced, ErrorEstimate):
             return self.produced
         raise DataError(
@@ -327,6 +333,8 @@ def stored_estimate(document: Mapping[str, Any]) -> ErrorEstimate:
             f"this is a result of {other.get('op')}; the error of an axis comes from 'separate' "
             "(joint, kono or mean)"
         )
+    from metrosep.separation.runs.base import ErrorEstimate
+
     try:
         return ErrorEstimate.from_dict(document["estimate"])
     except (AttributeError, KeyError, TypeError, ValueError, DataError) as exc:
@@ -357,3 +365,15 @@ def _damaged(field: str, cause: Exception) -> CorruptFileError:
         field=field,
         hint="run the separation again",
     )
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that a result depends on."""
+    import numpy as np
+    import scipy
+
+    return {
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+    }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import platform
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -29,7 +28,15 @@ from metrosep.recipe.outputs import (
 )
 from metrosep.recipe.parts import write_arrays
 from metrosep.recipe.preflight import RESULT_NAME
-from metrosep.recipe.result import SCHEMA, Result, clean, measured_runs, plot_data, run_records
+from metrosep.recipe.result import (
+    SCHEMA,
+    Result,
+    clean,
+    measured_runs,
+    plot_data,
+    run_records,
+    versions,
+)
 from metrosep.recipe.schema import reading_options
 from metrosep.separation.runs.base import ErrorEstimate
 
@@ -42,7 +49,6 @@ __all__ = [
     "run_recipe",
     "separate_inputs",
     "separated_result",
-    "versions",
 ]
 
 PathLike = str | os.PathLike[str]
@@ -287,18 +293,3 @@ def _plan(recipe: Recipe, estimate: ErrorEstimate) -> dict[str, Any] | None:
         if step["op"] == "plan_feedrates":
             return plan_document(plan_after(estimate, step))
     return None
-
-
-# ---- versions of what computes: of Python, numpy and scipy -------------------------------------
-
-
-def versions() -> dict[str, str]:
-    """Return the versions that a result depends on."""
-    import numpy as np
-    import scipy
-
-    return {
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "scipy": scipy.__version__,
-    }
