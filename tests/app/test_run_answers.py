@@ -406,5 +406,5 @@ def test_a_map_has_no_runs(tmp_path):
         http.websocket_connect(f"/ws?token={TOKEN}", headers=HOST) as socket,
     ):
         page = Page(socket)
-        assert "no set of repeated runs" in page.refused("curves")
-        assert "no set of repeated runs" in page.refused("waves")
+        assert "not a set of repeated runs" in page.refused("curves")
+        assert "not a set of repeated runs" in page.refused("waves")

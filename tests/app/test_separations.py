@@ -204,5 +204,5 @@ def test_a_separation_that_fails_is_not_remembered(counted):
 
 
 def test_a_recipe_of_no_method_is_refused():
-    with pytest.raises(DataError, match="no recipe of a named method"):
+    with pytest.raises(DataError, match="not a recipe of a named method"):
         MethodResults(()).result(recipe())

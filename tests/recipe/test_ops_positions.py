@@ -99,7 +99,7 @@ def test_missing_columns_and_foreign_files_are_refused(tmp_path):
     file = written(tmp_path / "p.csv", {"": (UP, DOWN)})
     with pytest.raises(MetrosepError, match="column of direction is not named"):
         ms.Recipe.parse(text("iso230_2").replace('direction = "way"\n', "")).run(file)
-    with pytest.raises(MetrosepError, match="no list of a positioning test"):
+    with pytest.raises(MetrosepError, match="not a list of a positioning test"):
         ms.Recipe.parse('metrosep = 1\n[input]\n[[step]]\nop = "iso230_2"\n').run(file)
 
 

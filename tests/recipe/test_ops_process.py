@@ -186,7 +186,7 @@ def test_a_pv_without_a_map_is_not_added_pointwise():
         (JOB + STEP + LOG + 'follow_up_pv = "3 nm"\n', DataError, "not both"),
         (JOB + STEP + LOG + 'log_time = "s"\n', FormatMismatchError, "no time column 's'"),
         (JOB.replace("60", "40") + STEP + LOG, DataError, "before the log ends"),
-        (JOB.replace("= 20", '= "20 Hz"') + STEP, DataError, "no number of turns per minute"),
+        (JOB.replace("= 20", '= "20 Hz"') + STEP, DataError, "not a number of turns per minute"),
         (JOB.replace("= 20", "= 0") + STEP, DataError, "rpm must be above zero, got 0"),
     ],
 )

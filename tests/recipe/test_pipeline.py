@@ -297,7 +297,7 @@ def test_centre_and_robust_reach_the_fit():
         ({"form": "sphere: R=10"}, "unit"),
         ({"form": "sphere", "fix": {"Q": "1 mm"}}, "none of"),
         ({"form": "sphere", "fix": {"R": 10.0}}, "needs its unit"),
-        ({"form": "sphere", "fix": {"R": True}}, "no number"),
+        ({"form": "sphere", "fix": {"R": True}}, "not a number"),
         ({"form": "sphere", "fix": {"R": "10"}}, "unit"),
         ({"form": "sphere", "centre": ["1 mm", "2 mm", "3 mm"]}, "x and y"),
         ({"form": "sphere", "robust": "median"}, "tukey"),

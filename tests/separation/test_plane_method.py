@@ -146,7 +146,7 @@ def test_a_surface_must_lie_on_the_grid_of_the_method():
         (lambda: PlaneModel(0.0, 1e-3), "dx"),
         (lambda: PlaneModel(1e-3, 1e-3, (0.0, np.nan)), "origin"),
         (lambda: PlaneModel(DX, DY).simulate({}, {"alpha": 1e-6}), "both along_x and along_y"),
-        (lambda: PlaneModel(DX, DY).simulate({"coupling": "abc"}, {}), "no array of numbers"),
+        (lambda: PlaneModel(DX, DY).simulate({"coupling": "abc"}, {}), "not an array of numbers"),
         (
             lambda: PlaneModel(DX, DY).simulate(
                 {"coupling": np.zeros((3, 4))}, {"along_x": np.zeros(3)}

@@ -89,7 +89,7 @@ def test_a_set_without_common_travel_can_be_printed():
         ({"start": math.nan}, InvalidSamplesError),
         ({"false_discovery_rate": 5}, DataError),
         ({"method": "kono", "shortest": 0.0}, UnitError),
-        ({"method": "kono", "shortest": math.nan}, UnitError),
+        ({"method": "kono", "shortest": math.nan}, InvalidSamplesError),
         ({"method": "kono", "modelling_length": 0.0}, DataError),
         ({"method": "kono", "modelling_length": math.nan}, DataError),
         ({"method": "kono", "feed": math.nan}, DataError),
