@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from metrosep.core.limits import FROM_FIT, limit_problem
 from metrosep.core.quantity import Quantity
-from metrosep.forms.conic import curvature_name
 from metrosep.parameters.decision import Verdict, decide, worst
 from metrosep.recipe.steps import METRICS
 
@@ -190,6 +189,7 @@ def _by_the_fit(
     With U = "from fit" the guard band is t_0.95 u, one-sided, and U is t_0.975 u. A radius is
     judged by its curvature, which is normal where the radius is not.
     """
+    from metrosep.forms.conic import curvature_name
     from metrosep.forms.result import student
 
     metric, factor = check["metric"], check.get("guard_factor", 1.0)
@@ -234,6 +234,8 @@ def _bent(
 
     R >= a > 0 is 0 <= c <= 1/a, R <= b > 0 is c >= 1/b; for negative ones the other way round.
     """
+    from metrosep.forms.conic import curvature_name
+
     lower, upper = limits["lower"], limits["upper"]
     sign = {math.copysign(1.0, v) for v in (lower, upper) if v is not None}
     if len(sign) > 1 or 0.0 in (lower, upper):
