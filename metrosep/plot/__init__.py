@@ -40,8 +40,11 @@ if TYPE_CHECKING:
     from metrosep.plot.servo_chart import (
         before_after_chart as before_after_chart,
         calibration_chart as calibration_chart,
+        closed_loop_maps as closed_loop_maps,
         closed_loop_plot as closed_loop_plot,
         follow_up_chart as follow_up_chart,
+        knots_plot as knots_plot,
+        loop_history_plot as loop_history_plot,
         setting_map as setting_map,
         setting_profiles as setting_profiles,
         static_error_chart as static_error_chart,
@@ -74,6 +77,7 @@ if TYPE_CHECKING:
         path_error_line as path_error_line,
     )
     from metrosep.plot.wavefront_chart import (
+        contrast_plot as contrast_plot,
         disc_map as disc_map,
         wavefront_map as wavefront_map,
         zernike_bars as zernike_bars,

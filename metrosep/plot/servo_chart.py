@@ -505,7 +505,23 @@ def closed_loop_plot(result: LoopResult, ax: Axes | None = None, *, direction: i
 
 
 def closed_loop_maps(result: LoopResult) -> Figure:
-    """Return a figure with a face-turned part without, with, and with the reversed map."""
+    """Return a figure with a face-turned part without, with, and with the reversed map.
+
+    Parameters
+    ----------
+    result : LoopResult
+        From `run_closed_loop` on a face machine.
+
+    Returns
+    -------
+    matplotlib Figure
+        Three maps over x and y in mm with one scale of colours.
+
+    Raises
+    ------
+    DataError
+        If the result is of an axis.
+    """
     if result.places.ndim != 2:
         raise DataError("an axis is drawn by closed_loop_plot")
     (only,) = result.passes
@@ -538,7 +554,20 @@ def closed_loop_maps(result: LoopResult) -> Figure:
 
 
 def loop_history_plot(history: LoopHistory, ax: Axes | None = None) -> Axes:
-    """Draw P-V and RMS of the part against the number of corrections."""
+    """Draw P-V and RMS of the part against the number of corrections.
+
+    Parameters
+    ----------
+    history : LoopHistory
+        Of a loop of cutting, measuring and correcting.
+    ax : matplotlib Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib Axes
+        In nm, logarithmic; what is zero is left out.
+    """
     cycles = np.arange(history.rms.shape[0])
     with house_style():
         axes = axes_or_new(ax)
@@ -563,7 +592,24 @@ def loop_history_plot(history: LoopHistory, ax: Axes | None = None) -> Axes:
 
 
 def knots_plot(x: ArrayLike, c: ArrayLike, knots: Knots, ax: Axes | None = None) -> Axes:
-    """Draw a curve, its polyline, and the tunnel that the polyline stays in."""
+    """Draw a curve, its polyline, and the tunnel that the polyline stays in.
+
+    Parameters
+    ----------
+    x : array_like, shape (n,), m
+        Positions of the curve.
+    c : array_like, shape (n,), m
+        Corrections at them.
+    knots : Knots
+        Of this curve, from `knots_for_tolerance` or `knots_for_count`.
+    ax : matplotlib Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib Axes
+        Positions in mm, corrections in a unit that fits.
+    """
     places = np.asarray(x, dtype=np.float64) * 1e3
     curve = np.asarray(c, dtype=np.float64) * 1e9
     scale, unit = length_scale(curve, knots.values * 1e9)

@@ -114,7 +114,25 @@ def zernike_bars(
 def contrast_plot(
     transfers: ModulationTransfer | Mapping[str, ModulationTransfer], *, ax: Axes | None = None
 ) -> Axes:
-    """Return modulation transfer functions against frequency over cut-off."""
+    """Return modulation transfer functions against frequency over cut-off.
+
+    Parameters
+    ----------
+    transfers : ModulationTransfer, or mapping of str to ModulationTransfer
+        One, or several by the name that the legend shows.
+    ax : matplotlib Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib Axes
+        Contrast along x and y, and that of a full circle without error.
+
+    Raises
+    ------
+    DataError
+        If the mapping is empty.
+    """
     named: dict[str, Any] = dict(transfers) if isinstance(transfers, Mapping) else {"": transfers}
     if not named:
         raise DataError("there is no modulation transfer function to draw")
