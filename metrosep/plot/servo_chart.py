@@ -601,7 +601,7 @@ def knots_plot(x: ArrayLike, c: ArrayLike, knots: Knots, ax: Axes | None = None)
     c : array_like, shape (n,), m
         Corrections at them.
     knots : Knots
-        Of this curve, from `knots_for_tolerance` or `knots_for_count`.
+        Of this curve, from `knots_for_tolerance`.
     ax : matplotlib Axes, optional
         Where to draw; a new figure by default.
 
