@@ -187,7 +187,8 @@ def separate(
     try:
         recipe = Recipe.parse(text, name="command line")
     except RecipeError as exc:
-        raise click.UsageError(option_error(exc), ctx=context) from None
+        settings = [name for name, _ in name_values(options["settings"], "--set")]
+        raise click.UsageError(option_error(exc, settings=settings), ctx=context) from None
     result = recipe.run(list(runs), out=out, progress=progress(context), overwrite=force)
     written: list[str] = [str(f) for f in result.files]
     beside = None

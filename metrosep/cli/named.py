@@ -9,13 +9,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from metrosep.cli.options import name_values
-from metrosep.cli.shortcut import input_lines, quoted
-from metrosep.core.options import KINDS
+from metrosep.cli.shortcut import input_lines, listed, quoted, typed
 from metrosep.core.text_options import TEXT_OPTIONS
 
 if TYPE_CHECKING:
     from metrosep.core.methods import Method
-    from metrosep.recipe.schema import Field
 
 __all__ = ["COLUMN_OPTIONS", "named_recipe", "require_columns"]
 
@@ -52,11 +50,10 @@ def require_columns(options: Mapping[str, Any]) -> None:
                 f"--{name} belongs to a named separation, such as --method donaldson; runs have "
                 "--x, --z and --run"
             )
-    for name, option in (("settings", "--set"), ("columns", "--column")):
-        if options.get(name):
-            raise click.UsageError(
-                f"{option} belongs to a named separation; runs have options of their own"
-            )
+    if options.get("columns"):
+        raise click.UsageError(
+            "--column belongs to a named separation; runs have --x, --z and --run"
+        )
 
 
 def named_recipe(name: str, options: Mapping[str, Any], *, report: bool) -> str:
@@ -83,10 +80,10 @@ def named_recipe(name: str, options: Mapping[str, Any], *, report: bool) -> str:
         value = columns.get(key, options.get(key))
         if value is not None and value != ():
             several = key in known and known[key].kind == "texts"
-            lines += [f"{key} = {_listed(value)}"] if several else input_lines({key: value}, [key])
+            lines += [f"{key} = {listed(value)}"] if several else input_lines({key: value}, [key])
     lines += ["", "[[step]]", f"op = {quoted(name)}"]
     for key, value in name_values(options.get("settings") or (), "--set"):
-        lines.append(f"{key} = {_typed(key, value, method)}")
+        lines.append(f"{key} = {typed(key, value, method.fields)}")
     if report:
         lines += ["", "[[output]]", 'kind = "parts"']
         lines += ["", "[[output]]", 'kind = "report"', 'formats = ["html"]']
@@ -100,48 +97,3 @@ def _takes(method: type[Method]) -> str:
         return f"--readings, {place}, --repeat, --column and --set"
     roles = ", ".join(method.roles)
     return f"--column ({roles}) and --set" if roles else "--set"
-
-
-def _typed(key: str, value: str, method: type[Method]) -> str:
-    """Return a value as TOML writes it, after the kind of its key."""
-    field: Field | None = method.fields.get(key)
-    kind = KINDS["text" if field is None else field.kind]
-    if (kind is KINDS["frequencies"] and value == "auto") or kind.written == "text":
-        number = field is not None and field.kind in ("degree", "spacing") and value.isdecimal()
-        return value if number else quoted(value)
-    if kind.written == "plain" or (kind is KINDS["waves"] and value.isdecimal()):
-        return _plain(key, value)
-    if kind.written == "plain list":
-        return "[" + ", ".join(_plain(key, v.strip()) for v in value.split(",")) + "]"
-    if kind.written in ("pairs", "plain pairs"):
-        return _nested(value, numbers=kind.written == "plain pairs")
-    return _listed(value)
-
-
-def _plain(key: str, value: str) -> str:
-    """Return a number or true or false as it is; refuse what TOML does not know as one."""
-    import tomllib
-
-    try:
-        tomllib.loads(f"v = {value}")
-    except tomllib.TOMLDecodeError:
-        raise click.UsageError(
-            f"--set {key}: a number, true or false is needed, found {value!r}"
-        ) from None
-    return value
-
-
-def _nested(value: str, *, numbers: bool) -> str:
-    """Return ``a..b, c..d`` as pairs, and a plain list as it is."""
-    items = [item.strip() for item in value.split(",")]
-    if not any(".." in item for item in items):
-        return f"[{value}]" if numbers else _listed(value)
-    pairs = []
-    for item in items:
-        pair = [p.strip() for p in item.split("..")]
-        pairs.append("[" + ", ".join(p if numbers else quoted(p) for p in pair) + "]")
-    return "[" + ", ".join(pairs) + "]"
-
-
-def _listed(columns: str) -> str:
-    return "[" + ", ".join(quoted(c.strip()) for c in columns.split(",")) + "]"

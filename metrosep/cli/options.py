@@ -130,7 +130,7 @@ def named_options(command: F) -> F:
                 "settings",
                 multiple=True,
                 metavar="NAME=VALUE",
-                help='Named: a key of the method, "radius=25 mm"; may be repeated.',
+                help='Any other key of the method (metrosep ops), "radius=25 mm"; may be repeated.',
             ),
             click.option(
                 "--column",

@@ -6,36 +6,38 @@ import re
 from collections.abc import Collection, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+import click
+
 from metrosep.core.text_options import TEXT_OPTIONS
 
 if TYPE_CHECKING:
     from metrosep.core.errors import RecipeError
+    from metrosep.core.options import Option
 
-__all__ = ["input_lines", "option_error", "quoted", "recipe_text"]
+__all__ = ["input_lines", "listed", "option_error", "quoted", "recipe_text", "typed"]
 
 _INPUT = ("x", "z", "feed", "run", "direction", "time", "sampling_rate", "scale", *TEXT_OPTIONS)
-_SEPARATE = ("method", "start", "length", "shortest", "lag")
 
 
 def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, report: bool) -> str:
     """Return the recipe of a call as TOML."""
+    from metrosep.cli.options import name_values
+    from metrosep.recipe.steps import STEPS
+
     lines = ["metrosep = 1", "", "[input]"]
     lines += input_lines(options, _INPUT)
     lines += ["", "[[step]]", 'op = "separate"']
-    lines += [f"{k} = {quoted(options[k])}" for k in _SEPARATE if options.get(k) is not None]
-    for key in ("exclude", "accept"):
-        if options.get(key) is not None:
-            names = (name.strip() for name in str(options[key]).split(","))
-            lines.append(f"{key} = [{', '.join(quoted(name) for name in names if name)}]")
-    for key in ("min_feeds", "drift"):
-        if options.get(key) is not None:
-            lines.append(f"{key} = {options[key]}")
-    if options.get("lines") is not None:
-        asked = str(options["lines"])
-        each = ", ".join(quoted(f.strip()) for f in asked.split(","))
-        lines.append(f"lines = {quoted(asked) if asked == 'auto' else f'[{each}]'}")
-    if options.get("robust"):
-        lines.append("robust = true")
+    fields = STEPS["separate"]
+    own = {k: options.get(k) for k in fields if k not in _INPUT}  # --feed names a column
+    stated = {k: v for k, v in own.items() if v is not None and v is not False}
+    given = {k: "true" if v is True else str(v) for k, v in stated.items()}
+    for key, value in name_values(tuple(options.get("settings") or ()), "--set"):
+        if key in given:
+            raise click.UsageError(
+                f"{key} is given twice, with --{key.replace('_', '-')} and --set"
+            )
+        given[key] = value
+    lines += [f"{key} = {typed(key, value, fields)}" for key, value in given.items()]
     if options.get("poly") is not None:
         degree = str(options["poly"])
         lines += ["", "[[step]]", 'op = "polynomial"', 'quantity = "error"']
@@ -106,3 +108,51 @@ def quoted(value: object) -> str:
     import json
 
     return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def typed(key: str, value: str, fields: Mapping[str, Option]) -> str:
+    """Return a value as TOML writes it, after the kind of its key."""
+    from metrosep.core.options import KINDS
+
+    field = fields.get(key)
+    kind = KINDS["text" if field is None else field.kind]
+    if (kind is KINDS["frequencies"] and value == "auto") or kind.written == "text":
+        number = field is not None and field.kind in ("degree", "spacing") and value.isdecimal()
+        return value if number else quoted(value)
+    if kind.written == "plain" or (kind is KINDS["waves"] and value.isdecimal()):
+        return _plain(key, value)
+    if kind.written == "plain list":
+        return "[" + ", ".join(_plain(key, v.strip()) for v in value.split(",")) + "]"
+    if kind.written in ("pairs", "plain pairs"):
+        return _nested(value, numbers=kind.written == "plain pairs")
+    return listed(value)
+
+
+def _plain(key: str, value: str) -> str:
+    """Return a number or true or false as it is; refuse what TOML does not know as one."""
+    import tomllib
+
+    try:
+        tomllib.loads(f"v = {value}")
+    except tomllib.TOMLDecodeError:
+        raise click.UsageError(
+            f"--set {key}: a number, true or false is needed, found {value!r}"
+        ) from None
+    return value
+
+
+def _nested(value: str, *, numbers: bool) -> str:
+    """Return ``a..b, c..d`` as pairs, and a plain list as it is."""
+    items = [item.strip() for item in value.split(",")]
+    if not any(".." in item for item in items):
+        return f"[{value}]" if numbers else listed(value)
+    pairs = []
+    for item in items:
+        pair = [p.strip() for p in item.split("..")]
+        pairs.append("[" + ", ".join(p if numbers else quoted(p) for p in pair) + "]")
+    return "[" + ", ".join(pairs) + "]"
+
+
+def listed(texts: str) -> str:
+    """Return texts with commas between them as a list of TOML; what is empty is left out."""
+    return "[" + ", ".join(quoted(t.strip()) for t in texts.split(",") if t.strip()) + "]"

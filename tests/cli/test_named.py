@@ -74,7 +74,7 @@ def test_printed_recipe_does_the_same(metrosep, readings, tmp_path):
         ((*NAMED, "--set", "u_index"), "NAME=VALUE"),
         (("--method", "joint", "--readings", "m1_nm"), "Missing option '--x'"),
         (("--x", "a", "--z", "b", "--angle", "c"), "--angle belongs to a named separation"),
-        (("--x", "a", "--z", "b", "--set", "c=1"), "--set belongs to a named separation"),
+        (("--x", "a", "--z", "b", "--set", "c=1"), "--set c: unknown key"),
     ],
 )
 def test_options_that_do_not_belong_are_refused(metrosep, readings, words, match):
@@ -115,3 +115,27 @@ def test_one_step_is_explained_key_by_key(metrosep):
     code, _, err = metrosep("ops", "multprobe")
     assert code == 2
     assert "Did you mean multiprobe" in err
+
+
+def test_every_option_of_repeated_runs_can_be_set(metrosep, tmp_path):
+    words = (
+        "separate",
+        "r.csv",
+        "--x",
+        "x_mm",
+        "--z",
+        "z_um",
+        "--method",
+        "kono",
+        "--print-recipe",
+    )
+    code, out, _ = metrosep(*words, "--set", "norm=power", "--set", "feed=4800 mm/min")
+    assert code == 0
+    assert 'norm = "power"\nfeed = "4800 mm/min"' in out
+    code, _, err = metrosep(*words[:-1], "--set", "norm=powr")
+    assert code == 2
+    assert "--set norm 'powr' is not one of amplitude, power, psd" in err
+    code, _, err = metrosep(*words[:-1], "--min-feeds", "0")
+    assert code in (2, 4)
+    code, _, err = metrosep(*words, "--lag", "fit", "--set", "lag=1 ms")
+    assert (code, "lag is given twice" in err) == (2, True)
