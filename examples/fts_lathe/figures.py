@@ -11,7 +11,7 @@ from metrosep.optics import wavefront
 from metrosep.plot.charts import draw_bars
 from metrosep.plot.sensitivity_chart import sensitivity_bars, sensitivity_maps, sensitivity_pareto
 from metrosep.plot.wavefront_chart import disc_map, wavefront_map, zernike_bars
-from metrosep.recipe.charts import bar_chart
+from metrosep.recipe.describe.charts import bar_chart
 
 CASES = runpy.run_path(str(Path(__file__).parent / "cases.py"))
 TORIC, RADIUS, MAIN = CASES["TORIC"], CASES["RADIUS"], ("EZX", "EBC", "B0Z")

@@ -12,7 +12,7 @@ from metrosep.plot.servo_chart import follow_up_chart, setting_map, setting_prof
 from metrosep.plot.style import COLOURS, axes_or_new, house_style
 from metrosep.plot.toolpath_chart import path_error_counts, path_error_figure, path_error_line
 from metrosep.process import SpiralPath, errors_by_count, follow_up, identify_setting
-from metrosep.recipe.charts import bar_chart
+from metrosep.recipe.describe.charts import bar_chart
 
 HERE = Path(__file__).parent
 CASES = runpy.run_path(str(HERE / "cases.py"))

@@ -23,8 +23,8 @@ from typing import Any, Generic, TypeVar, cast
 from metrosep.app.view_tables import view_of, with_view
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, MetrosepError, ReadError, WriteError
-from metrosep.recipe.extends import Admits
 from metrosep.recipe.recipe import Recipe
+from metrosep.recipe.written.extends import Admits
 
 __all__ = [
     "Edit",

@@ -410,7 +410,7 @@ class Answers:
         return {"k": kind, "ok": True, **header}, arrays
 
     def _hello(self, message: Message) -> Answer:
-        from metrosep.recipe.described_steps import described_steps
+        from metrosep.recipe.describe.described_steps import described_steps
 
         session = self.session.state()
         return {"version": __version__, "session": session, "schema": described_steps()}, {}
@@ -621,7 +621,7 @@ def warm_up(stop: Callable[[], bool] = lambda: False) -> None:
     from metrosep.core.profile import Profile
     from metrosep.core.surface import Surface
     from metrosep.io.registry import formats
-    from metrosep.recipe.described_steps import described_steps
+    from metrosep.recipe.describe.described_steps import described_steps
     from metrosep.recipe.pipeline import checked_step
 
     y, x = np.mgrid[0:32, 0:48] * 1e-5

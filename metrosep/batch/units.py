@@ -700,7 +700,7 @@ def former_title(document: Mapping[str, Any], text: str) -> dict[str, str]:
 @lru_cache(maxsize=64)
 def _title(text: str) -> str | None:
     """Return the title that a recipe with its record gives, None where it cannot be read."""
-    from metrosep.recipe.extends import layers_of
+    from metrosep.recipe.written.extends import layers_of
 
     try:
         return str(layers_of(text, "", Path()).data.get("title", ""))

@@ -261,8 +261,8 @@ def _checked(name: str, overrides: Sequence[str]) -> tuple[Recipe | None, list[s
     """Return the recipe, if it can be had, and what is wrong."""
     from metrosep.core.errors import RecipeError
     from metrosep.core.plain_files import RECIPE_BYTES, read_plain_text
-    from metrosep.recipe.overrides import with_overrides
     from metrosep.recipe.recipe import Recipe
+    from metrosep.recipe.written.overrides import with_overrides
 
     target = Path(name)
     try:
@@ -305,9 +305,9 @@ def recipe_errors(text: str, *, name: str, folder: Path) -> list[str]:
     r.toml:3: [[step]] 1 (form) needs th
     """
     from metrosep.core.errors import RecipeError
-    from metrosep.recipe.extends import layers_of
     from metrosep.recipe.preflight import limit_errors
     from metrosep.recipe.recipe import Recipe
+    from metrosep.recipe.written.extends import layers_of
 
     try:
         layers = layers_of(text, name, folder)
@@ -324,8 +324,6 @@ def recipe_errors(text: str, *, name: str, folder: Path) -> list[str]:
 def _of_tables(layers: Any, name: str) -> Iterator[Exception]:
     """Yield the mistakes of each table, key by key."""
     from metrosep.core.errors import RecipeError
-    from metrosep.recipe.extends import LayeredPlace
-    from metrosep.recipe.overrides import input_fields_of
     from metrosep.recipe.schema import batch_table
     from metrosep.recipe.steps import (
         ALL_STEPS,
@@ -335,6 +333,8 @@ def _of_tables(layers: Any, name: str) -> Iterator[Exception]:
         OUTPUTS,
         TOP,
     )
+    from metrosep.recipe.written.extends import LayeredPlace
+    from metrosep.recipe.written.overrides import input_fields_of
 
     def place(header: str = "", number: int = 0) -> Place:
         return LayeredPlace(name, layers.text, header, number, layers.bases)
@@ -437,7 +437,7 @@ def _of_plugins(recipe: Recipe) -> Iterator[Exception]:
 
 def _defaults(recipe: Recipe) -> list[dict[str, Any]]:
     """Return for each step the keys that the recipe leaves out."""
-    from metrosep.recipe.described_steps import described_steps
+    from metrosep.recipe.describe.described_steps import described_steps
 
     known = {s["op"]: s for s in described_steps()["steps"]}
     return [

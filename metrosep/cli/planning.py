@@ -53,7 +53,7 @@ def plan(
     At the planned feedrates the disturbance that was found leaves each wavelength as well known as
     possible; the predicted standard deviations tell how well.
     """
-    from metrosep.recipe.plan import plan_after, plan_document
+    from metrosep.recipe.methods.plan import plan_after, plan_document
     from metrosep.recipe.result import clean, load_document, stored_estimate
 
     if context.obj is not None:

@@ -63,7 +63,7 @@ def draw_bars(chart: Mapping[str, Any], *, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     chart : mapping
-        From `metrosep.recipe.charts.bar_chart`.
+        From `metrosep.recipe.describe.charts.bar_chart`.
     ax : matplotlib Axes, optional
         Where to draw.
 

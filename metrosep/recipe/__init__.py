@@ -12,17 +12,17 @@ if TYPE_CHECKING:
 
 
 METHODS = {
-    "plan_from_density": "plan:PlanFromDensity",
-    "rank": "ops_machine:Ranking",
-    "identify": "ops_machine:TermsIdentified",
-    "wavefront": "ops_machine:WavefrontOfMap",
-    "tool_setting": "ops_process:SettingFound",
-    "follow_up": "ops_process:FollowUpOfLog",
-    "flexure_calibration": "ops_process:FlexureCalibrated",
-    "predict": "ops_process:JobPredicted",
-    "dual_servo": "dual_servo:DualServo",
-    "gauge_study": "ops_quality:GaugeStudied",
-    "part_series": "ops_quality:SeriesOfParts",
+    "plan_from_density": "methods.plan:PlanFromDensity",
+    "rank": "methods.ops_machine:Ranking",
+    "identify": "methods.ops_machine:TermsIdentified",
+    "wavefront": "methods.ops_machine:WavefrontOfMap",
+    "tool_setting": "methods.ops_process:SettingFound",
+    "follow_up": "methods.ops_process:FollowUpOfLog",
+    "flexure_calibration": "methods.ops_process:FlexureCalibrated",
+    "predict": "methods.ops_process:JobPredicted",
+    "dual_servo": "methods.dual_servo:DualServo",
+    "gauge_study": "methods.ops_quality:GaugeStudied",
+    "part_series": "methods.ops_quality:SeriesOfParts",
 }
 """Methods of the upper layers that have a name: module and class of each."""
 

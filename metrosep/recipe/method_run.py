@@ -18,8 +18,8 @@ from metrosep.io.readings import read_readings
 from metrosep.io.runs import Role, read_roles
 from metrosep.io.source import open_file
 from metrosep.recipe.characteristics import DECISION_RULE, judged
-from metrosep.recipe.described import describe
-from metrosep.recipe.description import Description
+from metrosep.recipe.describe.described import describe
+from metrosep.recipe.describe.description import Description
 from metrosep.recipe.inputs_read import input_records, named_files
 from metrosep.recipe.outputs import staged, write_reports
 from metrosep.recipe.parts import write_parts

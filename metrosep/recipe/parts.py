@@ -14,7 +14,7 @@ from metrosep.core._arrays import by_number
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, UnsupportedFeatureError
 from metrosep.io.own_notes import moment_of
-from metrosep.recipe.description import Description
+from metrosep.recipe.describe.description import Description
 from metrosep.recipe.preflight import output_name
 from metrosep.separation.runs.base import ErrorEstimate
 

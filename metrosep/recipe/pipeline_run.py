@@ -24,7 +24,7 @@ from metrosep.recipe.pipeline_mask import Measured
 from metrosep.recipe.schema import reading_options
 
 if TYPE_CHECKING:
-    from metrosep.recipe.description import Description
+    from metrosep.recipe.describe.description import Description
     from metrosep.recipe.recipe import Recipe
     from metrosep.recipe.result import Result
 
@@ -147,7 +147,7 @@ def run_pipeline(
     more: Mapping[str, Any] | None = None,
 ) -> Result:
     """Read one file, carry the steps out, judge and write."""
-    from metrosep.recipe.describe_measure import measurement_of
+    from metrosep.recipe.describe.describe_measure import measurement_of
     from metrosep.recipe.outputs import staged, write_reports
     from metrosep.recipe.parts import write_parts
     from metrosep.recipe.preflight import RESULT_NAME
@@ -170,7 +170,7 @@ def run_pipeline(
 
 def measured_result(recipe: Recipe, measured: Measurement) -> Result:
     """Return the result of steps that were carried out already; nothing is written."""
-    from metrosep.recipe.describe_measure import measurement_of
+    from metrosep.recipe.describe.describe_measure import measurement_of
     from metrosep.recipe.preflight import require_limits
     from metrosep.recipe.result import Result
 

@@ -41,7 +41,7 @@ def reading_words(message: str, op: str) -> str:
     >>> reading_words("give unit='nm'", "parameters")
     'give unit = "nm" in [input]'
     """
-    from metrosep.recipe.overrides import input_fields_of
+    from metrosep.recipe.written.overrides import input_fields_of
 
     keys, fields = keys_of_step(op), input_fields_of(op)
     if fields is None:

@@ -13,10 +13,7 @@ from metrosep.core.errors import RecipeError, UnsupportedFeatureError
 from metrosep.core.methods import METHODS, Method
 from metrosep.core.plain_files import MACHINE_BYTES, RECIPE_BYTES, read_plain_text, require_plain
 from metrosep.core.provenance import freeze_mapping
-from metrosep.recipe.extends import Admits, LayeredPlace, layers_of
 from metrosep.recipe.method import input_fields
-from metrosep.recipe.override_marks import overrides_in
-from metrosep.recipe.overrides import with_overrides
 from metrosep.recipe.pipeline import measuring_steps
 from metrosep.recipe.preflight import check_recipe, require_limits
 from metrosep.recipe.result import Result
@@ -34,6 +31,9 @@ from metrosep.recipe.steps import (
 )
 from metrosep.recipe.table_lists import several_tables
 from metrosep.recipe.view_block import without_view_block
+from metrosep.recipe.written.extends import Admits, LayeredPlace, layers_of
+from metrosep.recipe.written.override_marks import overrides_in
+from metrosep.recipe.written.overrides import with_overrides
 
 __all__ = ["Recipe"]
 

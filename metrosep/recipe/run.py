@@ -287,7 +287,7 @@ def _about_polynomial(polynomial: Mapping[str, Any] | None) -> list[str]:
 
 
 def _plan(recipe: Recipe, estimate: ErrorEstimate) -> dict[str, Any] | None:
-    from metrosep.recipe.plan import plan_after, plan_document
+    from metrosep.recipe.methods.plan import plan_after, plan_document
 
     for step in recipe.steps:
         if step["op"] == "plan_feedrates":

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from metrosep.core.methods import METHODS
+from metrosep.recipe.methods.plan import PLAN
 from metrosep.recipe.pipeline import STEPS as MEASURING
-from metrosep.recipe.plan import PLAN
 from metrosep.recipe.schema import LAYOUT, Field
 from metrosep.separation.runs.options import RUN_OPTIONS
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from metrosep.core.provenance import freeze_mapping
-from metrosep.recipe.extends import LayeredPlace
 from metrosep.recipe.schema import Field, Place, checked_table
+from metrosep.recipe.written.extends import LayeredPlace
 
 __all__ = ["several_tables"]
 

@@ -6,8 +6,8 @@ import re
 import tomllib
 from typing import Any
 
-from metrosep.recipe.extends import before_record
 from metrosep.recipe.schema import blanked_texts
+from metrosep.recipe.written.extends import before_record
 
 __all__ = ["without_view_block"]
 

@@ -8,7 +8,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.machine import Chain, presets
-from metrosep.recipe.described import describe
+from metrosep.recipe.describe.described import describe
 
 NAME = "fts_lathe"
 MOST_LINES = 15

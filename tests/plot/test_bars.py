@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from metrosep.plot.charts import draw_bars
-from metrosep.recipe.charts import bar_chart
+from metrosep.recipe.describe.charts import bar_chart
 
 
 def test_bars_beside_one_another_in_a_readable_unit():

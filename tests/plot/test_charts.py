@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from metrosep.core.errors import DataError
 from metrosep.plot.charts import CHART_KINDS, draw_chart
 from metrosep.plot.summary import charts_of, drawable
-from metrosep.recipe.charts import (
+from metrosep.recipe.describe.charts import (
     curve,
     curve_chart,
     harmonic_chart,
@@ -20,7 +20,7 @@ from metrosep.recipe.charts import (
     plain,
     thin,
 )
-from metrosep.recipe.describe_tests import positions_of, spindle_of
+from metrosep.recipe.describe.describe_tests import positions_of, spindle_of
 from metrosep.separation import iso230_2, iso230_7
 
 
@@ -155,7 +155,7 @@ def test_plain_values_hold_no_nan():
 
 
 def test_a_run_keeps_its_colour_in_every_panel_and_no_two_share_one():
-    from metrosep.recipe.charts import curve, curve_chart, panel
+    from metrosep.recipe.describe.charts import curve, curve_chart, panel
 
     x, y = [0.0, 1.0], [0.0, 1e-6]
     runs = [curve(f"run {k}", x, y) for k in range(5)]
@@ -172,7 +172,7 @@ def test_a_run_keeps_its_colour_in_every_panel_and_no_two_share_one():
 
 
 def test_legend_stands_beside_the_curves():
-    from metrosep.recipe.charts import curve, curve_chart, panel
+    from metrosep.recipe.describe.charts import curve, curve_chart, panel
 
     x, y = [0.0, 1.0], [0.0, 1e-6]
     for count in (2, 6):
@@ -185,7 +185,7 @@ def test_legend_stands_beside_the_curves():
 
 
 def test_limits_of_a_drive_are_dashed():
-    from metrosep.recipe.charts import curve, curve_chart, panel
+    from metrosep.recipe.describe.charts import curve, curve_chart, panel
 
     x = [0.0, 1.0]
     lines = [curve("voltage", x, [1.0, 2.0]), curve("limit, upper: 10 V", x, [10.0, 10.0])]
@@ -197,7 +197,7 @@ def test_limits_of_a_drive_are_dashed():
 
 def test_title_of_a_map_has_the_pv_of_all_its_pixels():
     """One high pixel that is not among those drawn must show in the P-V."""
-    from metrosep.recipe.charts import map_chart
+    from metrosep.recipe.describe.charts import map_chart
 
     z = np.zeros((600, 600))
     z[1, 1] = 7e-9

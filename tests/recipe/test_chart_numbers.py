@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from metrosep.recipe.charts import plain
+from metrosep.recipe.describe.charts import plain
 from metrosep.recipe.result import clean
 
 

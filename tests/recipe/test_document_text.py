@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from metrosep.recipe.charts import plain
+from metrosep.recipe.describe.charts import plain
 from metrosep.recipe.document_text import document_text
 
 

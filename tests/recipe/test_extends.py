@@ -6,8 +6,8 @@ import pytest
 
 from metrosep.core.errors import RecipeError
 from metrosep.recipe import Recipe
-from metrosep.recipe.extends import split_record
 from metrosep.recipe.outputs import recipe_hash
+from metrosep.recipe.written.extends import split_record
 
 BASE = """metrosep = 1
 title = "base"

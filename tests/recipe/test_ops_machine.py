@@ -6,7 +6,7 @@ import pytest
 import metrosep as ms
 from metrosep.core.errors import DataError, MetrosepError, RecipeError, UnitError
 from metrosep.machine import presets, rank
-from metrosep.recipe.described import describe
+from metrosep.recipe.describe.described import describe
 
 TORIC = 'form = "toric: Rb=265 mm, Rd=132.5 mm"\n'
 PART = 'machine = "fts_lathe"\nradius = "20 mm"\n'

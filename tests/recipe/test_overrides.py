@@ -9,10 +9,10 @@ import pytest
 
 import metrosep as ms
 from metrosep.core.errors import RecipeError
-from metrosep.recipe.extends import split_record
 from metrosep.recipe.outputs import recipe_hash
-from metrosep.recipe.override_text import with_value
-from metrosep.recipe.overrides import with_overrides
+from metrosep.recipe.written.extends import split_record
+from metrosep.recipe.written.override_text import with_value
+from metrosep.recipe.written.overrides import with_overrides
 
 EXAMPLES = [
     file

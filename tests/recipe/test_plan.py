@@ -8,7 +8,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.core.errors import MetrosepError, RecipeError
-from metrosep.recipe.plan import plan_after
+from metrosep.recipe.methods.plan import plan_after
 from metrosep.recipe.result import load_document, stored_estimate
 from metrosep.separation import plan_feedrates, plane_map
 

@@ -10,7 +10,7 @@ import pytest
 
 from metrosep.compensation.polynomial import fit_polynomial
 from metrosep.recipe import Recipe
-from metrosep.recipe.described_steps import described_steps
+from metrosep.recipe.describe.described_steps import described_steps
 from metrosep.recipe.step_help import key_words
 from metrosep.recipe.steps import STEPS
 from metrosep.separation.runs.entry import separate, separate_mean

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from metrosep.plot.charts import draw_chart
-from metrosep.recipe.charts import curve, curve_chart, panel
+from metrosep.recipe.describe.charts import curve, curve_chart, panel
 
 X = np.linspace(0.0, 0.2, 50)
 WAVE = np.sin(40.0 * X)

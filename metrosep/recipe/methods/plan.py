@@ -11,8 +11,8 @@ from metrosep.core.errors import NotSeparableError
 from metrosep.core.methods import Method
 from metrosep.core.options import Option
 from metrosep.core.quantity import Quantity
-from metrosep.recipe.charts import plain
-from metrosep.recipe.description import Description, quantity
+from metrosep.recipe.describe.charts import plain
+from metrosep.recipe.describe.description import Description, quantity
 
 if TYPE_CHECKING:
     from metrosep.core.inputs import RoleColumns

@@ -23,7 +23,7 @@ class Description:
 
     # mapping of str to Quantity: by metric: what checks name
     quantities: Mapping[str, Quantity] = field(default_factory=dict)
-    charts: tuple[dict[str, Any], ...] = ()  # of dict: from `metrosep.recipe.charts`
+    charts: tuple[dict[str, Any], ...] = ()  # of dict: from `metrosep.recipe.describe.charts`
     # mapping of str to mapping: columns with unit suffix; the name of each table is put after that
     # of the file, empty for the main one
     tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)

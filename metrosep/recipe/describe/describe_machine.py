@@ -12,8 +12,8 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.readable import typed_number
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.recipe.charts import bar_chart, map_chart
-from metrosep.recipe.description import Description, quantity
+from metrosep.recipe.describe.charts import bar_chart, map_chart
+from metrosep.recipe.describe.description import Description, quantity
 
 __all__ = ["identification_of", "sensitivity_of", "wavefront_of"]
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from metrosep.core.errors import RecipeError
-from metrosep.recipe.override_marks import key_parts, split_override
+from metrosep.recipe.written.override_marks import key_parts, split_override
 
 __all__ = ["NAMED_BY", "Override", "near", "number_of"]
 

@@ -10,8 +10,8 @@ from metrosep.core.profile import Profile
 from metrosep.core.readable import readable_unit
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.recipe.charts import curve, curve_chart, map_chart, panel, plain
-from metrosep.recipe.description import Description
+from metrosep.recipe.describe.charts import curve, curve_chart, map_chart, panel, plain
+from metrosep.recipe.describe.description import Description
 from metrosep.recipe.pipeline_mask import Measured, middle_of
 
 if TYPE_CHECKING:

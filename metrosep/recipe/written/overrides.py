@@ -4,7 +4,7 @@ The key is the path that a reader of the recipe would say: ``title``, ``input.un
 ``batch.pattern``, ``step.form.robust`` (the only step of that op) or ``step.2.robust``,
 ``check.roughness.upper`` (by name, by metric or by number), ``output.report.formats``. The value is
 read as TOML where that gives what the key takes, else as a text. What is run and recorded is the
-recipe with these values in its text (`metrosep.recipe.override_text`).
+recipe with these values in its text (`metrosep.recipe.written.override_text`).
 """
 
 from __future__ import annotations
@@ -19,16 +19,6 @@ from typing import Any
 
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.core.options import checked
-from metrosep.recipe.extends import Layers, layers_of, texts_of, with_texts
-from metrosep.recipe.override_items import NAMED_BY, Override, near, number_of
-from metrosep.recipe.override_marks import (
-    holds_mark,
-    key_parts,
-    overrides_in,
-    split_override,
-    toml_problem,
-)
-from metrosep.recipe.override_text import put, with_value
 from metrosep.recipe.schema import BATCH, Field
 from metrosep.recipe.steps import (
     CHECK,
@@ -40,6 +30,16 @@ from metrosep.recipe.steps import (
     OUTPUTS,
     STEPS,
 )
+from metrosep.recipe.written.extends import Layers, layers_of, texts_of, with_texts
+from metrosep.recipe.written.override_items import NAMED_BY, Override, near, number_of
+from metrosep.recipe.written.override_marks import (
+    holds_mark,
+    key_parts,
+    overrides_in,
+    split_override,
+    toml_problem,
+)
+from metrosep.recipe.written.override_text import put, with_value
 
 __all__ = ["input_fields_of", "with_overrides"]
 

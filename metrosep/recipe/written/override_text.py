@@ -1,6 +1,6 @@
 """A key of a recipe changed in its text: comments, order and the numbers of the lines stay.
 
-The changed line ends with what was given (`metrosep.recipe.override_marks`), so that the text says
+The changed line ends with what was given (`metrosep.recipe.written.override_marks`), so that the text says
 what was run and why it differs from the file.
 """
 
@@ -13,7 +13,7 @@ from copy import deepcopy
 from datetime import date, time
 from typing import Any
 
-from metrosep.recipe.override_marks import marks_after, parsed, without_marks
+from metrosep.recipe.written.override_marks import marks_after, parsed, without_marks
 
 __all__ = ["put", "toml_text", "with_value"]
 

@@ -12,7 +12,7 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.recipe.charts import (
+from metrosep.recipe.describe.charts import (
     curve,
     curve_chart,
     harmonic_chart,
@@ -21,7 +21,7 @@ from metrosep.recipe.charts import (
     plain,
     thin,
 )
-from metrosep.recipe.description import Description, extremes, named, quantity
+from metrosep.recipe.describe.description import Description, extremes, named, quantity
 from metrosep.separation.contract import Separation, suppressed_harmonics
 
 __all__ = [

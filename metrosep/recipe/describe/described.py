@@ -14,16 +14,20 @@ import numpy as np
 
 from metrosep.core.errors import DataError
 from metrosep.core.quantity import Quantity
-from metrosep.recipe.charts import bar_chart, curve, curve_chart, map_chart, panel, plain
-from metrosep.recipe.describe_machine import identification_of, sensitivity_of, wavefront_of
-from metrosep.recipe.describe_process import (
+from metrosep.recipe.describe.charts import bar_chart, curve, curve_chart, map_chart, panel, plain
+from metrosep.recipe.describe.describe_machine import (
+    identification_of,
+    sensitivity_of,
+    wavefront_of,
+)
+from metrosep.recipe.describe.describe_process import (
     calibration_of,
     dual_servo_of,
     follow_up_of,
     prediction_of,
     setting_of,
 )
-from metrosep.recipe.describe_tests import (
+from metrosep.recipe.describe.describe_tests import (
     diagonals_of,
     positions_of,
     separation_of,
@@ -31,8 +35,8 @@ from metrosep.recipe.describe_tests import (
     straightness_of,
     zero_of,
 )
-from metrosep.recipe.description import Description, extremes, named, quantity
-from metrosep.recipe.plan import feed_plan_of
+from metrosep.recipe.describe.description import Description, extremes, named, quantity
+from metrosep.recipe.methods.plan import feed_plan_of
 
 __all__ = ["Description", "describe"]
 

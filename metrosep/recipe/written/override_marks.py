@@ -31,7 +31,7 @@ __all__ = [
 _MARK = re.compile(r"  # (set|added) by -s (.*?)(?=  # (?:set|added) by -s |$)")
 _BEGIN = re.compile(r"  # (set|added) by -s")
 _IN_RECORD = "#| "
-"""Begins the lines of a recipe that another one builds on (`metrosep.recipe.extends`)."""
+"""Begins the lines of a recipe that another one builds on (`metrosep.recipe.written.extends`)."""
 _PIECE = re.compile(r'"[^"]*"|\'[^\']*\'|[^."\']+')
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.recipe.charts import bar_chart, curve, curve_chart, map_chart, panel
-from metrosep.recipe.description import Description, quantity
+from metrosep.recipe.describe.charts import bar_chart, curve, curve_chart, map_chart, panel
+from metrosep.recipe.describe.description import Description, quantity
 
 __all__ = ["calibration_of", "dual_servo_of", "follow_up_of", "prediction_of", "setting_of"]
 

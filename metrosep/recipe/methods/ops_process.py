@@ -17,7 +17,7 @@ from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.recipe.ops_machine import form_of
+from metrosep.recipe.methods.ops_machine import form_of
 
 __all__ = ["JobResult"]
 

@@ -16,8 +16,8 @@ from typing import Any, TypeAlias
 
 from metrosep.core.errors import RecipeError
 from metrosep.core.plain_files import RECIPE_BYTES, read_plain_text
-from metrosep.recipe.override_marks import as_given, toml_problem
 from metrosep.recipe.schema import Place
+from metrosep.recipe.written.override_marks import as_given, toml_problem
 
 __all__ = [
     "Admits",

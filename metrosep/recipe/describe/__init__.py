@@ -1,0 +1,1 @@
+"""What a result says of itself in documents, charts and reports, and what the steps take."""
