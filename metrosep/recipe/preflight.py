@@ -156,9 +156,9 @@ def _order_errors(recipe: Recipe) -> Iterator[RecipeError]:
 
 def _names(output: Mapping[str, Any], place: Place) -> list[str]:
     """File names of an output, all that it needs being known."""
-    from metrosep.controllers import names
-
     if output["kind"] == "table":
+        from metrosep.controllers import names
+
         if output["controller"] not in names():
             raise place.error(
                 f"unknown controller {output['controller']!r}; there are {', '.join(names())}",
