@@ -19,7 +19,6 @@ __all__ = [
     "optional_read_options",
     "override_option",
     "read_aloud",
-    "read_options",
     "say",
     "table_options",
 ]
@@ -100,16 +99,6 @@ def name_values(texts: tuple[str, ...], option: str) -> list[tuple[str, str]]:
     return found
 
 
-def read_options(command: F) -> F:
-    """Add the options that say what the columns of run files are."""
-    return _with_columns(command, required=True)
-
-
-def optional_read_options(command: F) -> F:
-    """Add the same options where the method decides which of them are needed."""
-    return _with_columns(command, required=False)
-
-
 def named_options(command: F) -> F:
     """Add the options of the named separations."""
     for option in reversed(
@@ -150,15 +139,12 @@ def named_options(command: F) -> F:
     return command
 
 
-def _with_columns(command: F, *, required: bool) -> F:
+def optional_read_options(command: F) -> F:
+    """Add the options that say what the columns of run files are; the method decides which it needs."""
     for option in reversed(
         (
-            click.option(
-                "--x", required=required, metavar="COLUMN", help='Position: x_mm or "pos:mm".'
-            ),
-            click.option(
-                "--z", required=required, metavar="COLUMN", help='Reading: z_um or "probe:V".'
-            ),
+            click.option("--x", metavar="COLUMN", help='Position: x_mm or "pos:mm".'),
+            click.option("--z", metavar="COLUMN", help='Reading: z_um or "probe:V".'),
             click.option(
                 "--feed", metavar="COLUMN|VALUE", help='Feedrate: feed_mm_min or "7200 mm/min".'
             ),

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, dataclass, field as new_field
 from typing import Any, Literal
 
-from metrosep.core.errors import DataError, InvalidSamplesError, OptionError, UnitError
+from metrosep.core.errors import InvalidSamplesError, OptionError, UnitError
 from metrosep.core.limits import FROM_FIT, Limit, parse_limit
 from metrosep.core.units import TYPICAL, parse_quantity
 
@@ -434,11 +434,3 @@ KINDS: Mapping[str, Kind] = {
         "pairs of whole numbers, 0..0,1..0", _pairs, None, "0..0,1..0", "plain pairs"
     ),
 }  # fmt: skip
-
-
-def require_known(name: str, known: Mapping[str, Any], what: str) -> None:
-    """Refuse a name that is not known, with the nearest spelling."""
-    if name not in known:
-        near = difflib.get_close_matches(name, list(known), n=1)
-        hint = f" Did you mean {near[0]!r}?" if near else ""
-        raise DataError(f"{what} {name!r} is not known; there are {', '.join(known)}.{hint}")

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.core.numbers import positive, real
+from metrosep.core.numbers import positive
 from metrosep.core.units import format_length
 
 __all__ = ["Band", "fourier_basis", "fourier_coefficients", "fourier_sum"]
@@ -204,16 +204,6 @@ class Band:
 
 
 # ---- private helpers: arguments of the wrong type become a `DataError` that names them ---------
-
-
-def real_number(value: object, name: str, what: str = "a number") -> float:
-    """Return a float, NaN and infinities included."""
-    return real(value, name, what=what, finite=False)
-
-
-def finite_number(value: object, name: str, what: str = "a finite number") -> float:
-    """Return a finite float."""
-    return real(value, name, what=what)
 
 
 def symbols(names: object) -> Sequence[str]:

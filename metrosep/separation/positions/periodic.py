@@ -19,6 +19,7 @@ from metrosep.core.errors import (
     UnitError,
 )
 from metrosep.core.inputs import RoleColumns
+from metrosep.core.numbers import real
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -26,7 +27,6 @@ from metrosep.core.units import parse_unit
 from metrosep.separation._readings import as_numbers, given_parts
 from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 from metrosep.separation.maps._map_input import checked_u
-from metrosep.spectral.dft import finite_number, real_number
 
 __all__ = ["FringeError", "periodic_error"]
 
@@ -95,11 +95,11 @@ class FringeError(SeparationMethod):
         return periodic_error(values["position"], values["reading"], unit=unit, **options)
 
     def __post_init__(self) -> None:
-        period = real_number(self.period, "periodic_error: period", "a length in m")
+        period = real(self.period, "periodic_error: period", what="a length in m", finite=False)
         if not (math.isfinite(period) and period > 0.0):
             raise DataError(f"periodic_error: period is {self.period} m; it must be positive")
         for name, value in (("harmonics", self.harmonics), ("degree", self.degree)):
-            number = finite_number(value, f"periodic_error: {name}", "a whole number")
+            number = real(value, f"periodic_error: {name}", what="a whole number")
             if number != int(number):
                 raise DataError(f"periodic_error: {name} is {value}; it must be a whole number")
             object.__setattr__(self, name, int(number))
@@ -184,7 +184,7 @@ class FringeError(SeparationMethod):
         """
         x, z = self._positions(), _row(readings, len(self.x))
         if u_reading is not None:
-            u_reading = real_number(u_reading, "u_reading", f"a number in {self.unit}")
+            u_reading = real(u_reading, "u_reading", what=f"a number in {self.unit}", finite=False)
         stated = checked_u(u_reading, "u_reading", self.unit)
         good = ~np.isnan(z)
         n_unknown = self.degree + 1 + 2 * self.harmonics
@@ -385,7 +385,7 @@ def periodic_error(
         raise DataError(
             f"periodic_error needs positions and readings of one length, got {x.shape} and {z.shape}"
         )
-    length = real_number(period, "periodic_error: period", "a length in m")
+    length = real(period, "periodic_error: period", what="a length in m", finite=False)
     method = FringeError(tuple(x.tolist()), length, harmonics, degree, unit)
     return method.separate(z[None, :], u_reading=u_reading)
 

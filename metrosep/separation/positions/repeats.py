@@ -18,6 +18,7 @@ from metrosep.core.errors import (
     TooFewSamplesError,
 )
 from metrosep.core.inputs import Readings
+from metrosep.core.numbers import real
 from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -31,7 +32,6 @@ from metrosep.separation.contract import (
     SeparationMethod,
     Unobservable,
 )
-from metrosep.spectral.dft import real_number
 
 __all__ = ["RepeatSplit", "repeatable"]
 
@@ -180,7 +180,9 @@ class RepeatSplit(SeparationMethod):
         """
         stack = _checked(readings)
         if u_reading is not None:
-            u_reading = real_number(u_reading, "u_reading", "a standard uncertainty in m")
+            u_reading = real(
+                u_reading, "u_reading", what="a standard uncertainty in m", finite=False
+            )
             if not (math.isfinite(u_reading) and u_reading >= 0.0):
                 raise DataError(
                     f"u_reading is {u_reading}; it must be a standard uncertainty >= 0 in m"
