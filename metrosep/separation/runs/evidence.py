@@ -31,7 +31,8 @@ from metrosep.core.options import Option
 from metrosep.core.runset import Run, RunSet
 from metrosep.separation.contract import NamedMethod
 from metrosep.separation.runs.design import evaluation_range
-from metrosep.separation.runs.solver import LAG_CHI2, Solution
+from metrosep.separation.runs.sensor import LAG_CHI2
+from metrosep.separation.runs.solver import Solution
 from metrosep.separation.runs.spectra import feed_spectra, n_wavelengths
 from metrosep.spectral.autoregressive import AutoregressiveModel
 

@@ -79,6 +79,20 @@ class JointOptions:
         of=("joint",),
     )
 
+    waves: tuple[float, ...] = option(
+        (),
+        kind="lengths",
+        help="wavelengths that the machine may have, such as its leads: where the search for waves starts; free if left out",
+        of=("joint",),
+    )
+    slip: Literal["geometry", "sparse"] = option(
+        "geometry",
+        kind="text",
+        choices=("geometry", "sparse"),
+        help="of a wave that differs from run to run: geometry takes a wave of that length that repeats for as likely, so it is in the uncertainty; sparse takes it for absent",
+        of=("joint",),
+    )
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "drift", _checked_drift(self.drift))
         for name, allowed in (

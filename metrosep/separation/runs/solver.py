@@ -1,19 +1,15 @@
-r"""Generalised least squares of all runs together: spatial Fourier basis, noise correlated in time.
+r"""Generalised least squares of all runs together: a random geometry, noise correlated in time.
 
-Model, for reading i of run r with signed velocity v_r:
+.. math:: z_r(t_i) = c_r + (F_r g)(x_i) + p_r(x_i) + n_r(t_i)
 
-.. math:: z_r(t_i) = c_r + s\,x + \sum_k a_k \cos + b_k \sin (2 \pi k \tilde x / L_x) + n_r(t_i),
-          \quad \tilde x = x_{enc} - v_r \tau
-
-with :math:`L_x` 1.25 times the travel (the error need not be periodic over the travel), n an
-autoregressive process in time that all runs of one sampling interval share, and the prior of
-`metrosep.separation.runs.weights` on the pairs (a_k, b_k). Geometry is what sits at the same place
-whatever the feedrate; noise is what sits at the same frequency.
+g is the geometry (`geometry`), F_r the sensor (`sensor`), p_r what is tied to the position but
+differs from run to run (`slip`), n_r an autoregression in time (`noise`). Geometry is what sits at
+the same place whatever the feedrate; noise is what sits at the same frequency. One pass over the
+samples makes the equations of each run (`system`); everything else works on these (`posterior`).
 
 Options add drift, lines, a part that grows with the feedrate, gains of probes and weights
-(`metrosep.separation.runs.lines`, `unknowns`, `weights`); without them nothing of this changes.
-
-Everything here is dimensionless: heights over their RMS, positions over half the travel.
+(`lines`, `_unknowns`, `weights`); without them nothing of this changes. Equation numbers are those
+of separation-2.
 """
 
 from __future__ import annotations
@@ -30,71 +26,48 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import (
     DataError,
-    DegenerateFitError,
     InvalidSamplesError,
     TooFewSamplesError,
     UnitError,
 )
 from metrosep.separation._readings import positive, real_numbers
-from metrosep.separation.runs._unknowns import Frequency, Gain, Lag, Unknown
+from metrosep.separation.runs import sensor as sensor_room
+from metrosep.separation.runs._unknowns import Frequency, Gain, Unknown
 from metrosep.separation.runs.design import PreparedRun
+from metrosep.separation.runs.geometry import Extension, Sensor, Spectrum, filtered
+from metrosep.separation.runs.leave_out import RunScore, feed_scores, run_scores
 from metrosep.separation.runs.lines import FoundLine, Terms, find_line, nearest_power
 from metrosep.separation.runs.options import JointOptions
-from metrosep.separation.runs.system import System, whitened
-from metrosep.separation.runs.weights import Cavity, OctavePrior, PriorWeights, RowWeights
+from metrosep.separation.runs.posterior import Model, Posterior
+from metrosep.separation.runs.slip import find_slip, learn_slip
+from metrosep.separation.runs.system import System
+from metrosep.separation.runs.waves import FoundWave, found_waves, remove_weak, search
+from metrosep.separation.runs.weights import RowWeights
 from metrosep.spectral.autoregressive import AutoregressiveModel
 from metrosep.spectral.spectra import Psd
 
 __all__ = ["Solution", "TimeDensity", "solve_joint", "time_density"]
 
-LAG_CHI2 = 12.0
-"""Square of a lag over its uncertainty from which it is named and fitted: 5 in 10,000 by chance."""
-
-LAG_PRIOR = 1e-3
-"""Standard deviation in s of the lag of a machine that has one."""
-
 AR_ORDERS = (1, 2, 4, 6, 8, 12, 16, 24, 32, 48)
-"""Candidate orders of the noise model."""
+"""Candidate orders of the noise model beside which a line is looked for."""
 
-_FIRST_INNER = 6
-
-_WHITE_ROUNDS = 5
-"""Rounds in which the noise is taken for white and its size is learnt."""
-
-
-def _chosen_harmonics(weights: PriorWeights) -> int:
-    """Return the number of harmonics of greatest evidence, with a margin of a tenth."""
-    evidence = np.cumsum(weights.log_bayes_factor)
-    best = int(np.argmax(evidence)) + 1 if evidence.max() > 0.0 else 1
-    return min(max(best + max(2, best // 10), 8), evidence.size)
-
-
-def _white_rounds(system: System, state: SolverState) -> None:
-    """Learn how large the noise is before a model learns its colour.
-
-    The first variance is a guess of half the spread of the readings. Where the noise is far below
-    it, geometry is damped at first, and a model of high order would take what is left of it for
-    noise of that colour: errors of tens of nm beside an uncertainty ten times too small.
-    """
-    for _ in range(_WHITE_ROUNDS):
-        system.update_noise(state.freedom, (0,))
-        iterate(system, state, _FIRST_INNER, learn_from=0)
+_WHITE_ROUNDS = 3
+"""Rounds in which the noise is taken for white and its size is learnt: where it is far below the
+first guess, a model of high order would take damped geometry for noise of that colour."""
 
 
 def solve_joint(
     runs: Sequence[PreparedRun],
     *,
+    travel: tuple[float, float],
     origin: float,
-    period: float,
     n_harmonics: int,
-    choose_shortest: bool,
     lag: float,
     lag_mode: Literal["stated", "auto", "fit"],
-    orders: Sequence[int] = AR_ORDERS,
     options: JointOptions | None = None,
     several_feeds: bool = True,
 ) -> Solution:
-    """Estimate geometry, noise and prior from all runs together."""
+    """Estimate geometry, noise, sensor and slip from all runs together (3.3)."""
     options = options or JointOptions()
     with one_blas_thread():
         terms = Terms(
@@ -103,102 +76,74 @@ def solve_joint(
             locked=options.line_phase == "locked",
             several_feeds=several_feeds,
         )
-        system = System(
-            runs,
-            origin=origin,
-            period=period,
-            n_harmonics=n_harmonics,
-            terms=terms,
-            robust=options.robust,
-        )
-        system.lag = lag
+        extension = Extension(travel[0], travel[1] - travel[0], n_harmonics, origin=origin)
+        system = System(runs, extension=extension, terms=terms, robust=options.robust)
         state_terms(system, options)
-        state = first_state(n_harmonics)
-        iterate(system, state, _FIRST_INNER, learn_from=3)
-        while system.mark_again():  # before a noise model can take what is wrong for noise
-            state = first_state(n_harmonics)
-            iterate(system, state, _FIRST_INNER, learn_from=3)
+        model = Model(extension, Spectrum(n_harmonics), line_sd=system.line_sd)
+        model.slip_is_geometry = options.slip == "geometry"
+        model.sensor = Sensor(lag)
+        seek_lag = several_feeds and lag_mode != "stated" and options.following != "waves"
+        _pass(system, model, most=12)
+        while system.mark_again(model):  # before a noise model takes what is wrong for noise
+            _pass(system, model, most=6)
         if options.lines and options.lines != "auto":
-            place_lines(system, options.lines)
-            iterate(system, state, _FIRST_INNER, learn_from=3)
-        if several_feeds:
-            _white_rounds(system, state)
-        system.update_noise(state.freedom, orders)
-        iterate(system, state, INNER, learn_from=0)
-        found = find_lines(system, state, options, orders)
-        choose_waves(system, state, options, orders)
-        considered = considered_amplitudes(system, state)
-        if choose_shortest:
-            _drop_short(system, state)
-        for _ in range(4 if options.robust else 2):
-            system.update_noise(state.freedom, orders)
-            iterate(system, state, INNER, learn_from=0)
-        lag_test = None
-        if several_feeds and lag_mode != "fit" and options.following != "waves":
-            lag_test = _tested_lag(system, state, correct=lag_mode == "auto")
-        fit_lag = lag_mode == "fit" or (lag_test is not None and lag_test.fitted)
-        fit_unknowns(system, state, wanted_unknowns(system, options, fit_lag), orders)
-        if lag_test is not None and lag_mode == "auto" and not lag_test.fitted:
-            _average_over_lag(system, state, lag_test)
-        assert state.covariance is not None  # noqa: S101  (set by iterate)
-        test = None
-        if options.following in ("scale", "waves"):
-            test = square_of_feed_score(system, state.covariance, kind=options.following)
-        differences: tuple[ProbeDifference, ...] = ()
-        if options.probe_gain == "equal":
-            differences = probe_differences(system, state.covariance)
-        return make_solution(system, state, considered, found, test, differences, lag_test)
+            place_lines(system, model, options.lines)
+            _pass(system, model, most=6)
+        for _ in range(_WHITE_ROUNDS):
+            _pass(system, model, most=5, order=0)
+        for _ in range(2):
+            _pass(system, model, most=10, order=None, above=2.0)
+        found = find_lines(system, model, options)
+        choose_following(system, model, options)
+        search(model, options.waves)
+        if seek_lag:
+            sensor_room.lag_steps(model)
+        find_slip(model)
+        model.drop_short()
+        for i in range(4):
+            _pass(system, model, most=6, order=None, above=0.5 if i else 2.0)
+            if i == 1:
+                search(model)
+                remove_weak(model)
+            if i == 1 and not model.slip.any():
+                find_slip(model)
+            if seek_lag:
+                sensor_room.lag_steps(model)
+            if model.slip.any():
+                learn_slip(model, 8)
+        scores = run_scores(model), feed_scores(model)
+        model.kept = n_harmonics
+        _pass(system, model, most=7, order=None, above=1.0)
+        if seek_lag:
+            sensor_room.lag_steps(model)
+        unknowns = wanted_unknowns(system, options)
+        fit_unknowns(system, model, unknowns)
+        return make_solution(
+            system, model, found, options, lag_mode, scores, several_feeds=several_feeds
+        )
 
 
-def _tested_lag(system: System, state: SolverState, *, correct: bool) -> LagTest | None:
-    """Return what the readings say of a lag beside the one at hand."""
-    assert state.covariance is not None  # noqa: S101  (set by iterate)
-    found = lag_score(system, state.covariance)
-    if found is None:
-        return None
-    lag, u, _ = found
-    sure = lag**2 > LAG_CHI2 * u**2 and u < LAG_PRIOR
-    return LagTest(lag, u, _chance_of_lag(lag, u), fitted=correct and sure)
-
-
-def _chance_of_lag(lag: float, u: float) -> float:
-    """Return the probability of a lag N(0, LAG_PRIOR^2) against none, both as likely before."""
-    both = u**2 + LAG_PRIOR**2
-    odds = 0.5 * np.log(u**2 / both) + 0.5 * lag**2 * LAG_PRIOR**2 / (u**2 * both)
-    return float(1.0 / (1.0 + np.exp(-odds)))
-
-
-def _average_over_lag(system: System, state: SolverState, test: LagTest) -> None:
-    """Take the mean of the solutions without and with the lag, weighted by their probabilities.
-
-    A threshold would leave a lag just below it in the estimate and out of its uncertainty. The
-    solution with the lag is the present one plus lag times its change, so the mean moves by
-    p lag and its variance grows by p/I + p (1 - p) lag^2 along that change.
-    """
-    assert state.covariance is not None  # noqa: S101  (set by iterate)
-    found = lag_score(system, state.covariance)
-    if found is None or test.u > LAG_PRIOR:  # then nothing is known of a lag
-        return
-    lag, u, change = found
-    p = _chance_of_lag(lag, u)
-    system.solution = system.solution + p * lag * change
-    variance = p * u**2 + p * (1.0 - p) * lag**2
-    state.covariance = state.covariance + variance * np.outer(change, change)
-
-
-def _drop_short(system: System, state: SolverState) -> None:
-    kept = _chosen_harmonics(state.weights)
-    system.truncate(kept)
-    state.prior.truncate(kept)
-    state.weights = PriorWeights(
-        state.weights.tau2[:kept],
-        state.weights.log_bayes_factor[:kept],
-        (
-            state.weights.spread[0][:kept],
-            state.weights.spread[1][:kept],
-            state.weights.spread[2][:kept],
-        ),
-    )
+def _pass(
+    system: System,
+    model: Model,
+    *,
+    most: int,
+    above: float = 0.0,
+    order: int | None = -1,
+) -> None:
+    """Learn the noise (order: None by AICc, -1 not), pass over the samples, learn the geometry."""
+    if order != -1:
+        system.update_noise(model, most=order)
+    model.n_extra = system.size - system.n_basis
+    model.extra_precision = system.extra_precision()
+    model.take(system.equations(model))
+    model.learn(most, above=above)
+    for _ in range(4 if system.terms.drift else 0):
+        assert model.post is not None  # noqa: S101  (set by learn)
+        spread = np.sum((model.post.columns @ model.post.root) ** 2, axis=1)
+        system.terms.learn(model.post.theta[system.extra], spread[system.extra])
+        model.extra_precision = system.extra_precision()
+        model.learn(2)
 
 
 # ---- private to separation: what the joint solver returns, in the units of the runs ------------
@@ -206,12 +151,13 @@ def _drop_short(system: System, state: SolverState) -> None:
 
 @dataclass(frozen=True, slots=True)
 class LagTest:
-    """Lag beside the stated one and its u in s, its probability, and whether it was then fitted."""
+    """Lag beside the stated one and its u in s, its probability, and whether it was corrected."""
 
     lag: float
     u: float
     probability: float
     fitted: bool
+    spread: float = 0.0  # s^2: of the split into delay and time constant
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -226,13 +172,11 @@ class Solution:
     covariance: FloatArray
     offsets: FloatArray  # shape (n_runs,), m: c_r at the centre
     offset_sd: FloatArray  # shape (n_runs,), m: their standard uncertainty
-    # shape (K_first,): of every wavelength that was considered, before shrinkage; those beyond K
-    # were dropped
+    # shape (K,): of every harmonic of the curve, with sd and chi-square of 2 degrees
     amplitude: FloatArray
     amplitude_sd: FloatArray
     chi2: FloatArray
-    log_bayes_factor: FloatArray
-    n_harmonics: int  # K, after the choice by evidence
+    n_harmonics: int
     noise: list[AutoregressiveModel]  # one for each sampling interval, slowest first; heights in m
     residuals: list[FloatArray]  # of ndarray, m: readings minus model, NaN where not measured
     lag: float  # s: delay and its standard uncertainty (NaN if given)
@@ -260,6 +204,11 @@ class Solution:
     bridged: Sequence[FloatArray] = ()
     # shape (1 + 2 K, 1 + 2 K): `covariance` without the share of the prior's spread
     plain_covariance: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    waves: Sequence[FoundWave] = ()  # of free wavelength, that the coefficients hold; in m
+    slip: dict[float, float] = field(default_factory=dict)  # wavelength: sd among the runs, m
+    slope_of_spectrum: float = math.nan  # d ln s^2 / d ln k
+    scores: Sequence[RunScore] = ()  # of each run against the others
+    feed_scores: Sequence[RunScore] = ()  # of the runs of each feedrate against the others
 
     @property
     def kept_residuals(self) -> list[FloatArray]:
@@ -270,99 +219,194 @@ class Solution:
         return [np.where(marked, np.nan, residual) for residual, marked in pairs]
 
 
-def considered_amplitudes(
-    system: System, state: SolverState
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return amplitude, sd, chi-square and evidence of every wavelength, before shrinkage."""
-    cavity = state.cavity
-    assert cavity is not None  # noqa: S101  (set by iterate)
-    a, b = cavity.mean
-    return (
-        np.hypot(a, b) * system.scale,
-        system.scale / np.sqrt(cavity.precision.mean(axis=0)),
-        cavity.chi2,
-        state.weights.log_bayes_factor,
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Answer:
+    """Mean and covariance in the coordinates of the equations, the band's parts apart."""
+
+    mean: FloatArray
+    covariance: FloatArray
+    plain: FloatArray
+
+
+def _answer(model: Model, *, with_lag: bool) -> _Answer:
+    """Return the solution with what spectrum and lag add to its covariance (eqs. 16, 23)."""
+    post = model.solve()
+    plain = post.covariance()
+    change = model.spread_of_spectrum(post)
+    covariance = plain + change @ change.T
+    if with_lag:
+        covariance = covariance + sensor_room.lag_covariance(model, post)
+    return _Answer(post.theta, covariance, plain)
+
+
+def _with_and_without_lag(
+    model: Model, stated: float, mode: str, *, several_feeds: bool
+) -> tuple[_Answer, LagTest | None]:
+    """Return the answer averaged over no lag and the lag that was found (eq. 22)."""
+    at = sensor_room.lag_score(model) if several_feeds else None
+    if at is None:
+        return _answer(model, with_lag=False), None
+    if mode == "stated" or (mode == "auto" and at.u > sensor_room.LAG_PRIOR):
+        lag = at.lag
+        p = sensor_room.chance_of_lag(lag, at.u)
+        return _answer(model, with_lag=False), LagTest(lag, at.u, p, fitted=False)
+    lag = model.sensor.lag - stated
+    p = 1.0 if mode == "fit" else sensor_room.chance_of_lag(lag, at.u)
+    one = _answer(model, with_lag=True)
+    test = LagTest(lag, at.u, p, fitted=True, spread=model.sensor.spread)
+    if p > 0.999:
+        return one, test
+    kept = (model.sensor, model.spectrum.phi.copy(), [w.variance for w in model.waves])
+    model.sensor = Sensor(stated)
+    model.apply()
+    model.learn(4)
+    none = _answer(model, with_lag=False)
+    if p > 0.5:  # residuals and noise are shown for the likelier of the two
+        model.sensor, model.spectrum.phi = kept[0], kept[1]
+        for wave, variance in zip(model.waves, kept[2], strict=True):
+            wave.variance = variance
+        model.apply()
+        model.solve()
+    mean, covariance = sensor_room.averaged(
+        (one.mean, one.covariance), (none.mean, none.covariance), p
     )
+    _, plain = sensor_room.averaged((one.mean, one.plain), (none.mean, none.plain), p)
+    return _Answer(mean, covariance, plain), test
 
 
 def make_solution(
     system: System,
-    state: SolverState,
-    considered: tuple[FloatArray, FloatArray, FloatArray, FloatArray],
+    model: Model,
     found: list[FoundLine],
-    feed_test: tuple[float, int] | None,
-    differences: tuple[ProbeDifference, ...] = (),
-    lag_test: LagTest | None = None,
+    options: JointOptions,
+    lag_mode: str,
+    scores: tuple[list[RunScore], list[RunScore]],
+    *,
+    several_feeds: bool,
 ) -> Solution:
-    """Return the solution in the units of the runs; dropped wavelengths keep what was considered."""
-    n, k, f = len(system.runs), system.n_harmonics, system.n_fixed
-    assert state.covariance is not None  # noqa: S101  (set by iterate)
-    covariance = state.covariance.copy()
-    ia, ib = f + np.arange(k), f + k + np.arange(k)
-    aa, bb, ab = state.weights.spread
-    covariance[ia, ia] += aa
-    covariance[ib, ib] += bb
-    covariance[ia, ib] += ab
-    covariance[ib, ia] += ab
-    merged = [
-        np.concatenate([new, old[k:]])
-        for new, old in zip(considered_amplitudes(system, state), considered, strict=True)
-    ]
-    units = np.concatenate([[system.scale / system.half], np.full(2 * k, system.scale)])
-    wanted = np.concatenate([[n], np.arange(f, f + 2 * k)])
-    everything = np.concatenate([wanted, np.arange(n + 1, f)])
-    all_units = np.concatenate(
+    """Return the solution in the units of the runs."""
+    stated = 0.0 if lag_mode != "stated" else model.sensor.lag
+    answer, lag_test = _with_and_without_lag(
+        model,
+        stated,
+        lag_mode,
+        several_feeds=several_feeds and options.following != "waves",
+    )
+    post = model.post
+    assert post is not None  # noqa: S101  (set by the answer)
+    k, n = model.extension.n, system.n_basis
+    half = 0.5 * model.extension.travel
+    units = np.concatenate(
         [
-            units,
-            np.full(system.terms.size, system.scale),
+            [system.scale / half],
+            np.full(2 * k + system.terms.size, system.scale),
             [u.prior_sd for u in system.unknowns],
         ]
     )
-    lag = next((u for u in system.unknowns if isinstance(u, Lag)), None)
+    covariance = answer.covariance * units[:, None] * units
+    mean = answer.mean * units
+    mean[0] += system.slope
+    feed_test = None
+    if options.following in ("scale", "waves"):
+        feed_test = square_of_feed_score(system, model, kind=options.following)
+    differences: tuple[ProbeDifference, ...] = ()
+    if options.probe_gain == "equal":
+        differences = probe_differences(system, model)
+    levels = system.levels(model, post)
+    residuals = [r * system.scale for r in system.residuals(model)]
+    amplitude, sd, chi2 = _amplitudes(mean[1:n], covariance[1:n, 1:n], k)
+    lag, lag_sd = _lag(stated, lag_test, lag_mode)
     return Solution(
-        origin=system.origin,
-        period=system.period,
-        centre=system.centre,
-        coefficients=system.solution[wanted] * units,
-        covariance=covariance[np.ix_(wanted, wanted)] * units[:, None] * units,
-        offsets=system.solution[:n] * system.scale,
-        offset_sd=np.sqrt(np.diag(state.covariance)[:n]) * system.scale,
-        amplitude=merged[0],
-        amplitude_sd=merged[1],
-        chi2=merged[2],
-        log_bayes_factor=merged[3],
+        origin=model.extension.origin,
+        period=model.extension.period,
+        centre=model.extension.start + half,
+        coefficients=mean[:n],
+        covariance=covariance[:n, :n],
+        offsets=np.array([level for level, _ in levels]) * system.scale,
+        offset_sd=_offset_sd(model, post) * system.scale,
+        amplitude=amplitude,
+        amplitude_sd=sd,
+        chi2=chi2,
         n_harmonics=k,
         noise=[
             AutoregressiveModel(m.coefficients, m.variance * system.scale**2, m.time_step)
             for m in system.noise
         ],
-        residuals=[r * system.scale for r in system.residuals()],
-        lag=system.lag,
-        lag_sd=float("nan") if lag is None else lag.sd,
-        freedom=state.freedom,
+        residuals=residuals,
+        lag=lag,
+        lag_sd=lag_sd,
+        freedom=_freedom(model, post),
         terms=system.terms,
-        extra=system.solution[system.extra] * system.scale,
+        extra=mean[system.extra],
         unknowns=system.unknowns,
-        joint_covariance=covariance[np.ix_(everything, everything)]
-        * all_units[:, None]
-        * all_units,
+        joint_covariance=covariance,
         weights=system.weights,
         found=found,
         feed_test=feed_test,
         sharing=(*system.sharing, len(system.passes)),
         probe_differences=differences,
         lag_test=lag_test,
-        bridged=_bridged(system),
-        plain_covariance=state.covariance[np.ix_(wanted, wanted)] * units[:, None] * units,
+        bridged=_bridged(system, residuals),
+        plain_covariance=(answer.plain * units[:, None] * units)[:n, :n],
+        waves=[w.in_units(system.scale) for w in found_waves(model)],
+        slip={
+            float(model.extension.period / (i + 1)): math.sqrt(model.slip[i]) * system.scale
+            for i in np.flatnonzero(model.slip)
+        },
+        slope_of_spectrum=float(
+            (model.spectrum.phi[-1] - model.spectrum.phi[0]) / math.log(max(k, 2))
+        ),
+        scores=scores[0],
+        feed_scores=scores[1],
     )
 
 
-def _bridged(system: System) -> list[FloatArray]:
+def _lag(stated: float, test: LagTest | None, mode: str) -> tuple[float, float]:
+    """Return the mean lag and its standard uncertainty over both answers; NaN if given."""
+    if test is None or not test.fitted:
+        return stated, math.nan
+    p = test.probability
+    u = math.sqrt(p * test.u**2 + p * (1.0 - p) * test.lag**2)
+    del mode
+    return stated + p * test.lag, u
+
+
+def _amplitudes(
+    mean: FloatArray, covariance: FloatArray, k: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return amplitude, sd and chi-square of two degrees of every harmonic of the curve."""
+    a, b = mean[:k], mean[k:]
+    i = np.arange(k)
+    aa, bb, ab = covariance[i, i], covariance[k + i, k + i], covariance[i, k + i]
+    det = np.maximum(aa * bb - ab**2, 1e-300)
+    chi2 = (bb * a**2 - 2.0 * ab * a * b + aa * b**2) / det
+    return np.hypot(a, b), np.sqrt(0.5 * (aa + bb)), chi2
+
+
+def _offset_sd(model: Model, post: Posterior) -> FloatArray:
+    """Return the standard uncertainty of the offset of every run."""
+    root = post.columns @ post.root
+    out = []
+    for run in model.runs:
+        h = model.sensor.response(model.extension.wavenumbers, run.velocity)
+        along = filtered(run.level, np.conj(h)) @ root
+        out.append(math.sqrt(1.0 / run.level_information + float(along @ along)))
+    return np.array(out)
+
+
+def _freedom(model: Model, post: Posterior) -> float:
+    """Return the effective number of parameters."""
+    spread = np.sum(post.root**2, axis=1)
+    return len(model.runs) + float(np.sum(1.0 - model.precision() * spread))
+
+
+def _bridged(system: System, residuals: list[FloatArray]) -> list[FloatArray]:
     """Return the residuals in m with rejected samples replaced by the noise model's expectation."""
-    residuals = system.residuals()
-    if system.weights is not None:
-        residuals = system.weights.bridged(residuals, system.groups, system.noise)
-    return [r * system.scale for r in residuals]
+    if system.weights is None:
+        return residuals
+    return system.weights.bridged(residuals, system.groups, system.noise)
 
 
 # ---- private to separation: lines, waves and unknowns that the options add to the joint fit ----
@@ -377,8 +421,8 @@ _GAIN_STEP, _GAIN_DONE = 0.2, 1e-5
 
 
 def state_terms(system: System, options: JointOptions) -> None:
-    """Give the system the waves that the user stated."""
-    system.terms.origin = system.origin
+    """Give the system the waves that the user stated to grow with the feedrate."""
+    system.terms.origin = system.extension.origin
     waves = options.following_waves
     stated = options.following == "waves" and not isinstance(waves, int)
     system.set_terms(
@@ -387,45 +431,49 @@ def state_terms(system: System, options: JointOptions) -> None:
     )
 
 
-def place_lines(system: System, stated: Sequence[float]) -> None:
-    """Move stated lines to the nearest power, before a noise model can take them for noise."""
-    residuals = system.residuals()
+def _cleaned(system: System, model: Model) -> list[FloatArray]:
+    residuals = system.residuals(model)
     if system.weights is not None:
         residuals = system.weights.clean(residuals, system.groups, system.noise)
+    return residuals
+
+
+def place_lines(system: System, model: Model, stated: Sequence[float]) -> None:
+    """Move stated lines to the nearest power, before a noise model can take them for noise."""
+    residuals = _cleaned(system, model)
     placed = [nearest_power(residuals, system.terms, f) for f in stated]
     system.set_terms(frequencies=placed, wavenumbers=system.terms.wavenumbers)
 
 
-def find_lines(
-    system: System, state: SolverState, options: JointOptions, orders: Sequence[int]
-) -> list[FoundLine]:
+def find_lines(system: System, model: Model, options: JointOptions) -> list[FoundLine]:
     """Add lines one by one as long as the next one passes its test."""
     found: list[FoundLine] = []
     while options.lines == "auto" and len(found) < _MAX_LINES:
-        residuals = system.residuals()
-        if system.weights is not None:
-            residuals = system.weights.clean(residuals, system.groups, system.noise)
-        line = find_line(residuals, system.groups, system.terms, orders, level=options.false_alarm)
+        line = find_line(
+            _cleaned(system, model),
+            system.groups,
+            system.terms,
+            AR_ORDERS,
+            level=options.false_alarm,
+        )
         if line is None:
             break
         found.append(line)
         system.set_terms(
             frequencies=[f.frequency for f in found], wavenumbers=system.terms.wavenumbers
         )
-        iterate(system, state, 3, learn_from=0)
-        system.update_noise(state.freedom, orders)
-        iterate(system, state, INNER, learn_from=0)
+        _pass(system, model, most=3)
+        _pass(system, model, most=6, order=None, above=1.0)
     return found
 
 
-def choose_waves(
-    system: System, state: SolverState, options: JointOptions, orders: Sequence[int]
-) -> None:
+def choose_following(system: System, model: Model, options: JointOptions) -> None:
     """Let the strongest wavelengths of the geometry depend on the feedrate."""
     n = options.following_waves
     if options.following != "waves" or not isinstance(n, int):
         return
-    a, b = np.split(system.solution[system.n_fixed :], 2)
+    assert model.post is not None  # noqa: S101  (after a pass)
+    a, b = np.split(model.post.theta[1 : system.n_basis], 2)
     power = np.concatenate([[0.0], a**2 + b**2, [0.0]])
     peaks = [
         k
@@ -436,17 +484,17 @@ def choose_waves(
     around = [np.arange(k - 1, k + 2) for k in sorted(chosen)]
     centres = [float(power[w] @ w / power[w].sum()) for w in around]
     system.set_terms(
-        frequencies=system.terms.frequencies, wavenumbers=np.array(centres) / system.period
+        frequencies=system.terms.frequencies,
+        wavenumbers=np.array(centres) / system.extension.period,
     )
-    system.update_noise(state.freedom, orders)
-    iterate(system, state, INNER, learn_from=0)
+    _pass(system, model, most=3)
+    _pass(system, model, most=6, order=None, above=1.0)
 
 
-def wanted_unknowns(system: System, options: JointOptions, fit_lag: bool) -> list[Unknown]:
-    """Return the unknowns that the options ask for, the lag first."""
-    unknowns: list[Unknown] = [Lag()] if fit_lag else []
+def wanted_unknowns(system: System, options: JointOptions) -> list[Unknown]:
+    """Return the unknowns that the options ask for."""
     cell = 1.0 / max(float(np.ptp(r.t)) for r in system.runs)
-    unknowns += [
+    unknowns: list[Unknown] = [
         Frequency(0.5 * cell, 0.05 * cell, 1e-5 * cell, line=i)
         for i in range(len(system.terms.frequencies))
     ]
@@ -462,39 +510,32 @@ def wanted_unknowns(system: System, options: JointOptions, fit_lag: bool) -> lis
 
 
 def fit_unknowns(
-    system: System,
-    state: SolverState,
-    unknowns: Sequence[Unknown],
-    orders: Sequence[int],
-    *,
-    n_max: int = 40,
+    system: System, model: Model, unknowns: Sequence[Unknown], *, n_max: int = 40
 ) -> None:
-    """Gauss-Newton: solve with the derivatives as columns, shift, repeat."""
+    """Gauss-Newton: pass with the derivatives as columns, shift, repeat."""
     if not unknowns:
         return
-    system.add_unknowns(unknowns)
+    system.unknowns += list(unknowns)
     first = system.extra.stop
     for i in range(n_max):
-        iterate(system, state, 3, learn_from=0)
+        _pass(system, model, most=2, order=None if 0 < i < 4 else -1)
+        assert model.post is not None  # noqa: S101  (set by the pass)
         steps = []
         for j, unknown in enumerate(unknowns):
-            step = float(system.solution[first + j]) * unknown.prior_sd
+            step = float(model.post.theta[first + j]) * unknown.prior_sd
             step = float(np.clip(step, -unknown.largest_step, unknown.largest_step))
             unknown.shift(system, step)
-            system.solution[first + j] = 0.0
             steps.append(abs(step) / unknown.done)
-        if i < 4:
-            system.update_noise(state.freedom, orders)
         if max(steps) < 1.0:
             break
-    iterate(system, state, 3, learn_from=0)
-    assert state.covariance is not None  # noqa: S101  (set by iterate)
+    _pass(system, model, most=2)
+    assert model.post is not None  # noqa: S101  (set by the pass)
+    spread = np.sum((model.post.columns @ model.post.root) ** 2, axis=1)
     for j, unknown in enumerate(unknowns):
-        unknown.sd = float(np.sqrt(state.covariance[first + j, first + j])) * unknown.prior_sd
+        unknown.sd = float(np.sqrt(spread[first + j])) * unknown.prior_sd
 
 
-# ---- private to separation: whether probes that were taken as equal have the same sensitivity ----
-# A score test: one step of the gain from 1, at the solution without it, with its uncertainty.
+# ---- private to separation: score tests of what the fit left out --------------------------------
 
 _UNSEEN = 1e-6
 """Share of its information that must be left beside the other columns."""
@@ -510,24 +551,23 @@ class ProbeDifference:
     sd: float  # its standard uncertainty if the probes are equal
 
 
-def probe_differences(system: System, covariance: FloatArray) -> tuple[ProbeDifference, ...]:
+def probe_differences(system: System, model: Model) -> tuple[ProbeDifference, ...]:
     """Return the difference of each probe from the first."""
     names = list(dict.fromkeys(r.probe for r in system.runs))
     if len(names) < 2:
         return ()
-    n = system.n_fixed + 2 * system.n_harmonics
-    score, own = np.zeros(len(names)), np.zeros(len(names))
-    cross = np.zeros((n, len(names)))
-    for group, model in zip(system.groups, system.noise, strict=True):
-        for i in group:
-            at = names.index(system.runs[i].probe)
-            column = _shape(system, i)[:, None]
-            rows, extra, rest, variance = whitened_rows(system, i, model, column)
-            variance *= system.sharing[0]
-            score[at] += float(extra[:, 0] @ rest) / variance
-            own[at] += float(extra[:, 0] @ extra[:, 0]) / variance
-            cross[:, at] += rows.T @ extra[:, 0] / variance
-    information = own - np.einsum("ij,ik,kj->j", cross, covariance, cross)
+
+    def columns(index: int) -> FloatArray:
+        out = np.zeros((system.runs[index].x.size, len(names)))
+        out[:, names.index(system.runs[index].probe)] = system.shape(
+            index, model, with_slope=True
+        )
+        return out
+
+    score, own, cross = system.score(model, columns)
+    assert model.post is not None  # noqa: S101  (after a solution)
+    held = (model.post.columns @ model.post.root).T @ cross
+    information = np.diag(own) - np.sum(held**2, axis=0)
     return tuple(
         ProbeDifference(
             names[j],
@@ -536,90 +576,32 @@ def probe_differences(system: System, covariance: FloatArray) -> tuple[ProbeDiff
             float(1.0 / np.sqrt(information[j])),
         )
         for j in range(1, len(names))
-        if information[j] > _UNSEEN * own[j] > 0.0
+        if information[j] > _UNSEEN * own[j, j] > 0.0
     )
 
 
-def _shape(system: System, index: int) -> FloatArray:
-    """Return the error with its slope in one run, which a gain multiplies."""
-    run = system.runs[index]
-    curve = system.basis(index) @ system.solution[system.n_fixed :]
-    x = run.x - run.velocity * system.lag
-    slope = system.solution[len(system.runs)] * (x - system.centre) / system.half
-    return np.asarray(curve * system.gain[index] + slope * system.slope_gain[index])
+def square_of_feed_score(system: System, model: Model, *, kind: str) -> tuple[float, int] | None:
+    """Return the score test of a part that grows with the square of the feedrate."""
+    rel = system.terms.relative_speed
+    mean_square = float(np.mean(rel**2))
 
+    def columns(index: int) -> FloatArray:
+        if kind == "waves":
+            shape = system.terms.waves(index)
+        else:
+            shape = system.shape(index, model, with_slope=False)[:, None]
+        return np.asarray(shape * (rel[index] ** 2 - mean_square))
 
-# ---- private to separation: one step of the joint solver, coefficients and prior in turn -------
-
-INNER = 12
-"""Rounds of coefficients and prior for one noise model."""
-
-
-def _posterior(
-    gram: FloatArray, right: FloatArray, precision: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    from scipy.linalg.lapack import dpotrf, dpotri
-
-    matrix = gram + np.diag(precision)
-    scale = 1.0 / np.sqrt(np.diag(matrix))
-    factor, info = dpotrf(matrix * scale[:, None] * scale, lower=1, clean=1)
-    inverse = factor
-    if info == 0:
-        inverse, info = dpotri(factor, lower=1)
-    if info != 0:
-        raise DegenerateFitError(
-            "the runs do not determine the model: two runs or wavelengths are indistinguishable; "
-            "ask for longer wavelengths (shortest=) or add runs"
-        )
-    full = np.tril(inverse) + np.tril(inverse, -1).T
-    covariance = full * scale[:, None] * scale
-    return covariance @ right, covariance
-
-
-@dataclass(slots=True)
-class SolverState:
-    """Prior, posterior covariance and effective parameters between two steps."""
-
-    prior: OctavePrior
-    weights: PriorWeights
-    cavity: Cavity | None = None
-    covariance: FloatArray | None = None
-    freedom: float = 0.0
-
-
-def iterate(system: System, state: SolverState, n_inner: int, *, learn_from: int) -> None:
-    """Solve for the coefficients and the prior in turn, at a given noise model."""
-    gram, right = system.normal_equations()
-    f, k = system.n_fixed, system.n_harmonics
-    ia, ib = f + np.arange(k), f + k + np.arange(k)
-    for i in range(n_inner):
-        precision = np.zeros(f + 2 * k)
-        precision[f:] = np.tile(1.0 / state.weights.tau2, 2)
-        precision[:f] = system.fixed_precision()
-        mean, covariance = _posterior(gram, right, precision)
-        variance = np.diag(covariance)
-        state.freedom = f + float(np.sum(2.0 - (variance[ia] + variance[ib]) / state.weights.tau2))
-        if system.terms.size:
-            extra = system.extra
-            held = float(system.terms.precision() @ variance[extra])
-            state.freedom -= held
-            system.terms.learn(mean[extra], variance[extra])
-        state.cavity = Cavity.from_posterior(
-            (mean[ia], mean[ib]),
-            (variance[ia], variance[ib], covariance[ia, ib]),
-            state.weights.tau2,
-        )
-        state.weights = state.prior.update(state.cavity, learn=i >= learn_from)
-        system.solution, state.covariance = mean, covariance
-
-
-def first_state(n_harmonics: int) -> SolverState:
-    """Return the state before anything was learnt: every wavelength may be as strong as the runs."""
-    nothing = np.zeros(n_harmonics)
-    return SolverState(
-        OctavePrior(n_harmonics),
-        PriorWeights(np.full(n_harmonics, 0.25), nothing, (nothing, nothing, nothing)),
-    )
+    score, own, cross = system.score(model, columns)
+    assert model.post is not None  # noqa: S101  (after a solution)
+    held = (model.post.columns @ model.post.root).T @ cross
+    information = own - held.T @ held
+    values, vectors = np.linalg.eigh(information)
+    seen = values > _UNSEEN * float(np.diag(own).max())
+    if not seen.any():
+        return None
+    along = vectors[:, seen].T @ score
+    return float(np.sum(along**2 / values[seen])), int(seen.sum())
 
 
 # ---- one-sided density S(f) of the disturbance over time, from whatever the user has of it -----
@@ -794,78 +776,3 @@ def _refuse_shaking(f: FloatArray, s: FloatArray, where: str) -> None:
         )
 
 
-# ---- private to separation: score tests of what the fit left out: a square of the feed, a lag ----
-
-
-def square_of_feed_score(
-    system: System, covariance: FloatArray, *, kind: str
-) -> tuple[float, int] | None:
-    """Return the score test of a part that grows with the square of the feedrate."""
-    rel = system.terms.relative_speed
-    score, own, cross = _score(
-        system, lambda i: _columns(system, i, kind) * (rel[i] ** 2 - float(np.mean(rel**2)))
-    )
-    information = own - cross.T @ covariance @ cross
-    values, vectors = np.linalg.eigh(information)
-    seen = values > 1e-6 * float(np.diag(own).max())
-    if not seen.any():
-        return None
-    along = vectors[:, seen].T @ score
-    return float(np.sum(along**2 / values[seen])), int(seen.sum())
-
-
-def lag_score(system: System, covariance: FloatArray) -> tuple[float, float, FloatArray] | None:
-    """Return the lag beside the one at hand, its u, and the change of the solution with it.
-
-    With g the score and I the information that the other unknowns leave: lag = g/I, u = 1/sqrt(I),
-    chi-square of 1 degree (lag/u)^2; the solution changes by - C b for each second, b the cross
-    information.
-    """
-    column = Lag().column
-    score, own, cross = _score(system, lambda i: column(system, i, system.basis(i))[:, None])
-    along = covariance @ cross[:, 0]
-    information = float(own[0, 0] - cross[:, 0] @ along)
-    if information <= 1e-9 * float(own[0, 0]):
-        return None
-    return float(score[0]) / information, information**-0.5, -along
-
-
-def _score(
-    system: System, columns_of: Callable[[int], FloatArray]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return score, own and cross information of extra columns at the solution."""
-    n, q = system.n_fixed + 2 * system.n_harmonics, columns_of(0).shape[1]
-    score, own, cross = np.zeros(q), np.zeros((q, q)), np.zeros((n, q))
-    for group, model in zip(system.groups, system.noise, strict=True):
-        for i in group:
-            rows, extra, rest, variance = whitened_rows(system, i, model, columns_of(i))
-            variance *= system.sharing[0]
-            score += extra.T @ rest / variance
-            own += extra.T @ extra / variance
-            cross += rows.T @ extra / variance
-    return score, own, cross
-
-
-def _columns(system: System, index: int, kind: str) -> FloatArray:
-    if kind == "waves":
-        return system.terms.waves(index)
-    curve = system.basis(index) @ system.solution[system.n_fixed :]
-    return np.asarray(curve[:, None])
-
-
-def whitened_rows(
-    system: System, index: int, model: AutoregressiveModel, columns: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Return whitened design, extra columns, residual and variance of a row."""
-    design = np.hstack([system.design(index), columns])
-    n = design.shape[1]
-    variance = model.variance
-    if system.weights is None:
-        rows, values = whitened(design, system.z[index], model.coefficients)
-    else:
-        marks = system.weights.marks(index)
-        rows, values = whitened(np.hstack([design, marks]), system.z[index], model.coefficients)
-        rows, values = system.weights.apply(index, rows, values, n)
-        variance /= system.weights.information(index)
-    first = n - columns.shape[1]
-    return rows[:, :first], rows[:, first:], values - rows[:, :first] @ system.solution, variance

@@ -1,49 +1,55 @@
-"""Private to separation: the linear system of one data set, with its noise and its weights.
+"""Private to separation: the readings of one data set, their noise and weights, one pass at a time.
 
-Dimensionless: heights over their RMS, positions over half the travel. Columns: offsets of the
-runs, slope, extra terms, one derivative for each unknown that is not linear, cosines, sines.
+Heights are over their RMS about one line, positions in m. A pass whitens every run and makes its
+`RunEquations`; what is learnt between two passes needs the readings no more. Columns: line, K
+cosines, K sines, extra terms, one derivative for each unknown that is not linear.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import DegenerateFitError
 from metrosep.separation.runs._unknowns import Unknown
 from metrosep.separation.runs.design import PreparedRun
+from metrosep.separation.runs.geometry import LINE_SD, Extension, Sensor, filtered
 from metrosep.separation.runs.lines import Terms
+from metrosep.separation.runs.noise import NoiseModel, exact_rows, fit_noise, stretches, white
+from metrosep.separation.runs.posterior import Model, Posterior, RunEquations
 from metrosep.separation.runs.weights import MAD, RowWeights
-from metrosep.spectral.autoregressive import AutoregressiveModel, fit_autoregressive, whiten
-from metrosep.spectral.dft import fourier_basis
+from metrosep.spectral.autoregressive import whiten
 
-__all__ = ["System", "whitened"]
+__all__ = ["System"]
+
+_MAX_HELD = 12_000_000
+"""Numbers of the basis that are kept between two passes: 100 MB."""
+
+_DRAWS = 6
+"""Draws of the residual from which the noise is learnt (eq. 11)."""
 
 _MAX_MARKINGS = 5
 """Rounds of fitting and marking before the first noise model."""
 
-_MAX_HELD = 12_000_000
-"""Numbers of the Fourier basis that are kept between two solutions: 100 MB."""
+_SHORT_GAP = 8
+"""Samples: a shorter gap is bridged by as many unknowns, at a longer one the filter starts anew."""
 
 
 class System:
-    """The linear system of one data set; grows columns and loses short wavelengths."""
+    """The readings of one data set with what they are read through; makes equations for a model."""
 
     def __init__(
         self,
         runs: Sequence[PreparedRun],
         *,
-        origin: float,
-        period: float,
-        n_harmonics: int,
+        extension: Extension,
         terms: Terms,
         robust: bool = False,
     ) -> None:
-        self.runs = runs
-        self.origin, self.period, self.n_harmonics = origin, period, n_harmonics
+        self.runs, self.extension, self.terms = runs, extension, terms
         stacked = np.concatenate([r.z - np.nanmean(r.z) for r in runs])
         rms = float(np.sqrt(np.nanmean(stacked**2)))
         if rms == 0.0:
@@ -51,174 +57,307 @@ class System:
                 "the readings are constant in every run: there is no error and no noise to "
                 "separate; check that the sensor moved with the axis"
             )
-        self.centre = float(np.mean([r.x.mean() for r in runs]))
-        self.half = max(float(np.ptp(r.x)) for r in runs) / 2.0
         # The prior is relative to this scale, so the alignment slope must not be in it.
         spread = mad_about_medians(runs) if robust else rms_about_line(runs)
         self.scale = max(spread, 1e-9 * rms)
-        self.z = [r.z / self.scale for r in runs]
+        # m/m, taken out of the readings and added to the solution; probes of another sensitivity
+        # see another slope, so with them it stays in
+        self.slope = 0.0 if len({r.probe for r in runs}) > 1 else common_slope(runs)
+        centre = extension.start + 0.5 * extension.travel
+        self.z = [(r.z - self.slope * (r.x - centre)) / self.scale for r in runs]
+        spread = float(np.sqrt(np.mean([np.nanmean((z - np.nanmean(z)) ** 2) for z in self.z])))
+        self.line_sd = LINE_SD * max(spread, 1.0)
         self.groups = time_step_groups(runs)
-        self.noise = [
-            AutoregressiveModel(np.empty(0), 0.25, runs[g[0]].time_step) for g in self.groups
-        ]
-        self.lag = 0.0
+        self.noise = [white(0.25, runs[g[0]].time_step) for g in self.groups]
         self.gain = np.ones(len(runs))  # of the Fourier basis in each run
         self.slope_gain = np.ones(len(runs))
-        self.terms = terms
         self.unknowns: list[Unknown] = []
         self.n_marked_again = 0
-        self._bases: dict[int, tuple[tuple[float, int], FloatArray]] = {}
+        self._bases: dict[int, FloatArray] = {}
         self.passes = shared_passes(runs)
         self.sharing = (1.0, 0.0)  # growth of the variance of a row; correlation of two probes
         self.weights = RowWeights.gross(self.z, [r.x for r in runs]) if robust else None
-        self.solution = np.zeros(len(runs) + 1 + terms.size + 2 * n_harmonics)
+        self.gaps = [_short_gaps(z) for z in self.z]
+        speeds = sorted({abs(r.velocity) for r in runs})
+        self.feeds = [feed_number(abs(r.velocity), speeds) for r in runs]
 
     @property
-    def n_fixed(self) -> int:
-        """Columns before the Fourier basis."""
-        return len(self.runs) + 1 + self.terms.size + len(self.unknowns)
+    def n_basis(self) -> int:
+        """Columns of line and waves."""
+        return 1 + 2 * self.extension.n
+
+    @property
+    def size(self) -> int:
+        """Columns in all."""
+        return self.n_basis + self.terms.size + len(self.unknowns)
 
     @property
     def extra(self) -> slice:
         """Where the extra terms are."""
-        first = len(self.runs) + 1
-        return slice(first, first + self.terms.size)
+        return slice(self.n_basis, self.n_basis + self.terms.size)
 
-    def fixed_precision(self) -> FloatArray:
-        """Return the prior precision of the columns before the basis."""
-        out = np.zeros(self.n_fixed)
-        out[self.extra] = self.terms.precision()
-        out[self.extra.stop :] = 1.0
-        return out
+    def extra_precision(self) -> FloatArray:
+        """Return the prior precision of terms and unknowns."""
+        return np.concatenate([self.terms.precision(), np.ones(len(self.unknowns))])
 
     def basis(self, index: int) -> FloatArray:
-        """Return cosines and sines of one run, averaged as its samples are; no gain."""
+        """Return line, cosines and sines of one run, averaged as its samples are; no gain."""
         held = self._bases.get(index)
-        if held is not None and held[0] == (self.lag, self.n_harmonics):
-            return held[1]
+        if held is not None:
+            return held
         run = self.runs[index]
-        x = run.x - run.velocity * self.lag
-        k = np.arange(1, self.n_harmonics + 1)
-        basis = fourier_basis(x, origin=self.origin, period=self.period, n_harmonics=k.size)
-        if run.block_length:
-            basis *= np.tile(np.sinc(k * run.block_length / self.period), 2)
+        basis = self.extension.basis(run.x, block_length=run.block_length)
         basis.setflags(write=False)
         if sum(r.x.size for r in self.runs) * basis.shape[1] <= _MAX_HELD:
-            self._bases[index] = ((self.lag, self.n_harmonics), basis)
+            self._bases[index] = basis
         return basis
 
-    def design(self, index: int) -> FloatArray:
-        """Return the columns of one run."""
-        run = self.runs[index]
+    def columns(self, index: int, model: Model) -> FloatArray:
+        """Return the columns of one run; the sensor is applied to the equations, not here."""
         basis = self.basis(index)
-        fixed = np.zeros((run.x.size, self.n_fixed))
-        fixed[:, index] = 1.0
-        x = run.x - run.velocity * self.lag
-        fixed[:, len(self.runs)] = self.slope_gain[index] * (x - self.centre) / self.half
-        if self.terms.size:
-            fixed[:, self.extra] = self.terms.columns(index)
+        out = np.empty((basis.shape[0], self.size))
+        out[:, 0] = basis[:, 0] * self.slope_gain[index]
+        out[:, 1 : self.n_basis] = basis[:, 1:] * self.gain[index]
+        out[:, self.extra] = self.terms.columns(index)
         for j, unknown in enumerate(self.unknowns):
-            fixed[:, self.extra.stop + j] = unknown.column(self, index, basis) * unknown.prior_sd
-        if self.gain[index] != 1.0:
-            basis = basis * self.gain[index]
-        return np.hstack([fixed, basis])
+            out[:, self.extra.stop + j] = unknown.column(self, index, model) * unknown.prior_sd
+        return out
 
-    def rows(self, index: int, model: AutoregressiveModel) -> tuple[FloatArray, FloatArray, float]:
-        """Return the whitened rows of one run and the variance of one."""
-        design, z = self.design(index), self.z[index]
-        if self.weights is None:
-            rows, values = whitened(design, z, model.coefficients)
-            return rows, values, model.variance
-        marks = self.weights.marks(index)
-        rows, values = whitened(np.hstack([design, marks]), z, model.coefficients)
-        rows, values = self.weights.apply(index, rows, values, design.shape[1])
-        return rows, values, model.variance / self.weights.information(index)
+    def curve(self, index: int, theta: FloatArray, sensor: Sensor) -> FloatArray:
+        """Return the model of one run without its offset; theta of shape (N,) or (N, draws)."""
+        run = self.runs[index]
+        h = sensor.response(self.extension.wavenumbers, run.velocity)
+        seen = filtered(theta[: self.n_basis], h)
+        basis = self.basis(index)
+        out = np.multiply.outer(basis[:, 0] * self.slope_gain[index], seen[0])
+        out = out + self.gain[index] * (basis[:, 1:] @ seen[1:])
+        if self.terms.size:
+            out = out + self.terms.columns(index) @ theta[self.extra]
+        return np.asarray(out)
 
-    def normal_equations(self) -> tuple[FloatArray, FloatArray]:
-        """Return the whitened system in units of the noise."""
-        size = self.n_fixed + 2 * self.n_harmonics
-        gram, right = np.zeros((size, size)), np.zeros(size)
-        for group, model in zip(self.groups, self.noise, strict=True):
+    def shape(self, index: int, model: Model, *, with_slope: bool) -> FloatArray:
+        """Return the error in one run, with or without its line, which a gain multiplies."""
+        assert model.post is not None  # noqa: S101  (after a solution)
+        theta = np.zeros(self.size)
+        theta[: self.n_basis] = model.post.theta[: self.n_basis]
+        if not with_slope:
+            theta[0] = 0.0
+        return self.curve(index, theta, model.sensor)
+
+    # ---- one pass --------------------------------------------------------------------------
+
+    def equations(self, model: Model) -> list[RunEquations]:
+        """Return the equations of every run (eqs. 4, 5): one pass over the samples."""
+        out: list[RunEquations | None] = [None] * len(self.runs)
+        for group, noise in zip(self.groups, self.noise, strict=True):
             for i in group:
-                rows, values, variance = self.rows(i, model)
-                variance *= self.sharing[0]
-                gram += rows.T @ rows / variance
-                right += values @ rows / variance
-        return gram, right
+                rows = self.rows(i, noise, self.columns(i, model))
+                columns, y, o = rows[:, :-2], rows[:, -2], rows[:, -1]
+                oo = max(float(o @ o), 1e-300)
+                ao, oy = columns.T @ o, float(o @ y)
+                out[i] = RunEquations(
+                    gram=columns.T @ columns - np.outer(ao, ao) / oo,
+                    right=y @ columns - ao * (oy / oo),
+                    level=ao / oo,
+                    level_right=oy / oo,
+                    level_information=oo,
+                    velocity=self.runs[i].velocity,
+                    feed=self.feeds[i],
+                    square=float(y @ y) - oy**2 / oo,
+                )
+        return [run for run in out if run is not None]
 
-    def residuals(self) -> list[FloatArray]:
-        """Return readings minus model."""
-        return [z - self.design(i) @ self.solution for i, z in enumerate(self.z)]
+    def score(
+        self, model: Model, columns_of: Callable[[int], FloatArray]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return score, own information and cross information of extra columns at the solution."""
+        assert model.post is not None  # noqa: S101  (after a solution)
+        theta, q = model.post.theta, columns_of(0).shape[1]
+        score, own, cross = np.zeros(q), np.zeros((q, q)), np.zeros((theta.size, q))
+        for group, noise in zip(self.groups, self.noise, strict=True):
+            for i in group:
+                rows = self.rows(i, noise, np.hstack([self.columns(i, model), columns_of(i)]))
+                o = rows[:, -1]
+                rows = rows[:, :-1] - np.outer(o, o @ rows[:, :-1]) / max(float(o @ o), 1e-300)
+                h = model.sensor.response(self.extension.wavenumbers, self.runs[i].velocity)
+                base, extra, y = rows[:, : theta.size], rows[:, theta.size : -1], rows[:, -1]
+                rest = y - base @ filtered(theta, h)
+                score += extra.T @ rest
+                own += extra.T @ extra
+                cross += filtered(base.T @ extra, np.conj(h))
+        return score, own, cross
 
-    def update_noise(self, freedom: float, orders: Sequence[int]) -> None:
-        """Fit the noise model of every group anew; its variance pays for the parameters."""
-        residuals = self.residuals()
-        if self.weights is None:
-            self.noise = self._fitted_noise(residuals, freedom, orders)
-        else:
-            cleaned = residuals
+    def rows(self, index: int, noise: NoiseModel, columns: FloatArray) -> FloatArray:
+        """Return whitened columns, reading and offset of one run; unknown samples projected out."""
+        z = self.z[index]
+        marks = self._marks(index)
+        table = np.column_stack([columns, np.nan_to_num(z), np.ones(z.size), marks])
+        table = exact_rows(table, noise, self._parts(index))
+        if self.weights is not None and self.weights.weight:
+            parts = self._parts(index)
+            w = np.concatenate([self.weights.weight[index][part] for part in parts])
+            table *= np.sqrt(w * self.weights.information(index))[:, None]
+        n = columns.shape[1] + 2
+        rows, unit = table[:, :n], table[:, n:]
+        if unit.shape[1]:
+            q, _ = np.linalg.qr(unit)
+            rows = rows - q @ (q.T @ rows)
+        return rows / math.sqrt(self.sharing[0])
+
+    def _marks(self, index: int) -> FloatArray:
+        unknown = self.gaps[index].copy()
+        if self.weights is not None:
+            unknown |= self.weights.marked[index]
+        at = np.flatnonzero(unknown)
+        columns = np.zeros((unknown.size, at.size))
+        columns[at, np.arange(at.size)] = 1.0
+        return columns
+
+    def _parts(self, index: int) -> list[slice]:
+        return stretches(np.where(self.gaps[index], 0.0, self.z[index]))
+
+    # ---- noise -----------------------------------------------------------------------------
+
+    def draws(self, model: Model, *, seed: int = 1) -> list[FloatArray]:
+        """Return draws of the noise of every run, shape (n, draws), NaN where not measured (11)."""
+        assert model.post is not None  # noqa: S101  (after a solution)
+        thetas = model.post.draws(_DRAWS, seed)
+        rng = np.random.default_rng([seed, 1])
+        out = []
+        for i, run in enumerate(model.runs):
+            h = model.sensor.response(self.extension.wavenumbers, run.velocity)
+            seen = filtered(thetas, h)
+            rest = self.z[i][:, None] - self.curve(i, thetas, model.sensor)
+            level = run.level_right - run.level @ seen
+            at = model.slipping()
+            if at.size:
+                own = np.diag(1.0 / np.tile(model.slip[model.slip > 0.0], 2))
+                inverse = np.linalg.inv(run.gram[np.ix_(at, at)] + own)
+                side = run.right[at][:, None] - run.gram[at] @ seen
+                free = rng.standard_normal((at.size, _DRAWS))
+                free -= free.mean(axis=1, keepdims=True)
+                slip = inverse @ side + np.linalg.cholesky(inverse) @ free
+                rest = rest - self.basis(i)[:, at] @ slip
+                level = level - run.level[at] @ slip
+            free = rng.standard_normal(_DRAWS)
+            free = (free - free.mean()) * math.sqrt(_DRAWS / (_DRAWS - 1.0))
+            rest = rest - level - free / math.sqrt(run.level_information)
+            out.append(_bridged(rest, self.gaps[i]))
+        return out
+
+    def residuals(self, model: Model, post: Posterior | None = None) -> list[FloatArray]:
+        """Return readings minus model, offset and slip taken out; NaN where not measured."""
+        post = post or model.post
+        assert post is not None  # noqa: S101  (after a solution)
+        return [
+            self.z[i] - self.curve(i, post.theta, model.sensor) - level - slip
+            for i, (level, slip) in enumerate(self.levels(model, post))
+        ]
+
+    def levels(self, model: Model, post: Posterior) -> list[tuple[float, FloatArray]]:
+        """Return offset and slipping part of every run."""
+        out = []
+        for i, run in enumerate(model.runs):
+            h = model.sensor.response(self.extension.wavenumbers, run.velocity)
+            seen = filtered(post.theta, h)
+            level = run.level_right - float(run.level @ seen)
+            at = model.slipping()
+            slip = np.zeros(self.runs[i].x.size)
+            if at.size:
+                own = np.diag(1.0 / np.tile(model.slip[model.slip > 0.0], 2))
+                side = run.right[at] - run.gram[at] @ seen
+                part = np.linalg.solve(run.gram[np.ix_(at, at)] + own, side)
+                slip = self.basis(i)[:, at] @ part
+                level -= float(run.level[at] @ part)
+            out.append((level, slip))
+        return out
+
+    def update_noise(self, model: Model, *, most: int | None = None) -> None:
+        """Fit the noise model of every group anew, to draws of the residual."""
+        draws = self.draws(model)
+        if self.weights is not None:
+            residuals = [d.mean(axis=1) for d in draws]
             for _ in range(2):  # what is a spike depends on the noise model, and it on the spikes
                 cleaned = self.weights.clean(residuals, self.groups, self.noise)
-                self.noise = self._fitted_noise(cleaned, freedom, orders)
+                own = [d + (c - r)[:, None] for d, c, r in zip(draws, cleaned, residuals, strict=True)]
+                self._fit(own, most)
             self.weights.weigh(cleaned, self.groups, self.noise)
-            residuals = cleaned
+            draws = [d + (c - r)[:, None] for d, c, r in zip(draws, cleaned, residuals, strict=True)]
+        else:
+            self._fit(draws, most)
         n_probes = len({r.probe for r in self.runs})
-        self.sharing = sharing(self.passes, residuals, self.groups, self.noise, n_probes)
+        means = [d.mean(axis=1) for d in draws]
+        self.sharing = sharing(self.passes, means, self.groups, self.noise, n_probes)
 
-    def mark_again(self) -> bool:
-        """Mark wrong samples with the noise model at hand."""
+    def mark_again(self, model: Model) -> bool:
+        """Mark wrong samples with the noise model at hand; tell whether any changed."""
         if self.weights is None or self.n_marked_again >= _MAX_MARKINGS:
             return False
         self.n_marked_again += 1
         before = [m.copy() for m in self.weights.marked]
-        self.weights.clean(self.residuals(), self.groups, self.noise)
+        self.weights.clean(self.residuals(model), self.groups, self.noise)
         return any((a != b).any() for a, b in zip(before, self.weights.marked, strict=True))
 
-    def _fitted_noise(
-        self, residuals: Sequence[FloatArray], freedom: float, orders: Sequence[int]
-    ) -> list[AutoregressiveModel]:
-        total = sum(int((~np.isnan(r)).sum()) for r in residuals)
-        models = []
-        for group, old in zip(self.groups, self.noise, strict=True):
-            own = [residuals[i] for i in group]
-            shortest = min(r.size for r in own)
-            allowed = [p for p in orders if p <= max(1, shortest // 8)]
-            model, n_rows, _ = fit_autoregressive(
-                own, orders=allowed or [1], time_step=old.time_step
+    def _fit(self, draws: Sequence[FloatArray], most: int | None) -> None:
+        self.noise = [
+            fit_noise(
+                [draws[i] for i in group],
+                time_step=old.time_step,
+                **({} if most is None else {"most": most}),
             )
-            share = freedom * n_rows / total
-            if self.weights is not None:
-                share += self.weights.n_marked(group)
-            factor = n_rows / max(n_rows - share - model.order, 1.0)
-            models.append(
-                AutoregressiveModel(model.coefficients, model.variance * factor, model.time_step)
-            )
-        return models
-
-    def truncate(self, n_harmonics: int) -> None:
-        """Drop the harmonics beyond `n_harmonics`."""
-        fixed = self.solution[: self.n_fixed]
-        cosine, sine = np.split(self.solution[self.n_fixed :], 2)
-        self.solution = np.concatenate([fixed, cosine[:n_harmonics], sine[:n_harmonics]])
-        self.n_harmonics = n_harmonics
+            for group, old in zip(self.groups, self.noise, strict=True)
+        ]
 
     def set_terms(self, *, frequencies: Sequence[float], wavenumbers: FloatArray) -> None:
-        """Change the lines and waves; their coefficients start at zero."""
-        kept = self.terms.n_drift
-        before, drift = self.solution[: self.extra.start], self.solution[self.extra][:kept]
-        after = self.solution[self.extra.stop :]
+        """Change the lines and waves of the terms."""
         self.terms.frequencies = list(frequencies)
         self.terms.wavenumbers = wavenumbers
-        fresh = np.zeros(self.terms.size - kept)
-        self.solution = np.concatenate([before, drift, fresh, after])
 
-    def add_unknowns(self, unknowns: Sequence[Unknown]) -> None:
-        """Give the next solution the derivatives of unknowns that are not linear."""
-        self.solution = np.insert(self.solution, [self.n_fixed] * len(unknowns), 0.0)
-        self.unknowns += unknowns
+
+def _short_gaps(z: FloatArray) -> BoolArray:
+    """Return which missing samples are bridged: those of short gaps inside the record."""
+    missing = np.isnan(z)
+    out = np.zeros(z.size, dtype=bool)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], missing.astype(np.int8), [0]])))
+    for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        out[a:b] = 0 < a and b < z.size and b - a <= _SHORT_GAP
+    return out if out.sum() <= z.size // 10 else np.zeros(z.size, dtype=bool)
+
+
+def _bridged(draws: FloatArray, gaps: BoolArray) -> FloatArray:
+    """Return the draws with short gaps bridged by straight lines, for a filter that needs no gap."""
+    if not gaps.any():
+        return draws
+    at, known = np.flatnonzero(gaps), np.flatnonzero(~np.isnan(draws[:, 0]))
+    out = draws.copy()
+    for column in out.T:
+        column[at] = np.interp(at, known, column[known])
+    return out
+
+
+def feed_number(speed: float, speeds: Sequence[float]) -> int:
+    """Return the number of a feedrate; speeds within 2 % of the one below are one feedrate."""
+    number, last = 0, speeds[0]
+    for value in speeds:
+        if value > last * 1.02:
+            number += 1
+        last = value
+        if value >= speed:
+            break
+    return number
 
 
 # ---- private to separation: the height scale of a set of runs, and which runs share a noise model ----
+
+
+def common_slope(runs: Sequence[PreparedRun]) -> float:
+    """Return the slope that all runs share, each with its own offset."""
+    top = bottom = 0.0
+    for run in runs:
+        valid = ~np.isnan(run.z)
+        x, z = run.x[valid] - run.x[valid].mean(), run.z[valid] - run.z[valid].mean()
+        top, bottom = top + float(x @ z), bottom + float(x @ x)
+    return top / bottom if bottom else 0.0
 
 
 def rms_about_line(runs: Sequence[PreparedRun]) -> float:
@@ -254,40 +393,6 @@ def time_step_groups(runs: Sequence[PreparedRun]) -> list[list[int]]:
     return groups
 
 
-# ---- private to separation: rows of a design filtered by an autoregressive model ---------------
-
-_BLOCK = 128
-
-
-def whitened(
-    design: FloatArray, values: FloatArray, coefficients: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Filter rows by blocks of a banded Toeplitz matrix; rows that touch a NaN are dropped."""
-    p = coefficients.size
-    invalid = np.isnan(values)
-    table = np.hstack([design, np.where(invalid, 0.0, values)[:, None]])
-    n_out = values.size - p
-    if p:
-        taps = np.concatenate([-coefficients[::-1], [1.0]])
-        band = np.zeros((_BLOCK, _BLOCK + p))
-        for row in range(_BLOCK):
-            band[row, row : row + p + 1] = taps
-        out = np.empty((n_out, table.shape[1]))
-        for first in range(0, n_out, _BLOCK):
-            size = min(_BLOCK, n_out - first)
-            np.matmul(
-                band[:size, : size + p],
-                table[first : first + size + p],
-                out=out[first : first + size],
-            )
-    else:
-        out = table
-    if invalid.any():
-        touched = np.convolve(invalid.astype(np.float64), np.ones(p + 1))[p : p + n_out] > 0.5
-        out = out[~touched]
-    return out[:, :-1], out[:, -1]
-
-
 # ---- private to separation: probes that read the same pass share the vibration of the machine ----
 # Their readings are then not independent: n probes with correlation rho of the innovations hold the
 # information of n / (1 + rho (n - 1)) probes. Taken as independent, chance would pass as evidence.
@@ -311,7 +416,7 @@ def sharing(
     pairs: Sequence[tuple[int, int]],
     residuals: Sequence[FloatArray],
     groups: Sequence[Sequence[int]],
-    noise: Sequence[AutoregressiveModel],
+    noise: Sequence[NoiseModel],
     n_probes: int,
 ) -> tuple[float, float]:
     """Return by how much the variance of a row grows, and the correlation behind it."""

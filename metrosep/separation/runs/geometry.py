@@ -1,0 +1,158 @@
+r"""Private to separation: the geometry as a random function with a learnt spectrum, and its sensor.
+
+.. math:: g(x) = s\,u(x) + \sum_k a_k \cos w_k (x - x_0) + b_k \sin w_k (x - x_0),
+          \quad w_k = 2 \pi k / P, \quad a_k, b_k \sim N(0, s_k^2)
+
+u is the straight line, -1 ... 1 over the travel L, and P = 1.4 L. ln s_k^2 is piecewise linear in
+ln k with a knot about each octave, ``ln s^2 = B phi``; phi is drawn to a power law of slope
+-2.5 +- 1.5 and to a smooth course. A wave of any wavelength is a column of the same basis (Fourier
+extension, eq. 9). Equation numbers are those of separation-2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+
+__all__ = ["PERIOD_SHARE", "Extension", "Spectrum", "Sensor"]
+
+PERIOD_SHARE = 1.4
+"""Period of the basis over the travel; greater than 1, so that the error need not close."""
+
+LINE_SD = 30.0
+"""Prior standard deviation of the line over the RMS of the readings."""
+
+_SLOPE, _SLOPE_SD = -2.5, 1.5
+"""Prior of the power law of the spectrum: rough and smooth surfaces lie within two of these."""
+
+_BEND_SD = 1.0
+"""Prior standard deviation of the second difference of ln s^2, per octave."""
+
+_RIDGE = 1e-9
+
+
+class Extension:
+    """Functions on the travel as columns of the basis: line, cosines, sines."""
+
+    def __init__(
+        self, start: float, travel: float, n_harmonics: int, *, origin: float | None = None
+    ) -> None:
+        self.start, self.travel, self.n = start, travel, n_harmonics
+        self.origin = start if origin is None else origin  # of the phases
+        self.period = PERIOD_SHARE * travel
+        self.grid = np.linspace(start, start + travel, 4 * n_harmonics + 1)
+        e = self.basis(self.grid)
+        normal = e.T @ e + _RIDGE * self.grid.size * np.eye(e.shape[1])
+        self._pseudo = np.linalg.solve(normal, e.T)
+
+    @property
+    def wavenumbers(self) -> FloatArray:
+        """w_k in rad/m."""
+        return 2.0 * np.pi * np.arange(1, self.n + 1) / self.period
+
+    def line(self, x: FloatArray) -> FloatArray:
+        """Return u(x)."""
+        return 2.0 * (x - self.start) / self.travel - 1.0
+
+    def basis(self, x: FloatArray, *, block_length: float = 0.0) -> FloatArray:
+        """Return line, cosines and sines at positions; samples may be averages over a length."""
+        from metrosep.spectral.dft import fourier_basis
+
+        waves = fourier_basis(x, origin=self.origin, period=self.period, n_harmonics=self.n)
+        if block_length:
+            k = np.arange(1, self.n + 1)
+            waves = waves * np.tile(np.sinc(k * block_length / self.period), 2)
+        return np.column_stack([self.line(x), waves])
+
+    def coefficients(self, values: FloatArray) -> FloatArray:
+        """Return the columns of functions that are given on `grid` (eq. 9)."""
+        return np.asarray(self._pseudo @ values)
+
+    def wave(self, wavenumber: float) -> FloatArray:
+        """Return cosine and sine of a wavenumber in 1/m, shape (1 + 2 K, 2)."""
+        phase = 2.0 * np.pi * wavenumber * (self.grid - self.origin)
+        return self.coefficients(np.column_stack([np.cos(phase), np.sin(phase)]))
+
+    def wave_change(self, wavenumber: float, pair: FloatArray) -> FloatArray:
+        """Return the derivative of a wave with its wavenumber, shape (1 + 2 K,)."""
+        along = 2.0 * np.pi * (self.grid - self.origin)
+        phase = wavenumber * along
+        return self.coefficients(along * (pair[1] * np.cos(phase) - pair[0] * np.sin(phase)))
+
+
+@dataclass(slots=True, eq=False)
+class Spectrum:
+    """Prior variances of the coefficients, ``s^2 = exp(B phi)``."""
+
+    n_harmonics: int
+    phi: FloatArray = field(init=False)
+    hats: FloatArray = field(init=False)  # B, shape (K, knots)
+    precision: FloatArray = field(init=False)
+    pull: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        k = np.log(np.arange(1, self.n_harmonics + 1))
+        n = max(2, int(np.rint(k[-1] / np.log(2.0))) + 1)
+        knots = np.linspace(0.0, k[-1], n)
+        self.hats = np.array([np.interp(k, knots, row) for row in np.eye(n)]).T
+        # slope: (phi_last - phi_0) / ln K ~ N(-2.5, 1.5^2); bends: N(0, 1) over a step of an octave
+        slope = np.zeros(n)
+        slope[0], slope[-1] = -1.0 / k[-1], 1.0 / k[-1]
+        self.precision = np.outer(slope, slope) / _SLOPE_SD**2
+        self.pull = slope * (_SLOPE / _SLOPE_SD**2)
+        bends = np.diff(np.eye(n), 2, axis=0) * (np.log(2.0) / (knots[1] - knots[0]))
+        self.precision = self.precision + bends.T @ bends / _BEND_SD**2
+        self.phi = _SLOPE * knots
+
+    @property
+    def variance(self) -> FloatArray:
+        """s_k^2, shape (K,)."""
+        return np.asarray(np.exp(self.hats @ self.phi))
+
+    def step(self, score: FloatArray, information: FloatArray, *, largest: float = 1.5) -> float:
+        """Take a step of Fisher scoring from the sums over each pair; return the largest change."""
+        gradient = self.hats.T @ score + self.pull - self.precision @ self.phi
+        matrix = self.information(information)
+        change = np.clip(np.linalg.solve(matrix, gradient), -largest, largest)
+        self.phi = self.phi + change
+        return float(np.abs(change).max())
+
+    def information(self, per_pair: FloatArray) -> FloatArray:
+        """Return the precision of phi."""
+        ridge = 1e-9 * np.eye(self.phi.size)
+        return np.asarray((self.hats.T * per_pair) @ self.hats + self.precision + ridge)
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """Total lag l of the reading in s and its spread q in s^2: delay l - T, time constant T = sqrt q."""
+
+    lag: float = 0.0
+    spread: float = 0.0
+
+    def response(self, wavenumbers: FloatArray, velocity: float) -> FloatArray:
+        """Return H(w, v) (eq. 3); a wave a - i b is read as H (a - i b)."""
+        constant = np.sqrt(self.spread)
+        wv = wavenumbers * velocity
+        return np.asarray(np.exp(-1j * wv * (self.lag - constant)) / (1.0 + 1j * wv * constant))
+
+    def log_changes(
+        self, wavenumbers: FloatArray, velocity: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return d ln H / d l and d ln H / d q (eq. 20)."""
+        wv = wavenumbers * velocity
+        constant = np.sqrt(self.spread)
+        return -1j * wv, -(wv**2) / (2.0 * (1.0 + 1j * wv * constant))
+
+
+def filtered(columns: FloatArray, factors: FloatArray) -> FloatArray:
+    """Return coefficients (line, a, b) as read through complex factors on a - i b."""
+    n = factors.size
+    out = np.array(columns, dtype=np.float64)
+    flat = out.reshape(out.shape[0], -1)
+    wave = (flat[1 : n + 1] - 1j * flat[n + 1 : 2 * n + 1]) * factors[:, None]
+    flat[1 : n + 1], flat[n + 1 : 2 * n + 1] = wave.real, -wave.imag
+    return out

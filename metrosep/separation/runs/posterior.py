@@ -1,0 +1,302 @@
+r"""Private to separation: the posterior of the geometry, and the learning of its spectrum.
+
+All of it works on one matrix and one vector per run (`RunEquations`), which one pass over the
+samples makes; a spectrum, a wave, a sensor or a slip costs no further pass. Coordinates: line,
+K cosines, K sines, extra terms. Equation numbers are those of separation-2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from metrosep.core._arrays import BoolArray, FloatArray
+from metrosep.core.errors import DegenerateFitError
+from metrosep.separation.runs.geometry import LINE_SD, Extension, Sensor, Spectrum, filtered
+
+__all__ = ["Model", "Posterior", "RunEquations", "Wave"]
+
+_DONE = 0.03
+"""A learning ends when no knot of ln s^2 moves by more."""
+
+_CAP = 4.0
+"""Largest (a^2 + b^2)/s^2 of one harmonic for a broad part that must not swallow a line."""
+
+SHIFT_SHARE = 0.25
+"""Prior standard deviation of a correction of a wavenumber, over one per travel."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunEquations:
+    """Normal equations of one run, its offset eliminated (eq. 5)."""
+
+    gram: FloatArray  # shape (N, N)
+    right: FloatArray  # shape (N,)
+    level: FloatArray  # shape (N,): A'o / o'o
+    level_right: float  # o'y / o'o
+    level_information: float  # o'o
+    velocity: float
+    feed: int  # number of the feedrate
+    square: float = 0.0  # y'y - (o'y)^2 / o'o
+
+
+@dataclass(slots=True, eq=False)
+class Wave:
+    """One wave of free wavelength: its columns, its variance, and what its wavelength may do."""
+
+    wavenumber: float  # 1/m
+    columns: FloatArray  # shape (1 + 2 K, 2 or 3): cosine, sine, change with the wavenumber
+    variance: float  # tau^2
+    given: bool = False  # stated by the user: a start value
+
+
+@dataclass(slots=True, eq=False)
+class Posterior:
+    """Solution of one model."""
+
+    mean: FloatArray  # shape (n,), of the columns in use
+    columns: FloatArray  # shape (N, n): their coordinates
+    root: FloatArray  # shape (n, n): covariance = root @ root.T
+    evidence: float  # ln evidence, but for a term that does not depend on the prior
+
+    @property
+    def theta(self) -> FloatArray:
+        """Mean in the coordinates of the run equations."""
+        return np.asarray(self.columns @ self.mean)
+
+    def covariance(self) -> FloatArray:
+        """Return the covariance in the coordinates of the run equations."""
+        root = self.columns @ self.root
+        return np.asarray(root @ root.T)
+
+    def draws(self, n: int, seed: int) -> FloatArray:
+        """Return draws whose mean is the mean, shape (N, n)."""
+        free = np.random.default_rng(seed).standard_normal((self.mean.size, n))
+        free = (free - free.mean(axis=1, keepdims=True)) * math.sqrt(n / (n - 1.0))
+        return np.asarray(self.columns @ (self.mean[:, None] + self.root @ free))
+
+
+@dataclass(slots=True, eq=False)
+class Model:
+    """What is learnt: spectrum, waves, sensor, slip; and the equations that it is learnt from."""
+
+    extension: Extension
+    spectrum: Spectrum
+    line_sd: float = LINE_SD
+    n_extra: int = 0
+    extra_precision: FloatArray = field(default_factory=lambda: np.empty(0))
+    waves: list[Wave] = field(default_factory=list)
+    sensor: Sensor = field(default_factory=Sensor)
+    slip: FloatArray = field(default_factory=lambda: np.empty(0))  # Lambda_k, shape (K,)
+    slip_is_geometry: bool = True  # prior variance of a slipping wave counts its slip (eq. 24)
+    kept: int = 0  # harmonics in use; all K in the last solution
+    runs: list[RunEquations] = field(default_factory=list)  # as read
+    seen: list[RunEquations] = field(default_factory=list)  # slip eliminated, sensor applied
+    total: tuple[FloatArray, FloatArray] = field(default_factory=lambda: (np.empty(0),) * 2)
+    post: Posterior | None = None
+
+    def __post_init__(self) -> None:
+        self.slip = np.zeros(self.extension.n)
+        self.kept = self.extension.n
+
+    # ---- equations -------------------------------------------------------------------------
+
+    def take(self, runs: Sequence[RunEquations]) -> None:
+        """Take the equations of a new pass."""
+        self.runs = list(runs)
+        self.apply()
+
+    def apply(self) -> None:
+        """Eliminate slip and apply the sensor anew (eqs. 6, 7)."""
+        self.seen = [self.as_seen(run) for run in self.runs]
+        self.total = (sum(r.gram for r in self.seen), sum(r.right for r in self.seen))  # type: ignore[assignment]
+
+    def as_seen(self, run: RunEquations) -> RunEquations:
+        """Return the equations of one run for the geometry behind its sensor."""
+        gram, right = run.gram, run.right
+        at = self.slipping()
+        if at.size:
+            block = gram[np.ix_(at, at)] + np.diag(1.0 / np.tile(self.slip[self.slip > 0.0], 2))
+            solved = np.linalg.solve(block, np.column_stack([gram[at], right[at]]))
+            gram = gram - gram[:, at] @ solved[:, :-1]
+            right = right - gram_side(run.gram, at) @ solved[:, -1]
+        if self.sensor != Sensor():
+            h = np.conj(self.sensor.response(self.extension.wavenumbers, run.velocity))
+            gram = filtered(filtered(gram, h).T, h)
+            right = filtered(right, h)
+        return replace(run, gram=0.5 * (gram + gram.T), right=right)
+
+    def slipping(self) -> FloatArray:
+        """Return the coordinates with a part that differs from run to run, cosines first."""
+        k = np.flatnonzero(self.slip > 0.0)
+        return np.asarray(np.concatenate([1 + k, 1 + self.extension.n + k]))
+
+    # ---- solution --------------------------------------------------------------------------
+
+    def columns(self) -> FloatArray:
+        """Return the columns in use: line, kept harmonics and slipping ones, waves, extra."""
+        n = self.extension.n
+        size = 1 + 2 * n + self.n_extra
+        unit = np.eye(size)[:, self._used()]
+        parts = [unit] + [_padded(w.columns, size) for w in self.waves]
+        return np.hstack(parts)
+
+    def harmonics(self) -> BoolArray:
+        """Return which harmonics are in use."""
+        k = np.arange(self.extension.n)
+        return np.asarray((k < self.kept) | (self.slip > 0.0))
+
+    def _used(self) -> FloatArray:
+        on = self.harmonics()
+        ones = np.concatenate([[True], on, on, np.ones(self.n_extra, dtype=bool)])
+        return np.flatnonzero(ones)
+
+    def precision(self) -> FloatArray:
+        """Return the prior precision of the columns in use."""
+        on = self.harmonics()
+        variance = self.spectrum.variance
+        if self.slip_is_geometry:
+            variance = variance + self.slip
+        waves = 1.0 / variance[on]
+        shift = (self.extension.travel / SHIFT_SHARE) ** 2
+        own = [
+            np.concatenate([np.full(2, 1.0 / w.variance), np.full(w.columns.shape[1] - 2, shift)])
+            for w in self.waves
+        ]
+        return np.concatenate([[self.line_sd**-2], waves, waves, self.extra_precision, *own])
+
+    def solve(self) -> Posterior:
+        """Solve for the coefficients (eq. 8)."""
+        self.post = self.solution(*self.total)
+        return self.post
+
+    def solution(self, gram: FloatArray, right: FloatArray) -> Posterior:
+        """Return the posterior of some equations under the prior at hand (eq. 8)."""
+        from scipy.linalg.lapack import dpotrf, dtrtri
+
+        columns, precision = self.columns(), self.precision()
+        used = self._used()
+        if not self.waves:
+            matrix, side = gram[np.ix_(used, used)].copy(), right[used]
+        else:
+            half = gram @ columns[:, used.size :]
+            matrix = np.block(
+                [
+                    [gram[np.ix_(used, used)], half[used]],
+                    [half[used].T, columns[:, used.size :].T @ half],
+                ]
+            )
+            side = np.concatenate([right[used], columns[:, used.size :].T @ right])
+        matrix[np.diag_indices_from(matrix)] += precision
+        scale = 1.0 / np.sqrt(np.diag(matrix))
+        factor, info = dpotrf(matrix * scale[:, None] * scale, lower=1, clean=1)
+        if info != 0:
+            raise DegenerateFitError(
+                "the runs do not determine the model: two runs or wavelengths are "
+                "indistinguishable; ask for longer wavelengths (shortest=) or add runs"
+            )
+        inverse = dtrtri(factor, lower=1)[0]
+        root = inverse.T * scale[:, None]
+        mean = root @ (root.T @ side)
+        logs = 2.0 * float(np.log(np.diag(factor)).sum() - np.log(scale).sum())
+        evidence = 0.5 * (float(side @ mean) - logs + float(np.log(precision).sum()))
+        return Posterior(mean, columns, root, evidence)
+
+    # ---- learning --------------------------------------------------------------------------
+
+    def learn(self, most: int, *, above: float = 0.0, cap: bool = False) -> None:
+        """Learn spectrum and strength of the waves (eq. 10), from above where asked."""
+        # Below the posterior variance the information vanishes and phi cannot climb: so from above.
+        self.spectrum.phi = self.spectrum.phi + above
+        for _ in range(most):
+            post = self.solve()
+            score, information = self.scores(post, cap=cap)
+            change = self.spectrum.step(score, information)
+            self._learn_waves(post)
+            if change < _DONE:
+                break
+        self.solve()
+
+    def scores(self, post: Posterior, *, cap: bool = False) -> tuple[FloatArray, FloatArray]:
+        """Return gradient and Fisher information of ln s_k^2, summed over each pair (eq. 10)."""
+        on = self.harmonics()
+        n, used = self.extension.n, int(on.sum())
+        variance = self.spectrum.variance
+        whole = variance + self.slip if self.slip_is_geometry else variance
+        spread = np.sum(post.root**2, axis=1)
+        share = np.zeros(n)
+        share[on] = variance[on] / whole[on]  # d ln(s^2 + Lambda) / d ln s^2
+        score, information = np.zeros(n), np.zeros(n)
+        power = np.zeros(n)
+        for first in (1, 1 + used):
+            part = slice(first, first + used)
+            gamma = 1.0 - spread[part] / whole[on]
+            power[on] += post.mean[part] ** 2 / whole[on]
+            score[on] -= 0.5 * gamma
+            information[on] += 0.5 * gamma**2
+        if cap:
+            power = np.minimum(power, _CAP)
+        score += 0.5 * power
+        return score * share, information * share**2
+
+    def _learn_waves(self, post: Posterior) -> None:
+        spread = np.sum(post.root**2, axis=1)
+        at = post.mean.size - sum(w.columns.shape[1] for w in self.waves)
+        for wave in self.waves:
+            pair = slice(at, at + 2)
+            wave.variance = max(0.5 * float(np.sum(post.mean[pair] ** 2 + spread[pair])), 1e-12)
+            at += wave.columns.shape[1]
+
+    def wave_parts(self) -> list[slice]:
+        """Return where the columns of each wave are among those in use."""
+        assert self.post is not None  # noqa: S101  (after a solution)
+        at = self.post.mean.size - sum(w.columns.shape[1] for w in self.waves)
+        parts = []
+        for wave in self.waves:
+            parts.append(slice(at, at + wave.columns.shape[1]))
+            at += wave.columns.shape[1]
+        return parts
+
+    def drop_short(self) -> None:
+        """Leave out, while learning only, the harmonics that add nothing (3.5)."""
+        post = self.solve()
+        variance, n = self.spectrum.variance, self.extension.n
+        spread = float(np.sum((post.columns @ post.root)[1 : 1 + 2 * n] ** 2))
+        tail = np.cumsum(variance[::-1])[::-1]
+        gram = np.diag(self.total[0])
+        own = 0.5 * (gram[1 : n + 1] + gram[n + 1 : 2 * n + 1])
+        needed = (tail > 0.003 * spread / 2.0) & (variance * own > 0.02)
+        self.kept = max(int(np.flatnonzero(needed).max(initial=0)) + 1, 8)
+
+    def spread_of_spectrum(self, post: Posterior) -> FloatArray:
+        """Return J (F + prior)^-1/2, what the learnt spectrum adds to the covariance (eq. 16)."""
+        on = self.harmonics()
+        used = int(on.sum())
+        _, information = self.scores(post)
+        precision = self.spectrum.information(information)
+        variance = self.spectrum.variance
+        whole = variance + self.slip if self.slip_is_geometry else variance
+        share = (variance / whole)[on]
+        weighted = np.zeros((post.mean.size, self.spectrum.phi.size))
+        for first in (1, 1 + used):
+            part = slice(first, first + used)
+            # dM/dphi = - diag(B s^-2), so dm/dphi = C diag(B s^-2) m
+            weighted[part] = self.spectrum.hats[on] * (
+                share * post.mean[part] / whole[on]
+            )[:, None]
+        change = post.columns @ (post.root @ (post.root.T @ weighted))
+        return np.asarray(change @ np.linalg.cholesky(np.linalg.inv(precision)))
+
+
+def gram_side(gram: FloatArray, at: FloatArray) -> FloatArray:
+    """Return the columns of the slipping coordinates."""
+    return gram[:, at]
+
+
+def _padded(columns: FloatArray, size: int) -> FloatArray:
+    out = np.zeros((size, columns.shape[1]))
+    out[: columns.shape[0]] = columns
+    return out

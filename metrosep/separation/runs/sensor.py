@@ -1,0 +1,125 @@
+"""Private to separation: delay and time constant of the reading, tested in every fit.
+
+A late reading shows the error of the place x - v l. What is found is neither switched on nor off:
+the solutions with and without it are averaged by their probabilities, since a lag just below any
+threshold would be in the estimate and not in its band. Equation numbers: separation-2.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.separation.runs.geometry import Sensor, filtered
+from metrosep.separation.runs.posterior import Model, Posterior
+
+__all__ = ["LAG_CHI2", "LAG_PRIOR", "LagScore", "averaged", "lag_score", "lag_steps"]
+
+LAG_CHI2 = 12.0
+"""Square of a lag over its uncertainty from which it is named: 5 in 10,000 by chance."""
+
+LAG_PRIOR = 1e-3
+"""Standard deviation in s of the lag of a machine that has one."""
+
+_STEPS = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LagScore:
+    """Score and information of a change of lag and spread at a solution (eq. 14)."""
+
+    score: FloatArray  # shape (2,)
+    information: FloatArray  # shape (2, 2)
+    change: FloatArray  # shape (N, 2): minus the change of the solution with each
+
+    @property
+    def lag(self) -> float:
+        """Step of the lag alone, s."""
+        return float(self.score[0] / self.information[0, 0])
+
+    @property
+    def u(self) -> float:
+        """Standard uncertainty of the lag, s."""
+        return float(self.information[0, 0] ** -0.5)
+
+
+def lag_score(model: Model) -> LagScore | None:
+    """Return score and information of the lag (eqs. 14, 20); None where one feedrate shows nothing."""
+    assert model.post is not None  # noqa: S101  (after a solution)
+    theta, n = model.post.theta, model.extension.n
+    score, own = np.zeros(2), np.zeros((2, 2))
+    cross = np.zeros((theta.size, 2))
+    for run in model.seen:
+        columns = np.zeros((theta.size, 2))
+        for j, factor in enumerate(
+            model.sensor.log_changes(model.extension.wavenumbers, run.velocity)
+        ):
+            moved = filtered(theta, factor)
+            columns[1 : 1 + 2 * n, j] = moved[1 : 1 + 2 * n]
+        along = run.gram @ columns
+        score += columns.T @ (run.right - run.gram @ theta)
+        own += columns.T @ along
+        cross += along
+    root = model.post.columns @ model.post.root
+    held = root.T @ cross
+    information = own - held.T @ held
+    if information[0, 0] <= 1e-9 * own[0, 0] or not own[0, 0] > 0.0:
+        return None
+    # The split into delay and time constant may not be seen at all.
+    information[1, 1] = max(information[1, 1], 1e-12 * own[1, 1])
+    return LagScore(score, information, root @ held)
+
+
+def lag_steps(model: Model) -> None:
+    """Correct lag and spread by Gauss-Newton steps, the spectrum learnt between them (eq. 21)."""
+    first = lag_score(model)
+    if first is None or first.u > LAG_PRIOR:
+        return
+    for _ in range(_STEPS):
+        at = lag_score(model)
+        if at is None:
+            return
+        step = np.linalg.solve(at.information, at.score)
+        spread = model.sensor.spread + float(step[1])
+        if spread < 0.0:
+            # on the boundary the lag moves by its own row, given that the spread becomes 0
+            moved = -model.sensor.spread
+            lag = float((at.score[0] - at.information[0, 1] * moved) / at.information[0, 0])
+            spread = 0.0
+        else:
+            lag = float(step[0])
+        lag = float(np.clip(lag, -20.0 * LAG_PRIOR, 20.0 * LAG_PRIOR))
+        before = model.sensor
+        model.sensor = Sensor(before.lag + lag, spread)
+        model.apply()
+        model.learn(2)
+        if abs(lag) < 0.02 * at.u and abs(math.sqrt(spread) - math.sqrt(before.spread)) < 1e-5:
+            return
+
+
+def chance_of_lag(lag: float, u: float) -> float:
+    """Return the probability of a lag N(0, LAG_PRIOR^2) against none, both as likely before (22)."""
+    both = u**2 + LAG_PRIOR**2
+    odds = 0.5 * math.log(u**2 / both) + 0.5 * lag**2 * LAG_PRIOR**2 / (u**2 * both)
+    return 1.0 / (1.0 + math.exp(-min(odds, 700.0)))
+
+
+def averaged(
+    one: tuple[FloatArray, FloatArray], none: tuple[FloatArray, FloatArray], p: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and covariance of two solutions weighted by p and 1 - p (eq. 22)."""
+    apart = one[0] - none[0]
+    mean = none[0] + p * apart
+    covariance = p * one[1] + (1.0 - p) * none[1] + p * (1.0 - p) * np.outer(apart, apart)
+    return mean, covariance
+
+
+def lag_covariance(model: Model, post: Posterior) -> FloatArray:
+    """Return what the uncertain lag and spread add to the covariance (eq. 23)."""
+    at = lag_score(model)
+    if at is None:
+        return np.zeros((post.columns.shape[0],) * 2)
+    return np.asarray(at.change @ np.linalg.solve(at.information, at.change.T))

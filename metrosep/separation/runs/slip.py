@@ -1,0 +1,86 @@
+"""Private to separation: waves tied to the position that have another phase in each run.
+
+Balls that slip in a nut shake the table at fixed wavelengths, but differently in every run: that
+is neither geometry nor noise in time. A harmonic is taken for such a wave where the runs differ at
+every feedrate; its variance Lambda is learnt. Equation numbers: separation-2.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from metrosep.core._arrays import benjamini_hochberg
+from metrosep.separation.runs.geometry import filtered
+from metrosep.separation.runs.posterior import Model
+
+__all__ = ["find_slip", "learn_slip"]
+
+FALSE_DISCOVERY = 0.01
+"""Accepted share of harmonics called slipping that are not."""
+
+
+def find_slip(model: Model) -> bool:
+    """Give harmonics on which the runs differ at every feedrate a variance; tell whether any."""
+    feeds = sorted({r.feed for r in model.seen})
+    if len(model.seen) < 3 or len(feeds) < 2:
+        return False
+    k = np.flatnonzero(model.harmonics())
+    p, spread = np.ones(k.size), np.zeros(k.size)
+    for i, harmonic in enumerate(k):
+        p[i], spread[i] = _tested(model, int(harmonic), feeds)
+    found = benjamini_hochberg(p, rate=FALSE_DISCOVERY)
+    if not found.any():
+        return False
+    model.slip[k[found]] = np.maximum(spread[found], 1e-8)
+    model.apply()
+    learn_slip(model, 8)
+    return True
+
+
+def _tested(model: Model, harmonic: int, feeds: list[int]) -> tuple[float, float]:
+    """Return the largest p value with one feedrate left out, and the variance among the runs."""
+    from scipy.stats import chi2
+
+    assert model.post is not None  # noqa: S101  (after a solution)
+    at = np.array([1 + harmonic, 1 + model.extension.n + harmonic])
+    theta, n = model.post.theta, len(model.seen)
+    squares, spread = [], []
+    for run in model.seen:
+        q = run.right[at] - run.gram[at] @ theta
+        own = run.gram[np.ix_(at, at)]
+        own = own + 1e-12 * np.trace(own) * np.eye(2)
+        d = np.linalg.solve(own, q)
+        squares.append(float(q @ d))
+        spread.append(0.5 * float(d @ d) - 0.5 * float(np.trace(np.linalg.inv(own))))
+    worst = 0.0
+    for feed in feeds:
+        rest = [s for s, r in zip(squares, model.seen, strict=True) if r.feed != feed]
+        freedom = 2.0 * len(rest) * (n - 1.0) / n
+        worst = max(worst, float(chi2.sf(sum(rest), freedom)))
+    return worst, float(np.mean(spread))
+
+
+def learn_slip(model: Model, rounds: int) -> None:
+    """Learn the variances among the runs and the spectrum in turn (expectation-maximisation)."""
+    for _ in range(rounds):
+        model.learn(2)
+        assert model.post is not None  # noqa: S101  (after a solution)
+        at = model.slipping()
+        if not at.size:
+            return
+        k = np.flatnonzero(model.slip > 0.0)
+        prior = np.diag(1.0 / np.tile(model.slip[k], 2))
+        covariance = model.post.columns @ model.post.root
+        total = np.zeros(at.size)
+        for run in model.runs:
+            h = model.sensor.response(model.extension.wavenumbers, run.velocity)
+            seen = filtered(model.post.theta, h)
+            inverse = np.linalg.inv(run.gram[np.ix_(at, at)] + prior)
+            d = inverse @ (run.right[at] - run.gram[at] @ seen)
+            doubt = inverse @ (run.gram[at] @ covariance)
+            total += d**2 + np.diag(inverse) + np.sum(doubt**2, axis=1)
+        own = total / len(model.runs)
+        model.slip[k] = np.maximum(0.5 * (own[: k.size] + own[k.size :]), 1e-10)
+        model.apply()
+    model.solve()
+

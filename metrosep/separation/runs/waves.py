@@ -1,0 +1,224 @@
+"""Private to separation: waves of any wavelength in the geometry, found by a score test.
+
+A wave whose length does not divide the travel is smeared over many harmonics; as one wave it costs
+two numbers. It is taken where the score exceeds chance over all wavelengths that were looked at,
+where the evidence pays for it, and where the runs agree on it. Equation numbers: separation-2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.separation.runs.posterior import Model, Wave
+
+__all__ = ["FoundWave", "found_waves", "remove_weak", "search"]
+
+FALSE_ALARM = 0.01
+"""Chance that one search finds a wave where there is none."""
+
+_PER_CELL = 6
+"""Wavenumbers that are looked at in one over the travel."""
+
+_REPEATS = 1e-3
+"""A wave of which the runs agree by chance with more than this probability is not taken."""
+
+_MOST = 12
+"""Most waves: more lines than this are a broad part."""
+
+_SHARE = 0.9
+"""Share of the highest wavenumber up to which the basis holds a wave."""
+
+
+@dataclass(frozen=True, slots=True)
+class FoundWave:
+    """A wave of the geometry: wavelength and amplitude with their standard uncertainties."""
+
+    wavelength: float  # m
+    u_wavelength: float
+    cosine: float  # dimensionless, from the start of the travel
+    sine: float
+    u_amplitude: float
+    p_repeats: float  # chance of such agreement of the runs without a wave; NaN below 3 runs
+
+    def in_units(self, scale: float) -> FoundWave:
+        """Return the wave with its amplitude in m."""
+        return replace(
+            self,
+            cosine=self.cosine * scale,
+            sine=self.sine * scale,
+            u_amplitude=self.u_amplitude * scale,
+        )
+
+
+def search(model: Model, given: Sequence[float] = ()) -> None:
+    """Add waves while one passes the score test (eq. 12); the spectrum is learnt with a cap."""
+    ext = model.extension
+    least, most = 1.0 / ext.travel, _SHARE * ext.n / ext.period
+    if most <= least:
+        return
+    grid = np.arange(least, most, 1.0 / (_PER_CELL * ext.travel))
+    columns = np.hstack([ext.wave(nu) for nu in grid])
+    n_looked = 1.25 * ext.travel * most
+    limit = 2.0 * math.log(max(n_looked, 2.0) / FALSE_ALARM)
+    model.learn(6, above=1.0, cap=True)
+    for length in given:
+        near = [w for w in model.waves if abs(w.wavenumber - 1.0 / length) * ext.travel < 0.5]
+        if least <= 1.0 / length <= most and not near:
+            _add(model, 1.0 / length)
+    while len(model.waves) < _MOST:
+        scores = _scores(model, columns)
+        for wave in model.waves:  # a wave beside one that is there is the same wave
+            scores[np.abs(grid - wave.wavenumber) * ext.travel < 0.5] = 0.0
+        best = int(np.argmax(scores))
+        if scores[best] <= limit:
+            break
+        _add(model, float(grid[best]))
+
+
+def _scores(model: Model, columns: FloatArray) -> FloatArray:
+    """Return T of every pair of columns (eq. 12)."""
+    post = model.solve()
+    n = columns.shape[0]
+    gram, right = model.total
+    root = post.columns @ post.root
+    across = gram[:n] @ root
+    inner = gram[:n, :n] - across @ across.T
+    rest = (right - gram @ post.theta)[:n]
+    q = (columns.T @ rest).reshape(-1, 2)
+    held = inner @ columns
+    aa = np.einsum("ij,ij->j", columns[:, ::2], held[:, ::2])
+    bb = np.einsum("ij,ij->j", columns[:, 1::2], held[:, 1::2])
+    ab = np.einsum("ij,ij->j", columns[:, ::2], held[:, 1::2])
+    det = aa * bb - ab**2
+    safe = det > 1e-9 * aa * bb
+    top = bb * q[:, 0] ** 2 - 2.0 * ab * q[:, 0] * q[:, 1] + aa * q[:, 1] ** 2
+    return np.where(safe, top / np.where(safe, det, 1.0), 0.0)
+
+
+def _add(model: Model, wavenumber: float) -> None:
+    """Add a wave and move it to its best wavelength."""
+    model.waves.append(Wave(wavenumber, model.extension.wave(wavenumber), 1.0))
+    model.learn(2, cap=True)
+    for _ in range(4):
+        if refine(model, model.waves[-1]) < 0.02 / model.extension.travel:
+            break
+    model.learn(3, cap=True)
+
+
+def refine(model: Model, wave: Wave) -> float:
+    """Give a wave the derivative with its wavenumber, and take the step; return the step."""
+    ext = model.extension
+    at = model.waves.index(wave)
+    if model.post is None or wave.columns.shape[1] == 2:
+        post = model.solve()
+        pair = post.mean[model.wave_parts()[at]][:2]
+        own = ext.wave(wave.wavenumber)
+        wave.columns = np.column_stack([own, ext.wave_change(wave.wavenumber, pair)])
+    post = model.solve()
+    part = model.wave_parts()[at]
+    limit = 0.25 / ext.travel
+    step = float(np.clip(post.mean[part][2], -limit, limit))
+    low, high = 0.8 / ext.travel, 0.95 * ext.n / ext.period
+    wave.wavenumber = float(np.clip(wave.wavenumber + step, low, high))
+    own = ext.wave(wave.wavenumber)
+    wave.columns = own
+    pair = model.solve().mean[model.wave_parts()[at]][:2]
+    wave.columns = np.column_stack([own, ext.wave_change(wave.wavenumber, pair)])
+    model.solve()
+    return abs(step)
+
+
+def remove_weak(model: Model) -> None:
+    """Take waves out that the evidence does not pay for, or on which the runs do not agree."""
+    ext = model.extension
+    price = math.log(max(1.25 * ext.travel * _SHARE * ext.n / ext.period, 2.0))
+    model.learn(8, above=2.0)
+    while model.waves:
+        full = (model.spectrum.phi.copy(), list(model.waves))
+        evidence = _evidence(model)
+        falls = []
+        for i in range(len(full[1])):
+            model.waves = full[1][:i] + full[1][i + 1 :]
+            model.spectrum.phi = full[0].copy()
+            model.learn(4, above=0.5)
+            falls.append((evidence - _evidence(model), i, model.spectrum.phi.copy()))
+        model.spectrum.phi, model.waves = full
+        model.solve()
+        least, i, phi = min(falls, key=lambda f: f[0])
+        unsteady = [j for j, p in enumerate(agreement(model)) if p > _REPEATS]
+        if unsteady:
+            i = unsteady[0]
+            phi = next(f[2] for f in falls if f[1] == i)
+        elif least > price:
+            return
+        model.waves = full[1][:i] + full[1][i + 1 :]
+        model.spectrum.phi = phi
+        model.solve()
+
+
+def _evidence(model: Model) -> float:
+    """Return ln evidence with the prior of the spectrum."""
+    assert model.post is not None  # noqa: S101  (after a solution)
+    s = model.spectrum
+    return model.post.evidence - 0.5 * float(s.phi @ s.precision @ s.phi) + float(s.pull @ s.phi)
+
+
+def agreement(model: Model) -> list[float]:
+    """Return the chance that the runs agree on each wave without one; 0 below 3 runs (eq. 13)."""
+    from scipy.stats import f as f_distribution
+
+    assert model.post is not None  # noqa: S101  (after a solution)
+    runs = model.seen
+    if len(runs) < 3:
+        return [0.0] * len(model.waves)
+    out = []
+    theta = model.post.theta
+    for wave, part in zip(model.waves, model.wave_parts(), strict=True):
+        w = np.zeros((theta.size, 2))
+        w[: wave.columns.shape[0]] = wave.columns[:, :2]
+        without = theta.copy()
+        without[: wave.columns.shape[0]] -= wave.columns @ model.post.mean[part]
+        own = [w.T @ r.gram @ w for r in runs]
+        found = [
+            np.linalg.solve(i + 1e-12 * np.trace(i) * np.eye(2), w.T @ (r.right - r.gram @ without))
+            for i, r in zip(own, runs, strict=True)
+        ]
+        whole = sum(own)
+        mean = np.linalg.solve(whole, sum(i @ z for i, z in zip(own, found, strict=True)))
+        within = sum(
+            float((z - mean) @ i @ (z - mean)) for i, z in zip(own, found, strict=True)
+        ) / (2.0 * (len(runs) - 1))
+        ratio = 0.5 * float(mean @ whole @ mean) / max(1.0, within)
+        out.append(float(f_distribution.sf(ratio, 2, 2 * (len(runs) - 1))))
+    return out
+
+
+def found_waves(model: Model) -> list[FoundWave]:
+    """Return the waves that are in the model, longest first."""
+    assert model.post is not None  # noqa: S101  (after a solution)
+    rows = []
+    spread = np.sum(model.post.root**2, axis=1)
+    chances = agreement(model)
+    for wave, part, p in zip(model.waves, model.wave_parts(), chances, strict=True):
+        a, b = model.post.mean[part][:2]
+        shift = model.post.mean[part][2] if wave.columns.shape[1] > 2 else 0.0
+        own = wave.wavenumber + float(shift)
+        u = math.sqrt(float(spread[part][2])) if wave.columns.shape[1] > 2 else math.nan
+        amplitude = max(math.hypot(a, b), 1e-300)
+        u_amplitude = math.hypot(a / amplitude * math.sqrt(spread[part][0]), b / amplitude * math.sqrt(spread[part][1]))
+        rows.append(
+            FoundWave(
+                1.0 / own,
+                u / own**2,
+                float(a),
+                float(b),
+                u_amplitude,
+                p if len(model.seen) >= 3 else math.nan,
+            )
+        )
+    return sorted(rows, key=lambda w: -w.wavelength)
