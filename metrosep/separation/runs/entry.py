@@ -240,9 +240,22 @@ def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> Er
         estimate,
         directions_data=parts,
         audit=audit,
-        runs_data=checks.columns,
+        runs_data=_with_scores(checks.columns, estimate.runs_data),
         messages=(*messages, *estimate.messages),
     )
+
+
+def _with_scores(
+    columns: Mapping[str, list[Any]], scores: Mapping[str, list[Any]]
+) -> dict[str, list[Any]]:
+    """Return the table of the runs with what the others predict of each; NaN for those left out."""
+    out = dict(columns)
+    names = scores.get("run", [])
+    for key in scores:
+        if key != "run":
+            found = dict(zip(names, scores[key], strict=True))
+            out[key] = [found.get(name, math.nan) for name in columns["run"]]
+    return out
 
 
 def _lag_sentence(estimate: ErrorEstimate, runs: RunSet, lag: float, u: float) -> str:
@@ -361,6 +374,10 @@ def _renamed(
         feed_spectra_data=_joined(parts, "feed_spectra_data"),
         residual_psd_data=_joined(parts, "residual_psd_data"),
         residual_rms=rms,
+        runs_data={
+            key: [v for p in parts.values() for v in p.runs_data.get(key, [])]
+            for key in main.runs_data
+        },
         lag=float(np.mean([p.lag for p in parts.values()])),
         lag_sd=float(np.linalg.norm([p.lag_sd for p in parts.values()]) / len(parts)),
         audit=audit,

@@ -561,36 +561,66 @@ def _better_feed(
 def explain_lag(
     solution: Solution, *, mode: Literal["stated", "auto", "fit"], n_selected: int = 1
 ) -> tuple[str, ...]:
-    """Say what the fitted lag is and whether the data determine it."""
+    """Say what lag the readings show and what was done about it."""
     value, sd = solution.lag * 1e3, solution.lag_sd * 1e3
     test = solution.lag_test
+    if mode == "fit":
+        if not sd <= 2.0 or n_selected == 0:
+            return (
+                (
+                    f"the lag is not determined by these runs ({value:.2f} ms, sd {sd:.2f} ms): the error has "
+                    "too little short-wave content; state the lag instead"
+                ),
+            )
+        return (f"readings lag the position by {value:.3f} ms (sd {sd:.3f} ms)",)
+    if test is None or test.lag**2 <= LAG_CHI2 * test.u**2:
+        return ()
     if mode == "auto":
-        if test is None or not test.fitted:
-            return ()
         return (
             (
-                f"readings lag the position by {value:.3g} ms (u {sd:.2g} ms): found by lag='auto' and "
-                'corrected; lag=0.0 (command line: --lag "0 ms") leaves it in'
+                f"readings lag the position by {test.lag * 1e3:.3g} ms (u {test.u * 1e3:.2g} ms), weight "
+                f"{test.probability:.2f}: found by lag='auto' and corrected; its split into delay and time "
+                'constant is not known; lag=0.0 (command line: --lag "0 ms") leaves it in'
             ),
         )
-    if mode == "stated":
-        if test is None or test.lag**2 <= LAG_CHI2 * test.u**2:
-            return ()
-        return (
-            (
-                f"readings lag the position by {value + test.lag * 1e3:.3g} ms (u {test.u * 1e3:.2g} ms), "
-                f"{value:.3g} ms was stated: not corrected, and the uncertainty does not hold it; "
-                "lag='auto' (command line: --lag auto) corrects it"
-            ),
+    return (
+        (
+            f"readings lag the position by {value + test.lag * 1e3:.3g} ms (u {test.u * 1e3:.2g} ms), "
+            f"{value:.3g} ms was stated: not corrected, and the uncertainty does not hold it; "
+            "lag='auto' (command line: --lag auto) corrects it"
+        ),
+    )
+
+
+def explain_slip(solution: Solution, *, sparse: bool) -> tuple[str, ...]:
+    """Name the waves that have another phase in each run, neighbouring harmonics as one."""
+    groups: list[list[int]] = []
+    for length in sorted(solution.slip, reverse=True):
+        k = round(solution.period / length)
+        if groups and k - groups[-1][-1] <= 2:
+            groups[-1].append(k)
+        else:
+            groups.append([k])
+    sentences = []
+    for group in groups:
+        power = np.array([solution.slip[solution.period / k] ** 2 for k in group])
+        amplitude = math.sqrt(2.0 * float(power.sum()))
+        length = solution.period * float(power.sum()) / float(power @ np.array(group))
+        n = solution.n_harmonics
+        variance = np.diag(solution.covariance)
+        known = math.sqrt(sum(0.5 * float(variance[k] + variance[n + k]) for k in group))
+        rest = (
+            "it is not in the estimate, but in the uncertainty; a real wave of that length is taken "
+            "for absent (slip='sparse')"
+            if sparse
+            else f"a real wave of that length is known to {known / _NM:.2g} nm only, which the "
+            "uncertainty holds"
         )
-    if sd > 2.0 or n_selected == 0:
-        return (
-            (
-                f"the lag is not determined by these runs ({value:.2f} ms, sd {sd:.2f} ms): the error has "
-                "too little short-wave content; state the lag instead"
-            ),
+        sentences.append(
+            f"a wave of {length / _MM:.2g} mm, {amplitude / _NM:.2g} nm, has another phase in each "
+            f"run: {rest}; more runs reduce it"
         )
-    return (f"readings lag the position by {value:.3f} ms (sd {sd:.3f} ms)",)
+    return tuple(sentences)
 
 
 _PRIOR_RATIO = 3.0
@@ -635,10 +665,11 @@ def explain_resolution(
 ) -> tuple[str, ...]:
     """Say when the shortest wavelength was bounded by something other than evidence."""
     sentences = []
-    considered = solution.amplitude.size
+    considered = solution.n_harmonics
     below = f"wavelengths below {solution.period / considered * 1e3:.3g} mm were not considered"
     if limit == "cost":
-        evidence = solution.n_harmonics > 0.9 * considered
+        last = solution.rows[-max(considered // 10, 1) :, 3]  # chi-square of the shortest waves
+        evidence = bool((last > 2.0 * math.log(considered / 0.01)).any())
         although = " although there is evidence down to this limit" if evidence else ""
         sentences.append(f"{below}{although}; state shortest= to go further")
     if limit == "data":

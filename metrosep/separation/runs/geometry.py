@@ -17,7 +17,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 
-__all__ = ["PERIOD_SHARE", "Extension", "Spectrum", "Sensor"]
+__all__ = ["PERIOD_SHARE", "Extension", "Sensor", "Spectrum"]
 
 PERIOD_SHARE = 1.4
 """Period of the basis over the travel; greater than 1, so that the error need not close."""
@@ -25,7 +25,7 @@ PERIOD_SHARE = 1.4
 LINE_SD = 30.0
 """Prior standard deviation of the line over the RMS of the readings."""
 
-_SLOPE, _SLOPE_SD = -2.5, 1.5
+SLOPE, SLOPE_SD = -2.5, 1.5
 """Prior of the power law of the spectrum: rough and smooth surfaces lie within two of these."""
 
 _BEND_SD = 1.0
@@ -101,11 +101,11 @@ class Spectrum:
         # slope: (phi_last - phi_0) / ln K ~ N(-2.5, 1.5^2); bends: N(0, 1) over a step of an octave
         slope = np.zeros(n)
         slope[0], slope[-1] = -1.0 / k[-1], 1.0 / k[-1]
-        self.precision = np.outer(slope, slope) / _SLOPE_SD**2
-        self.pull = slope * (_SLOPE / _SLOPE_SD**2)
+        self.precision = np.outer(slope, slope) / SLOPE_SD**2
+        self.pull = slope * (SLOPE / SLOPE_SD**2)
         bends = np.diff(np.eye(n), 2, axis=0) * (np.log(2.0) / (knots[1] - knots[0]))
         self.precision = self.precision + bends.T @ bends / _BEND_SD**2
-        self.phi = _SLOPE * knots
+        self.phi = SLOPE * knots
 
     @property
     def variance(self) -> FloatArray:

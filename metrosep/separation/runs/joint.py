@@ -1,14 +1,14 @@
 """The joint separator: all runs at all feedrates in one generalised least-squares estimate.
 
 Geometry repeats in position, vibration repeats in frequency; runs at several feedrates tell them
-apart. The solver is in `metrosep.separation.runs.solver`, the learnt prior in
-`metrosep.separation.runs.weights`; this module states the question and words the answer.
+apart. The model is solved in `metrosep.separation.runs.solver`; this module states the question
+and words the answer.
 
 What it cannot see: anything common to all feeds and tied to position is geometry to it (the
 artefact's own form, pitch of the screw's balls synchronous with position, a temperature that
 follows position); the offset of each run; the alignment slope is reported apart.
 
-Source: specified in the project's separation notes; baseline motion-error-fourier (Kono 2008).
+Source: specified in the project's notes (separation-2); baseline motion-error-fourier (Kono 2008).
 """
 
 from __future__ import annotations
@@ -48,10 +48,12 @@ from metrosep.separation.runs.evidence import (
     explain_disturbances,
     explain_lag,
     explain_resolution,
+    explain_slip,
 )
+from metrosep.separation.runs.geometry import PERIOD_SHARE
 from metrosep.separation.runs.options import Following, JointOptions, metres
 from metrosep.separation.runs.run_probes import probe_names
-from metrosep.separation.runs.solver import Solution, solve_joint
+from metrosep.separation.runs.solver import CONSTANTS, Solution, solve_joint
 from metrosep.separation.runs.spectra import feed_spectra, feed_spectra_columns
 from metrosep.separation.runs.term_curves import check_lines, feed_curves, report_terms
 from metrosep.spectral.density import pooled_periodogram
@@ -59,13 +61,10 @@ from metrosep.spectral.dft import fourier_basis
 
 __all__ = ["benjamini_hochberg", "separate_joint"]
 
-_PERIOD_SHARE = 1.25
-"""Longest wavelength of the basis over the travel: the error need not close on itself."""
-
 _SAMPLES_PER_WAVE = 2.5
 """Shortest wavelength that is considered, in pitches of the coarsest run."""
 
-_MAX_HARMONICS = 250
+_MAX_HARMONICS = 220
 _NM = 1e-9
 
 _SLOPE_WITH_DRIFT = (
@@ -92,6 +91,8 @@ def separate_joint(
     following_waves: int | Sequence[float] = 3,
     probes: Sequence[str] | None = None,
     probe_gain: Literal["equal", "fit"] = "equal",
+    waves: Sequence[float] = (),
+    slip: Literal["geometry", "sparse"] = "geometry",
 ) -> ErrorEstimate:
     """Return the repeatable error of one direction of travel by joint least squares.
 
@@ -129,6 +130,10 @@ def separate_joint(
         Name of the probe of each run; ``metadata["probe"]`` of the runs if omitted.
     probe_gain : {"equal", "fit"}, optional
         Whether the probes have the sensitivity of the first, or their own.
+    waves : sequence of float, m, optional
+        Wavelengths that the machine may have (leads, their halves and thirds): start values.
+    slip : {"geometry", "sparse"}, optional
+        Of a wave that differs from run to run: whether one of that length that repeats is as likely.
 
     Returns
     -------
@@ -162,6 +167,8 @@ def separate_joint(
         following=following,
         following_waves=cast("Any", following_waves),
         probe_gain=probe_gain,
+        waves=cast("Any", waves),
+        slip=slip,
     )
     start, length, shortest = (
         metres(value, name)
@@ -177,7 +184,7 @@ def separate_joint(
     prepared = prepare_runs(runs, probes=names)
     check_lines(options, prepared)
     low, high = runs.full_travel
-    period = _PERIOD_SHARE * (high - low)
+    period = PERIOD_SHARE * (high - low)
     options.check_waves(period)
     n_harmonics, limit = _n_harmonics(prepared, period=period, shortest=shortest)
     start_lag = 0.0 if lag in ("auto", "fit") else _checked_lag(lag)
@@ -186,10 +193,9 @@ def separate_joint(
         mode = "fit" if lag == "fit" else "auto"
     solution = solve_joint(
         prepared,
+        travel=(low, high),
         origin=first,
-        period=period,
         n_harmonics=n_harmonics,
-        choose_shortest=shortest is None,
         lag=start_lag,
         lag_mode=mode,
         options=options,
@@ -210,6 +216,7 @@ def separate_joint(
         ),
         *explain_lag(solution, mode=mode, n_selected=sum(spectrum["selected"])),
         *explain_disturbances(solution, runs, spectrum),
+        *explain_slip(solution, sparse=slip == "sparse"),
         *sentences,
         *hint_options(solution, prepared, options),
     )
@@ -220,6 +227,8 @@ def separate_joint(
     evidence, audit["evidence"], unsteady = evidence_of(
         runs, names, start=first, stop=last, rate=false_discovery_rate
     )
+    if solution.slip:  # the model holds it, and its own sentence says so
+        unsteady = ()
     known = uncertainty.z[~np.isnan(uncertainty.z)]
     band = float(np.sqrt(np.mean(known**2)))
     messages = (
@@ -254,6 +263,7 @@ def separate_joint(
         history=runs.history,
         terms=terms,
         evidence_data=evidence,
+        runs_data=scores_columns(solution, prepared),
     )
 
 
@@ -480,40 +490,35 @@ _LINE_CELLS = 1.0
 
 
 def spectrum_columns(solution: Solution, runs: RunSet, *, rate: float) -> dict[str, list[Any]]:
-    """Return amplitude, evidence and reason of each wavelength of the basis."""
-    n_all, kept = solution.amplitude.size, solution.n_harmonics
-    k = np.arange(1, n_all + 1)
-    wavelength = solution.period / k
-    cosine, sine = np.zeros(n_all), np.zeros(n_all)
-    cosine[:kept] = solution.coefficients[1 : kept + 1]
-    sine[:kept] = solution.coefficients[kept + 1 :]
-    p_values = np.exp(-solution.chi2 / 2.0)
+    """Return amplitude, evidence and reason of each wave: the free ones and the broad part."""
+    k = np.arange(1, solution.n_harmonics + 1)
+    rows = solution.rows
+    wavelength = np.concatenate([[w.wavelength for w in solution.waves], solution.period / k])
+    order = np.argsort(-wavelength, kind="stable")
+    wavelength, rows = wavelength[order], rows[order]
+    amplitude, phase, sd, chi2 = rows.T
+    p_values = np.exp(-0.5 * chi2)
     selected = benjamini_hochberg(p_values, rate=rate)
-    selected[kept:] = False
     taken = _under_a_line(solution, runs, wavelength)
     selected[list(taken)] = False
     blind = _not_separable(runs, wavelength)
     reasons = [
-        taken.get(i) or _reason(chosen=bool(selected[i]), kept=i < kept, blind=bool(blind[i]))
-        for i in range(n_all)
+        taken.get(i) or _reason(chosen=bool(selected[i]), blind=bool(blind[i]))
+        for i in range(wavelength.size)
     ]
-    amplitude = np.hypot(cosine, sine)
-    amplitude[kept:] = 0.0
     return {
         "wavelength_mm": (wavelength / _MM).tolist(),
         "amplitude_nm": (amplitude / _TABLES_NM).tolist(),
-        "phase_rad": (-np.arctan2(sine, cosine)).tolist(),
-        "sd_nm": (solution.amplitude_sd / _TABLES_NM).tolist(),
-        "snr": (solution.amplitude / solution.amplitude_sd).tolist(),
+        "phase_rad": phase.tolist(),
+        "sd_nm": (sd / _TABLES_NM).tolist(),
+        "snr": (amplitude / sd).tolist(),
         "p": p_values.tolist(),
         "selected": [bool(s) for s in selected],
         "reason": reasons,
     }
 
 
-def _reason(*, chosen: bool, kept: bool, blind: bool) -> str:
-    if not kept:
-        return "no evidence at this wavelength or shorter"
+def _reason(*, chosen: bool, blind: bool) -> str:
     if not chosen:
         return "within the noise"
     return _BLIND if blind else "repeats at all feedrates"
@@ -592,8 +597,23 @@ def joint_audit(
         "averaged_samples": max(r.block for r in prepared),
         "basis_period_mm": solution.period / _MM,
         "shortest_wavelength_mm": solution.period / solution.n_harmonics / _MM,
-        "shortest_wavelength_chosen_by": "user" if shortest is not None else "evidence",
-        "shortest_wavelength_considered_mm": solution.period / solution.amplitude.size / _MM,
+        "shortest_wavelength_chosen_by": "user" if shortest is not None else "sampling",
+        "spectral_slope": solution.slope_of_spectrum,
+        "waves": [
+            {
+                "wavelength_mm": w.wavelength / _MM,
+                "u_wavelength_mm": w.u_wavelength / _MM,
+                "amplitude_nm": math.hypot(w.cosine, w.sine) / _TABLES_NM,
+                "u_amplitude_nm": w.u_amplitude / _TABLES_NM,
+                "p_repeats": None if math.isnan(w.p_repeats) else w.p_repeats,
+            }
+            for w in solution.waves
+        ],
+        "slip": [
+            {"wavelength_mm": length / _MM, "sd_nm": sd / _TABLES_NM}
+            for length, sd in solution.slip.items()
+        ],
+        "constants": CONSTANTS,
         "noise_model": [
             {
                 "time_step_ms": m.time_step * 1e3,
@@ -611,6 +631,20 @@ def joint_audit(
     }
 
 
+def scores_columns(solution: Solution, prepared: Sequence[PreparedRun]) -> dict[str, list[Any]]:
+    """Return what each run is beside what the others predict of it; nothing below 3 runs."""
+    if not solution.scores:
+        return {}
+    return {
+        "run": [r.run_id for r in prepared],
+        "misfit": [s.chi2 for s in solution.scores],
+        "predicted_gain": [s.gain for s in solution.scores],
+        "u_predicted_gain": [s.u_gain for s in solution.scores],
+        "predicted_shift_mm": [s.shift / _MM for s in solution.scores],
+        "u_predicted_shift_mm": [s.u_shift / _MM for s in solution.scores],
+    }
+
+
 def _lag_audit(solution: Solution) -> dict[str, Any] | None:
     """Return what the test of a lag beside the stated one found."""
     test = solution.lag_test
@@ -620,6 +654,7 @@ def _lag_audit(solution: Solution) -> dict[str, Any] | None:
         "lag_ms": test.lag * 1e3,
         "u_ms": test.u * 1e3,
         "probability": test.probability,
+        "spread_ms2": test.spread * 1e6,
         "fitted": test.fitted,
     }
 

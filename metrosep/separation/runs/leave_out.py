@@ -75,7 +75,9 @@ def _score(model: Model, chosen: Sequence[int]) -> RunScore:
     shift = _shift(model, gram, right, curve, rest.theta)
     w = model.extension.wavenumbers
     _, u_shift = step(_waves_only(filtered(curve, -1j * w * np.exp(-1j * w * shift)), w.size))
-    return RunScore(tuple(chosen), _misfit(rest.columns, gram, side, root), 1.0 + gain, u_gain, shift, u_shift)
+    return RunScore(
+        tuple(chosen), _misfit(rest.columns, gram, side, root), 1.0 + gain, u_gain, shift, u_shift
+    )
 
 
 def _misfit(columns: FloatArray, gram: FloatArray, side: FloatArray, root: FloatArray) -> float:

@@ -284,9 +284,9 @@ class Model:
         for first in (1, 1 + used):
             part = slice(first, first + used)
             # dM/dphi = - diag(B s^-2), so dm/dphi = C diag(B s^-2) m
-            weighted[part] = self.spectrum.hats[on] * (
-                share * post.mean[part] / whole[on]
-            )[:, None]
+            weighted[part] = (
+                self.spectrum.hats[on] * (share * post.mean[part] / whole[on])[:, None]
+            )
         change = post.columns @ (post.root @ (post.root.T @ weighted))
         return np.asarray(change @ np.linalg.cholesky(np.linalg.inv(precision)))
 

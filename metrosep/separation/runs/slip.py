@@ -83,4 +83,3 @@ def learn_slip(model: Model, rounds: int) -> None:
         model.slip[k] = np.maximum(0.5 * (own[: k.size] + own[k.size :]), 1e-10)
         model.apply()
     model.solve()
-

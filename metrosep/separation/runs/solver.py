@@ -34,19 +34,37 @@ from metrosep.separation._readings import positive, real_numbers
 from metrosep.separation.runs import sensor as sensor_room
 from metrosep.separation.runs._unknowns import Frequency, Gain, Unknown
 from metrosep.separation.runs.design import PreparedRun
-from metrosep.separation.runs.geometry import Extension, Sensor, Spectrum, filtered
+from metrosep.separation.runs.geometry import (
+    PERIOD_SHARE,
+    SLOPE,
+    SLOPE_SD,
+    Extension,
+    Sensor,
+    Spectrum,
+    filtered,
+)
 from metrosep.separation.runs.leave_out import RunScore, feed_scores, run_scores
 from metrosep.separation.runs.lines import FoundLine, Terms, find_line, nearest_power
 from metrosep.separation.runs.options import JointOptions
 from metrosep.separation.runs.posterior import Model, Posterior
-from metrosep.separation.runs.slip import find_slip, learn_slip
+from metrosep.separation.runs.slip import FALSE_DISCOVERY, find_slip, learn_slip
 from metrosep.separation.runs.system import System
-from metrosep.separation.runs.waves import FoundWave, found_waves, remove_weak, search
+from metrosep.separation.runs.waves import FALSE_ALARM, FoundWave, found_waves, remove_weak, search
 from metrosep.separation.runs.weights import RowWeights
 from metrosep.spectral.autoregressive import AutoregressiveModel
 from metrosep.spectral.spectra import Psd
 
-__all__ = ["Solution", "TimeDensity", "solve_joint", "time_density"]
+__all__ = ["CONSTANTS", "Solution", "TimeDensity", "solve_joint", "time_density"]
+
+CONSTANTS: dict[str, float] = {
+    "basis_period_over_travel": PERIOD_SHARE,
+    "prior_slope": SLOPE,
+    "prior_slope_sd": SLOPE_SD,
+    "prior_lag_ms": sensor_room.LAG_PRIOR * 1e3,
+    "false_alarm_waves": FALSE_ALARM,
+    "false_discovery_slip": FALSE_DISCOVERY,
+}
+"""What is not learnt: priors and error rates; none of them is tuned to a coverage."""
 
 AR_ORDERS = (1, 2, 4, 6, 8, 12, 16, 24, 32, 48)
 """Candidate orders of the noise model beside which a line is looked for."""
@@ -172,10 +190,9 @@ class Solution:
     covariance: FloatArray
     offsets: FloatArray  # shape (n_runs,), m: c_r at the centre
     offset_sd: FloatArray  # shape (n_runs,), m: their standard uncertainty
-    # shape (K,): of every harmonic of the curve, with sd and chi-square of 2 degrees
-    amplitude: FloatArray
-    amplitude_sd: FloatArray
-    chi2: FloatArray
+    # shape (waves + K, 4): amplitude (m), phase (rad), its sd (m), chi-square of 2 degrees: of the
+    # free waves, then of each harmonic of the broad part
+    rows: FloatArray
     n_harmonics: int
     noise: list[AutoregressiveModel]  # one for each sampling interval, slowest first; heights in m
     residuals: list[FloatArray]  # of ndarray, m: readings minus model, NaN where not measured
@@ -217,8 +234,6 @@ class Solution:
             return self.residuals
         pairs = zip(self.residuals, self.weights.marked, strict=True)
         return [np.where(marked, np.nan, residual) for residual, marked in pairs]
-
-
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -316,7 +331,6 @@ def make_solution(
         differences = probe_differences(system, model)
     levels = system.levels(model, post)
     residuals = [r * system.scale for r in system.residuals(model)]
-    amplitude, sd, chi2 = _amplitudes(mean[1:n], covariance[1:n, 1:n], k)
     lag, lag_sd = _lag(stated, lag_test, lag_mode)
     return Solution(
         origin=model.extension.origin,
@@ -326,9 +340,7 @@ def make_solution(
         covariance=covariance[:n, :n],
         offsets=np.array([level for level, _ in levels]) * system.scale,
         offset_sd=_offset_sd(model, post) * system.scale,
-        amplitude=amplitude,
-        amplitude_sd=sd,
-        chi2=chi2,
+        rows=_rows(model, post) * np.array([system.scale, 1.0, system.scale, 1.0]),
         n_harmonics=k,
         noise=[
             AutoregressiveModel(m.coefficients, m.variance * system.scale**2, m.time_step)
@@ -373,16 +385,19 @@ def _lag(stated: float, test: LagTest | None, mode: str) -> tuple[float, float]:
     return stated + p * test.lag, u
 
 
-def _amplitudes(
-    mean: FloatArray, covariance: FloatArray, k: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return amplitude, sd and chi-square of two degrees of every harmonic of the curve."""
-    a, b = mean[:k], mean[k:]
-    i = np.arange(k)
-    aa, bb, ab = covariance[i, i], covariance[k + i, k + i], covariance[i, k + i]
+def _rows(model: Model, post: Posterior) -> FloatArray:
+    """Return amplitude, phase, sd and chi-square of the free waves and of each harmonic beside them."""
+    n = int(model.harmonics().sum())  # all K in the last solution
+    covariance = post.root @ post.root.T
+    pairs = [(part.start, part.start + 1) for part in model.wave_parts()]
+    order = np.argsort([model.waves[i].wavenumber for i in range(len(pairs))], kind="stable")
+    pairs = [pairs[i] for i in order] + [(1 + k, 1 + n + k) for k in range(n)]
+    a, b = (post.mean[list(at)] for at in zip(*pairs, strict=True))
+    i, j = (np.array(at) for at in zip(*pairs, strict=True))
+    aa, bb, ab = covariance[i, i], covariance[j, j], covariance[i, j]
     det = np.maximum(aa * bb - ab**2, 1e-300)
     chi2 = (bb * a**2 - 2.0 * ab * a * b + aa * b**2) / det
-    return np.hypot(a, b), np.sqrt(0.5 * (aa + bb)), chi2
+    return np.column_stack([np.hypot(a, b), -np.arctan2(b, a), np.sqrt(0.5 * (aa + bb)), chi2])
 
 
 def _offset_sd(model: Model, post: Posterior) -> FloatArray:
@@ -559,9 +574,7 @@ def probe_differences(system: System, model: Model) -> tuple[ProbeDifference, ..
 
     def columns(index: int) -> FloatArray:
         out = np.zeros((system.runs[index].x.size, len(names)))
-        out[:, names.index(system.runs[index].probe)] = system.shape(
-            index, model, with_slope=True
-        )
+        out[:, names.index(system.runs[index].probe)] = system.shape(index, model, with_slope=True)
         return out
 
     score, own, cross = system.score(model, columns)
@@ -774,5 +787,3 @@ def _refuse_shaking(f: FloatArray, s: FloatArray, where: str) -> None:
             f"the density integrates to {rms:.3g} m RMS{where}, more than any machine shakes; give "
             "m^2/Hz (1 um^2/Hz is 1e-12 m^2/Hz, 1 nm^2/Hz is 1e-18)"
         )
-
-

@@ -279,10 +279,14 @@ class System:
             residuals = [d.mean(axis=1) for d in draws]
             for _ in range(2):  # what is a spike depends on the noise model, and it on the spikes
                 cleaned = self.weights.clean(residuals, self.groups, self.noise)
-                own = [d + (c - r)[:, None] for d, c, r in zip(draws, cleaned, residuals, strict=True)]
+                own = [
+                    d + (c - r)[:, None] for d, c, r in zip(draws, cleaned, residuals, strict=True)
+                ]
                 self._fit(own, most)
             self.weights.weigh(cleaned, self.groups, self.noise)
-            draws = [d + (c - r)[:, None] for d, c, r in zip(draws, cleaned, residuals, strict=True)]
+            draws = [
+                d + (c - r)[:, None] for d, c, r in zip(draws, cleaned, residuals, strict=True)
+            ]
         else:
             self._fit(draws, most)
         n_probes = len({r.probe for r in self.runs})
@@ -320,7 +324,7 @@ def _short_gaps(z: FloatArray) -> BoolArray:
     out = np.zeros(z.size, dtype=bool)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], missing.astype(np.int8), [0]])))
     for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        out[a:b] = 0 < a and b < z.size and b - a <= _SHORT_GAP
+        out[a:b] = a > 0 and b < z.size and b - a <= _SHORT_GAP
     return out if out.sum() <= z.size // 10 else np.zeros(z.size, dtype=bool)
 
 

@@ -185,7 +185,9 @@ def agreement(model: Model) -> list[float]:
         without[: wave.columns.shape[0]] -= wave.columns @ model.post.mean[part]
         own = [w.T @ r.gram @ w for r in runs]
         found = [
-            np.linalg.solve(i + 1e-12 * np.trace(i) * np.eye(2), w.T @ (r.right - r.gram @ without))
+            np.linalg.solve(
+                i + 1e-12 * np.trace(i) * np.eye(2), w.T @ (r.right - r.gram @ without)
+            )
             for i, r in zip(own, runs, strict=True)
         ]
         whole = sum(own)
@@ -210,7 +212,9 @@ def found_waves(model: Model) -> list[FoundWave]:
         own = wave.wavenumber + float(shift)
         u = math.sqrt(float(spread[part][2])) if wave.columns.shape[1] > 2 else math.nan
         amplitude = max(math.hypot(a, b), 1e-300)
-        u_amplitude = math.hypot(a / amplitude * math.sqrt(spread[part][0]), b / amplitude * math.sqrt(spread[part][1]))
+        u_amplitude = math.hypot(
+            a / amplitude * math.sqrt(spread[part][0]), b / amplitude * math.sqrt(spread[part][1])
+        )
         rows.append(
             FoundWave(
                 1.0 / own,
