@@ -132,7 +132,7 @@ def test_stated_lag_is_used_and_the_wrong_sign_hurts(contract_machine, as_runset
     runs = as_runset(machine)
 
     right = machine.rms_nm(joint(runs, machine, lag=2e-3))
-    none = machine.rms_nm(joint(runs, machine))
+    none = machine.rms_nm(joint(runs, machine, lag=0.0))
     wrong = machine.rms_nm(joint(runs, machine, lag=-2e-3))
 
     assert right < 10.0 * NM

@@ -208,12 +208,22 @@ def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> Er
     """Return the estimate with its run checks; the step of coarse readings enters the band."""
     from dataclasses import replace
 
+    used = [i for i, u in enumerate(checks.columns["used"]) if u]
+    rows = [
+        i for d in runs.directions for i, r in zip(used, runs, strict=True) if r.direction == d
+    ]
+    columns = _with_scores(checks.columns, estimate.runs_data, rows)
     messages = list(checks.messages)
+    messages += [
+        f"run {name} {text}"
+        for name, text, known in zip(
+            columns["run"], columns["finding"], checks.columns["finding"], strict=True
+        )
+        if text and not known
+    ]
     kept = [
         name
-        for name, text, used in zip(
-            *(checks.columns[k] for k in ("run", "finding", "used")), strict=True
-        )
+        for name, text, used in zip(*(columns[k] for k in ("run", "finding", "used")), strict=True)
         if text and used
     ]
     if kept:
@@ -240,21 +250,28 @@ def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> Er
         estimate,
         directions_data=parts,
         audit=audit,
-        runs_data=_with_scores(checks.columns, estimate.runs_data),
+        runs_data=columns,
         messages=(*messages, *estimate.messages),
     )
 
 
 def _with_scores(
-    columns: Mapping[str, list[Any]], scores: Mapping[str, list[Any]]
+    columns: Mapping[str, list[Any]], scores: Mapping[str, list[Any]], rows: list[int]
 ) -> dict[str, list[Any]]:
-    """Return the table of the runs with what the others predict of each; NaN for those left out."""
-    out = dict(columns)
-    names = scores.get("run", [])
-    for key in scores:
-        if key != "run":
-            found = dict(zip(names, scores[key], strict=True))
-            out[key] = [found.get(name, math.nan) for name in columns["run"]]
+    """Return the table of the runs with what the others predict of each; NaN for those left out.
+
+    A run that only the prediction finds odd gets a finding: the checks before the fit compare
+    curves, the prediction knows the noise as well.
+    """
+    out = {k: list(v) for k, v in columns.items()}
+    for key, values in scores.items():
+        if key != "against_others":
+            out[key] = [math.nan] * len(columns["run"])
+        for i, value in zip(rows, values, strict=True):
+            if key != "against_others":
+                out[key][i] = value
+            elif value and not out["finding"][i]:
+                out["finding"][i] = value
     return out
 
 

@@ -71,10 +71,11 @@ class Extension:
         """Return the columns of functions that are given on `grid` (eq. 9)."""
         return np.asarray(self._pseudo @ values)
 
-    def wave(self, wavenumber: float) -> FloatArray:
-        """Return cosine and sine of a wavenumber in 1/m, shape (1 + 2 K, 2)."""
-        phase = 2.0 * np.pi * wavenumber * (self.grid - self.origin)
-        return self.coefficients(np.column_stack([np.cos(phase), np.sin(phase)]))
+    def wave(self, wavenumber: float | FloatArray) -> FloatArray:
+        """Return cosine and sine of each wavenumber in 1/m, shape (1 + 2 K, 2 m), pair by pair."""
+        phase = 2.0 * np.pi * np.outer(self.grid - self.origin, wavenumber)
+        pairs = np.stack([np.cos(phase), np.sin(phase)], axis=-1)
+        return self.coefficients(pairs.reshape(self.grid.size, -1))
 
     def wave_change(self, wavenumber: float, pair: FloatArray) -> FloatArray:
         """Return the derivative of a wave with its wavenumber, shape (1 + 2 K,)."""

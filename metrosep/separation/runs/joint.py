@@ -51,6 +51,7 @@ from metrosep.separation.runs.evidence import (
     explain_slip,
 )
 from metrosep.separation.runs.geometry import PERIOD_SHARE
+from metrosep.separation.runs.leave_out import suspicion
 from metrosep.separation.runs.options import Following, JointOptions, metres
 from metrosep.separation.runs.run_probes import probe_names
 from metrosep.separation.runs.solver import CONSTANTS, Solution, solve_joint
@@ -263,7 +264,7 @@ def separate_joint(
         history=runs.history,
         terms=terms,
         evidence_data=evidence,
-        runs_data=scores_columns(solution, prepared),
+        runs_data=scores_columns(solution),
     )
 
 
@@ -631,12 +632,13 @@ def joint_audit(
     }
 
 
-def scores_columns(solution: Solution, prepared: Sequence[PreparedRun]) -> dict[str, list[Any]]:
+def scores_columns(solution: Solution) -> dict[str, list[Any]]:
     """Return what each run is beside what the others predict of it; nothing below 3 runs."""
     if not solution.scores:
         return {}
+    odd, n = suspicion(solution.scores), len(solution.scores)
     return {
-        "run": [r.run_id for r in prepared],
+        "against_others": [odd[1] if odd and odd[0] == i else "" for i in range(n)],
         "misfit": [s.chi2 for s in solution.scores],
         "predicted_gain": [s.gain for s in solution.scores],
         "u_predicted_gain": [s.u_gain for s in solution.scores],

@@ -13,16 +13,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.units import format_length
 from metrosep.separation.runs.geometry import filtered
 from metrosep.separation.runs.posterior import Model
 
-__all__ = ["RunScore", "feed_scores", "run_scores"]
+__all__ = ["RunScore", "feed_scores", "run_scores", "suspicion"]
 
 _FAR = 3e-3
 """m; shifts are looked for so far on each side."""
 
 _EDGE = 1e-9
 """Directions of the prediction's variance below this share of the largest are not tested."""
+
+
+_SURE = 5.0
+"""Standard uncertainties beyond which a gain or a shift is named."""
+
+_GAIN = 0.1
+"""Least excess of a gain that is named."""
+
+_MISFIT = 2.0
+"""Chi-square per degree of freedom, and its ratio to the median run, beyond which a run is named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +64,33 @@ def feed_scores(model: Model) -> list[RunScore]:
         _score(model, tuple(i for i, r in enumerate(model.seen) if r.feed == feed))
         for feed in feeds
     ]
+
+
+def suspicion(scores: Sequence[RunScore]) -> tuple[int, str] | None:
+    """Return the run that is farthest from what the others predict, and what is odd about it."""
+    if len(scores) < 3:
+        return None
+    typical = float(np.median([s.chi2 for s in scores]))
+    found: list[tuple[float, int, str]] = []
+    others = len(scores) - 1
+    for i, s in enumerate(scores):
+        gain, shift = abs(s.gain - 1.0) / s.u_gain, abs(s.shift) / s.u_shift
+        if abs(s.gain - 1.0) > _GAIN and gain > _SURE:
+            text = f"has the gain {s.gain:.2f} (u {s.u_gain:.2g})"
+            if s.gain < 0.0:
+                text = f"has the opposite sign: gain {s.gain:.2f} (u {s.u_gain:.2g})"
+            found.append((gain / _SURE, i, text))
+        if shift > _SURE and abs(s.shift) < _FAR:
+            text = f"is displaced by {format_length(s.shift)} (u {format_length(s.u_shift, digits=2)})"
+            found.append((shift / _SURE, i, text))
+        if s.chi2 > _MISFIT * max(1.0, typical):
+            times = math.sqrt(s.chi2)
+            text = f"differs by {times:.2g} times what the noise explains"
+            found.append((math.sqrt(s.chi2 / _MISFIT / max(1.0, typical)), i, text))
+    if not found:
+        return None
+    _, i, text = max(found)
+    return i, f"{text} against what the other {others} runs predict"
 
 
 def _score(model: Model, chosen: Sequence[int]) -> RunScore:
@@ -104,7 +142,7 @@ def _shift(
     wave = wave * np.exp(-1j * np.outer(w, shifts))
     moved = np.zeros((curve.size, shifts.size))
     moved[1 : n + 1], moved[n + 1 : 2 * n + 1] = wave.real, -wave.imag
-    misfit = np.einsum("ij,ij->j", moved, gram @ moved) - 2.0 * right @ moved
+    misfit = (moved * (gram @ moved)).sum(axis=0) - 2.0 * right @ moved
     shift = float(shifts[np.argmin(misfit)])
     for _ in range(4):
         at = filtered(curve, np.exp(-1j * w * shift))

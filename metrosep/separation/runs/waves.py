@@ -62,7 +62,7 @@ def search(model: Model, given: Sequence[float] = ()) -> None:
     if most <= least:
         return
     grid = np.arange(least, most, 1.0 / (_PER_CELL * ext.travel))
-    columns = np.hstack([ext.wave(nu) for nu in grid])
+    columns = ext.wave(grid)
     n_looked = 1.25 * ext.travel * most
     limit = 2.0 * math.log(max(n_looked, 2.0) / FALSE_ALARM)
     model.learn(6, above=1.0, cap=True)
@@ -91,9 +91,9 @@ def _scores(model: Model, columns: FloatArray) -> FloatArray:
     rest = (right - gram @ post.theta)[:n]
     q = (columns.T @ rest).reshape(-1, 2)
     held = inner @ columns
-    aa = np.einsum("ij,ij->j", columns[:, ::2], held[:, ::2])
-    bb = np.einsum("ij,ij->j", columns[:, 1::2], held[:, 1::2])
-    ab = np.einsum("ij,ij->j", columns[:, ::2], held[:, 1::2])
+    even, odd = columns[:, ::2], columns[:, 1::2]
+    aa, bb = (even * held[:, ::2]).sum(axis=0), (odd * held[:, 1::2]).sum(axis=0)
+    ab = (even * held[:, 1::2]).sum(axis=0)
     det = aa * bb - ab**2
     safe = det > 1e-9 * aa * bb
     top = bb * q[:, 0] ** 2 - 2.0 * ab * q[:, 0] * q[:, 1] + aa * q[:, 1] ** 2
