@@ -14,13 +14,19 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 
-__all__ = ["PERIOD_SHARE", "Extension", "Sensor", "Spectrum"]
+ComplexArray = NDArray[np.complex128]
+
+__all__ = ["HELD_SHARE", "PERIOD_SHARE", "Extension", "Sensor", "Spectrum"]
 
 PERIOD_SHARE = 1.4
 """Period of the basis over the travel; greater than 1, so that the error need not close."""
+
+HELD_SHARE = 0.9
+"""Share of the highest wavenumber up to which the basis holds a wave of any wavelength."""
 
 LINE_SD = 30.0
 """Prior standard deviation of the line over the RMS of the readings."""
@@ -51,7 +57,7 @@ class Extension:
     @property
     def wavenumbers(self) -> FloatArray:
         """w_k in rad/m."""
-        return 2.0 * np.pi * np.arange(1, self.n + 1) / self.period
+        return np.asarray(2.0 * np.pi * np.arange(1, self.n + 1) / self.period)
 
     def line(self, x: FloatArray) -> FloatArray:
         """Return u(x)."""
@@ -134,7 +140,7 @@ class Sensor:
     lag: float = 0.0
     spread: float = 0.0
 
-    def response(self, wavenumbers: FloatArray, velocity: float) -> FloatArray:
+    def response(self, wavenumbers: FloatArray, velocity: float) -> ComplexArray:
         """Return H(w, v) (eq. 3); a wave a - i b is read as H (a - i b)."""
         constant = np.sqrt(self.spread)
         wv = wavenumbers * velocity
@@ -142,14 +148,14 @@ class Sensor:
 
     def log_changes(
         self, wavenumbers: FloatArray, velocity: float
-    ) -> tuple[FloatArray, FloatArray]:
+    ) -> tuple[ComplexArray, ComplexArray]:
         """Return d ln H / d l and d ln H / d q (eq. 20)."""
         wv = wavenumbers * velocity
         constant = np.sqrt(self.spread)
         return -1j * wv, -(wv**2) / (2.0 * (1.0 + 1j * wv * constant))
 
 
-def filtered(columns: FloatArray, factors: FloatArray) -> FloatArray:
+def filtered(columns: FloatArray, factors: ComplexArray) -> FloatArray:
     """Return coefficients (line, a, b) as read through complex factors on a - i b."""
     n = factors.size
     out = np.array(columns, dtype=np.float64)

@@ -50,7 +50,7 @@ from metrosep.separation.runs.evidence import (
     explain_resolution,
     explain_slip,
 )
-from metrosep.separation.runs.geometry import PERIOD_SHARE
+from metrosep.separation.runs.geometry import HELD_SHARE, PERIOD_SHARE
 from metrosep.separation.runs.leave_out import suspicion
 from metrosep.separation.runs.options import Following, JointOptions, metres
 from metrosep.separation.runs.run_probes import probe_names
@@ -244,6 +244,8 @@ def separate_joint(
             solution, band=band, plain=_plain_band(solution, (first, last), (low, high))
         ),
     )
+    if solution.scores:
+        terms = {**terms, "leave_one_out": left_out_columns(solution, prepared, (low, high))}
     feed_term = feed_curves(solution, options, (first, last), (low, high))
     residual = np.concatenate(solution.kept_residuals)
     return ErrorEstimate(
@@ -323,7 +325,8 @@ def _n_harmonics(
                 f"{format_length(floor)} (2.5 sample pitches) and {format_length(period)}; it is in "
                 "metres: 1.2 mm is 1.2e-3"
             )
-        wanted = int(period / shortest * (1.0 + 1e-12))
+        # A wave is held by harmonics on both of its sides.
+        wanted = math.ceil(period / shortest / HELD_SHARE * (1.0 - 1e-12))
         return min(wanted, by_data), "stated" if wanted <= by_data else "data"
     by_pitch = int(period / floor)
     return min(by_pitch, by_data, _MAX_HARMONICS), (
@@ -644,6 +647,30 @@ def scores_columns(solution: Solution) -> dict[str, list[Any]]:
         "u_predicted_gain": [s.u_gain for s in solution.scores],
         "predicted_shift_mm": [s.shift / _MM for s in solution.scores],
         "u_predicted_shift_mm": [s.u_shift / _MM for s in solution.scores],
+    }
+
+
+_PLACES = 60
+"""Positions at which a run is shown against what the others predict of it."""
+
+
+def left_out_columns(
+    solution: Solution, prepared: Sequence[PreparedRun], travel: tuple[float, float]
+) -> dict[str, Any]:
+    """Return each run minus what the others predict of it, averaged over stretches of the travel."""
+    edges = np.linspace(*travel, _PLACES + 1)
+    rows = []
+    for run, rest in zip(prepared, solution.unpredicted, strict=True):
+        known = ~np.isnan(rest)
+        at = np.clip(np.searchsorted(edges, run.x[known], side="right") - 1, 0, _PLACES - 1)
+        count = np.bincount(at, minlength=_PLACES)
+        total = np.bincount(at, weights=rest[known], minlength=_PLACES)
+        mean = np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        rows.append((mean / _TABLES_NM).tolist())
+    return {
+        "x_mm": (0.5 * (edges[1:] + edges[:-1]) / _MM).tolist(),
+        "run": [run.run_id for run in prepared],
+        "rest_nm": rows,
     }
 
 

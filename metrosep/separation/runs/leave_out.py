@@ -15,7 +15,7 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.units import format_length
 from metrosep.separation.runs.geometry import filtered
-from metrosep.separation.runs.posterior import Model
+from metrosep.separation.runs.posterior import Model, Posterior
 
 __all__ = ["RunScore", "feed_scores", "run_scores", "suspicion"]
 
@@ -46,6 +46,7 @@ class RunScore:
     u_gain: float
     shift: float  # m: the readings show the error of the place x - shift
     u_shift: float
+    theta: FloatArray  # what the others predict, in the coordinates of the equations
 
 
 def run_scores(model: Model) -> list[RunScore]:
@@ -101,7 +102,7 @@ def _score(model: Model, chosen: Sequence[int]) -> RunScore:
     curve[0] = 0.0  # the line is alignment: neither gain nor shift show in it
     curve[1 + 2 * model.extension.n :] = 0.0
     side = right - gram @ rest.theta
-    root = rest.columns @ rest.root
+    root = rest.full_root
 
     def step(along: FloatArray) -> tuple[float, float]:
         seen = gram @ along
@@ -113,19 +114,19 @@ def _score(model: Model, chosen: Sequence[int]) -> RunScore:
     shift = _shift(model, gram, right, curve, rest.theta)
     w = model.extension.wavenumbers
     _, u_shift = step(_waves_only(filtered(curve, -1j * w * np.exp(-1j * w * shift)), w.size))
-    return RunScore(
-        tuple(chosen), _misfit(rest.columns, gram, side, root), 1.0 + gain, u_gain, shift, u_shift
-    )
+    misfit = _misfit(rest, gram, side)
+    return RunScore(tuple(chosen), misfit, 1.0 + gain, u_gain, shift, u_shift, rest.theta)
 
 
-def _misfit(columns: FloatArray, gram: FloatArray, side: FloatArray, root: FloatArray) -> float:
+def _misfit(rest: Posterior, gram: FloatArray, side: FloatArray) -> float:
     """Return chi-square per degree of freedom on the columns in use (eq. 15)."""
-    across = columns.T @ gram
-    half = across @ root
-    variance = across @ columns + half @ half.T
+    across = rest.along(gram)
+    own = rest.along(across.T)
+    half = own @ rest.root
+    variance = own + half @ half.T
     values, vectors = np.linalg.eigh(0.5 * (variance + variance.T))
     seen = values > _EDGE * values[-1]
-    along = vectors[:, seen].T @ (columns.T @ side)
+    along = vectors[:, seen].T @ rest.along(side)
     return float(np.mean(along**2 / values[seen]))
 
 

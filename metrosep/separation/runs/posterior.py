@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from metrosep.core._arrays import BoolArray, FloatArray
+from metrosep.core._arrays import BoolArray, FloatArray, IntArray
 from metrosep.core.errors import DegenerateFitError
 from metrosep.separation.runs.geometry import LINE_SD, Extension, Sensor, Spectrum, filtered
 
@@ -55,28 +55,55 @@ class Wave:
 
 @dataclass(slots=True, eq=False)
 class Posterior:
-    """Solution of one model."""
+    """Solution of one model; its columns are some coordinates, then those of the waves."""
 
     mean: FloatArray  # shape (n,), of the columns in use
-    columns: FloatArray  # shape (N, n): their coordinates
+    used: IntArray  # coordinates in use
+    waves: FloatArray  # shape (N, m): columns of the waves
     root: FloatArray  # shape (n, n): covariance = root @ root.T
     evidence: float  # ln evidence, but for a term that does not depend on the prior
+    _spread: FloatArray | None = None
 
     @property
     def theta(self) -> FloatArray:
         """Mean in the coordinates of the run equations."""
-        return np.asarray(self.columns @ self.mean)
+        return self.expanded(self.mean)
+
+    def expanded(self, values: FloatArray) -> FloatArray:
+        """Return values of the columns, shape (n,) or (n, k), in all coordinates."""
+        out = np.zeros((self.waves.shape[0], *values.shape[1:]))
+        out[self.used] = values[: self.used.size]
+        if self.waves.shape[1]:
+            out += self.waves @ values[self.used.size :]
+        return out
+
+    def along(self, columns: FloatArray) -> FloatArray:
+        """Return what columns of the coordinates, shape (N,) or (N, k), are on those in use."""
+        own = columns[self.used]
+        return np.concatenate([own, self.waves.T @ columns]) if self.waves.shape[1] else own
+
+    @property
+    def full_root(self) -> FloatArray:
+        """Root of the covariance in all coordinates, shape (N, n)."""
+        return self.expanded(self.root)
+
+    @property
+    def spread(self) -> FloatArray:
+        """Variances of the columns in use."""
+        if self._spread is None:
+            self._spread = np.einsum("ij,ij->i", self.root, self.root)
+        return self._spread
 
     def covariance(self) -> FloatArray:
         """Return the covariance in the coordinates of the run equations."""
-        root = self.columns @ self.root
+        root = self.full_root
         return np.asarray(root @ root.T)
 
     def draws(self, n: int, seed: int) -> FloatArray:
         """Return draws whose mean is the mean, shape (N, n)."""
         free = np.random.default_rng(seed).standard_normal((self.mean.size, n))
         free = (free - free.mean(axis=1, keepdims=True)) * math.sqrt(n / (n - 1.0))
-        return np.asarray(self.columns @ (self.mean[:, None] + self.root @ free))
+        return self.expanded(self.mean[:, None] + self.root @ free)
 
 
 @dataclass(slots=True, eq=False)
@@ -122,34 +149,35 @@ class Model:
             block = gram[np.ix_(at, at)] + np.diag(1.0 / np.tile(self.slip[self.slip > 0.0], 2))
             solved = np.linalg.solve(block, np.column_stack([gram[at], right[at]]))
             gram = gram - gram[:, at] @ solved[:, :-1]
-            right = right - gram_side(run.gram, at) @ solved[:, -1]
+            right = right - run.gram[:, at] @ solved[:, -1]
         if self.sensor != Sensor():
             h = np.conj(self.sensor.response(self.extension.wavenumbers, run.velocity))
             gram = filtered(filtered(gram, h).T, h)
             right = filtered(right, h)
         return replace(run, gram=0.5 * (gram + gram.T), right=right)
 
-    def slipping(self) -> FloatArray:
+    def slipping(self) -> IntArray:
         """Return the coordinates with a part that differs from run to run, cosines first."""
         k = np.flatnonzero(self.slip > 0.0)
         return np.asarray(np.concatenate([1 + k, 1 + self.extension.n + k]))
 
     # ---- solution --------------------------------------------------------------------------
 
-    def columns(self) -> FloatArray:
-        """Return the columns in use: line, kept harmonics and slipping ones, waves, extra."""
-        n = self.extension.n
-        size = 1 + 2 * n + self.n_extra
-        unit = np.eye(size)[:, self._used()]
-        parts = [unit] + [_padded(w.columns, size) for w in self.waves]
-        return np.hstack(parts)
+    def wave_columns(self) -> FloatArray:
+        """Return the columns of the waves, shape (N, m)."""
+        size = 1 + 2 * self.extension.n + self.n_extra
+        out = np.zeros((size, sum(w.columns.shape[1] for w in self.waves)))
+        if self.waves:
+            out[: 1 + 2 * self.extension.n] = np.hstack([w.columns for w in self.waves])
+        return out
 
     def harmonics(self) -> BoolArray:
         """Return which harmonics are in use."""
         k = np.arange(self.extension.n)
         return np.asarray((k < self.kept) | (self.slip > 0.0))
 
-    def _used(self) -> FloatArray:
+    def used(self) -> IntArray:
+        """Return the coordinates in use: line, kept and slipping harmonics, extra."""
         on = self.harmonics()
         ones = np.concatenate([[True], on, on, np.ones(self.n_extra, dtype=bool)])
         return np.flatnonzero(ones)
@@ -177,33 +205,35 @@ class Model:
         """Return the posterior of some equations under the prior at hand (eq. 8)."""
         from scipy.linalg.lapack import dpotrf, dtrtri
 
-        columns, precision = self.columns(), self.precision()
-        used = self._used()
-        if not self.waves:
-            matrix, side = gram[np.ix_(used, used)].copy(), right[used]
+        precision, used, waves = self.precision(), self.used(), self.wave_columns()
+        n = used.size
+        matrix = np.empty((precision.size, precision.size))
+        if n == gram.shape[0]:
+            matrix[:n, :n] = gram
         else:
-            half = gram @ columns[:, used.size :]
-            matrix = np.block(
-                [
-                    [gram[np.ix_(used, used)], half[used]],
-                    [half[used].T, columns[:, used.size :].T @ half],
-                ]
-            )
-            side = np.concatenate([right[used], columns[:, used.size :].T @ right])
+            matrix[:n, :n] = gram[np.ix_(used, used)]
+        side = right[used]
+        if waves.shape[1]:
+            half = gram @ waves
+            matrix[:n, n:], matrix[n:, :n] = half[used], half[used].T
+            matrix[n:, n:] = waves.T @ half
+            side = np.concatenate([side, waves.T @ right])
         matrix[np.diag_indices_from(matrix)] += precision
         scale = 1.0 / np.sqrt(np.diag(matrix))
-        factor, info = dpotrf(matrix * scale[:, None] * scale, lower=1, clean=1)
+        matrix *= scale[:, None]
+        matrix *= scale
+        factor, info = dpotrf(matrix.T, lower=1, clean=1, overwrite_a=1)
         if info != 0:
             raise DegenerateFitError(
                 "the runs do not determine the model: two runs or wavelengths are "
                 "indistinguishable; ask for longer wavelengths (shortest=) or add runs"
             )
-        inverse = dtrtri(factor, lower=1)[0]
+        logs = 2.0 * float(np.log(np.diag(factor)).sum() - np.log(scale).sum())
+        inverse = dtrtri(factor, lower=1, overwrite_c=1)[0]
         root = inverse.T * scale[:, None]
         mean = root @ (root.T @ side)
-        logs = 2.0 * float(np.log(np.diag(factor)).sum() - np.log(scale).sum())
         evidence = 0.5 * (float(side @ mean) - logs + float(np.log(precision).sum()))
-        return Posterior(mean, columns, root, evidence)
+        return Posterior(mean, used, waves, root, evidence)
 
     # ---- learning --------------------------------------------------------------------------
 
@@ -226,7 +256,7 @@ class Model:
         n, used = self.extension.n, int(on.sum())
         variance = self.spectrum.variance
         whole = variance + self.slip if self.slip_is_geometry else variance
-        spread = np.sum(post.root**2, axis=1)
+        spread = post.spread
         share = np.zeros(n)
         share[on] = variance[on] / whole[on]  # d ln(s^2 + Lambda) / d ln s^2
         score, information = np.zeros(n), np.zeros(n)
@@ -243,7 +273,7 @@ class Model:
         return score * share, information * share**2
 
     def _learn_waves(self, post: Posterior) -> None:
-        spread = np.sum(post.root**2, axis=1)
+        spread = post.spread
         at = post.mean.size - sum(w.columns.shape[1] for w in self.waves)
         for wave in self.waves:
             pair = slice(at, at + 2)
@@ -264,7 +294,7 @@ class Model:
         """Leave out, while learning only, the harmonics that add nothing (3.5)."""
         post = self.solve()
         variance, n = self.spectrum.variance, self.extension.n
-        spread = float(np.sum((post.columns @ post.root)[1 : 1 + 2 * n] ** 2))
+        spread = float(np.sum(post.full_root[1 : 1 + 2 * n] ** 2))
         tail = np.cumsum(variance[::-1])[::-1]
         gram = np.diag(self.total[0])
         own = 0.5 * (gram[1 : n + 1] + gram[n + 1 : 2 * n + 1])
@@ -287,16 +317,5 @@ class Model:
             weighted[part] = (
                 self.spectrum.hats[on] * (share * post.mean[part] / whole[on])[:, None]
             )
-        change = post.columns @ (post.root @ (post.root.T @ weighted))
+        change = post.expanded(post.root @ (post.root.T @ weighted))
         return np.asarray(change @ np.linalg.cholesky(np.linalg.inv(precision)))
-
-
-def gram_side(gram: FloatArray, at: FloatArray) -> FloatArray:
-    """Return the columns of the slipping coordinates."""
-    return gram[:, at]
-
-
-def _padded(columns: FloatArray, size: int) -> FloatArray:
-    out = np.zeros((size, columns.shape[1]))
-    out[: columns.shape[0]] = columns
-    return out

@@ -63,7 +63,7 @@ def lag_score(model: Model) -> LagScore | None:
         score += columns.T @ (run.right - run.gram @ theta)
         own += columns.T @ along
         cross += along
-    root = model.post.columns @ model.post.root
+    root = model.post.full_root
     held = root.T @ cross
     information = own - held.T @ held
     if information[0, 0] <= 1e-9 * own[0, 0] or not own[0, 0] > 0.0:
@@ -121,5 +121,5 @@ def lag_covariance(model: Model, post: Posterior) -> FloatArray:
     """Return what the uncertain lag and spread add to the covariance (eq. 23)."""
     at = lag_score(model)
     if at is None:
-        return np.zeros((post.columns.shape[0],) * 2)
+        return np.zeros((post.waves.shape[0],) * 2)
     return np.asarray(at.change @ np.linalg.solve(at.information, at.change.T))

@@ -70,7 +70,7 @@ def learn_slip(model: Model, rounds: int) -> None:
             return
         k = np.flatnonzero(model.slip > 0.0)
         prior = np.diag(1.0 / np.tile(model.slip[k], 2))
-        covariance = model.post.columns @ model.post.root
+        covariance = model.post.full_root
         total = np.zeros(at.size)
         for run in model.runs:
             h = model.sensor.response(model.extension.wavenumbers, run.velocity)

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal
 
@@ -130,14 +130,19 @@ def solve_joint(
             if model.slip.any():
                 learn_slip(model, 8)
         scores = run_scores(model), feed_scores(model)
+        unpredicted = [system.rest(i, model, s.theta) for i, s in enumerate(scores[0])]
         model.kept = n_harmonics
         _pass(system, model, most=7, order=None, above=1.0)
         if seek_lag:
             sensor_room.lag_steps(model)
         unknowns = wanted_unknowns(system, options)
         fit_unknowns(system, model, unknowns)
-        return make_solution(
+        solution = make_solution(
             system, model, found, options, lag_mode, scores, several_feeds=several_feeds
+        )
+        return replace(
+            solution,
+            unpredicted=[r * system.scale for r in unpredicted],
         )
 
 
@@ -158,7 +163,7 @@ def _pass(
     model.learn(most, above=above)
     for _ in range(4 if system.terms.drift else 0):
         assert model.post is not None  # noqa: S101  (set by learn)
-        spread = np.sum((model.post.columns @ model.post.root) ** 2, axis=1)
+        spread = np.sum(model.post.full_root**2, axis=1)
         system.terms.learn(model.post.theta[system.extra], spread[system.extra])
         model.extra_precision = system.extra_precision()
         model.learn(2)
@@ -226,6 +231,7 @@ class Solution:
     slope_of_spectrum: float = math.nan  # d ln s^2 / d ln k
     scores: Sequence[RunScore] = ()  # of each run against the others
     feed_scores: Sequence[RunScore] = ()  # of the runs of each feedrate against the others
+    unpredicted: Sequence[FloatArray] = ()  # m: readings minus what the other runs predict
 
     @property
     def kept_residuals(self) -> list[FloatArray]:
@@ -402,7 +408,7 @@ def _rows(model: Model, post: Posterior) -> FloatArray:
 
 def _offset_sd(model: Model, post: Posterior) -> FloatArray:
     """Return the standard uncertainty of the offset of every run."""
-    root = post.columns @ post.root
+    root = post.full_root
     out = []
     for run in model.runs:
         h = model.sensor.response(model.extension.wavenumbers, run.velocity)
@@ -413,7 +419,7 @@ def _offset_sd(model: Model, post: Posterior) -> FloatArray:
 
 def _freedom(model: Model, post: Posterior) -> float:
     """Return the effective number of parameters."""
-    spread = np.sum(post.root**2, axis=1)
+    spread = post.spread
     return len(model.runs) + float(np.sum(1.0 - model.precision() * spread))
 
 
@@ -545,7 +551,7 @@ def fit_unknowns(
             break
     _pass(system, model, most=2)
     assert model.post is not None  # noqa: S101  (set by the pass)
-    spread = np.sum((model.post.columns @ model.post.root) ** 2, axis=1)
+    spread = np.sum(model.post.full_root**2, axis=1)
     for j, unknown in enumerate(unknowns):
         unknown.sd = float(np.sqrt(spread[first + j])) * unknown.prior_sd
 
@@ -579,7 +585,7 @@ def probe_differences(system: System, model: Model) -> tuple[ProbeDifference, ..
 
     score, own, cross = system.score(model, columns)
     assert model.post is not None  # noqa: S101  (after a solution)
-    held = (model.post.columns @ model.post.root).T @ cross
+    held = model.post.full_root.T @ cross
     information = np.diag(own) - np.sum(held**2, axis=0)
     return tuple(
         ProbeDifference(
@@ -607,7 +613,7 @@ def square_of_feed_score(system: System, model: Model, *, kind: str) -> tuple[fl
 
     score, own, cross = system.score(model, columns)
     assert model.post is not None  # noqa: S101  (after a solution)
-    held = (model.post.columns @ model.post.root).T @ cross
+    held = model.post.full_root.T @ cross
     information = own - held.T @ held
     values, vectors = np.linalg.eigh(information)
     seen = values > _UNSEEN * float(np.diag(own).max())

@@ -254,6 +254,13 @@ class System:
             for i, (level, slip) in enumerate(self.levels(model, post))
         ]
 
+    def rest(self, index: int, model: Model, theta: FloatArray) -> FloatArray:
+        """Return the readings of one run minus a geometry, offset taken out."""
+        run = model.runs[index]
+        h = model.sensor.response(self.extension.wavenumbers, run.velocity)
+        level = run.level_right - float(run.level @ filtered(theta, h))
+        return self.z[index] - self.curve(index, theta, model.sensor) - level
+
     def levels(self, model: Model, post: Posterior) -> list[tuple[float, FloatArray]]:
         """Return offset and slipping part of every run."""
         out = []
@@ -277,6 +284,7 @@ class System:
         draws = self.draws(model)
         if self.weights is not None:
             residuals = [d.mean(axis=1) for d in draws]
+            cleaned = residuals
             for _ in range(2):  # what is a spike depends on the noise model, and it on the spikes
                 cleaned = self.weights.clean(residuals, self.groups, self.noise)
                 own = [

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
+from metrosep.separation.runs.geometry import HELD_SHARE
 from metrosep.separation.runs.posterior import Model, Wave
 
 __all__ = ["FoundWave", "found_waves", "remove_weak", "search"]
@@ -29,9 +30,6 @@ _REPEATS = 1e-3
 
 _MOST = 12
 """Most waves: more lines than this are a broad part."""
-
-_SHARE = 0.9
-"""Share of the highest wavenumber up to which the basis holds a wave."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +56,7 @@ class FoundWave:
 def search(model: Model, given: Sequence[float] = ()) -> None:
     """Add waves while one passes the score test (eq. 12); the spectrum is learnt with a cap."""
     ext = model.extension
-    least, most = 1.0 / ext.travel, _SHARE * ext.n / ext.period
+    least, most = 1.0 / ext.travel, HELD_SHARE * ext.n / ext.period
     if most <= least:
         return
     grid = np.arange(least, most, 1.0 / (_PER_CELL * ext.travel))
@@ -85,7 +83,7 @@ def _scores(model: Model, columns: FloatArray) -> FloatArray:
     post = model.solve()
     n = columns.shape[0]
     gram, right = model.total
-    root = post.columns @ post.root
+    root = post.full_root
     across = gram[:n] @ root
     inner = gram[:n, :n] - across @ across.T
     rest = (right - gram @ post.theta)[:n]
@@ -136,7 +134,7 @@ def refine(model: Model, wave: Wave) -> float:
 def remove_weak(model: Model) -> None:
     """Take waves out that the evidence does not pay for, or on which the runs do not agree."""
     ext = model.extension
-    price = math.log(max(1.25 * ext.travel * _SHARE * ext.n / ext.period, 2.0))
+    price = math.log(max(1.25 * ext.travel * HELD_SHARE * ext.n / ext.period, 2.0))
     model.learn(8, above=2.0)
     while model.waves:
         full = (model.spectrum.phi.copy(), list(model.waves))
@@ -204,7 +202,7 @@ def found_waves(model: Model) -> list[FoundWave]:
     """Return the waves that are in the model, longest first."""
     assert model.post is not None  # noqa: S101  (after a solution)
     rows = []
-    spread = np.sum(model.post.root**2, axis=1)
+    spread = model.post.spread
     chances = agreement(model)
     for wave, part, p in zip(model.waves, model.wave_parts(), chances, strict=True):
         a, b = model.post.mean[part][:2]
