@@ -14,11 +14,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from metrosep.core._arrays import FloatArray
-
-ComplexArray = NDArray[np.complex128]
+from metrosep.core._arrays import ComplexArray, FloatArray
 
 __all__ = ["HELD_SHARE", "PERIOD_SHARE", "Extension", "Sensor", "Spectrum"]
 
@@ -152,7 +149,7 @@ class Sensor:
         """Return d ln H / d l and d ln H / d q (eq. 20)."""
         wv = wavenumbers * velocity
         constant = np.sqrt(self.spread)
-        return -1j * wv, -(wv**2) / (2.0 * (1.0 + 1j * wv * constant))
+        return np.asarray(-1j * wv), np.asarray(-(wv**2) / (2.0 * (1.0 + 1j * wv * constant)))
 
 
 def filtered(columns: FloatArray, factors: ComplexArray) -> FloatArray:

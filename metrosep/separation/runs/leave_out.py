@@ -113,7 +113,9 @@ def _score(model: Model, chosen: Sequence[int]) -> RunScore:
     gain, u_gain = step(curve)
     shift = _shift(model, gram, right, curve, rest.theta)
     w = model.extension.wavenumbers
-    _, u_shift = step(_waves_only(filtered(curve, -1j * w * np.exp(-1j * w * shift)), w.size))
+    _, u_shift = step(
+        _waves_only(XX, w.size)
+    )
     misfit = _misfit(rest, gram, side)
     return RunScore(tuple(chosen), misfit, 1.0 + gain, u_gain, shift, u_shift, rest.theta)
 
@@ -147,7 +149,7 @@ def _shift(
     shift = float(shifts[np.argmin(misfit)])
     for _ in range(4):
         at = filtered(curve, np.exp(-1j * w * shift))
-        along = _waves_only(filtered(at, -1j * w), n)
+        along = _waves_only(filtered(at, np.asarray(-1j * w)), n)
         own = max(float(along @ gram @ along), 1e-300)
         shift += float(np.clip(along @ (right - gram @ at) / own, -pitch, pitch))
     return shift
