@@ -155,7 +155,9 @@ def separate(
     if method == "mean" and options.get("feed") is not None:
         runs = runs.select(feed=options["feed"])
     names = probe_names(runs, options.get("probes")) if method == "joint" else [""] * len(runs)
-    checks = check_runs(runs, probes=names, spikes=not options.get("robust"))
+    checks = check_runs(
+        runs, probes=names, spikes=not options.get("robust"), clocks=method == "joint"
+    )
     given = runs
     runs, checks = checks.settle(runs, exclude=exclude, accept=accept)
     left_out = [

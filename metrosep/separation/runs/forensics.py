@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
-from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.errors import DataError, InvalidSamplesError, NotUniformError
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
+from metrosep.separation.runs.clock import Clock, clock_messages, fit_clock
 from metrosep.separation.runs.run_comparison import (
     SPIKE,
     Findings,
@@ -136,9 +137,13 @@ class RunChecks:
 
 
 def check_runs(
-    runs: RunSet, *, probes: Sequence[str] | None = None, spikes: bool = True
+    runs: RunSet,
+    *,
+    probes: Sequence[str] | None = None,
+    spikes: bool = True,
+    clocks: bool = False,
 ) -> RunChecks:
-    """Return what is wrong with runs, by themselves and against each other.
+    """Return what is wrong with runs, by themselves and against each other; with `clocks` in time.
 
     Notes
     -----
@@ -165,6 +170,7 @@ def check_runs(
     rms = np.array([_rms(run) for run in runs])
     for probe in dict.fromkeys(names):
         _check_sizes(rms, [i for i, p in enumerate(names) if p == probe], found)
+    own_clock = _check_clocks(runs, found) if clocks else {}
     step, lag = 0.0, {}
     groups: dict[tuple[int, str], list[int]] = {}
     for i, run in enumerate(runs):
@@ -189,6 +195,12 @@ def check_runs(
         "u_gain": found.gain[:, 1].tolist(),
         "shift_mm": (found.shift[:, 0] * 1e3).tolist(),
         "u_shift_mm": (found.shift[:, 1] * 1e3).tolist(),
+        "jitter_percent": [
+            100.0 * own_clock[i].jitter if i in own_clock else math.nan for i in range(len(runs))
+        ],
+        "n_lost": [
+            own_clock[i].size - len(run) if i in own_clock else 0 for i, run in enumerate(runs)
+        ],
         "finding": ["; ".join(said) for said in found.said],
         "refused": found.refused,
         "used": [True] * len(runs),
@@ -219,6 +231,20 @@ def _rms(run: Run) -> float:
             return float(np.sqrt(np.mean(rest**2)))
     rms = float(np.sqrt(np.mean(rest[keep] ** 2)))
     return rms if rms > _ROUNDING * float(np.abs(run.z[valid]).max()) else 0.0
+
+
+def _check_clocks(runs: RunSet, found: Findings) -> dict[int, Clock]:
+    """Return the clocks of the runs with time; refuse those that follow none."""
+    clocks: dict[int, Clock] = {}
+    for i, run in enumerate(runs):
+        if run.t is None:
+            continue
+        try:
+            clocks[i] = fit_clock(run)
+        except NotUniformError as exc:
+            found.say(i, f"cannot be used in time: {exc}", refused=True)
+    found.common += clock_messages([(found.labels[i], c) for i, c in clocks.items()])
+    return clocks
 
 
 # --- readings of one run -------------------------------------------------------------------------
