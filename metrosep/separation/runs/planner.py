@@ -150,12 +150,14 @@ def plan_feedrates(
     every = np.geomspace(waves.min(), usable, _ALL_WAVES)
     reference = geometric_feeds(n, limits)
     listed = np.empty(0) if audit["wavelengths_chosen_by"] != "user" else waves
-    for weight in (_LISTED, _WORSE**2):
+    weight = _LISTED
+    feeds, efficiency = _search(density, every, listed, weight, usable, n, limits, done)
+    judged = compared(density, feeds, reference, done, every, usable)
+    if listed.size and judged.worst > _WORSE * judged.reference_worst:
+        weight = _WORSE**2  # with equal ratios allowed, no wave can be so much worse then
         feeds, efficiency = _search(density, every, listed, weight, usable, n, limits, done)
         judged = compared(density, feeds, reference, done, every, usable)
-        if judged.worst <= _WORSE * judged.reference_worst:
-            break
-    else:
+    if judged.worst > _WORSE * judged.reference_worst:
         raise NotSeparableError(
             f"the best plan within the limits has an sd of {judged.text()}, more than "
             f"{_WORSE} times as much: allow a smaller min_ratio, more runs or a wider range of feeds"
@@ -193,7 +195,8 @@ def _search(
     share = np.concatenate([np.ones(every.size), np.full(listed.size, 1.0 / weight)])
 
     def information(feeds: FloatArray) -> FloatArray:
-        return run_information(density, feeds, both, usable) * share
+        weighted: FloatArray = run_information(density, feeds, both, usable) * share
+        return weighted
 
     feeds, bound = best_feeds(information, n, limits, done)
     if not feeds.size:
