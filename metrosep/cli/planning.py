@@ -74,10 +74,12 @@ def plan(
     for feed, number in document["runs"]:
         say(f"{number} run(s) at {feed:.6g} mm/min")
     columns = document["sd"]
-    for wave, sd, one in zip(
-        columns["wavelength_mm"], columns["sd_nm"], columns["sd_one_feed_nm"], strict=True
-    ):
-        say(f"{wave:.6g} mm: sd {_nm(sd)}; all at the middle feedrate {_nm(one)}")
+    names = ("wavelength_mm", "sd_nm", "sd_geometric_feeds_nm", "sd_one_feed_nm")
+    for wave, sd, even, one in zip(*(columns[k] for k in names), strict=True):
+        say(
+            f"{wave:.6g} mm: sd {_nm(sd)}; feedrates in equal ratios {_nm(even)}; all at the middle "
+            f"feedrate {_nm(one)}"
+        )
     for message in document["messages"]:
         say(f"note: {_words(message)}")
     return 0

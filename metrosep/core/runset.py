@@ -43,8 +43,9 @@ class Run:
     z : array_like, shape (n,), m
         Measured error ``actual - nominal``; NaN where not measured.
     t : array_like, shape (n,), s, optional
-        Time of each sample, strictly increasing. Without it the time follows from `feed` and the
-        mean step; without either the run has no time, and only methods in space accept it.
+        Time stamp of each sample, in order but for the jitter of the clock: stamps may repeat, or
+        fall back by up to two mean steps. Without it the time follows from `feed` and the mean step;
+        without either the run has no time, and only methods in space accept it.
     feed : float, m/s, optional
         Feedrate, > 0. Without it, from position over time.
     run_id : str, optional
@@ -55,7 +56,7 @@ class Run:
     Raises
     ------
     InvalidSamplesError
-        If positions turn, repeat or are NaN, or time does not increase.
+        If positions turn, repeat or are NaN, or time stands still or falls back.
     TooFewSamplesError
         If there are fewer than three samples.
     DataError
@@ -94,10 +95,7 @@ class Run:
         if t is not None:
             ts = frozen_float(t, name=f"run {run_id!r}: t", ndim=1, min_size=3)
             same_length(x=xs, t=ts)
-            if np.isnan(ts).any() or (np.diff(ts) <= 0).any():
-                raise InvalidSamplesError(
-                    f"run {run_id!r}: time must be finite and strictly increasing, in seconds"
-                )
+            _check_time(ts, run_id)
             measured = abs(float(xs[-1] - xs[0])) / float(ts[-1] - ts[0])
             if speed is None:
                 speed = measured
@@ -166,6 +164,29 @@ class Run:
         )
 
 
+def _check_time(t: FloatArray, run_id: str) -> None:
+    if not np.isfinite(t).all():
+        i = int(np.flatnonzero(~np.isfinite(t))[0])
+        raise InvalidSamplesError(
+            f"run {run_id!r}: the time of sample {i} is {t[i]}; give every sample its time in seconds, "
+            "or the sampling rate instead"
+        )
+    if not t[-1] > t[0]:
+        raise InvalidSamplesError(
+            f"run {run_id!r}: time does not increase, it goes from {t[0]:.10g} to {t[-1]:.10g} s; time "
+            "stamps with too few digits (32-bit seconds since 1970) are all equal: write more digits, "
+            "or give the sampling rate instead"
+        )
+    back = np.flatnonzero(np.diff(t) < -2.0 * (t[-1] - t[0]) / (t.size - 1))
+    if back.size:
+        i = int(back[0])
+        raise InvalidSamplesError(
+            f"run {run_id!r}: time falls back from {t[i]:.10g} to {t[i + 1]:.10g} s at sample {i + 1}; "
+            "split the recording there if another run begins, or give the sampling rate if the clock "
+            "was set"
+        )
+
+
 def _check_monotonic(x: FloatArray, run_id: str) -> None:
     if np.isnan(x).any():
         raise InvalidSamplesError(
@@ -177,10 +198,14 @@ def _check_monotonic(x: FloatArray, run_id: str) -> None:
     bad = np.flatnonzero(sign * steps <= 0.0)
     if bad.size:
         i = int(bad[0])
+        cure = (
+            "split the recording at its turning points and cut off the dwell at the ends"
+            if (steps[bad] != 0.0).any()
+            else "drop rows that were written twice and cut off the dwell at the ends"
+        )
         raise InvalidSamplesError(
             f"run {run_id!r}: the encoder is not monotonic, x[{i}] = {x[i] * 1e3:.6f} mm and "
-            f"x[{i + 1}] = {x[i + 1] * 1e3:.6f} mm ({bad.size} such step(s)); split the recording at "
-            "its turning points and cut off the dwell at the ends"
+            f"x[{i + 1}] = {x[i + 1] * 1e3:.6f} mm ({bad.size} such step(s)); {cure}"
         )
 
 

@@ -227,7 +227,10 @@ def _runs_of(
     t = None
     if request.time is not None:
         t_column, t_unit = pick(file, table, request.time, role="time")
-        t = to_si(file, t_column, t_unit, dimension="time", role="time")
+        if t_column.labels is None:
+            t = to_si(file, t_column, t_unit, dimension="time", role="time")
+        else:
+            t = _time_of_day(file, table, t_column)
     speeds = _feed_column(file, table, feed)
     signs = _direction_column(file, table, request.direction)
     for run_id, rows in _groups(file, table, request, signs, x):
@@ -282,6 +285,28 @@ def _clock(t: FloatArray | None, rows: NDArray[np.intp], request: _Request) -> F
     if request.sampling_rate is None:
         return None
     return np.arange(rows.size) / rate_of(request.sampling_rate)
+
+
+_TIME_OF_DAY = re.compile(r"(?:(\d{4}-\d\d-\d\d)[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)Z?")
+
+
+def _time_of_day(file: RawFile, table: Table, column: Column) -> FloatArray:
+    """Return texts such as ``23:59:59.998`` or ``2026-01-31T12:00:00.5`` as seconds; midnight may pass."""
+    days, seconds = np.zeros(len(table)), np.zeros(len(table))
+    for i, label in enumerate(column.labels or ()):
+        found = _TIME_OF_DAY.fullmatch(label.strip())
+        if found is None:
+            raise FormatMismatchError(
+                f"{file.path}: line {int(table.lines[i])}: time {label!r} in column {column.name!r} is "
+                "neither a number nor hh:mm:ss.fff, with or without yyyy-mm-dd before it; give the "
+                "sampling rate instead"
+            )
+        day, hour, minute, second = found.groups()
+        days[i] = 0.0 if day is None else float(np.datetime64(day, "D").astype(np.int64))
+        seconds[i] = 3600.0 * int(hour) + 60.0 * int(minute) + float(second.replace(",", "."))
+    if not days.any():
+        days[1:] = np.cumsum(np.diff(seconds) < -43200.0)
+    return np.asarray((days - days[:1]) * 86400.0 + seconds)
 
 
 def _feed_column(

@@ -453,7 +453,7 @@ def plan_sd(plan: FeedPlan, ax: Axes | None = None) -> Axes:
         middle = float(plan.audit["one_feed_mm_per_min"])
         curves = (
             ("sd_one_feed_nm", f"all at {middle:.0f} mm/min", COLOURS["before"], DOTTED),
-            ("sd_even_feeds_nm", "evenly spread feeds", COLOURS["after"], DASHED),
+            ("sd_geometric_feeds_nm", "feeds in geometric progression", COLOURS["after"], DASHED),
             ("sd_nm", f"this plan: {_feeds(every)} mm/min", COLOURS["estimate"], "-"),
         )
         for name, label, colour, dash in curves:

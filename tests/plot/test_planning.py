@@ -27,7 +27,7 @@ def test_sd_curves_are_those_of_the_table(plan):
     for word, column in (
         ("this plan", "sd_nm"),
         ("all at 7200", "sd_one_feed_nm"),
-        ("evenly", "sd_even_feeds_nm"),
+        ("geometric", "sd_geometric_feeds_nm"),
     ):
         drawn = line(axes, word)
         assert drawn.get_xdata().tolist() == [5.0, 10.0, 20.0]

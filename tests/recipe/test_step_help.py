@@ -13,9 +13,10 @@ from metrosep.recipe import Recipe
 from metrosep.recipe.describe.described_steps import described_steps
 from metrosep.recipe.step_help import key_words
 from metrosep.recipe.steps import STEPS
-from metrosep.separation.runs.entry import separate, separate_mean
+from metrosep.separation.runs.entry import separate
 from metrosep.separation.runs.fourier import SelectionRule, separate_kono
 from metrosep.separation.runs.joint import separate_joint
+from metrosep.separation.runs.mean import separate_mean
 from metrosep.separation.runs.planner import plan_feedrates
 
 OPS = ("separate", "polynomial", "plan_feedrates")

@@ -2,7 +2,8 @@
 
 Scales the heights to unit variance and positions to the travel, thins very long records by block
 averages (the basis is averaged with them, so nothing is biased), and groups runs that share a
-sampling interval, since an autoregressive model in time belongs to one interval.
+sampling interval, since an autoregressive model in time belongs to one interval. Times are those of
+the fitted clock (`clock`); a lost sample is a row without a reading.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError, NotUniformError, TooFewSamplesError
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
+from metrosep.separation.runs.clock import fit_clock
 
 __all__ = ["PreparedRun", "evaluation_range", "prepare_runs"]
 
@@ -29,9 +31,6 @@ the slow modes of a machine."""
 
 _PITCHES = 800
 """A run keeps at least this many samples when it is averaged for that reason: short waves stay."""
-
-_JITTER_RTOL = 0.25
-"""Largest deviation of a time step from the median step, relative."""
 
 _TRAVEL_RTOL = 0.02
 """Ends of the runs may differ by this share of the travel before the range must be stated."""
@@ -59,18 +58,7 @@ def prepare_runs(runs: RunSet, *, probes: Sequence[str] | None = None) -> list[P
     """Return the runs checked for time, thinned so that the model stays affordable."""
     block = max(1, -(-sum(len(r) for r in runs) // _MAX_ROWS))
     names = probes or [""] * len(runs)
-    return [
-        _prepare(run, max(block, _slow_block(run)), name)
-        for run, name in zip(runs, names, strict=True)
-    ]
-
-
-def _slow_block(run: Run) -> int:
-    """Return how many samples may be averaged without losing slow modes or short waves."""
-    rate = run.sampling_rate
-    if rate is None:
-        return 1
-    return max(1, min(int(rate * _TIME_STEP * (1.0 + 1e-6)), len(run) // _PITCHES))
+    return [_prepare(run, block, name) for run, name in zip(runs, names, strict=True)]
 
 
 def _prepare(run: Run, block: int, probe: str) -> PreparedRun:
@@ -80,34 +68,35 @@ def _prepare(run: Run, block: int, probe: str) -> PreparedRun:
             f"run {name!r} has no time; the joint method needs time to tell vibration from "
             "geometry: give a time column, the sampling rate or the feed (or use method='mean')"
         )
-    steps = np.diff(run.t)
-    median = float(np.median(steps))
-    if np.abs(steps / median - 1.0).max() > _JITTER_RTOL:
-        i = int(np.abs(steps / median - 1.0).argmax())
-        raise NotUniformError(
-            f"run {name!r}: time steps vary, {steps[i] * 1e3:.4g} ms at sample {i} against "
-            f"{median * 1e3:.4g} ms elsewhere; samples were lost or the clock is irregular: insert "
-            "the lost samples as NaN or resample to a uniform clock"
-        )
+    try:
+        clock = fit_clock(run)
+    except NotUniformError as exc:
+        raise NotUniformError(f"run {name!r}: {exc}") from None
+    # Averaged as far as slow modes and short waves bear it.
+    slow = min(int(_TIME_STEP / clock.step * (1.0 + 1e-6)), clock.size // _PITCHES)
+    block = max(block, slow)
     if (~np.isnan(run.z)).sum() < 32 * block:
         raise TooFewSamplesError(
             f"run {name!r} has {int((~np.isnan(run.z)).sum())} valid samples, the joint method needs "
             f"at least {32 * block} in each run; use method='mean' or leave the run out"
         )
-    velocity = float(run.x[-1] - run.x[0]) / float(run.t[-1] - run.t[0])
-    n = len(run) // block * block
-    x = run.x[:n].reshape(-1, block).mean(axis=1)
-    z = run.z[:n].reshape(-1, block).mean(axis=1)
-    pitch = abs(float(run.x[n - 1] - run.x[0])) / max(n - 1, 1)
+    n = clock.size // block * block
+    taken = np.arange(clock.size)
+    z = np.full(clock.size, np.nan)
+    z[clock.index] = run.z
+    places = np.interp(taken, clock.index, run.x)
+    times = clock.start + clock.step * taken
+    x, z, t = (row[:n].reshape(-1, block).mean(axis=1) for row in (places, z, times))
+    pitch = abs(float(places[n - 1] - places[0])) / max(n - 1, 1)
     return PreparedRun(
         x=x,
         z=z,
-        velocity=velocity,
-        time_step=median * block,
+        velocity=float(run.x[-1] - run.x[0]) / float(times[-1] - times[0]),
+        time_step=clock.step * block,
         block=block,
         block_length=pitch * block if block > 1 else 0.0,
         run_id=name,
-        t=run.t[:n].reshape(-1, block).mean(axis=1),
+        t=t,
         probe=probe,
     )
 

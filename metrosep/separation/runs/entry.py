@@ -9,14 +9,12 @@ from typing import Any, Literal, cast, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, OptionError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
 from metrosep.separation.runs.base import (
-    LINE_POINTS,
     DirectionEstimate,
     ErrorEstimate,
     SampledCurve,
@@ -25,9 +23,9 @@ from metrosep.separation.runs.design import evaluation_range
 from metrosep.separation.runs.forensics import Named, RunChecks, check_runs
 from metrosep.separation.runs.fourier import separate_kono
 from metrosep.separation.runs.joint import separate_joint
+from metrosep.separation.runs.mean import separate_mean
 from metrosep.separation.runs.options import RUN_OPTIONS, in_si, metres
 from metrosep.separation.runs.run_probes import probe_names
-from metrosep.separation.runs.spectra import feed_spectra_columns
 
 __all__ = ["separate"]
 
@@ -96,7 +94,7 @@ def separate(
         Of the method: "joint" min_feeds, false_discovery_rate, drift, lines, line_phase,
         false_alarm, robust, following, following_waves, probes, probe_gain; "kono"
         sigma_t, p_t, norm, taper_fraction, taper, rule, modelling_length, values, feed, averaging,
-        ddof, relative, min_coherence, coefficients; "mean" feed.
+        ddof, relative, min_coherence, coefficients; "mean" feed, robust.
         ``metrosep ops separate`` describes each of them.
 
     Returns
@@ -155,7 +153,9 @@ def separate(
     if method == "mean" and options.get("feed") is not None:
         runs = runs.select(feed=options["feed"])
     names = probe_names(runs, options.get("probes")) if method == "joint" else [""] * len(runs)
-    checks = check_runs(runs, probes=names, spikes=not options.get("robust"))
+    checks = check_runs(
+        runs, probes=names, spikes=not options.get("robust"), clocks=method == "joint"
+    )
     given = runs
     runs, checks = checks.settle(runs, exclude=exclude, accept=accept)
     left_out = [
@@ -491,160 +491,3 @@ def _mean_difference(
     return value, math.sqrt(
         float(forward.var(ddof=1)) / forward.size + float(reverse.var(ddof=1)) / reverse.size
     )
-
-
-# ---- the plain mean over runs: the baseline that every other method must beat ------------------
-# All runs are interpolated linearly onto one grid and averaged. Vibration that is not in phase with
-# the start of the runs falls as one over the square root of their number; nothing else is removed.
-
-_MAX_POINTS = 100_000
-
-
-def separate_mean(
-    runs: RunSet,
-    *,
-    length: float | None = None,
-    start: float | None = None,
-    feed: float | None = None,
-) -> ErrorEstimate:
-    """Return the mean of the runs, line over the evaluation range removed.
-
-    Parameters
-    ----------
-    runs : RunSet
-        Runs of one direction; time is not needed.
-    length, start : float, m, optional
-        Evaluation range; the common travel if omitted.
-    feed : float, m/s, optional
-        Average the runs of this feedrate only.
-
-    Returns
-    -------
-    ErrorEstimate
-        Sampled; sd is the standard deviation over runs divided by the root of their number, NaN
-        for a single run.
-
-    Raises
-    ------
-    DataError
-        If the range holds too few grid points.
-    InvalidSamplesError
-        If the range is not covered.
-    TooFewSamplesError
-        If no run has that feed.
-    """
-    used = runs if feed is None else runs.select(feed=feed)
-    first, last = evaluation_range(used, start=start, length=length)
-    low, high = used.common_travel
-    pitch = max(abs(float(r.x[-1] - r.x[0])) / (len(r) - 1) for r in used)
-    n_grid = int(np.clip(math.ceil((high - low) / pitch), 3, _MAX_POINTS)) + 1
-    grid = np.linspace(low, high, n_grid)
-    inner = (grid >= first - pitch) & (grid <= last + pitch)
-    table = np.array([_on_grid(r.x, r.z, grid, pitch) for r in used])
-    line = np.column_stack([np.ones(n_grid), (grid - low) / (high - low)])
-    flat, slopes = _remove_lines(table, line, inner)
-    n_valid = (~np.isnan(flat)).sum(axis=0)
-    if not (n_valid[inner] > 0).any():
-        raise DataError("no position in the evaluation range was measured in any run")
-    mean = np.full(n_grid, np.nan)
-    some = n_valid > 0
-    mean[some] = np.nansum(flat[:, some], axis=0) / n_valid[some]
-    sd = np.full(n_grid, np.nan)
-    many = n_valid > 1
-    deviation = np.nansum((flat - mean) ** 2, axis=0)
-    sd[many] = np.sqrt(deviation[many] / (n_valid[many] - 1) / n_valid[many])
-    residual_rms = float(np.sqrt(np.nanmean((flat - mean) ** 2)))
-    mean, rest = _level(grid, mean, first, last)
-    scale = high - low
-    n = len(used)
-    return ErrorEstimate(
-        method="mean",
-        start=first,
-        stop=last,
-        fit_range=(low, high),
-        directions_data={0: DirectionEstimate(SampledCurve(grid, mean), SampledCurve(grid, sd))},
-        slope=Quantity(
-            float(slopes.mean() / scale) + rest,
-            "rad",
-            "mean slope of the least-squares lines over the evaluation range (alignment)",
-            u=float(slopes.std(ddof=1) / math.sqrt(n) / scale) if n > 1 else None,
-        ),
-        spectrum_data={name: [] for name in _SPECTRUM},
-        feed_spectra_data=feed_spectra_columns(used),
-        residual_psd_data={"frequency_hz": [], "psd_nm2_per_hz": [], "model_nm2_per_hz": []},
-        residual_rms=residual_rms,
-        audit=_audit(used, pitch),
-        messages=_messages(used),
-        history=used.history,
-    )
-
-
-_SPECTRUM = (
-    "wavelength_mm",
-    "amplitude_nm",
-    "phase_rad",
-    "sd_nm",
-    "snr",
-    "p",
-    "selected",
-    "reason",
-)
-
-
-def _on_grid(x: FloatArray, z: FloatArray, grid: FloatArray, pitch: float) -> FloatArray:
-    """Interpolate valid samples; a gap of more than two pitches stays a gap."""
-    valid = ~np.isnan(z)
-    order = np.argsort(x[valid])
-    xs, zs = x[valid][order], z[valid][order]
-    values = np.interp(grid, xs, zs, left=np.nan, right=np.nan)
-    right = np.clip(np.searchsorted(xs, grid), 1, xs.size - 1)
-    gap = xs[right] - xs[right - 1] > 2.0 * pitch
-    inside_gap = gap & (grid > xs[right - 1]) & (grid < xs[right])
-    return np.where(inside_gap, np.nan, values)
-
-
-def _remove_lines(
-    table: FloatArray, line: FloatArray, inner: NDArray[np.bool_]
-) -> tuple[FloatArray, FloatArray]:
-    flat = np.empty_like(table)
-    slopes = np.empty(table.shape[0])
-    for i, row in enumerate(table):
-        valid = inner & ~np.isnan(row)
-        if valid.sum() < 2:
-            raise DataError(f"run {i} has fewer than 2 valid samples in the evaluation range")
-        coefficients = np.linalg.lstsq(line[valid], row[valid], rcond=None)[0]
-        flat[i] = row - line @ coefficients
-        slopes[i] = coefficients[1]
-    return flat, slopes
-
-
-def _level(
-    grid: FloatArray, mean: FloatArray, first: float, last: float
-) -> tuple[FloatArray, float]:
-    """Return the mean without what is left of its line over the evaluation range."""
-    x = np.linspace(first, last, LINE_POINTS)
-    z = SampledCurve(grid, mean)(x)
-    valid = ~np.isnan(z)
-    slope, level = np.polyfit(x[valid] - first, z[valid], 1)
-    return mean - level - slope * (grid - first), float(slope)
-
-
-def _audit(runs: RunSet, pitch: float) -> dict[str, Any]:
-    return {
-        "n_runs": len(runs),
-        "feeds_mm_per_min": [f * 6e4 for f in runs.feeds],
-        "grid_step_mm": pitch * 1e3,
-        "line_removed": "least squares over the evaluation range, run by run",
-    }
-
-
-def _messages(runs: RunSet) -> tuple[str, ...]:
-    sentences = []
-    if len(runs) == 1:
-        sentences.append("one run only: there is no scatter to tell an uncertainty from")
-    if len(runs.feeds) < 2:
-        sentences.append(
-            "one feedrate only: a vibration that starts in phase with the run cannot be told from "
-            "geometry; add runs at another feedrate"
-        )
-    return tuple(sentences)

@@ -22,9 +22,10 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
-from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.errors import DataError, InvalidSamplesError, NotUniformError
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
+from metrosep.separation.runs.clock import Clock, clock_messages, fit_clock
 from metrosep.separation.runs.run_comparison import (
     SPIKE,
     Findings,
@@ -39,8 +40,8 @@ __all__ = ["Named", "RunChecks", "check_runs"]
 
 Named = str | Sequence[str]
 
-_STREAK = 20
-"""Equal readings in a row that noise never makes: a run given twice (two runs), a stuck sensor (one)."""
+_STREAK, _STILL = 20, 10
+"""Equal readings in a row that noise never makes: of two runs, one given twice; of one, standing still."""
 
 _LIMIT_SHARE, _LIMIT_PEAK = 0.01, 6.0
 """Share of readings at the extreme, and how much more often it comes than the values next to it
@@ -51,6 +52,12 @@ _REFUSED_SHARE = 0.05
 
 _ZERO_STEPS = 0.3
 """Share of equal neighbours from which readings count as steps; white noise of one step has 0.28."""
+
+_COARSE = 2.0
+"""Standard deviations of the noise beyond which a step of the readings is seen although none repeat."""
+
+_MULTIPLE = 0.1
+"""How far a difference of readings is from a multiple of their step, in steps: figures are rounded."""
 
 _STUCK = "stuck"
 
@@ -69,8 +76,8 @@ class RunChecks:
     """Table of run checks: one row a run, in the order of the runs."""
 
     # mapping of str to list: ``run direction feed_mm_min rms_nm gain u_gain shift_mm u_shift_mm
-    # finding refused used``; gain and shift against the other runs, NaN where they cannot be
-    # compared
+    # jitter_percent n_lost at_mm size_nm finding refused used``; gain and shift against the other
+    # runs, NaN where they cannot be compared; place and size of the first finding that has one
     columns: Mapping[str, list[Any]]
     common: tuple[str, ...] = ()  # what is wrong with the set as a whole
     step: float = 0.0  # m: step of the readings where it exceeds their noise, else 0
@@ -136,9 +143,13 @@ class RunChecks:
 
 
 def check_runs(
-    runs: RunSet, *, probes: Sequence[str] | None = None, spikes: bool = True
+    runs: RunSet,
+    *,
+    probes: Sequence[str] | None = None,
+    spikes: bool = True,
+    clocks: bool = False,
 ) -> RunChecks:
-    """Return what is wrong with runs, by themselves and against each other.
+    """Return what is wrong with runs, by themselves and against each other; with `clocks` in time.
 
     Notes
     -----
@@ -160,11 +171,19 @@ def check_runs(
     steps = np.array([_check_alone(i, run, found) for i, run in enumerate(runs)])
     if all(any(text.endswith(_STUCK) for text in said) for said in found.said):
         found.said, found.refused = [[] for _ in runs], [False] * len(runs)  # no error at all
+        found.place.clear()
     for probe in dict.fromkeys(names):
         _check_twice(runs, [i for i, p in enumerate(names) if p == probe], steps, found)
     rms = np.array([_rms(run) for run in runs])
     for probe in dict.fromkeys(names):
         _check_sizes(rms, [i for i, p in enumerate(names) if p == probe], found)
+    own_clock = _check_clocks(runs, found) if clocks else {}
+    if found.held[0]:
+        found.common.append(
+            f"each reading is held for about {round(found.held[0])} samples (run {found.held[1]}): the "
+            "sensor is slower than the logger, and the noise model of method='joint' takes each as "
+            "measured; keep one row of each"
+        )
     step, lag = 0.0, {}
     groups: dict[tuple[int, str], list[int]] = {}
     for i, run in enumerate(runs):
@@ -180,6 +199,7 @@ def check_runs(
             step = max(step, check_steps(table, steps[members], found))
             if spikes:
                 check_spikes(runs, table, found)
+    nowhere = (math.nan, math.nan)
     columns: dict[str, list[Any]] = {
         "run": found.labels,
         "direction": [r.direction for r in runs],
@@ -189,6 +209,14 @@ def check_runs(
         "u_gain": found.gain[:, 1].tolist(),
         "shift_mm": (found.shift[:, 0] * 1e3).tolist(),
         "u_shift_mm": (found.shift[:, 1] * 1e3).tolist(),
+        "jitter_percent": [
+            100.0 * own_clock[i].jitter if i in own_clock else math.nan for i in range(len(runs))
+        ],
+        "n_lost": [
+            own_clock[i].size - len(run) if i in own_clock else 0 for i, run in enumerate(runs)
+        ],
+        "at_mm": [found.place.get(i, nowhere)[0] * 1e3 for i in range(len(runs))],
+        "size_nm": [found.place.get(i, nowhere)[1] * 1e9 for i in range(len(runs))],
         "finding": ["; ".join(said) for said in found.said],
         "refused": found.refused,
         "used": [True] * len(runs),
@@ -221,6 +249,20 @@ def _rms(run: Run) -> float:
     return rms if rms > _ROUNDING * float(np.abs(run.z[valid]).max()) else 0.0
 
 
+def _check_clocks(runs: RunSet, found: Findings) -> dict[int, Clock]:
+    """Return the clocks of the runs with time; refuse those that follow none."""
+    clocks: dict[int, Clock] = {}
+    for i, run in enumerate(runs):
+        if run.t is None:
+            continue
+        try:
+            clocks[i] = fit_clock(run)
+        except NotUniformError as exc:
+            found.say(i, f"cannot be used in time: {exc}", refused=True)
+    found.common += clock_messages([(found.labels[i], c) for i, c in clocks.items()])
+    return clocks
+
+
 # --- readings of one run -------------------------------------------------------------------------
 
 
@@ -239,6 +281,7 @@ def _check_alone(index: int, run: Run, found: Findings) -> float:
     first, size = (int(v) for v in streaks[longest])
     outside = np.ones(n, dtype=bool)
     outside[first : first + size] = False
+    valid = np.flatnonzero(~np.isnan(run.z))
     limit = None
     for at, side in ((values.size - 1, "largest"), (0, "smallest")):
         near = counts[max(at - 3, 0) : at] if at else counts[1:4]
@@ -248,8 +291,7 @@ def _check_alone(index: int, run: Run, found: Findings) -> float:
         if often and counts[at] > _LIMIT_PEAK * float(near.mean()):
             limit = limit or (side, float(values[at]), counts[at] / n)
             outside &= ~same
-    steps = np.diff(z)[outside[1:] & outside[:-1]]
-    in_steps = steps.size > 0 and float(np.mean(steps == 0.0)) > _ZERO_STEPS
+    step, held = _step(z, values, outside)
     if limit is not None:
         side, value, share = limit
         found.say(
@@ -257,19 +299,37 @@ def _check_alone(index: int, run: Run, found: Findings) -> float:
             f"has {100 * share:.2g} % of its readings at the {side}, {format_length(value)}: the "
             "limit of the sensor, where no estimate is usable",
             refused=share > _REFUSED_SHARE,
+            at=float(run.x[valid[np.argmax(z == value)]]),
+            size=value,
         )
-    elif size > max(_STREAK, 0.02 * n) and not in_steps:
-        place = float(run.x[np.flatnonzero(~np.isnan(run.z))[first]])
+    elif size > max(_STILL, 0.02 * n) and not step and not held:
+        place = float(run.x[valid[first]])
         found.say(
             index,
             f"repeats {format_length(float(z[first]))} {size} times from {format_length(place)} on: "
             "stuck there",
             refused=size > _REFUSED_SHARE * n,
+            at=place,
+            size=float(z[first]),
         )
-    if not in_steps:
-        return 0.0
+    if held:
+        found.held = max(found.held, (held, found.labels[index]))
+    return step
+
+
+def _step(z: FloatArray, values: FloatArray, used: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return the step of readings that are multiples of one, and how long others are held, else 0."""
+    same = (np.diff(z) == 0.0)[used[1:] & used[:-1]]
+    repeat = float(np.mean(same)) if same.size else 0.0
     gaps = np.diff(values)
-    return float(np.median(gaps[gaps > 1e-9 * (values[-1] - values[0])]))
+    gaps = gaps[gaps > 1e-9 * (values[-1] - values[0])]
+    often = repeat > _ZERO_STEPS
+    for step in (float(np.median(gaps)), float(gaps.min())) if gaps.size else ():
+        whole = np.mean(np.abs(gaps / step - np.round(gaps / step)) < _MULTIPLE) > 0.99
+        noise = MAD * float(np.median(np.abs(np.diff(z, 4)))) / math.sqrt(70.0)
+        if whole and (often or step > _COARSE * noise):
+            return step, 0.0
+    return 0.0, 1.0 / (1.0 - repeat) if often and repeat < 1.0 else 0.0
 
 
 def _streaks(z: FloatArray) -> NDArray[np.intp]:

@@ -8,6 +8,10 @@ reconstruct eq. 4 with k = 1 ... m.
 
 The coefficients describe the weighted data, so the model decays to zero in the tapered ends: it
 may be used in the flat part only, and l_x must be at least L/0.8 for a taper of 10 %.
+
+The estimate is that of the paper. Its uncertainty, of which the paper says nothing, is the scatter
+of the averaged runs and what the model leaves out: discarded coefficients that repeat over all
+runs, and the decay in the ends. What repeats unseen below the scatter is not in it.
 """
 
 from __future__ import annotations
@@ -118,7 +122,8 @@ def separate_kono(
     Returns
     -------
     ErrorEstimate
-        With eq. 4 as its curve; sd from the scatter of the runs that were averaged.
+        With eq. 4 as its curve; sd from the scatter of the runs that were averaged, the RMS of
+        discarded waves that are seen to repeat, and the decay of the model in the tapered ends.
 
     Raises
     ------
@@ -157,7 +162,16 @@ def separate_kono(
         mean = members.mean(axis=0)
     kept = np.where(selection.kept, mean, 0.0)[: selection.m]
     curve, slope_fourier = _kono_curve(kept, origin, l_x, first, last)
+    cut, longest_cut = _cut_off(spectra, selection.kept)
     uncertainty = _kono_sd(members * selection.kept, origin, l_x, (first, last))
+    decay = taper_fraction if coefficients == "tapered" else 0.0
+    uncertainty = _with_bias(uncertainty, curve, cut, decay, (first, last))
+    if cut > 0.0:
+        message = (
+            f"waves that repeat but are not in the model, such as {format_length(longest_cut)}, have "
+            f"{format_length(cut, digits=2)} RMS together: this is in the uncertainty"
+        )
+        messages += (message,)
     audit = {
         "n_runs": len(runs),
         "feeds_mm_per_min": [f * 6e4 for f in runs.feeds],
@@ -180,6 +194,9 @@ def separate_kono(
         "relative": relative,
         "min_coherence": min_coherence,
         "coefficients": coefficients,
+        "cut_off_rms_nm": cut / _NM,
+        "uncertainty_holds": "scatter of the averaged runs, discarded waves seen to repeat (p < "
+        f"{_SEEN}), decay in the tapered ends; not what repeats below the scatter",
         "rule": rule,
         "taper": taper,
         "taper_fraction": taper_fraction,
@@ -343,6 +360,59 @@ def _kono_sd(
     line = np.column_stack([np.ones(grid.size), (grid - origin) / l_x])
     curves = curves - (line @ np.linalg.lstsq(line[inner], curves[:, inner].T, rcond=None)[0]).T
     return SampledCurve(grid, curves.std(axis=0, ddof=1) / math.sqrt(n))
+
+
+_SEEN = 0.01
+"""Chance by which the scatter of the runs would repeat as much as a discarded wave that counts."""
+
+_QUIET, _SURE = 4.0, 3.0
+"""Times the median noise up to which discarded waves are looked at together; and beyond how many
+standard deviations of their sum they count."""
+
+
+def _cut_off(spectra: FeedSpectra, kept: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return the RMS of discarded waves that repeat over all runs, and the strongest wavelength."""
+    rows = np.concatenate(spectra.per_run)
+    n, left = rows.shape[0], ~kept[: rows.shape[1]]
+    if n < 2 or not left.any():
+        return 0.0, math.nan
+    mean = rows.mean(axis=0)
+    noise = (
+        (np.abs(rows - mean) ** 2).sum(axis=0) / (n - 1) / n
+    )  # expectation of |mean|^2 in noise
+    power = np.abs(mean) ** 2
+    # n |mean|^2 / variance follows F(2, 2 (n - 1)): p = (1 + F / (n - 1))^-(n - 1)
+    floor = np.finfo(float).tiny
+    p = (1.0 + power / np.maximum(noise, floor) / (n - 1)) ** (1.0 - n)
+    seen = left & (p < _SEEN)
+    total = float((power - noise)[seen].sum())
+    # Many waves, none of which is seen by itself; a vibration of few runs would pass for some.
+    rest = left & ~seen & (noise < _QUIET * float(np.median(noise[left])))
+    together = float((power - noise)[rest].sum())
+    if together > _SURE * math.sqrt(n / (n - 1.0) * float((noise[rest] ** 2).sum())):
+        total += together
+    if total <= (1e-6 * spectra.mean_weight) ** 2 * float(power.sum()):
+        return 0.0, math.nan
+    strongest = float(spectra.wavelength[int(np.argmax(np.where(left, power - noise, -1.0)))])
+    return math.sqrt(0.5 * total / spectra.mean_square_weight), strongest  # Parseval
+
+
+def _with_bias(
+    sd: SampledCurve,
+    curve: FourierCurve,
+    cut: float,
+    taper_fraction: float,
+    evaluation: tuple[float, float],
+) -> SampledCurve:
+    """Return sd with the waves that were cut off and the decay (1 - f) of the model in the ends."""
+    x = np.linspace(*evaluation, LINE_POINTS)
+    size = float(np.sqrt(np.mean(curve(x) ** 2)))
+    place = (sd.x - sd.x[0]) / (sd.x[-1] - sd.x[0])
+    ramp = (
+        np.minimum(place, 1.0 - place) / taper_fraction if taper_fraction else np.ones(sd.x.size)
+    )
+    lost = 0.5 * (1.0 + np.cos(np.pi * np.clip(ramp, 0.0, 1.0)))  # 1 - f
+    return SampledCurve(sd.x, np.sqrt(sd.z**2 + cut**2 + (lost * size) ** 2))
 
 
 def _residual(runs: RunSet, curve: FourierCurve) -> float:

@@ -55,8 +55,8 @@ class JointOptions:
     robust: bool = option(
         False,
         kind="flag",
-        help="true takes weight from spikes, dropouts and bad stretches",
-        of=("joint",),
+        help="true takes weight from spikes, dropouts and bad stretches; for mean, leaves out readings far from the other runs",
+        of=("joint", "mean"),
     )
     following: Following = option(
         "off",

@@ -2,14 +2,14 @@
 
 A geometric error of wavelength L read at feed v is a tone of v / L; a vibration keeps its
 frequency. A feed that puts a wave onto a vibration learns nothing about that wave, so the plan
-maximises the information on the worst wavelength. Units are SI; columns and messages carry theirs.
+maximises the information on the worst of all wavelengths, up to the travel. Units are SI; columns and messages carry theirs.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,6 +43,13 @@ waves the offset of the run and the wave are hard to tell apart."""
 _LEAST_RATIO = 1.1
 """Closer feeds see a resonance of a few per cent damping at the same wavelength."""
 
+_ALL_WAVES = 200
+"""Logarithmic steps from the shortest wave to the travel: nobody lists all waves that an axis has."""
+
+_LISTED, _WORSE = 3.0, 1.5
+"""How much more information a listed wave may ask for; and by how much the worst sd of all waves may
+then exceed that of feeds in geometric progression."""
+
 
 def plan_feedrates(
     psd: Any,
@@ -67,7 +74,8 @@ def plan_feedrates(
         and m^2/Hz; a function S(f); or a `Psd` computed over time (or over position, with
         `psd_feed`).
     wavelengths : array_like, shape (k,), or (shortest, longest), m
-        Waves that matter. A tuple of two is the limits of a range, of which 121 are taken.
+        Waves that matter: each is to have 3 times the information of any other wave from the
+        shortest to the travel. A tuple of two is the limits of a range, in which none is preferred.
     v_min, v_max : float, m/s
         Range of feeds of the machine.
     n_runs : int
@@ -98,8 +106,8 @@ def plan_feedrates(
     InvalidSamplesError
         If the density is not above zero everywhere.
     NotSeparableError
-        If the range allows only one feed, or the density is known at none of the frequencies of
-        some wavelength.
+        If the range allows only one feed, the density is known at none of the frequencies of
+        some wavelength, or the worst sd of the plan is above 1.5 times that of geometric feeds.
     TooFewSamplesError
         If the plan, with the runs already done, has fewer than two runs.
     UnitError
@@ -107,9 +115,11 @@ def plan_feedrates(
 
     Notes
     -----
-    Maximises ``min_k J_k`` with at least two different feeds: a logarithmic grid of candidates,
-    starts from the relaxed linear programme, exchange of runs, then continuous refinement.
-    Deterministic. ``audit["efficiency"]`` is the smallest information over the bound of the
+    Maximises ``min_k J_k`` over 200 wavelengths from the shortest to the travel, a third of J where
+    a wave is listed, with at least two different feeds: a logarithmic grid of candidates, starts
+    from the relaxed linear programme and from equal ratios, exchange of runs, then continuous
+    refinement. Deterministic. The last message says what becomes worse than with as many feeds in
+    geometric progression, which spread any vibration over as many wavelengths as there are feeds. ``audit["efficiency"]`` is the smallest information over the bound of the
     relaxed problem, which no plan can exceed. Slow runs last longer and know more per run, so
     without `max_time` the plan leans to `v_min`. Null space: the offset and slope of a run, waves
     longer than the travel, and disturbances that are the same function of position in all runs.
@@ -137,15 +147,20 @@ def plan_feedrates(
     n = _runs(n_runs, done)
     _reachable(density, waves, limits, done)
 
-    def information(feeds: FloatArray) -> FloatArray:
-        return run_information(density, feeds, waves, usable)
-
-    feeds, bound = best_feeds(information, n, limits, done)
-    if not feeds.size:
-        raise DataError(
-            f"no {n} runs of {travel * 1e3:.4g} mm keep the limits: at {v_max * 6e4:.0f} mm/min "
-            f"they last {n * travel / v_max:.4g} s, allowed are {limits.max_time:.4g} s with two "
-            f"different feeds at least {min_ratio:.4g} apart; allow more time or fewer runs"
+    every = np.geomspace(waves.min(), usable, _ALL_WAVES)
+    reference = geometric_feeds(n, limits)
+    listed = np.empty(0) if audit["wavelengths_chosen_by"] != "user" else waves
+    weight = _LISTED
+    feeds, efficiency = _search(density, every, listed, weight, usable, n, limits, done)
+    judged = compared(density, feeds, reference, done, every, usable)
+    if listed.size and judged.worst > _WORSE * judged.reference_worst:
+        weight = _WORSE**2  # with equal ratios allowed, no wave can be so much worse then
+        feeds, efficiency = _search(density, every, listed, weight, usable, n, limits, done)
+        judged = compared(density, feeds, reference, done, every, usable)
+    if judged.worst > _WORSE * judged.reference_worst:
+        raise NotSeparableError(
+            f"the best plan within the limits has an sd of {judged.text()}, more than "
+            f"{_WORSE} times as much: allow a smaller min_ratio, more runs or a wider range of feeds"
         )
     plan = _predict(density, waves, feeds, done, usable, audit, limits)
     audit = {
@@ -154,12 +169,44 @@ def plan_feedrates(
         "v_max_mm_per_min": float(v_max) * 6e4,
         "min_ratio": float(min_ratio),
         "max_time_s": None if max_time is None else float(max_time),
-        "criterion": "largest smallest information over the wavelengths",
-        "efficiency": float(plan.information.min() / bound),
+        "criterion": "largest smallest information over all wavelengths up to the travel",
+        "weight_of_listed_waves": weight if listed.size else 1.0,
+        "efficiency": efficiency,
+        **judged.audit(),
     }
+    messages = (*plan.messages, *judged.messages())
     return FeedPlan(
-        plan.feeds, waves, plan.information, plan.columns, density, done, audit, plan.messages
+        plan.feeds, waves, plan.information, plan.columns, density, done, audit, messages
     )
+
+
+def _search(
+    density: TimeDensity,
+    every: FloatArray,
+    listed: FloatArray,
+    weight: float,
+    usable: float,
+    n: int,
+    limits: Limits,
+    done: FloatArray,
+) -> tuple[FloatArray, float]:
+    """Return the best feeds, and their smallest weighted information over the bound on any plan."""
+    both = np.concatenate([every, listed])
+    share = np.concatenate([np.ones(every.size), np.full(listed.size, 1.0 / weight)])
+
+    def information(feeds: FloatArray) -> FloatArray:
+        weighted: FloatArray = run_information(density, feeds, both, usable) * share
+        return weighted
+
+    feeds, bound = best_feeds(information, n, limits, done)
+    if not feeds.size:
+        raise DataError(
+            f"no {n} runs of {limits.length * 1e3:.4g} mm keep the limits: at "
+            f"{limits.v_max * 6e4:.0f} mm/min they last {n * limits.length / limits.v_max:.4g} s, "
+            f"allowed are {limits.max_time:.4g} s with two different feeds at least "
+            f"{limits.ratio:.4g} apart; allow more time or fewer runs"
+        )
+    return feeds, float(information(np.concatenate([feeds, done])).sum(axis=0).min() / bound)
 
 
 def predicted_sd(
@@ -215,7 +262,14 @@ def predicted_sd(
     speeds = np.sort(checked_feeds(feeds, "feeds"))
     if not speeds.size:
         raise TooFewSamplesError("feeds is empty; give the feed of each run in m/s")
-    return _predict(density, waves, speeds, np.empty(0), usable, audit, None)
+    plan = _predict(density, waves, speeds, np.empty(0), usable, audit, None)
+    every = np.geomspace(waves.min(), usable, _ALL_WAVES)
+    reference = np.geomspace(speeds[0], speeds[-1], speeds.size)
+    judged = compared(density, speeds, reference, np.empty(0), every, usable)
+    more: tuple[str, ...] = ()
+    if judged.worst > _WORSE * judged.reference_worst:
+        more = (f"the worst wave of these feeds has an sd of {judged.text()}",)
+    return replace(plan, audit={**plan.audit, **judged.audit()}, messages=(*plan.messages, *more))
 
 
 def _travel(
@@ -323,7 +377,7 @@ def _predict(
     )
     naive = {
         "one_feed": np.full(every.size, 0.5 * (low + high)),
-        "even_feeds": np.linspace(low, high, every.size),
+        "geometric_feeds": np.geomspace(low, high, every.size),
     }
     columns = {
         "wavelength_mm": waves * 1e3,
@@ -349,7 +403,8 @@ def _predict(
         else "long-record formula 1 / sqrt(J)",
         "one_feed_mm_per_min": float(naive["one_feed"][0]) * 6e4,
     }
-    messages = plain_messages(found, density, every, waves, is_exact, information)
+    longest = usable if limits else float(waves.max())
+    messages = plain_messages(found, density, every, waves, longest, is_exact, information)
     if waves.max() > LONG_WAVE:
         hint = (
             f"the longest wave is {waves.max():.4g} m on a travel of "
@@ -359,6 +414,96 @@ def _predict(
     return FeedPlan(
         np.array(feeds), waves, information, columns, density, fixed, details, messages
     )
+
+
+# ---- what a plan makes worse than feeds in geometric progression, on all waves up to the travel ----
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """sd of a plan and of feeds in geometric progression, long-record formula."""
+
+    waves: FloatArray  # shape (k,), m
+    sd: FloatArray  # shape (k,), m: of the plan
+    reference: FloatArray  # shape (k,), m: of as many feeds in geometric progression
+    feeds: FloatArray  # m/s: these feeds
+
+    @property
+    def worst(self) -> float:
+        """Largest sd of the plan, m."""
+        return float(self.sd.max())
+
+    @property
+    def reference_worst(self) -> float:
+        """Largest sd of the geometric progression, m."""
+        return float(self.reference.max())
+
+    def text(self) -> str:
+        """Return both worst waves with their sd."""
+        at, other = int(np.argmax(self.sd)), int(np.argmax(self.reference))
+        return (
+            f"{self.worst * 1e9:.3g} nm at {self.waves[at] * 1e3:.3g} mm; "
+            f"{self.feeds.size} runs with feeds in geometric progression from "
+            f"{self.feeds.min() * 6e4:.0f} to {self.feeds.max() * 6e4:.0f} mm/min have "
+            f"{self.reference_worst * 1e9:.3g} nm at {self.waves[other] * 1e3:.3g} mm"
+        )
+
+    def messages(self) -> tuple[str, ...]:
+        """Return what the plan makes worse."""
+        ratio = self.sd / self.reference
+        i = int(np.argmax(ratio))
+        worse = self.waves[ratio > 1.0 + _NOTICED]
+        span = f"{self.waves.min() * 1e3:.3g} to {self.waves.max() * 1e3:.3g} mm"
+        out = [f"the worst of all waves from {span} has an sd of {self.text()}"]
+        if worse.size:
+            out.append(
+                f"the plan makes {100 * worse.size / ratio.size:.0f} % of them worse than the "
+                f"geometric progression, most at {self.waves[i] * 1e3:.3g} mm: "
+                f"{self.sd[i] * 1e9:.3g} nm instead of {self.reference[i] * 1e9:.3g} nm"
+            )
+        else:
+            out.append("the plan makes none of them worse than the geometric progression")
+        return tuple(out)
+
+    def audit(self) -> dict[str, Any]:
+        """Return the numbers with unit suffixes."""
+        return {
+            "worst_sd_nm": self.worst * 1e9,
+            "worst_wavelength_mm": float(self.waves[np.argmax(self.sd)]) * 1e3,
+            "geometric_worst_sd_nm": self.reference_worst * 1e9,
+            "geometric_feeds_mm_per_min": [float(v) * 6e4 for v in self.feeds],
+        }
+
+
+_NOTICED = 0.05
+"""Growth of an sd that counts as worse."""
+
+
+def geometric_feeds(n: int, limits: Limits) -> FloatArray:
+    """Return n feeds in equal ratios up to the fastest, from as slow as the time allows."""
+    if n == 1:
+        return np.array([math.sqrt(limits.v_min * limits.v_max)])
+    slowest = np.geomspace(limits.v_min, limits.v_max, 400)
+    ladders = (np.geomspace(v, limits.v_max, n) for v in slowest)
+    in_time = (f for f in ladders if np.sum(limits.length / f) <= limits.max_time)
+    return next(in_time, np.full(n, limits.v_max))
+
+
+def compared(
+    density: TimeDensity,
+    feeds: FloatArray,
+    reference: FloatArray,
+    done: FloatArray,
+    waves: FloatArray,
+    length: float,
+) -> Comparison:
+    """Return the sd of both sets of feeds, runs already done with each."""
+    sds = []
+    for own in (feeds, reference):
+        every = np.concatenate([own, done])
+        j = run_information(density, every, waves, length).sum(axis=0)
+        sds.append(1.0 / np.sqrt(np.where(j > 0.0, j, np.finfo(float).tiny)))
+    return Comparison(waves, sds[0], sds[1], reference)
 
 
 # ---- what a plan says in plain words: which disturbance falls onto which wavelength at which feed ----
@@ -469,6 +614,7 @@ def plain_messages(
     density: TimeDensity,
     feeds: FloatArray,
     waves: FloatArray,
+    longest: float,
     is_exact: bool,
     information: FloatArray,
 ) -> tuple[str, ...]:
@@ -500,11 +646,11 @@ def plain_messages(
             f"nothing is known about waves of {unknown.min() * 1e3:.4g} to "
             f"{unknown.max() * 1e3:.4g} mm at these feeds: their sd is NaN"
         )
-    slowest = float(feeds.min() / waves.max())
+    slowest = float(feeds.min()) / longest
     if slowest < density.lowest:
         out.append(
             f"the density was not measured below {density.lowest:.4g} Hz; its value there is taken "
-            f"down to {slowest:.4g} Hz ({waves.max() * 1e3:.4g} mm at {feeds.min() * 6e4:.0f} "
+            f"down to {slowest:.4g} Hz ({longest * 1e3:.4g} mm at {feeds.min() * 6e4:.0f} "
             "mm/min)"
         )
     if not is_exact:
@@ -648,8 +794,8 @@ class FeedPlan:
         """Predicted standard deviation of the amplitude coefficients, one row a wavelength.
 
         ``sd_nm`` is exact for records of this length; ``sd_long_record_nm`` is ``1 / sqrt(J)``;
-        ``sd_one_feed_nm`` and ``sd_even_feeds_nm`` are ``sd_nm`` of as many runs all at the middle
-        feed, and evenly spread over the range.
+        ``sd_one_feed_nm`` and ``sd_geometric_feeds_nm`` are ``sd_nm`` of as many runs all at the
+        middle feed, and in geometric progression over the range.
         """
         import pandas as pd
 

@@ -1,6 +1,6 @@
 """Search for the feeds that make the worst-known wavelength as well known as possible.
 
-Maximise ``min_k sum_r J_k(v_r)``. The relaxed problem (shares of candidates instead of whole runs)
+Maximise ``min_k sum_r J_k(v_r)``, J_k divided by the weight of its wave. The relaxed problem (shares of candidates instead of whole runs)
 is a linear programme; its value bounds every plan from above. Whole runs come from rounding it,
 from a greedy start and from an even spread, each improved by exchanging one run at a time and then
 by moving feeds between the candidates. No random numbers.
@@ -126,7 +126,8 @@ def _starts(
         total = total + table[pick]
     starts = [_spaced(f, limits, fixed) for f in (rounded, np.sort(greedy))]
     room = int(np.floor(np.log(limits.v_max / limits.v_min) / np.log(limits.ratio) + 1e-9)) + 1
-    for groups in range(1, min(room, n_runs, 5) + 1):
+    most = min(room, n_runs)
+    for groups in sorted({*range(1, min(most, 5) + 1), most}):  # equal ratios, the finest too
         ladder = np.geomspace(limits.v_min, limits.v_max, groups) if groups > 1 else [limits.v_max]
         starts.append(np.sort(np.resize(ladder, n_runs)))
     fastest = limits.v_max * np.ones(n_runs)

@@ -26,7 +26,15 @@ from metrosep.core.units import format_length
 from metrosep.separation.runs.weights import MAD
 from metrosep.spectral.autoregressive import AutoregressiveModel, fit_autoregressive
 
-__all__ = ["SPIKE", "Findings", "RunTable", "check_spikes", "check_steps", "compare_runs"]
+__all__ = [
+    "SPIKE",
+    "Findings",
+    "RunTable",
+    "check_spikes",
+    "check_steps",
+    "compare_runs",
+    "spikes",
+]
 
 
 _GAIN, _GAIN_REFUSED = 0.1, 3.0
@@ -97,11 +105,23 @@ class Findings:
     common: list[str] = field(default_factory=list)
     gain: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     shift: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    place: dict[int, tuple[float, float]] = field(default_factory=dict)  # m, m: where, how large
+    held: tuple[float, str] = (0.0, "")  # samples for which a reading stays, and the run
 
-    def say(self, run: int, text: str, *, refused: bool = False) -> None:
-        """Note a finding of a run."""
+    def say(
+        self,
+        run: int,
+        text: str,
+        *,
+        refused: bool = False,
+        at: float = math.nan,
+        size: float = math.nan,
+    ) -> None:
+        """Note a finding of a run; the first one gives its place and size."""
         self.said[run].append(text)
         self.refused[run] |= refused
+        if not math.isnan(size):
+            self.place.setdefault(run, (at, size))
 
 
 @dataclass(slots=True)
@@ -194,7 +214,8 @@ def compare_runs(runs: RunSet, table: RunTable, found: Findings) -> tuple[float,
     n = int(table.compared.sum()) - len(texts)
     for i, (text, refused) in texts.items():
         others = f"the other {n} runs" if n > 1 else "the other run"
-        found.say(table.members[i], text + others, refused=refused)
+        size = float(shift[i, 0]) if i in displaced else math.nan
+        found.say(table.members[i], text + others, refused=refused, size=size)
     found.common += list(feeds)
     return lag
 
@@ -635,13 +656,15 @@ def _median(rows: FloatArray) -> FloatArray:
     return out
 
 
-def check_spikes(runs: RunSet, table: RunTable, found: Findings) -> None:
-    """Name readings that stand out of the other runs, or of their neighbours where these are few."""
-    spikes: list[tuple[int, FloatArray, FloatArray]] = []
+def spikes(runs: RunSet, table: RunTable) -> list[tuple[Run, NDArray[np.intp], FloatArray]]:
+    """Return each run of a table, its readings that stand out of the other runs, and by how much all do.
+
+    Of the neighbours where there are fewer than three runs. What other runs show at the same place
+    belongs to the place.
+    """
     several = table.compared.sum() >= 3
+    found: list[tuple[Run, NDArray[np.intp], FloatArray]] = []
     for i, index in enumerate(table.members):
-        if not table.compared[i] or found.said[index]:
-            continue
         run = runs[index]
         away = run.z - _nearby(run.z)
         if several:
@@ -650,27 +673,38 @@ def check_spikes(runs: RunSet, table: RunTable, found: Findings) -> None:
             own = np.interp(run.x, table.x, _median(table.z[others]), left=np.nan, right=np.nan)
             away = _flat(run.x, run.z - own)
         size = np.abs(away - np.nanmedian(away))
-        scale = MAD * float(np.nanmedian(size))
-        tail = float(np.nanquantile(size, 0.95))
-        factor = 1.0 if several else 2.0
-        limit = factor * max(SPIKE * scale, _SPIKE_TAIL * tail)
-        far = np.flatnonzero(
-            np.nan_to_num(size, nan=0.0) > max(limit, 1e-6 * float(np.nanstd(run.z)))
+        limit = max(
+            SPIKE * MAD * float(np.nanmedian(size)),
+            _SPIKE_TAIL * float(np.nanquantile(size, 0.95)),
         )
-        if far.size:
-            spikes.append((index, run.x[far], away[far]))
+        limit = max(limit * (1.0 if several else 2.0), 1e-6 * float(np.nanstd(run.z)))
+        found.append((run, np.flatnonzero(np.nan_to_num(size, nan=0.0) > limit), away))
     near = 2.0 * (table.x[1] - table.x[0])
-    for index, x, away in spikes:
-        # What other runs show at the same place belongs to the place.
-        others_x = np.concatenate([xs for j, xs, _ in spikes if j != index] or [np.empty(0)])
-        alone = np.array([not (np.abs(others_x - at) <= near).any() for at in x])
-        if not alone.any():
+    places = [run.x[far] for run, far, _ in found]
+    out = []
+    for i, (run, far, away) in enumerate(found):
+        others_x = np.concatenate([*places[:i], *places[i + 1 :], np.empty(0)])
+        alone = [not (np.abs(others_x - at) <= near).any() for at in run.x[far]]
+        out.append((run, far[np.array(alone, dtype=bool)], away))
+    return out
+
+
+def check_spikes(runs: RunSet, table: RunTable, found: Findings) -> None:
+    """Name readings that stand out of the other runs, or of their neighbours where these are few."""
+    odd = [
+        not c or bool(found.said[m]) for c, m in zip(table.compared, table.members, strict=True)
+    ]
+    what = "the other runs" if table.compared.sum() >= 3 else "its neighbours"
+    for index, other, (run, far, away) in zip(
+        table.members, odd, spikes(runs, table), strict=True
+    ):
+        if other or not far.size:
             continue
-        at = int(np.argmax(np.where(alone, np.abs(away), 0.0)))
-        more = int(alone.sum()) - 1
-        what = "the other runs" if several else "its neighbours"
-        text = f"has a spike at {format_length(float(x[at]))}: {format_length(float(away[at]))} from {what}"
-        found.say(index, text + (f" (and {more} more readings)" if more else ""))
+        at = int(far[np.argmax(np.abs(away[far]))])
+        x, size, more = float(run.x[at]), float(away[at]), int(far.size) - 1
+        text = f"has a spike at {format_length(x)}: {format_length(size)} from {what}"
+        text += f" (and {more} more readings)" if more else ""
+        found.say(index, text, at=x, size=size)
 
 
 def _nearby(z: FloatArray) -> FloatArray:

@@ -1,0 +1,233 @@
+"""The plain mean over runs: the baseline that every other method must beat.
+
+All runs are interpolated linearly onto one grid and averaged. Vibration that is not in phase with
+the start of the runs falls as one over the square root of their number; nothing else is removed.
+With ``robust`` readings that stand out of the other runs at their place are left out.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.numbers import flag
+from metrosep.core.quantity import Quantity
+from metrosep.core.runset import Run, RunSet
+from metrosep.separation.runs.base import (
+    LINE_POINTS,
+    DirectionEstimate,
+    ErrorEstimate,
+    SampledCurve,
+)
+from metrosep.separation.runs.design import evaluation_range
+from metrosep.separation.runs.run_comparison import RunTable, spikes
+from metrosep.separation.runs.spectra import feed_spectra_columns
+
+__all__ = ["separate_mean"]
+
+_MAX_POINTS = 100_000
+
+
+def separate_mean(
+    runs: RunSet,
+    *,
+    length: float | None = None,
+    start: float | None = None,
+    feed: float | None = None,
+    robust: bool = False,
+) -> ErrorEstimate:
+    """Return the mean of the runs, line over the evaluation range removed.
+
+    Parameters
+    ----------
+    runs : RunSet
+        Runs of one direction; time is not needed.
+    length, start : float, m, optional
+        Evaluation range; the common travel if omitted.
+    feed : float, m/s, optional
+        Average the runs of this feedrate only.
+    robust : bool, optional
+        Whether readings beyond 6 robust standard deviations of the median of the other runs are
+        left out; what was left out is in ``terms["robust"]``.
+
+    Returns
+    -------
+    ErrorEstimate
+        Sampled; sd is the standard deviation over runs divided by the root of their number, NaN
+        for a single run.
+
+    Raises
+    ------
+    DataError
+        If the range holds too few grid points.
+    InvalidSamplesError
+        If the range is not covered.
+    TooFewSamplesError
+        If no run has that feed, or `robust` has fewer than three runs to compare.
+    """
+    used = runs if feed is None else runs.select(feed=feed)
+    kept, left_out, sentences = _without_spikes(used) if flag(robust, "robust") else (used, {}, [])
+    used = kept
+    first, last = evaluation_range(used, start=start, length=length)
+    low, high = used.common_travel
+    pitch = max(abs(float(r.x[-1] - r.x[0])) / (len(r) - 1) for r in used)
+    n_grid = int(np.clip(math.ceil((high - low) / pitch), 3, _MAX_POINTS)) + 1
+    grid = np.linspace(low, high, n_grid)
+    inner = (grid >= first - pitch) & (grid <= last + pitch)
+    table = np.array([_on_grid(r.x, r.z, grid, pitch) for r in used])
+    line = np.column_stack([np.ones(n_grid), (grid - low) / (high - low)])
+    flat, slopes = _remove_lines(table, line, inner)
+    n_valid = (~np.isnan(flat)).sum(axis=0)
+    if not (n_valid[inner] > 0).any():
+        raise DataError("no position in the evaluation range was measured in any run")
+    mean = np.full(n_grid, np.nan)
+    some = n_valid > 0
+    mean[some] = np.nansum(flat[:, some], axis=0) / n_valid[some]
+    sd = np.full(n_grid, np.nan)
+    many = n_valid > 1
+    deviation = np.nansum((flat - mean) ** 2, axis=0)
+    sd[many] = np.sqrt(deviation[many] / (n_valid[many] - 1) / n_valid[many])
+    residual_rms = float(np.sqrt(np.nanmean((flat - mean) ** 2)))
+    mean, rest = _level(grid, mean, first, last)
+    scale = high - low
+    n = len(used)
+    return ErrorEstimate(
+        method="mean",
+        start=first,
+        stop=last,
+        fit_range=(low, high),
+        directions_data={0: DirectionEstimate(SampledCurve(grid, mean), SampledCurve(grid, sd))},
+        slope=Quantity(
+            float(slopes.mean() / scale) + rest,
+            "rad",
+            "mean slope of the least-squares lines over the evaluation range (alignment)",
+            u=float(slopes.std(ddof=1) / math.sqrt(n) / scale) if n > 1 else None,
+        ),
+        spectrum_data={name: [] for name in _SPECTRUM},
+        feed_spectra_data=feed_spectra_columns(used),
+        residual_psd_data={"frequency_hz": [], "psd_nm2_per_hz": [], "model_nm2_per_hz": []},
+        residual_rms=residual_rms,
+        audit=_audit(used, pitch),
+        messages=(*_messages(used), *sentences),
+        history=used.history,
+        terms={"robust": left_out} if left_out else {},
+    )
+
+
+_SPECTRUM = (
+    "wavelength_mm",
+    "amplitude_nm",
+    "phase_rad",
+    "sd_nm",
+    "snr",
+    "p",
+    "selected",
+    "reason",
+)
+
+
+def _on_grid(x: FloatArray, z: FloatArray, grid: FloatArray, pitch: float) -> FloatArray:
+    """Interpolate valid samples; a gap of more than two pitches stays a gap."""
+    valid = ~np.isnan(z)
+    order = np.argsort(x[valid])
+    xs, zs = x[valid][order], z[valid][order]
+    values = np.interp(grid, xs, zs, left=np.nan, right=np.nan)
+    right = np.clip(np.searchsorted(xs, grid), 1, xs.size - 1)
+    gap = xs[right] - xs[right - 1] > 2.0 * pitch
+    inside_gap = gap & (grid > xs[right - 1]) & (grid < xs[right])
+    return np.where(inside_gap, np.nan, values)
+
+
+def _remove_lines(
+    table: FloatArray, line: FloatArray, inner: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray]:
+    flat = np.empty_like(table)
+    slopes = np.empty(table.shape[0])
+    for i, row in enumerate(table):
+        valid = inner & ~np.isnan(row)
+        if valid.sum() < 2:
+            raise DataError(f"run {i} has fewer than 2 valid samples in the evaluation range")
+        coefficients = np.linalg.lstsq(line[valid], row[valid], rcond=None)[0]
+        flat[i] = row - line @ coefficients
+        slopes[i] = coefficients[1]
+    return flat, slopes
+
+
+def _level(
+    grid: FloatArray, mean: FloatArray, first: float, last: float
+) -> tuple[FloatArray, float]:
+    """Return the mean without what is left of its line over the evaluation range."""
+    x = np.linspace(first, last, LINE_POINTS)
+    z = SampledCurve(grid, mean)(x)
+    valid = ~np.isnan(z)
+    slope, level = np.polyfit(x[valid] - first, z[valid], 1)
+    return mean - level - slope * (grid - first), float(slope)
+
+
+def _audit(runs: RunSet, pitch: float) -> dict[str, Any]:
+    return {
+        "n_runs": len(runs),
+        "feeds_mm_per_min": [f * 6e4 for f in runs.feeds],
+        "grid_step_mm": pitch * 1e3,
+        "line_removed": "least squares over the evaluation range, run by run",
+    }
+
+
+def _messages(runs: RunSet) -> tuple[str, ...]:
+    sentences = []
+    if len(runs) == 1:
+        sentences.append("one run only: there is no scatter to tell an uncertainty from")
+    if len(runs.feeds) < 2:
+        sentences.append(
+            "one feedrate only: a vibration that starts in phase with the run cannot be told from "
+            "geometry; add runs at another feedrate"
+        )
+    return tuple(sentences)
+
+
+def _without_spikes(runs: RunSet) -> tuple[RunSet, dict[str, Any], list[str]]:
+    """Return the runs without the readings that stand out, which these are, and what to say."""
+    table = RunTable.of(runs, range(len(runs)))
+    if len(runs) < 3 or table is None:
+        raise TooFewSamplesError(
+            f"robust compares each reading with the median of the other runs: it needs 3 runs of 24 "
+            f"common positions, got {len(runs)} run(s); measure further or leave robust out"
+        )
+    kept: list[Run] = []
+    share: list[float] = []
+    largest: dict[str, Any] = {"largest_nm": 0.0}
+    for run, far, away in spikes(runs, table):
+        z = run.z.copy()
+        z[far] = np.nan
+        kept.append(
+            Run(run.x, z, t=run.t, feed=run.feed, run_id=run.run_id, metadata=run.metadata)
+        )
+        share.append(far.size / len(run))
+        i = int(far[np.argmax(np.abs(away[far]))]) if far.size else -1
+        if i >= 0 and abs(away[i]) * 1e9 > abs(largest["largest_nm"]):
+            largest = {
+                "largest_nm": float(away[i]) * 1e9,
+                "largest_run": run.run_id,
+                "largest_at_mm": float(run.x[i]) * 1e3,
+            }
+    n = sum(r.n_invalid for r in kept) - sum(r.n_invalid for r in runs)
+    left_out = n / sum(len(r) for r in runs)
+    result = {
+        "n_rejected": n,
+        **(largest if n else {}),
+        "share_rejected": left_out,
+        "run": [r.run_id for r in runs],
+        "rejected": share,
+    }
+    said = f"robust mean: {100 * left_out:.2g} % of the readings were left out"
+    if n:
+        said += (
+            f" ({n}); the largest is {largest['largest_nm']:.4g} nm off, in run "
+            f"{largest['largest_run']!r} at {largest['largest_at_mm']:.4g} mm"
+        )
+    return RunSet(kept, metadata=runs.metadata, history=runs.history), result, [said]
