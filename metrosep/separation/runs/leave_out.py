@@ -114,7 +114,7 @@ def _score(model: Model, chosen: Sequence[int]) -> RunScore:
     shift = _shift(model, gram, right, curve, rest.theta)
     w = model.extension.wavenumbers
     _, u_shift = step(
-        _waves_only(XX, w.size)
+        _waves_only(filtered(curve, np.asarray(-1j * w * np.exp(-1j * w * shift))), w.size)
     )
     misfit = _misfit(rest, gram, side)
     return RunScore(tuple(chosen), misfit, 1.0 + gain, u_gain, shift, u_shift, rest.theta)
