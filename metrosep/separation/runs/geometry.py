@@ -36,6 +36,9 @@ _BEND_SD = 1.0
 
 _RIDGE = 1e-9
 
+_PER_CELL = 6
+"""Wavenumbers that are looked at in one over the travel."""
+
 
 class Extension:
     """Functions on the travel as columns of the basis: line, cosines, sines."""
@@ -50,6 +53,7 @@ class Extension:
         e = self.basis(self.grid)
         normal = e.T @ e + _RIDGE * self.grid.size * np.eye(e.shape[1])
         self._pseudo = np.linalg.solve(normal, e.T)
+        self._scan: tuple[FloatArray, FloatArray] | None = None
 
     @property
     def wavenumbers(self) -> FloatArray:
@@ -79,6 +83,14 @@ class Extension:
         phase = 2.0 * np.pi * np.outer(self.grid - self.origin, wavenumber)
         pairs = np.stack([np.cos(phase), np.sin(phase)], axis=-1)
         return self.coefficients(pairs.reshape(self.grid.size, -1))
+
+    def scan(self) -> tuple[FloatArray, FloatArray]:
+        """Return the wavenumbers at which waves are looked for, and their columns."""
+        if self._scan is None:
+            most = HELD_SHARE * self.n / self.period
+            grid = np.arange(1.0 / self.travel, most, 1.0 / (_PER_CELL * self.travel))
+            self._scan = grid, self.wave(grid)
+        return self._scan
 
     def wave_change(self, wavenumber: float, pair: FloatArray) -> FloatArray:
         """Return the derivative of a wave with its wavenumber, shape (1 + 2 K,)."""

@@ -40,7 +40,6 @@ class RunEquations:
     level_information: float  # o'o
     velocity: float
     feed: int  # number of the feedrate
-    square: float = 0.0  # y'y - (o'y)^2 / o'o
 
 
 @dataclass(slots=True, eq=False)
@@ -300,6 +299,12 @@ class Model:
         own = 0.5 * (gram[1 : n + 1] + gram[n + 1 : 2 * n + 1])
         needed = (tail > 0.003 * spread / 2.0) & (variance * own > 0.02)
         self.kept = max(int(np.flatnonzero(needed).max(initial=0)) + 1, 8)
+
+    def log_evidence(self, post: Posterior) -> float:
+        """Return ln evidence with the prior of the spectrum, but for a constant."""
+        phi = self.spectrum.phi
+        prior = self.spectrum.pull @ phi - 0.5 * phi @ self.spectrum.precision @ phi
+        return post.evidence + float(prior)
 
     def spread_of_spectrum(self, post: Posterior) -> FloatArray:
         """Return J (F + prior)^-1/2, what the learnt spectrum adds to the covariance (eq. 16)."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from metrosep.core._arrays import benjamini_hochberg
+from metrosep.core._arrays import FloatArray, IntArray, benjamini_hochberg
 from metrosep.separation.runs.geometry import filtered
 from metrosep.separation.runs.posterior import Model
 
@@ -25,9 +25,7 @@ def find_slip(model: Model) -> bool:
     if len(model.seen) < 3 or len(feeds) < 2:
         return False
     k = np.flatnonzero(model.harmonics())
-    p, spread = np.ones(k.size), np.zeros(k.size)
-    for i, harmonic in enumerate(k):
-        p[i], spread[i] = _tested(model, int(harmonic), feeds)
+    p, spread = _tested(model, k, feeds)
     found = benjamini_hochberg(p, rate=FALSE_DISCOVERY)
     if not found.any():
         return False
@@ -37,27 +35,25 @@ def find_slip(model: Model) -> bool:
     return True
 
 
-def _tested(model: Model, harmonic: int, feeds: list[int]) -> tuple[float, float]:
-    """Return the largest p value with one feedrate left out, and the variance among the runs."""
+def _tested(model: Model, k: IntArray, feeds: list[int]) -> tuple[FloatArray, FloatArray]:
+    """Return for each harmonic the largest p value with one feedrate left out, and the variance."""
     from scipy.stats import chi2
 
     assert model.post is not None  # noqa: S101  (after a solution)
-    at = np.array([1 + harmonic, 1 + model.extension.n + harmonic])
+    i, j = 1 + k, 1 + model.extension.n + k
     theta, n = model.post.theta, len(model.seen)
-    squares, spread = [], []
-    for run in model.seen:
-        q = run.right[at] - run.gram[at] @ theta
-        own = run.gram[np.ix_(at, at)]
-        own = own + 1e-12 * np.trace(own) * np.eye(2)
-        d = np.linalg.solve(own, q)
-        squares.append(float(q @ d))
-        spread.append(0.5 * float(d @ d) - 0.5 * float(np.trace(np.linalg.inv(own))))
-    worst = 0.0
-    for feed in feeds:
-        rest = [s for s, r in zip(squares, model.seen, strict=True) if r.feed != feed]
-        freedom = 2.0 * len(rest) * (n - 1.0) / n
-        worst = max(worst, float(chi2.sf(sum(rest), freedom)))
-    return worst, float(np.mean(spread))
+    squares, spread = np.zeros((n, k.size)), np.zeros(k.size)
+    for row, run in zip(squares, model.seen, strict=True):
+        rest = run.right - run.gram @ theta
+        aa, bb, ab = run.gram[i, i], run.gram[j, j], run.gram[i, j]
+        det = np.maximum(aa * bb - ab**2, 1e-12 * aa * bb + 1e-300)
+        a, b = (bb * rest[i] - ab * rest[j]) / det, (aa * rest[j] - ab * rest[i]) / det
+        row[:] = a * rest[i] + b * rest[j]
+        spread += 0.5 * (a**2 + b**2 - (aa + bb) / det) / n
+    of = np.array([r.feed for r in model.seen])
+    left = [squares[of != feed] for feed in feeds]
+    p = [chi2.sf(s.sum(axis=0), 2.0 * s.shape[0] * (n - 1.0) / n) for s in left]
+    return np.max(p, axis=0), spread
 
 
 def learn_slip(model: Model, rounds: int) -> None:

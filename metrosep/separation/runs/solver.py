@@ -155,11 +155,15 @@ def _pass(
     order: int | None = -1,
 ) -> None:
     """Learn the noise (order: None by AICc, -1 not), pass over the samples, learn the geometry."""
+    before = [n.variance for n in system.noise]
     if order != -1:
         system.update_noise(model, most=order)
     model.n_extra = system.size - system.n_basis
     model.extra_precision = system.extra_precision()
-    model.take(system.equations(model))
+    if order == 0 and model.runs and system.weights is None:  # white as before: only its size
+        model.take(system.rescaled(model.runs, before))
+    else:
+        model.take(system.equations(model))
     model.learn(most, above=above)
     for _ in range(4 if system.terms.drift else 0):
         assert model.post is not None  # noqa: S101  (set by learn)
@@ -252,7 +256,7 @@ class _Answer:
 
 
 def _answer(model: Model, *, with_lag: bool) -> _Answer:
-    """Return the solution with what spectrum and lag add to its covariance (eqs. 16, 23)."""
+    """Return the solution with what spectrum and lag leave open (eqs. 16, 23)."""
     post = model.solve()
     plain = post.covariance()
     change = model.spread_of_spectrum(post)
@@ -279,14 +283,14 @@ def _with_and_without_lag(
     test = LagTest(lag, at.u, p, fitted=True, spread=model.sensor.spread)
     if p > 0.999:
         return one, test
-    kept = (model.sensor, model.spectrum.phi.copy(), [w.variance for w in model.waves])
+    found = (model.sensor, model.spectrum.phi.copy(), [w.variance for w in model.waves])
     model.sensor = Sensor(stated)
     model.apply()
     model.learn(4)
     none = _answer(model, with_lag=False)
     if p > 0.5:  # residuals and noise are shown for the likelier of the two
-        model.sensor, model.spectrum.phi = kept[0], kept[1]
-        for wave, variance in zip(model.waves, kept[2], strict=True):
+        model.sensor, model.spectrum.phi = found[0], found[1]
+        for wave, variance in zip(model.waves, found[2], strict=True):
             wave.variance = variance
         model.apply()
         model.solve()

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -163,9 +164,24 @@ class System:
                     level_information=oo,
                     velocity=self.runs[i].velocity,
                     feed=self.feeds[i],
-                    square=float(y @ y) - oy**2 / oo,
                 )
         return [run for run in out if run is not None]
+
+    def rescaled(
+        self, runs: Sequence[RunEquations], before: Sequence[float]
+    ) -> list[RunEquations]:
+        """Return equations for white noise of another size: no pass over the samples."""
+        out = list(runs)
+        for group, noise, old in zip(self.groups, self.noise, before, strict=True):
+            for i in group:
+                c = old / noise.variance
+                out[i] = replace(
+                    out[i],
+                    gram=c * out[i].gram,
+                    right=c * out[i].right,
+                    level_information=c * out[i].level_information,
+                )
+        return out
 
     def score(
         self, model: Model, columns_of: Callable[[int], FloatArray]

@@ -22,9 +22,6 @@ __all__ = ["FoundWave", "found_waves", "remove_weak", "search"]
 FALSE_ALARM = 0.01
 """Chance that one search finds a wave where there is none."""
 
-_PER_CELL = 6
-"""Wavenumbers that are looked at in one over the travel."""
-
 _REPEATS = 1e-3
 """A wave of which the runs agree by chance with more than this probability is not taken."""
 
@@ -59,8 +56,7 @@ def search(model: Model, given: Sequence[float] = ()) -> None:
     least, most = 1.0 / ext.travel, HELD_SHARE * ext.n / ext.period
     if most <= least:
         return
-    grid = np.arange(least, most, 1.0 / (_PER_CELL * ext.travel))
-    columns = ext.wave(grid)
+    grid, columns = ext.scan()
     n_looked = 1.25 * ext.travel * most
     limit = 2.0 * math.log(max(n_looked, 2.0) / FALSE_ALARM)
     model.learn(6, above=1.0, cap=True)
@@ -160,10 +156,8 @@ def remove_weak(model: Model) -> None:
 
 
 def _evidence(model: Model) -> float:
-    """Return ln evidence with the prior of the spectrum."""
     assert model.post is not None  # noqa: S101  (after a solution)
-    s = model.spectrum
-    return model.post.evidence - 0.5 * float(s.phi @ s.precision @ s.phi) + float(s.pull @ s.phi)
+    return model.log_evidence(model.post)
 
 
 def agreement(model: Model) -> list[float]:
