@@ -160,6 +160,20 @@ def test_lost_samples_are_found_named_and_keep_their_times(clock, tmp_path, caps
     assert peak_hz(result) == pytest.approx(MODE, abs=MODE_HZ)
 
 
+def test_many_lost_samples_are_summed_up(tmp_path, capsys):
+    gone = np.random.default_rng(8).random(2000) < 0.08
+    runs = axis(7, jittered(0.03), lambda i, run: ~((run == 3) & gone[i] & (i > 0)))
+    result = separated(csv(tmp_path / "a.csv", runs), tmp_path)
+    n = int(TRAVEL / 90.0 * RATE)
+    kept = np.flatnonzero(~gone[:n])[[0, -1]]  # what is lost before the first or behind the last
+    lost = int(gone[: kept[1]].sum() - gone[0])
+
+    said = [m for m in result["estimate"]["messages"] if "lost" in m]
+    assert len(said) == 1
+    assert re.match(rf"run 4: {lost} samples were lost at \d+ places, \d of them at", said[0])
+    assert error_nm(result) < CLEAN_NM
+
+
 def test_lost_samples_are_found_in_positions_where_the_rate_is_stated(tmp_path, capsys):
     runs = axis(3, keep=lambda i, run: ~((run == 0) & (i >= 100) & (i < 220)))
     assert call(csv(tmp_path / "a.csv", runs)) == 0

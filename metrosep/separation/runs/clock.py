@@ -45,8 +45,14 @@ _RATE = 0.01
 _EVEN = 0.15
 """Robust sd of the steps of position, relative, up to which they show whether a sample was lost."""
 
+_NEAR = 4
+"""Steps on each side with which a step of position is compared."""
+
 _WHOLE = 0.3
 """A lost sample doubles the step of position, up to this share of a step."""
+
+_MOST_NAMED = 3
+"""Places of lost samples that are said one by one."""
 
 _MENTIONED = 0.01
 """Jitter in steps that is said."""
@@ -120,10 +126,16 @@ def clock_messages(clocks: list[tuple[str, Clock]]) -> list[str]:
     """Return what is said of the clocks of runs, by the names of the runs."""
     out = []
     for name, clock in clocks:
-        for x, count in clock.lost:
+        for x, count in clock.lost if len(clock.lost) <= _MOST_NAMED else ():
             samples = "1 sample was" if count == 1 else f"{count} samples were"
             out.append(
                 f"run {name}: {samples} lost at {format_length(x, digits=4)}: kept as a gap"
+            )
+        if len(clock.lost) > _MOST_NAMED:
+            x, count = max(clock.lost, key=lambda gap: gap[1])
+            out.append(
+                f"run {name}: {sum(k for _, k in clock.lost)} samples were lost at {len(clock.lost)} "
+                f"places, {count} of them at {format_length(x, digits=4)}: kept as gaps"
             )
         for x, size in clock.wrong:
             out.append(
@@ -143,9 +155,12 @@ def clock_messages(clocks: list[tuple[str, Clock]]) -> list[str]:
 def _steps_more(x: FloatArray) -> FloatArray | None:
     """Return by how many steps the step before each position exceeds its neighbours; None if uneven."""
     size = np.abs(np.diff(x))
-    if size.size < _ROW:
+    if size.size <= _NEAR:
         return None
-    near = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(size, 2, "edge"), 5), axis=1)
+    around = np.lib.stride_tricks.sliding_window_view(
+        np.pad(size, _NEAR, "reflect"), 2 * _NEAR + 1
+    )
+    near = np.median(around, axis=1)
     more = np.append(0.0, size / near - 1.0)
     return more if MAD * float(np.median(np.abs(more))) < _EVEN else None
 
