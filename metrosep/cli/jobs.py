@@ -112,7 +112,9 @@ def run(
 @click.option("--min-feeds", type=int, metavar="N", help="Feedrates that must be there (joint).")
 @click.option("--drift", type=int, metavar="0|1|2", help="Polynomial in time of each run (joint).")
 @click.option("--lines", metavar="auto|FREQ,...", help='Disturbing lines: auto, "50 Hz" (joint).')
-@click.option("--robust", is_flag=True, default=None, help="Spikes lose their weight (joint, mean).")
+@click.option(
+    "--robust", is_flag=True, default=None, help="Spikes lose their weight (joint, mean)."
+)
 @click.option("--table", "table_", metavar="NAME=FILE", help="Write a table: linuxcnc=x.comp.")
 @table_options
 @click.option("--poly", metavar="DEGREE", help="Fit a polynomial: 2, or auto.")

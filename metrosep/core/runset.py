@@ -171,7 +171,12 @@ def _check_time(t: FloatArray, run_id: str) -> None:
             f"run {run_id!r}: the time of sample {i} is {t[i]}; give every sample its time in seconds, "
             "or the sampling rate instead"
         )
-    if not t[-1] > t[0]:
+    if t[-1] < t[0]:
+        raise InvalidSamplesError(
+            f"run {run_id!r}: time does not increase, it runs back from {t[0]:.10g} to {t[-1]:.10g} s; "
+            "check the order of the rows and the sign of the time"
+        )
+    if t[-1] == t[0]:
         raise InvalidSamplesError(
             f"run {run_id!r}: time does not increase, it goes from {t[0]:.10g} to {t[-1]:.10g} s; time "
             "stamps with too few digits (32-bit seconds since 1970) are all equal: write more digits, "

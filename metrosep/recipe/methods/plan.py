@@ -110,7 +110,7 @@ def feed_plan_of(produced: Any, inputs: Any = None) -> Description:
         "kind": "plan",
         "title": "Plan of feedrates",
         "caption": "Predicted standard deviation of an amplitude coefficient over wavelength: of "
-        "this plan, of as many runs all at the middle feedrate, and evenly spread.",
+        "this plan, of as many runs all at the middle feedrate, and in geometric progression.",
         "columns": {k: plain(v) for k, v in produced.columns.items()},
         "feeds": plain(produced.feeds),
         "fixed": plain(produced.fixed),

@@ -45,8 +45,14 @@ _RATE = 0.01
 _EVEN = 0.15
 """Robust sd of the steps of position, relative, up to which they show whether a sample was lost."""
 
+_NEAR = 4
+"""Steps on each side with which a step of position is compared."""
+
 _WHOLE = 0.3
 """A lost sample doubles the step of position, up to this share of a step."""
+
+_MOST_NAMED = 3
+"""Places of lost samples that are said one by one."""
 
 _MENTIONED = 0.01
 """Jitter in steps that is said."""
@@ -87,12 +93,15 @@ def fit_clock(run: Run) -> Clock:
     at = np.concatenate([[0], np.flatnonzero(~shared) + 1]) if in_blocks else np.arange(n)
     at = at[1:] if in_blocks else at  # the first stamp may belong to a block begun before the run
     block = float(np.median(np.diff(at))) if in_blocks else 1.0
-    moved = _lost_by_position(run.x)
-    gaps = np.zeros(n, dtype=np.intp) if moved is None else _counted(t, at, moved)
+    more = _steps_more(run.x)
+    gaps = np.zeros(n, dtype=np.intp)
+    if more is not None:
+        gaps = _by_position(more, strict=in_blocks)
+        gaps = gaps if in_blocks else _counted(t, gaps)
     wrong: list[tuple[int, float]] = []
     rest, fitted = _fit(t, at, gaps)
-    if _fault(rest, block) or moved is None:
-        gaps, wrong = _by_time(t, at, gaps, position_known=moved is not None)
+    if _fault(rest, block) or more is None:
+        gaps, wrong = _by_time(t, at, gaps, more)
         for i, size in wrong:
             t[i:] -= size
         rest, fitted = _fit(t, at, gaps)
@@ -117,10 +126,16 @@ def clock_messages(clocks: list[tuple[str, Clock]]) -> list[str]:
     """Return what is said of the clocks of runs, by the names of the runs."""
     out = []
     for name, clock in clocks:
-        for x, count in clock.lost:
+        for x, count in clock.lost if len(clock.lost) <= _MOST_NAMED else ():
             samples = "1 sample was" if count == 1 else f"{count} samples were"
             out.append(
                 f"run {name}: {samples} lost at {format_length(x, digits=4)}: kept as a gap"
+            )
+        if len(clock.lost) > _MOST_NAMED:
+            x, count = max(clock.lost, key=lambda gap: gap[1])
+            out.append(
+                f"run {name}: {sum(k for _, k in clock.lost)} samples were lost at {len(clock.lost)} "
+                f"places, {count} of them at {format_length(x, digits=4)}: kept as gaps"
             )
         for x, size in clock.wrong:
             out.append(
@@ -137,29 +152,35 @@ def clock_messages(clocks: list[tuple[str, Clock]]) -> list[str]:
     return out
 
 
-def _lost_by_position(x: FloatArray) -> NDArray[np.intp] | None:
-    """Return how many samples the position lacks before each one; None where its steps are uneven."""
+def _steps_more(x: FloatArray) -> FloatArray | None:
+    """Return by how many steps the step before each position exceeds its neighbours; None if uneven."""
     size = np.abs(np.diff(x))
-    if size.size < _ROW:
+    if size.size <= _NEAR:
         return None
-    near = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(size, 2, "edge"), 5), axis=1)
-    more = size / near - 1.0
-    if MAD * float(np.median(np.abs(more))) > _EVEN:
-        return None
+    around = np.lib.stride_tricks.sliding_window_view(
+        np.pad(size, _NEAR, "reflect"), 2 * _NEAR + 1
+    )
+    near = np.median(around, axis=1)
+    more = np.append(0.0, size / near - 1.0)
+    return more if MAD * float(np.median(np.abs(more))) < _EVEN else None
+
+
+def _by_position(more: FloatArray, *, strict: bool) -> NDArray[np.intp]:
+    """Return how many samples the position lacks before each one; not strict where time decides."""
     whole = np.round(more)
     # A jerk of the axis or of its encoder is made good by the next step, a lost sample is not.
     kept = np.convolve(more, np.ones(3), "same")
     room = _WHOLE * np.maximum(1.0, 0.1 * whole)
-    lost = (whole >= 1.0) & (np.abs(more - whole) < room) & (kept > whole - 0.5)
-    return np.append(0, np.where(lost, whole, 0.0)).astype(np.intp)
+    if not strict:
+        room = np.maximum(room, 4.0 * MAD * float(np.median(np.abs(more))))
+    lost = (whole >= 1.0) & (np.abs(more - whole) <= room) & (kept > whole - 0.5)
+    return np.where(lost, whole, 0.0).astype(np.intp)
 
 
-def _counted(t: FloatArray, at: NDArray[np.intp], moved: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the lost samples where the position shows some, counted by the time if it knows."""
-    gaps = moved.copy()
+def _counted(t: FloatArray, moved: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the lost samples where the position shows some, counted by the time."""
+    gaps, at = moved.copy(), np.arange(t.size)
     places = np.flatnonzero(moved)
-    if not places.size or at.size < t.size:
-        return gaps
     part = np.searchsorted(places, at, side="right")
     size = np.bincount(part)
     k, own = at - (np.bincount(part, at) / size)[part], t - (np.bincount(part, t) / size)[part]
@@ -183,7 +204,7 @@ def _fit(
 
 
 def _by_time(
-    t: FloatArray, at: NDArray[np.intp], gaps: NDArray[np.intp], *, position_known: bool
+    t: FloatArray, at: NDArray[np.intp], gaps: NDArray[np.intp], x_more: FloatArray | None
 ) -> tuple[NDArray[np.intp], list[tuple[int, float]]]:
     """Return the samples lost before each one, and where the stamps alone jump (sample, s)."""
     gaps = gaps.copy()
@@ -211,7 +232,8 @@ def _by_time(
     wrong: list[tuple[int, float]] = []
     for place, size in sorted(found):
         sample = int(at[place + 1])
-        if not position_known and size > _AWAY:
+        near = slice(int(at[place]), sample + 2)
+        if size > _AWAY and (x_more is None or float(x_more[near].max()) > 0.5 * size):
             gaps[sample] += round(size)
         else:
             wrong.append((sample, size * step))
