@@ -1,0 +1,286 @@
+"""The parts of the joint model against reference numbers that were computed by independent code.
+
+The numbers are those of the project's notes (separation-2, section 9): three runs of a wave with
+two disturbances, written out so that anybody can compute them again. Units: mm, nm, s.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from metrosep.separation.runs.geometry import Extension, Sensor, Spectrum, filtered
+from metrosep.separation.runs.leave_out import run_scores
+from metrosep.separation.runs.noise import NoiseModel, burg, exact_rows, fit_noise
+from metrosep.separation.runs.posterior import Model, RunEquations
+from metrosep.separation.runs.sensor import averaged, chance_of_lag, lag_score
+from metrosep.separation.runs.slip import find_slip
+
+DT, SPEEDS, SIZES, K = 0.004, (80.0, 120.0, 160.0), (76, 51, 39), 6
+DIGITS = 1e-6
+"""Relative: the references have eight to ten digits, some are differences of larger numbers."""
+
+
+def close(found, expected):
+    np.testing.assert_allclose(found, expected, rtol=DIGITS, atol=1e-9)
+
+
+def reading(r):
+    i = np.arange(SIZES[r])
+    x, t = SPEEDS[r] * DT * i, DT * i
+    noise = 8 * np.sin(1.7 * i**2 + 0.9 * r) + 5 * np.cos(2 * math.pi * 11 * t + r)
+    return x, 100 * np.cos(2 * math.pi * x / 6.5 + 0.4) + noise, noise
+
+
+@pytest.fixture(scope="module")
+def noise():
+    filters, variances = burg([reading(r)[2] for r in range(3)], 3)
+    return NoiseModel(filters, variances, DT)
+
+
+@pytest.fixture
+def model(noise):
+    """The model of the notes: no line, no waves, s_k^2 = 3000 k^-2.5."""
+    extension = Extension(0.0, 24.0, K)
+    equations = []
+    for r in range(3):
+        x, z, _ = reading(r)
+        basis = extension.basis(x)
+        basis[:, 0] = 0.0
+        table = np.column_stack([basis, z - z.mean(), np.ones(x.size)])
+        rows = exact_rows(table, noise, [slice(0, x.size)])
+        a, y, o = rows[:, :-2], rows[:, -2], rows[:, -1]
+        oo = float(o @ o)
+        equations.append(
+            RunEquations(
+                a.T @ a - np.outer(a.T @ o, a.T @ o) / oo,
+                a.T @ y - a.T @ o * float(o @ y) / oo,
+                a.T @ o / oo,
+                float(o @ y) / oo,
+                oo,
+                SPEEDS[r],
+                r,
+            )
+        )
+    made = Model(extension, Spectrum(K), slip_is_geometry=False)
+    made.spectrum.hats = np.column_stack([np.ones(K), np.log(np.arange(1, K + 1))])
+    made.spectrum.phi = np.array([math.log(3000.0), -2.5])
+    made.take(equations)
+    made.solve()
+    return made
+
+
+def test_the_readings_are_those_of_the_notes():
+    first = [reading(r)[1][0] for r in range(3)]
+    close(first, [97.10609940, 101.07422621, 97.81614626])
+
+
+def test_burg_pools_over_the_sequences(noise):
+    close(noise.filters[-1], [1.0, -0.23017117, -0.18598884, -0.07745182])
+    close(noise.variances, [45.07535891, 40.75708361, 39.04349761, 38.80928407])
+
+
+def test_whitening_is_exact_from_the_first_sample(noise):
+    z = reading(0)[1][:60]
+    white = exact_rows(z[:, None], noise, [slice(0, 60)])[:, 0]
+    close(white[:4], [14.46361699, 9.17392333, 3.0314615, -1.18329072])
+    close(white @ white, 3384.443368)
+    # the autocovariance of the model, by its innovations form, and its Cholesky factor
+    size, lead = 60, 4000
+    response = np.zeros(lead)
+    response[0] = 1.0
+    for i in range(1, lead):
+        response[i] = -sum(noise.filters[-1][m] * response[i - m] for m in range(1, min(i, 3) + 1))
+    r = [noise.variance * response[: lead - k] @ response[k:] for k in range(size)]
+    covariance = np.array([[r[abs(i - j)] for j in range(size)] for i in range(size)])
+    np.testing.assert_allclose(
+        white, np.linalg.solve(np.linalg.cholesky(covariance), z), rtol=1e-9, atol=1e-9
+    )
+
+
+def test_equations_of_a_run(model):
+    first, last = model.runs[0].gram[1:, 1:], model.runs[2].gram[1:, 1:]
+    close(first[0, 0], 0.2618422267)
+    close(first[2, 8], 0.0146965347)
+    close(model.runs[0].right[3], -2.3818935747)
+    close(last[2, 2], 0.2291006224)
+
+
+MEAN = (
+    33.34130799, -9.97824148, -21.64408709, 0.10310443, 70.34573203, 3.02559355,
+    -39.54704019, -40.24938845, -10.74841506, 7.65604651, -60.54331411, 13.47297933,
+)  # fmt: skip
+SD = (
+    7.31021231, 3.43373723, 6.41999079, 4.41967285, 2.30341152, 1.42366884,
+    8.80809402, 9.32578212, 4.44588474, 3.29065061, 2.59383082, 1.41197484,
+)  # fmt: skip
+
+
+def test_posterior_evidence_and_scores(model):
+    post = model.post
+    covariance = post.covariance()
+    close(post.theta[1:], MEAN)
+    close(np.sqrt(np.diag(covariance))[1:], SD)
+    # the line is not in these readings, so its precision in D and in M is the same
+    close(post.evidence, 5621.401492553)
+    score, information = model.scores(post)
+    hats = model.spectrum.hats
+    close(hats.T @ score, [81.56231486, 131.58297441])
+    close((hats.T * information) @ hats, [[4.87396514, 5.18703639], [5.18703639, 7.49474053]])
+
+
+def test_curve_and_its_band(model):
+    x = np.arange(241) * 0.1
+    basis = model.extension.basis(x)[:, 1:]
+    line = np.column_stack([np.ones(x.size), x])
+    basis = basis - line @ np.linalg.lstsq(line, basis, rcond=None)[0]
+    at = [0, 60, 120, 180, 240]
+    curve = basis @ model.post.theta[1:]
+    sd = np.sqrt(np.sum((basis @ model.post.full_root[1:]) ** 2, axis=1))
+    close(curve[at], [99.36404368, 99.97297734, 89.86607992, 56.18704737, 13.92192335])
+    close(sd[at], [3.40017033, 2.1335241, 2.27998164, 2.13032216, 3.14722336])
+
+
+def test_a_part_that_differs_from_run_to_run(model):
+    model.slip[3] = 400.0
+    model.apply()
+    post = model.solve()
+    close(post.theta[[4, 10]], [-0.0491496547, 3.3871318096])
+    close(np.sqrt(np.diag(post.covariance()))[[4, 10]], [7.6725643440, 7.5535357985])
+
+
+def test_lag_and_spread_of_the_sensor(model):
+    at = lag_score(model)
+    close(at.score, [-5344.6222281558, -891741.6332353302])
+    close(at.information[0], [13296980.472, -55828674.899])
+    close(at.information[1, 1], 145204036770.0)
+    close(at.lag, -0.000401942549)
+    close(at.u, 0.000274235380)
+    close((at.lag / at.u) ** 2, 2.1482310831)
+    step = np.linalg.solve(at.information, at.score)
+    close(step * 1e4, [-4.2841899586, -6.3060209511e-2])
+
+
+@pytest.mark.parametrize(
+    ("sensor", "expected"),
+    [
+        (Sensor(1e-3, 0.0), 0.9937122099 - 0.1119644763j),
+        (Sensor(1e-3, 1e-6), 0.9875677261 - 0.1108048398j),
+        (Sensor(1e-3, 0.25e-6), 0.9921587529 - 0.1117304231j),
+    ],
+    ids=["delay", "first order", "between"],
+)
+def test_response_of_the_sensor(sensor, expected):
+    found = sensor.response(np.array([2 * math.pi * 5 / 33.6]), 120.0)[0]
+    close([found.real, found.imag], [expected.real, expected.imag])
+
+
+def test_change_of_the_response_with_the_spread():
+    change = Sensor(1e-3, 0.25e-6).log_changes(np.array([2 * math.pi * 5 / 33.6]), 120.0)[1][0]
+    close([change.real, change.imag], [-6274.643035, 352.006651])
+
+
+@pytest.mark.parametrize("velocity", [120.0, -120.0])
+def test_a_late_reading_shows_the_error_of_the_place_before(velocity):
+    """Coefficients through a delay are those of g(x - v d), for both directions of travel."""
+    rng = np.random.default_rng(3)
+    extension = Extension(0.0, 24.0, K)
+    theta = np.concatenate([[0.0], rng.normal(size=2 * K)])
+    x = np.linspace(3.0, 20.0, 40)
+    read = filtered(theta, Sensor(2e-3, 0.0).response(extension.wavenumbers, velocity))
+    np.testing.assert_allclose(
+        extension.basis(x)[:, 1:] @ read[1:],
+        extension.basis(x - velocity * 2e-3)[:, 1:] @ theta[1:],
+        rtol=0.0,
+        atol=1e-12 * float(np.abs(theta).sum()),
+    )
+
+
+def test_probability_of_a_lag():
+    p = chance_of_lag(0.3e-3, 0.12e-3)
+    close(p, 0.721763612714)
+    close(math.log(p / (1 - p)), 0.953226612711)
+
+
+def test_the_mean_of_two_answers_holds_both():
+    """Mean and covariance of draws of which a share p comes from one, the rest from the other."""
+    rng = np.random.default_rng(4)
+    one = np.array([3.0, -1.0]), np.array([[2.0, 0.3], [0.3, 1.0]])
+    none = np.array([0.0, 1.0]), np.array([[0.5, -0.1], [-0.1, 0.7]])
+    n, p = 400_000, 0.3
+    first = rng.random(n) < p
+    draws = np.where(
+        first[:, None],
+        rng.multivariate_normal(*one, n),
+        rng.multivariate_normal(*none, n),
+    )
+    mean, covariance = averaged(one, none, p)
+    four_sd = 4.0 * math.sqrt(float(np.trace(covariance)) / n)
+    np.testing.assert_allclose(mean, draws.mean(axis=0), rtol=0.0, atol=four_sd)
+    np.testing.assert_allclose(covariance, np.cov(draws.T), rtol=0.0, atol=5 * four_sd)
+
+
+def test_each_run_from_the_others(model):
+    scores = run_scores(model)
+    degrees = 12
+    close([s.chi2 * degrees for s in scores], [15.33088092, 19.06202616, 10.49168654])
+    close([s.gain for s in scores], [1.01846282, 1.04625320, 1.00266532])
+    close([s.u_gain for s in scores], [0.02000954, 0.02051557, 0.02016581])
+
+
+def test_a_displaced_run_is_found_where_it_is(model):
+    """A run that shows the error of the place x - 0.5 mm is displaced by +0.5 mm."""
+    moved = Extension(0.0, 24.0, K)
+    theta = model.post.theta
+    h = np.exp(-1j * moved.wavenumbers * 0.5)
+    change = filtered(theta, h) - theta
+    runs = list(model.runs)
+    run = runs[1]
+    runs[1] = type(run)(
+        run.gram,
+        run.right + run.gram @ change,
+        run.level,
+        run.level_right + float(run.level @ change),
+        run.level_information,
+        run.velocity,
+        run.feed,
+    )
+    model.take(runs)
+    model.solve()
+    found = run_scores(model)[1]
+    assert abs(found.shift - 0.5) < 4.0 * found.u_shift
+    assert found.shift > 8.0 * found.u_shift
+
+
+def test_a_wave_of_any_wavelength_is_a_column_of_the_basis():
+    """Up to 0.9 of the highest wavenumber the extension holds a wave to a thousandth."""
+    extension = Extension(0.0, 56.0, 60)
+    x = np.linspace(0.0, 56.0, 999)
+    for wavelength in (55.0, 9.37, 3.001, extension.period / 60 / 0.9):
+        columns = extension.basis(x) @ extension.wave(1.0 / wavelength)
+        phase = 2 * math.pi * x / wavelength
+        np.testing.assert_allclose(columns[:, 0], np.cos(phase), rtol=0.0, atol=1e-3)
+        np.testing.assert_allclose(columns[:, 1], np.sin(phase), rtol=0.0, atol=1e-3)
+
+
+def test_runs_that_agree_have_no_slip(model):
+    assert not find_slip(model)
+
+
+def test_order_of_a_resonance_is_found():
+    """A second-order process needs order 2, and its coefficients come back."""
+    rng = np.random.default_rng(5)
+    a = (-1.6, 0.9)
+    draws = []
+    for _ in range(4):
+        n = np.zeros(4000)
+        e = rng.normal(size=n.size)
+        for i in range(2, n.size):
+            n[i] = -a[0] * n[i - 1] - a[1] * n[i - 2] + e[i]
+        draws.append(n[:, None])
+    model = fit_noise(draws, time_step=1e-3)
+    assert 2 <= model.order <= 6  # AICc keeps one needless coefficient in six
+    np.testing.assert_allclose(model.filters[2][1:], a, rtol=0.0, atol=0.02)  # 4 / sqrt(16000)
+    assert model.variance == pytest.approx(1.0, rel=0.05, abs=0.0)
