@@ -374,6 +374,23 @@ KINDS: Mapping[str, Kind] = {
         'a feedrate with its unit, "4800 mm/min"', _quantity("speed"), "speed", "4800 mm/min"
     ),
     "angle": Kind('an angle with its unit, "0.1 deg"', _quantity("angle"), "angle", "1 deg"),
+    "temperature": Kind(
+        'a temperature with its unit, "20.3 degC"', _quantity("temperature"), "temperature", "20.3 degC"
+    ),
+    "temperature difference": Kind(
+        'a difference of temperatures with its unit, "0.1 K"',
+        _quantity("temperature difference", "not_negative"), "temperature difference", "0.1 K",
+    ),
+    "pressure": Kind(
+        'a pressure with its unit, "1013 hPa"', _quantity("pressure", "not_negative"), "pressure", "1013 hPa"
+    ),
+    "share": Kind(
+        'a share with its unit, "45 %" or "450 ppm"', _quantity("share", "not_negative"), "share", "45 %"
+    ),
+    "expansion": Kind(
+        'a coefficient of expansion with its unit, "11.5 ppm/K"',
+        _quantity("coefficient of expansion"), "coefficient of expansion", "11.5 ppm/K",
+    ),
     "column": Kind(
         'a column: its name, "name:unit", or { column = "X", unit = "mm" }', _column
     ),

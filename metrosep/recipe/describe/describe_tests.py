@@ -13,6 +13,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.recipe.describe.charts import (
+    bar_chart,
     curve,
     curve_chart,
     harmonic_chart,
@@ -238,6 +239,32 @@ def separation_of(produced: Separation, inputs: Any = None) -> Description:
         maps,
         document,
         produced.audit,
+    )
+
+
+def laser_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of a `LaserReadings`: corrections, their u and its budget."""
+    found: dict[str, Quantity] = dict(produced.quantities())
+    if produced.made is None:
+        return Description(found, tables={"": {k: [q.value] for k, q in found.items()}})
+    budget = produced.made.budget()
+    columns = {"source": list(budget), "u_m": list(budget.values())}
+    chart = bar_chart(
+        "Uncertainty budget at the largest reading",
+        list(budget),
+        {"standard uncertainty": list(budget.values())},
+        unit="m",
+        quantity="standard uncertainty",
+        caption="Each source with all corrections that it acts on; squares add up (JCGM 100).",
+    )
+    if produced.separation is None:
+        return Description(found, (chart,), {"": columns})
+    base = separation_of(produced.separation)
+    return replace(
+        base,
+        quantities={**found, **base.quantities},
+        charts=(*base.charts, chart),
+        tables={**base.tables, "corrected": produced.table, "budget": columns},
     )
 
 
