@@ -256,16 +256,22 @@ def read_inputs(recipe: Recipe, files: list[Path]) -> RunSet:
 
 def _corrected(runs: RunSet, step: Mapping[str, Any]) -> RunSet:
     """Return the readings of a laser with the corrections of the step ``laser_setup`` added."""
-    from metrosep.separation.positions.laser_setup import setup_of
+    from metrosep.separation.positions.laser_setup import LaserSetup
 
-    found, far = setup_of({k: v for k, v in step.items() if k != "op"}).corrected(runs)
-    told = (*runs.metadata.get("warnings", ()), *far.messages, far.summary())
+    options = {k: v for k, v in step.items() if k != "op"}
+    found, far = LaserSetup(**options).corrected(runs)
+    of_all = far.quantities()["correction.total"]
+    beside = (
+        f"the readings of the laser were corrected: {of_all}; this u is common to all runs and not in "
+        "the band"
+    )
+    told = (*runs.metadata.get("warnings", ()), *far.messages, beside)
     entries = [
         {"name": q.definition, **q.to_dict(), "metric": k, **_UNJUDGED}
         for k, q in far.quantities().items()
     ]
     metadata = {**runs.metadata, "warnings": told, "laser": entries}
-    history = (*runs.history, Step("laser_setup", {k: v for k, v in step.items() if k != "op"}))
+    history = (*runs.history, Step("laser_setup", options))
     return RunSet(found, metadata=metadata, history=history)
 
 
