@@ -305,7 +305,7 @@ def _checked(name: str, value: Any) -> FloatArray:
         ends = f"{typed_number(low, dimension)} to {typed_number(high, dimension)}"
         bare = {"temperature": " K", "pressure": " Pa", "length": " m", "share": ""}[dimension]
         raise OptionRangeError(
-            f"{name} = {found:.6g}{bare} is out of the range of air, {ends}; {meant}"
+            f"{name} is {found:.6g}{bare}, out of the range of air, {ends}; {meant}"
         )
     return array
 

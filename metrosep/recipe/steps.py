@@ -64,7 +64,6 @@ MEASURING_INPUT = {
 }
 
 STEPS = {
-    "laser_setup": {"op": Field("text", required=True), **SETUP},
     "separate": {
         "op": Field("text", required=True),
         **RUN_OPTIONS,
@@ -85,14 +84,15 @@ STEPS = {
         ),
     },
     "plan_feedrates": PLAN,
+    "laser_setup": {"op": Field("text", required=True), **SETUP},
     **{name: op.fields for name, op in MEASURING.items()},
 }
 
 WHAT = {
-    "laser_setup": "runs read by a laser, corrected before separate: air, dead path, cosine, heat",
     "separate": "error of an axis from repeated runs (joint, kono, mean)",
     "polynomial": "polynomial of the error or the compensation over position, after separate",
     "plan_feedrates": "feedrates for the next runs from the disturbance, after separate",
+    "laser_setup": "runs read by a laser, corrected before separate: air, dead path, cosine, heat",
     **{name: op.what for name, op in MEASURING.items()},
 }
 

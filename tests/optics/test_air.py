@@ -185,12 +185,12 @@ def test_texts_and_numbers_and_arrays_say_the_same():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"temperature": 20.0}, "20 K is out of the range.*'20 degC' or 293.15"),
-        ({"pressure": 1013.25}, "1013.25 Pa is out of.*'1013 hPa' or 101300"),
+        ({"temperature": 20.0}, "is 20 K, out of the range.*'20 degC' or 293.15"),
+        ({"pressure": 1013.25}, "is 1013.25 Pa, out of.*'1013 hPa' or 101300"),
         ({"pressure": "101325 hPa"}, "out of the range of air, 100 hPa to 1400 hPa"),
-        ({"humidity": 45.0}, "humidity = 45 is out of.*'45 %' or 0.45"),
-        ({"co2": 450.0}, "co2 = 450 is out of.*'450 ppm' or 450e-6"),
-        ({"wavelength": 633.0}, "wavelength = 633 m is out of.*'633 nm' or 633e-9"),
+        ({"humidity": 45.0}, "humidity is 45, out of.*'45 %' or 0.45"),
+        ({"co2": 450.0}, "co2 is 450, out of.*'450 ppm' or 450e-6"),
+        ({"wavelength": 633.0}, "wavelength is 633 m, out of.*'633 nm' or 633e-9"),
         ({"temperature": "20 hPa"}, "'hPa' is a pressure; a temperature is needed"),
         ({"pressure": "20"}, "has no unit"),
         ({"temperature": np.inf}, "out of the range"),

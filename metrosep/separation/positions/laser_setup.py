@@ -219,8 +219,8 @@ class LaserSetup:
         index, word = self["software_index"], self["software"]
         if (index is not None) + (word is not None) + bool(own) != 1:
             raise OptionError(
-                'say once what the software of the laser assumed of the air: software = "vacuum" or '
-                '"same air", or software_index, or software_temperature, software_pressure and '
+                'say once what the software of the laser assumed of the air: software ("vacuum" '
+                'or "same air"), or software_index, or software_temperature, software_pressure and '
                 "software_humidity"
             )
         if own:
@@ -256,7 +256,7 @@ class LaserSetup:
             )
         if self["positive"] is None:
             raise OptionError(
-                'the sign of the dead path needs positive = "away" or "towards": where the reflector '
+                'the sign of the dead path needs positive ("away" or "towards"): where the reflector '
                 "goes while the reading rises"
             )
         sign = 1.0 if self["positive"] == "away" else -1.0
@@ -352,7 +352,7 @@ class LaserSetup:
         wrong = t[(t < 233.15) | (t > 373.15)]
         if wrong.size:
             raise InvalidSamplesError(
-                f"part_temperature = {float(wrong.flat[0]):.6g} K is not that of a part; a bare number "
+                f"part_temperature is {float(wrong.flat[0]):.6g} K, not that of a part; a bare number "
                 "is in K: 20 degC is '20 degC' or 293.15"
             )
         over, length = t - _REFERENCE, book.length
