@@ -77,11 +77,14 @@ def _stated(command: Callable[..., int]) -> Callable[..., int]:
     """Add an option for each key of the step ``air``, as it is declared."""
     for name, known in reversed(list(AIR_KEYS.items())):
         kind: Any = click.Choice(known.choices) if known.choices else str
-        metavar = None if known.choices else KINDS[known.kind].example.split(" ", 1)[-1].upper()
+        metavar = (KINDS[known.kind].dimension or known.kind).split()[0].upper()
         command = click.option(
-            f"--{name.replace('_', '-')}", name, type=kind, metavar=metavar and f"VALUE[{metavar}]",
+            f"--{name.replace('_', '-')}",
+            name,
+            type=kind,
+            metavar=None if known.choices else metavar,
             help=known.help,
-        )(command)  # fmt: skip
+        )(command)
     return command
 
 

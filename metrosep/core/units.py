@@ -119,9 +119,9 @@ _ZEROS = {"degC": 273.15, "degF": 459.67 * 5.0 / 9.0}
 
 _SURROUNDING_NAMES = {
     "C": "degC", "°C": "degC", "℃": "degC", "deg C": "degC", "deg_C": "degC", "celsius": "degC",
-    "F": "degF", "°F": "degF", "deg F": "degF", "kelvin": "K", "mb": "mbar", "millibar": "mbar",
+    "°F": "degF", "deg F": "degF", "kelvin": "K", "mb": "mbar", "millibar": "mbar",
     "Torr": "mmHg", "torr": "mmHg", "pascal": "Pa", "% RH": "%", "%RH": "%", "% rh": "%", "percent": "%",
-    "pct": "%", "RH": "%",
+    "pct": "%",
     "umol/mol": "ppm", "/K": "1/K", "K-1": "1/K", "K^-1": "1/K", "1/degC": "1/K", "/degC": "1/K",
     "1/°C": "1/K", "um/m/K": "ppm/K", "um/(m K)": "ppm/K", "um/(m*K)": "ppm/K", "um/m K": "ppm/K",
     "um/m/degC": "ppm/K", "ppm/degC": "ppm/K", "ppm/°C": "ppm/K", "um/m/°C": "ppm/K",

@@ -140,6 +140,25 @@ def test_the_point_ahead_of_the_beam_went_further_where_the_angle_is_positive(na
     assert np.abs(flipped.correct([0.0, 0.2, 0.4], **{name: angle}).total + moved).max() < PM
 
 
+@pytest.mark.parametrize(
+    ("axis", "about", "component", "sign"),
+    [("x", "y", 2, 1), ("x", "z", 1, -1), ("y", "x", 2, -1), ("y", "z", 0, 1), ("z", "x", 1, 1),
+     ("z", "y", 0, -1)],
+)  # fmt: skip
+def test_the_offset_has_the_sign_of_the_page_for_every_axis(axis, about, component, sign):
+    # a carriage that turns by a right-handed angle about the foot of the beam, as a matrix
+    angle, r = 8e-6, np.array([0.031, -0.047, 0.059])
+    i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[about]
+    turn = np.eye(3)
+    turn[i, i] = turn[j, j] = math.cos(angle)
+    turn[j, i], turn[i, j] = math.sin(angle), -math.sin(angle)
+    moved = (turn @ r - r)["xyz".index(axis)]
+    assert abs(moved) > 200 * NM
+    setup = LaserSetup(software="same air", pitch_offset=sign * r[component], **AIR)
+    found = setup.correct([0.0, 0.1], pitch=[0.0, angle]).corrections["pitch"][1]
+    assert abs(found - moved) < 2 * PM  # the cosine of the angle: r angle^2 / 2
+
+
 def test_an_unknown_pitch_is_uncertainty_only():
     setup = LaserSetup(software="same air", pitch_offset=-0.1, pitch_limit="5 arcsec", **AIR)
     made = setup.correct([0.0, 0.3])
@@ -152,10 +171,11 @@ def test_a_warm_part_is_longer_than_at_20_degrees():
         software="same air", expansion="11.5 um/m/K", part_temperature="22 degC",
         u_part_temperature="0.1 K", u_expansion="1 ppm/K", **AIR,
     )  # fmt: skip
-    made = setup.correct([0.5])
-    assert abs(made.corrections["expansion"][0] + 11.5e-6 * 2.0 * 0.5) < PM
+    made = setup.correct([0.5 * (1.0 + 11.5e-6 * 2.0)])
+    assert abs(made.reading[0] + made.total[0] - 0.5) < ROUNDING
+    assert made.total[0] < 0.0
     by_hand = 0.5 * math.hypot(11.5e-6 * 0.1, 2.0 * 1e-6)
-    assert abs(made.u_of("expansion")[0] - by_hand) < PM
+    assert abs(made.u_of("expansion")[0] / by_hand - 1.0) < 3e-5  # 1 + 2 alpha (T - 20)
 
 
 # ---- uncertainty -------------------------------------------------------------------------------

@@ -154,7 +154,7 @@ class LaserSetup:
             dead_path   -s D (n - n_0) / n
             cosine      L m,    m = 1 / cos(theta) - 1 + u^2 / 2, or a^2 / 4 of a limit a
             pitch, yaw  h (angle - angle at zero)
-            expansion   -alpha (T - 20 degC) L
+            expansion   L / (1 + alpha (T - 20 degC)) - L
 
         The beam within a cone of half-angle a: theta^2 is rectangular from 0 to a^2, so that m has
         the mean a^2 / 4 and u = a^2 / (4 sqrt 3) (JCGM 100, F.2.4.4: the correction for a cosine is
@@ -361,7 +361,7 @@ class LaserSetup:
             "u_part_temperature",
         )  # fmt: skip
         book.add("expansion", "expansion", -over * length, self["u_expansion"], "u_expansion")
-        book.correct("expansion", -alpha * over * length)
+        book.correct("expansion", -alpha * over / (1.0 + alpha * over) * length)
 
 
 def _of_air(name: str) -> str:
@@ -582,6 +582,7 @@ def laser_positions(
     setup: LaserSetup,
     values: str = "position",
     approach: ArrayLike | None = None,
+    run: ArrayLike | None = None,
     **columns: ArrayLike,
 ) -> LaserReadings:
     """Return the errors of positions that a laser read, corrected.
@@ -598,6 +599,8 @@ def laser_positions(
         Whether readings are positions, or positions minus nominal.
     approach : array_like, shape (n,), optional
         Directions (texts); the table of the result repeats them.
+    run : array_like, shape (n,), optional
+        Which run each of the readings belongs to, where the runs stand below each other.
     **columns : array_like, shape (n,)
         As for `LaserSetup.correct`.
 
@@ -641,11 +644,32 @@ def laser_positions(
         "laser_positions", parts, u, dict.fromkeys(parts, "m"), {"x": x}, _UNSEEN,
         audit={k: _shown(v, SETUP[k]) for k, v in setup.options.items()}, messages=made.messages,
     )  # fmt: skip
-    table: dict[str, Any] = {"target_m": x}
-    if approach is not None:
-        table["direction"] = [str(d) for d in np.asarray(approach)]
-    table |= {f"run{i + 1}_m": r + made.total for i, r in enumerate(rows)}
+    table = _run_columns(x, rows + made.total, approach, run)
     return LaserReadings(made.air, made, separation, table, made.messages)
+
+
+def _run_columns(x: FloatArray, rows: FloatArray, approach: Any, run: Any) -> dict[str, Any]:
+    """Return targets, directions and a column for each run."""
+    ways = [""] * x.size if approach is None else [str(d) for d in np.asarray(approach)]
+    if run is not None:
+        if len(rows) > 1:
+            raise InvalidSamplesError("run tells runs of one column apart; name one of readings")
+        marks = [str(r) for r in np.asarray(run)]
+        places = list(dict.fromkeys(zip(x.tolist(), ways, strict=True)))
+        each = dict.fromkeys(marks)
+        wide = np.full((len(each), len(places)), np.nan)
+        seen = set()
+        for at, mark, z in zip(zip(x.tolist(), ways, strict=True), marks, rows[0], strict=True):
+            if (at, mark) in seen:
+                raise InvalidSamplesError(
+                    f"run {mark} holds the target {format_length(at[0])} {at[1]} twice; name the column "
+                    "of directions, approach"
+                )
+            seen.add((at, mark))
+            wide[list(each).index(mark), places.index(at)] = z
+        x, ways, rows = np.array([p[0] for p in places]), [p[1] for p in places], wide
+    found: dict[str, Any] = {"target_m": x, **({} if approach is None else {"direction": ways})}
+    return found | {f"run{i + 1}_m": r for i, r in enumerate(rows)}
 
 
 _UNSEEN = (
@@ -675,7 +699,7 @@ class LaserPositions(NamedMethod):
     )
     reads: ClassVar = "table"
     roles: ClassVar[Mapping[str, str]] = {
-        "position": "length", "readings": "length*", "approach": "label?",
+        "position": "length", "readings": "length*", "approach": "label?", "run": "label?",
         "temperature": "temperature?", "pressure": "pressure?", "humidity": "share?",
         "dew_point": "temperature?", "vapour_pressure": "pressure?", "co2": "share?",
         "part_temperature": "temperature?", "pitch": "angle?", "yaw": "angle?",
