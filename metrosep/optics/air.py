@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, OptionError, OptionRangeError
-from metrosep.core.numbers import choice, is_real, not_negative
+from metrosep.core.numbers import choice, is_real
+from metrosep.core.options import checked
 from metrosep.core.readable import typed_number
 from metrosep.core.units import parse_quantity
 from metrosep.optics.air_options import AIR, U_AIR, WET
@@ -231,8 +232,7 @@ def air_index(
         if stated is None:
             silent.append(name)
             continue
-        dimension = "temperature difference" if _UNITS[name] == "temperature" else _UNITS[name]
-        u = not_negative(stated, f"u_{name}", dimension=dimension)
+        u = checked(U_AIR[f"u_{name}"], stated, f"u_{name}")
         terms[name] = _slope(values, equation, name, u) * u
     for name in (k.removeprefix("u_") for k in U_AIR if given.get(k) is not None):
         if name not in values:

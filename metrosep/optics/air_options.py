@@ -24,11 +24,19 @@ AIR: Mapping[str, Option] = {
 """What the index of air depends on, beside the light."""
 
 U_AIR: Mapping[str, Option] = {
-    "u_temperature": Option("temperature difference", help="standard uncertainty of temperature"),
-    "u_pressure": Option("pressure", help="standard uncertainty of pressure"),
-    "u_humidity": Option("share", help='standard uncertainty of humidity, "2 %" of saturation'),
-    "u_dew_point": Option("temperature difference", help="standard uncertainty of dew_point"),
-    "u_vapour_pressure": Option("pressure", help="standard uncertainty of vapour_pressure"),
-    "u_co2": Option("share", help='standard uncertainty of co2, "50 ppm"'),
+    "u_temperature": Option(
+        "temperature difference", help="standard uncertainty of temperature", high=20.0
+    ),
+    "u_pressure": Option("pressure", help="standard uncertainty of pressure", high=2e4),
+    "u_humidity": Option(
+        "share", help='standard uncertainty of humidity, "2 %" of saturation', high=0.5
+    ),
+    "u_dew_point": Option(
+        "temperature difference", help="standard uncertainty of dew_point", high=20.0
+    ),
+    "u_vapour_pressure": Option(
+        "pressure", help="standard uncertainty of vapour_pressure", high=2e3
+    ),
+    "u_co2": Option("share", help='standard uncertainty of co2, "50 ppm"', high=2e-3),
 }
 """Standard uncertainties of what is measured of the air."""

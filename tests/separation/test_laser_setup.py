@@ -592,3 +592,50 @@ def test_one_reading_nothing_read_and_mirrored_data():
     there = setup.correct([0.1, 0.2]).total
     assert np.abs(setup.correct([-0.1, -0.2]).total + there).max() == 0.0
     assert ms.optics.refractive_index is refractive_index
+
+
+@pytest.mark.parametrize("away", [True, False])
+def test_the_zero_may_lie_anywhere_on_the_axis(away):
+    x = np.array([0.7, 0.5, 0.3, 0.1])  # set to zero at 700 mm, where the software shows 700 mm
+    t = np.array([293.15, 293.35, 293.55, 293.75])
+    shown = 0.7 + displayed(
+        x - 0.7, n=n_of(t), n_zero=n_of(293.15), n_software=1.0, dead=0.4, away=away
+    )
+    setup = LaserSetup(
+        software="vacuum", zero="700 mm", dead_path=0.4, positive="away" if away else "towards",
+        pressure=100_300.0, humidity=0.41,
+    )  # fmt: skip
+    found = laser_positions(x, shown, setup=setup, temperature=t).separation
+    assert np.abs(found.error).max() < ROUNDING
+
+
+def test_readings_that_are_not_those_of_the_positions_are_refused():
+    x = np.array([0.0, 0.1, 0.2])
+    setup = LaserSetup(software="vacuum", **AIR)
+    for wrong in (-x, x * 1e3, x + 0.5):
+        with pytest.raises(MetrosepError, match="from its position; check the units"):
+            laser_positions(x, wrong, setup=setup)
+    with pytest.raises(MetrosepError, match="2 readings for 3 positions"):
+        laser_positions(x, [0.0, 0.1], setup=setup)
+    with pytest.raises(MetrosepError, match="finite"):
+        laser_positions(x, [0.0, 0.1, np.inf], setup=setup)
+    with pytest.raises(MetrosepError, match="a position is NaN"):
+        laser_positions([0.0, np.nan, 0.2], x, setup=setup)
+    room = LaserSetup(software="vacuum", pressure=1e5, humidity=0.4)
+    with pytest.raises(MetrosepError, match="nothing can be corrected"):
+        laser_positions(x, x * 1.00027, setup=room, temperature=[np.nan] * 3)
+
+
+def test_runs_below_each_other_become_columns():
+    x = np.array([0.0, 0.1, 0.1, 0.0, 0.0, 0.1, 0.1, 0.0])
+    way = ["f", "f", "b", "b"] * 2
+    z = x + 1e-6 * np.arange(8)
+    setup = LaserSetup(software="same air", **AIR)
+    found = laser_positions(x, z, setup=setup, approach=way, run=[1] * 4 + [2] * 4).table
+    assert found["target_m"].tolist() == [0.0, 0.1, 0.1, 0.0]
+    assert found["direction"] == ["f", "f", "b", "b"]
+    assert np.abs(found["run2_m"] - found["run1_m"] - 4e-6).max() < ROUNDING
+    with pytest.raises(MetrosepError, match="twice; name the column of directions"):
+        laser_positions(x, z, setup=setup, run=[1] * 4 + [2] * 4)
+    with pytest.raises(MetrosepError, match="name one of readings"):
+        laser_positions(x, [z, z], setup=setup, approach=way, run=[1] * 8)

@@ -21,6 +21,7 @@ from metrosep.core.errors import DataError, InvalidSamplesError, OptionError
 from metrosep.core.inputs import RoleColumns
 from metrosep.core.numbers import real
 from metrosep.core.options import KINDS, Option, checked
+from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.readable import typed_number
 from metrosep.core.runset import Run, RunSet
@@ -44,6 +45,9 @@ leaves out are under 1.4e-6 of an Abbe offset."""
 
 _LONGEST = 200.0
 """m; no axis is longer, but one in mm passed as m is."""
+
+_APART = (0.02, 1e-3)
+"""Share of the travel, and m; no axis is further off, and air is 0.03 %."""
 
 _NEAR_ZERO = 1e-3
 """Of the largest reading; the first reading this near to the smallest counts as the zero."""
@@ -78,14 +82,15 @@ class LaserSetup:
     __slots__ = ("options",)
 
     def __init__(self, **options: Any) -> None:
-        self.options: dict[str, Any] = {}
+        given: dict[str, Any] = {}
         for name, value in options.items():
             if name not in SETUP:
                 near = difflib.get_close_matches(name, SETUP, n=1)
                 hint = f" Did you mean {near[0]}?" if near else ""
                 raise OptionError(f"a laser set-up has no {name!r}.{hint}")
             if value is not None:
-                self.options[name] = checked(SETUP[name], value, name)
+                given[name] = checked(SETUP[name], value, name)
+        self.options = freeze_mapping(given)
         for name in ("beam_angle", "pitch_limit", "yaw_limit"):
             _require_small(name, self[name] or 0.0)
         if self["beam_angle"] is not None and self["spot_walk"] is not None:
@@ -418,6 +423,11 @@ class _Book:
             told.append(f"not stated: {names}; the uncertainty does not hold them")
         found = LaserCorrections(self.values, self.sources, self.air, self.reading)
         lost = int((np.isfinite(self.reading) & ~np.isfinite(found.total)).sum())
+        if lost and lost == np.isfinite(self.reading).sum():
+            raise InvalidSamplesError(
+                "no reading has air (and angle, temperature) beside it: nothing can be corrected; look "
+                "for empty columns"
+            )
         if lost:
             told.append(
                 f"{lost} of {self.reading.size} readings have no air, angle or temperature beside "
@@ -631,6 +641,7 @@ def laser_positions(
         raise InvalidSamplesError(f"there are {rows.shape[1]} readings for {x.size} positions")
     data = RoleColumns({"target": x, "readings": rows}, "", ())
     rows = np.asarray(as_positions(data, values).values["readings"])
+    _require_alike(x, rows, setup["zero"])
     known = np.isfinite(rows).sum(axis=0)
     mean = np.where(known > 0, np.nansum(rows, axis=0) / np.maximum(known, 1), np.nan)
     made = setup.correct(mean - setup["zero"], **columns)
@@ -648,6 +659,17 @@ def laser_positions(
     return LaserReadings(made.air, made, separation, table, made.messages)
 
 
+def _require_alike(x: FloatArray, rows: FloatArray, zero: float) -> None:
+    """Refuse readings that cannot be those of the positions: another unit, the other sign."""
+    apart = np.abs(rows - x)
+    largest = float(np.max(apart, initial=0.0, where=np.isfinite(apart)))
+    if largest > _APART[0] * float(np.max(np.abs(x - zero), initial=0.0)) + _APART[1]:
+        raise InvalidSamplesError(
+            f"a reading is {format_length(largest)} from its position; check the units, whether the "
+            "reading falls while the position rises, and zero (where the reading was set to zero)"
+        )
+
+
 def _run_columns(x: FloatArray, rows: FloatArray, approach: Any, run: Any) -> dict[str, Any]:
     """Return targets, directions and a column for each run."""
     ways = [""] * x.size if approach is None else [str(d) for d in np.asarray(approach)]
@@ -655,18 +677,18 @@ def _run_columns(x: FloatArray, rows: FloatArray, approach: Any, run: Any) -> di
         if len(rows) > 1:
             raise InvalidSamplesError("run tells runs of one column apart; name one of readings")
         marks = [str(r) for r in np.asarray(run)]
-        places = list(dict.fromkeys(zip(x.tolist(), ways, strict=True)))
-        each = dict.fromkeys(marks)
-        wide = np.full((len(each), len(places)), np.nan)
-        seen = set()
-        for at, mark, z in zip(zip(x.tolist(), ways, strict=True), marks, rows[0], strict=True):
-            if (at, mark) in seen:
+        keys = list(zip(x.tolist(), ways, strict=True))
+        places = {key: i for i, key in enumerate(dict.fromkeys(keys))}
+        number = {mark: i for i, mark in enumerate(dict.fromkeys(marks))}
+        wide, seen = np.full((len(number), len(places)), np.nan), set()
+        for key, mark, z in zip(keys, marks, rows[0], strict=True):
+            if (key, mark) in seen:
                 raise InvalidSamplesError(
-                    f"run {mark} holds the target {format_length(at[0])} {at[1]} twice; name the column "
-                    "of directions, approach"
+                    f"run {mark} holds the target {format_length(key[0])} {key[1]} twice; name the "
+                    "column of directions, approach"
                 )
-            seen.add((at, mark))
-            wide[list(each).index(mark), places.index(at)] = z
+            seen.add((key, mark))
+            wide[number[mark], places[key]] = z
         x, ways, rows = np.array([p[0] for p in places]), [p[1] for p in places], wide
     found: dict[str, Any] = {"target_m": x, **({} if approach is None else {"direction": ways})}
     return found | {f"run{i + 1}_m": r for i, r in enumerate(rows)}
