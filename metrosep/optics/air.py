@@ -101,11 +101,8 @@ def refractive_index(
     temperature: ArrayLike | str,
     pressure: ArrayLike | str,
     *,
-    humidity: ArrayLike | str | None = None,
-    dew_point: ArrayLike | str | None = None,
-    vapour_pressure: ArrayLike | str | None = None,
-    co2: ArrayLike | str = _STANDARD_CO2,
     equation: Equation = "ciddor",
+    **water: ArrayLike | str,
 ) -> Any:
     """Return the phase refractive index of moist air.
 
@@ -114,16 +111,15 @@ def refractive_index(
     wavelength : float or str, m
         In vacuum, 300 to 1700 nm.
     temperature : array_like or str, K
-        Of the air, 233.15 to 373.15 K; ``"20.3 degC"`` as a text.
+        Of the air, -40 to 100 degC.
     pressure : array_like or str, Pa
         Of the air, 10 to 140 kPa.
-    humidity, dew_point, vapour_pressure : array_like or str, 1, K, Pa
-        Exactly one of them: relative humidity over water (0 to 1), dew point, partial pressure of
-        water. The first two need 0 degC or more.
-    co2 : array_like or str, optional
-        Mole fraction of carbon dioxide, up to 2000 ppm.
     equation : {"ciddor", "edlen"}, optional
         Ciddor 1996, or Edlen revised by Boensch and Potulski 1998.
+    **water : array_like or str
+        Exactly one of ``humidity`` (relative, over water, 0 to 1), ``dew_point`` (K) and
+        ``vapour_pressure`` (Pa); the first two need 0 degC or more. And ``co2``, a mole fraction, 450
+        ppm if omitted.
 
     Returns
     -------
@@ -141,12 +137,8 @@ def refractive_index(
 
     Notes
     -----
-    Ciddor: ``n - 1 = (rho_a / rho_axs) (n_axs - 1) + (rho_w / rho_ws) (n_ws - 1)`` with densities of
-    the BIPM equation of 1981/91. Edlen: ``(n - 1)_N (1 + 0.5327 (x - 0.0004)) p (1 + 1e-8 (0.5953 -
-    0.009876 t) p) / (93214.60 (1 + 0.0036610 t)) - 1e-10 (3.8020 - 0.0384 s^2) f``.
-    Saturation: IAPWS-IF97, region 4, as NIST takes it; the mole fraction of water is that of NIST's
-    page, with the enhancement factor ``1.00062 + 3.14e-8 p + 5.6e-7 t^2`` (dew point: at the dew
-    point).
+    Equations: docs/explanation/laser-setup.md. Saturation is that of IAPWS-IF97, region 4; the mole
+    fraction of water has the enhancement factor of NIST's page (dew point: at the dew point).
 
     References
     ----------
@@ -160,13 +152,8 @@ def refractive_index(
     >>> f"{n:.9f}"
     '1.000271800'
     """
-    choice(equation, "equation", ("ciddor", "edlen"))
-    given = {
-        "wavelength": wavelength, "temperature": temperature, "pressure": pressure, "co2": co2,
-        "humidity": humidity, "dew_point": dew_point, "vapour_pressure": vapour_pressure,
-    }  # fmt: skip
-    values = {k: _checked(k, v) for k, v in given.items() if v is not None}
-    return _index(values, equation)
+    given = {"wavelength": wavelength, "temperature": temperature, "pressure": pressure, **water}
+    return _index(_values(given, equation), equation)
 
 
 def air_index(
@@ -212,31 +199,19 @@ def air_index(
     >>> f"{air.n:.8f}", f"{air.u:.2g}", f"{air.terms['temperature']:.2g}"
     ('1.00027137', '1.1e-07', '-9.5e-08')
     """
-    choice(equation, "equation", ("ciddor", "edlen"))
-    unknown = [k for k in given if k not in AIR and k not in U_AIR]
-    if unknown:
-        raise OptionError(f"air has no {unknown[0]!r}; known are {', '.join([*AIR, *U_AIR])}")
-    known = {k: v for k, v in given.items() if v is not None and k in AIR}
-    for name in ("temperature", "pressure"):
-        if name not in known:
-            raise OptionError(f"{name} of the air is needed; see metrosep ops air")
-    values = {k: _checked(k, v) for k, v in {"wavelength": wavelength, **known}.items()}
-    values.setdefault("co2", np.asarray(_STANDARD_CO2))
-    n = _index(values, equation)
-    terms = {"equation": _own_u(values, equation) + 0.0 * np.asarray(n)}
-    silent = []
-    for name in values:
-        stated = given.get(f"u_{name}")
-        if name == "wavelength":
-            continue
-        if stated is None:
-            silent.append(name)
-            continue
-        u = checked(U_AIR[f"u_{name}"], stated, f"u_{name}")
-        terms[name] = _slope(values, equation, name, u) * u
-    for name in (k.removeprefix("u_") for k in U_AIR if given.get(k) is not None):
+    stated = {k: v for k, v in given.items() if k in U_AIR and v is not None}
+    values = _values(
+        {"wavelength": wavelength, **{k: v for k, v in given.items() if k not in U_AIR}}, equation
+    )
+    for name in (k.removeprefix("u_") for k in stated):
         if name not in values:
             raise OptionError(f"u_{name} is given, but {name} is not; give both or none")
+    n = _index(values, equation)
+    terms = {"equation": _own_u(values, equation) + 0.0 * np.asarray(n)}
+    for key, value in stated.items():
+        u, name = checked(U_AIR[key], value, key), key.removeprefix("u_")
+        terms[name] = _slope(values, equation, name, u) * u
+    silent = [f"u_{k}" for k in AIR if k in values and k not in terms]
     total = np.sqrt(sum(np.square(t) for t in terms.values()))
     return AirIndex(
         n,
@@ -282,6 +257,19 @@ _IF97 = (
 )  # fmt: skip
 
 _ZERO = 273.15
+
+
+def _values(given: Mapping[str, Any], equation: str) -> dict[str, FloatArray]:
+    """Return what is known of light and air in SI, within its ranges."""
+    choice(equation, "equation", ("ciddor", "edlen"))
+    unknown = [k for k in given if k not in _RANGES]
+    if unknown:
+        raise OptionError(f"air has no {unknown[0]!r}; known are {', '.join([*AIR, *U_AIR])}")
+    known = {"co2": _STANDARD_CO2} | {k: v for k, v in given.items() if v is not None}
+    for name in ("temperature", "pressure"):
+        if name not in known:
+            raise OptionError(f"{name} of the air is needed; see metrosep ops air")
+    return {k: _checked(k, v) for k, v in known.items()}
 
 
 def _checked(name: str, value: Any) -> FloatArray:
@@ -332,7 +320,7 @@ def _index(values: Mapping[str, FloatArray], equation: str) -> Any:
         at = water - _ZERO if name == "dew_point" else t
     s = 1e-12 / values["wavelength"] ** 2  # square of the wave number, 1/um^2
     make: Callable[..., Any] = _ciddor if equation == "ciddor" else _edlen
-    n = make(s, t, p, wet_pressure, at, values.get("co2", np.asarray(_STANDARD_CO2)))
+    n = make(s, t, p, wet_pressure, at, values["co2"])
     return n if np.ndim(n) else float(n)
 
 
@@ -423,6 +411,7 @@ def _messages(
                 f"its own standard uncertainty is taken as {_OWN_U[equation][1]:g}{other}"
             )
     if silent:
-        names = ", ".join(f"u_{k}" for k in silent)
-        told.append(f"not stated: {names}; the uncertainty of the index does not hold them")
+        told.append(
+            f"not stated: {', '.join(silent)}; the uncertainty of the index does not hold them"
+        )
     return tuple(told)

@@ -256,19 +256,19 @@ def read_inputs(recipe: Recipe, files: list[Path]) -> RunSet:
 
 def _corrected(runs: RunSet, step: Mapping[str, Any]) -> RunSet:
     """Return the readings of a laser with the corrections of the step ``laser_setup`` added."""
+    from metrosep.recipe.describe.describe_tests import laser_quantities
     from metrosep.separation.positions.laser_setup import LaserSetup
 
     options = {k: v for k, v in step.items() if k != "op"}
     found, far = LaserSetup(**options).corrected(runs)
-    of_all = far.quantities()["correction.total"]
+    values = laser_quantities(far.air, far)
     beside = (
-        f"the readings of the laser were corrected: {of_all}; this u is common to all runs and not in "
+        f"the readings of the laser were corrected: {values['correction.total']}; this u is common to all runs and not in "
         "the band"
     )
     told = (*runs.metadata.get("warnings", ()), *far.messages, beside)
     entries = [
-        {"name": q.definition, **q.to_dict(), "metric": k, **_UNJUDGED}
-        for k, q in far.quantities().items()
+        {"name": q.definition, **q.to_dict(), "metric": k, **_UNJUDGED} for k, q in values.items()
     ]
     metadata = {**runs.metadata, "warnings": told, "laser": entries}
     history = (*runs.history, Step("laser_setup", options))

@@ -22,7 +22,6 @@ from metrosep.core.inputs import RoleColumns
 from metrosep.core.numbers import real
 from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.provenance import freeze_mapping
-from metrosep.core.quantity import Quantity
 from metrosep.core.readable import typed_number
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length, parse_quantity
@@ -104,30 +103,6 @@ class LaserSetup:
         dimension = KINDS[SETUP[name].kind].dimension
         return usual if dimension is None else parse_quantity(usual, dimension=dimension)
 
-    def index(self, **columns: ArrayLike) -> AirIndex:
-        """Return the refractive index of the air during the readings.
-
-        Parameters
-        ----------
-        **columns : array_like, shape (n,)
-            ``temperature`` (K), ``pressure`` (Pa), ``humidity`` (1), ``dew_point`` (K),
-            ``vapour_pressure`` (Pa), ``co2`` (1) where they were recorded, in place of options.
-
-        Returns
-        -------
-        AirIndex
-            With uncertainty.
-
-        Raises
-        ------
-        OptionError
-            If the air is not stated, or stated twice.
-        """
-        twice = [k for k in columns if k in self.options]
-        if twice:
-            raise OptionError(f"{twice[0]} is a column and an option; give one of them")
-        return self._air({**self._stated((*AIR, *U_AIR)), **columns})
-
     def correct(self, reading: ArrayLike, **columns: ArrayLike) -> LaserCorrections:
         """Return what is to be added to readings.
 
@@ -136,7 +111,9 @@ class LaserSetup:
         reading : array_like, shape (n,), m
             Displacement since the reading was set to zero, as displayed; NaN where not measured.
         **columns : array_like, shape (n,)
-            As for `index`, and ``part_temperature`` (K), ``pitch``, ``yaw`` (rad) where recorded.
+            What was recorded, in place of options: ``temperature`` (K), ``pressure`` (Pa),
+            ``humidity`` (1), ``dew_point`` (K), ``vapour_pressure`` (Pa), ``co2`` (1),
+            ``part_temperature`` (K); and ``pitch``, ``yaw`` (rad).
 
         Returns
         -------
@@ -172,9 +149,10 @@ class LaserSetup:
         at = {k: np.broadcast_to(_column(k, v, r.size), r.shape) for k, v in columns.items()}
         size = np.where(np.isfinite(r), np.abs(r), np.inf)
         start = int(np.argmax(size <= float(size.min()) + _NEAR_ZERO * largest))
-        book = _Book(r, self.index(**{k: v for k, v in at.items() if k in AIR}))
+        columns_of_air = {k: v for k, v in at.items() if k in AIR}
+        book = _Book(r, self._index(columns_of_air))
         self._wavelength(book)
-        self._dead_path(book, {k: v for k, v in at.items() if k in AIR}, start)
+        self._dead_path(book, columns_of_air, start)
         self._cosine(book)
         for name in ("pitch", "yaw"):
             self._abbe(book, name, at.get(name), start)
@@ -215,6 +193,13 @@ class LaserSetup:
         """Return options by their names without the prefix."""
         found = {k: self.options.get(f"{prefix}{k}") for k in names}
         return {k: v for k, v in found.items() if v is not None}
+
+    def _index(self, columns: Mapping[str, Any]) -> AirIndex:
+        """Return the index of the air during the readings."""
+        twice = [k for k in columns if k in self.options]
+        if twice:
+            raise OptionError(f"{twice[0]} is a column and an option; give one of them")
+        return self._air({**self._stated((*AIR, *U_AIR)), **columns})
 
     def _air(self, given: Mapping[str, Any]) -> AirIndex:
         return air_index(self["wavelength"], equation=self["equation"], **given)
@@ -436,17 +421,6 @@ class _Book:
         return replace(found, messages=tuple(told))
 
 
-_WHAT = {
-    "wavelength": "correction for the wavelength in the air that was",
-    "dead_path": "correction for the change of the air in the dead path",
-    "cosine": "correction for the angle between beam and motion",
-    "pitch": "correction for the Abbe offset times pitch",
-    "yaw": "correction for the Abbe offset times yaw",
-    "expansion": "correction of the length to 20 degC",
-    "total": "sum of the corrections, added to the reading; u that of the corrected reading",
-}
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class LaserCorrections:
     """What is added to readings of a laser, with its uncertainty.
@@ -517,32 +491,6 @@ class LaserCorrections:
         }
         return dict(sorted(found.items(), key=lambda item: -item[1]))
 
-    def quantities(self) -> dict[str, Quantity]:
-        """Return the corrections at the largest reading, their sum, and the index of air.
-
-        Returns
-        -------
-        dict of str to Quantity
-            ``correction.wavelength`` ..., ``correction.total`` and ``n``, with u where it is known.
-        """
-        i = self.farthest
-        each = {k: (v[i], self.u_of(k)[i]) for k, v in self.corrections.items()}
-        each["total"] = (self.total[i], self.u[i])
-        at = f"at the reading {format_length(float(self.reading[i]))}"
-        found = {
-            f"correction.{k}": Quantity(
-                v, "m", f"{_WHAT[k]}, {at}", None if np.isnan(u) else u, k.replace("_", " ")
-            )
-            for k, (v, u) in each.items()
-        }
-        return {**found, "n": _index_quantity(self.air, i)}
-
-
-def _index_quantity(air: AirIndex, at: int = 0) -> Quantity:
-    n, u = (np.ravel(v)[at if np.ndim(v) else 0] for v in (air.n, air.u))
-    text = f"refractive index of air ({air.equation}) for {air.wavelength * 1e9:.7g} nm in vacuum"
-    return Quantity(n, "1", text, u, "n")
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaserReadings:
@@ -567,22 +515,6 @@ class LaserReadings:
     separation: Separation | None = None
     table: Mapping[str, Any] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
-
-    def quantities(self) -> dict[str, Quantity]:
-        """Return what was found, by metric.
-
-        Returns
-        -------
-        dict of str to Quantity
-            Those of the corrections; of air alone its index and the wavelength in it.
-        """
-        if self.made is not None:
-            return self.made.quantities()
-        n, light = self.air.n, self.air.wavelength
-        in_air = Quantity(
-            light / n, "m", "wavelength in this air", light * self.air.u / n**2, "wavelength"
-        )
-        return {"n": _index_quantity(self.air), "wavelength": in_air}
 
 
 def laser_positions(
@@ -763,7 +695,8 @@ class AirOnce(NamedMethod):
             ]
             if used:
                 raise DataError(f'{used[0]} needs a reading that it acts on: reading = "500 mm"')
-            air = setup.index()
+            known = {k: v for k, v in rest.items() if k in AIR or k in U_AIR}
+            air = air_index(setup["wavelength"], equation=setup["equation"], **known)
             return LaserReadings(air, messages=air.messages)
         # angles count from zero, where the reading is zero too
         reading = real(reading, "reading", dimension="length")
