@@ -131,7 +131,7 @@ def checked(declared: Option, value: Any, name: str, *, bare: bool = True) -> An
     low, high = declared.low, declared.high
     if (low is not None and found < low) or (high is not None and found > high):
         ends = [f"from {low:g}"] if low is not None else []
-        ends += [f"to {high:g}"] if high is not None else []
+        ends += [f"{'at most' if low is None else 'to'} {high:g}"] if high is not None else []
         raise InvalidSamplesError(f"{name} must be {' '.join(ends)}, got {value!r}")
     return found
 

@@ -577,6 +577,8 @@ def test_the_verb_refuses_with_one_line(capsys, words, told):
         ({}, {"wind": [1.0]}, "'wind' is not a column"),
         ({"presure": 1e5}, {}, "no 'presure'. Did you mean pressure"),
         ({"software": "none"}, {}, "not one of vacuum, same air"),
+        ({"software": None, "software_temperature": "20 degC"}, {}, "software_pressure is needed"),
+        ({"u_humidity": 3.0}, {}, "u_humidity must be at most 0.5"),
     ],
 )  # fmt: skip
 def test_what_contradicts_itself_is_refused(options, columns, words):

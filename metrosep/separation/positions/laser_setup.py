@@ -213,6 +213,9 @@ class LaserSetup:
                 'or "same air"), or software_index, or software_temperature, software_pressure and '
                 "software_humidity"
             )
+        for name in ("temperature", "pressure") if own else ():
+            if name not in own:
+                raise OptionError(f"software_{name} is needed beside software_{next(iter(own))}")
         if own:
             return self._air({**own, **self._stated(["co2"])}).n
         return index if index is not None else 1.0 if word == "vacuum" else air.n
