@@ -470,6 +470,25 @@ def test_runs_are_corrected_before_they_are_separated(tmp_path):
     assert "wavelength in the air that was" in (tmp_path / "out" / "report.html").read_text()
 
 
+def test_each_run_may_bring_its_own_air_and_pitch():
+    x = np.linspace(0.0, 0.3, 31)
+    runs = []
+    for t, way in ((293.15, 1), (294.15, -1)):
+        xs = x[::way]
+        pitch = 1e-5 * xs
+        shown = displayed(xs - 0.05 * pitch, n=n_of(t), n_zero=n_of(t), n_software=1.0)
+        own = {"temperature": t, "pitch": pitch}
+        runs.append(ms.Run(xs, shown - xs, feed=0.01, metadata={"air": own}))
+    setup = LaserSetup(software="vacuum", pitch_offset=0.05, pressure=100_300.0, humidity=0.41)
+    found, far = setup.corrected(ms.RunSet(runs))
+    for run in found:
+        assert np.abs(run.z).max() < ROUNDING
+        assert run.feed == 0.01
+    assert abs(far.reading[far.farthest] - 0.3) < 1e-3
+    with pytest.raises(MetrosepError, match="temperature of the air is needed"):
+        setup.corrected(ms.RunSet([ms.Run(x, 1e-9 * x, feed=0.01)]))
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [(RUNS.format(laser="") + LASER, "before separate"),

@@ -167,7 +167,8 @@ class LaserSetup:
         Parameters
         ----------
         runs : RunSet
-            Errors ``actual - nominal`` along the travel, read by the laser.
+            Errors ``actual - nominal`` along the travel, read by the laser. ``metadata["air"]`` of a
+            run may hold columns as of `correct`, or one value of each.
 
         Returns
         -------
@@ -179,7 +180,10 @@ class LaserSetup:
         OptionError
             As for `correct`; also where a correction needs a column, such as pitch.
         """
-        made = [self.correct(run.x + run.z - self["zero"]) for run in runs]
+        made = [
+            self.correct(run.x + run.z - self["zero"], **run.metadata.get("air", {}))
+            for run in runs
+        ]
         new = [
             Run(r.x, r.z + c.total, t=r.t, feed=r.feed, run_id=r.run_id, metadata=r.metadata)
             for r, c in zip(runs, made, strict=True)
