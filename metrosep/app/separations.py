@@ -119,7 +119,8 @@ def _shown(recipe: Recipe) -> str:
 
 
 def _input_key(recipe: Recipe) -> str:
-    return text_key({k: v for k, v in recipe.input.items() if k != "files"})
+    of_laser = [step for step in recipe.steps if step["op"] == "laser_setup"]
+    return text_key({**{k: v for k, v in recipe.input.items() if k != "files"}, "laser": of_laser})
 
 
 # ---- the dialects as plain values, from which a form is made: options, limits, how the sign is known ----

@@ -19,7 +19,7 @@ _HOMES = {
     "form": "measuring", "separate": "jobs", "table": "tables", "path": "paths",
     "report": "reporting", "diff": "reporting", "verify": "tables",
     "verify-softgauge": "measuring", "run": "jobs", "batch": "batches", "plan": "planning",
-    "rank": "modelling", "predict": "modelling", "formats": "files", "controllers": "files",
+    "air": "modelling", "rank": "modelling", "predict": "modelling", "formats": "files", "controllers": "files",
     "ops": "ops", "ui": "workbench",
 }  # fmt: skip
 """The module of each command, which is loaded when the command is called."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,11 +10,13 @@ import click
 
 from metrosep.cli.options import json_option, name_values, say
 from metrosep.cli.shortcut import quoted
+from metrosep.core.options import KINDS
+from metrosep.separation.positions.laser_options import AIR_KEYS
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-__all__ = ["identified", "predict", "rank"]
+__all__ = ["air", "identified", "predict", "rank"]
 
 _REPORT = ["", "[[output]]", 'kind = "parts"', "", "[[output]]", 'kind = "report"']
 
@@ -67,6 +70,43 @@ def rank(
     if errors:
         pairs = ", ".join(f"{quoted(k)} = {quoted(v)}" for k, v in name_values(errors, "--error"))
         lines.append(f"errors = {{ {pairs} }}")
+    return _carried_out(context, lines, (), out, print_recipe=print_recipe, as_json=as_json)
+
+
+def _stated(command: Callable[..., int]) -> Callable[..., int]:
+    """Add an option for each key of the step ``air``, as it is declared."""
+    for name, known in reversed(list(AIR_KEYS.items())):
+        kind: Any = click.Choice(known.choices) if known.choices else str
+        metavar = (KINDS[known.kind].dimension or known.kind).split()[0].upper()
+        command = click.option(
+            f"--{name.replace('_', '-')}",
+            name,
+            type=kind,
+            metavar=None if known.choices else metavar,
+            help=known.help,
+        )(command)
+    return command
+
+
+@click.command()
+@_stated
+@click.option("-o", "--out", metavar="DIR", help="Folder for report, budget and result.json.")
+@click.option("--print-recipe", is_flag=True, help="Print the recipe of this call and stop.")
+@json_option
+@click.pass_context
+def air(
+    context: click.Context, /, out: str | None, print_recipe: bool, as_json: bool, **given: Any
+) -> int:
+    """Refractive index of air, and what it and the set-up do to a reading of a laser.
+
+    --temperature, --pressure and --humidity (or --dew-point, --vapour-pressure) state the air; with
+    --reading the corrections of that reading are printed, to be added to it, with their uncertainty.
+    """
+    lines = ["metrosep = 1", "", "[[step]]", 'op = "air"']
+    for key, value in given.items():
+        if value is not None:
+            plain = AIR_KEYS[key].kind == "number"
+            lines.append(f"{key} = {value if plain else quoted(value)}")
     return _carried_out(context, lines, (), out, print_recipe=print_recipe, as_json=as_json)
 
 

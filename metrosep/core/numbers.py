@@ -24,7 +24,8 @@ __all__ = [
 
 _UNITS = {
     "length": "m", "angle": "rad", "time": "s", "frequency": "Hz", "speed": "m/s", "voltage": "V",
-    "acceleration": "m/s2", "torque": "N m", "number": "1",
+    "acceleration": "m/s2", "torque": "N m", "number": "1", "temperature": "K", "temperature difference": "K",
+    "pressure": "Pa", "share": "1", "coefficient of expansion": "1/K",
 }  # fmt: skip
 
 

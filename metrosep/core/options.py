@@ -131,7 +131,7 @@ def checked(declared: Option, value: Any, name: str, *, bare: bool = True) -> An
     low, high = declared.low, declared.high
     if (low is not None and found < low) or (high is not None and found > high):
         ends = [f"from {low:g}"] if low is not None else []
-        ends += [f"to {high:g}"] if high is not None else []
+        ends += [f"{'at most' if low is None else 'to'} {high:g}"] if high is not None else []
         raise InvalidSamplesError(f"{name} must be {' '.join(ends)}, got {value!r}")
     return found
 
@@ -374,6 +374,23 @@ KINDS: Mapping[str, Kind] = {
         'a feedrate with its unit, "4800 mm/min"', _quantity("speed"), "speed", "4800 mm/min"
     ),
     "angle": Kind('an angle with its unit, "0.1 deg"', _quantity("angle"), "angle", "1 deg"),
+    "temperature": Kind(
+        'a temperature with its unit, "20.3 degC"', _quantity("temperature"), "temperature", "20.3 degC"
+    ),
+    "temperature difference": Kind(
+        'a difference of temperatures with its unit, "0.1 K"',
+        _quantity("temperature difference", "not_negative"), "temperature difference", "0.1 K",
+    ),
+    "pressure": Kind(
+        'a pressure with its unit, "1013 hPa"', _quantity("pressure", "not_negative"), "pressure", "1013 hPa"
+    ),
+    "share": Kind(
+        'a share with its unit, "45 %" or "450 ppm"', _quantity("share", "not_negative"), "share", "45 %"
+    ),
+    "expansion": Kind(
+        'a coefficient of expansion with its unit, "11.5 ppm/K"',
+        _quantity("coefficient of expansion"), "coefficient of expansion", "11.5 ppm/K",
+    ),
     "column": Kind(
         'a column: its name, "name:unit", or { column = "X", unit = "mm" }', _column
     ),

@@ -93,6 +93,10 @@ _STEPS = {
     "time": ((3600.0, "h"), (60.0, "min"), (1.0, "s"), (1e-3, "ms"), (1e-6, "us")),
     "frequency": ((1e6, "MHz"), (1e3, "kHz"), (1.0, "Hz")),
     "speed": ((1.0 / 6e4, "mm/min"),),
+    "temperature difference": ((1.0, "K"), (1e-3, "mK")),
+    "pressure": ((100.0, "hPa"), (1.0, "Pa")),
+    "share": ((0.01, "%"), (1e-6, "ppm")),
+    "coefficient of expansion": ((1e-6, "ppm/K"),),
 }
 _LEAST = {"deg": 0.02, "h": 2.0, "min": 2.0, "MHz": 1.0, "kHz": 1.0}
 """Below so much of a unit the next smaller one is taken."""
@@ -110,6 +114,8 @@ def typed_number(value: float, dimension: str, *, digits: int = 4) -> str:
     """
     if dimension == "length":
         return "0 nm" if value == 0.0 else format_length(value, digits=digits)
+    if dimension == "temperature":
+        return f"{digits_of(value - 273.15, max(digits, 5))} degC"
     steps = _STEPS[dimension]
     size = abs(value)
     factor, unit = steps[-1]

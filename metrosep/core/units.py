@@ -14,6 +14,7 @@ from typing import NamedTuple
 from metrosep.core.errors import UnitError
 
 __all__ = [
+    "SURROUNDINGS",
     "Unit",
     "column_unit",
     "format_engineering",
@@ -22,6 +23,7 @@ __all__ = [
     "parse_quantity",
     "parse_sensitivity",
     "parse_unit",
+    "surrounding_header",
 ]
 
 
@@ -34,7 +36,8 @@ class Unit(NamedTuple):
         Canonical spelling.
     dimension : str
         One of ``length``, ``angle``, ``time``, ``speed``, ``acceleration``, ``voltage``, ``frequency``,
-        ``torque``, ``sensitivity`` (m/V), ``number``.
+        ``torque``, ``sensitivity`` (m/V), ``number``; of air and parts ``temperature``, ``temperature
+        difference``, ``pressure``, ``share``, ``coefficient of expansion``.
     factor : float
         Value in SI of one such unit.
     """
@@ -42,6 +45,11 @@ class Unit(NamedTuple):
     name: str
     dimension: str
     factor: float
+
+    @property
+    def zero(self) -> float:
+        """What the zero of its scale is in SI: 273.15 K for degC as a temperature, else 0."""
+        return _ZEROS.get(self.name, 0.0) if self.dimension == "temperature" else 0.0
 
 
 _INCH = 0.0254
@@ -90,6 +98,34 @@ _TABLE: dict[str, tuple[str, float]] = {
     "1": ("number", 1.0),
     "%": ("number", 0.01),
 }
+
+_SURROUNDINGS: dict[str, dict[str, float]] = {
+    "temperature": {"degC": 1.0, "K": 1.0, "degF": 5.0 / 9.0},
+    "temperature difference": {"K": 1.0, "mK": 1e-3, "degC": 1.0, "degF": 5.0 / 9.0},
+    "pressure": {
+        "hPa": 100.0, "Pa": 1.0, "kPa": 1e3, "mbar": 100.0, "bar": 1e5, "mmHg": 133.322387415,
+        "inHg": 3386.388640341,
+    },
+    "share": {"%": 0.01, "ppm": 1e-6, "ppb": 1e-9},
+    "coefficient of expansion": {"ppm/K": 1e-6, "1/K": 1.0},
+}  # fmt: skip
+"""Units of air and parts by what is measured in them. They are known only where one of these is asked
+for: a header such as ``temp_degC`` of any other table stays a name."""
+
+SURROUNDINGS = frozenset(_SURROUNDINGS)
+"""Dimensions of air and parts."""
+
+_ZEROS = {"degC": 273.15, "degF": 459.67 * 5.0 / 9.0}
+
+_SURROUNDING_NAMES = {
+    "C": "degC", "°C": "degC", "℃": "degC", "deg C": "degC", "deg_C": "degC", "celsius": "degC",
+    "°F": "degF", "deg F": "degF", "kelvin": "K", "mb": "mbar", "millibar": "mbar",
+    "Torr": "mmHg", "torr": "mmHg", "pascal": "Pa", "% RH": "%", "%RH": "%", "% rh": "%", "percent": "%",
+    "pct": "%",
+    "umol/mol": "ppm", "/K": "1/K", "K-1": "1/K", "K^-1": "1/K", "1/degC": "1/K", "/degC": "1/K",
+    "1/°C": "1/K", "um/m/K": "ppm/K", "um/(m K)": "ppm/K", "um/(m*K)": "ppm/K", "um/m K": "ppm/K",
+    "um/m/degC": "ppm/K", "ppm/degC": "ppm/K", "ppm/°C": "ppm/K", "um/m/°C": "ppm/K",
+}  # fmt: skip
 
 _ALIASES = {
     "micron": "um",
@@ -260,6 +296,8 @@ def parse_unit(text: str, *, dimension: str | None = None) -> Unit:
     >>> parse_unit("µm").factor
     1e-06
     """
+    if dimension in _SURROUNDINGS:
+        return _surrounding(text, dimension)
     name = _canonical(text)
     if name not in _TABLE:
         known = ", ".join(n for n, (d, _) in _TABLE.items() if dimension in (None, d))
@@ -275,10 +313,46 @@ def parse_unit(text: str, *, dimension: str | None = None) -> Unit:
     return unit
 
 
+def _surrounding(text: str, dimension: str) -> Unit:
+    """Return a unit of air or parts, of the dimension that is asked for."""
+    name = text.strip().replace("µ", "u").replace("μ", "u")
+    name = _SURROUNDING_NAMES.get(name, _SURROUNDING_NAMES.get(name.lower(), name))
+    known = _SURROUNDINGS[dimension]
+    if name in known:
+        return Unit(name, dimension, known[name])
+    other = next((d for d, units in _SURROUNDINGS.items() if name in units), None)
+    if other is None and _canonical(text) in _TABLE:
+        other = _TABLE[_canonical(text)][0]
+    is_what = f"unit {text!r} is {_a(other)}" if other else f"unknown unit {text!r}"
+    raise UnitError(f"{is_what}; {_a(dimension)} is needed here, in {_example(dimension)}")
+
+
+def surrounding_header(header: str, dimension: str) -> Unit | None:
+    """Return the unit of air or parts that ends the header of a column, such as ``p [hPa]``, ``T_degC``.
+
+    Examples
+    --------
+    >>> surrounding_header("air pressure [hPa]", "pressure").factor, surrounding_header("T", "pressure")
+    (100.0, None)
+    """
+    text = header.strip()
+    match = _BRACKETED.match(text)
+    pieces = re.split(r"[\s_]+", text)
+    tails = [match.group(2)] if match else []
+    tails += ["_".join(pieces[-n:]) for n in (2, 1) if len(pieces) > n]
+    for tail in tails:
+        try:
+            return _surrounding(tail, dimension)
+        except UnitError:
+            continue
+    return None
+
+
 TYPICAL = {
     "length": "1.2 mm", "angle": "0.1 deg", "time": "2 ms", "frequency": "1 kHz",
     "speed": "4800 mm/min", "acceleration": "2 m/s2", "voltage": "2.5 V", "torque": "1 N m",
-    "number": "5 %",
+    "number": "5 %", "temperature": "20.3 degC", "temperature difference": "0.1 K",
+    "pressure": "1013 hPa", "share": "45 %", "coefficient of expansion": "11.5 ppm/K",
 }  # fmt: skip
 """A quantity of each dimension as a person writes it, for messages."""
 
@@ -288,6 +362,8 @@ def _a(dimension: str) -> str:
 
 
 def _example(dimension: str) -> str:
+    if dimension in _SURROUNDINGS:
+        return ", ".join(map(repr, _SURROUNDINGS[dimension]))
     return ", ".join(repr(n) for n, (d, _) in list(_TABLE.items()) if d == dimension) or "none"
 
 
@@ -320,7 +396,8 @@ def parse_quantity(value: str | float, *, dimension: str, name: str = "value") -
         raise UnitError(
             f"{name} {value!r} has no unit; write it with one of {_example(dimension)}"
         )
-    number = _scaled(digits, parse_unit(unit_text, dimension=dimension).factor)
+    unit = parse_unit(unit_text, dimension=dimension)
+    number = _scaled(digits, unit.factor) + unit.zero
     if not math.isfinite(number):
         raise UnitError(f"{name} {value!r} is not finite")
     return number

@@ -32,7 +32,13 @@ from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.text_options import TEXT_OPTIONS
-from metrosep.core.units import parse_quantity, parse_unit
+from metrosep.core.units import (
+    SURROUNDINGS,
+    TYPICAL,
+    parse_quantity,
+    parse_unit,
+    surrounding_header,
+)
 from metrosep.io import registry
 from metrosep.io._roles import BLOCKS, jumps_back, runs_in
 from metrosep.io.source import RawFile, open_file, rate_of
@@ -533,6 +539,8 @@ def role_values(file: RawFile, table: Table, role: Role, *, name: str) -> NDArra
                 for c in role.column
             ]
         )
+    if role.dimension in SURROUNDINGS:
+        return _surroundings(file, table, role, name)
     column, unit = pick(file, table, role.column, role=name)
     if role.dimension == "label":
         if column.labels is not None:
@@ -550,6 +558,37 @@ def role_values(file: RawFile, table: Table, role: Role, *, name: str) -> NDArra
         )
     stands = unit is None or _PER.search(column.name) is not None
     return np.asarray(column.values * (1.0 if stands or unit is None else unit.factor))
+
+
+def _surroundings(file: RawFile, table: Table, role: Role, name: str) -> FloatArray:
+    """Return a column of air or parts in SI: its header or ``NAME:UNIT`` says its unit."""
+    spec: Any = role.column
+    declared: str | None = None
+    if isinstance(spec, str) and spec not in table.names and ":" in spec:
+        spec, declared = spec.rsplit(":", 1)
+    elif not isinstance(spec, str):
+        spec, declared = spec
+    column, _ = pick(file, table, spec, role=name)
+    unit = surrounding_header(column.name, role.dimension)
+    if declared is not None:
+        given = parse_unit(declared, dimension=role.dimension)
+        if unit is not None and unit.name != given.name:
+            raise FormatMismatchError(
+                f"{file.path}: {name} column {column.name!r} is in {unit.name} by its header, but "
+                f"{given.name} was given; leave the unit out or correct the header"
+            )
+        unit = given
+    if column.values is None:
+        raise FormatMismatchError(
+            f"{file.path}: {name} column {column.name!r} holds text, not numbers; name another column"
+        )
+    if unit is None:
+        example = TYPICAL[role.dimension].split()[-1]
+        raise UnitError(
+            f"{file.path}: column {column.name!r} ({name}) declares no unit of a {role.dimension}; rename "
+            f"it like '{column.name} [{example}]', or name it '{column.name}:{example}'"
+        )
+    return np.asarray(column.values * unit.factor + unit.zero)
 
 
 def _cell_texts(file: RawFile, table: Table, column: Column) -> list[str]:
@@ -574,6 +613,8 @@ def _specs(role: Role) -> list[ColumnSpec]:
 
 
 def _names(file: RawFile, table: Table, role: Role, name: str) -> tuple[str, ...]:
+    if role.dimension in SURROUNDINGS:
+        return (str(role.column),)
     found = [pick(file, table, spec, role=name)[0] for spec in _specs(role)]
     return tuple(
         c.name.rsplit("_", 1)[0] if c.unit is not None and "_" in c.name.strip("_") else c.name

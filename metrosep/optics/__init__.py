@@ -1,4 +1,4 @@
-"""Optics: what the form of a surface does to a wavefront and to the image.
+"""Optics: what the form of a surface does to a wavefront and to the image; the index of air.
 
 The path difference is positive where the material is high. A name loads its module on first use.
 """
@@ -10,6 +10,12 @@ from typing import TYPE_CHECKING
 from metrosep.core._lazy import lazy_package
 
 if TYPE_CHECKING:
+    from metrosep.optics.air import (
+        AirIndex as AirIndex,
+        air_index as air_index,
+        refractive_index as refractive_index,
+        saturation_pressure as saturation_pressure,
+    )
     from metrosep.optics.image_quality import (
         ModulationTransfer as ModulationTransfer,
         PointSpread as PointSpread,

@@ -11,6 +11,7 @@ from typing import Any
 
 from metrosep.core.options import KINDS
 from metrosep.core.readable import digits_of, typed_number
+from metrosep.core.units import SURROUNDINGS, TYPICAL
 from metrosep.recipe.schema import Field
 
 __all__ = ["DIMENSIONS", "placeholder", "shown"]
@@ -64,6 +65,8 @@ def placeholder(key: str, field: Field) -> str:
         unit = small.get(str(dimension), units.get(str(dimension), ""))
     else:
         unit = units.get(str(dimension), "")
+    if dimension in SURROUNDINGS:
+        unit = TYPICAL[dimension].split()[-1]
     one = f"... {unit}".strip()
     if field.kind == "flag":
         return "true"

@@ -55,6 +55,8 @@ def check_recipe(recipe: Recipe) -> None:
                 "disturbance found there",
                 "op",
             )
+        if op == "laser_setup" and seen:
+            raise place.error("laser_setup corrects the readings: one step, before separate", "op")
         seen.add(op)
     has_table = any(o["kind"] == "table" for o in recipe.outputs)
     for i, check in enumerate(recipe.checks):

@@ -13,7 +13,7 @@ from metrosep.compensation import fit_polynomial
 from metrosep.compensation.folds import fold_estimates, used_runs
 from metrosep.core._arrays import by_number
 from metrosep.core.errors import MetrosepError, ReadError, RecipeError
-from metrosep.core.provenance import history_as_dicts
+from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
 from metrosep.recipe.characteristics import DECISION_RULE, characteristics
@@ -167,6 +167,7 @@ def _document(
         "decision_rule": DECISION_RULE,
         **characteristics(recipe, estimate, [t.verification for t in tables]),
     }
+    content["characteristics"] += runs.metadata.get("laser", [])
     if plan is not None:
         content["plan"] = plan
     return {**clean(content), **basis}, [name for t in tables for name in t.names]
@@ -248,7 +249,33 @@ def read_inputs(recipe: Recipe, files: list[Path]) -> RunSet:
     """Return the runs that a recipe separates."""
     from metrosep.io.runs import read_runs
 
-    return read_runs(files, **reading_options(recipe.input))
+    runs = read_runs(files, **reading_options(recipe.input))
+    step = next((s for s in recipe.steps if s["op"] == "laser_setup"), None)
+    return runs if step is None else _corrected(runs, step)
+
+
+def _corrected(runs: RunSet, step: Mapping[str, Any]) -> RunSet:
+    """Return the readings of a laser with the corrections of the step ``laser_setup`` added."""
+    from metrosep.recipe.describe.describe_tests import laser_quantities
+    from metrosep.separation.positions.laser_setup import LaserSetup
+
+    options = {k: v for k, v in step.items() if k != "op"}
+    found, far = LaserSetup(**options).corrected(runs)
+    values = laser_quantities(far.air, far)
+    beside = (
+        f"the readings of the laser were corrected: {values['correction.total']}; this u is common to all runs and not in "
+        "the band"
+    )
+    told = (*runs.metadata.get("warnings", ()), *far.messages, beside)
+    entries = [
+        {"name": q.definition, **q.to_dict(), "metric": k, **_UNJUDGED} for k, q in values.items()
+    ]
+    metadata = {**runs.metadata, "warnings": told, "laser": entries}
+    history = (*runs.history, Step("laser_setup", options))
+    return RunSet(found, metadata=metadata, history=history)
+
+
+_UNJUDGED: Mapping[str, Any] = dict.fromkeys(("lower", "upper", "U", "guard_factor", "verdict"))
 
 
 def separate_inputs(recipe: Recipe, runs: RunSet, tell: Progress = _silent) -> ErrorEstimate:

@@ -8,6 +8,7 @@ from metrosep.core.methods import METHODS
 from metrosep.recipe.methods.plan import PLAN
 from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.schema import LAYOUT, Field
+from metrosep.separation.positions.laser_options import SETUP
 from metrosep.separation.runs.options import RUN_OPTIONS
 
 __all__ = [
@@ -83,6 +84,7 @@ STEPS = {
         ),
     },
     "plan_feedrates": PLAN,
+    "laser_setup": {"op": Field("text", required=True), **SETUP},
     **{name: op.fields for name, op in MEASURING.items()},
 }
 
@@ -90,6 +92,7 @@ WHAT = {
     "separate": "error of an axis from repeated runs (joint, kono, mean)",
     "polynomial": "polynomial of the error or the compensation over position, after separate",
     "plan_feedrates": "feedrates for the next runs from the disturbance, after separate",
+    "laser_setup": "runs read by a laser, corrected before separate: air, dead path, cosine, heat",
     **{name: op.what for name, op in MEASURING.items()},
 }
 

@@ -182,6 +182,12 @@ if TYPE_CHECKING:
         Squareness as Squareness,
         squareness_from_diagonals as squareness_from_diagonals,
     )
+    from metrosep.separation.positions.laser_setup import (
+        LaserCorrections as LaserCorrections,
+        LaserReadings as LaserReadings,
+        LaserSetup as LaserSetup,
+        laser_positions as laser_positions,
+    )
     from metrosep.separation.positions.periodic import (
         FringeError as FringeError,
         periodic_error as periodic_error,
@@ -259,6 +265,8 @@ METHODS = {
     "repeatable": "positions.repeats:RepeatSplit",
     "periodic_error": "positions.periodic:FringeError",
     "iso230_2": "positions.positioning:PositioningOfAxis",
+    "laser_positions": "positions.laser_setup:LaserPositions",
+    "air": "positions.laser_setup:AirOnce",
     "iso230_6_diagonals": "planes.diagonals:DiagonalsOfTables",
     "three_flat": "maps.flat_setup:ThreeFlat",
     "rotation_average": "maps.rotations:RotationTest",

@@ -98,7 +98,14 @@ def test_ops_lists_every_step(metrosep):
     code, out, _ = metrosep("ops")
     assert code == 0
     listed = {line.split(":")[0] for line in out.splitlines() if not line.startswith(" ")}
-    assert listed == {"separate", "polynomial", "plan_feedrates", *METHODS, *PIPELINE}
+    assert listed == {
+        "separate",
+        "polynomial",
+        "plan_feedrates",
+        "laser_setup",
+        *METHODS,
+        *PIPELINE,
+    }
 
     code, out, _ = metrosep("ops", "--json")
     rows = {row["op"]: row for row in json.loads(out)}

@@ -26,6 +26,7 @@ NAMES = [
     "flats/recipe.toml",
     "rotation_test/recipe.toml",
     "periodic_error/recipe.toml",
+    "laser_axis/recipe.toml",
     "stitching/recipe.toml",
     "face_reversal/recipe.toml",
     "circle_closure/recipe.toml",

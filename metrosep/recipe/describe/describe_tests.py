@@ -12,7 +12,9 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
 from metrosep.recipe.describe.charts import (
+    bar_chart,
     curve,
     curve_chart,
     harmonic_chart,
@@ -238,6 +240,64 @@ def separation_of(produced: Separation, inputs: Any = None) -> Description:
         maps,
         document,
         produced.audit,
+    )
+
+
+_OF_LASER = {
+    "wavelength": "correction for the wavelength in the air that was",
+    "dead_path": "correction for the change of the air in the dead path",
+    "cosine": "correction for the angle between beam and motion",
+    "pitch": "correction for the Abbe offset times pitch",
+    "yaw": "correction for the Abbe offset times yaw",
+    "expansion": "correction of the length to 20 degC",
+    "total": "sum of the corrections, added to the reading; u that of the corrected reading",
+}
+
+
+def laser_quantities(air: Any, made: Any = None) -> dict[str, Quantity]:
+    """Return corrections at the largest reading with their sum, or the wavelength; the index of air."""
+    i = 0 if made is None else made.farthest
+    n, u = (float(np.ravel(v)[i if np.ndim(v) else 0]) for v in (air.n, air.u))
+    text = f"refractive index of air ({air.equation}) for {air.wavelength * 1e9:.7g} nm in vacuum"
+    index = {"n": quantity(n, "1", text, u=u, symbol="n")}
+    if made is None:
+        length, spread = air.wavelength / n, air.wavelength * u / n**2
+        return index | {"wavelength": quantity(length, "m", "wavelength in this air", u=spread)}
+    each = {k: (v[i], made.u_of(k)[i]) for k, v in made.corrections.items()}
+    each["total"] = (made.total[i], made.u[i])
+    at = f"at the reading {format_length(float(made.reading[i]))}"
+    found = {
+        f"correction.{k}": quantity(
+            v, "m", f"{_OF_LASER[k]}, {at}", u=spread, symbol=k.replace("_", " ")
+        )
+        for k, (v, spread) in each.items()
+    }
+    return found | index
+
+
+def laser_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of a `LaserReadings`: corrections, their u and its budget."""
+    found = laser_quantities(produced.air, produced.made)
+    if produced.made is None:
+        return Description(found, tables={"": {k: [q.value] for k, q in found.items()}})
+    budget = produced.made.budget()
+    columns = {"source": list(budget), "u_m": list(budget.values())}
+    chart = bar_chart(
+        "Uncertainty budget at the largest reading",
+        list(budget),
+        {"standard uncertainty": list(budget.values())},
+        unit="m",
+        quantity="standard uncertainty",
+        caption="Each source with all corrections that it acts on; squares add up (JCGM 100).",
+    )
+    if produced.separation is None:
+        return Description(found, (chart,), {"": columns})
+    base = separation_of(produced.separation)
+    return replace(
+        base,
+        quantities={**found, **base.quantities},
+        charts=(*base.charts, chart),
+        tables={**base.tables, "corrected": produced.table, "budget": columns},
     )
 
 

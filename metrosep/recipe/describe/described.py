@@ -29,6 +29,7 @@ from metrosep.recipe.describe.describe_process import (
 )
 from metrosep.recipe.describe.describe_tests import (
     diagonals_of,
+    laser_of,
     positions_of,
     separation_of,
     spindle_of,
@@ -553,6 +554,7 @@ def speed_sweep_of(produced: Any, inputs: Any = None) -> Description:
 _KINDS: Mapping[str, Any] = {
     "Separation": separation_of,
     "PositioningTest": positions_of,
+    "LaserReadings": laser_of,
     "SpindleMotion": spindle_of,
     "MotionStraightness": straightness_of,
     "DriftTest": drift_test_of,
