@@ -369,6 +369,18 @@ def test_robust_mean_keeps_what_all_runs_show_at_one_place():
     assert float(estimate.evaluate([30e-3])[0] - axis.truth(30.0) * NM) > 2_500 * NM
 
 
+def test_a_sensor_that_is_not_connected_is_said_and_a_factor_of_100_is_written_so():
+    def dead(axis):
+        for run in range(9):
+            axis.change(run, lambda z: 0.0 * z)
+
+    assert "every run reads one value only" in separate(spoilt(dead), method="mean").messages[0]
+    with pytest.raises(
+        InvalidSamplesError, match=r"run r4 reads (100|99\.\d|1\d\d) times as much"
+    ):
+        separate(spoilt(at(3, lambda z: 100.0 * z)), method="mean")
+
+
 def test_robust_mean_of_two_runs_is_refused():
     with pytest.raises(TooFewSamplesError, match="needs 3 runs"):
         separate(Axis(54, feeds=(60.0, 95.0), repeats=1).set(), method="mean", robust=True)
