@@ -261,6 +261,15 @@ def test_a_row_written_twice_is_named(tmp_path, capsys):
     assert "drop rows that were written twice" in capsys.readouterr().err
 
 
+def test_a_position_that_is_held_is_named(tmp_path, capsys):
+    runs = axis(6)
+    r, x, *rest = runs[2]
+    runs[2] = (r, np.repeat(x[::5], 5)[: x.size], *rest)
+
+    assert call(csv(tmp_path / "a.csv", runs)) == 4
+    assert "updated more slowly than rows are written" in capsys.readouterr().err
+
+
 def test_position_that_jerks_once_has_lost_no_sample():
     rng = np.random.default_rng(1)
     runs = []
