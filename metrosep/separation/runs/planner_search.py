@@ -269,15 +269,17 @@ class Comparison:
         """Return both worst waves with their sd."""
         at, other = int(np.argmax(self.sd)), int(np.argmax(self.reference))
         return (
-            f"{self.worst * 1e9:.3g} nm at {self.waves[at] * 1e3:.3g} mm; "
+            f"{_nm(self.worst)} at {self.waves[at] * 1e3:.3g} mm; "
             f"{self.feeds.size} runs with feeds in geometric progression from "
             f"{self.feeds.min() * 6e4:.0f} to {self.feeds.max() * 6e4:.0f} mm/min have "
-            f"{self.reference_worst * 1e9:.3g} nm at {self.waves[other] * 1e3:.3g} mm"
+            f"{_nm(self.reference_worst)} at {self.waves[other] * 1e3:.3g} mm"
         )
 
     def messages(self) -> tuple[str, ...]:
         """Return what the plan makes worse."""
-        ratio = self.sd / self.reference
+        ratio = np.where(np.isinf(self.reference), 1.0, self.sd) / np.where(
+            np.isinf(self.reference), 1.0, self.reference
+        )
         i = int(np.argmax(ratio))
         worse = self.waves[ratio > 1.0 + _NOTICED]
         span = f"{self.waves.min() * 1e3:.3g} to {self.waves.max() * 1e3:.3g} mm"
@@ -286,7 +288,7 @@ class Comparison:
             out.append(
                 f"the plan makes {100 * worse.size / ratio.size:.0f} % of them worse than the "
                 f"geometric progression, most at {self.waves[i] * 1e3:.3g} mm: "
-                f"{self.sd[i] * 1e9:.3g} nm instead of {self.reference[i] * 1e9:.3g} nm"
+                f"{_nm(self.sd[i])} instead of {_nm(self.reference[i])}"
             )
         else:
             out.append("the plan makes none of them worse than the geometric progression")
@@ -295,11 +297,18 @@ class Comparison:
     def audit(self) -> dict[str, Any]:
         """Return the numbers with unit suffixes."""
         return {
-            "worst_sd_nm": self.worst * 1e9,
+            "worst_sd_nm": self.worst * 1e9 if math.isfinite(self.worst) else math.nan,
             "worst_wavelength_mm": float(self.waves[np.argmax(self.sd)]) * 1e3,
-            "geometric_worst_sd_nm": self.reference_worst * 1e9,
+            "geometric_worst_sd_nm": self.reference_worst * 1e9
+            if math.isfinite(self.reference_worst)
+            else math.nan,
             "geometric_feeds_mm_per_min": [float(v) * 6e4 for v in self.feeds],
         }
+
+
+def _nm(sd: float) -> str:
+    """Return an sd in nm; where the density is not known nothing is."""
+    return f"{sd * 1e9:.3g} nm" if math.isfinite(sd) else "infinity"
 
 
 _NOTICED = 0.05
@@ -329,7 +338,7 @@ def compared(
     for own in (feeds, reference):
         every = np.concatenate([own, done])
         j = run_information(density, every, waves, length).sum(axis=0)
-        sds.append(1.0 / np.sqrt(np.where(j > 0.0, j, np.finfo(float).tiny)))
+        sds.append(np.where(j > 0.0, 1.0 / np.sqrt(np.maximum(j, np.finfo(float).tiny)), np.inf))
     return Comparison(waves, sds[0], sds[1], reference)
 
 
