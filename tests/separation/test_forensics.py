@@ -358,6 +358,17 @@ def test_robust_mean_leaves_out_what_stands_out_and_says_so():
     assert back.terms["robust"]["n_rejected"] == 4
 
 
+def test_lost_motion_of_a_robust_mean_holds_no_spike():
+    both = {"feeds": (60.0, 95.0, -60.0, -95.0), "repeats": 3, "modes": (), "white": 5.0}
+    clean, hit = Axis(55, **both), Axis(55, **both)
+    hit.change(9, lambda z: np.where(np.arange(z.size) == 250, z + 90_000.0, z))
+    expected = separate(clean.set(), method="mean").lost_motion.value
+    found = [separate(hit.set(), method="mean", robust=r).lost_motion.value for r in (False, True)]
+
+    assert abs(found[0] - expected) > 10 * NM  # 90 um of 573 readings of 6 runs: 26 nm
+    assert found[1] == pytest.approx(expected, abs=1 * NM)
+
+
 def test_robust_mean_keeps_what_all_runs_show_at_one_place():
     """A step of the axis itself is geometry, not a spike."""
     axis = Axis(53)
