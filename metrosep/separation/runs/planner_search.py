@@ -268,10 +268,15 @@ class Comparison:
     def text(self) -> str:
         """Return both worst waves with their sd."""
         at, other = int(np.argmax(self.sd)), int(np.argmax(self.reference))
+        low, high = self.feeds.min() * 6e4, self.feeds.max() * 6e4
+        runs = (
+            f"{self.feeds.size} runs with feeds in geometric progression from {low:.0f} to "
+            f"{high:.0f} mm/min have"
+            if self.feeds.size > 1
+            else f"a run at the middle of the range, {low:.0f} mm/min, has"
+        )
         return (
-            f"{_nm(self.worst)} at {self.waves[at] * 1e3:.3g} mm; "
-            f"{self.feeds.size} runs with feeds in geometric progression from "
-            f"{self.feeds.min() * 6e4:.0f} to {self.feeds.max() * 6e4:.0f} mm/min have "
+            f"{_nm(self.worst)} at {self.waves[at] * 1e3:.3g} mm; {runs} "
             f"{_nm(self.reference_worst)} at {self.waves[other] * 1e3:.3g} mm"
         )
 
