@@ -203,11 +203,12 @@ def _check_monotonic(x: FloatArray, run_id: str) -> None:
     bad = np.flatnonzero(sign * steps <= 0.0)
     if bad.size:
         i = int(bad[0])
-        cure = (
-            "split the recording at its turning points and cut off the dwell at the ends"
-            if (steps[bad] != 0.0).any()
-            else "drop rows that were written twice and cut off the dwell at the ends"
-        )
+        if (steps[bad] != 0.0).any():
+            cure = "split the recording at its turning points and cut off the dwell at the ends"
+        elif bad.size > 0.1 * steps.size:
+            cure = "the position is updated more slowly than rows are written: keep one row of each"
+        else:
+            cure = "drop rows that were written twice and cut off the dwell at the ends"
         raise InvalidSamplesError(
             f"run {run_id!r}: the encoder is not monotonic, x[{i}] = {x[i] * 1e3:.6f} mm and "
             f"x[{i + 1}] = {x[i + 1] * 1e3:.6f} mm ({bad.size} such step(s)); {cure}"

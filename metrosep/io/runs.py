@@ -35,6 +35,7 @@ from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import (
     SURROUNDINGS,
     TYPICAL,
+    Unit,
     parse_quantity,
     parse_unit,
     surrounding_header,
@@ -233,10 +234,7 @@ def _runs_of(
     t = None
     if request.time is not None:
         t_column, t_unit = pick(file, table, request.time, role="time")
-        if t_column.labels is None:
-            t = to_si(file, t_column, t_unit, dimension="time", role="time")
-        else:
-            t = _time_of_day(file, table, t_column)
+        t = _seconds(file, table, t_column, t_unit, role="time")
     speeds = _feed_column(file, table, feed)
     signs = _direction_column(file, table, request.direction)
     for run_id, rows in _groups(file, table, request, signs, x):
@@ -296,10 +294,14 @@ def _clock(t: FloatArray | None, rows: NDArray[np.intp], request: _Request) -> F
 _TIME_OF_DAY = re.compile(r"(?:(\d{4}-\d\d-\d\d)[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)Z?")
 
 
-def _time_of_day(file: RawFile, table: Table, column: Column) -> FloatArray:
-    """Return texts such as ``23:59:59.998`` or ``2026-01-31T12:00:00.5`` as seconds; midnight may pass."""
+def _seconds(
+    file: RawFile, table: Table, column: Column, unit: Unit | None, *, role: str
+) -> FloatArray:
+    """Return times in s; texts are ``23:59:59.998`` or ``2026-01-31T12:00:00.5``, midnight may pass."""
+    if column.labels is None:
+        return to_si(file, column, unit, dimension="time", role=role)
     days, seconds = np.zeros(len(table)), np.zeros(len(table))
-    for i, label in enumerate(column.labels or ()):
+    for i, label in enumerate(column.labels):
         found = _TIME_OF_DAY.fullmatch(label.strip())
         if found is None:
             raise FormatMismatchError(
@@ -549,6 +551,8 @@ def role_values(file: RawFile, table: Table, role: Role, *, name: str) -> NDArra
     if role.dimension == "position":
         dimension = "angle" if unit is not None and unit.dimension == "angle" else "length"
         return to_si(file, column, unit, dimension=dimension, role=name)
+    if role.dimension == "time":
+        return _seconds(file, table, column, unit, role=name)
     if role.dimension != "any":
         scale = sensitivity(role.scale) if role.dimension == "length" else None
         return to_si(file, column, unit, dimension=role.dimension, role=name, scale=scale)

@@ -232,5 +232,5 @@ def test_plan_speaks_of_its_options_and_in_mm_per_min(metrosep, separated):
     assert "m/s" not in err
 
     code, _, err = metrosep("plan", separated, *PLAN[:4], "--runs", "0", "--wavelengths", "5 mm")
-    assert "--runs is 0" in err
+    assert "--runs must be a whole number from 1, got 0" in err
     assert "n_runs" not in err

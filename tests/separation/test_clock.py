@@ -230,6 +230,28 @@ def test_a_time_that_is_no_time_of_day_is_named_by_its_line(text, tmp_path, caps
     assert re.search(f"line 2: time '{text}' .*hh:mm:ss", capsys.readouterr().err)
 
 
+def test_time_of_day_serves_other_methods_too(tmp_path, capsys):
+    """A - B - B - A, 0.5 um/s of drift, B 3 um above A; the readings pass midnight."""
+    seconds = 86394.0 + 2.0 * np.arange(8)
+    drift = 0.5 * 2.0 * np.arange(8) + 3.0 * np.tile([0, 1, 1, 0], 2)
+    rows = [f"{hms(s - 86397.0)},{z:.4f}" for s, z in zip(seconds, drift, strict=True)]
+    (tmp_path / "a.csv").write_text("clock,z_um\n" + "\n".join(rows) + "\n")
+    found = []
+    for column in ("clock", "t_s"):
+        call = ["separate", str(tmp_path / "a.csv"), "--method", "abba", "--readings", "z_um"]
+        with pytest.raises(SystemExit) as ended:
+            main([*call, "--column", f"time={column}", "--json"])
+        assert ended.value.code == 0
+        out = json.loads(capsys.readouterr().out)
+        found.append({k: v for k, v in out.items() if k not in ("inputs", "files")})
+        rows = [f"{s:.4f},{z:.4f}" for s, z in zip(seconds, drift, strict=True)]
+        (tmp_path / "a.csv").write_text("t_s,z_um\n" + "\n".join(rows) + "\n")
+
+    assert found[0] == found[1]
+    values = [c["value"] for c in found[0]["characteristics"]]
+    assert values == pytest.approx([-3e-6, 0.5e-6], rel=1e-9, abs=0.0)
+
+
 def test_a_row_written_twice_is_named(tmp_path, capsys):
     runs = axis(6)
     r, *columns = runs[2]
@@ -237,6 +259,15 @@ def test_a_row_written_twice_is_named(tmp_path, capsys):
 
     assert call(csv(tmp_path / "a.csv", runs)) == 4
     assert "drop rows that were written twice" in capsys.readouterr().err
+
+
+def test_a_position_that_is_held_is_named(tmp_path, capsys):
+    runs = axis(6)
+    r, x, *rest = runs[2]
+    runs[2] = (r, np.repeat(x[::5], 5)[: x.size], *rest)
+
+    assert call(csv(tmp_path / "a.csv", runs)) == 4
+    assert "updated more slowly than rows are written" in capsys.readouterr().err
 
 
 def test_position_that_jerks_once_has_lost_no_sample():

@@ -358,6 +358,17 @@ def test_robust_mean_leaves_out_what_stands_out_and_says_so():
     assert back.terms["robust"]["n_rejected"] == 4
 
 
+def test_lost_motion_of_a_robust_mean_holds_no_spike():
+    both = {"feeds": (60.0, 95.0, -60.0, -95.0), "repeats": 3, "modes": (), "white": 5.0}
+    clean, hit = Axis(55, **both), Axis(55, **both)
+    hit.change(9, lambda z: np.where(np.arange(z.size) == 250, z + 90_000.0, z))
+    expected = separate(clean.set(), method="mean").lost_motion.value
+    found = [separate(hit.set(), method="mean", robust=r).lost_motion.value for r in (False, True)]
+
+    assert abs(found[0] - expected) > 10 * NM  # 90 um of 573 readings of 6 runs: 26 nm
+    assert found[1] == pytest.approx(expected, abs=1 * NM)
+
+
 def test_robust_mean_keeps_what_all_runs_show_at_one_place():
     """A step of the axis itself is geometry, not a spike."""
     axis = Axis(53)
@@ -367,6 +378,18 @@ def test_robust_mean_keeps_what_all_runs_show_at_one_place():
     estimate = separate(axis.set(), method="mean", robust=True)
 
     assert float(estimate.evaluate([30e-3])[0] - axis.truth(30.0) * NM) > 2_500 * NM
+
+
+def test_a_sensor_that_is_not_connected_is_said_and_a_factor_of_100_is_written_so():
+    def dead(axis):
+        for run in range(9):
+            axis.change(run, lambda z: 0.0 * z)
+
+    assert "every run reads one value only" in separate(spoilt(dead), method="mean").messages[0]
+    with pytest.raises(
+        InvalidSamplesError, match=r"run r4 reads (100|99\.\d|1\d\d) times as much"
+    ):
+        separate(spoilt(at(3, lambda z: 100.0 * z)), method="mean")
 
 
 def test_robust_mean_of_two_runs_is_refused():

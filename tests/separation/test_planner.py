@@ -462,6 +462,12 @@ def test_beyond_the_known_band_nothing_is_invented():
         70e-3 / 0.08 / machine_density(20.0), rel=0.01, abs=0.0
     )
     assert any("not known above 30 Hz" in m for m in plan.messages)
+    assert not any("e+" in m for m in plan.messages)
+    fast = predicted_sd((f, machine_density(f)), [0.08] + [0.16] * 3, [20e-3, 3e-3], 70e-3)
+    slow = predicted_sd((f, machine_density(f)), [0.16] * 3 + [0.2], [20e-3, 5e-3], 70e-3)
+    assert fast.audit["worst_sd_nm"] > 0.0
+    assert np.isnan(slow.audit["worst_sd_nm"])
+    json.dumps(slow.to_dict(), allow_nan=False)
 
 
 def test_below_the_first_frequency_the_hold_is_said():

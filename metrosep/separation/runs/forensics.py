@@ -170,8 +170,11 @@ def check_runs(
     found.shift = np.full((len(runs), 2), np.nan)
     steps = np.array([_check_alone(i, run, found) for i, run in enumerate(runs)])
     if all(any(text.endswith(_STUCK) for text in said) for said in found.said):
-        found.said, found.refused = [[] for _ in runs], [False] * len(runs)  # no error at all
+        found.said, found.refused = [[] for _ in runs], [False] * len(runs)
         found.place.clear()
+        found.common.append(
+            "every run reads one value only: no error and no noise, or a sensor that is not connected"
+        )
     for probe in dict.fromkeys(names):
         _check_twice(runs, [i for i, p in enumerate(names) if p == probe], steps, found)
     rms = np.array([_rms(run) for run in runs])
@@ -422,4 +425,4 @@ def _check_sizes(rms: FloatArray, members: Sequence[int], found: Findings) -> No
 
 def _factor(ratio: float) -> str:
     """Return a ratio of sizes as a person writes it: 936, 1,000, 0.021."""
-    return f"{ratio:,.0f}" if ratio >= 100.0 else f"{ratio:.2g}"
+    return f"{ratio:,.0f}" if ratio >= 99.5 else f"{ratio:.2g}"

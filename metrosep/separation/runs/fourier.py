@@ -164,9 +164,10 @@ def separate_kono(
     curve, slope_fourier = _kono_curve(kept, origin, l_x, first, last)
     cut, longest_cut = _cut_off(spectra, selection.kept)
     uncertainty = _kono_sd(members * selection.kept, origin, l_x, (first, last))
+    scatter = float(np.sqrt(np.mean(uncertainty.z**2)))
     decay = taper_fraction if coefficients == "tapered" else 0.0
     uncertainty = _with_bias(uncertainty, curve, cut, decay, (first, last))
-    if cut > 0.0:
+    if cut > 0.0 and not cut < _SMALL * scatter:
         message = (
             f"waves that repeat but are not in the model, such as {format_length(longest_cut)}, have "
             f"{format_length(cut, digits=2)} RMS together: this is in the uncertainty"
@@ -363,7 +364,10 @@ def _kono_sd(
 
 
 _SEEN = 0.01
-"""Chance by which the scatter of the runs would repeat as much as a discarded wave that counts."""
+"""Chance by which the scatter of the runs would repeat as much as a wave, over all discarded ones."""
+
+_SMALL = 0.2
+"""RMS of the discarded waves over the scatter of the estimate below which they are not mentioned."""
 
 _QUIET, _SURE = 4.0, 3.0
 """Times the median noise up to which discarded waves are looked at together; and beyond how many
@@ -384,7 +388,7 @@ def _cut_off(spectra: FeedSpectra, kept: NDArray[np.bool_]) -> tuple[float, floa
     # n |mean|^2 / variance follows F(2, 2 (n - 1)): p = (1 + F / (n - 1))^-(n - 1)
     floor = np.finfo(float).tiny
     p = (1.0 + power / np.maximum(noise, floor) / (n - 1)) ** (1.0 - n)
-    seen = left & (p < _SEEN)
+    seen = left & (p < _SEEN / left.sum())
     total = float((power - noise)[seen].sum())
     # Many waves, none of which is seen by itself; a vibration of few runs would pass for some.
     rest = left & ~seen & (noise < _QUIET * float(np.median(noise[left])))

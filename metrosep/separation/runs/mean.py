@@ -71,8 +71,10 @@ def separate_mean(
         If no run has that feed, or `robust` has fewer than three runs to compare.
     """
     used = runs if feed is None else runs.select(feed=feed)
-    kept, left_out, sentences = _without_spikes(used) if flag(robust, "robust") else (used, {}, [])
-    used = kept
+    left_out: dict[str, Any] = {}
+    sentences: list[str] = []
+    if flag(robust, "robust"):
+        used, left_out, sentences = _without_spikes(used)
     first, last = evaluation_range(used, start=start, length=length)
     low, high = used.common_travel
     pitch = max(abs(float(r.x[-1] - r.x[0])) / (len(r) - 1) for r in used)
@@ -96,6 +98,10 @@ def separate_mean(
     mean, rest = _level(grid, mean, first, last)
     scale = high - low
     n = len(used)
+    slope = float(slopes.mean() / scale) + rest
+    audit = _audit(used, pitch)
+    if robust:  # lost motion is taken from these, not from readings that were left out
+        audit["run_levels_nm"] = _levels(used, SampledCurve(grid, mean), slope, (first, last))
     return ErrorEstimate(
         method="mean",
         start=first,
@@ -103,7 +109,7 @@ def separate_mean(
         fit_range=(low, high),
         directions_data={0: DirectionEstimate(SampledCurve(grid, mean), SampledCurve(grid, sd))},
         slope=Quantity(
-            float(slopes.mean() / scale) + rest,
+            slope,
             "rad",
             "mean slope of the least-squares lines over the evaluation range (alignment)",
             u=float(slopes.std(ddof=1) / math.sqrt(n) / scale) if n > 1 else None,
@@ -112,7 +118,7 @@ def separate_mean(
         feed_spectra_data=feed_spectra_columns(used),
         residual_psd_data={"frequency_hz": [], "psd_nm2_per_hz": [], "model_nm2_per_hz": []},
         residual_rms=residual_rms,
-        audit=_audit(used, pitch),
+        audit=audit,
         messages=(*_messages(used), *sentences),
         history=used.history,
         terms={"robust": left_out} if left_out else {},
@@ -167,6 +173,19 @@ def _level(
     valid = ~np.isnan(z)
     slope, level = np.polyfit(x[valid] - first, z[valid], 1)
     return mean - level - slope * (grid - first), float(slope)
+
+
+def _levels(
+    runs: RunSet, mean: SampledCurve, slope: float, span: tuple[float, float]
+) -> list[float]:
+    """Return the mean of each run less the estimate, in the middle of the evaluation range, nm."""
+    out = []
+    for run in runs:
+        inner = (run.x >= span[0]) & (run.x <= span[1])
+        x = run.x[inner]
+        rest = run.z[inner] - mean(x) - slope * (x - 0.5 * (span[0] + span[1]))
+        out.append(1e9 * float(np.nanmean(rest)))
+    return out
 
 
 def _audit(runs: RunSet, pitch: float) -> dict[str, Any]:

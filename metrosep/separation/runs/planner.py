@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError
+from metrosep.core.numbers import count
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import freeze_mapping
 from metrosep.separation._readings import (
@@ -28,7 +28,14 @@ from metrosep.separation._readings import (
     positive,
     reduced,
 )
-from metrosep.separation.runs.planner_search import Limits, best_feeds
+from metrosep.separation.runs.planner_search import (
+    Limits,
+    best_feeds,
+    compared,
+    finite_variance,
+    geometric_feeds,
+    run_information,
+)
 from metrosep.separation.runs.solver import TimeDensity, time_density
 
 if TYPE_CHECKING:
@@ -330,18 +337,13 @@ def _limits(
 
 
 def _runs(n_runs: int, fixed: FloatArray) -> int:
-    try:
-        is_whole = not isinstance(n_runs, bool) and int(n_runs) == n_runs
-    except (TypeError, ValueError, OverflowError):
-        is_whole = False
-    if not is_whole:
-        raise DataError(f"n_runs is {n_runs!r}; it must be a whole number of runs")
-    if n_runs < 1 or n_runs + fixed.size < 2:
+    n = count(n_runs, "n_runs")
+    if n + fixed.size < 2:
         raise TooFewSamplesError(
-            f"n_runs is {n_runs} with {fixed.size} run(s) already done; a plan needs at least two "
-            "runs at different feeds"
+            f"n_runs is {n} with {fixed.size} run(s) already done; a plan needs at least two runs at "
+            "different feeds"
         )
-    return int(n_runs)
+    return n
 
 
 def _reachable(density: TimeDensity, waves: FloatArray, limits: Limits, fixed: FloatArray) -> None:
@@ -414,96 +416,6 @@ def _predict(
     return FeedPlan(
         np.array(feeds), waves, information, columns, density, fixed, details, messages
     )
-
-
-# ---- what a plan makes worse than feeds in geometric progression, on all waves up to the travel ----
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Comparison:
-    """sd of a plan and of feeds in geometric progression, long-record formula."""
-
-    waves: FloatArray  # shape (k,), m
-    sd: FloatArray  # shape (k,), m: of the plan
-    reference: FloatArray  # shape (k,), m: of as many feeds in geometric progression
-    feeds: FloatArray  # m/s: these feeds
-
-    @property
-    def worst(self) -> float:
-        """Largest sd of the plan, m."""
-        return float(self.sd.max())
-
-    @property
-    def reference_worst(self) -> float:
-        """Largest sd of the geometric progression, m."""
-        return float(self.reference.max())
-
-    def text(self) -> str:
-        """Return both worst waves with their sd."""
-        at, other = int(np.argmax(self.sd)), int(np.argmax(self.reference))
-        return (
-            f"{self.worst * 1e9:.3g} nm at {self.waves[at] * 1e3:.3g} mm; "
-            f"{self.feeds.size} runs with feeds in geometric progression from "
-            f"{self.feeds.min() * 6e4:.0f} to {self.feeds.max() * 6e4:.0f} mm/min have "
-            f"{self.reference_worst * 1e9:.3g} nm at {self.waves[other] * 1e3:.3g} mm"
-        )
-
-    def messages(self) -> tuple[str, ...]:
-        """Return what the plan makes worse."""
-        ratio = self.sd / self.reference
-        i = int(np.argmax(ratio))
-        worse = self.waves[ratio > 1.0 + _NOTICED]
-        span = f"{self.waves.min() * 1e3:.3g} to {self.waves.max() * 1e3:.3g} mm"
-        out = [f"the worst of all waves from {span} has an sd of {self.text()}"]
-        if worse.size:
-            out.append(
-                f"the plan makes {100 * worse.size / ratio.size:.0f} % of them worse than the "
-                f"geometric progression, most at {self.waves[i] * 1e3:.3g} mm: "
-                f"{self.sd[i] * 1e9:.3g} nm instead of {self.reference[i] * 1e9:.3g} nm"
-            )
-        else:
-            out.append("the plan makes none of them worse than the geometric progression")
-        return tuple(out)
-
-    def audit(self) -> dict[str, Any]:
-        """Return the numbers with unit suffixes."""
-        return {
-            "worst_sd_nm": self.worst * 1e9,
-            "worst_wavelength_mm": float(self.waves[np.argmax(self.sd)]) * 1e3,
-            "geometric_worst_sd_nm": self.reference_worst * 1e9,
-            "geometric_feeds_mm_per_min": [float(v) * 6e4 for v in self.feeds],
-        }
-
-
-_NOTICED = 0.05
-"""Growth of an sd that counts as worse."""
-
-
-def geometric_feeds(n: int, limits: Limits) -> FloatArray:
-    """Return n feeds in equal ratios up to the fastest, from as slow as the time allows."""
-    if n == 1:
-        return np.array([math.sqrt(limits.v_min * limits.v_max)])
-    slowest = np.geomspace(limits.v_min, limits.v_max, 400)
-    ladders = (np.geomspace(v, limits.v_max, n) for v in slowest)
-    in_time = (f for f in ladders if np.sum(limits.length / f) <= limits.max_time)
-    return next(in_time, np.full(n, limits.v_max))
-
-
-def compared(
-    density: TimeDensity,
-    feeds: FloatArray,
-    reference: FloatArray,
-    done: FloatArray,
-    waves: FloatArray,
-    length: float,
-) -> Comparison:
-    """Return the sd of both sets of feeds, runs already done with each."""
-    sds = []
-    for own in (feeds, reference):
-        every = np.concatenate([own, done])
-        j = run_information(density, every, waves, length).sum(axis=0)
-        sds.append(1.0 / np.sqrt(np.where(j > 0.0, j, np.finfo(float).tiny)))
-    return Comparison(waves, sds[0], sds[1], reference)
 
 
 # ---- what a plan says in plain words: which disturbance falls onto which wavelength at which feed ----
@@ -659,91 +571,6 @@ def plain_messages(
             "which is too large at narrow resonances"
         )
     return tuple(out)
-
-
-# ---- what a set of runs tells about one wavelength: long-record formula and exact finite record ----
-# A wave ``a cos(2 pi x / L) + b sin(...)`` read at the speed v is a tone of f = v / wavelength. With
-# a disturbance of one-sided density S a run of duration T adds ``T / S(f)`` to the information on a
-# and on b (Kay 1993, long records). It is exact only where S hardly changes within 1 / T. A resonance
-# narrower than that spreads over 1 / T: its true effect is smaller at the peak, and the offset of
-# each run costs a little. `finite_variance` does the generalised least squares without approximation.
-
-_SAMPLES_PER_WAVE = 5.0
-"""Samples per wave of the shortest wavelength in the simulated record."""
-
-_MOST_SAMPLES = 1500
-"""Longest record that is solved exactly; a longer one has more than 300 waves."""
-
-_N_FREQUENCIES = 2**17
-"""Lines that make the autocovariance from the density."""
-
-
-def run_information(
-    density: TimeDensity, feeds: FloatArray, wavelengths: FloatArray, length: float
-) -> FloatArray:
-    """Return the information of one run at each feed on each wavelength, long-record formula."""
-    v = np.asarray(feeds, dtype=np.float64)[:, np.newaxis]
-    s = density(v / wavelengths)
-    information: FloatArray = np.where(np.isnan(s), 0.0, length / v / np.where(s > 0.0, s, 1.0))
-    return information
-
-
-def finite_variance(
-    density: TimeDensity, feeds: FloatArray, wavelengths: FloatArray, length: float
-) -> FloatArray:
-    """Return the variance of the amplitude coefficients by generalised least squares."""
-    shortest = float(wavelengths.min())
-    n = int(np.ceil(_SAMPLES_PER_WAVE * length / shortest)) + 1
-    if n > _MOST_SAMPLES:
-        return np.full(wavelengths.shape, np.nan)
-    total = np.zeros((wavelengths.size, 2, 2))
-    with one_blas_thread():
-        for v, count in zip(*np.unique(feeds, return_counts=True), strict=True):
-            used = v / wavelengths <= density.highest
-            if used.any():
-                total[used] += count * _one_run(density, float(v), wavelengths[used], length)
-    trace = total[:, 0, 0] + total[:, 1, 1]
-    determinant = total[:, 0, 0] * total[:, 1, 1] - total[:, 0, 1] ** 2
-    known = determinant > 1e-12 * trace**2
-    out = np.full(wavelengths.shape, np.nan)
-    out[known] = 0.5 * trace[known] / determinant[known]
-    return out
-
-
-def _one_run(
-    density: TimeDensity, feed: float, wavelengths: FloatArray, length: float
-) -> FloatArray:
-    """Information matrices (k, 2, 2) of one run, its offset eliminated."""
-    from scipy.linalg import cho_factor, cho_solve, toeplitz
-
-    duration = length / feed
-    top = min(0.5 * _SAMPLES_PER_WAVE * feed / float(wavelengths.min()), density.highest)
-    n = max(int(2.0 * top * duration + 1e-9), 4)
-    step = duration / n  # n samples stand for the whole duration
-    times = (np.arange(n) - 0.5 * (n - 1)) * step
-    covariance = _autocovariance(density, min(0.5 / step, density.highest), step, n)
-    factor = cho_factor(toeplitz(covariance), check_finite=False)
-    phase = 2.0 * np.pi * feed / wavelengths[:, np.newaxis] * times
-    waves = np.stack([np.cos(phase), np.sin(phase)], axis=1)  # (k, 2, n)
-    columns = np.concatenate([waves.reshape(-1, n), np.ones((1, n))])
-    white = cho_solve(factor, columns.T, check_finite=False)  # (n, 2 k + 1)
-    solved = white[:, :-1].T.reshape(waves.shape)
-    matrix = np.einsum("kin,kjn->kij", waves, solved)
-    with_offset = solved.sum(axis=2)
-    removed = with_offset[:, :, np.newaxis] * with_offset[:, np.newaxis, :] / white[:, -1].sum()
-    information: FloatArray = matrix - removed
-    return information
-
-
-def _autocovariance(density: TimeDensity, top: float, step: float, n: int) -> FloatArray:
-    """Covariance at the first n lags of noise with this density up to `top` = 1 / (2 step)."""
-    frequency = (np.arange(_N_FREQUENCIES) + 0.5) * (0.5 / step / _N_FREQUENCIES)
-    power = density(np.minimum(frequency, top)) * (0.5 / step / _N_FREQUENCIES)
-    # sum_j P_j cos(pi (j + 1/2) k / N): half-way lines keep the zero frequency out
-    turn = np.exp(0.5j * np.pi * np.arange(n) / _N_FREQUENCIES)
-    spectrum = np.fft.fft(power, 2 * _N_FREQUENCIES)[:n].conj()
-    covariance: FloatArray = (spectrum * turn).real
-    return covariance
 
 
 # ---- `FeedPlan`: feeds of a set of runs, and the sd they promise for each wavelength -----------
