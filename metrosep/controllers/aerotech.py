@@ -84,7 +84,6 @@ class Aerotech(Dialect):
         title="Aerotech A3200 / Automation1 2-D calibration (.cal)",
         entry="-s*e, added to the corrected axis; s = 1 where its encoder counts with the axis, else -1",
         units="mm for positions, um for entries (POSUNIT=METRIC CORUNIT=METRIC/1000)",
-        max_points=None,
         outside="value of the nearest edge",
         sign_status="documented to follow the encoder, whose direction you state; not run",
         activation=_ACTIVATION,
@@ -170,7 +169,6 @@ class AerotechLine(Dialect):
         title="Aerotech A3200 / Automation1 calibration of one axis, as a 2-D table of two equal rows",
         entry="-s*e, added to the corrected axis; s = 1 where its encoder counts with the axis, else -1",
         units="mm for positions, um for entries (POSUNIT=METRIC CORUNIT=METRIC/1000)",
-        max_points=None,
         outside="value of the nearest end",
         sign_status="documented to follow the encoder, whose direction you state; not run",
         activation=_ACTIVATION,
@@ -179,7 +177,6 @@ class AerotechLine(Dialect):
         directions="one",
         resolution="0.1 nm with 4 decimals",
         reference_rule="none",
-        proof="own strict parser and simulated lookup",
         suffix=".cal",
         example={"row_axis": 2, "column_axis": 1, "corrected_axis": 1}
         | {"column_sign": 1, "corrected_sign": 1},

@@ -81,7 +81,6 @@ class Etalon(Dialect):
         title="Etalon exchange format, for Beckhoff TF5280 and ISG volumetric compensation",
         entry="+e with entry_sign=1, an error parameter of ISO 230-1; -e with entry_sign=-1",
         units="mm for lengths, rad for angles; positions mm, of a turning axis degrees",
-        max_points=None,
         outside="not documented; simulated as constant",
         sign_status="not stated in the pages of TF5280 that could be read; the kernel can negate axes",
         activation=(

@@ -85,7 +85,6 @@ class Mitsubishi(Resampling):
             "traverse the axis with a laser or gauge: the error must shrink",
             "lost motion belongs into the backlash parameters #2011 and #2012, not into this table",
         ),
-        sign="documented",
         spacing="uniform",
         directions="one",
         resolution="half an output unit times scale factor",

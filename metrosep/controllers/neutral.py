@@ -99,7 +99,6 @@ class Neutral(Dialect):
         title="Neutral CSV with JSON sidecar",
         entry="correction c = -e that is added to the command",
         units="position in mm, correction in um; rad and urad of axes that turn; by the column names",
-        max_points=None,
         outside="constant beyond both ends",
         sign_status="by definition",
         activation=(
@@ -187,7 +186,6 @@ class NeutralMap(Dialect):
         title="Neutral CSV of a map with JSON sidecar",
         entry="correction c = -e that is added to the command",
         units="positions in mm, correction in um; rad and urad of axes that turn; by the column names",
-        max_points=None,
         outside="that of the nearest edge",
         sign_status="by definition",
         activation=(

@@ -363,7 +363,6 @@ class PLCStructuredText(_Polynomial):
         title="Polynomial for a PLC, structured text (IEC 61131-3)",
         entry="coefficients of y, which is added to the command: y = actuator_sign * -e + offset",
         units="x in mm, y in um unless said otherwise; named in a comment",
-        max_points=None,
         outside="held at the ends of the domain (LIMIT)",
         sign_status="stated by the user: actuator_sign, no default; y is added by your program",
         activation=(
@@ -429,7 +428,6 @@ class PLCTurboPMAC(_Polynomial):
         title="Polynomial for a Turbo PMAC PLC program",
         entry="coefficients of y, which is added to the command: y = actuator_sign * -e + offset",
         units="x in mm, y in um unless said otherwise; named in a comment",
-        max_points=None,
         outside="held at the ends of the domain",
         sign_status="stated by the user: actuator_sign, no default; y is added by your program",
         activation=(

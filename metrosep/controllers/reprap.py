@@ -94,7 +94,6 @@ class Klipper(Dialect):
         title="Klipper bed mesh",
         entry="height added to the commanded Z: -e",
         units="mm",
-        max_points=None,
         outside="that of the nearest edge",
         sign_status="confirmed by running Klipper and its mesh code",
         activation=(
@@ -334,7 +333,6 @@ class RepRap(Dialect):
         title="RepRapFirmware height map",
         entry="height added to the commanded Z: -e",
         units="mm",
-        max_points=None,
         outside="that of the nearest edge; at the far ends that 0.01 mm inside",
         sign_status="read in the firmware's source, not run",
         activation=(
@@ -343,7 +341,6 @@ class RepRap(Dialect):
             "M376 H0: no taper over height, or the correction fades with Z",
             "after loading: G29 reports the number of points; every one must count as probed",
         ),
-        sign="documented",
         carries="map",
         spacing="uniform",
         directions="one",

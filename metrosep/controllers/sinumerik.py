@@ -123,7 +123,6 @@ class SinumerikCec(Dialect):
         title="SINUMERIK sag compensation ($AN_CEC)",
         entry="+e with entry_sign=1, suggested by the encoder compensation; -e with entry_sign=-1",
         units="mm, of a turning axis degrees (basic system metric)",
-        max_points=None,
         outside="end values hold; with modulo=True it repeats",
         sign_status="not stated in the pages of the compensation manual that could be read",
         activation=_ACTIVATION,
@@ -256,7 +255,6 @@ class SinumerikCecProduct(Dialect):
         title="SINUMERIK sag compensation over two axes, f(x) g(y) ($AN_CEC_MULT_BY_TABLE)",
         entry="first table +e with entry_sign=1, -e with -1; second a factor with peak 1 mm; multiplied",
         units="mm, positions of a turning axis degrees (basic system metric)",
-        max_points=None,
         outside="end values hold",
         sign_status=(
             "not stated in the pages of the compensation manual that could be read; nor whether the "
@@ -480,7 +478,6 @@ class SinumerikEnc(Dialect):
         title="SINUMERIK encoder error compensation ($AA_ENC_COMP)",
         entry="+e, added to the actual value: a positive entry moves the axis in negative direction",
         units="mm, of a turning axis degrees (basic system metric)",
-        max_points=None,
         outside="end values hold; with modulo=True it repeats",
         sign_status="documented explicitly in the compensation manual K3; not run",
         activation=(
@@ -489,7 +486,6 @@ class SinumerikEnc(Dialect):
             "set MD32700 = 1, power on, reference the axis",
             "check in 'service axes' that the correction at a bump is the opposite of its error",
         ),
-        sign="documented",
         spacing="uniform",
         directions="one",
         resolution="1 pm with 9 decimals; float64 inside",

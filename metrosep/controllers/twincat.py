@@ -97,7 +97,6 @@ class TwinCAT(Resampling):
         title=_TITLE,
         entry="correction -e, additive to the uncorrected set position",
         units="mm (position unit of the axis)",
-        max_points=None,
         outside="not documented; taken as constant beyond both ends: cover the whole travel",
         sign_status="documented: the compensation is additive to the uncorrected set position",
         activation=(
@@ -113,7 +112,6 @@ class TwinCAT(Resampling):
             "compare CurrentCorrection with the table at some positions in both directions",
             "write one table for each direction if lost motion matters, or use the backlash setting",
         ),
-        sign="documented",
         spacing="uniform",
         directions="one",
         resolution="1 pm",

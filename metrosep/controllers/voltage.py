@@ -78,7 +78,6 @@ class Voltage(Dialect):
         title="Voltages through a flexure calibration (CSV)",
         entry="V(d_off + polarity x correction), V the inverse of the calibration: -e is added",
         units="mm or s, V",
-        max_points=None,
         outside="first and last entry are held; a turn repeats",
         sign_status="the calibration says where the stage goes; which way it moves the tool is "
         "yours to state (polarity)",

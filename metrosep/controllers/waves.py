@@ -534,7 +534,6 @@ class PiGcs(_Wave):
         title="PI wave generator, GCS commands WAV PNT",
         entry="polarity x correction: polarity x (-e); the generator adds the offset (WOS)",
         units="axis units, um",
-        max_points=None,
         outside="the wave's first and last point are held before and after a pass; a turn repeats",
         sign_status="an axis moves to the value sent; which way the piezo moves the tool is yours to "
         "state (polarity)",
