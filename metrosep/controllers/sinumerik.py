@@ -29,6 +29,8 @@ from metrosep.controllers._grids import (
     format_span,
 )
 from metrosep.controllers._sinumerik_file import (
+    CEC,
+    ENC,
     Assignment,
     Grid,
     axis_letter,
@@ -40,12 +42,10 @@ from metrosep.controllers._sinumerik_file import (
     checked_name,
     factors,
     folded,
-    grid_of,
     opened,
     pair,
     read_assignments,
     require_same_axes,
-    table_lines,
     turning,
     units,
     write_program,
@@ -178,8 +178,10 @@ class SinumerikCec(Dialect):
             rounding = max(rounding, float(np.abs(back - column).max()))
             direction = 0 if len(columns) == 1 else 1 - 2 * k
             span = [v / units(turns=o["input_turns"]) for v in carried.span]
-            facts = {"DIRECTION": direction, "MULT_BY_TABLE": 0, "IS_MODULO": int(o["modulo"])}
-            lines += table_lines(o["table_index"] + k, words, span, (names[0], names[1]), facts)
+            lines += CEC.lines(
+                (o["table_index"] + k,), words, span, INPUT_AXIS=names[0], OUTPUT_AXIS=names[1],
+                DIRECTION=direction, MULT_BY_TABLE=0, IS_MODULO=int(o["modulo"]),
+            )  # fmt: skip
         told = _facts(
             o,
             (table.axis, table.compensates),
@@ -350,9 +352,11 @@ class SinumerikCecProduct(Dialect):
         lines: list[str] = []
         for k, (words, positions) in enumerate(((first, even.x), (second, even.y))):
             scale = units(turns=is_rotary(even.axes[k]))
-            facts = {"DIRECTION": 0, "MULT_BY_TABLE": 0 if k else t + 2, "IS_MODULO": 0}
             span = [float(positions[0]) / scale, float(positions[-1]) / scale]
-            lines += table_lines(t + k, words, span, (names[k], names[2]), facts)
+            lines += CEC.lines(
+                (t + k,), words, span, INPUT_AXIS=names[k], OUTPUT_AXIS=names[2], DIRECTION=0,
+                MULT_BY_TABLE=0 if k else t + 2, IS_MODULO=0,
+            )  # fmt: skip
         told = _facts(o, (*even.axes, even.compensates), turning=_turning(even))
         return Encoded(
             data=write_program("NC_CEC_INI", o["channel"], _comments(o), lines, told),
@@ -465,10 +469,6 @@ def _words(values: FloatArray, decimals: int) -> list[str]:
 # The entry is added to the ACTUAL value of the axis, so a positive one drives the axis in negative
 # direction: the entry for an error e is +e, the opposite of most controllers.
 
-_NAME = "$AA_ENC_COMP"
-_FACTS = ("STEP", "MIN", "MAX", "IS_MODULO")
-_POSITION_DECIMALS = 12
-
 
 class SinumerikEnc(Dialect):
     """Writer and reader of ``AX_EEC_INI``; see the module."""
@@ -551,13 +551,14 @@ class SinumerikEnc(Dialect):
         if o["modulo"]:
             checked_modulo(words, carried.forward, carried.span, table.axis)
         back = -np.array(words, dtype=np.float64) * unit
+        span = [v / unit for v in carried.span]
+        key = (o["measuring_system"], axis)
+        lines = ENC.lines(key, words, span, IS_MODULO=int(o["modulo"]))
         facts: dict[str, object] = {"turns": int(o["turns"])}
         if table.axis.isascii() and table.axis.isalnum():
             facts["axis"] = table.axis
         return Encoded(
-            data=write_program(
-                "AX_EEC_INI", o["channel"], (), _lines(words, carried, unit, axis, o), facts
-            ),
+            data=write_program("AX_EEC_INI", o["channel"], (), lines, facts),
             quantisation=float(np.abs(back - carried.forward).max()),
             notes={"MD38000_at_least": n},
             step=10.0 ** -o["decimals"] * unit,
@@ -626,37 +627,9 @@ def _require_zero(table: CompensationTable, o: dict[str, Any]) -> None:
         )
 
 
-def _lines(
-    words: list[str], table: CompensationTable, unit: float, axis: str, o: dict[str, Any]
-) -> list[str]:
-    system = o["measuring_system"]
-    low, high = (v / unit for v in table.span)
-    facts = {"STEP": (high - low) / (len(words) - 1), "MIN": low, "MAX": high}
-    return [
-        *(f"{_NAME}[{system},{i},{axis}]={w}" for i, w in enumerate(words)),
-        *(
-            f"{_NAME}_{k}[{system},{axis}]={short(v, _POSITION_DECIMALS, at_least=1)}"
-            for k, v in facts.items()
-        ),
-        f"{_NAME}_IS_MODULO[{system},{axis}]={int(o['modulo'])}",
-    ]
-
-
 def _chosen(assignments: list[Assignment], path: Path, o: dict[str, Any]) -> tuple[Grid, str]:
     """Return the one table of the file, or that of the axis and encoder that the user named."""
-    values: dict[tuple[str, str], dict[int, Assignment]] = {}
-    facts: dict[tuple[str, str], dict[str, Assignment]] = {}
-    for a in assignments:
-        kind = a.name.removeprefix(f"{_NAME}_")
-        if a.name == _NAME and len(a.indices) == 3 and a.indices[1].isdigit():
-            values.setdefault((a.indices[0], a.indices[2]), {})[int(a.indices[1])] = a
-        elif a.name != _NAME and kind in _FACTS and len(a.indices) == 2:
-            facts.setdefault((a.indices[0], a.indices[1]), {})[kind] = a
-        else:
-            raise CorruptFileError(
-                path, f"line {a.line}: {a.name}[{','.join(a.indices)}] is not part of such a table"
-            )
-    keys = list(dict.fromkeys([*values, *facts]))
+    keys = ENC.tables(assignments, path)
     bad = [k for k in keys if k[0] not in ("0", "1")]
     if bad:
         raise CorruptFileError(path, f"encoder {bad[0][0]} of axis {bad[0][1]}: there are 0 and 1")
@@ -673,8 +646,5 @@ def _chosen(assignments: list[Assignment], path: Path, o: dict[str, Any]) -> tup
             f"{path}: it holds several tables ({names}); choose with machine_axis= and "
             "measuring_system="
         )
-    key = wanted[0]
-    grid = grid_of(
-        values.get(key, {}), facts.get(key, {}), path, f"axis {key[1]} encoder {key[0]}"
-    )
-    return grid, key[1]
+    system, axis = wanted[0]
+    return ENC.grid(keys[wanted[0]], f"axis {axis} encoder {system}", path)[0], axis
