@@ -487,16 +487,11 @@ def factors(tables: Mapping[int, CecTable], path: Path) -> tuple[CecTable, CecTa
 
 
 def opened(
-    data: bytes, path: Path, known: tuple[Option, ...], options: Mapping[str, Any], controller: str
+    data: bytes, path: Path, known: tuple[Option, ...], options: Mapping[str, Any]
 ) -> tuple[dict[int, CecTable], dict[str, Any], dict[str, str]]:
     """Return the tables of a file by index, and what is known about them."""
     assignments, noted = read_assignments(data, path)
-    o = settled(known, options, path, file=noted, partial=True)
-    if "entry_sign" not in o:
-        raise DataError(
-            f"{path}: neither the file nor a sidecar states the sign of its entries; give entry_sign=1 "
-            f"(entry = +e) or -1 to read it as {controller}"
-        )
+    o = settled(known, options, path, file=noted, needed=("entry_sign",), partial=True)
     return read_tables(assignments, path), o, noted
 
 

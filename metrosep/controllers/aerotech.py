@@ -16,13 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import note, read_notes, settled
+from metrosep.controllers._facts import agreed, note, read_notes, settled
 from metrosep.controllers._grammar import code_rows, decoded, fixed
-from metrosep.controllers._grids import even_map, even_table
+from metrosep.controllers._grids import even_map, even_table, require_linear, require_one_direction
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -33,10 +32,11 @@ from metrosep.controllers.base import (
 )
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, DataError, TableError, UnsupportedFeatureError
+from metrosep.core.errors import CorruptFileError, DataError, UnsupportedFeatureError
 
 __all__ = ["Aerotech", "AerotechLine"]
 
+_TITLE = "Aerotech calibration (the unit of angles is not documented)"
 _SIGN = "direction in which the encoder of the {} counts, moving the axis in +: 1 or -1"
 
 _OPTIONS = (
@@ -120,9 +120,7 @@ class Aerotech(Dialect):
     )
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
-        """Return the text of a file."""
-        for axis in (*table.axes, table.compensates):
-            _refuse_rotary(axis)
+        require_linear((*table.axes, table.compensates), _TITLE)
         o = {**{x.name: x.default for x in self.options}, **options}
         _check_numbers(o)
         _check_names(o, (*table.axes, table.compensates))
@@ -142,8 +140,7 @@ class Aerotech(Dialect):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
-        """Return the map of a file."""
-        grid, known = read_grid(data, path, self.options, options, self.info.id)
+        grid, known = read_grid(data, path, self.options, options)
         _require_offset_rule(grid, known, path, ("column", "row"))
         values = known["corrected_sign"] * grid.values
         x, y = _positions(grid, known, path)
@@ -193,14 +190,8 @@ class AerotechLine(Dialect):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the text of a file."""
-        for axis in (table.axis, table.compensates):
-            _refuse_rotary(axis)
-        if table.reverse is not None and not np.array_equal(table.reverse, table.forward):
-            raise TableError(
-                "an Aerotech calibration holds one value for both directions, this table has two: make "
-                'it with direction="both" and put the lost motion into the backlash parameter'
-            )
+        require_linear((table.axis, table.compensates), _TITLE)
+        require_one_direction(table, "an Aerotech calibration", "into the backlash parameter")
         o = {**{x.name: x.default for x in self.options}, **options, "row_sign": 1}
         if o["row_axis"] == o["corrected_axis"]:
             o["row_sign"] = o["corrected_sign"]
@@ -228,8 +219,7 @@ class AerotechLine(Dialect):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table of a file."""
-        grid, known = read_grid(data, path, self.options, options, self.info.id)
+        grid, known = read_grid(data, path, self.options, options)
         if (grid.values != grid.values[0]).any():
             raise CorruptFileError(
                 path,
@@ -250,14 +240,6 @@ class AerotechLine(Dialect):
         _require_output(grid, {grid.column_axis: fields["axis"]}, fields["compensates"], path)
         forward = known["corrected_sign"] * grid.values[0]
         return CompensationTable(x, forward, None, is_exact_inverse=True, **fields)
-
-
-def _refuse_rotary(axis: str) -> None:
-    if is_rotary(axis):
-        raise TableError(
-            f"{axis} turns: the unit of angles in an Aerotech file is not known from its documents; "
-            "write controller='csv'"
-        )
 
 
 def _check_numbers(o: dict[str, Any]) -> None:
@@ -481,7 +463,7 @@ def write_grid(grid: Grid, o: dict[str, Any], names: tuple[str, ...]) -> tuple[s
 
 
 def read_grid(
-    data: bytes, path: Path, known: tuple[Option, ...], given: dict[str, Any], controller: str
+    data: bytes, path: Path, known: tuple[Option, ...], given: dict[str, Any]
 ) -> tuple[Grid, dict[str, Any]]:
     """Return the table of a file, and the facts about the machine that are known."""
     text = decoded(data, path, "2-D calibration of Aerotech", encoding="utf-8-sig")
@@ -489,13 +471,8 @@ def read_grid(
     noted = read_notes(comments, [code for _, code in lines], path)
     facts: dict[str, Any] = {
         **{k: v for k, v in noted.items() if k in ("axes", "corrects")},
-        **settled(known, given, path, file=noted, partial=True),
+        **settled(known, given, path, file=noted, needed=("corrected_sign",), partial=True),
     }
-    if "corrected_sign" not in facts:
-        raise DataError(
-            f"{path}: neither the file nor a sidecar states how the encoder of the corrected axis "
-            f"counts; give corrected_sign=1 or -1 to read it as {controller}"
-        )
     grid = _parsed(lines, path, facts)
     for name, found in (
         ("row_sign", math.copysign(1, grid.row_step)),
@@ -504,8 +481,7 @@ def read_grid(
         ("column_axis", grid.column_axis),
         ("corrected_axis", grid.output),
     ):
-        if facts.get(name) not in (None, found):
-            raise DataError(f"{path}: you say {name}={facts[name]}, the file says {found:g}")
+        agreed(path, name, {"the file": found, "you": facts.get(name)})
     return grid, facts
 
 

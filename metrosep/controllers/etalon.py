@@ -19,7 +19,7 @@ from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._facts import is_note, note, read_notes, settled
 from metrosep.controllers._grammar import decoded, fixed, joined, short
-from metrosep.controllers._grids import DRY_RUN
+from metrosep.controllers._grids import DRY_RUN, require_one_direction
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -28,7 +28,7 @@ from metrosep.controllers.base import (
     load_sidecar,
     sidecar_options,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import ENTRY_SIGN, Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
@@ -54,14 +54,6 @@ _COMPONENT = re.compile(r"E([XYZABC])([XYZABC])")
 _SECTION = re.compile(r"\[([A-Z]\w\w)\]", re.ASCII)
 _VALUE = re.compile(r"VALUE *= *(\S+)")
 _OPEN = re.compile(r"Gridpoints *= *\{")
-
-_SIGN = Option(
-    "entry_sign",
-    "sign of an entry for an error e = actual - nominal: 1 writes +e, -1 writes -e",
-    "choice",
-    default=1,
-    choices=(1, -1),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,20 +94,15 @@ class Etalon(Dialect):
 
     options = (
         Option("parameter", "name after ISO 230-1 such as EXY; from the axes if omitted", "text"),
-        _SIGN,
+        ENTRY_SIGN,
         Option("records_limit", "max_records of hochlauf.lis", "integer", lowest=2),
         Option("decimals", "of an entry", "integer", default=12, lowest=1, highest=15),
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the text of a file."""
         o = {**{x.name: x.default for x in self.options}, **options}
         parameter = _parameter(table, o["parameter"])
-        if table.reverse is not None and not np.array_equal(table.reverse, table.forward):
-            raise TableError(
-                "an error parameter has one value for both directions, this table has two: make it "
-                'with direction="both" and put the lost motion into the backlash parameter'
-            )
+        require_one_direction(table, "an error parameter", "into the backlash parameter")
         n = table.positions.size
         if o["records_limit"] is not None and n > o["records_limit"]:
             raise LimitError(
@@ -155,12 +142,9 @@ class Etalon(Dialect):
         """Return one look-up table of a file as corrections."""
         told = {**sidecar_options(path, self.options), **options}
         chosen = _chosen(_read(data, path), told.get("parameter"), path)
-        o = settled(self.options, options, path, file=chosen.noted, partial=True)
-        if "entry_sign" not in o:
-            raise DataError(
-                f"{path}: neither the file nor a sidecar states the sign of its entries; give "
-                "entry_sign=1 (entry = +e) or -1 to read it as etalon"
-            )
+        o = settled(
+            self.options, options, path, file=chosen.noted, needed=("entry_sign",), partial=True
+        )
         place, unit = _units(chosen.parameter)
         positions = chosen.rows[:, 0] * place
         fields = identity(path, first=float(positions[0]))

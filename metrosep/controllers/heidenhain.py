@@ -29,7 +29,7 @@ from metrosep.controllers._grids import (
     uniform_positions,
 )
 from metrosep.controllers.base import DialectInfo, Encoded, identity, load_sidecar
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import INTERVAL, Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 from metrosep.core.units import format_length
@@ -91,13 +91,7 @@ class Heidenhain(Resampling):
     )
 
     options = (
-        Option(
-            "interval",
-            "spacing; that of the table if omitted",
-            "length",
-            positive=True,
-            highest=100.0,
-        ),
+        INTERVAL,
         Option(
             "resolution",
             "last digit of an entry, a power of ten of mm",
@@ -113,7 +107,6 @@ class Heidenhain(Resampling):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the table text."""
         require_linear((table.axis, table.compensates), _TITLE)
         _require_axes(table, options["looked_up_axis"])
         require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
@@ -153,7 +146,6 @@ class Heidenhain(Resampling):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table."""
         lines = ascii_lines(data, path, "HEIDENHAIN table")
         if len(lines) < 3 or lines[-1] != "[END]":
             raise damaged(path, "the table does not end with [END]: it was cut short")

@@ -41,7 +41,7 @@ from metrosep.controllers._grids import (
     walked,
 )
 from metrosep.controllers.base import DialectInfo, Encoded, identity
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import INCREMENT, INTERVAL, Option, unit_option
 from metrosep.core.errors import CorruptFileError, TableError
 
 __all__ = ["Mitsubishi"]
@@ -95,14 +95,7 @@ class Mitsubishi(Resampling):
     )
 
     options = (
-        Option(
-            "output_unit",
-            "unit of output of the control",
-            "length",
-            required=True,
-            lowest=1e-12,
-            highest=1e-3,
-        ),
+        unit_option("output_unit", "unit of output of the control"),
         Option("scale", "parameter #4006", "integer", default=1, lowest=1, highest=99),
         Option("set_number", "set of parameters, 1 for #4001", "integer", 1, lowest=1, highest=10),
         Option(
@@ -113,21 +106,8 @@ class Mitsubishi(Resampling):
             highest=_LAST,
         ),
         Option("reference_position", "machine coordinate of the reference point", "length"),
-        Option(
-            "interval",
-            "parameter #4007; that of the table if omitted",
-            "length",
-            positive=True,
-            highest=100.0,
-        ),
-        Option(
-            "increment",
-            "unit of parameter #4007",
-            "length",
-            default=1e-6,
-            lowest=1e-9,
-            highest=1e-3,
-        ),
+        INTERVAL,
+        INCREMENT,
         Option(
             "cross_axis",
             "a table that corrects another axis than it looks up: its sign is not documented",

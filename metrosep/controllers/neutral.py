@@ -129,7 +129,6 @@ class Neutral(Dialect):
         return Encoded(joined([",".join(columns), *rows]), 0.0)
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table."""
         columns = "position_(mm|rad),correction_forward_(um|urad)(,correction_reverse_\\2)?"
         header, lines, values = _rows(data, path, "table", columns, (2, "lines"))
         turns = (header[0].endswith("rad"), header[1].endswith("urad"))
@@ -217,7 +216,6 @@ class NeutralMap(Dialect):
         return Encoded(joined(lines), 0.0)
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
-        """Return the map."""
         columns = "x_(mm|rad),y_(mm|rad),correction_(um|urad)"
         header, lines, values = _rows(data, path, "map", columns, (4, "nodes"))
         turns = (header[0].endswith("rad"), header[1].endswith("rad"))

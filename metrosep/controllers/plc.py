@@ -125,7 +125,6 @@ class _Polynomial(Dialect):
         """Return the words that the options state, checked."""
 
     def encode(self, table: PolynomialFit, **options: Any) -> Encoded:
-        """Return the text."""
         _require_finite(table)
         x_places, y_places = _PLACES[options["x_unit"]], _PLACES[options["y_unit"]]
         sign = options["actuator_sign"] * (-1 if table.quantity == "error" else 1)

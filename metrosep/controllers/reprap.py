@@ -122,7 +122,6 @@ class Klipper(Dialect):
     )
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
-        """Return the section."""
         require_bed(table, "Klipper")
         name = options["profile"]
         if _PROFILE.fullmatch(name) is None:
@@ -362,7 +361,6 @@ class RepRap(Dialect):
     )  # fmt: skip
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
-        """Return the file."""
         require_bed(table, "RepRapFirmware")
         carried, error = even_map(
             table, (options["x_spacing"], options["y_spacing"]), ("x_spacing", "y_spacing")

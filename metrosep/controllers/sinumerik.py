@@ -18,7 +18,7 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.products import ProductTables, rank_one
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import settled
+from metrosep.controllers._facts import agreed, settled
 from metrosep.controllers._grammar import short
 from metrosep.controllers._grids import (
     AlongOption,
@@ -27,6 +27,7 @@ from metrosep.controllers._grids import (
     even_table,
     format_amount,
     format_span,
+    require_one_direction,
 )
 from metrosep.controllers._sinumerik_file import (
     CEC,
@@ -60,7 +61,7 @@ from metrosep.controllers.base import (
     map_identity,
     table_lookup,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import ENTRY_SIGN, Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
@@ -85,19 +86,12 @@ _RESIDUAL = 0.1
 
 _DRY_RUN = "sign not documented: dry-run on the machine first"
 
-_SIGN = Option(
-    "entry_sign",
-    "sign of an entry for an error e = actual - nominal: 1 writes +e, -1 writes -e",
-    "choice",
-    default=1,
-    choices=(1, -1),
-)
 _SHARED = (
     Option(
         "output_axis", "name of the corrected machine axis, such as AX3", "text", required=True
     ),
     Option("table_index", "index of the first table", "integer", default=0, lowest=0),
-    _SIGN,
+    ENTRY_SIGN,
     Option("channel", "number in CHANDATA", "integer", default=1, lowest=1),
     Option("points_limit", "MD18342 of a table; 200 on 828D", "integer", lowest=2),
     AlongOption(
@@ -210,11 +204,10 @@ class SinumerikCec(Dialect):
     def _read(
         self, data: bytes, path: Path, options: Mapping[str, Any]
     ) -> tuple[CompensationTable, bool]:
-        tables, o, noted = opened(data, path, self.options, options, self.info.id)
+        tables, o, noted = opened(data, path, self.options, options)
         first, second = pair(tables, path, o)
         for name in ("input_axis", "output_axis"):
-            if o.get(name, getattr(first, name)) != getattr(first, name):
-                raise DataError(f"{path}: you say {name}={o[name]}, it is {getattr(first, name)}")
+            agreed(path, name, {"the file": getattr(first, name), "you": o.get(name)})
         own = first.input_axis == first.output_axis
         turns_in, turns_out = (
             turning(
@@ -379,13 +372,12 @@ class SinumerikCecProduct(Dialect):
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
         """Return the map of a file of two tables that multiply."""
-        tables, o, noted = opened(data, path, self.options, options, self.info.id)
+        tables, o, noted = opened(data, path, self.options, options)
         first, second = factors(tables, path)
         found = (first.input_axis, second.input_axis, first.output_axis)
         keys = ("first_input_axis", "second_input_axis", "output_axis")
         for name, value in zip(keys, found, strict=True):
-            if o.get(name, value) != value:
-                raise DataError(f"{path}: you say {name}={o[name]}, it is {value}")
+            agreed(path, name, {"the file": value, "you": o.get(name)})
         told = o.get("turning")
         turns = [
             turning(t.input_axis, None if told is None else str(k) in told, "turning=...", path)
@@ -518,7 +510,6 @@ class SinumerikEnc(Dialect):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the text of a file."""
         o = {**{x.name: x.default for x in self.options}, **options}
         axis = checked_name(o["machine_axis"], "machine_axis")
         if not table.is_on_axis:
@@ -526,12 +517,11 @@ class SinumerikEnc(Dialect):
                 f"ENC_COMP corrects an axis over its own position, this table is {table.axis} -> "
                 f"{table.compensates}; write it as 'sinumerik-cec'"
             )
-        if table.reverse is not None and not np.array_equal(table.reverse, table.forward):
-            raise TableError(
-                "ENC_COMP holds one value for both directions, this table has two: make it with "
-                'direction="both" and put the lost motion into MD32450 BACKLASH, or write it as '
-                "'sinumerik-cec', which has a table for each direction"
-            )
+        require_one_direction(
+            table,
+            "ENC_COMP",
+            "into MD32450 BACKLASH, or write controller='sinumerik-cec', which has a table for each",
+        )
         if is_rotary(table.axis) != o["turns"]:
             raise DataError(
                 f"the axis of the table is {table.axis}, but turns={o['turns']}: a turning axis is "
@@ -567,7 +557,6 @@ class SinumerikEnc(Dialect):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table of a file."""
         return self._read(data, path, options)[0]
 
     def _read(

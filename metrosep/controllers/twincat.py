@@ -174,7 +174,6 @@ class TwinCAT(Resampling):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table."""
         lines = enumerate(ascii_lines(data, path, "ST table of TwinCAT"), start=1)
         rows = [(i, line.strip()) for i, line in lines]
         rows = [row for row in rows if row[1] and not _COMMENT.fullmatch(row[1])]

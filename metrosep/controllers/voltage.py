@@ -127,7 +127,6 @@ class Voltage(Dialect):
     )  # fmt: skip
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the CSV."""
         curves, rest, polarity = _curves(options), _rest(options), options["polarity"]
         if options["over"] == "time":
             return _over_time(table, curves, rest, options)

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import is_described, settled
+from metrosep.controllers._facts import agreed, is_described, settled
 from metrosep.controllers._grammar import (
     NUMBER,
     Line,
@@ -430,7 +430,6 @@ class _Wave(Dialect):
         return ()
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the commands."""
         play, values = sampled(table, options, **self._clock(options))
         room, what = self._room(options)
         if room is not None and play.n > room:
@@ -469,11 +468,7 @@ class _Wave(Dialect):
         offset = stated.pop("offset_um", None)
         cycles = stated.pop("cycles")
         for name, command in self.commands:
-            if options.get(name) not in (None, stated[name]):
-                raise DataError(
-                    f"{path}: {command} says {name}={stated[name]}, not {options[name]}; leave "
-                    f"{name}= away, or look for the right file"
-                )
+            agreed(path, name, {command: stated[name], "you": options.get(name)})
         motion = "pass" if cycles else "turn"
         has_defaults = is_described(path)
         known = settled(

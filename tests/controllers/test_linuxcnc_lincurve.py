@@ -349,7 +349,7 @@ def test_comments_and_blanks_do_not_matter(dialect, tmp_path):
 
 
 def test_an_option_that_contradicts_the_file_is_refused(dialect, tmp_path):
-    with pytest.raises(DataError, match="target_joint is 1 in the file, not 2"):
+    with pytest.raises(DataError, match="the file says target_joint=1, you say target_joint=2"):
         dialect.lookup(hand_text().encode(), tmp_path / "x.hal", target_joint=2)
 
 

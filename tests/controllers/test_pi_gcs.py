@@ -410,7 +410,7 @@ def test_file_without_a_line_is_refused(gone):
 
 
 def test_contradicting_option_is_refused():
-    with pytest.raises(DataError, match="WTR says rate=100, not 50"):
+    with pytest.raises(DataError, match="WTR says rate=100, you say rate=50"):
         PiGcs().decode(HAND.encode(), NOWHERE, **HAND_OPTIONS, rate=50)
 
 
