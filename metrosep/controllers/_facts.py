@@ -68,7 +68,7 @@ def _of_file(option: Option, value: Any, path: Path) -> Any:
     if not isinstance(value, str) or option.kind == "text":
         return value
     try:
-        return option.checked(value, path.name)
+        return option.checked(value, "its comment")
     except DataError as exc:
         raise CorruptFileError(
             path, str(exc), field=option.name, expected=option.help, found=value[:60],

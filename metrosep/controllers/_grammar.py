@@ -161,8 +161,8 @@ class Line:
 
     def __str__(self) -> str:
         """Return the line with the names of its words."""
-        empty = {n: "" for n, w in self.words.items() if not w.pattern}
-        return self.template.format(**{n: n for n in self.names} | empty)
+        plain = {"": "", ".*": "..."}
+        return self.template.format(**{n: plain.get(w.pattern, n) for n, w in self.words.items()})
 
 
 def _loose(text: str) -> str:

@@ -145,8 +145,8 @@ class Fanuc(Resampling):
         Option("axis_number", "number behind A", "integer", default=1, lowest=1, highest=32),
         Option("reference_number", "parameter 3620", "integer", lowest=0, highest=_LAST_NUMBER),
         Option("reference_position", "machine coordinate of the reference position", "length"),
-        INTERVAL,
-        INCREMENT,
+        replace(INTERVAL, help="parameter 3624; that of the table if omitted"),
+        replace(INCREMENT, help="least input increment, unit of parameter 3624"),
         Option("rapid", "rapid traverse, for the smallest interval", "speed", positive=True),
         Option("entry_sign", "k in entry = k e", "choice", default=-1, choices=(-1, 1)),
     )

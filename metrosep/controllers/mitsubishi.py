@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -106,8 +107,8 @@ class Mitsubishi(Resampling):
             highest=_LAST,
         ),
         Option("reference_position", "machine coordinate of the reference point", "length"),
-        INTERVAL,
-        INCREMENT,
+        replace(INTERVAL, help="parameter #4007; that of the table if omitted"),
+        replace(INCREMENT, help="unit of parameter #4007"),
         Option(
             "cross_axis",
             "a table that corrects another axis than it looks up: its sign is not documented",
