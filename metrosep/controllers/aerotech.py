@@ -20,7 +20,7 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._facts import agreed, note, read_notes, settled
-from metrosep.controllers._grammar import code_rows, decoded, fixed
+from metrosep.controllers._grammar import Line, Word, code_rows, decoded, fixed, short
 from metrosep.controllers._grids import even_map, even_table, require_linear, require_one_direction
 from metrosep.controllers.base import (
     Dialect,
@@ -398,15 +398,30 @@ def _offset_findings(grid: Grid) -> tuple[Finding, ...]:
 # ---- the text of an Aerotech 2-D table: written and read strictly, lengths along the encoders ----
 
 _MM = 1e-3
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)", re.ASCII)
-_WHOLE = re.compile(r"\d{1,9}", re.ASCII)
-_WORD = re.compile(r"([A-Z][A-Z0-9]*)\s*=\s*(\S+)")
-_UNIT = re.compile(r"(METRIC|PRIMARY)(?:/(\d{1,9}))?", re.ASCII)
 _LARGEST = 1e12
 """No distance, offset or entry of a file is as large, in any unit."""
 
+
+def _mm(value: float) -> str:
+    """Return a length in mm, with three decimals or as many as it takes."""
+    return short(value / _MM + 0.0, 12, at_least=3)
+
+
+_REAL = Word(r"[+-]?(?:\d+\.?\d*|\.\d+)", float, _mm)
+_AXIS = Word(r"0{0,8}[1-9]\d{0,8}", int, "{:<3}".format)
 _START = ":START2D"
-_KEYS = ("OUTAXIS3", "POSUNIT", "CORUNIT", "OFFSETROW", "OFFSETCOL")
+_HEAD = Line(
+    f"{_START} {{row}} {{column}} {{out1}} {{out2}} {{row_step}} {{column_step}} {{columns}}",
+    row=_AXIS, column=_AXIS, out1=replace(_AXIS, write="{:<4}".format), out2=_AXIS, row_step=_REAL,
+    column_step=_REAL,
+)  # fmt: skip
+_UNIT = Word(r"(?:METRIC|PRIMARY)(?:/\d{1,9})?")
+_KEYS = {
+    "OUTAXIS3": Word(_AXIS.pattern, int, str), "POSUNIT": Word(r"\S+"), "CORUNIT": Word(r"\S+"),
+    "OFFSETROW": _REAL, "OFFSETCOL": _REAL,
+}  # fmt: skip
+"""Words of the second line, in any order; the first may be missing."""
+_WORD = re.compile(r"([A-Z][A-Z0-9]*)\s*=\s*(\S+)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -423,18 +438,10 @@ class Grid:
     values: FloatArray  # shape (rows, columns), m: entries along the encoder of the corrected axis
 
 
-def _mm(value: float) -> str:
-    """Return a length in mm, with three decimals or as many as it takes."""
-    text = f"{value / _MM + 0.0:.12f}".rstrip("0")
-    whole, _, decimals = text.partition(".")
-    text = f"{whole}.{decimals:0<3}"
-    return text.removeprefix("-") if not float(text) else text
-
-
 def write_grid(grid: Grid, o: dict[str, Any], names: tuple[str, ...]) -> tuple[str, FloatArray]:
     """Return the file, and its entries as printed, in m."""
     first = grid.output == grid.column_axis
-    third = "" if grid.output in (grid.row_axis, grid.column_axis) else f"OUTAXIS3={grid.output} "
+    third = grid.output not in (grid.row_axis, grid.column_axis)
     um = grid.values * 1e6
     words = [[fixed(v, o["decimals"]) for v in row] for row in um]
     cell = "0 0 {}" if third else ("{} 0" if first else "0 {}")
@@ -449,12 +456,18 @@ def write_grid(grid: Grid, o: dict[str, Any], names: tuple[str, ...]) -> tuple[s
     }
     if all(n.isascii() and n.isalnum() for n in names):
         facts |= {"axes": f"{names[0]},{names[1]}", "corrects": names[2]}
-    row, column = grid.row_axis, grid.column_axis
-    numbers = f"{row:<3} {column:<3} {column:<4} {row:<3}"
-    offsets = f"OFFSETROW={_mm(grid.row_offset)} OFFSETCOL={_mm(grid.column_offset)}"
+    head = {
+        "row": grid.row_axis, "column": grid.column_axis, "out1": grid.column_axis,
+        "out2": grid.row_axis, "row_step": grid.row_step, "column_step": grid.column_step,
+        "columns": um.shape[1],
+    }  # fmt: skip
+    keys = {
+        **({"OUTAXIS3": grid.output} if third else {}), "POSUNIT": "METRIC",
+        "CORUNIT": "METRIC/1000", "OFFSETROW": grid.row_offset, "OFFSETCOL": grid.column_offset,
+    }  # fmt: skip
     lines = [
-        f"{_START} {numbers} {_mm(grid.row_step)} {_mm(grid.column_step)} {um.shape[1]}",
-        f"{_START} {third}POSUNIT=METRIC CORUNIT=METRIC/1000 {offsets}",
+        _HEAD.write(**head),
+        " ".join([_START, *(f"{k}={_KEYS[k].write(v)}" for k, v in keys.items())]),
         *("   ".join(cell.format(w).ljust(width) for w in row).rstrip() for row in words),
         ":END",
     ]
@@ -499,11 +512,9 @@ def _parsed(lines: list[tuple[int, str]], path: Path, facts: dict[str, Any]) -> 
             found=f"{len(starts)} :START2D and {len(ends)} :END in {len(lines)} lines",
             hint="it was cut short, or is not a 2-D calibration of Aerotech",
         )
-    numbers = _header(lines[0], path)
-    words = _keys(lines[1], path)
-    axes = [int(v) for v in numbers[:4]]
-    columns = int(numbers[6])
-    outputs = [axes[2], axes[3]] + ([int(words["OUTAXIS3"])] if "OUTAXIS3" in words else [])
+    head, words = _header(lines[0], path), _keys(lines[1], path)
+    columns = head["columns"]
+    outputs = [head["out1"], head["out2"], *([words["OUTAXIS3"]] if "OUTAXIS3" in words else [])]
     unit, cell = (_unit(words[k], lines[1][0], path, facts) for k in ("POSUNIT", "CORUNIT"))
     rows = [_row(line, columns * len(outputs), path) for line in lines[2:-1]]
     if len(rows) < 2:
@@ -511,13 +522,13 @@ def _parsed(lines: list[tuple[int, str]], path: Path, facts: dict[str, Any]) -> 
     values = np.array(rows).reshape(len(rows), columns, len(outputs)) * cell
     which = _output(values, outputs, path, facts)
     return Grid(
-        row_axis=axes[0],
-        column_axis=axes[1],
+        row_axis=head["row"],
+        column_axis=head["column"],
         output=outputs[which],
-        row_step=numbers[4] * unit,
-        column_step=numbers[5] * unit,
-        row_offset=float(words["OFFSETROW"]) * unit,
-        column_offset=float(words["OFFSETCOL"]) * unit,
+        row_step=head["row_step"] * unit,
+        column_step=head["column_step"] * unit,
+        row_offset=words["OFFSETROW"] * unit,
+        column_offset=words["OFFSETCOL"] * unit,
         values=values[:, :, which],
     )
 
@@ -534,20 +545,14 @@ def _output(values: FloatArray, outputs: list[int], path: Path, facts: dict[str,
     return outputs.index(wanted) if wanted in outputs else len(outputs) - 1
 
 
-def _header(line: tuple[int, str], path: Path) -> list[float]:
+def _header(line: tuple[int, str], path: Path) -> dict[str, Any]:
     number, code = line
-    words = code.removeprefix(_START).split()
-    fine = len(words) == 7 and all(map(_NUMBER.fullmatch, words))
-    values = [float(w) for w in words] if fine else []
+    found = _HEAD.read(" ".join(code.split()))
     if (
-        not values
-        or not all(map(_WHOLE.fullmatch, [*words[:4], *words[6:]]))
-        or max(map(abs, values)) > _LARGEST
-        or min(*values[:4], values[6]) < 1
-        or values[6] < 2
-        or not values[4]
-        or not values[5]
-        or values[0] == values[1]
+        found is None
+        or not all(0.0 < abs(found[k]) <= _LARGEST for k in ("row_step", "column_step"))
+        or found["columns"] < 2
+        or found["row"] == found["column"]
     ):
         raise CorruptFileError(
             path,
@@ -555,10 +560,10 @@ def _header(line: tuple[int, str], path: Path) -> list[float]:
             expected=":START2D row, column, output 1, output 2 (whole numbers from 1), row distance, "
             "column distance, columns (2 or more)",
         )
-    return values
+    return found
 
 
-def _keys(line: tuple[int, str], path: Path) -> dict[str, str]:
+def _keys(line: tuple[int, str], path: Path) -> dict[str, Any]:
     number, code = line
     rest = code.removeprefix(_START)
     found = _WORD.findall(rest)
@@ -568,31 +573,31 @@ def _keys(line: tuple[int, str], path: Path) -> dict[str, str]:
         problem = "is not a list of KEY=VALUE"
     elif unknown := [k for k in words if k not in _KEYS]:
         problem = f"holds the unknown key {unknown[0]}"
-    elif missing := [k for k in _KEYS[1:] if k not in words]:
+    elif missing := [k for k in list(_KEYS)[1:] if k not in words]:
         problem = f"lacks {missing[0]}"
-    elif not all(_is_number(words[k]) for k in _KEYS[3:]):
+    elif not all(_is_number(words[k]) for k in ("OFFSETROW", "OFFSETCOL")):
         problem = "holds an offset that is not a number"
-    elif not _WHOLE.fullmatch(words.get("OUTAXIS3", "1")) or not int(words.get("OUTAXIS3", "1")):
+    elif not re.fullmatch(_AXIS.pattern, words.get("OUTAXIS3", "1"), re.ASCII):
         problem = "holds an OUTAXIS3 that is not the number of an axis"
     if problem:
         raise CorruptFileError(path, f"line {number} {problem}: {code[:60]!r}")
-    return words
+    return {k: _KEYS[k].read(v) for k, v in words.items()}
 
 
 def _unit(text: str, number: int, path: Path, facts: dict[str, Any]) -> float:
-    match = _UNIT.fullmatch(text)
-    if match is None or (match[2] is not None and not int(match[2])):
+    kind, _, parts = text.partition("/")
+    if not re.fullmatch(_UNIT.pattern, text, re.ASCII) or (parts and not int(parts)):
         raise UnsupportedFeatureError(
             f"{path}: line {number}: unit {text[:40]!r}; metrosep reads METRIC and PRIMARY, also divided "
             "as in METRIC/1000"
         )
-    whole = _MM if match[1] == "METRIC" else facts.get("primary_unit")
+    whole = _MM if kind == "METRIC" else facts.get("primary_unit")
     if whole is None:
         raise DataError(
             f"{path}: line {number}: the unit is PRIMARY, that of the axis; say how long it is, "
             "primary_unit='1 mm'"
         )
-    return float(whole) / int(match[2] or 1)
+    return float(whole) / int(parts or 1)
 
 
 def _row(line: tuple[int, str], count: int, path: Path) -> list[float]:
@@ -608,4 +613,4 @@ def _row(line: tuple[int, str], count: int, path: Path) -> list[float]:
 
 
 def _is_number(word: str) -> bool:
-    return bool(_NUMBER.fullmatch(word)) and abs(float(word)) <= _LARGEST
+    return bool(re.fullmatch(_REAL.pattern, word, re.ASCII)) and abs(float(word)) <= _LARGEST
