@@ -202,15 +202,15 @@ def test_entry_is_minus_the_error_and_negated_doubles_it(one_way, bump, tmp_path
     at = np.linspace(0.0, 50e-3, 1777)
     before = bump(at)
 
-    after = before + applied(path.read_text(), at)
-    wrong = before - applied(path.read_text(), at)
+    added = applied(path.read_text(), at)
+    after, wrong = before + added, before - added
 
     assert np.ptp(before) == pytest.approx(4e-6, abs=3e-8)
     assert np.ptp(after) < 0.05 * np.ptp(before)
     assert np.ptp(wrong) == pytest.approx(2 * np.ptp(before), abs=1e-7)
     assert done is not None
     assert controllers.simulate(path, "linuxcnc-lincurve")(at) == pytest.approx(
-        applied(path.read_text(), at), abs=ROUNDING
+        added, abs=ROUNDING
     )
     back = controllers.read(path, "linuxcnc-lincurve")
     assert back.forward == pytest.approx(one_way.forward, abs=QUANTUM)
