@@ -108,9 +108,19 @@ class Word:
 WHOLE = Word(r"\d{1,9}", int)
 INTEGER = Word(r"-?\d{1,9}", int)
 NUMBER = Word(r"-?\d+(?:\.\d+)?", float)
+REAL = Word(r"[+-]?(?:\d+\.?\d*|\.\d+)", float)
 MM = Word(r"-?\d+\.?\d*", mm_value, mm_text)
 SIGN = Word(r"[+-]", lambda w: 1 if w == "+" else -1, lambda v: "+" if v > 0 else "-")
 AXIS = Word(r"[A-Z]\d?")
+
+
+LARGEST = 1e12
+"""No position, distance or entry of a file is as large, in any unit."""
+
+
+def is_real(text: str) -> bool:
+    """Return whether a text is a decimal of a size that a file may hold."""
+    return bool(re.fullmatch(REAL.pattern, text, re.ASCII)) and abs(float(text)) <= LARGEST
 
 
 def choice(*values: int) -> Word:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +15,14 @@ from numpy.typing import ArrayLike
 from metrosep.compensation.area_errors import format_position, is_rotary
 from metrosep.controllers._facts import note, read_notes, settled
 from metrosep.controllers._grammar import (
+    REAL,
     WHOLE,
     Word,
     choice,
     code_rows,
     damaged,
     decoded,
+    is_real,
     joined,
     short,
 )
@@ -47,9 +49,6 @@ _WHOLE = 1e-6
 
 _DECIMALS = 12
 """Decimals of a position."""
-
-_LARGEST = 1e12
-"""No position or entry of a file is as large, in mm or degrees."""
 
 _MOST = 1e9
 """Entries of a table, at most; far above any control."""
@@ -154,7 +153,7 @@ def _assignments(code: list[tuple[int, str]], path: Path) -> list[Assignment]:
     return list(found.values())
 
 
-_REAL = Word(r"[+-]?(?:\d+\.?\d*|\.\d+)", float, lambda v: short(v, _DECIMALS, at_least=1))
+_REAL = replace(REAL, write=lambda v: short(v, _DECIMALS, at_least=1))
 _AXIS = Word(r"\( *[A-Za-z_]\w* *\)", lambda text: text.strip("() "), "({})".format)
 _SAID = {
     "IS_MODULO": "0 or 1",
@@ -268,9 +267,7 @@ class Variables:
 
 def _value(assignment: Assignment, word: Word, fact: str, path: Path) -> Any:
     text = assignment.value
-    if re.fullmatch(word.pattern, text, re.ASCII) is None or (
-        word is _REAL and not abs(float(text)) < _LARGEST
-    ):
+    if not (is_real(text) if word is _REAL else re.fullmatch(word.pattern, text, re.ASCII)):
         if fact in _SAID:
             raise CorruptFileError(
                 path, f"line {assignment.line}: {fact} is {_SAID[fact]}", found=text[:40]

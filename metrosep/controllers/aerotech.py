@@ -20,7 +20,17 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._facts import agreed, note, read_notes, settled
-from metrosep.controllers._grammar import Line, Word, code_rows, decoded, fixed, short
+from metrosep.controllers._grammar import (
+    LARGEST,
+    REAL,
+    Line,
+    Word,
+    code_rows,
+    decoded,
+    fixed,
+    is_real,
+    short,
+)
 from metrosep.controllers._grids import even_map, even_table, require_linear, require_one_direction
 from metrosep.controllers.base import (
     Dialect,
@@ -398,8 +408,6 @@ def _offset_findings(grid: Grid) -> tuple[Finding, ...]:
 # ---- the text of an Aerotech 2-D table: written and read strictly, lengths along the encoders ----
 
 _MM = 1e-3
-_LARGEST = 1e12
-"""No distance, offset or entry of a file is as large, in any unit."""
 
 
 def _mm(value: float) -> str:
@@ -407,7 +415,7 @@ def _mm(value: float) -> str:
     return short(value / _MM + 0.0, 12, at_least=3)
 
 
-_REAL = Word(r"[+-]?(?:\d+\.?\d*|\.\d+)", float, _mm)
+_REAL = replace(REAL, write=_mm)
 _AXIS = Word(r"0{0,8}[1-9]\d{0,8}", int, "{:<3}".format)
 _START = ":START2D"
 _HEAD = Line(
@@ -550,7 +558,7 @@ def _header(line: tuple[int, str], path: Path) -> dict[str, Any]:
     found = _HEAD.read(" ".join(code.split()))
     if (
         found is None
-        or not all(0.0 < abs(found[k]) <= _LARGEST for k in ("row_step", "column_step"))
+        or not all(0.0 < abs(found[k]) <= LARGEST for k in ("row_step", "column_step"))
         or found["columns"] < 2
         or found["row"] == found["column"]
     ):
@@ -575,7 +583,7 @@ def _keys(line: tuple[int, str], path: Path) -> dict[str, Any]:
         problem = f"holds the unknown key {unknown[0]}"
     elif missing := [k for k in list(_KEYS)[1:] if k not in words]:
         problem = f"lacks {missing[0]}"
-    elif not all(_is_number(words[k]) for k in ("OFFSETROW", "OFFSETCOL")):
+    elif not all(is_real(words[k]) for k in ("OFFSETROW", "OFFSETCOL")):
         problem = "holds an offset that is not a number"
     elif not re.fullmatch(_AXIS.pattern, words.get("OUTAXIS3", "1"), re.ASCII):
         problem = "holds an OUTAXIS3 that is not the number of an axis"
@@ -603,14 +611,10 @@ def _unit(text: str, number: int, path: Path, facts: dict[str, Any]) -> float:
 def _row(line: tuple[int, str], count: int, path: Path) -> list[float]:
     number, code = line
     words = code.split()
-    if len(words) != count or not all(map(_is_number, words)):
+    if len(words) != count or not all(map(is_real, words)):
         raise CorruptFileError(
             path,
             f"line {number} is not a row of {count} numbers but {code[:60]!r}",
             found=f"{len(words)} words",
         )
     return [float(w) for w in words]
-
-
-def _is_number(word: str) -> bool:
-    return bool(re.fullmatch(_REAL.pattern, word, re.ASCII)) and abs(float(word)) <= _LARGEST

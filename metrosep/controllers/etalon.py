@@ -18,7 +18,7 @@ import numpy as np
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._facts import is_note, note, read_notes, settled
-from metrosep.controllers._grammar import decoded, fixed, joined, short
+from metrosep.controllers._grammar import decoded, fixed, is_real, joined, short
 from metrosep.controllers._grids import DRY_RUN, require_one_direction
 from metrosep.controllers.base import (
     Dialect,
@@ -45,10 +45,6 @@ _MM = 1e-3
 _DEGREE = float(np.pi) / 180.0
 _TURNING = "ABC"
 _POSITION_DECIMALS = 9
-_LARGEST = 1e12
-"""No position or error of a file is as large, in any unit."""
-
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)", re.ASCII)
 _LETTERS = "XYZABC"
 _COMPONENT = re.compile(r"E([XYZABC])([XYZABC])")
 _SECTION = re.compile(r"\[([A-Z]\w\w)\]", re.ASCII)
@@ -233,7 +229,7 @@ def _block(
     """Return where the next section starts, and the rows of this one if it has any."""
     number, line = code[at] if at < len(code) else (start, "")
     value = _VALUE.fullmatch(line)
-    if value is not None and _is_number(value[1]):
+    if value is not None and is_real(value[1]):
         return at + 1, None
     if not _OPEN.fullmatch(line):
         raise CorruptFileError(
@@ -248,7 +244,7 @@ def _block(
         if line == "}":
             break
         words = line.split()
-        if len(words) != 2 or not all(map(_is_number, words)):
+        if len(words) != 2 or not all(map(is_real, words)):
             raise CorruptFileError(
                 path, f"line {number} is not a position and an error but {line[:60]!r}"
             )
@@ -260,7 +256,3 @@ def _block(
     if len(rows) < 2:
         raise CorruptFileError(path, f"[{name}] needs at least 2 rows", found=len(rows))
     return at + 2 + len(rows), np.array(rows)
-
-
-def _is_number(word: str) -> bool:
-    return bool(_NUMBER.fullmatch(word)) and abs(float(word)) <= _LARGEST
