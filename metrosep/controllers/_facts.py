@@ -53,9 +53,10 @@ def settled(
         }
         value = agreed(path, name, sources)
         if value is None and (name in needed or (option.required and not partial)):
+            forms = " or ".join(f"{name}={c}" for c in option.choices) or f"{name}="
             raise DataError(
-                f"{path}: neither the file nor a sidecar states {name} ({option.help}); give "
-                f"{name}= as a keyword, or --machine {name}=... on the command line"
+                f"{path}: neither the file nor a sidecar states {name} ({option.help}); give {forms} "
+                f"as a keyword, or --machine {name}=... on the command line"
             )
         if value is not None or not partial:
             found[name] = option.default if value is None else value
@@ -67,7 +68,7 @@ def _of_file(option: Option, value: Any, path: Path) -> Any:
     if not isinstance(value, str) or option.kind == "text":
         return value
     try:
-        return option.checked(value, path.name)
+        return option.checked(value, "its comment")
     except DataError as exc:
         raise CorruptFileError(
             path, str(exc), field=option.name, expected=option.help, found=value[:60],
@@ -82,8 +83,9 @@ def agreed(path: Path, name: str, sources: Mapping[str, Any]) -> Any:
         if not is_same(stated[0][1], value, exact="count" in name):
             raise DataError(
                 f"{path}: {stated[0][0]} says {name}={stated[0][1]!r}, {who} "
-                f"{'say' if who == 'you' else 'says'} {name}={value!r} (SI units); one is wrong: "
-                "leave the option out, or take the file that fits"
+                f"{'say' if who == 'you' else 'says'} {name}={value!r}"
+                f"{' (SI units)' if isinstance(value, float) else ''}; one is wrong: leave the option "
+                "out, or take the file that fits"
             )
     return stated[0][1] if stated else None
 

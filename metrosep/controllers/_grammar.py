@@ -108,9 +108,19 @@ class Word:
 WHOLE = Word(r"\d{1,9}", int)
 INTEGER = Word(r"-?\d{1,9}", int)
 NUMBER = Word(r"-?\d+(?:\.\d+)?", float)
+REAL = Word(r"[+-]?(?:\d+\.?\d*|\.\d+)", float)
 MM = Word(r"-?\d+\.?\d*", mm_value, mm_text)
 SIGN = Word(r"[+-]", lambda w: 1 if w == "+" else -1, lambda v: "+" if v > 0 else "-")
 AXIS = Word(r"[A-Z]\d?")
+
+
+LARGEST = 1e12
+"""No position, distance or entry of a file is as large, in any unit."""
+
+
+def is_real(text: str) -> bool:
+    """Return whether a text is a decimal of a size that a file may hold."""
+    return bool(re.fullmatch(REAL.pattern, text, re.ASCII)) and abs(float(text)) <= LARGEST
 
 
 def choice(*values: int) -> Word:
@@ -129,18 +139,23 @@ def row_of(word: Word, between: str = " ") -> Word:
 
 
 class Line:
-    """One line of a format; words that are not given are whole numbers."""
+    """One line of a format; words that are not given are whole numbers.
 
-    def __init__(self, template: str, *, ignore_case: bool = False, **words: Word) -> None:
+    A loose one takes capitals and small letters, and blanks before and behind a sign; ``~`` is a blank
+    that may be missing, ``|`` one that may be there, what is in ``[]`` may be missing.
+    """
+
+    def __init__(self, template: str, *, loose: bool = False, **words: Word) -> None:
         """Take a template such as ``WGC {generator} {cycles}`` and what its words are."""
-        self.template = template
         parts = re.split(r"\{(\w+)\}", template)
         self.names = parts[1::2]
         self.words = {name: words.get(name, WHOLE) for name in self.names}
+        literal = _loose if loose else re.escape
         pattern = "".join(
-            f"({self.words[p].pattern})" if i % 2 else re.escape(p) for i, p in enumerate(parts)
+            f"({self.words[p].pattern})" if i % 2 else literal(p) for i, p in enumerate(parts)
         )
-        self.pattern = re.compile(pattern, re.ASCII | (re.IGNORECASE if ignore_case else 0))
+        self.pattern = re.compile(pattern, re.ASCII | (re.IGNORECASE if loose else 0))
+        self.template = re.sub(r"[\[\]|]", "", template).replace("~", " ") if loose else template
 
     def write(self, **values: Any) -> str:
         """Return the line."""
@@ -151,11 +166,25 @@ class Line:
         found = self.pattern.fullmatch(text)
         if found is None:
             return None
-        return {n: self.words[n].read(w) for n, w in zip(self.names, found.groups(), strict=True)}
+        words = zip(self.names, found.groups(), strict=True)
+        return {n: None if w is None else self.words[n].read(w) for n, w in words}
 
     def __str__(self) -> str:
         """Return the line with the names of its words."""
-        return re.sub(r"[{}]", "", self.template)
+        plain = {"": "", ".*": "..."}
+        return self.template.format(**{n: plain.get(w.pattern, n) for n, w in self.words.items()})
+
+
+def _loose(text: str) -> str:
+    """Return the pattern of a text between words, as a person may type it."""
+    signs = {"~": r"\s*", "|": r"\s*", " ": r"\s+", "[": "(?:", "]": ")?"}
+    parts = re.split(r"( *(?::=|[,;:=()<>]) *)", text)
+    return "".join(
+        rf"\s*{re.escape(part.strip())}\s*"
+        if i % 2
+        else "".join(signs.get(c, re.escape(c)) for c in part)
+        for i, part in enumerate(parts)
+    )
 
 
 class Text:

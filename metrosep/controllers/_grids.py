@@ -471,8 +471,8 @@ def _is_grid(positions: FloatArray, spacing: float, anchor: float) -> bool:
 
 
 def require_one_direction(table: CompensationTable, title: str, way: str) -> None:
-    """Refuse a table of two directions."""
-    if table.reverse is not None:
+    """Refuse a table whose directions differ."""
+    if table.reverse is not None and not np.array_equal(table.reverse, table.forward):
         raise TableError(
             f"{title} holds one value for both directions and this table has two; make it with "
             f"direction='both' and enter the lost motion {way}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,18 @@ from numpy.typing import ArrayLike
 
 from metrosep.compensation.area_errors import format_position, is_rotary
 from metrosep.controllers._facts import note, read_notes, settled
-from metrosep.controllers._grammar import code_rows, damaged, decoded, joined, short
+from metrosep.controllers._grammar import (
+    REAL,
+    WHOLE,
+    Word,
+    choice,
+    code_rows,
+    damaged,
+    decoded,
+    is_real,
+    joined,
+    short,
+)
 from metrosep.controllers._grids import format_amount, format_span
 from metrosep.controllers.base import Simulator
 from metrosep.controllers.options import Option
@@ -29,7 +40,6 @@ from metrosep.core.errors import (
 
 _MM = 1e-3
 _DEGREE = float(np.pi) / 180.0
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
 _HEADER = re.compile(r"%_N_\w+_INI", re.ASCII)
 _LETTER = re.compile(r"([A-CU-Z])\d*", re.ASCII)
@@ -37,8 +47,8 @@ _LINE = re.compile(r"(\$[A-Z][A-Z_]*) *\[ *([^\[\]]*?) *\] *= *(.*\S)", re.ASCII
 _WHOLE = 1e-6
 """MAX - MIN over STEP is a whole number, but for rounding of the decimals in the file."""
 
-_LARGEST = 1e12
-"""No position or entry of a file is as large, in mm or degrees."""
+_DECIMALS = 12
+"""Decimals of a position."""
 
 _MOST = 1e9
 """Entries of a table, at most; far above any control."""
@@ -143,57 +153,141 @@ def _assignments(code: list[tuple[int, str]], path: Path) -> list[Assignment]:
     return list(found.values())
 
 
-def grid_of(
-    values: dict[int, Assignment], facts: dict[str, Assignment], path: Path, what: str
-) -> Grid:
-    """Return the entries of a table, checked against its own first, last and step."""
-    missing = [k for k in ("STEP", "MIN", "MAX", "IS_MODULO") if k not in facts]
-    if missing:
-        raise CorruptFileError(path, f"{what} has no {missing[0]}", field=missing[0])
-    step, low, high = (_number(facts[k], path) for k in ("STEP", "MIN", "MAX"))
-    if facts["IS_MODULO"].value not in ("0", "1"):
-        raise CorruptFileError(
-            path,
-            f"line {facts['IS_MODULO'].line}: IS_MODULO is 0 or 1",
-            found=facts["IS_MODULO"].value[:20],
-        )
-    if not step > 0.0 or not high > low:
-        raise CorruptFileError(
-            path,
-            f"{what}: the step must be positive and MAX above MIN",
-            found=f"STEP {step:g}, MIN {low:g}, MAX {high:g}",
-        )
-    count = (high - low) / step
-    if not count < _MOST:
-        raise CorruptFileError(
-            path,
-            f"{what}: MIN, MAX and STEP ask for {count:.3g} entries",
-            found=f"{len(values)} entries",
-        )
-    if abs(count - round(count)) > _WHOLE * max(count, 1.0):
-        raise CorruptFileError(path, f"{what}: MAX - MIN is not a multiple of STEP", found=count)
-    if len(values) != round(count) + 1 or max(values) != round(count):
-        raise damaged(
-            path,
-            f"{what}: MIN, MAX and STEP ask for the entries 0 ... {round(count)}",
-            found=f"{len(values)} entries, the last {max(values, default=-1)}",
-        )
-    entries = np.array([_number(values[i], path) for i in range(len(values))])
-    modulo = facts["IS_MODULO"].value == "1"
-    if modulo and entries[0] != entries[-1]:
-        raise CorruptFileError(
-            path,
-            f"{what} repeats, but its first entry {entries[0]:g} is not its last {entries[-1]:g}",
-        )
-    return Grid(low, high, step, entries, modulo)
+_REAL = replace(REAL, write=lambda v: short(v, _DECIMALS, at_least=1))
+_AXIS = Word(r"\( *[A-Za-z_]\w* *\)", lambda text: text.strip("() "), "({})".format)
+_SAID = {
+    "IS_MODULO": "0 or 1",
+    "DIRECTION": "0, 1 or -1",
+    "MULT_BY_TABLE": "the number of a table or 0",
+    **dict.fromkeys(("INPUT_AXIS", "OUTPUT_AXIS"), "a machine axis in parentheses"),
+}
+_GRID = {"STEP": _REAL, "MIN": _REAL, "MAX": _REAL}
 
 
-def _number(assignment: Assignment, path: Path) -> float:
-    if not _NUMBER.fullmatch(assignment.value) or not abs(float(assignment.value)) < _LARGEST:
-        raise CorruptFileError(
-            path, f"line {assignment.line} holds no number but {assignment.value[:40]!r}"
-        )
-    return float(assignment.value)
+@dataclass(slots=True)
+class Table:
+    """One table of a file: its assignments by index and by fact."""
+
+    key: tuple[Any, ...]
+    values: dict[int, Assignment] = field(default_factory=dict)
+    facts: dict[str, Assignment] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Variables:
+    """System variables of a kind of table: ``name[k,i,...]`` its entries, ``name_FACT[k,...]`` its facts."""
+
+    name: str
+    key: tuple[Word, ...]  # indices of a table; that of an entry stands behind the first
+    facts: Mapping[str, Word]
+
+    def lines(
+        self, key: Sequence[object], words: Sequence[str], span: Sequence[float], **facts: object
+    ) -> list[str]:
+        """Return the lines of one table, over positions from low to high."""
+        first, *others = map(str, key)
+        low, high = span
+        known = {"STEP": (high - low) / (len(words) - 1), "MIN": low, "MAX": high, **facts}
+        return [
+            *(
+                f"{self.name}[{','.join([first, str(i), *others])}]={w}"
+                for i, w in enumerate(words)
+            ),
+            *(
+                f"{self.name}_{name}[{','.join([first, *others])}]={word.write(known[name])}"
+                for name, word in self.facts.items()
+            ),
+        ]
+
+    def tables(
+        self, assignments: Sequence[Assignment], path: Path
+    ) -> dict[tuple[Any, ...], Table]:
+        """Return the tables of a file by their indices."""
+        found: dict[tuple[Any, ...], Table] = {}
+        for a in assignments:
+            kind = a.name.removeprefix(f"{self.name}_")
+            own = a.indices[:1] + a.indices[2:] if a.name == self.name else a.indices
+            fits = len(own) == len(self.key) and all(
+                re.fullmatch(w.pattern, k, re.ASCII) for w, k in zip(self.key, own, strict=True)
+            )
+            is_entry = a.name == self.name and len(a.indices) == len(self.key) + 1
+            if not fits or not (a.indices[1].isdigit() if is_entry else kind in self.facts):
+                raise CorruptFileError(
+                    path,
+                    f"line {a.line}: {a.name}[{','.join(a.indices)}] is not part of such a table",
+                )
+            key = tuple(w.read(k) for w, k in zip(self.key, own, strict=True))
+            table = found.setdefault(key, Table(key))
+            place: dict[Any, Assignment] = table.values if is_entry else table.facts
+            before = place.setdefault(int(a.indices[1]) if is_entry else kind, a)
+            if before is not a:
+                raise CorruptFileError(
+                    path, f"line {a.line} sets what line {before.line} sets: {a.name} at one index"
+                )
+        return found
+
+    def grid(self, table: Table, what: str, path: Path) -> tuple[Grid, dict[str, Any]]:
+        """Return the entries of a table, checked against its own first, last and step, and its facts."""
+        missing = [k for k in self.facts if k not in table.facts]
+        if missing:
+            raise CorruptFileError(path, f"{what} has no {missing[0]}", field=missing[0])
+        known = {k: _value(table.facts[k], w, k, path) for k, w in self.facts.items()}
+        step, low, high = (known[k] for k in _GRID)
+        if not step > 0.0 or not high > low:
+            raise CorruptFileError(
+                path,
+                f"{what}: the step must be positive and MAX above MIN",
+                found=f"STEP {step:g}, MIN {low:g}, MAX {high:g}",
+            )
+        values, count = table.values, (high - low) / step
+        if not count < _MOST:
+            raise CorruptFileError(
+                path,
+                f"{what}: MIN, MAX and STEP ask for {count:.3g} entries",
+                found=f"{len(values)} entries",
+            )
+        if abs(count - round(count)) > _WHOLE * max(count, 1.0):
+            raise CorruptFileError(
+                path, f"{what}: MAX - MIN is not a multiple of STEP", found=count
+            )
+        if len(values) != round(count) + 1 or max(values) != round(count):
+            raise damaged(
+                path,
+                f"{what}: MIN, MAX and STEP ask for the entries 0 ... {round(count)}",
+                found=f"{len(values)} entries, the last {max(values, default=-1)}",
+            )
+        entries = np.array([_value(values[i], _REAL, "", path) for i in range(len(values))])
+        if known["IS_MODULO"] and entries[0] != entries[-1]:
+            raise CorruptFileError(
+                path,
+                f"{what} repeats, but its first entry {entries[0]:g} is not its last {entries[-1]:g}",
+            )
+        return Grid(low, high, step, entries, bool(known["IS_MODULO"])), known
+
+
+def _value(assignment: Assignment, word: Word, fact: str, path: Path) -> Any:
+    text = assignment.value
+    if not (is_real(text) if word is _REAL else re.fullmatch(word.pattern, text, re.ASCII)):
+        if fact in _SAID:
+            raise CorruptFileError(
+                path, f"line {assignment.line}: {fact} is {_SAID[fact]}", found=text[:40]
+            )
+        raise CorruptFileError(path, f"line {assignment.line} holds no number but {text[:40]!r}")
+    return word.read(text)
+
+
+ENC = Variables("$AA_ENC_COMP", (Word(".*"), Word(".*")), {**_GRID, "IS_MODULO": choice(0, 1)})
+"""Tables of an axis over itself, by encoder and machine axis."""
+
+CEC = Variables(
+    "$AN_CEC",
+    (WHOLE,),
+    {
+        "INPUT_AXIS": _AXIS, "OUTPUT_AXIS": _AXIS, **_GRID, "DIRECTION": choice(0, 1, -1),
+        "MULT_BY_TABLE": WHOLE, "IS_MODULO": choice(0, 1),
+    },
+)  # fmt: skip
+"""Tables of one axis over another, by number."""
 
 
 def folded(lookup: Simulator, low: float, high: float) -> Simulator:
@@ -260,12 +354,6 @@ def checked_modulo(
 
 # ---- the text of SINUMERIK sag compensation tables, ``$AN_CEC``: several in one file, by index ----
 
-_FILE_NAME = "$AN_CEC"
-_AXES = ("INPUT_AXIS", "OUTPUT_AXIS")
-_FACTS = ("STEP", "MIN", "MAX", "IS_MODULO")
-_FILE_WHOLE = ("DIRECTION", "MULT_BY_TABLE")
-_POSITION_DECIMALS = 12
-
 
 @dataclass(frozen=True, slots=True)
 class CecTable:
@@ -279,85 +367,17 @@ class CecTable:
     multiplied_by: int  # number (index + 1) of the table it is multiplied by, or 0
 
 
-def table_lines(
-    index: int,
-    words: Sequence[str],
-    span: Sequence[float],
-    axes: tuple[str, str],
-    facts: Mapping[str, int],
-) -> list[str]:
-    """Return the lines of one table."""
-    low, high = span
-    places = {"STEP": (high - low) / (len(words) - 1), "MIN": low, "MAX": high}
-    return [
-        *(f"{_FILE_NAME}[{index},{i}]={w}" for i, w in enumerate(words)),
-        *(f"{_FILE_NAME}_{k}[{index}]=({a})" for k, a in zip(_AXES, axes, strict=True)),
-        *(
-            f"{_FILE_NAME}_{k}[{index}]={short(v, _POSITION_DECIMALS, at_least=1)}"
-            for k, v in places.items()
-        ),
-        *(f"{_FILE_NAME}_{k}[{index}]={v}" for k, v in facts.items()),
-    ]
-
-
 def read_tables(assignments: list[Assignment], path: Path) -> dict[int, CecTable]:
     """Return the tables of a file by index."""
-    values: dict[int, dict[int, Assignment]] = {}
-    facts: dict[int, dict[str, Assignment]] = {}
-    for a in assignments:
-        kind = a.name.removeprefix(f"{_FILE_NAME}_")
-        numbers = [int(i) for i in a.indices if i.isdigit()]
-        if a.name == _FILE_NAME and len(numbers) == len(a.indices) == 2:
-            values.setdefault(numbers[0], {})[numbers[1]] = a
-        elif (
-            a.name != _FILE_NAME
-            and kind in (*_FACTS, *_AXES, *_FILE_WHOLE)
-            and len(numbers) == len(a.indices) == 1
-        ):
-            facts.setdefault(numbers[0], {})[kind] = a
-        else:
-            raise CorruptFileError(
-                path, f"line {a.line}: {a.name}[{','.join(a.indices)}] is not part of such a table"
-            )
-    if not values and not facts:
+    found = CEC.tables(assignments, path)
+    if not found:
         raise CorruptFileError(path, "it holds no table")
-    return {
-        index: _one(index, values.get(index, {}), facts.get(index, {}), path)
-        for index in sorted({*values, *facts})
-    }
-
-
-def _one(
-    index: int, values: dict[int, Assignment], facts: dict[str, Assignment], path: Path
-) -> CecTable:
-    what = f"table {index}"
-    missing = [k for k in (*_AXES, *_FILE_WHOLE) if k not in facts]
-    if missing:
-        raise CorruptFileError(path, f"{what} has no {missing[0]}", field=missing[0])
-    axes = []
-    for key in _AXES:
-        value = facts[key].value
-        inside = value.removeprefix("(").removesuffix(")").strip()
-        if f"({inside})" != value.replace(" ", "") or not inside.isidentifier():
-            raise CorruptFileError(
-                path,
-                f"line {facts[key].line}: {key} is a machine axis in parentheses",
-                found=value[:40],
-            )
-        axes.append(inside)
-    direction, multiplied = (facts[k].value for k in _FILE_WHOLE)
-    if direction not in ("0", "1", "-1"):
-        raise CorruptFileError(
-            path, f"line {facts['DIRECTION'].line}: DIRECTION is 0, 1 or -1", found=direction[:20]
-        )
-    if not multiplied.isdigit() or len(multiplied) > 9:
-        raise CorruptFileError(
-            path,
-            f"line {facts['MULT_BY_TABLE'].line}: MULT_BY_TABLE is the number of a table or 0",
-            found=multiplied[:20],
-        )
-    grid = grid_of(values, facts, path, what)
-    return CecTable(index, grid, axes[0], axes[1], int(direction), int(multiplied))
+    tables = {}
+    for (index,), table in sorted(found.items()):
+        grid, facts = CEC.grid(table, f"table {index}", path)
+        axes = facts["INPUT_AXIS"], facts["OUTPUT_AXIS"]
+        tables[index] = CecTable(index, grid, *axes, facts["DIRECTION"], facts["MULT_BY_TABLE"])
+    return tables
 
 
 def check_turns(axis: str, key: str, turns: bool) -> None:
@@ -464,16 +484,11 @@ def factors(tables: Mapping[int, CecTable], path: Path) -> tuple[CecTable, CecTa
 
 
 def opened(
-    data: bytes, path: Path, known: tuple[Option, ...], options: Mapping[str, Any], controller: str
+    data: bytes, path: Path, known: tuple[Option, ...], options: Mapping[str, Any]
 ) -> tuple[dict[int, CecTable], dict[str, Any], dict[str, str]]:
     """Return the tables of a file by index, and what is known about them."""
     assignments, noted = read_assignments(data, path)
-    o = settled(known, options, path, file=noted, partial=True)
-    if "entry_sign" not in o:
-        raise DataError(
-            f"{path}: neither the file nor a sidecar states the sign of its entries; give entry_sign=1 "
-            f"(entry = +e) or -1 to read it as {controller}"
-        )
+    o = settled(known, options, path, file=noted, needed=("entry_sign",), partial=True)
     return read_tables(assignments, path), o, noted
 
 

@@ -16,13 +16,22 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import note, read_notes, settled
-from metrosep.controllers._grammar import code_rows, decoded, fixed
-from metrosep.controllers._grids import even_map, even_table
+from metrosep.controllers._facts import agreed, note, read_notes, settled
+from metrosep.controllers._grammar import (
+    LARGEST,
+    REAL,
+    Line,
+    Word,
+    code_rows,
+    decoded,
+    fixed,
+    is_real,
+    short,
+)
+from metrosep.controllers._grids import even_map, even_table, require_linear, require_one_direction
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -33,10 +42,11 @@ from metrosep.controllers.base import (
 )
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, DataError, TableError, UnsupportedFeatureError
+from metrosep.core.errors import CorruptFileError, DataError, UnsupportedFeatureError
 
 __all__ = ["Aerotech", "AerotechLine"]
 
+_TITLE = "Aerotech calibration (the unit of angles is not documented)"
 _SIGN = "direction in which the encoder of the {} counts, moving the axis in +: 1 or -1"
 
 _OPTIONS = (
@@ -84,7 +94,6 @@ class Aerotech(Dialect):
         title="Aerotech A3200 / Automation1 2-D calibration (.cal)",
         entry="-s*e, added to the corrected axis; s = 1 where its encoder counts with the axis, else -1",
         units="mm for positions, um for entries (POSUNIT=METRIC CORUNIT=METRIC/1000)",
-        max_points=None,
         outside="value of the nearest edge",
         sign_status="documented to follow the encoder, whose direction you state; not run",
         activation=_ACTIVATION,
@@ -121,9 +130,7 @@ class Aerotech(Dialect):
     )
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
-        """Return the text of a file."""
-        for axis in (*table.axes, table.compensates):
-            _refuse_rotary(axis)
+        require_linear((*table.axes, table.compensates), _TITLE)
         o = {**{x.name: x.default for x in self.options}, **options}
         _check_numbers(o)
         _check_names(o, (*table.axes, table.compensates))
@@ -143,8 +150,7 @@ class Aerotech(Dialect):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
-        """Return the map of a file."""
-        grid, known = read_grid(data, path, self.options, options, self.info.id)
+        grid, known = read_grid(data, path, self.options, options)
         _require_offset_rule(grid, known, path, ("column", "row"))
         values = known["corrected_sign"] * grid.values
         x, y = _positions(grid, known, path)
@@ -170,7 +176,6 @@ class AerotechLine(Dialect):
         title="Aerotech A3200 / Automation1 calibration of one axis, as a 2-D table of two equal rows",
         entry="-s*e, added to the corrected axis; s = 1 where its encoder counts with the axis, else -1",
         units="mm for positions, um for entries (POSUNIT=METRIC CORUNIT=METRIC/1000)",
-        max_points=None,
         outside="value of the nearest end",
         sign_status="documented to follow the encoder, whose direction you state; not run",
         activation=_ACTIVATION,
@@ -179,7 +184,6 @@ class AerotechLine(Dialect):
         directions="one",
         resolution="0.1 nm with 4 decimals",
         reference_rule="none",
-        proof="own strict parser and simulated lookup",
         suffix=".cal",
         example={"row_axis": 2, "column_axis": 1, "corrected_axis": 1}
         | {"column_sign": 1, "corrected_sign": 1},
@@ -196,14 +200,8 @@ class AerotechLine(Dialect):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the text of a file."""
-        for axis in (table.axis, table.compensates):
-            _refuse_rotary(axis)
-        if table.reverse is not None and not np.array_equal(table.reverse, table.forward):
-            raise TableError(
-                "an Aerotech calibration holds one value for both directions, this table has two: make "
-                'it with direction="both" and put the lost motion into the backlash parameter'
-            )
+        require_linear((table.axis, table.compensates), _TITLE)
+        require_one_direction(table, "an Aerotech calibration", "into the backlash parameter")
         o = {**{x.name: x.default for x in self.options}, **options, "row_sign": 1}
         if o["row_axis"] == o["corrected_axis"]:
             o["row_sign"] = o["corrected_sign"]
@@ -231,8 +229,7 @@ class AerotechLine(Dialect):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table of a file."""
-        grid, known = read_grid(data, path, self.options, options, self.info.id)
+        grid, known = read_grid(data, path, self.options, options)
         if (grid.values != grid.values[0]).any():
             raise CorruptFileError(
                 path,
@@ -253,14 +250,6 @@ class AerotechLine(Dialect):
         _require_output(grid, {grid.column_axis: fields["axis"]}, fields["compensates"], path)
         forward = known["corrected_sign"] * grid.values[0]
         return CompensationTable(x, forward, None, is_exact_inverse=True, **fields)
-
-
-def _refuse_rotary(axis: str) -> None:
-    if is_rotary(axis):
-        raise TableError(
-            f"{axis} turns: the unit of angles in an Aerotech file is not known from its documents; "
-            "write controller='csv'"
-        )
 
 
 def _check_numbers(o: dict[str, Any]) -> None:
@@ -419,15 +408,28 @@ def _offset_findings(grid: Grid) -> tuple[Finding, ...]:
 # ---- the text of an Aerotech 2-D table: written and read strictly, lengths along the encoders ----
 
 _MM = 1e-3
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)", re.ASCII)
-_WHOLE = re.compile(r"\d{1,9}", re.ASCII)
-_WORD = re.compile(r"([A-Z][A-Z0-9]*)\s*=\s*(\S+)")
-_UNIT = re.compile(r"(METRIC|PRIMARY)(?:/(\d{1,9}))?", re.ASCII)
-_LARGEST = 1e12
-"""No distance, offset or entry of a file is as large, in any unit."""
 
+
+def _mm(value: float) -> str:
+    """Return a length in mm, with three decimals or as many as it takes."""
+    return short(value / _MM + 0.0, 12, at_least=3)
+
+
+_REAL = replace(REAL, write=_mm)
+_AXIS = Word(r"0{0,8}[1-9]\d{0,8}", int, "{:<3}".format)
 _START = ":START2D"
-_KEYS = ("OUTAXIS3", "POSUNIT", "CORUNIT", "OFFSETROW", "OFFSETCOL")
+_HEAD = Line(
+    f"{_START} {{row}} {{column}} {{out1}} {{out2}} {{row_step}} {{column_step}} {{columns}}",
+    row=_AXIS, column=_AXIS, out1=replace(_AXIS, write="{:<4}".format), out2=_AXIS, row_step=_REAL,
+    column_step=_REAL,
+)  # fmt: skip
+_UNIT = Word(r"(?:METRIC|PRIMARY)(?:/\d{1,9})?")
+_KEYS = {
+    "OUTAXIS3": Word(_AXIS.pattern, int, str), "POSUNIT": Word(r"\S+"), "CORUNIT": Word(r"\S+"),
+    "OFFSETROW": _REAL, "OFFSETCOL": _REAL,
+}  # fmt: skip
+"""Words of the second line, in any order; the first may be missing."""
+_WORD = re.compile(r"([A-Z][A-Z0-9]*)\s*=\s*(\S+)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -444,18 +446,10 @@ class Grid:
     values: FloatArray  # shape (rows, columns), m: entries along the encoder of the corrected axis
 
 
-def _mm(value: float) -> str:
-    """Return a length in mm, with three decimals or as many as it takes."""
-    text = f"{value / _MM + 0.0:.12f}".rstrip("0")
-    whole, _, decimals = text.partition(".")
-    text = f"{whole}.{decimals:0<3}"
-    return text.removeprefix("-") if not float(text) else text
-
-
 def write_grid(grid: Grid, o: dict[str, Any], names: tuple[str, ...]) -> tuple[str, FloatArray]:
     """Return the file, and its entries as printed, in m."""
     first = grid.output == grid.column_axis
-    third = "" if grid.output in (grid.row_axis, grid.column_axis) else f"OUTAXIS3={grid.output} "
+    third = grid.output not in (grid.row_axis, grid.column_axis)
     um = grid.values * 1e6
     words = [[fixed(v, o["decimals"]) for v in row] for row in um]
     cell = "0 0 {}" if third else ("{} 0" if first else "0 {}")
@@ -470,12 +464,18 @@ def write_grid(grid: Grid, o: dict[str, Any], names: tuple[str, ...]) -> tuple[s
     }
     if all(n.isascii() and n.isalnum() for n in names):
         facts |= {"axes": f"{names[0]},{names[1]}", "corrects": names[2]}
-    row, column = grid.row_axis, grid.column_axis
-    numbers = f"{row:<3} {column:<3} {column:<4} {row:<3}"
-    offsets = f"OFFSETROW={_mm(grid.row_offset)} OFFSETCOL={_mm(grid.column_offset)}"
+    head = {
+        "row": grid.row_axis, "column": grid.column_axis, "out1": grid.column_axis,
+        "out2": grid.row_axis, "row_step": grid.row_step, "column_step": grid.column_step,
+        "columns": um.shape[1],
+    }  # fmt: skip
+    keys = {
+        **({"OUTAXIS3": grid.output} if third else {}), "POSUNIT": "METRIC",
+        "CORUNIT": "METRIC/1000", "OFFSETROW": grid.row_offset, "OFFSETCOL": grid.column_offset,
+    }  # fmt: skip
     lines = [
-        f"{_START} {numbers} {_mm(grid.row_step)} {_mm(grid.column_step)} {um.shape[1]}",
-        f"{_START} {third}POSUNIT=METRIC CORUNIT=METRIC/1000 {offsets}",
+        _HEAD.write(**head),
+        " ".join([_START, *(f"{k}={_KEYS[k].write(v)}" for k, v in keys.items())]),
         *("   ".join(cell.format(w).ljust(width) for w in row).rstrip() for row in words),
         ":END",
     ]
@@ -484,7 +484,7 @@ def write_grid(grid: Grid, o: dict[str, Any], names: tuple[str, ...]) -> tuple[s
 
 
 def read_grid(
-    data: bytes, path: Path, known: tuple[Option, ...], given: dict[str, Any], controller: str
+    data: bytes, path: Path, known: tuple[Option, ...], given: dict[str, Any]
 ) -> tuple[Grid, dict[str, Any]]:
     """Return the table of a file, and the facts about the machine that are known."""
     text = decoded(data, path, "2-D calibration of Aerotech", encoding="utf-8-sig")
@@ -492,13 +492,8 @@ def read_grid(
     noted = read_notes(comments, [code for _, code in lines], path)
     facts: dict[str, Any] = {
         **{k: v for k, v in noted.items() if k in ("axes", "corrects")},
-        **settled(known, given, path, file=noted, partial=True),
+        **settled(known, given, path, file=noted, needed=("corrected_sign",), partial=True),
     }
-    if "corrected_sign" not in facts:
-        raise DataError(
-            f"{path}: neither the file nor a sidecar states how the encoder of the corrected axis "
-            f"counts; give corrected_sign=1 or -1 to read it as {controller}"
-        )
     grid = _parsed(lines, path, facts)
     for name, found in (
         ("row_sign", math.copysign(1, grid.row_step)),
@@ -507,8 +502,7 @@ def read_grid(
         ("column_axis", grid.column_axis),
         ("corrected_axis", grid.output),
     ):
-        if facts.get(name) not in (None, found):
-            raise DataError(f"{path}: you say {name}={facts[name]}, the file says {found:g}")
+        agreed(path, name, {"the file": found, "you": facts.get(name)})
     return grid, facts
 
 
@@ -526,11 +520,9 @@ def _parsed(lines: list[tuple[int, str]], path: Path, facts: dict[str, Any]) -> 
             found=f"{len(starts)} :START2D and {len(ends)} :END in {len(lines)} lines",
             hint="it was cut short, or is not a 2-D calibration of Aerotech",
         )
-    numbers = _header(lines[0], path)
-    words = _keys(lines[1], path)
-    axes = [int(v) for v in numbers[:4]]
-    columns = int(numbers[6])
-    outputs = [axes[2], axes[3]] + ([int(words["OUTAXIS3"])] if "OUTAXIS3" in words else [])
+    head, words = _header(lines[0], path), _keys(lines[1], path)
+    columns = head["columns"]
+    outputs = [head["out1"], head["out2"], *([words["OUTAXIS3"]] if "OUTAXIS3" in words else [])]
     unit, cell = (_unit(words[k], lines[1][0], path, facts) for k in ("POSUNIT", "CORUNIT"))
     rows = [_row(line, columns * len(outputs), path) for line in lines[2:-1]]
     if len(rows) < 2:
@@ -538,13 +530,13 @@ def _parsed(lines: list[tuple[int, str]], path: Path, facts: dict[str, Any]) -> 
     values = np.array(rows).reshape(len(rows), columns, len(outputs)) * cell
     which = _output(values, outputs, path, facts)
     return Grid(
-        row_axis=axes[0],
-        column_axis=axes[1],
+        row_axis=head["row"],
+        column_axis=head["column"],
         output=outputs[which],
-        row_step=numbers[4] * unit,
-        column_step=numbers[5] * unit,
-        row_offset=float(words["OFFSETROW"]) * unit,
-        column_offset=float(words["OFFSETCOL"]) * unit,
+        row_step=head["row_step"] * unit,
+        column_step=head["column_step"] * unit,
+        row_offset=words["OFFSETROW"] * unit,
+        column_offset=words["OFFSETCOL"] * unit,
         values=values[:, :, which],
     )
 
@@ -561,20 +553,14 @@ def _output(values: FloatArray, outputs: list[int], path: Path, facts: dict[str,
     return outputs.index(wanted) if wanted in outputs else len(outputs) - 1
 
 
-def _header(line: tuple[int, str], path: Path) -> list[float]:
+def _header(line: tuple[int, str], path: Path) -> dict[str, Any]:
     number, code = line
-    words = code.removeprefix(_START).split()
-    fine = len(words) == 7 and all(map(_NUMBER.fullmatch, words))
-    values = [float(w) for w in words] if fine else []
+    found = _HEAD.read(" ".join(code.split()))
     if (
-        not values
-        or not all(map(_WHOLE.fullmatch, [*words[:4], *words[6:]]))
-        or max(map(abs, values)) > _LARGEST
-        or min(*values[:4], values[6]) < 1
-        or values[6] < 2
-        or not values[4]
-        or not values[5]
-        or values[0] == values[1]
+        found is None
+        or not all(0.0 < abs(found[k]) <= LARGEST for k in ("row_step", "column_step"))
+        or found["columns"] < 2
+        or found["row"] == found["column"]
     ):
         raise CorruptFileError(
             path,
@@ -582,10 +568,10 @@ def _header(line: tuple[int, str], path: Path) -> list[float]:
             expected=":START2D row, column, output 1, output 2 (whole numbers from 1), row distance, "
             "column distance, columns (2 or more)",
         )
-    return values
+    return found
 
 
-def _keys(line: tuple[int, str], path: Path) -> dict[str, str]:
+def _keys(line: tuple[int, str], path: Path) -> dict[str, Any]:
     number, code = line
     rest = code.removeprefix(_START)
     found = _WORD.findall(rest)
@@ -595,44 +581,40 @@ def _keys(line: tuple[int, str], path: Path) -> dict[str, str]:
         problem = "is not a list of KEY=VALUE"
     elif unknown := [k for k in words if k not in _KEYS]:
         problem = f"holds the unknown key {unknown[0]}"
-    elif missing := [k for k in _KEYS[1:] if k not in words]:
+    elif missing := [k for k in list(_KEYS)[1:] if k not in words]:
         problem = f"lacks {missing[0]}"
-    elif not all(_is_number(words[k]) for k in _KEYS[3:]):
+    elif not all(is_real(words[k]) for k in ("OFFSETROW", "OFFSETCOL")):
         problem = "holds an offset that is not a number"
-    elif not _WHOLE.fullmatch(words.get("OUTAXIS3", "1")) or not int(words.get("OUTAXIS3", "1")):
+    elif not re.fullmatch(_AXIS.pattern, words.get("OUTAXIS3", "1"), re.ASCII):
         problem = "holds an OUTAXIS3 that is not the number of an axis"
     if problem:
         raise CorruptFileError(path, f"line {number} {problem}: {code[:60]!r}")
-    return words
+    return {k: _KEYS[k].read(v) for k, v in words.items()}
 
 
 def _unit(text: str, number: int, path: Path, facts: dict[str, Any]) -> float:
-    match = _UNIT.fullmatch(text)
-    if match is None or (match[2] is not None and not int(match[2])):
+    kind, _, parts = text.partition("/")
+    if not re.fullmatch(_UNIT.pattern, text, re.ASCII) or (parts and not int(parts)):
         raise UnsupportedFeatureError(
             f"{path}: line {number}: unit {text[:40]!r}; metrosep reads METRIC and PRIMARY, also divided "
             "as in METRIC/1000"
         )
-    whole = _MM if match[1] == "METRIC" else facts.get("primary_unit")
+    whole = _MM if kind == "METRIC" else facts.get("primary_unit")
     if whole is None:
         raise DataError(
             f"{path}: line {number}: the unit is PRIMARY, that of the axis; say how long it is, "
             "primary_unit='1 mm'"
         )
-    return float(whole) / int(match[2] or 1)
+    return float(whole) / int(parts or 1)
 
 
 def _row(line: tuple[int, str], count: int, path: Path) -> list[float]:
     number, code = line
     words = code.split()
-    if len(words) != count or not all(map(_is_number, words)):
+    if len(words) != count or not all(map(is_real, words)):
         raise CorruptFileError(
             path,
             f"line {number} is not a row of {count} numbers but {code[:60]!r}",
             found=f"{len(words)} words",
         )
     return [float(w) for w in words]
-
-
-def _is_number(word: str) -> bool:
-    return bool(_NUMBER.fullmatch(word)) and abs(float(word)) <= _LARGEST

@@ -43,7 +43,7 @@ Sign = Literal["confirmed", "documented", "stated", "unconfirmed"]
 not known: to be tried on the machine."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DialectInfo:
     """Facts about a dialect, for lists, pages and sidecars.
 
@@ -55,7 +55,7 @@ class DialectInfo:
         What one entry is, for error e at position p.
     units : str
         Units in the file.
-    max_points : int or None
+    max_points : int or None, optional
         Most entries.
     outside : str
         What the controller does outside the table.
@@ -89,7 +89,7 @@ class DialectInfo:
     title: str
     entry: str
     units: str
-    max_points: int | None
+    max_points: int | None = None
     outside: str
     sign_status: str
     activation: tuple[str, ...] = ()

@@ -18,8 +18,8 @@ import numpy as np
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._facts import is_note, note, read_notes, settled
-from metrosep.controllers._grammar import decoded, fixed, joined, short
-from metrosep.controllers._grids import DRY_RUN
+from metrosep.controllers._grammar import decoded, fixed, is_real, joined, short
+from metrosep.controllers._grids import DRY_RUN, require_one_direction
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -28,7 +28,7 @@ from metrosep.controllers.base import (
     load_sidecar,
     sidecar_options,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import ENTRY_SIGN, Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
@@ -45,23 +45,11 @@ _MM = 1e-3
 _DEGREE = float(np.pi) / 180.0
 _TURNING = "ABC"
 _POSITION_DECIMALS = 9
-_LARGEST = 1e12
-"""No position or error of a file is as large, in any unit."""
-
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)", re.ASCII)
 _LETTERS = "XYZABC"
 _COMPONENT = re.compile(r"E([XYZABC])([XYZABC])")
 _SECTION = re.compile(r"\[([A-Z]\w\w)\]", re.ASCII)
 _VALUE = re.compile(r"VALUE *= *(\S+)")
 _OPEN = re.compile(r"Gridpoints *= *\{")
-
-_SIGN = Option(
-    "entry_sign",
-    "sign of an entry for an error e = actual - nominal: 1 writes +e, -1 writes -e",
-    "choice",
-    default=1,
-    choices=(1, -1),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +69,6 @@ class Etalon(Dialect):
         title="Etalon exchange format, for Beckhoff TF5280 and ISG volumetric compensation",
         entry="+e with entry_sign=1, an error parameter of ISO 230-1; -e with entry_sign=-1",
         units="mm for lengths, rad for angles; positions mm, of a turning axis degrees",
-        max_points=None,
         outside="not documented; simulated as constant",
         sign_status="not stated in the pages of TF5280 that could be read; the kernel can negate axes",
         activation=(
@@ -103,20 +90,15 @@ class Etalon(Dialect):
 
     options = (
         Option("parameter", "name after ISO 230-1 such as EXY; from the axes if omitted", "text"),
-        _SIGN,
+        ENTRY_SIGN,
         Option("records_limit", "max_records of hochlauf.lis", "integer", lowest=2),
         Option("decimals", "of an entry", "integer", default=12, lowest=1, highest=15),
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the text of a file."""
         o = {**{x.name: x.default for x in self.options}, **options}
         parameter = _parameter(table, o["parameter"])
-        if table.reverse is not None and not np.array_equal(table.reverse, table.forward):
-            raise TableError(
-                "an error parameter has one value for both directions, this table has two: make it "
-                'with direction="both" and put the lost motion into the backlash parameter'
-            )
+        require_one_direction(table, "an error parameter", "into the backlash parameter")
         n = table.positions.size
         if o["records_limit"] is not None and n > o["records_limit"]:
             raise LimitError(
@@ -156,12 +138,9 @@ class Etalon(Dialect):
         """Return one look-up table of a file as corrections."""
         told = {**sidecar_options(path, self.options), **options}
         chosen = _chosen(_read(data, path), told.get("parameter"), path)
-        o = settled(self.options, options, path, file=chosen.noted, partial=True)
-        if "entry_sign" not in o:
-            raise DataError(
-                f"{path}: neither the file nor a sidecar states the sign of its entries; give "
-                "entry_sign=1 (entry = +e) or -1 to read it as etalon"
-            )
+        o = settled(
+            self.options, options, path, file=chosen.noted, needed=("entry_sign",), partial=True
+        )
         place, unit = _units(chosen.parameter)
         positions = chosen.rows[:, 0] * place
         fields = identity(path, first=float(positions[0]))
@@ -250,7 +229,7 @@ def _block(
     """Return where the next section starts, and the rows of this one if it has any."""
     number, line = code[at] if at < len(code) else (start, "")
     value = _VALUE.fullmatch(line)
-    if value is not None and _is_number(value[1]):
+    if value is not None and is_real(value[1]):
         return at + 1, None
     if not _OPEN.fullmatch(line):
         raise CorruptFileError(
@@ -265,7 +244,7 @@ def _block(
         if line == "}":
             break
         words = line.split()
-        if len(words) != 2 or not all(map(_is_number, words)):
+        if len(words) != 2 or not all(map(is_real, words)):
             raise CorruptFileError(
                 path, f"line {number} is not a position and an error but {line[:60]!r}"
             )
@@ -277,7 +256,3 @@ def _block(
     if len(rows) < 2:
         raise CorruptFileError(path, f"[{name}] needs at least 2 rows", found=len(rows))
     return at + 2 + len(rows), np.array(rows)
-
-
-def _is_number(word: str) -> bool:
-    return bool(_NUMBER.fullmatch(word)) and abs(float(word)) <= _LARGEST

@@ -45,7 +45,7 @@ from metrosep.controllers._grids import (
     walked,
 )
 from metrosep.controllers.base import DialectInfo, Encoded, identity
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import INCREMENT, INTERVAL, Option, unit_option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
 from metrosep.core.units import format_length
@@ -134,14 +134,7 @@ class Fanuc(Resampling):
     )
 
     options = (
-        Option(
-            "detection_unit",
-            "detection unit of the axis",
-            "length",
-            required=True,
-            lowest=1e-12,
-            highest=1e-3,
-        ),
+        unit_option("detection_unit", "detection unit of the axis"),
         Option("magnification", "parameter 3623", "integer", default=1, lowest=1, highest=100),
         Option(
             "largest", "largest increment the control takes", "choice", default=7, choices=(7, 127)
@@ -152,21 +145,8 @@ class Fanuc(Resampling):
         Option("axis_number", "number behind A", "integer", default=1, lowest=1, highest=32),
         Option("reference_number", "parameter 3620", "integer", lowest=0, highest=_LAST_NUMBER),
         Option("reference_position", "machine coordinate of the reference position", "length"),
-        Option(
-            "interval",
-            "parameter 3624; that of the table if omitted",
-            "length",
-            positive=True,
-            highest=100.0,
-        ),
-        Option(
-            "increment",
-            "least input increment, unit of parameter 3624",
-            "length",
-            default=1e-6,
-            lowest=1e-9,
-            highest=1e-3,
-        ),
+        replace(INTERVAL, help="parameter 3624; that of the table if omitted"),
+        replace(INCREMENT, help="least input increment, unit of parameter 3624"),
         Option("rapid", "rapid traverse, for the smallest interval", "speed", positive=True),
         Option("entry_sign", "k in entry = k e", "choice", default=-1, choices=(-1, 1)),
     )
@@ -352,14 +332,7 @@ class FanucStraightness(Resampling):
     )
 
     options = (
-        Option(
-            "detection_unit",
-            "detection unit of the compensated axis",
-            "length",
-            required=True,
-            lowest=1e-12,
-            highest=1e-3,
-        ),
+        unit_option("detection_unit", "detection unit of the compensated axis"),
         Option(
             "interval",
             "spacing of the moving axis' pitch error points (3624)",

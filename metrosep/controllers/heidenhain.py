@@ -19,7 +19,16 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.rounding import round_entries
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._facts import agreed, settled
-from metrosep.controllers._grammar import ascii_lines, damaged, fixed, joined, mm_value
+from metrosep.controllers._grammar import (
+    AXIS,
+    Line,
+    Word,
+    ascii_lines,
+    damaged,
+    fixed,
+    joined,
+    mm_value,
+)
 from metrosep.controllers._grids import (
     Resampling,
     carry,
@@ -29,7 +38,7 @@ from metrosep.controllers._grids import (
     uniform_positions,
 )
 from metrosep.controllers.base import DialectInfo, Encoded, identity, load_sidecar
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import INTERVAL, Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 from metrosep.core.units import format_length
@@ -48,9 +57,9 @@ _FARTHEST, _LARGEST = 1e3, 9.0
 
 _COLUMNS = (6, 16, 16, 16)
 """Width of the columns NR, AXISPOS, BACKLASH and that of the dependent axis."""
-_AXIS = re.compile(r"[A-Z]\d?")
-_BEGIN = re.compile(r"BEGIN (\w{1,16})\.COM MM", re.ASCII)
-_NAME = re.compile(r"([A-Z]\d?)_([A-Z]\d?)")
+_BEGIN = Line("BEGIN {name}.COM MM", name=Word(r"\w{1,16}"))
+_NAME = Line("{axis}_{target}", axis=AXIS, target=AXIS)
+_TITLES = ("NR", "AXISPOS", "BACKLASH")
 _VALUE = re.compile(r"[+-]?\d{1,6}\.\d{1,9}")
 
 
@@ -91,13 +100,7 @@ class Heidenhain(Resampling):
     )
 
     options = (
-        Option(
-            "interval",
-            "spacing; that of the table if omitted",
-            "length",
-            positive=True,
-            highest=100.0,
-        ),
+        INTERVAL,
         Option(
             "resolution",
             "last digit of an entry, a power of ten of mm",
@@ -113,7 +116,6 @@ class Heidenhain(Resampling):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the table text."""
         require_linear((table.axis, table.compensates), _TITLE)
         _require_axes(table, options["looked_up_axis"])
         require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
@@ -135,8 +137,8 @@ class Heidenhain(Resampling):
         _require_width([*places, *(t for c in texts for t in c)])
         backlash = [""] * len(places) if reverse is None else texts[1]
         lines = [
-            f"BEGIN {table.axis}_{table.compensates}.COM MM",
-            _line("NR", "AXISPOS", "BACKLASH", table.compensates),
+            _BEGIN.write(name=_NAME.write(axis=table.axis, target=table.compensates)),
+            _line(*_TITLES, table.compensates),
             *(
                 _line(str(i), p, b, v)
                 for i, (p, b, v) in enumerate(zip(places, backlash, texts[0], strict=True))
@@ -153,11 +155,10 @@ class Heidenhain(Resampling):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table."""
         lines = ascii_lines(data, path, "HEIDENHAIN table")
         if len(lines) < 3 or lines[-1] != "[END]":
             raise damaged(path, "the table does not end with [END]: it was cut short")
-        begin = _BEGIN.fullmatch(lines[0])
+        begin = _BEGIN.read(lines[0])
         if begin is None:
             raise CorruptFileError(
                 path,
@@ -182,7 +183,7 @@ class Heidenhain(Resampling):
             )
         reverse = -sign * np.array([r[1] for r in rows]) + 0.0 if all(filled) else None
         fields = {**identity(path, first=float(p[0])), "compensates": target}
-        fields["axis"] = _looked_up(begin[1], target, options, path, both=reverse is not None)
+        fields["axis"] = _looked_up(begin["name"], target, options, path, both=reverse is not None)
         made = CompensationTable(
             positions=p, forward=forward, reverse=reverse, is_exact_inverse=True, **fields
         )
@@ -194,13 +195,15 @@ def _looked_up(
     name: str, target: str, options: Mapping[str, Any], path: Path, *, both: bool
 ) -> str:
     """Return the axis that is looked up: of the name of the table, the sidecar, BACKLASH or user."""
-    named = _NAME.fullmatch(name)
-    if named is not None and named[2] != target:
-        raise damaged(path, "name and column say another axis", expected=named[2], found=target)
+    named = _NAME.read(name) or {"axis": None, "target": target}
+    if named["target"] != target:
+        raise damaged(
+            path, "name and column say another axis", expected=named["target"], found=target
+        )
     beside: Any = load_sidecar(path).get("table")
     beside = beside if isinstance(beside, dict) else {}
     stated = {
-        "the file": named[1] if named else None,
+        "the file": named["axis"],
         "its sidecar": beside.get("axis"),
         "its column BACKLASH": target if both else None,
         "you": options.get("looked_up_axis"),
@@ -316,7 +319,7 @@ def _cells(line: str) -> list[str]:
 
 def _target(line: str, path: Path) -> str:
     cells = _cells(line)
-    if cells[:3] != ["NR", "AXISPOS", "BACKLASH"] or cells[4] or not _AXIS.fullmatch(cells[3]):
+    if cells[:3] != [*_TITLES] or cells[4] or not re.fullmatch(AXIS.pattern, cells[3], re.ASCII):
         raise CorruptFileError(
             path,
             f"the columns are not NR, AXISPOS, BACKLASH and one axis but {line[:60]!r}",

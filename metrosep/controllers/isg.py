@@ -51,7 +51,7 @@ from metrosep.controllers.base import (
     map_identity,
     nearest_zero,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import INTERVAL, Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 from metrosep.core.units import format_length
@@ -92,9 +92,6 @@ AXIS_NUMBER = Option(
     required=True,
     lowest=1,
     highest=999,
-)
-INTERVAL = Option(
-    "interval", "equal spacing; as the table if omitted", "length", positive=True, highest=100.0
 )
 NUMBER_TYPE = Option(
     "number_type",
@@ -284,7 +281,6 @@ class IsgAxis(_List):
         return self._encoded(carried, table.axis, options, settings, cells, pairs)
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table."""
         cells, found = self._opened(data, path, options)
         n, step = found["kw_nr_max"], found["interval"]
         room = (found["max_points"] or options.get("capacity", _AXIS_POINTS) + 1) - 1
@@ -373,7 +369,6 @@ class IsgCross(_List):
         return {"axis_number": found["axis_number"], "master_number": found["master_ax_nr"]}
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the list of the slave axis."""
         require_linear((table.axis, table.compensates), "kw.crosscomp")
         require_one_direction(table, "kw.crosscomp", "as backlash of the slave or into kw.ssfk")
         require_sizes(table, "kw.crosscomp", farthest=_FARTHEST, largest=_FARTHEST)
@@ -394,7 +389,6 @@ class IsgCross(_List):
         return self._encoded(carried, table.compensates, options, settings, cells, [(c, wanted)])
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table."""
         cells, found = self._opened(data, path, options)
         n, number = found["last_index"] + 1, found["axis_number"]
         room = found["max_points"] or options.get("capacity") or _CROSS_POINTS
@@ -498,7 +492,6 @@ class IsgPlane(_List):
         return {"axis_number": found["axis_number"], **masters}
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
-        """Return the list of the slave axis."""
         _require_axes(table, options)
         kind = options["number_type"]
         quantum = UNIT if kind == "integer" else UNIT * 1e-6
@@ -525,7 +518,6 @@ class IsgPlane(_List):
         return self._encoded(carried, table.compensates, options, settings, cells, columns)
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
-        """Return the map."""
         cells, found = self._opened(data, path, options)
         step, name = found["interval"], found["name"]
         n, m = (found[f"last_index_master{i}"] + 1 for i in (1, 2))

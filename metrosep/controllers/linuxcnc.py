@@ -10,7 +10,6 @@ stops at the first other line without a word. Of a joint that turns all three ar
 from __future__ import annotations
 
 import math
-import re
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ import numpy as np
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._grammar import decoded
+from metrosep.controllers._grammar import Line, Word, decoded, joined
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -41,8 +40,9 @@ _UNITS = {"linear": (1e-3, "mm"), "angular": (math.pi / 180.0, "degrees")}
 _DECIMALS = 10
 """Decimals of a position: 0.1 pm, or 1.7e-12 rad; LinuxCNC keeps the trim itself as float32."""
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NUMBER = Word(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", float, f"{{:.{_DECIMALS}f}}".format)
 """What C reads as a decimal number; Python's float would also take 1_0 and nan."""
+_ROW = Line("{nominal} {forward} {reverse}", nominal=_NUMBER, forward=_NUMBER, reverse=_NUMBER)
 
 
 class LinuxCNC(Dialect):
@@ -116,15 +116,16 @@ class LinuxCNC(Dialect):
         columns = np.column_stack(
             [table.positions, table.positions - table.forward, table.positions - reverse]
         )
-        printed = [[f"{v / unit:.{_DECIMALS}f}" for v in row] for row in columns]
-        back = np.array([[float(v) for v in row] for row in printed]) * unit
+        printed = [
+            _ROW.write(nominal=p, forward=f, reverse=r) for p, f, r in (columns / unit).tolist()
+        ]
+        back = np.array([row.split() for row in printed], dtype=np.float64) * unit
         if (np.diff(back[:, 0]) <= 0).any():
             raise TableError(f"positions closer than 1e-{_DECIMALS} {name} cannot be written")
         trims = back[:, :1] - back[:, 1:]
         wanted = np.column_stack([table.forward, reverse])
-        text = "".join(" ".join(row) + "\n" for row in printed)
         return Encoded(
-            data=text.encode("ascii"),
+            data=joined(printed),
             quantisation=float(np.abs(trims - wanted).max()),
             notes={
                 "ini": [
@@ -245,14 +246,13 @@ def _routing(table: CompensationTable) -> list[str]:
     ]
 
 
-def _triple(line: str, number: int, path: Path) -> tuple[float, float, float]:
-    words = line.split()
-    values = tuple(float(w) for w in words) if all(map(_NUMBER.fullmatch, words)) else ()
-    if len(values) != 3 or not np.isfinite(values).all():
+def _triple(line: str, number: int, path: Path) -> list[float]:
+    found = _ROW.read(" ".join(line.split()))
+    if found is None or not np.isfinite([*found.values()]).all():
         raise CorruptFileError(
             path,
             f"line {number} is not three numbers but {line[:60]!r}; LinuxCNC would stop reading here "
             "without a word",
             hint="write nothing but 'nominal forward reverse' lines: no header, comma or blank line",
         )
-    return values
+    return [*found.values()]

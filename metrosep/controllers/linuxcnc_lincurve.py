@@ -23,6 +23,7 @@ import numpy as np
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._facts import agreed
 from metrosep.controllers._grammar import code_rows, damaged, decoded
 from metrosep.controllers.base import (
     Dialect,
@@ -361,8 +362,7 @@ class LinuxCNCLincurve(Dialect):
             ("target_joint", chain.target),
             ("thread", chain.thread),
         ):
-            if options.get(name) is not None and options[name] != found:
-                raise DataError(f"{path}: {name} is {found} in the file, not {options[name]}")
+            agreed(path, name, {"the file": found, "you": options.get(name)})
         knots = chain.knots()
         axes = _axes(data, chain, path)
         unit, unit_c = _unit(axes["axis"])[0], _unit(axes["compensates"])[0]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -41,7 +42,7 @@ from metrosep.controllers._grids import (
     walked,
 )
 from metrosep.controllers.base import DialectInfo, Encoded, identity
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import INCREMENT, INTERVAL, Option, unit_option
 from metrosep.core.errors import CorruptFileError, TableError
 
 __all__ = ["Mitsubishi"]
@@ -85,7 +86,6 @@ class Mitsubishi(Resampling):
             "traverse the axis with a laser or gauge: the error must shrink",
             "lost motion belongs into the backlash parameters #2011 and #2012, not into this table",
         ),
-        sign="documented",
         spacing="uniform",
         directions="one",
         resolution="half an output unit times scale factor",
@@ -96,14 +96,7 @@ class Mitsubishi(Resampling):
     )
 
     options = (
-        Option(
-            "output_unit",
-            "unit of output of the control",
-            "length",
-            required=True,
-            lowest=1e-12,
-            highest=1e-3,
-        ),
+        unit_option("output_unit", "unit of output of the control"),
         Option("scale", "parameter #4006", "integer", default=1, lowest=1, highest=99),
         Option("set_number", "set of parameters, 1 for #4001", "integer", 1, lowest=1, highest=10),
         Option(
@@ -114,21 +107,8 @@ class Mitsubishi(Resampling):
             highest=_LAST,
         ),
         Option("reference_position", "machine coordinate of the reference point", "length"),
-        Option(
-            "interval",
-            "parameter #4007; that of the table if omitted",
-            "length",
-            positive=True,
-            highest=100.0,
-        ),
-        Option(
-            "increment",
-            "unit of parameter #4007",
-            "length",
-            default=1e-6,
-            lowest=1e-9,
-            highest=1e-3,
-        ),
+        replace(INTERVAL, help="parameter #4007; that of the table if omitted"),
+        replace(INCREMENT, help="unit of parameter #4007"),
         Option(
             "cross_axis",
             "a table that corrects another axis than it looks up: its sign is not documented",

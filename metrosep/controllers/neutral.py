@@ -99,7 +99,6 @@ class Neutral(Dialect):
         title="Neutral CSV with JSON sidecar",
         entry="correction c = -e that is added to the command",
         units="position in mm, correction in um; rad and urad of axes that turn; by the column names",
-        max_points=None,
         outside="constant beyond both ends",
         sign_status="by definition",
         activation=(
@@ -130,7 +129,6 @@ class Neutral(Dialect):
         return Encoded(joined([",".join(columns), *rows]), 0.0)
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table."""
         columns = "position_(mm|rad),correction_forward_(um|urad)(,correction_reverse_\\2)?"
         header, lines, values = _rows(data, path, "table", columns, (2, "lines"))
         turns = (header[0].endswith("rad"), header[1].endswith("urad"))
@@ -187,7 +185,6 @@ class NeutralMap(Dialect):
         title="Neutral CSV of a map with JSON sidecar",
         entry="correction c = -e that is added to the command",
         units="positions in mm, correction in um; rad and urad of axes that turn; by the column names",
-        max_points=None,
         outside="that of the nearest edge",
         sign_status="by definition",
         activation=(
@@ -219,7 +216,6 @@ class NeutralMap(Dialect):
         return Encoded(joined(lines), 0.0)
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
-        """Return the map."""
         columns = "x_(mm|rad),y_(mm|rad),correction_(um|urad)"
         header, lines, values = _rows(data, path, "map", columns, (4, "nodes"))
         turns = (header[0].endswith("rad"), header[1].endswith("rad"))

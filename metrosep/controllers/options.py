@@ -10,7 +10,16 @@ from metrosep.compensation.limits import Limits
 from metrosep.core import numbers
 from metrosep.core.errors import DataError, UnitError
 
-__all__ = ["LIMIT_DIMENSIONS", "Option", "checked_limits", "checked_options", "split_machine"]
+__all__ = [
+    "ENTRY_SIGN",
+    "INCREMENT",
+    "INTERVAL",
+    "LIMIT_DIMENSIONS",
+    "Option",
+    "checked_limits",
+    "checked_options",
+    "split_machine",
+]
 
 _LIMIT_NAMES = tuple(f.name for f in fields(Limits))
 
@@ -71,6 +80,29 @@ class Option:
             bounds = f"{'' if low is None else low} ... {'' if high is None else high}"
             raise DataError(f"{what} must lie in {bounds} ({self.help})")
         return value
+
+
+ENTRY_SIGN = Option(
+    "entry_sign",
+    "sign of an entry for an error e = actual - nominal: 1 writes +e, -1 writes -e",
+    "choice",
+    default=1,
+    choices=(1, -1),
+)
+INCREMENT = Option(
+    "increment", "least input increment, unit of the interval", "length", default=1e-6, lowest=1e-9,
+    highest=1e-3,
+)  # fmt: skip
+INTERVAL = Option(
+    "interval", "spacing of the points; that of the table if omitted", "length", positive=True,
+    highest=100.0,
+)  # fmt: skip
+"""Options of several families."""
+
+
+def unit_option(name: str, what: str) -> Option:
+    """Return the option of a unit that entries count."""
+    return Option(name, what, "length", required=True, lowest=1e-12, highest=1e-3)
 
 
 def _text(value: Any, what: str) -> str:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,7 +28,17 @@ from numpy.polynomial import legendre
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.controllers._facts import facts_of, settled
-from metrosep.controllers._grammar import damaged, decimal, decoded, joined, scaled, unscaled
+from metrosep.controllers._grammar import (
+    Line,
+    Text,
+    Word,
+    damaged,
+    decimal,
+    decoded,
+    joined,
+    scaled,
+    unscaled,
+)
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -66,9 +77,15 @@ _COARSE = 0.1
 _STATED = ("x_unit", "y_unit", "actuator_sign", "offset")
 """Options that are never guessed when a file is read."""
 
-_LINE = 200
-"""Characters of a line that PMAC surely takes."""
+UNSIGNED = r"\d{1,300}(?:\.\d{1,300})?"
+"""Decimals without sign and exponent."""
 
+IDENTIFIER = r"[A-Za-z][A-Za-z0-9_]{0,30}"
+"""A name of structured text: no underscore in front, at most 31 characters."""
+
+_NUMBER = Word(f"-?{UNSIGNED}", float)
+_NAME, _VARIABLE = Word(IDENTIFIER, str.lower), Word(r"P\d{1,4}", str.upper)
+_EXPRESSION = Word(".+?")
 
 _COMMON = (
     Option(
@@ -96,17 +113,18 @@ class _Polynomial(Dialect):
     options: ClassVar[tuple[Option, ...]] = _COMMON
     comment: ClassVar[tuple[str, str]]
     mantissa: ClassVar[int]
+    layout: ClassVar[tuple[Line, ...]]
+    """Lines without comments; a word that is in several of them is the same in all."""
+    mixed: ClassVar[Mapping[str, str]]
+    """Refusal where it is not, by the word."""
+    longest: ClassVar[int] = sys.maxsize
+    """Characters of a line."""
 
     @abstractmethod
-    def _body(self, numbers: Sequence[str], **options: Any) -> list[str]:
-        """Return the lines without comments."""
-
-    @abstractmethod
-    def _parsed(self, code: list[tuple[int, str]], path: Path) -> Printed:
-        """Return the polynomial of numbered lines without comments and blanks."""
+    def _stated(self, **options: Any) -> dict[str, Any]:
+        """Return the words that the options state, checked."""
 
     def encode(self, table: PolynomialFit, **options: Any) -> Encoded:
-        """Return the text."""
         _require_finite(table)
         x_places, y_places = _PLACES[options["x_unit"]], _PLACES[options["y_unit"]]
         sign = options["actuator_sign"] * (-1 if table.quantity == "error" else 1)
@@ -123,8 +141,16 @@ class _Polynomial(Dialect):
         y = sign * table.evaluate(x) + options["offset"]
         text = [f"{self.comment[0]} {line} {self.comment[1]}".rstrip() for line in
                 _comments(table, options, y)]  # fmt: skip
-        text += self._body([low, high, *numbers], **options)
-        data = joined(text)
+        low, high, *numbers = (self._number(n) for n in (low, high, *numbers))
+        words = {**self._stated(**options), "low": low, "high": high}
+        words["polynomial"] = horner(numbers, words["Ph"])
+        lines = [line.write(**words) for line in self.layout]
+        if max(map(len, lines)) > self.longest:
+            raise LimitError(
+                f"the expression has {max(map(len, lines))} characters, PMAC takes {self.longest} a line; "
+                "use fewer digits= or a lower degree"
+            )
+        data = joined([*text, *lines])
         series = _exact_legendre(self._read(data, Path(os.devnull), options)[0])
         u = 2.0 * (x - x[0]) / (x[-1] - x[0]) - 1.0
         cost = float(np.abs(legendre.legval(u, series) / 10.0**y_places - y).max())
@@ -139,6 +165,10 @@ class _Polynomial(Dialect):
                 "rounding_of_the_controller_m": rounding,
             },
         )
+
+    def _number(self, text: str) -> str:
+        """Return a decimal as the language has it."""
+        return text
 
     def _rounding(self, printed: Printed) -> float:
         """Return a bound of what the arithmetic of the controller rounds, in the unit of y."""
@@ -191,6 +221,30 @@ class _Polynomial(Dialect):
         printed = self._parsed([(i, text) for i, text in code if text], path)
         _require_usable(printed, known, path)
         return printed, known
+
+    def _parsed(self, code: list[tuple[int, str]], path: Path) -> Printed:
+        """Return the polynomial of numbered lines without comments and blanks."""
+        text = Text(path, code, "text of a PLC")
+        lines = [text.take(line) for line in self.layout]
+        text.end()
+        words: dict[str, Any] = {}
+        for name, value in (pair for found in lines for pair in found.items()):
+            if words.setdefault(name, value) != value:
+                raise damaged(path, self.mixed[name].format(words[name], value))
+        h = words.setdefault("Ph", "h")
+        variables = [words[n] for n in ("Ph", "Px", "Py") if n in words]
+        if len(set(variables)) < len(variables):
+            raise damaged(path, self.mixed["Ph"].format(h))
+        series = parsed_horner(words["polynomial"].replace(" ", ""), h)
+        if series is None:
+            raise damaged(
+                path,
+                "the expression is not a polynomial in Horner form",
+                field="expression",
+                expected=f"a0+{h}*(a1+{h}*(a2))",
+                found=repr(words["polynomial"][:60]),
+            )
+        return Printed(series, words["low"], words["high"])
 
 
 def _require_usable(printed: Printed, known: Mapping[str, Any], path: Path) -> None:
@@ -300,47 +354,6 @@ def _warnings(y: FloatArray, cost: float, options: Mapping[str, Any]) -> tuple[F
     return tuple(found)
 
 
-def _full(pattern: str, line: tuple[int, str] | None, path: Path, expected: str) -> re.Match[str]:
-    """Return the match of a whole line, and refuse another line."""
-    text = "" if line is None else line[1]
-    match = re.fullmatch(pattern, text, re.IGNORECASE)
-    if match is None:
-        where = "the end of the file" if line is None else f"line {line[0]}"
-        raise damaged(
-            path,
-            f"{where} is not what this text holds there",
-            expected=expected,
-            found=repr(text[:60]),
-        )
-    return match
-
-
-def _matched(
-    code: list[tuple[int, str]], rows: Sequence[tuple[str, str]], path: Path
-) -> list[re.Match[str]]:
-    padded = [*code, *[None] * max(len(rows) - len(code), 0)]
-    found = [
-        _full(pattern, line, path, expected)
-        for (pattern, expected), line in zip(rows, padded, strict=False)
-    ]
-    if len(code) > len(rows):
-        _full("", code[len(rows)], path, "the end of the file")
-    return found
-
-
-def _polynomial(text: str, x: str, path: Path) -> FloatArray:
-    found = parsed_horner(text.replace(" ", ""), x)
-    if found is None:
-        raise damaged(
-            path,
-            "the expression is not a polynomial in Horner form",
-            field="expression",
-            expected=f"a0+{x}*(a1+{x}*(a2))",
-            found=repr(text[:60]),
-        )
-    return found
-
-
 class PLCStructuredText(_Polynomial):
     """Writer and reader of IEC 61131-3 structured text; see the module."""
 
@@ -349,7 +362,6 @@ class PLCStructuredText(_Polynomial):
         title="Polynomial for a PLC, structured text (IEC 61131-3)",
         entry="coefficients of y, which is added to the command: y = actuator_sign * -e + offset",
         units="x in mm, y in um unless said otherwise; named in a comment",
-        max_points=None,
         outside="held at the ends of the domain (LIMIT)",
         sign_status="stated by the user: actuator_sign, no default; y is added by your program",
         activation=(
@@ -380,52 +392,31 @@ class PLCStructuredText(_Polynomial):
         Option("function", "name of the function", "text", default="MetrosepCorrection"),
     )
 
-    def _body(self, numbers: Sequence[str], **options: Any) -> list[str]:
-        """Return a function of one LREAL."""
+    layout = tuple(
+        Line(line, loose=True, name=_NAME, unit=Word("", str, " (* {} *)".format), low=_NUMBER,
+             high=_NUMBER, polynomial=_EXPRESSION)
+        for line in (
+            "FUNCTION {name} : LREAL", "VAR_INPUT", "x : LREAL;{unit}", "END_VAR", "VAR", "h : LREAL;",
+            "END_VAR", "h := LIMIT({low}, x, {high});", "{name} := {polynomial};", "END_FUNCTION",
+        )
+    )  # fmt: skip
+    mixed: ClassVar[Mapping[str, str]] = {
+        "name": "the function {} assigns to {}: it returns nothing"
+    }
+
+    def _stated(self, **options: Any) -> dict[str, Any]:
+        """Return the name of the function, its variable and its unit."""
         function = options["function"]
         if not re.fullmatch(IDENTIFIER, function) or f" {function.upper()} " in RESERVED:
             raise DataError(
                 f"plc-st: function={function!r} is not an identifier that is free: letters, digits and _, no word, "
                 "type or function of IEC 61131-3"
             )
-        low, high, *coefficients = (n if "." in n else f"{n}.0" for n in numbers)
-        return [
-            f"FUNCTION {function} : LREAL",
-            "VAR_INPUT",
-            f"x : LREAL; (* {options['x_unit']} *)",
-            "END_VAR",
-            "VAR",
-            "h : LREAL;",
-            "END_VAR",
-            f"h := LIMIT({low}, x, {high});",
-            f"{function} := {horner(coefficients, 'h')};",
-            "END_FUNCTION",
-        ]
+        return {"name": function, "Ph": "h", "unit": options["x_unit"]}
 
-    def _parsed(self, code: list[tuple[int, str]], path: Path) -> Printed:
-        """Return the polynomial of a function that was written here."""
-        name = f"({IDENTIFIER})"
-        rows = [
-            (rf"FUNCTION {name} ?: ?LREAL", "FUNCTION name : LREAL"),
-            ("VAR_INPUT", "VAR_INPUT"),
-            (r"x ?: ?LREAL ?;", "x : LREAL;"),
-            ("END_VAR", "END_VAR"),
-            ("VAR", "VAR"),
-            (r"h ?: ?LREAL ?;", "h : LREAL;"),
-            ("END_VAR", "END_VAR"),
-            (
-                rf"h ?:= ?LIMIT ?\( ?(-?{UNSIGNED}) ?, ?x ?, ?(-?{UNSIGNED}) ?\) ?;",
-                "h := LIMIT(low, x, high);",
-            ),
-            (rf"{name} ?:= ?(.+?) ?;", "name := polynomial;"),
-            ("END_FUNCTION", "END_FUNCTION"),
-        ]
-        found = _matched(code, rows, path)
-        if found[0][1].lower() != found[8][1].lower():
-            raise damaged(
-                path, f"the function {found[0][1]} assigns to {found[8][1]}: it returns nothing"
-            )
-        return Printed(_polynomial(found[8][2], "h", path), float(found[7][1]), float(found[7][2]))
+    def _number(self, text: str) -> str:
+        """Return an LREAL, which has a point."""
+        return text if "." in text else f"{text}.0"
 
 
 class PLCTurboPMAC(_Polynomial):
@@ -436,7 +427,6 @@ class PLCTurboPMAC(_Polynomial):
         title="Polynomial for a Turbo PMAC PLC program",
         entry="coefficients of y, which is added to the command: y = actuator_sign * -e + offset",
         units="x in mm, y in um unless said otherwise; named in a comment",
-        max_points=None,
         outside="held at the ends of the domain",
         sign_status="stated by the user: actuator_sign, no default; y is added by your program",
         activation=(
@@ -473,65 +463,32 @@ class PLCTurboPMAC(_Polynomial):
                lowest=0, highest=8191),
     )  # fmt: skip
 
-    def _body(self, numbers: Sequence[str], **options: Any) -> list[str]:
-        """Return a PLC program."""
-        names = ("x_variable", "y_variable", "held_variable")
-        x, y, h = (f"P{options[n]}" for n in names)
-        if len({x, y, h}) < 3:
-            raise DataError(f"plc-pmac: x, y and the held position need three variables, not {x}, "
-                            f"{y}, {h}")  # fmt: skip
-        low, high, *coefficients = numbers
-        line = f"{y}={horner(coefficients, h)}"
-        if len(line) > _LINE:
-            raise LimitError(
-                f"the expression has {len(line)} characters, PMAC takes {_LINE} a line; use fewer "
-                "digits= or a lower degree"
-            )
-        return [
-            f"OPEN PLC {options['plc']} CLEAR",
-            f"{h}={x}",
-            f"IF ({h}<{low})",
-            f"{h}={low}",
-            "ENDIF",
-            f"IF ({h}>{high})",
-            f"{h}={high}",
-            "ENDIF",
-            line,
-            "CLOSE",
-        ]
-
-    def _parsed(self, code: list[tuple[int, str]], path: Path) -> Printed:
-        """Return the polynomial of a program that was written here."""
-        number, variable = rf"(-?{UNSIGNED})", r"(P\d{1,4})"
-        rows = [
-            (r"OPEN PLC ?(\d{1,2}) CLEAR", "OPEN PLC n CLEAR"),
-            (f"{variable} ?= ?{variable}", "Ph=Px"),
-            (rf"IF ?\( ?{variable} ?< ?{number} ?\)", "IF (Ph<low)"),
-            (f"{variable} ?= ?{number}", "Ph=low"),
-            ("END ?IF", "ENDIF"),
-            (rf"IF ?\( ?{variable} ?> ?{number} ?\)", "IF (Ph>high)"),
-            (f"{variable} ?= ?{number}", "Ph=high"),
-            ("END ?IF", "ENDIF"),
-            (f"{variable} ?= ?(.+)", "Py=polynomial"),
-            ("CLOSE", "CLOSE"),
-        ]
-        found = _matched(code, rows, path)
-        held = found[1][1].upper()
-        if any(found[i][1].upper() != held for i in (2, 3, 5, 6)) or (
-            len({held, found[1][2].upper(), found[8][1].upper()}) < 3
-        ):
-            raise damaged(path, f"position, {held} and y are mixed up in the program")
-        if float(found[2][2]) != float(found[3][2]) or float(found[5][2]) != float(found[6][2]):
-            raise damaged(path, "a limit of the position differs from what it is set to")
-        return Printed(
-            _polynomial(found[8][2].upper(), held, path), float(found[2][2]), float(found[5][2])
+    layout = tuple(
+        Line(line, loose=True, n=Word(r"\d{1,2}"), low=_NUMBER, high=_NUMBER, Ph=_VARIABLE, Px=_VARIABLE,
+             Py=_VARIABLE, polynomial=Word(".+", str.upper))
+        for line in (
+            "OPEN PLC~{n} CLEAR", "{Ph}={Px}", "IF~({Ph}<{low})", "{Ph}={low}", "END|IF",
+            "IF~({Ph}>{high})", "{Ph}={high}", "END|IF", "{Py}={polynomial}", "CLOSE",
         )
+    )  # fmt: skip
+    mixed: ClassVar[Mapping[str, str]] = {
+        "Ph": "position, {0} and y are mixed up in the program",
+        **dict.fromkeys(("low", "high"), "a limit of the position differs from what it is set to"),
+    }
+    longest = 200  # characters that PMAC surely takes
+
+    def _stated(self, **options: Any) -> dict[str, Any]:
+        """Return the variables and the number of the program."""
+        names = {k: f"P{options[n]}" for k, n in
+                 (("Px", "x_variable"), ("Py", "y_variable"), ("Ph", "held_variable"))}  # fmt: skip
+        if len(set(names.values())) < 3:
+            raise DataError(
+                f"plc-pmac: x, y and the held position need three variables, not {', '.join(names.values())}"
+            )
+        return {**names, "n": options["plc"]}
 
 
 # ---- polynomials in Horner form as text, and what the text computes ----------------------------
-
-UNSIGNED = r"\d{1,300}(?:\.\d{1,300})?"
-"""Decimals without sign and exponent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -595,11 +552,6 @@ def parsed_horner(text: str, x: str) -> FloatArray | None:
         at = match.end()
     return np.array(found) if text[at:] == ")" * (len(found) - 1) else None
 
-
-# ---- names of structured text after IEC 61131-3: what is an identifier, and which ones are taken ----
-
-IDENTIFIER = r"[A-Za-z][A-Za-z0-9_]{0,30}"
-"""Pattern of a name: no underscore in front, at most 31 characters."""
 
 RESERVED = (
     " X H ACTION AND ANY ARRAY AT BEGIN BY CASE CLASS CONFIGURATION CONSTANT CONTINUE DO ELSE"

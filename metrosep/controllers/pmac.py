@@ -12,7 +12,8 @@ Manual, leadscrew compensation (range, roll-over). Grammar and numbers only.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
 from metrosep.controllers._facts import agreed, facts_of, printable, settled
-from metrosep.controllers._grammar import code_rows, damaged, decoded, joined, scaled
+from metrosep.controllers._grammar import Line, Word, code_rows, damaged, decoded, joined, scaled
 from metrosep.controllers._grids import RollingGrid, enclosing_nodes, rolled_values, rolling_grid
 from metrosep.controllers.base import (
     Dialect,
@@ -81,21 +82,31 @@ ACTIVATION = (
 )
 """Steps to load a table, for all of the family."""
 
-_DELETE = re.compile(
-    r"DELETE\s+GATHER|#(?P<motor>\d{1,2})\s*DELETE\s+(?P<kind>(?:BL)?COMP)", re.IGNORECASE
+_MOTOR = Word(r"\d{1,2}", int)
+_KIND = Word("(?:BL)?COMP", str.upper)
+_SPAN = Word(r"\d{1,15}", int)
+_GATHER = Line("DELETE GATHER", loose=True)
+_DELETE = Line("#{motor}~DELETE {kind}", loose=True, motor=_MOTOR, kind=_KIND)
+_SET = Line(
+    "I{number}={value}", loose=True, number=Word(r"\d{1,4}", int), value=Word(r"\d{1,12}", int)
 )
-_DEFINED = re.compile(r"#(?P<motor>\d{1,2})\s*DEFINE\s+(?P<kind>(?:BL)?COMP)", re.IGNORECASE)
-
-_SET = re.compile(r"I(\d{1,4})\s*=\s*(\d{1,12})", re.IGNORECASE)
-
 _INTEGER = re.compile(r"[+-]?\d{1,12}")
+
+
+def define_line(template: str) -> Line:
+    """Return the DEFINE line of a kind of table, of motors, counts of entries, spans and D."""
+    sizes = dict.fromkeys(("entries", "rows", "columns"), Word(r"\d{1,6}", int))
+    spans = dict.fromkeys(("span", "row_span", "column_span"), _SPAN)
+    motors = dict.fromkeys(("owner", "source", "target", "x", "y"), _MOTOR)
+    desired = dict.fromkeys(("d", "e"), Word("D?"))
+    return Line(template, loose=True, **sizes, **spans, **motors, **desired)
 
 
 @dataclass(frozen=True, slots=True)
 class Program:
     """A PMAC file, read."""
 
-    define: re.Match[str]  # the DEFINE line
+    define: Mapping[str, Any]  # words of the DEFINE line
     entries: NDArray[np.int64]  # the numbers that follow it
     settings: Mapping[int, int]  # to int: I-variables that the file sets
     facts: Mapping[str, str]  # to str: of its comments
@@ -104,59 +115,53 @@ class Program:
 def read_program(
     data: bytes,
     path: Path,
-    define: re.Pattern[str],
-    count_entries: Callable[[re.Match[str]], int],
-    sets: Sequence[int] = (51,),
+    define: Line,
+    count_entries: Callable[[Mapping[str, Any]], int],
+    sets: Callable[[int], Sequence[int]] = lambda _: (51,),
 ) -> Program:
     """Return what a PMAC file holds; strict."""
     lines = decoded(data, path, "Turbo PMAC table").splitlines()
     code, comments = code_rows(lines, ";")
     head = 0
-    while head < len(code) and _DELETE.fullmatch(code[head][1]):
+    while head < len(code) and (_GATHER.read(code[head][1]), _DELETE.read(code[head][1])) != (
+        None,
+        None,
+    ):
         head += 1
-    match = define.fullmatch(code[head][1]) if head < len(code) else None
-    if match is None:
-        found = f"line {code[head][0]}: {code[head][1][:60]!r}" if head < len(code) else "the end"
+    found = define.read(code[head][1]) if head < len(code) else None
+    if found is None:
         raise CorruptFileError(
             path,
             "not a table of Turbo PMAC",
             field="DEFINE line",
-            found=found,
+            found=f"line {code[head][0]}: {code[head][1][:60]!r}"
+            if head < len(code)
+            else "the end",
             hint="the file holds DELETE lines, one DEFINE line, its entries and I51=1",
         )
-    for number in re.findall(r"#(\d+)", match[0]):
-        if not 1 <= int(number) <= MOTORS:
+    for number in (v for n, v in found.items() if define.words[n] is _MOTOR and v is not None):
+        if not 1 <= number <= MOTORS:
             raise damaged(
                 path,
                 f"there is no motor #{number}",
                 field="DEFINE line",
                 expected=f"#1 ... #{MOTORS}",
-                found=match[0][:60],
+                found=code[head][1][:60],
             )
-    _require_own_deletes(code[:head], match[0], path)
-    wanted = count_entries(match)
-    entries, rest = _entries(code[head + 1 :], wanted, path)
-    return Program(match, entries, _settings(rest, path, sets), facts_of(comments, path))
-
-
-def _require_own_deletes(code: Sequence[tuple[int, str]], define: str, path: Path) -> None:
-    """Refuse a file that deletes another table than the one it defines."""
-    own = _DEFINED.match(define)
-    for number, text in code:
-        found = _DELETE.fullmatch(text)
-        if found is None or own is None or found["motor"] is None:
-            continue
-        if (int(found["motor"]), found["kind"].upper()) != (
-            int(own["motor"]),
-            own["kind"].upper(),
-        ):
+    own = _DELETE.write(motor=found["owner"], kind="BLCOMP" if "BL" in define.template else "COMP")
+    for number, text in code[:head]:
+        deleted = _DELETE.read(text)
+        if deleted is not None and _DELETE.write(**deleted) != own:
             raise damaged(
                 path,
                 f"line {number} deletes another table than the file defines",
                 field="DELETE line",
-                expected=f"#{int(own['motor'])} DELETE {own['kind'].upper()}",
+                expected=own,
                 found=text[:60],
             )
+    entries, rest = _entries(code[head + 1 :], count_entries(found), path)
+    settings = _settings(rest, path, sets(found["owner"]))
+    return Program(found, entries, settings, facts_of(comments, path))
 
 
 def _entries(
@@ -190,10 +195,10 @@ def _entries(
 def _settings(code: Sequence[tuple[int, str]], path: Path, sets: Sequence[int]) -> dict[int, int]:
     values: dict[int, int] = {}
     for position, (number, text) in enumerate(code):
-        match = _SET.fullmatch(text)
+        found = _SET.read(text)
         last = position == len(code) - 1
-        if match is not None and int(match[1]) in sets and int(match[1]) not in values:
-            values[int(match[1])] = int(match[2])
+        if found is not None and found["number"] in sets and found["number"] not in values:
+            values[found["number"]] = found["value"]
         elif not (last and text.upper() == "SAVE"):
             raise damaged(
                 path,
@@ -213,7 +218,7 @@ def _settings(code: Sequence[tuple[int, str]], path: Path, sets: Sequence[int]) 
 
 def rolled_size(program: Program, path: Path) -> tuple[int, int]:
     """Return entries and counts of a table over one motor, and refuse one that jumps at the roll-over."""
-    n, counts = program.entries.size, int(program.define["span"])
+    n, counts = program.entries.size, program.define["span"]
     if n == 0 or counts < n:
         raise damaged(
             path, f"{n} entries over {counts} counts are not a table", field="DEFINE line"
@@ -239,7 +244,7 @@ def refuse_ends(given: Mapping[str, Any], span: Mapping[str, float]) -> None:
             )
 
 
-def entry_lines(entries: Sequence[int]) -> list[str]:
+def entry_lines(entries: Iterable[int]) -> list[str]:
     """Return entries as lines of at most ten."""
     words = [str(int(v)) for v in entries]
     return [
@@ -262,6 +267,11 @@ def rounded_entries(
     return np.asarray(scaled_values, dtype=np.int64)
 
 
+def motor(name: str, which: str) -> Option:
+    """Return the option for the number of a motor."""
+    return Option(name, which, "integer", lowest=1, highest=MOTORS)
+
+
 def signed(name: str, whose: str) -> Option:
     """Return the option for the direction of a motor."""
     return Option(
@@ -273,20 +283,64 @@ def signed(name: str, whose: str) -> Option:
     )
 
 
-def length_facts(**lengths: float | None) -> list[str]:
-    """Return comment lines that state lengths."""
-    return [
-        f"; {name} = {scaled(v, 9)} nm"
-        if "count" in name
-        else f"; {name} = {scaled(round(v, _FEMTOMETRE), 3)} mm"
-        for name, v in lengths.items()
-        if v is not None
-    ]
+LONG_SPAN = Option(
+    "long_span",
+    "you listed a table of more than 8388607 counts back from the controller",
+    "flag",
+    default=False,
+)
+_READING = "for reading a file that does not say: {} position of its travel"
+GRID = (
+    Option(
+        "span",
+        "length after which positions roll over; chosen with a margin if omitted",
+        "length",
+        positive=True,
+    ),
+    Option(
+        "spacing", "distance of the entries; that of the table if omitted", "length", positive=True
+    ),
+    LONG_SPAN,
+    Option("first", _READING.format("lowest"), "length"),
+    Option("last", _READING.format("highest"), "length"),
+)
+"""Options of a table over one motor."""
 
 
-def motor_facts(given: Mapping[str, Any], *names: str) -> list[str]:
-    """Return comment lines that state motors."""
-    return [f"; {name} = {given[name]}" for name in names]
+def program_text(
+    title: str,
+    names: Mapping[str, str],
+    facts: Mapping[str, Any],
+    define: Line,
+    words: Mapping[str, Any],
+    rows: Iterable[Iterable[int]],
+    *,
+    sets: Mapping[int, int | None] | None = None,
+) -> bytes:
+    """Return a file: its facts as comments, DELETE lines, the DEFINE line, entries and settings."""
+    kind = "BLCOMP" if "BL" in define.template else "COMP"
+    return joined(
+        [
+            f"; metrosep: {title}",
+            *(f"; {n} = {axis}" for n, axis in names.items()),
+            *(f"; {n} = {_fact(n, v)}" for n, v in facts.items() if v is not None),
+            _GATHER.write(),
+            _DELETE.write(motor=words["owner"], kind=kind),
+            define.write(**words),
+            *(line for row in rows for line in entry_lines(row)),
+            *(_SET.write(number=n, value=v) for n, v in (sets or {}).items() if v is not None),
+            "I51=1",
+        ]
+    )
+
+
+def _fact(name: str, value: Any) -> str:
+    """Return a motor or a sign as it is, a length in mm or, of a count, in nm."""
+    if not isinstance(value, float):
+        return str(value)
+    if "count" in name:
+        return f"{scaled(value, 9)} nm"
+    return f"{scaled(round(value, _FEMTOMETRE), 3)} mm"
 
 
 def motors_of(stated: Mapping[str, int], known: dict[str, Any], path: Path) -> dict[str, Any]:
@@ -311,10 +365,11 @@ def refuse_turning(*axes: str) -> None:
             )
 
 
-def named_axes(
-    path: Path, facts: Mapping[str, str], first: float, *, same_motor: bool
-) -> dict[str, Any]:
+def named_axes(path: Path, program: Program, first: float) -> dict[str, Any]:
     """Return what a table's file cannot hold: of the sidecar, else of the comments."""
+    facts, owner = program.facts, program.define["owner"]
+    source, target = (program.define.get(k) or owner for k in ("source", "target"))
+    same_motor = source == target
     found = identity(path, first=first)
     pair = found["axis"], found["compensates"]
     if ("axis" in facts) != ("compensates" in facts):
@@ -358,11 +413,13 @@ def require_short_span(counts: int, long_span: bool, axis: str) -> None:
 _TOLD = ("source_sign", "motor_zero")
 """Options that are never guessed when a file is read."""
 
-_DEFINE = re.compile(
-    r"#(?P<owner>\d{1,2})\s*DEFINE\s+COMP\s+(?P<entries>\d{1,6})\s*,\s*"
-    r"(?:#(?P<source>\d{1,2})(?P<desired>D?)\s*,\s*)?(?:#(?P<target>\d{1,2})\s*,\s*)?(?P<span>\d{1,15})",
-    re.IGNORECASE,
-)
+_FACTS = (
+    "count", "source_count", "motor_zero", "first", "last", "source_sign", "target_sign",
+    "source_motor", "target_motor", "owner",
+)  # fmt: skip
+"""What a file says of its machine."""
+
+_DEFINE = define_line("#{owner}~DEFINE COMP {entries},[#{source}{d},][#{target},]{span}")
 
 
 def require_one_way(table: CompensationTable) -> None:
@@ -393,7 +450,63 @@ def motor_range(options: Mapping[str, Any], n: int, step: float, path: Path) -> 
     return int(nodes[0]), int(nodes[-1])
 
 
-class PMAC(Dialect):
+@dataclass(frozen=True, slots=True)
+class Filled:
+    """Values of a broken line at the entries of a table over one motor."""
+
+    grid: RollingGrid
+    entries: list[int]  # from the first spacing on to the roll-over, in 1/16 count
+    rounding: float  # m: largest
+    motor: NDArray[Any]  # m: nodes over the travel, and the values there
+    values: FloatArray
+
+
+def filled(
+    table: CompensationTable, y: FloatArray, given: Mapping[str, Any], *, tolerance: float
+) -> Filled:
+    """Return the entries of values at a table's positions, zero at the motor's zero but for a part of one."""
+    s, count, zero = given["source_sign"], given["count"], given["motor_zero"]
+    x = (s * (table.positions - zero))[::s]
+    own = given.get("source_count", count)
+    grid = rolling_grid(
+        x, span=given["span"], spacing=given["spacing"], count=own, axis=table.axis
+    )
+    require_short_span(grid.counts, given["long_span"], table.axis)
+    values = rolled_values(grid, x, y[::s], tolerance * count / SCALE)
+    at = zero + s * grid.positions
+    entries = rounded_entries(values, count, lambda k: format_length(float(at[k])))
+    j = enclosing_nodes(grid.step, float(x[0]), float(x[-1]))
+    rounding = float(np.abs(entries * count / SCALE - values).max())
+    return Filled(grid, np.roll(entries, -1).tolist(), rounding, j * grid.step, values[j % grid.n])
+
+
+class OneMotor(Dialect):
+    """A table over one motor, read; what its nodes say of the axis is for each kind to state."""
+
+    @abstractmethod
+    def _read(
+        self, data: bytes, path: Path, options: Mapping[str, Any]
+    ) -> tuple[FloatArray, float, dict[str, Any], Program]:
+        """Return values at nodes 0 ... n in m of the motor, the spacing, options, the file."""
+
+    @abstractmethod
+    def _in_axis(
+        self, motor: NDArray[Any], values: FloatArray, known: Mapping[str, Any]
+    ) -> dict[str, Any]:
+        """Return positions and columns of the axis, from positions of the motor."""
+
+    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
+        """Return the table over the travel it was made for."""
+        nodes, step, known, program = self._read(data, path, options)
+        n = nodes.size - 1
+        low, high = motor_range(known, n, step, path)
+        j = np.arange(low, high + 1)
+        columns = self._in_axis(j * step, nodes[j % n], known)
+        axes = named_axes(path, program, float(columns["positions"][0]))
+        return CompensationTable(**columns, is_exact_inverse=True, **axes)
+
+
+class PMAC(OneMotor):
     """Writer and reader of tables over one motor; see the module."""
 
     info = DialectInfo(
@@ -401,11 +514,9 @@ class PMAC(Dialect):
         title="Turbo PMAC position compensation (DEFINE COMP)",
         entry="correction added to the target motor in 1/16 count: round(-16 e / count)",
         units="1/16 count of the target motor; span in counts of the source motor",
-        max_points=None,
         outside="rolls over: the position is taken modulo the span",
         sign_status="documented: added to the target's desired position (Software Reference)",
         activation=ACTIVATION,
-        sign="documented",
         spacing="uniform",
         directions="one",
         resolution="1/16 count of the target motor",
@@ -429,28 +540,13 @@ class PMAC(Dialect):
             "length",
             positive=True,
         ),
-        Option(
-            "source_motor",
-            "number of the motor whose position is looked up; 1 if omitted",
-            "integer",
-            lowest=1,
-            highest=MOTORS,
-        ),
-        Option(
+        motor("source_motor", "number of the motor whose position is looked up; 1 if omitted"),
+        motor(
             "target_motor",
             "number of the motor that is corrected; the source if omitted and "
             "the table corrects its own axis",
-            "integer",
-            lowest=1,
-            highest=MOTORS,
         ),
-        Option(
-            "owner",
-            "motor the table belongs to; the target if omitted",
-            "integer",
-            lowest=1,
-            highest=MOTORS,
-        ),
+        motor("owner", "motor the table belongs to; the target if omitted"),
         Option(
             "desired", "look up the desired position (D), not the actual one", "flag", default=True
         ),
@@ -468,34 +564,7 @@ class PMAC(Dialect):
             "length",
             default=0.0,
         ),
-        Option(
-            "span",
-            "length after which positions roll over; chosen with a margin if omitted",
-            "length",
-            positive=True,
-        ),
-        Option(
-            "spacing",
-            "distance of the entries; that of the table if omitted",
-            "length",
-            positive=True,
-        ),
-        Option(
-            "long_span",
-            "you listed a table of more than 8388607 counts back from the controller",
-            "flag",
-            default=False,
-        ),
-        Option(
-            "first",
-            "for reading a file that does not say: lowest position of its travel",
-            "length",
-        ),
-        Option(
-            "last",
-            "for reading a file that does not say: highest position of its travel",
-            "length",
-        ),
+        *GRID,
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
@@ -503,94 +572,36 @@ class PMAC(Dialect):
         refuse_turning(table.axis, table.compensates)
         require_one_way(table)
         given = _checked_motors(table, options)
-        count, s, t = given["count"], given["source_sign"], given["target_sign"]
-        x = s * (table.positions - given["motor_zero"])
-        y = t * table.forward
-        x, y = (x, y) if s > 0 else (x[::-1], y[::-1])
-        grid = rolling_grid(
-            x,
-            span=given["span"],
-            spacing=given["spacing"],
-            count=given["source_count"],
-            axis=table.axis,
-        )
-        require_short_span(grid.counts, given["long_span"], table.axis)
-        values = rolled_values(grid, x, y, 0.5 * count / SCALE)
-        at = given["motor_zero"] + s * grid.positions
-        entries = rounded_entries(values, count, lambda k: format_length(float(at[k])))
-        nodes = enclosing_nodes(grid.step, float(x[0]), float(x[-1]))
-        carried = replace(
-            table,
-            **_in_axis(nodes * grid.step, values[nodes % grid.n], given),
-            reverse=None,
-            u=None,
-        )
-        text = self._text(table, given, grid, np.roll(entries, -1))
+        made = filled(table, given["target_sign"] * table.forward, given, tolerance=0.5)
+        columns = self._in_axis(made.motor, made.values, given)
+        carried = replace(table, **columns, u=None)
+        names = {n: printable(getattr(table, n), "axis") for n in ("axis", "compensates")}
+        source, target = given["source_motor"], given["target_motor"]
+        data = program_text(
+            f"{names['axis']} (#{source}) corrects {names['compensates']} (#{target}); entries are added "
+            f"to #{target}, -16 error / count",
+            names,
+            {**{n: given[n] for n in _FACTS}, **dict(zip(("first", "last"), table.span, strict=True))},
+            _DEFINE,
+            {
+                "owner": given["owner"], "source": source, "target": target,
+                "d": "D" if given["desired"] else "", "entries": made.grid.n,
+                "span": made.grid.counts,
+            },
+            [made.entries],
+        )  # fmt: skip
         return Encoded(
-            data=text,
-            quantisation=float(np.abs(entries * count / SCALE - values).max()),
-            step=count / SCALE,
+            data=data,
+            quantisation=made.rounding,
+            step=given["count"] / SCALE,
             carried=carried,
             resampling_error=resampling_error(table, carried),
             findings=_warnings(options, given),
-            notes={"span_counts": grid.counts, "entries": grid.n, "spacing_m": grid.step},
-        )
-
-    def _text(
-        self,
-        table: CompensationTable,
-        given: Mapping[str, Any],
-        grid: RollingGrid,
-        entries: NDArray[np.int64],
-    ) -> bytes:
-        source, target, owner = given["source_motor"], given["target_motor"], given["owner"]
-        axis, other = printable(table.axis, "axis"), printable(table.compensates, "axis")
-        low, high = table.span
-        lines = [
-            (
-                f"; metrosep: {axis} (#{source}) corrects {other} (#{target}); entries are added to "
-                f"#{target}, -16 error / count"
-            ),
-            f"; axis = {axis}",
-            f"; compensates = {other}",
-            *length_facts(
-                count=given["count"],
-                source_count=given["source_count"],
-                motor_zero=given["motor_zero"],
-                first=low,
-                last=high,
-            ),
-            f"; source_sign = {given['source_sign']}",
-            f"; target_sign = {given['target_sign']}",
-            *motor_facts(given, "source_motor", "target_motor", "owner"),
-            "DELETE GATHER",
-            f"#{owner} DELETE COMP",
-            (
-                f"#{owner} DEFINE COMP {grid.n},#{source}{'D' if given['desired'] else ''},#{target},"
-                f"{grid.counts}"
-            ),
-            *entry_lines(entries.tolist()),
-            "I51=1",
-        ]
-        return joined(lines)
-
-    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table over the travel it was made for."""
-        nodes, step, known, program = self._read(data, path, options)
-        n = nodes.size - 1
-        low, high = motor_range(known, n, step, path)
-        j = np.arange(low, high + 1)
-        columns = _in_axis(j * step, nodes[j % n], known)
-        return CompensationTable(
-            **columns,
-            reverse=None,
-            is_exact_inverse=True,
-            **named_axes(
-                path,
-                program.facts,
-                float(columns["positions"][0]),
-                same_motor=known["source_motor"] == known["target_motor"],
-            ),
+            notes={
+                "span_counts": made.grid.counts,
+                "entries": made.grid.n,
+                "spacing_m": made.grid.step,
+            },
         )
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
@@ -608,16 +619,15 @@ class PMAC(Dialect):
     def facts(self, data: bytes, path: Path, **options: Any) -> dict[str, Any]:
         """Return what a file says of its machine."""
         _, _, known, program = self._read(data, path, options)
-        same = known["source_motor"] == known["target_motor"]
-        return {**known, **named_axes(path, program.facts, 0.0, same_motor=same)}
+        return {**known, **named_axes(path, program, 0.0)}
 
     def _read(
         self, data: bytes, path: Path, options: Mapping[str, Any]
     ) -> tuple[FloatArray, float, dict[str, Any], Program]:
         """Return corrections of the motor at nodes 0 ... n in m, the spacing, options, the file."""
-        program = read_program(data, path, _DEFINE, lambda m: int(m["entries"]))
-        define, owner = program.define, int(program.define["owner"])
-        motors = {k: int(define[k] or owner) for k in ("source", "target")}
+        program = read_program(data, path, _DEFINE, lambda words: int(words["entries"]))
+        define, owner = program.define, program.define["owner"]
+        motors = {k: define[k] or owner for k in ("source", "target")}
         same = motors["source"] == motors["target"]
         told = _TOLD if same else (*_TOLD, "source_count", "target_sign")
         known = motors_of(
@@ -633,16 +643,16 @@ class PMAC(Dialect):
         nodes = np.concatenate([[0.0], program.entries * known["count"] / SCALE])
         return nodes, counts * known["source_count"] / n, known, program
 
-
-def _in_axis(
-    motor: NDArray[Any], values: NDArray[Any], known: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Return positions and corrections of the axes, from those of the motors."""
-    positions = known["motor_zero"] + known["source_sign"] * motor
-    forward = known["target_sign"] * values + 0.0
-    if known["source_sign"] < 0:
-        positions, forward = positions[::-1], forward[::-1]
-    return {"positions": positions, "forward": forward}
+    def _in_axis(
+        self, motor: NDArray[Any], values: FloatArray, known: Mapping[str, Any]
+    ) -> dict[str, Any]:
+        """Return positions and corrections of the axes, from those of the motors."""
+        s = known["source_sign"]
+        return {
+            "positions": (known["motor_zero"] + s * motor)[::s],
+            "forward": (known["target_sign"] * values + 0.0)[::s],
+            "reverse": None,
+        }
 
 
 def _checked_motors(table: CompensationTable, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -29,10 +28,8 @@ from metrosep.compensation.measured import measured_error
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
 from metrosep.controllers._facts import is_same, printable, settled
-from metrosep.controllers._grammar import damaged, joined
-from metrosep.controllers._grids import enclosing_nodes, rolled_values, rolling_grid
+from metrosep.controllers._grammar import damaged
 from metrosep.controllers.base import (
-    Dialect,
     DialectInfo,
     Encoded,
     Simulator,
@@ -44,23 +41,22 @@ from metrosep.controllers.base import (
 from metrosep.controllers.options import Option
 from metrosep.controllers.pmac import (
     ACTIVATION,
+    GRID,
     LARGEST,
-    MOTORS,
     PMAC,
     SCALE,
+    OneMotor,
     Program,
-    entry_lines,
-    length_facts,
-    motor_facts,
-    motor_range,
+    define_line,
+    filled,
+    motor,
     motors_of,
     named_axes,
+    program_text,
     read_program,
     refuse_ends,
     refuse_turning,
-    require_short_span,
     rolled_size,
-    rounded_entries,
     signed,
 )
 from metrosep.core._arrays import FloatArray
@@ -70,10 +66,10 @@ from metrosep.core.units import format_length
 __all__ = ["PMACBacklash"]
 
 
-_DEFINE = re.compile(
-    r"#(?P<motor>\d{1,2})\s*DEFINE\s+BLCOMP\s+(?P<entries>\d{1,6})\s*,\s*(?P<span>\d{1,15})",
-    re.IGNORECASE,
-)
+_DEFINE = define_line("#{owner}~DEFINE BLCOMP {entries},{span}")
+_FACTS = ("count", "motor_zero", "first", "last", "source_sign", "motor")
+"""What a file says of its machine."""
+
 _SIZE, _RATE = 86, 85
 """Ixx86: backlash at the zero of the motor; Ixx85: how fast it is taken up."""
 
@@ -87,7 +83,7 @@ _CLOSE = 0.1
 """Difference of the table besides from the forward column, over its span, that is worth a word."""
 
 
-class PMACBacklash(Dialect):
+class PMACBacklash(OneMotor):
     """Writer and reader of backlash tables; see the module."""
 
     info = DialectInfo(
@@ -96,7 +92,6 @@ class PMACBacklash(Dialect):
         entry="subtracted while moving negative, in 1/16 count: round(16 (e_rev - e_fwd) / count), "
         "less Ixx86",
         units="1/16 count; span in counts",
-        max_points=None,
         outside="rolls over: the position is taken modulo the span",
         sign_status="documented: subtracted in the negative direction (Software Reference)",
         activation=(
@@ -110,7 +105,6 @@ class PMACBacklash(Dialect):
                 "the reversal that is needed before it is"
             ),
         ),
-        sign="documented",
         spacing="uniform",
         directions="two",
         resolution="1/16 count",
@@ -124,7 +118,7 @@ class PMACBacklash(Dialect):
         Option(
             "count", "length of one count of the motor", "length", required=True, positive=True
         ),
-        Option("motor", "number of the motor; 1 if omitted", "integer", lowest=1, highest=MOTORS),
+        motor("motor", "number of the motor; 1 if omitted"),
         signed("source_sign", "the"),
         Option(
             "motor_zero", "position of the axis where the motor reads zero", "length", default=0.0
@@ -149,30 +143,17 @@ class PMACBacklash(Dialect):
             lowest=1,
             highest=LARGEST,
         ),
-        Option("span", "length after which positions roll over", "length", positive=True),
-        Option("spacing", "distance of the entries", "length", positive=True),
-        Option(
-            "long_span",
-            "you listed a table of more than 8388607 counts back from the controller",
-            "flag",
-            default=False,
-        ),
-        Option("first", "for reading: lowest position of the travel", "length"),
-        Option("last", "for reading: highest position of the travel", "length"),
+        *GRID,
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         """Return DELETE lines, the DEFINE line, entries, Ixx86 and I51=1; SAVE comes after the trial."""
         refuse_turning(table.axis, table.compensates)
         _check(table, options)
-        count, s, motor = (
-            float(options["count"]),
-            int(options["source_sign"]),
-            options["motor"] or 1,
-        )
+        count, owner = float(options["count"]), options["motor"] or 1
         lost = _lost_motion(table)
-        x = (s * (table.positions - options["motor_zero"]))[::s]
-        y = lost[::s]
+        x, y = (v[:: options["source_sign"]] for v in (table.positions, lost))
+        x = options["source_sign"] * (x - options["motor_zero"])
         base = round(SCALE * float(np.interp(0.0, x, y)) / count)
         if not 0 <= base <= LARGEST:
             raise LimitError(
@@ -180,31 +161,37 @@ class PMACBacklash(Dialect):
                 f"Ixx86 holds 0 ... {LARGEST} sixteenths of a count: a lost motion is positive, so "
                 "check which runs are forward, and whether one is compensated already"
             )
-        grid = rolling_grid(
-            x, span=options["span"], spacing=options["spacing"], count=count, axis=table.axis
-        )
-        require_short_span(grid.counts, options["long_span"], table.axis)
         fixed = base * count / SCALE
-        values = rolled_values(grid, x, y - fixed, 0.51 * count / SCALE)
-        at = options["motor_zero"] + s * grid.positions
-        entries = rounded_entries(values, count, lambda k: format_length(float(at[k])))
-        nodes = enclosing_nodes(grid.step, float(x[0]), float(x[-1]))
-        carried = replace(
-            table, **_in_axis(nodes * grid.step, values[nodes % grid.n] + fixed, options), u=None
+        made = filled(table, lost - fixed, options, tolerance=0.51)
+        columns = self._in_axis(made.motor, made.values + fixed, options)
+        carried = replace(table, **columns, u=None)
+        alone = replace(table, **_both(lost, options["source_sign"]))
+        axis = printable(table.axis, "axis")
+        size, rate = 100 * owner + _SIZE, 100 * owner + _RATE
+        facts = {n: options[n] for n in _FACTS} | dict(
+            zip(("first", "last"), table.span, strict=True)
         )
-        alone = replace(table, **_both(lost, s))
-        data = _text(table, options, motor, base, (grid.n, grid.counts), np.roll(entries, -1))
+        data = program_text(
+            f"lost motion of {axis} (#{owner}); entries and I{size} are subtracted while the motor moves "
+            "negative, 16 (e_rev - e_fwd) / count",
+            {"axis": axis, "compensates": axis},
+            {**facts, "motor": owner},
+            _DEFINE,
+            {"owner": owner, "entries": made.grid.n, "span": made.grid.counts},
+            [made.entries],
+            sets={size: base, rate: options["rate"]},
+        )
         return Encoded(
             data=data,
-            quantisation=float(np.abs(entries * count / SCALE - values).max()),
+            quantisation=made.rounding,
             step=count / SCALE,
             carried=carried,
             resampling_error=resampling_error(alone, carried),
             findings=_warnings(table, options, lost),
             notes={
-                "span_counts": grid.counts,
-                "entries": grid.n,
-                f"I{motor}{_SIZE}": base,
+                "span_counts": made.grid.counts,
+                "entries": made.grid.n,
+                f"I{size}": base,
                 "comp_sha256": _digest(options["comp"]),
             },
             verification=self._judged_alone(table, data, options),
@@ -233,24 +220,11 @@ class PMACBacklash(Dialect):
             **dict(zip(names, sizes, strict=True)),
         }
 
-    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the difference of the directions: zero while moving positive."""
-        nodes, step, known, program = self._read(data, path, options)
-        n = nodes.size - 1
-        low, high = motor_range(known, n, step, path)
-        j = np.arange(low, high + 1)
-        columns = _in_axis(j * step, nodes[j % n], known)
-        return CompensationTable(
-            **columns,
-            is_exact_inverse=True,
-            **named_axes(path, program.facts, float(columns["positions"][0]), same_motor=True),
-        )
-
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
         """Return what PMAC adds in each direction, with the table besides if `comp` names one."""
         nodes, step, known, program = self._read(data, path, options)
         n = nodes.size - 1
-        axis = named_axes(path, program.facts, 0.0, same_motor=True)["axis"]
+        axis = named_axes(path, program, 0.0)["axis"]
         besides = None
         if known.get("comp") is not None:
             besides = _besides(known["comp"], {**known, "axis": axis}, _hash_of_comp(path))
@@ -269,14 +243,14 @@ class PMACBacklash(Dialect):
         self, data: bytes, path: Path, options: Mapping[str, Any]
     ) -> tuple[FloatArray, float, dict[str, Any], Program]:
         """Return what is subtracted at nodes 0 ... n in m of the motor, spacing, options, file."""
-        found = _DEFINE.search(data.decode("ascii", errors="replace"))
-        motor = int(found["motor"]) if found else 0
-        size = 100 * motor + _SIZE
         program = read_program(
-            data, path, _DEFINE, lambda m: int(m["entries"]), (51, size, 100 * motor + _RATE)
-        )
+            data, path, _DEFINE, lambda words: int(words["entries"]),
+            lambda owner: (51, 100 * owner + _SIZE, 100 * owner + _RATE),
+        )  # fmt: skip
+        owner = program.define["owner"]
+        size, rate = 100 * owner + _SIZE, 100 * owner + _RATE
         known = motors_of(
-            {"motor": motor},
+            {"motor": owner},
             settled(self.options, options, path, file=program.facts, needed=_STATED),
             path,
         )
@@ -290,12 +264,18 @@ class PMACBacklash(Dialect):
                 found=program.settings.get(size, "nothing"),
                 hint=f"add a line I{size}= with the value of the controller",
             )
-        if program.settings.get(100 * motor + _RATE) == 0:
-            raise damaged(
-                path, "the rate is 0: PMAC would take up nothing", field=f"I{100 * motor + _RATE}"
-            )
+        if program.settings.get(rate) == 0:
+            raise damaged(path, "the rate is 0: PMAC would take up nothing", field=f"I{rate}")
         sixteenths = np.concatenate([[0], program.entries]) + program.settings[size]
         return sixteenths * known["count"] / SCALE, counts * known["count"] / n, known, program
+
+    def _in_axis(
+        self, motor: NDArray[Any], values: FloatArray, known: Mapping[str, Any]
+    ) -> dict[str, Any]:
+        """Return positions and columns of the axis, from positions of the motor."""
+        s = known["source_sign"]
+        positions = (known["motor_zero"] + s * motor)[::s]
+        return {"positions": positions, **_both(np.asarray(values[::s] + 0.0), s)}
 
 
 def _column(table: CompensationTable, direction: int) -> FloatArray:
@@ -325,15 +305,6 @@ def _both(lost: FloatArray, sign: int) -> dict[str, Any]:
     return {"forward": zero, "reverse": -lost} if sign > 0 else {"forward": lost, "reverse": zero}
 
 
-def _in_axis(motor: NDArray[Any], lost: NDArray[Any], known: Mapping[str, Any]) -> dict[str, Any]:
-    """Return positions and columns of the axis, from positions of the motor."""
-    s = known["source_sign"]
-    return {
-        "positions": (known["motor_zero"] + s * motor)[::s],
-        **_both(np.asarray(lost[::s] + 0.0), s),
-    }
-
-
 def _check(table: CompensationTable, options: Mapping[str, Any]) -> None:
     if not table.is_on_axis:
         raise TableError(
@@ -351,40 +322,6 @@ def _check(table: CompensationTable, options: Mapping[str, Any]) -> None:
             "comp= names forward corrections that are new: say one of them"
         )
     refuse_ends(options, dict(zip(("first", "last"), table.span, strict=True)))
-
-
-def _text(
-    table: CompensationTable,
-    options: Mapping[str, Any],
-    motor: int,
-    base: int,
-    size: tuple[int, int],
-    entries: NDArray[np.int64],
-) -> bytes:
-    axis = printable(table.axis, "axis")
-    low, high = table.span
-    rate = [] if options["rate"] is None else [f"I{motor}{_RATE}={options['rate']}"]
-    lines = [
-        (
-            f"; metrosep: lost motion of {axis} (#{motor}); entries and I{motor}{_SIZE} are subtracted "
-            "while the motor moves negative, 16 (e_rev - e_fwd) / count"
-        ),
-        f"; axis = {axis}",
-        f"; compensates = {axis}",
-        *length_facts(
-            count=options["count"], motor_zero=options["motor_zero"], first=low, last=high
-        ),
-        f"; source_sign = {options['source_sign']}",
-        *motor_facts({"motor": motor}, "motor"),
-        "DELETE GATHER",
-        f"#{motor} DELETE BLCOMP",
-        f"#{motor} DEFINE BLCOMP {size[0]},{size[1]}",
-        *entry_lines(entries.tolist()),
-        f"I{motor}{_SIZE}={base}",
-        *rate,
-        "I51=1",
-    ]
-    return joined(lines)
 
 
 def _besides(name: str, known: Mapping[str, Any], written_with: object = None) -> Simulator:

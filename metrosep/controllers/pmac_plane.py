@@ -12,7 +12,6 @@ Reference: Delta Tau, Turbo PMAC Software Reference, DEFINE COMP (two-dimensiona
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,7 +24,7 @@ from metrosep.compensation.area_errors import bilinear
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers._facts import printable, settled
-from metrosep.controllers._grammar import damaged, joined
+from metrosep.controllers._grammar import damaged
 from metrosep.controllers._grids import (
     RollingGrid,
     enclosing_nodes,
@@ -44,14 +43,14 @@ from metrosep.controllers.base import (
 from metrosep.controllers.options import Option
 from metrosep.controllers.pmac import (
     ACTIVATION,
-    MOTORS,
+    LONG_SPAN,
     SCALE,
     Program,
-    entry_lines,
-    length_facts,
-    motor_facts,
+    define_line,
+    motor,
     motor_range,
     motors_of,
+    program_text,
     read_program,
     refuse_ends,
     refuse_turning,
@@ -72,12 +71,14 @@ _FINEST = 200
 _STATED = ("x_count", "y_count", "x_sign", "y_sign", "target_sign", "x_zero", "y_zero")
 """Options that are never guessed when a file is read."""
 
-_DEFINE = re.compile(
-    r"#(?P<owner>\d{1,2})\s*DEFINE\s+COMP\s+(?P<rows>\d{1,6})\.(?P<columns>\d{1,6})\s*,\s*"
-    r"#(?P<x>\d{1,2})D?\s*,\s*(?:#(?P<y>\d{1,2})D?\s*,\s*)?(?:#(?P<target>\d{1,2})\s*,\s*)?"
-    r"(?P<row_span>\d{1,15})\s*,\s*(?P<column_span>\d{1,15})",
-    re.IGNORECASE,
+_DEFINE = define_line(
+    "#{owner}~DEFINE COMP {rows}.{columns},#{x}{d},[#{y}{e},][#{target},]{row_span},{column_span}"
 )
+_FACTS = (
+    "count", *(f"{n}_{k}" for n in "xy" for k in ("count", "zero", "first", "last")), "x_sign", "y_sign",
+    "target_sign", "x_motor", "y_motor", "target_motor",
+)  # fmt: skip
+"""What a file says of its machine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,15 +98,9 @@ class _Side:
         return np.asarray(self.zero + self.sign * motor)
 
 
-def _side_options(name: str, which: str, motor: int) -> tuple[Option, ...]:
+def _side_options(name: str, which: str, number: int) -> tuple[Option, ...]:
     return (
-        Option(
-            f"{name}_motor",
-            f"motor of the {which} axis of the map; {motor} if omitted",
-            "integer",
-            lowest=1,
-            highest=MOTORS,
-        ),
+        motor(f"{name}_motor", f"motor of the {which} axis of the map; {number} if omitted"),
         Option(
             f"{name}_count",
             f"length of one count of the {which} axis; as count if omitted",
@@ -133,11 +128,9 @@ class PMACPlane(Dialect):
         title="Turbo PMAC position compensation over two motors (DEFINE COMP rows.columns)",
         entry="correction added to the target motor in 1/16 count: round(-16 e / count)",
         units="1/16 count of the target motor; spans in counts of the source motors",
-        max_points=None,
         outside="rolls over: each position is taken modulo its span",
         sign_status="documented: added to the target's desired position (Software Reference)",
         activation=ACTIVATION,
-        sign="documented",
         carries="map",
         spacing="uniform",
         directions="one",
@@ -153,23 +146,14 @@ class PMACPlane(Dialect):
             "count", "length of one count of the target motor", "length", required=True,
             positive=True,
         ),
-        Option(
-            "target_motor", "motor that is corrected; 3 if omitted, or the source that it is",
-            "integer", lowest=1, highest=MOTORS,
-        ),
-        Option(
-            "owner", "motor the table belongs to; the target if omitted", "integer", lowest=1,
-            highest=MOTORS,
-        ),
+        motor("target_motor", "motor that is corrected; 3 if omitted, or the source that it is"),
+        motor("owner", "motor the table belongs to; the target if omitted"),
         Option("desired", "look up desired positions (D), not actual ones", "flag", default=True),
         Option(
             "target_sign", "-1 if the counts of the target motor fall where its axis rises",
             "choice", choices=(1, -1),
         ),
-        Option(
-            "long_span", "you listed a table of more than 8388607 counts back from the controller",
-            "flag", default=False,
-        ),
+        LONG_SPAN,
         *_side_options("x", "first", 1),
         *_side_options("y", "second", 2),
     )  # fmt: skip
@@ -252,15 +236,18 @@ class PMACPlane(Dialect):
     ) -> tuple[FloatArray, tuple[float, float], dict[str, Any], Program]:
         """Return nodes (rows + 1, columns + 1) in m of the motor, spacings, options, the file."""
         program = read_program(
-            data, path, _DEFINE, lambda m: (int(m["rows"]) + 1) * (int(m["columns"]) + 1) - 1
+            data,
+            path,
+            _DEFINE,
+            lambda words: int((words["rows"] + 1) * (words["columns"] + 1) - 1),
         )
-        motors = {f"{k}_motor": program.define[k] for k in ("x", "y", "target")}
-        lines = {k: int(v or program.define["owner"]) for k, v in motors.items()}
-        lines["owner"] = int(program.define["owner"])
+        define = program.define
+        lines = {f"{k}_motor": define[k] or define["owner"] for k in ("x", "y", "target")}
+        lines["owner"] = define["owner"]
         given = settled(self.options, options, path, file=program.facts, needed=_STATED)
         known = _filled(motors_of(lines, given, path))
-        rows, columns = int(program.define["rows"]), int(program.define["columns"])
-        spans = int(program.define["row_span"]), int(program.define["column_span"])
+        rows, columns = define["rows"], define["columns"]
+        spans = define["row_span"], define["column_span"]
         if rows < 1 or columns < 1 or spans[0] < columns or spans[1] < rows:
             raise damaged(
                 path,
@@ -290,41 +277,25 @@ def _text(
     grids: tuple[RollingGrid, ...],
     entries: NDArray[np.int64],
 ) -> bytes:
-    names = [printable(a, "axis") for a in (*table.axes, table.compensates)]
+    axes = [printable(a, "axis") for a in (*table.axes, table.compensates)]
+    names = dict(zip(("x_axis", "y_axis", "compensates"), axes, strict=True))
     closed = np.pad(entries, ((0, 1), (0, 1)), mode="wrap")
-    d = "D" if given["desired"] else ""
-    facts = {"count": given["count"]}
-    for name, side, (low, high) in zip("xy", sides, table.span, strict=True):
-        facts |= {
-            f"{name}_count": side.count,
-            f"{name}_zero": side.zero,
-            f"{name}_first": low,
-            f"{name}_last": high,
-        }
-    lines = [
-        (
-            f"; metrosep: {names[0]} (#{sides[0].motor}) and {names[1]} (#{sides[1].motor}) correct "
-            f"{names[2]} (#{given['target_motor']}); entries are added to it, -16 error / count"
-        ),
-        f"; x_axis = {names[0]}",
-        f"; y_axis = {names[1]}",
-        f"; compensates = {names[2]}",
-        *length_facts(**facts),
-        f"; x_sign = {sides[0].sign}",
-        f"; y_sign = {sides[1].sign}",
-        f"; target_sign = {given['target_sign']}",
-        *motor_facts(given, "x_motor", "y_motor", "target_motor"),
-        "DELETE GATHER",
-        f"#{given['owner']} DELETE COMP",
-        (
-            f"#{given['owner']} DEFINE COMP {grids[1].n}.{grids[0].n},#{sides[0].motor}{d},"
-            f"#{sides[1].motor}{d},#{given['target_motor']},{grids[0].counts},{grids[1].counts}"
-        ),
-        *entry_lines(closed[0, 1:].tolist()),
-        *(line for row in closed[1:] for line in entry_lines(row.tolist())),
-        "I51=1",
-    ]
-    return joined(lines)
+    facts = {n: given[n] for n in _FACTS}
+    for name, span in zip("xy", table.span, strict=True):
+        facts |= {f"{name}_first": span[0], f"{name}_last": span[1]}
+    motors = {"x": sides[0].motor, "y": sides[1].motor, "target": given["target_motor"]}
+    sizes = {"rows": grids[1].n, "columns": grids[0].n}
+    spans = {"row_span": grids[0].counts, "column_span": grids[1].counts}
+    desired = dict.fromkeys("de", "D" if given["desired"] else "")
+    return program_text(
+        f"{axes[0]} (#{motors['x']}) and {axes[1]} (#{motors['y']}) correct {axes[2]} "
+        f"(#{motors['target']}); entries are added to it, -16 error / count",
+        names,
+        facts,
+        _DEFINE,
+        {"owner": given["owner"], **motors, **sizes, **spans, **desired},
+        [closed[0, 1:], *closed[1:]],
+    )
 
 
 def _node_values(

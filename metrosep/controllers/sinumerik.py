@@ -18,7 +18,7 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.products import ProductTables, rank_one
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import settled
+from metrosep.controllers._facts import agreed, settled
 from metrosep.controllers._grammar import short
 from metrosep.controllers._grids import (
     AlongOption,
@@ -27,8 +27,11 @@ from metrosep.controllers._grids import (
     even_table,
     format_amount,
     format_span,
+    require_one_direction,
 )
 from metrosep.controllers._sinumerik_file import (
+    CEC,
+    ENC,
     Assignment,
     Grid,
     axis_letter,
@@ -40,12 +43,10 @@ from metrosep.controllers._sinumerik_file import (
     checked_name,
     factors,
     folded,
-    grid_of,
     opened,
     pair,
     read_assignments,
     require_same_axes,
-    table_lines,
     turning,
     units,
     write_program,
@@ -60,7 +61,7 @@ from metrosep.controllers.base import (
     map_identity,
     table_lookup,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import ENTRY_SIGN, Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
@@ -85,19 +86,12 @@ _RESIDUAL = 0.1
 
 _DRY_RUN = "sign not documented: dry-run on the machine first"
 
-_SIGN = Option(
-    "entry_sign",
-    "sign of an entry for an error e = actual - nominal: 1 writes +e, -1 writes -e",
-    "choice",
-    default=1,
-    choices=(1, -1),
-)
 _SHARED = (
     Option(
         "output_axis", "name of the corrected machine axis, such as AX3", "text", required=True
     ),
     Option("table_index", "index of the first table", "integer", default=0, lowest=0),
-    _SIGN,
+    ENTRY_SIGN,
     Option("channel", "number in CHANDATA", "integer", default=1, lowest=1),
     Option("points_limit", "MD18342 of a table; 200 on 828D", "integer", lowest=2),
     AlongOption(
@@ -123,7 +117,6 @@ class SinumerikCec(Dialect):
         title="SINUMERIK sag compensation ($AN_CEC)",
         entry="+e with entry_sign=1, suggested by the encoder compensation; -e with entry_sign=-1",
         units="mm, of a turning axis degrees (basic system metric)",
-        max_points=None,
         outside="end values hold; with modulo=True it repeats",
         sign_status="not stated in the pages of the compensation manual that could be read",
         activation=_ACTIVATION,
@@ -179,8 +172,10 @@ class SinumerikCec(Dialect):
             rounding = max(rounding, float(np.abs(back - column).max()))
             direction = 0 if len(columns) == 1 else 1 - 2 * k
             span = [v / units(turns=o["input_turns"]) for v in carried.span]
-            facts = {"DIRECTION": direction, "MULT_BY_TABLE": 0, "IS_MODULO": int(o["modulo"])}
-            lines += table_lines(o["table_index"] + k, words, span, (names[0], names[1]), facts)
+            lines += CEC.lines(
+                (o["table_index"] + k,), words, span, INPUT_AXIS=names[0], OUTPUT_AXIS=names[1],
+                DIRECTION=direction, MULT_BY_TABLE=0, IS_MODULO=int(o["modulo"]),
+            )  # fmt: skip
         told = _facts(
             o,
             (table.axis, table.compensates),
@@ -209,11 +204,10 @@ class SinumerikCec(Dialect):
     def _read(
         self, data: bytes, path: Path, options: Mapping[str, Any]
     ) -> tuple[CompensationTable, bool]:
-        tables, o, noted = opened(data, path, self.options, options, self.info.id)
+        tables, o, noted = opened(data, path, self.options, options)
         first, second = pair(tables, path, o)
         for name in ("input_axis", "output_axis"):
-            if o.get(name, getattr(first, name)) != getattr(first, name):
-                raise DataError(f"{path}: you say {name}={o[name]}, it is {getattr(first, name)}")
+            agreed(path, name, {"the file": getattr(first, name), "you": o.get(name)})
         own = first.input_axis == first.output_axis
         turns_in, turns_out = (
             turning(
@@ -256,7 +250,6 @@ class SinumerikCecProduct(Dialect):
         title="SINUMERIK sag compensation over two axes, f(x) g(y) ($AN_CEC_MULT_BY_TABLE)",
         entry="first table +e with entry_sign=1, -e with -1; second a factor with peak 1 mm; multiplied",
         units="mm, positions of a turning axis degrees (basic system metric)",
-        max_points=None,
         outside="end values hold",
         sign_status=(
             "not stated in the pages of the compensation manual that could be read; nor whether the "
@@ -352,9 +345,11 @@ class SinumerikCecProduct(Dialect):
         lines: list[str] = []
         for k, (words, positions) in enumerate(((first, even.x), (second, even.y))):
             scale = units(turns=is_rotary(even.axes[k]))
-            facts = {"DIRECTION": 0, "MULT_BY_TABLE": 0 if k else t + 2, "IS_MODULO": 0}
             span = [float(positions[0]) / scale, float(positions[-1]) / scale]
-            lines += table_lines(t + k, words, span, (names[k], names[2]), facts)
+            lines += CEC.lines(
+                (t + k,), words, span, INPUT_AXIS=names[k], OUTPUT_AXIS=names[2], DIRECTION=0,
+                MULT_BY_TABLE=0 if k else t + 2, IS_MODULO=0,
+            )  # fmt: skip
         told = _facts(o, (*even.axes, even.compensates), turning=_turning(even))
         return Encoded(
             data=write_program("NC_CEC_INI", o["channel"], _comments(o), lines, told),
@@ -377,13 +372,12 @@ class SinumerikCecProduct(Dialect):
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
         """Return the map of a file of two tables that multiply."""
-        tables, o, noted = opened(data, path, self.options, options, self.info.id)
+        tables, o, noted = opened(data, path, self.options, options)
         first, second = factors(tables, path)
         found = (first.input_axis, second.input_axis, first.output_axis)
         keys = ("first_input_axis", "second_input_axis", "output_axis")
         for name, value in zip(keys, found, strict=True):
-            if o.get(name, value) != value:
-                raise DataError(f"{path}: you say {name}={o[name]}, it is {value}")
+            agreed(path, name, {"the file": value, "you": o.get(name)})
         told = o.get("turning")
         turns = [
             turning(t.input_axis, None if told is None else str(k) in told, "turning=...", path)
@@ -467,10 +461,6 @@ def _words(values: FloatArray, decimals: int) -> list[str]:
 # The entry is added to the ACTUAL value of the axis, so a positive one drives the axis in negative
 # direction: the entry for an error e is +e, the opposite of most controllers.
 
-_NAME = "$AA_ENC_COMP"
-_FACTS = ("STEP", "MIN", "MAX", "IS_MODULO")
-_POSITION_DECIMALS = 12
-
 
 class SinumerikEnc(Dialect):
     """Writer and reader of ``AX_EEC_INI``; see the module."""
@@ -480,7 +470,6 @@ class SinumerikEnc(Dialect):
         title="SINUMERIK encoder error compensation ($AA_ENC_COMP)",
         entry="+e, added to the actual value: a positive entry moves the axis in negative direction",
         units="mm, of a turning axis degrees (basic system metric)",
-        max_points=None,
         outside="end values hold; with modulo=True it repeats",
         sign_status="documented explicitly in the compensation manual K3; not run",
         activation=(
@@ -489,7 +478,6 @@ class SinumerikEnc(Dialect):
             "set MD32700 = 1, power on, reference the axis",
             "check in 'service axes' that the correction at a bump is the opposite of its error",
         ),
-        sign="documented",
         spacing="uniform",
         directions="one",
         resolution="1 pm with 9 decimals; float64 inside",
@@ -522,7 +510,6 @@ class SinumerikEnc(Dialect):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the text of a file."""
         o = {**{x.name: x.default for x in self.options}, **options}
         axis = checked_name(o["machine_axis"], "machine_axis")
         if not table.is_on_axis:
@@ -530,12 +517,11 @@ class SinumerikEnc(Dialect):
                 f"ENC_COMP corrects an axis over its own position, this table is {table.axis} -> "
                 f"{table.compensates}; write it as 'sinumerik-cec'"
             )
-        if table.reverse is not None and not np.array_equal(table.reverse, table.forward):
-            raise TableError(
-                "ENC_COMP holds one value for both directions, this table has two: make it with "
-                'direction="both" and put the lost motion into MD32450 BACKLASH, or write it as '
-                "'sinumerik-cec', which has a table for each direction"
-            )
+        require_one_direction(
+            table,
+            "ENC_COMP",
+            "into MD32450 BACKLASH, or write controller='sinumerik-cec', which has a table for each",
+        )
         if is_rotary(table.axis) != o["turns"]:
             raise DataError(
                 f"the axis of the table is {table.axis}, but turns={o['turns']}: a turning axis is "
@@ -555,13 +541,14 @@ class SinumerikEnc(Dialect):
         if o["modulo"]:
             checked_modulo(words, carried.forward, carried.span, table.axis)
         back = -np.array(words, dtype=np.float64) * unit
+        span = [v / unit for v in carried.span]
+        key = (o["measuring_system"], axis)
+        lines = ENC.lines(key, words, span, IS_MODULO=int(o["modulo"]))
         facts: dict[str, object] = {"turns": int(o["turns"])}
         if table.axis.isascii() and table.axis.isalnum():
             facts["axis"] = table.axis
         return Encoded(
-            data=write_program(
-                "AX_EEC_INI", o["channel"], (), _lines(words, carried, unit, axis, o), facts
-            ),
+            data=write_program("AX_EEC_INI", o["channel"], (), lines, facts),
             quantisation=float(np.abs(back - carried.forward).max()),
             notes={"MD38000_at_least": n},
             step=10.0 ** -o["decimals"] * unit,
@@ -570,7 +557,6 @@ class SinumerikEnc(Dialect):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table of a file."""
         return self._read(data, path, options)[0]
 
     def _read(
@@ -630,37 +616,9 @@ def _require_zero(table: CompensationTable, o: dict[str, Any]) -> None:
         )
 
 
-def _lines(
-    words: list[str], table: CompensationTable, unit: float, axis: str, o: dict[str, Any]
-) -> list[str]:
-    system = o["measuring_system"]
-    low, high = (v / unit for v in table.span)
-    facts = {"STEP": (high - low) / (len(words) - 1), "MIN": low, "MAX": high}
-    return [
-        *(f"{_NAME}[{system},{i},{axis}]={w}" for i, w in enumerate(words)),
-        *(
-            f"{_NAME}_{k}[{system},{axis}]={short(v, _POSITION_DECIMALS, at_least=1)}"
-            for k, v in facts.items()
-        ),
-        f"{_NAME}_IS_MODULO[{system},{axis}]={int(o['modulo'])}",
-    ]
-
-
 def _chosen(assignments: list[Assignment], path: Path, o: dict[str, Any]) -> tuple[Grid, str]:
     """Return the one table of the file, or that of the axis and encoder that the user named."""
-    values: dict[tuple[str, str], dict[int, Assignment]] = {}
-    facts: dict[tuple[str, str], dict[str, Assignment]] = {}
-    for a in assignments:
-        kind = a.name.removeprefix(f"{_NAME}_")
-        if a.name == _NAME and len(a.indices) == 3 and a.indices[1].isdigit():
-            values.setdefault((a.indices[0], a.indices[2]), {})[int(a.indices[1])] = a
-        elif a.name != _NAME and kind in _FACTS and len(a.indices) == 2:
-            facts.setdefault((a.indices[0], a.indices[1]), {})[kind] = a
-        else:
-            raise CorruptFileError(
-                path, f"line {a.line}: {a.name}[{','.join(a.indices)}] is not part of such a table"
-            )
-    keys = list(dict.fromkeys([*values, *facts]))
+    keys = ENC.tables(assignments, path)
     bad = [k for k in keys if k[0] not in ("0", "1")]
     if bad:
         raise CorruptFileError(path, f"encoder {bad[0][0]} of axis {bad[0][1]}: there are 0 and 1")
@@ -677,8 +635,5 @@ def _chosen(assignments: list[Assignment], path: Path, o: dict[str, Any]) -> tup
             f"{path}: it holds several tables ({names}); choose with machine_axis= and "
             "measuring_system="
         )
-    key = wanted[0]
-    grid = grid_of(
-        values.get(key, {}), facts.get(key, {}), path, f"axis {key[1]} encoder {key[0]}"
-    )
-    return grid, key[1]
+    system, axis = wanted[0]
+    return ENC.grid(keys[wanted[0]], f"axis {axis} encoder {system}", path)[0], axis

@@ -97,7 +97,6 @@ class TwinCAT(Resampling):
         title=_TITLE,
         entry="correction -e, additive to the uncorrected set position",
         units="mm (position unit of the axis)",
-        max_points=None,
         outside="not documented; taken as constant beyond both ends: cover the whole travel",
         sign_status="documented: the compensation is additive to the uncorrected set position",
         activation=(
@@ -113,7 +112,6 @@ class TwinCAT(Resampling):
             "compare CurrentCorrection with the table at some positions in both directions",
             "write one table for each direction if lost motion matters, or use the backlash setting",
         ),
-        sign="documented",
         spacing="uniform",
         directions="one",
         resolution="1 pm",
@@ -176,7 +174,6 @@ class TwinCAT(Resampling):
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table."""
         lines = enumerate(ascii_lines(data, path, "ST table of TwinCAT"), start=1)
         rows = [(i, line.strip()) for i, line in lines]
         rows = [row for row in rows if row[1] and not _COMMENT.fullmatch(row[1])]

@@ -7,13 +7,10 @@ the same calibration, which the sidecar holds.
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 import os
-import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, cast
@@ -25,7 +22,16 @@ from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._facts import is_described, settled
-from metrosep.controllers._grammar import damaged, scaled
+from metrosep.controllers._grammar import (
+    NUMBER,
+    Line,
+    Word,
+    damaged,
+    decoded,
+    joined,
+    row_of,
+    scaled,
+)
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -55,14 +61,14 @@ __all__ = ["Voltage"]
 
 _DECIMALS = 9
 """Of a voltage: 1 nV, far below a step of 24 bits of 10 V."""
-_HEADERS = {
-    ("position_mm", "voltage_V"): 1,
-    ("position_mm", "voltage_forward_V", "voltage_reverse_V"): 2,
-    ("time_s", "voltage_V"): 1,
-}
-_NUMBER = re.compile(r"-?\d+(\.\d+)?")
-_PRINTED = re.compile(rf"-?\d+\.\d{{{_DECIMALS}}}")
-"""A voltage as it is written: with fewer decimals it was cut."""
+_HEADERS = (
+    ("position_mm", "voltage_V"),
+    ("position_mm", "voltage_forward_V", "voltage_reverse_V"),
+    ("time_s", "voltage_V"),
+)
+_VOLT = Word(rf"-?\d+\.\d{{{_DECIMALS}}}", float, f"{{:.{_DECIMALS}f}}".format)
+"""As it is written: with fewer decimals it was cut."""
+_ROW = Line("{at},{volts}", at=NUMBER, volts=row_of(_VOLT, ","))
 _ROUGH = 2.0
 """Steps of the DAC that rounding and the branches of the hysteresis may cost without a word."""
 _SHARED = {"polarity", "motion", "speed", "start", "direction", "start_angle", "points", "rotation", "closing"}  # fmt: skip
@@ -78,7 +84,6 @@ class Voltage(Dialect):
         title="Voltages through a flexure calibration (CSV)",
         entry="V(d_off + polarity x correction), V the inverse of the calibration: -e is added",
         units="mm or s, V",
-        max_points=None,
         outside="first and last entry are held; a turn repeats",
         sign_status="the calibration says where the stage goes; which way it moves the tool is "
         "yours to state (polarity)",
@@ -128,7 +133,6 @@ class Voltage(Dialect):
     )  # fmt: skip
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the CSV."""
         curves, rest, polarity = _curves(options), _rest(options), options["polarity"]
         if options["over"] == "time":
             return _over_time(table, curves, rest, options)
@@ -153,10 +157,8 @@ class Voltage(Dialect):
             volts.append(v[ordered])
             back.append(_corrections(v, curves, rest, polarity)[ordered])
         rates = _rates(table.positions, volts, options)
-        header = next(
-            h for h, n in _HEADERS.items() if n == len(columns) and h[0] == "position_mm"
-        )
-        rows = zip(map(_mm, table.positions), *([_volt(x) for x in v] for v in volts), strict=True)
+        header = _HEADERS[len(columns) - 1]
+        rows = zip(map(_mm, table.positions), zip(*volts, strict=True), strict=True)
         wanted = [c for c, _ in columns]
         error = float(np.max(np.abs(np.array(back) - np.array(wanted))))
         data = _text(header, rows)
@@ -286,7 +288,7 @@ def _over_time(
     back = _corrections(volts, curves, rest, polarity)
     times = period * np.arange(play.n)
     rates = _rates(times, [volts], {**options, "speed": 1.0})
-    rows = zip((scaled(round(t, 12), 0) for t in times), map(_volt, volts), strict=True)
+    rows = zip((scaled(round(t, 12), 0) for t in times), zip(volts, strict=True), strict=True)
     error, step = float(np.abs(back - values).max()), _step(curves, options["bits"])
     return encoded(
         _text(("time_s", "voltage_V"), rows), play, values, table, options,
@@ -398,22 +400,13 @@ def _warnings(quantisation: float, step: float) -> tuple[Finding, ...]:
     )
 
 
-def _volt(value: float) -> str:
-    return f"{value:.{_DECIMALS}f}"
-
-
-def _text(header: tuple[str, ...], rows: Any) -> bytes:
-    lines = [",".join(header), *(",".join(row) for row in rows)]
-    return ("\n".join(lines) + "\n").encode("ascii")
+def _text(header: tuple[str, ...], rows: Iterable[tuple[str, tuple[float, ...]]]) -> bytes:
+    return joined([",".join(header), *(_ROW.write(at=at, volts=volts) for at, volts in rows)])
 
 
 def _parsed(data: bytes, path: Path) -> tuple[tuple[str, ...], FloatArray]:
-    try:
-        reader = csv.reader(io.StringIO(data.decode("ascii")))
-        rows = list(reader)
-    except (UnicodeDecodeError, csv.Error) as exc:
-        raise CorruptFileError(path, f"not CSV text ({exc})") from None
-    header = tuple(rows[0]) if rows else ()
+    first, *lines = decoded(data, path, "CSV of voltages").splitlines() or [""]
+    header = tuple(first.split(","))
     if header not in _HEADERS:
         raise CorruptFileError(
             path,
@@ -422,24 +415,23 @@ def _parsed(data: bytes, path: Path) -> tuple[tuple[str, ...], FloatArray]:
             expected=" or ".join(",".join(h) for h in _HEADERS),
             found=",".join(header)[:80],
         )
-    for i, row in enumerate(rows[1:], start=2):
-        if (
-            len(row) != len(header)
-            or not _NUMBER.fullmatch(row[0])
-            or not all(map(_PRINTED.fullmatch, row[1:]))
-        ):
+    rows = []
+    for i, line in enumerate(lines, start=2):
+        found = _ROW.read(line)
+        if found is None or len(found["volts"]) != len(header) - 1:
             raise CorruptFileError(
                 path,
                 f"line {i} does not hold {len(header)} decimal numbers, voltages with {_DECIMALS} decimals",
-                found=",".join(row)[:60] or "nothing",
+                found=line[:60] or "nothing",
                 hint="no exponent, no blank line, a point as the decimal sign; cut or edited: write it "
                 "again",
             )
+        rows.append([found["at"], *found["volts"]])
     if not data.endswith(b"\n"):
         raise damaged(path, "its last line has no end: it was cut short")
-    if len(rows) < 3:
-        raise CorruptFileError(path, "a table needs at least 2 lines", found=len(rows) - 1)
-    numbers = np.array([[float(v) for v in row] for row in rows[1:]])
+    if len(rows) < 2:
+        raise CorruptFileError(path, "a table needs at least 2 lines", found=len(rows))
+    numbers = np.array(rows)
     falling = np.flatnonzero(np.diff(numbers[:, 0]) <= 0)
     if falling.size:
         raise CorruptFileError(path, f"line {int(falling[0]) + 3}: {header[0]} does not rise")

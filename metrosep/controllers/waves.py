@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import is_described, settled
+from metrosep.controllers._facts import agreed, is_described, settled
 from metrosep.controllers._grammar import (
     NUMBER,
     Line,
@@ -430,7 +430,6 @@ class _Wave(Dialect):
         return ()
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the commands."""
         play, values = sampled(table, options, **self._clock(options))
         room, what = self._room(options)
         if room is not None and play.n > room:
@@ -469,11 +468,7 @@ class _Wave(Dialect):
         offset = stated.pop("offset_um", None)
         cycles = stated.pop("cycles")
         for name, command in self.commands:
-            if options.get(name) not in (None, stated[name]):
-                raise DataError(
-                    f"{path}: {command} says {name}={stated[name]}, not {options[name]}; leave "
-                    f"{name}= away, or look for the right file"
-                )
+            agreed(path, name, {command: stated[name], "you": options.get(name)})
         motion = "pass" if cycles else "turn"
         has_defaults = is_described(path)
         known = settled(
@@ -534,7 +529,6 @@ class PiGcs(_Wave):
         title="PI wave generator, GCS commands WAV PNT",
         entry="polarity x correction: polarity x (-e); the generator adds the offset (WOS)",
         units="axis units, um",
-        max_points=None,
         outside="the wave's first and last point are held before and after a pass; a turn repeats",
         sign_status="an axis moves to the value sent; which way the piezo moves the tool is yours to "
         "state (polarity)",

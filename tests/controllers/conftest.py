@@ -1,10 +1,30 @@
 """A table that must not be mirrored or negated, and the measurement it comes from."""
 
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from metrosep import Profile
 from metrosep.compensation import CompensationTable
+
+MEMORY = Path("/dev/shm")  # noqa: S108  a folder in memory, of Linux
+
+
+@pytest.fixture(scope="package", autouse=True)
+def _no_wait_for_the_disk() -> Iterator[None]:
+    """Thousands of small files are written here; that they reach the disk is tested in tests/core.
+
+    A test that lets `os.fsync` fail does so over this one.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda _: None)
+        if MEMORY.is_dir() and os.access(MEMORY, os.W_OK):
+            patch.setattr(tempfile, "tempdir", str(MEMORY))
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -709,10 +709,12 @@ def test_missing_program_and_folder(tmp_path):
 
 
 def test_late_refusal_in_a_long_program_leaves_nothing(folder):
-    long = "".join(f"N{i} X{1 + i * 1e-5:.5f} C{i:.1f} Z1.0\n" for i in range(120_000))
+    long = "".join(
+        f"N{i} X{1 + i * 1e-5:.5f} C{i:.1f} Z1.0\n" for i in range(80_000)
+    )  # two pieces: 2.3 MB
     error = folder.refused(START + long + "G91\n")
 
-    assert f"line {120_000 + 4}: G91" in str(error)
+    assert f"line {80_000 + 4}: G91" in str(error)
 
 
 def test_long_programs_are_the_same_whatever_the_pieces(folder, monkeypatch):

@@ -1,6 +1,7 @@
 """Klipper meshes: a hand-written section, the mesh applied in the test, what is refused."""
 
 import configparser
+import functools
 import math
 import os
 from pathlib import Path
@@ -57,12 +58,18 @@ def bumps(x, y):
     )
 
 
-def mesh_z(text, x, y):
-    """Klipper's rule from its manual, by Python's own parser of such files: height in mm."""
+@functools.cache
+def parsed(text):
+    """The section and its points, by Python's own parser of such files."""
     config = configparser.RawConfigParser()
     config.read_string(text)
     mesh = config[config.sections()[0]]
-    rows = [[float(v) for v in r.split(",")] for r in mesh["points"].strip().splitlines()]
+    return mesh, [[float(v) for v in r.split(",")] for r in mesh["points"].strip().splitlines()]
+
+
+def mesh_z(text, x, y):
+    """Klipper's rule from its manual: height in mm."""
+    mesh, rows = parsed(text)
 
     def cell(v, low, high, n):
         u = (v - low) / ((high - low) / (n - 1))

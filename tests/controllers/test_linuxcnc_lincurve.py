@@ -202,15 +202,15 @@ def test_entry_is_minus_the_error_and_negated_doubles_it(one_way, bump, tmp_path
     at = np.linspace(0.0, 50e-3, 1777)
     before = bump(at)
 
-    after = before + applied(path.read_text(), at)
-    wrong = before - applied(path.read_text(), at)
+    added = applied(path.read_text(), at)
+    after, wrong = before + added, before - added
 
     assert np.ptp(before) == pytest.approx(4e-6, abs=3e-8)
     assert np.ptp(after) < 0.05 * np.ptp(before)
     assert np.ptp(wrong) == pytest.approx(2 * np.ptp(before), abs=1e-7)
     assert done is not None
     assert controllers.simulate(path, "linuxcnc-lincurve")(at) == pytest.approx(
-        applied(path.read_text(), at), abs=ROUNDING
+        added, abs=ROUNDING
     )
     back = controllers.read(path, "linuxcnc-lincurve")
     assert back.forward == pytest.approx(one_way.forward, abs=QUANTUM)
@@ -349,7 +349,7 @@ def test_comments_and_blanks_do_not_matter(dialect, tmp_path):
 
 
 def test_an_option_that_contradicts_the_file_is_refused(dialect, tmp_path):
-    with pytest.raises(DataError, match="target_joint is 1 in the file, not 2"):
+    with pytest.raises(DataError, match="the file says target_joint=1, you say target_joint=2"):
         dialect.lookup(hand_text().encode(), tmp_path / "x.hal", target_joint=2)
 
 

@@ -93,7 +93,9 @@ def test_a_second_iteration_does_not_replace_the_first(tmp_path, table):
 class Coarse(Dialect):
     """Whole micrometres."""
 
-    info = DialectInfo("coarse", "test", "-e", "um", None, "constant", "by definition")
+    info = DialectInfo(
+        id="coarse", title="test", entry="-e", units="um", outside="constant", sign_status="by definition",
+    )  # fmt: skip
     STEP = 1e-6
 
     def encode(self, table, **options):

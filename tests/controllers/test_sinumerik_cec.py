@@ -229,7 +229,7 @@ def test_axes_must_fit(cross):
     with pytest.raises(DataError, match="input_axis"):
         SinumerikCec().encode(cross, input_axis="(AX1)", output_axis="AX3")
     data = SinumerikCec().encode(cross, **CROSS).data
-    with pytest.raises(DataError, match="it is AX3"):
+    with pytest.raises(DataError, match="says output_axis='AX3'"):
         SinumerikCec().decode(data, NOWHERE, output_axis="AX2")
 
 

@@ -453,6 +453,7 @@ class TestSinumerikEnc(DialectContract):
         ("M17\n", "M30\n", "M17"),
         ("$AA_ENC_COMP[0,1,X1]=0.003\n", "", "0 ... 2"),
         ("[0,1,X1]=0.003", "[0,2,X1]=0.003", "line 5 sets .* again, after line 4"),
+        ("=0.003\n", "=0.003\n$AA_ENC_COMP[0,01,X1]=0.001\n", "line 5 sets what line 4 sets"),
         ("[0,1,X1]=0.003", "[0,3,X1]=0.003", "0 ... 2"),
         ("[0,1,X1]", "[0.1,X1]", "line 4.*commas"),
         ("[0,1,X1]", "[0,1]", "line 4"),
