@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, UnitError
 from metrosep.machine import _poses as ps
 from metrosep.machine._poses import States
@@ -136,6 +137,7 @@ class Chain:
         return cls(elements, name=name, description=description)
 
     @classmethod
+    @described_by(from_dict, errors=False)
     def from_toml(cls, path: str | PathLike[str], **parameters: float) -> Chain:
         """Return the chain that a TOML file describes.
 
@@ -144,8 +146,6 @@ class Chain:
         path : str or path
             File with ``[[element]]`` tables; lengths and angles carry their unit in the key
             (``location_mm``, ``angle_deg``).
-        **parameters : float, SI
-            Values of the parameters that the file names.
 
         Returns
         -------
@@ -290,6 +290,7 @@ class Chain:
         result: FloatArray = np.moveaxis(out, (0, 1), (-2, -1))
         return result
 
+    @described_by(jacobian, errors=False)
     def volumetric_error(
         self,
         q: Positions,
@@ -302,12 +303,8 @@ class Chain:
 
         Parameters
         ----------
-        q : mapping of str to array_like, m or rad
-            Position of every axis; parked axes may be missing.
         errors : ErrorSet or mapping of str to float, callable or ErrorTerm
             Error terms by name; those that are not named are zero.
-        tool : array_like, shape (3,) or (..., 3), m
-            Tool point in the frame of the last element of the tool branch.
         exact : bool or str
             False: first order, `jacobian` times errors. ``"orthonormal"`` or True: the product with
             true rotations. ``"small-angle"``: the product with matrices ``I + hat``.
@@ -352,6 +349,7 @@ class Chain:
         states.poison(out)
         return np.moveaxis(out, 0, -1)
 
+    @described_by(volumetric_error, errors=False)
     def transform(
         self,
         q: Positions,
@@ -364,8 +362,6 @@ class Chain:
 
         Parameters
         ----------
-        q, tool, exact : as of `volumetric_error`
-            By default with true rotations; False adds the errors to first order.
         errors : ErrorSet or mapping of str to float, callable or ErrorTerm, optional
             Error terms by name; none gives the nominal pose.
 
@@ -403,6 +399,7 @@ class Chain:
         states.poison(out)
         return np.moveaxis(out, (0, 1), (-2, -1))
 
+    @described_by(volumetric_error, errors=False)
     def volumetric_covariance(
         self, q: Positions, errors: ErrorSet, *, tool: ArrayLike = (0.0, 0.0, 0.0)
     ) -> FloatArray:
@@ -410,8 +407,6 @@ class Chain:
 
         Parameters
         ----------
-        q, tool : as of `volumetric_error`
-            Where the machine stands.
         errors : ErrorSet
             Error terms with standard uncertainties (``u=``) and correlations.
 

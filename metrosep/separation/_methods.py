@@ -30,8 +30,8 @@ class RecordedMethod(SeparationMethod):
     """A method whose results carry the history of the readings."""
 
     @property
-    def _dimension(self) -> str:
-        """What the readings are."""
+    def _dimension(self) -> str | None:
+        """What the readings are; None for units that have no name of their own here."""
         return self.dimension
 
     def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
