@@ -14,7 +14,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, NotSeparableError
 from metrosep.core.numbers import choice, count, not_negative, positive
 from metrosep.core.options import Option, option
-from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.forms.zernike import ZernikeOrder
 from metrosep.separation._methods import described_by
@@ -39,6 +38,7 @@ from metrosep.separation.maps._map_input import (
     MOST_POSITIONS,
     MapGrid,
     MapMethod,
+    MapReadings,
     checked_angles,
     checked_removed,
     common_step,
@@ -58,6 +58,7 @@ FlatMethod = Literal["auto", "pixel", "zernike", "iterative"]
 _ALIGNED = {"piston": ((0, 0),), "tilt": ((1, 1), (1, -1)), "power": ((2, 0),)}
 
 
+@described_by(MapMethod)
 @dataclass(frozen=True, slots=True)
 class ThreeFlat(MapMethod):
     """Three flats that face each other two by two, and again with one of them turned.
@@ -82,26 +83,13 @@ class ThreeFlat(MapMethod):
         ``"zernike"``: terms on the common pixels; ``"iterative"``: on the pixels of each reading.
     terms, order : int or sequence of int, {"ansi", "noll", "fringe"}, optional
         Zernike terms of ``"zernike"`` and ``"iterative"``.
-    dx, dy : float, m, optional
-        Lateral steps; pixels if omitted.
-    centre : tuple of (float, float), m, optional
-        Axis of turn and mirror (x, y) from pixel [0, 0]; the middle of the map if omitted.
     radius : float, m, optional
         Of the Zernike disc; the farthest common pixel if omitted.
-    removed : tuple of str, optional
-        What alignment decides in each reading: ``"piston"``, ``"tilt"``, also ``"power"``.
     u_registration : float or array_like, shape (3 + n,) or (3 + n, 2), m, optional
         Standard uncertainty of how the flats lie on each other: one for all readings, one for each
         (along x and along y), or one for each along x and one along y.
     largest_gain : float, optional
         Shares whose noise would grow by more are taken as not observable.
-
-    Raises
-    ------
-    DataError
-        If a setting cannot be used: its type, sign, unit or number.
-    NotSeparableError
-        If the set-up turns or shifts nothing.
     """
 
     angles: Sequence[float] = option(
@@ -237,14 +225,8 @@ class ThreeFlat(MapMethod):
         )
         return terms + aligned
 
-    def _separated(
-        self,
-        stack: FloatArray,
-        grid: MapGrid,
-        common: NDArray[np.bool_],
-        u_reading: float | None,
-        history: tuple[Step, ...],
-    ) -> Separation:
+    def _separated(self, read: MapReadings) -> Separation:
+        stack, grid, common, u_reading, history = read
         self._require_middle(grid)
         require_scale(grid, self._shifts(), self.name)
         planar = without_plane(stack, grid, removed=self.removed, mask=common)
