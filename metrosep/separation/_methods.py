@@ -18,7 +18,7 @@ from metrosep.separation.contract import Separation, SeparationMethod
 
 __all__ = [
     "History", "Parts", "RecordedMethod", "StoredResult", "as_stated", "described_by", "not_known",
-    "settle", "type_a",
+    "pooled", "settle", "type_a",
 ]  # fmt: skip
 
 History = tuple[Step, ...]
@@ -119,6 +119,22 @@ def as_stated(value: float, unit: str, of: str = "reading") -> Quantity:
 def not_known(unit: str, of: str = "reading") -> Quantity:
     """Return the noise of one reading where nothing shows it: NaN."""
     return Quantity(math.nan, unit, f"standard deviation of one {of}; not known", symbol="s")
+
+
+def pooled(
+    squares: float,
+    freedom: float,
+    stated: float | None,
+    text: str,
+    unit: str = "m",
+    of: str = "reading",
+) -> Quantity:
+    """Return the noise of one reading: as stated, pooled from the squares left, or not known."""
+    if stated is not None:
+        return as_stated(stated, unit, of)
+    if freedom < 1.0:
+        return not_known(unit, of)
+    return type_a(math.sqrt(squares / freedom), unit, text, freedom)
 
 
 def settle(method: object, /, **values: Any) -> None:

@@ -19,6 +19,7 @@ from metrosep.core.numbers import not_negative, positive, real
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.separation._methods import as_stated, not_known, type_a
 from metrosep.separation._readings import given_parts
 from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 
@@ -671,14 +672,13 @@ _FEWEST_FREEDOMS = 10.0
 def noise_of(residual: FloatArray, freedom: float, u_reading: float | None) -> Quantity:
     """Return the noise of one pixel, stated or pooled from the residual."""
     if u_reading is not None:
-        text = "standard uncertainty of one pixel of one reading, as stated"
-        return Quantity(float(u_reading), "m", text, symbol="s")
+        return as_stated(float(u_reading), "m", "pixel of one reading")
     if freedom < _FEWEST_FREEDOMS:
-        return Quantity(math.nan, "m", "standard deviation of one pixel; not known", symbol="s")
+        return not_known("m", "pixel")
     known = np.isfinite(residual).all(axis=0)
     value = math.sqrt(float((residual[:, known] ** 2).sum()) / freedom)
     text = "standard deviation of one pixel of one reading, from what the model leaves (type A)"
-    return Quantity(value, "m", text, u=value / math.sqrt(2.0 * freedom), symbol="s")
+    return type_a(value, "m", text, freedom)
 
 
 def rigid_terms(parts: Sequence[str], removed: Sequence[str]) -> tuple[Unobservable, ...]:

@@ -23,9 +23,8 @@ from metrosep.core.numbers import real
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.core.quantity import Quantity
 from metrosep.core.readable import typed_number
-from metrosep.separation._methods import History, RecordedMethod
+from metrosep.separation._methods import History, RecordedMethod, pooled
 from metrosep.separation._readings import (
     checked_readings,
     checked_seed,
@@ -549,27 +548,20 @@ class PositioningSheet(RecordedMethod):
             dict.fromkeys(parts, self.unit),
             {"x" if self.unit == "m" else "angle": goals},
             self.null_space(),
-            noise=_noise(squares, freedom, stated, self.unit),
+            noise=pooled(squares, freedom, stated, _POOLED, self.unit),
             audit=_audit(sheet, self.unit),
             messages=sheet.messages,
             history=(*history, Step(self.name, {"n_targets": int(goals.size), "unit": self.unit})),
         )
 
 
+_POOLED = "standard deviation of one reading, pooled over targets and directions (type A)"
 _DIRECTIONS = (
     ("forward",),
     ("backward",),
     ("forward", "backward"),
     ("backward", "forward"),
 )
-
-
-def _noise(squares: float, freedom: float, stated: float | None, unit: str) -> Quantity:
-    if stated is not None:
-        return Quantity(stated, unit, "standard uncertainty of one reading, as stated", symbol="s")
-    value = math.sqrt(squares / freedom)
-    text = "standard deviation of one reading, pooled over targets and directions (type A)"
-    return Quantity(value, unit, text, u=value / math.sqrt(2.0 * freedom), symbol="s")
 
 
 def _audit(sheet: PositioningTest, unit: str) -> dict[str, Any]:

@@ -22,9 +22,8 @@ from metrosep.core.inputs import Readings
 from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import History, RecordedMethod
+from metrosep.separation._methods import History, RecordedMethod, as_stated, type_a
 from metrosep.separation._readings import as_numbers, own_shares
 from metrosep.separation.contract import (
     U_READING,
@@ -206,11 +205,7 @@ class RepeatSplit(RecordedMethod):
                 f"{100 / math.sqrt(2 * (m - 1)):.0f} % only; u uses the scatter pooled over all points"
             )
         text = f"scatter of one repeat, pooled from {m} repeats (type A)"
-        noise = Quantity(spread, "m", text, u=pooled / math.sqrt(2.0 * freedom), symbol="s")
-        if u_reading is not None:
-            noise = Quantity(
-                spread, "m", "standard uncertainty of one reading, as stated", symbol="s"
-            )
+        noise = type_a(pooled, "m", text, freedom) if u_reading is None else as_stated(spread, "m")
         return Separation(
             self.name,
             parts,
