@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from textwrap import dedent
 from typing import Any, TypeVar
 
@@ -68,7 +68,9 @@ def _completed(function: Callable[..., Any], sources: list[str], errors: bool) -
     others = [_sections(text) for text in sources]
     own = _entries(sections.pop("Parameters", []))
     known = {n: e for s in reversed(others) for n, e in _entries(s.get("Parameters", [])).items()}
-    listed = [own.get(n) or known.get(n) for n in inspect.signature(function).parameters]
+    taken = inspect.signature(function).parameters
+    lent = {n: _as_taken(e, taken) for n, e in known.items()}
+    listed = [own.get(n) or lent.get(n) for n in taken]
     parameters = [line for entry in dict.fromkeys(e for e in listed if e) for line in entry]
     raised = sections.pop("Raises", [])
     named = set(_entries(raised))
@@ -80,6 +82,18 @@ def _completed(function: Callable[..., Any], sources: list[str], errors: bool) -
     order = {"": sections.pop(""), "Parameters": parameters}
     order.update({t: sections.pop(t) for t in ("Returns",) if t in sections})
     return _text({**order, "Raises": raised, **sections})
+
+
+def _as_taken(entry: tuple[str, ...], taken: Mapping[str, inspect.Parameter]) -> tuple[str, ...]:
+    """Return an entry that says "optional" where the borrower has a default, and only there."""
+    head = entry[0].removesuffix(", optional")
+    here = [
+        taken[n] for name in head.split(" : ")[0].split(",") if (n := name.strip(" *")) in taken
+    ]
+    keywords = any(p.kind is p.VAR_KEYWORD for p in here)
+    if not keywords and here and all(p.default is not p.empty for p in here):
+        head += "" if "optional" in head else ", optional"
+    return entry if keywords else (head, *entry[1:])
 
 
 def _sections(doc: str) -> dict[str, list[str]]:

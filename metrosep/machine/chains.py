@@ -364,6 +364,8 @@ class Chain:
         ----------
         errors : ErrorSet or mapping of str to float, callable or ErrorTerm, optional
             Error terms by name; none gives the nominal pose.
+        exact : bool or str, optional
+            As of `volumetric_error`; by default with true rotations.
 
         Returns
         -------
