@@ -23,11 +23,11 @@ class MachiningTime:
     Parameters
     ----------
     turns : float
-        Revolutions from the rim to the centre.
+        Revolutions from the rim to the centre, radius over feed.
     n_points : int
-        Blocks.
+        Blocks, >= 1.
     spindle_speed : float, 1/s
-        Programmed revolutions per second.
+        Programmed revolutions per second; 20 rpm are 20 / 60.
     block_time : float, s
         Shortest time of one block in the controller; 0 where it does not limit.
 
@@ -133,15 +133,6 @@ def machining_time(
     n_points: int, turns: float, *, spindle_speed: float, block_time: float = 0.0
 ) -> MachiningTime:
     """Return the time of one pass over a spiral.
-
-    Parameters
-    ----------
-    n_points : int
-        Blocks, >= 1.
-    turns : float
-        Revolutions from the rim to the centre, radius over feed.
-    spindle_speed : float, 1/s
-        Programmed revolutions per second; 20 rpm are 20 / 60.
 
     Returns
     -------
