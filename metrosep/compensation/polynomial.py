@@ -18,7 +18,6 @@ import numpy as np
 from numpy.polynomial import Polynomial, legendre
 from numpy.typing import ArrayLike
 
-from metrosep.compensation.limits import Stated
 from metrosep.core._arrays import FloatArray
 from metrosep.core.docs import described_by
 from metrosep.core.errors import (
@@ -54,7 +53,7 @@ _USEFUL = 0.7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PolynomialFit(Stated):
+class PolynomialFit:
     """A polynomial of position, valid on its domain only.
 
     Parameters
@@ -315,6 +314,13 @@ class PolynomialFit(Stated):
         return float(np.abs(y - self.evaluate(x)).max())
 
     def to_dict(self) -> dict[str, Any]:
+        """Return plain values with units in the keys.
+
+        Returns
+        -------
+        dict
+            For results and reports.
+        """
         return {
             "degree": self.degree,
             "quantity": self.quantity,
