@@ -14,13 +14,16 @@ table. Equations of the specification of tables, section 1, with R runs m_k on K
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from metrosep.compensation.limits import Stated
 from metrosep.core._arrays import BoolArray, FloatArray
+from metrosep.core.errors import InconclusiveTableError, PointlessTableError, SignCheckFailedError
 
 __all__ = [
     "ROUNDING",
@@ -554,3 +557,70 @@ def graded(reasons: Sequence[Reason]) -> str:
     """Return the grade that reasons leave: the gravest first."""
     grades = {r.grade for r in reasons}
     return next((g for g in ("refused", "inconclusive", "pointless") if g in grades), "accepted")
+
+
+class Judged(Stated):
+    """What a dry-run found of a table or a map: the reasons not to accept it, and the grade they give."""
+
+    __slots__ = ()
+
+    if TYPE_CHECKING:  # a field of one class, a property of the other
+
+        @property
+        def reasons(self) -> tuple[Reason, ...]: ...
+
+    @property
+    def grade(self) -> str:
+        """``"accepted"``, ``"pointless"``, ``"inconclusive"`` (of tables) or ``"refused"``."""
+        return graded(self.reasons)
+
+    @property
+    def passed(self) -> bool:
+        """Whether the grade is accepted: the machine is better with the corrections than without."""
+        return not self.reasons
+
+    def _verdict(self) -> dict[str, Any]:
+        """Return grade and reasons as plain values."""
+        reasons = [{"grade": r.grade, "check": r.check, "text": r.text} for r in self.reasons]
+        return {"grade": self.grade, "passed": self.passed, "reasons": reasons}
+
+    def require(
+        self, what: str, *, waived: Collection[str] = (), only_refused: bool = False
+    ) -> None:
+        """Refuse what is not accepted.
+
+        Parameters
+        ----------
+        what : str
+            Name of the table or map for the message.
+        waived : collection of str, optional
+            Checks whose refusal the user accepts: "coverage", "spike", "single", "inconclusive",
+            "pointless". What makes the machine worse cannot be waived.
+        only_refused : bool, optional
+            Whether the other grades pass.
+
+        Raises
+        ------
+        SignCheckFailedError
+            If it is refused.
+        InconclusiveTableError
+            If the readings do not show that it helps.
+        PointlessTableError
+            If less than 30 % of the RMS goes.
+        """
+        left = [r for r in self.reasons if r.check not in waived or r.check == "dry-run"]
+        grade = graded(left)
+        if grade == "accepted" or (only_refused and grade != "refused"):
+            return
+        raise _REFUSALS[grade](f"{what}: {self._refusal(grade, left)}")
+
+    def _refusal(self, grade: str, left: list[Reason]) -> str:
+        """Return the sentence of a refusal."""
+        raise NotImplementedError
+
+
+_REFUSALS = {
+    "refused": SignCheckFailedError,
+    "inconclusive": InconclusiveTableError,
+    "pointless": PointlessTableError,
+}

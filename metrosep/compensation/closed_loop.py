@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from metrosep.compensation.loop_machines import FaceMachine, LoopMachine
 from metrosep.compensation.table import CompensationTable
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, SignCheckFailedError, TooFewSamplesError
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
@@ -304,6 +305,7 @@ class LoopHistory:
         return ratios
 
 
+@described_by(run_closed_loop, errors=False)
 def iterate_loop(
     machine: LoopMachine,
     cycles: int,
@@ -320,8 +322,6 @@ def iterate_loop(
 
     Parameters
     ----------
-    machine : AxisMachine or FaceMachine
-        Simulated machine.
     cycles : int
         Corrections that are made, from 1.
     positions : array_like, shape (k,), m, optional
@@ -338,8 +338,6 @@ def iterate_loop(
         Parts that are measured for each correction.
     removed : {"offset", "line", "plane"}, optional
         What is taken from every pass before P-V and RMS; from the table only the offset.
-    seed : int, optional
-        Of repeatability and noise.
 
     Returns
     -------

@@ -267,7 +267,7 @@ def tables_from_machine(
     Examples
     --------
     >>> import numpy as np
-    >>> from metrosep.machine.chain_files import presets
+    >>> from metrosep.machine.chains import presets
     >>> tables = tables_from_machine(
     ...     presets("mill_xyz"), {"EZX": lambda x: 1e-5 * x}, over="X",
     ...     positions=np.linspace(0, 0.1, 3), at={"Y": 0.0, "Z": 0.0})

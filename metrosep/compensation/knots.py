@@ -27,6 +27,7 @@ from metrosep.compensation._knot_search import (
 )
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, InvalidSamplesError, TableError, TooFewSamplesError
 from metrosep.core.units import format_length
 
@@ -170,6 +171,7 @@ def choose_knots(
     return _finish(places, curve, *padded(knots, heights, n), values, zero)
 
 
+@described_by(choose_knots, errors=False)
 def knots_for_tolerance(
     x: ArrayLike,
     c: Curve,
@@ -183,16 +185,8 @@ def knots_for_tolerance(
 
     Parameters
     ----------
-    x : array_like, shape (m,), m
-        Positions of the samples, strictly rising.
-    c : array_like, shape (m,), m, or callable
-        Error or correction at `x`.
     tolerance : float or str, m
         Largest deviation allowed, positive; "50 nm" works, too.
-    values : {"free", "on curve"}, optional
-        Free values, or those of the curve.
-    reference : float, m, optional
-        Position where the polyline is exactly zero; the curve must be zero there.
     max_knots : int, optional
         What the controller takes.
 
@@ -244,6 +238,7 @@ def knots_for_tolerance(
     return _finish(places, curve, *found, values, zero)
 
 
+@described_by(choose_knots, errors=False)
 def optimal_values(
     x: ArrayLike, c: Curve, positions: ArrayLike, *, reference: float | None = None
 ) -> Knots:
@@ -251,14 +246,8 @@ def optimal_values(
 
     Parameters
     ----------
-    x : array_like, shape (m,), m
-        Positions of the samples, strictly rising.
-    c : array_like, shape (m,), m, or callable
-        Error or correction at `x`.
     positions : array_like, shape (n,), m
         Knots, strictly rising, first and last at the ends of `x`.
-    reference : float, m, optional
-        Position where the polyline is exactly zero; the curve must be zero there.
 
     Returns
     -------

@@ -7,7 +7,7 @@ controllers notes, section 8, checks 5 to 9, and the dead zone of LinuxCNC in se
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 
@@ -26,6 +26,55 @@ _COARSE = 0.1
 
 _STEEP = 1e-3
 """Slope of a correction beyond which it is no longer metrology."""
+
+
+class Stated:
+    """What states itself as plain values."""
+
+    __slots__ = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values with units in the keys.
+
+        Returns
+        -------
+        dict
+            For sidecars and reports; None where a number is not known.
+        """
+        raise NotImplementedError
+
+
+class Corrections(Stated):
+    """A table or a map of corrections."""
+
+    __slots__ = ()
+
+    def exact_inverse(self) -> Self:
+        """Return the corrections with c(p) = -e(p + c(p)), taking the present ones as -e.
+
+        Returns
+        -------
+        CompensationTable or CompensationMap
+            Itself, if it is exact already or corrects an axis that is not looked up.
+
+        Raises
+        ------
+        TableError
+            If the corrections are too steep to invert.
+        NotConvergedError
+            If the exact inverse does not settle.
+        """
+        raise NotImplementedError
+
+    def negated(self) -> Self:
+        """Return the corrections with the sign reversed, for tests of sign checks.
+
+        Returns
+        -------
+        CompensationTable or CompensationMap
+            It doubles the error.
+        """
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,20 +221,37 @@ def check_limits(
                 "points",
             )
         )
-    stroke = max(float(np.abs(c).max()) for c in columns)
-    if limits.stroke is not None and stroke > limits.stroke:
-        findings.append(
-            Finding(
-                "error",
-                f"the largest correction is {format_length(stroke)}, the stroke {format_length(limits.stroke)}",
-                "remove alignment from the error or use an axis with more stroke",
-                "stroke",
-            )
-        )
+    findings += stroke_finding(max(float(np.abs(c).max()) for c in columns), limits)
     findings += _slopes(positions, columns, limits, on_axis=on_axis)
     if reverse is not None:
         findings += _reversal(forward, reverse, limits)
     return tuple(findings)
+
+
+def stroke_finding(largest: float, limits: Limits) -> list[Finding]:
+    """Return an error where the largest correction is above the stroke."""
+    if limits.stroke is None or largest <= limits.stroke:
+        return []
+    text = (
+        f"the largest correction is {format_length(largest)}, the stroke "
+        f"{format_length(limits.stroke)}"
+    )
+    fix = "remove alignment from the error or use an axis with more stroke"
+    return [Finding("error", text, fix, "stroke")]
+
+
+def slope_finding(steepest: float, fall: float, along: str = "") -> list[Finding]:
+    """Return an error where the command turns back (`fall`, of an axis along itself), or that it is steep."""
+    if fall >= 1.0:
+        text = (
+            f"{along}the correction falls by {fall:.3g} m per m: the corrected command turns back"
+        )
+        return [Finding("error", text, "check the units of position and error", "turning-back")]
+    if steepest <= _STEEP:
+        return []
+    text = f"{along}the correction changes by {steepest:.3g} m per m"
+    fix = "check the units; a geometric error is rarely steeper than 1e-3"
+    return [Finding("warning", text, fix, "steepness")]
 
 
 def _slopes(
@@ -194,26 +260,7 @@ def _slopes(
     steps = np.diff(positions)
     slopes = [np.diff(c) / steps for c in columns]
     slope = max(float(np.abs(s).max()) for s in slopes)
-    found = []
-    fall = -min(float(s.min()) for s in slopes)
-    if on_axis and fall >= 1.0:
-        found.append(
-            Finding(
-                "error",
-                f"the correction falls by {fall:.3g} m per m: the corrected command turns back",
-                "check the units of position and error",
-                "turning-back",
-            )
-        )
-    elif slope > _STEEP:
-        found.append(
-            Finding(
-                "warning",
-                f"the correction changes by {slope:.3g} m per m",
-                "check the units; a geometric error is rarely steeper than 1e-3",
-                "steepness",
-            )
-        )
+    found = slope_finding(slope, -min(float(s.min()) for s in slopes) if on_axis else 0.0)
     if limits.feed is not None and limits.velocity_share is not None:
         speed = slope * limits.feed
         if speed > limits.velocity_share:

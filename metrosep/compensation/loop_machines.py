@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -111,8 +111,70 @@ class Servo:
         )
 
 
+class _Driven:
+    """What both machines do: cut, stand with play, be measured with noise."""
+
+    __slots__ = ()
+    servo: Servo
+    lost_motion: float
+    repeatability: float
+    measuring_noise: float
+
+    if TYPE_CHECKING:
+
+        @property
+        def places(self) -> FloatArray: ...
+
+    def cut(
+        self, correction: Callable[..., Any], direction: int, rng: np.random.Generator
+    ) -> FloatArray:
+        """Return what one pass leaves, measured.
+
+        Parameters
+        ----------
+        correction : callable
+            ``(position, direction) -> correction`` in m, added to the command; of a face-turned part
+            ``(x, y) -> correction`` along z.
+        direction : {1, -1}
+            Direction of the pass; a face-turned part has one, 1.
+        rng : numpy.random.Generator
+            For repeatability and noise.
+
+        Returns
+        -------
+        ndarray, shape (n,), m
+            Actual minus nominal at `places`.
+
+        Raises
+        ------
+        InvalidSamplesError
+            If correction or error are not finite, or of another shape.
+        """
+        raise NotImplementedError
+
+    def _noisy(self, left: FloatArray, rng: np.random.Generator) -> FloatArray:
+        sd = math.hypot(self.repeatability, self.measuring_noise)
+        return left + rng.normal(0.0, sd, left.shape) if sd > 0.0 else np.array(left)
+
+    def _audited(self, what: str, **own: Any) -> dict[str, Any]:
+        """Return what the machine is, its servo and its noise."""
+        servo = self.servo
+        return {
+            "machine": what,
+            **own,
+            "lost_motion_nm": self.lost_motion * 1e9,
+            "servo_period_ms": servo.period * 1e3,
+            "latency_periods": int(servo.latency),
+            "between_periods": servo.between,
+            "count_nm": servo.count * 1e9,
+            "repeatability_nm": self.repeatability * 1e9,
+            "measuring_noise_nm": self.measuring_noise * 1e9,
+            "n_points": int(self.places.shape[0]),
+        }
+
+
 @dataclass(frozen=True, slots=True)
-class AxisMachine:
+class AxisMachine(_Driven):
     """A linear axis that is driven through its travel, and what it leaves; frozen, SI.
 
     Parameters
@@ -182,38 +244,15 @@ class AxisMachine:
     @property
     def audit(self) -> dict[str, Any]:
         """Plain values with units in the keys."""
-        return {
-            "machine": "positions reached" if self.on_axis else "profile of a part",
-            "travel_mm": [1e3 * p for p in self.travel],
-            "feed_mm_min": self.feed * 6e4,
-            "lost_motion_nm": self.lost_motion * 1e9,
-            **_audit(self),
-        }
+        return self._audited(
+            "positions reached" if self.on_axis else "profile of a part",
+            travel_mm=[1e3 * p for p in self.travel],
+            feed_mm_min=self.feed * 6e4,
+        )
 
     def cut(
         self, correction: AxisFunction, direction: int, rng: np.random.Generator
     ) -> FloatArray:
-        """Return what one pass leaves, measured.
-
-        Parameters
-        ----------
-        correction : callable
-            ``(position, direction) -> correction`` in m, added to the command.
-        direction : {1, -1}
-            Direction of the pass.
-        rng : numpy.random.Generator
-            For repeatability and noise.
-
-        Returns
-        -------
-        ndarray, shape (n,), m
-            Actual minus nominal at `places`.
-
-        Raises
-        ------
-        InvalidSamplesError
-            If correction or error are not finite, or of another shape.
-        """
         p = self.places[::direction]  # in the order of time
         start = p[0]
 
@@ -234,11 +273,11 @@ class AxisMachine:
         else:
             left = _play(self.servo.rounded(c), self.lost_motion, 0)
             left = left + _finite(self.error(p, direction), p, "error")
-        return _noisy(left, self, rng)[::direction]
+        return self._noisy(left, rng)[::direction]
 
 
 @dataclass(frozen=True, slots=True)
-class FaceMachine:
+class FaceMachine(_Driven):
     """A face-turned part: the tool goes inwards while the part turns; frozen, SI.
 
     Parameters
@@ -312,14 +351,12 @@ class FaceMachine:
     @property
     def audit(self) -> dict[str, Any]:
         """Plain values with units in the keys."""
-        return {
-            "machine": "face-turned part",
-            "radius_mm": self.radius * 1e3,
-            "speed_per_min": self.speed * 60.0,
-            "revolutions": int(self.revolutions),
-            "lost_motion_nm": self.lost_motion * 1e9,
-            **_audit(self),
-        }
+        return self._audited(
+            "face-turned part",
+            radius_mm=self.radius * 1e3,
+            speed_per_min=self.speed * 60.0,
+            revolutions=int(self.revolutions),
+        )
 
     def _spiral(self, turns: FloatArray) -> FloatArray:
         share = np.clip(turns / self.revolutions, 0.0, 1.0)
@@ -327,28 +364,6 @@ class FaceMachine:
         return np.stack([r * np.cos(2 * np.pi * turns), r * np.sin(2 * np.pi * turns)], axis=-1)
 
     def cut(self, correction: MapFunction, direction: int, rng: np.random.Generator) -> FloatArray:
-        """Return what one pass leaves, measured.
-
-        Parameters
-        ----------
-        correction : callable
-            ``(x, y) -> correction`` along z in m.
-        direction : {1}
-            There is one.
-        rng : numpy.random.Generator
-            For repeatability and noise.
-
-        Returns
-        -------
-        ndarray, shape (n,), m
-            Actual minus nominal at `places`.
-
-        Raises
-        ------
-        InvalidSamplesError
-            If correction or error are not finite, or of another shape.
-        """
-
         def lookup(at: FloatArray, _way: int) -> FloatArray:
             return _finite(correction(at[:, 0], at[:, 1]), at[:, 0], "correction")
 
@@ -362,7 +377,7 @@ class FaceMachine:
             )
         left = _play(self.servo.rounded(c), self.lost_motion, 0)
         left = left + _finite(self.error(p[:, 0], p[:, 1]), p[:, 0], "error")
-        return _noisy(left, self, rng)
+        return self._noisy(left, rng)
 
 
 LoopMachine = AxisMachine | FaceMachine
@@ -406,22 +421,3 @@ def _play(motor: FloatArray, play: float, direction: int) -> FloatArray:
         at = min(max(at, m - half), m + half)
         stands[i] = at
     return stands
-
-
-def _noisy(left: FloatArray, machine: LoopMachine, rng: np.random.Generator) -> FloatArray:
-    sd = math.hypot(machine.repeatability, machine.measuring_noise)
-    return left + rng.normal(0.0, sd, left.shape) if sd > 0.0 else np.array(left)
-
-
-def _audit(machine: LoopMachine) -> dict[str, Any]:
-    """Return servo and noise of a machine."""
-    servo = machine.servo
-    return {
-        "servo_period_ms": servo.period * 1e3,
-        "latency_periods": int(servo.latency),
-        "between_periods": servo.between,
-        "count_nm": servo.count * 1e9,
-        "repeatability_nm": machine.repeatability * 1e9,
-        "measuring_noise_nm": machine.measuring_noise * 1e9,
-        "n_points": int(machine.places.shape[0]),
-    }

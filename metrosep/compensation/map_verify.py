@@ -10,7 +10,7 @@ What was not measured is not compared, and counted.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -19,8 +19,8 @@ import numpy as np
 from metrosep.compensation._acceptance import (
     ENOUGH,
     ROUNDING,
+    Judged,
     Reason,
-    graded,
     pv_with_zero,
     rising,
 )
@@ -28,7 +28,7 @@ from metrosep.compensation._coverage import COVERED
 from metrosep.compensation.area_errors import AreaFunction, ErrorMap, area_error, format_position
 from metrosep.compensation.limits import Finding
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, PointlessTableError, SignCheckFailedError, TableError
+from metrosep.core.errors import DataError, TableError
 from metrosep.core.units import format_length
 
 __all__ = ["MapRemoved", "MapVerification", "dry_run_map"]
@@ -48,7 +48,7 @@ _UNCHANGED = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class MapVerification:
+class MapVerification(Judged):
     """Result of the dry-run of a map.
 
     Parameters
@@ -109,11 +109,6 @@ class MapVerification:
         return tuple(found)
 
     @property
-    def grade(self) -> str:
-        """``"accepted"``, ``"pointless"`` or ``"refused"``."""
-        return graded(self.reasons)
-
-    @property
     def rest(self) -> float:
         """RMS that stays over RMS that was; infinite where there was no error."""
         return self.after_rms / self.before_rms if self.before_rms > 0.0 else math.inf
@@ -130,25 +125,9 @@ class MapVerification:
             ),
         )
 
-    @property
-    def passed(self) -> bool:
-        """Whether the grade is accepted: 30 % of the RMS goes and the P-V does not rise."""
-        return not self.reasons
-
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values with units in the keys.
-
-        Returns
-        -------
-        dict
-            For sidecars and reports.
-        """
         return {
-            "grade": self.grade,
-            "passed": self.passed,
-            "reasons": [
-                {"grade": r.grade, "check": r.check, "text": r.text} for r in self.reasons
-            ],
+            **self._verdict(),
             "zero_m": self.zero,
             "removed": self.removed,
             "axes": list(self.axes),
@@ -169,35 +148,11 @@ class MapVerification:
             "reach": self.reach,
         }
 
-    def require(
-        self, what: str, *, waived: Collection[str] = (), only_refused: bool = False
-    ) -> None:
-        """Refuse what is not accepted.
-
-        Parameters
-        ----------
-        what : str
-            Name of the map for the message.
-        waived : collection of str, optional
-            "pointless" and "coverage" may be waived.
-        only_refused : bool, optional
-            Whether a pointless map passes.
-
-        Raises
-        ------
-        SignCheckFailedError
-            If RMS or P-V rises, or the measurement spans less than 95 % of the map.
-        PointlessTableError
-            If less than 30 % of the RMS goes.
-        """
-        left = [r for r in self.reasons if r.check not in waived or r.check == "dry-run"]
-        grade = graded(left)
-        if grade == "accepted" or (only_refused and grade != "refused"):
-            return
+    def _refusal(self, grade: str, left: list[Reason]) -> str:
         if grade == "refused" and all(r.check != "dry-run" for r in left):
             text, checks = "; ".join(r.text for r in left), ", ".join(r.check for r in left)
-            raise SignCheckFailedError(
-                f"{what}: refused: {text}; nothing was written (to write it all the same, say "
+            return (
+                f"refused: {text}; nothing was written (to write it all the same, say "
                 f"waive={checks!r})"
             )
         if self.wrong_sign_rms < self.before_rms and self.wrong_sign_rms < self.after_rms:
@@ -218,10 +173,9 @@ class MapVerification:
                 "neither sign shrinks it: rows and columns are exchanged or mirrored, or the map "
                 "belongs to another place or state"
             )
-        kind = SignCheckFailedError if grade == "refused" else PointlessTableError
         waive = "" if grade == "refused" else " (to write it all the same, say waive='pointless')"
-        raise kind(
-            f"{what}: {grade} by the dry-run, it does not shrink the error: P-V {format_length(self.before_pv)} -> "
+        return (
+            f"{grade} by the dry-run, it does not shrink the error: P-V {format_length(self.before_pv)} -> "
             f"{format_length(self.after_pv)}, RMS {format_length(self.before_rms)} -> "
             f"{format_length(self.after_rms)}, with the reversed sign P-V "
             f"{format_length(self.wrong_sign_pv)}, RMS {format_length(self.wrong_sign_rms)}; {hint}; "

@@ -23,10 +23,19 @@ from metrosep.compensation.area_errors import (
     rising,
 )
 from metrosep.compensation.folds import source_hashes
-from metrosep.compensation.limits import Finding, Limits, coarse_finding, require_findings
+from metrosep.compensation.limits import (
+    Corrections,
+    Finding,
+    Limits,
+    coarse_finding,
+    require_findings,
+    slope_finding,
+    stroke_finding,
+)
 from metrosep.compensation.map_verify import MapRemoved, MapVerification, dry_run_map
 from metrosep.compensation.sampling import inverse_along, sample_area
 from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, history_as_dicts
@@ -36,7 +45,7 @@ __all__ = ["CompensationMap", "check_map_limits"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class CompensationMap:
+class CompensationMap(Corrections):
     """Corrections over two axes; frozen, SI.
 
     Parameters
@@ -303,20 +312,6 @@ class CompensationMap:
         return bilinear(self.x, self.y, self.values, x, y)
 
     def exact_inverse(self) -> CompensationMap:
-        """Return the map with c(p) = -e(p + c(p)), taking the present values as -e.
-
-        Returns
-        -------
-        CompensationMap
-            Itself, if it is exact already or corrects a third axis.
-
-        Raises
-        ------
-        TableError
-            If the values are too steep to invert.
-        NotConvergedError
-            If the exact inverse does not settle.
-        """
         if self.is_exact_inverse or not self.is_on_axis:
             return self
 
@@ -373,6 +368,7 @@ class CompensationMap:
             findings += reference_finding(there, self._reference_text())
         return (*findings, *coarse_finding(self.interpolation_error, self.values, "map"))
 
+    @described_by(limits)
     def require_limits(
         self, limits: Limits, *, feeds: Mapping[str, float] | None = None
     ) -> tuple[Finding, ...]:
@@ -382,8 +378,6 @@ class CompensationMap:
         ----------
         limits : Limits
             Of machine and controller.
-        feeds : mapping of str to float, m/s or rad/s, optional
-            Largest feed of each of the two axes.
 
         Returns
         -------
@@ -448,23 +442,9 @@ class CompensationMap:
         return result
 
     def negated(self) -> CompensationMap:
-        """Return the map with the sign reversed, for tests of sign checks.
-
-        Returns
-        -------
-        CompensationMap
-            It doubles the error.
-        """
         return replace(self, values=0.0 - self.values)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values with units in the keys.
-
-        Returns
-        -------
-        dict
-            For sidecars and reports; None where an uncertainty is not known.
-        """
         return {
             "axes": list(self.axes),
             "axis_units": ["rad" if is_rotary(a) else "m" for a in self.axes],
@@ -565,9 +545,6 @@ def _listed(grid: FloatArray) -> list[list[float | None]]:
 # The slopes of a map add up: while both axes move at their feeds, the corrected axis moves with
 # ``|dc/dx| vx + |dc/dy| vy`` at most (controllers notes, section 8, checks 5 to 9).
 
-_STEEP = 1e-3
-"""Slope of a correction beyond which it is no longer metrology."""
-
 _SAME = 1e-12
 """Below a picometre the correction at the reference counts as zero."""
 
@@ -622,43 +599,13 @@ def check_map_limits(
     if limits.max_points is not None and values.size > limits.max_points:
         text = f"{y.size} rows of {x.size} make {values.size} points, the controller takes "
         findings.append(_error(f"{text}{limits.max_points}", "use a coarser spacing", "points"))
-    stroke = float(np.abs(values).max())
-    if limits.stroke is not None and stroke > limits.stroke:
-        findings.append(
-            _error(
-                f"the largest correction is {format_length(stroke)}, the stroke "
-                f"{format_length(limits.stroke)}",
-                "remove alignment from the error or use an axis with more stroke",
-                "stroke",
-            )
-        )
+    findings += stroke_finding(float(np.abs(values).max()), limits)
     slopes = (np.diff(values, axis=1) / np.diff(x), np.diff(values, axis=0) / np.diff(y)[:, None])
     for slope, axis in zip(slopes, axes, strict=True):
-        findings += _slope(slope, axis, on_axis=axis == compensates)
+        steepest = 0.0 if is_rotary(axis) else float(np.abs(slope).max())
+        fall = -float(slope.min()) if axis == compensates else 0.0
+        findings += slope_finding(steepest, fall, f"along {axis} ")
     return (*findings, *_motion(x, y, slopes, limits, axes, feeds or {}))
-
-
-def _slope(slope: FloatArray, axis: str, *, on_axis: bool) -> list[Finding]:
-    if on_axis and -float(slope.min()) >= 1.0:
-        return [
-            _error(
-                f"along {axis} the correction falls by {-slope.min():.3g} m per m: the corrected "
-                "command turns back",
-                "check the units of position and error",
-                "turning-back",
-            )
-        ]
-    steepest = float(np.abs(slope).max())
-    if is_rotary(axis) or steepest <= _STEEP:
-        return []
-    return [
-        Finding(
-            "warning",
-            f"along {axis} the correction changes by {steepest:.3g} m per m",
-            "check the units; a geometric error is rarely steeper than 1e-3",
-            "steepness",
-        )
-    ]
 
 
 def _motion(

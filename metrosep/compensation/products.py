@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.compensation.area_errors import AreaSource
+from metrosep.compensation.limits import Stated
 from metrosep.compensation.map_verify import MapVerification
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
@@ -54,7 +55,7 @@ _CONVENTIONS = {
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class ProductTables:
+class ProductTables(Stated):
     """Two tables that stand for a map, and what they leave of it.
 
     Parameters
@@ -198,13 +199,6 @@ class ProductTables:
         return self.as_map().verify(against, free_zero=True)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values with units in the keys.
-
-        Returns
-        -------
-        dict
-            For sidecars and reports.
-        """
         second = self.second.to_dict()
         if self.form == "product":
             second["factor"] = second.pop("forward_m")

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from metrosep.compensation._acceptance import ROUNDING, Stack, lost_motion_change
+from metrosep.compensation.limits import Stated
 
 __all__ = ["LostMotion", "judge_lost_motion"]
 
 
 @dataclass(frozen=True, slots=True)
-class LostMotion:
+class LostMotion(Stated):
     """Offset of the reverse direction against the forward one, mean over the compared positions.
 
     Parameters
@@ -40,13 +41,6 @@ class LostMotion:
     passed: bool
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values with units in the keys.
-
-        Returns
-        -------
-        dict
-            For sidecars and reports.
-        """
         return {
             "passed": self.passed,
             "before_m": self.before,

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from metrosep.compensation.area_errors import column
 from metrosep.compensation.folds import Folds, source_hashes
 from metrosep.compensation.limits import (
+    Corrections,
     Finding,
     Limits,
     check_limits,
@@ -46,7 +47,7 @@ _SOURCE_POINTS = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class CompensationTable:
+class CompensationTable(Corrections):
     """Corrections along an axis; frozen, SI.
 
     Parameters
@@ -297,18 +298,6 @@ class CompensationTable:
         return np.asarray(np.interp(p, self.positions, values))
 
     def exact_inverse(self) -> CompensationTable:
-        """Return the table with c(p) = -e(p + c(p)), taking the present entries as -e.
-
-        Returns
-        -------
-        CompensationTable
-            Itself, if it is exact already or corrects another axis.
-
-        Raises
-        ------
-        TableError
-            If the entries are too steep to invert.
-        """
         if self.is_exact_inverse or not self.is_on_axis:
             return self
 
@@ -448,25 +437,11 @@ class CompensationTable:
         return result
 
     def negated(self) -> CompensationTable:
-        """Return the table with the sign reversed, for tests of sign checks.
-
-        Returns
-        -------
-        CompensationTable
-            It doubles the error.
-        """
         return replace(
             self, forward=-self.forward, reverse=None if self.reverse is None else -self.reverse
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values with units in the keys.
-
-        Returns
-        -------
-        dict
-            For sidecars and reports.
-        """
         return {
             "axis": self.axis,
             "compensates": self.compensates,

@@ -16,6 +16,7 @@ from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
@@ -361,15 +362,9 @@ class TrialMap:
     if_wrong: str
 
 
+@described_by(trial_table, errors=False)
 def trial_map(table: CompensationMap, amplitude: float | str) -> TrialMap:
     """Return a map with one bump at the positions of a real one.
-
-    Parameters
-    ----------
-    table : CompensationMap
-        The real one: its positions, axes and reference are kept, its corrections are not.
-    amplitude : float or str, m
-        Correction at the peak, with its sign; some ten times what the indicator resolves.
 
     Returns
     -------

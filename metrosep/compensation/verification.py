@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from metrosep.compensation._acceptance import Judgement, Reason, graded, length_text
+from metrosep.compensation._acceptance import Judged, Judgement, Reason, length_text
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.reversal import LostMotion
-from metrosep.core.errors import InconclusiveTableError, PointlessTableError, SignCheckFailedError
 
 __all__ = ["DIRECTION_NAMES", "DirectionResidual", "Unknown", "Verification"]
 
@@ -67,7 +65,7 @@ class DirectionResidual:
 
 
 @dataclass(frozen=True, slots=True)
-class Verification:
+class Verification(Judged):
     """Result of a dry-run.
 
     Parameters
@@ -108,16 +106,6 @@ class Verification:
     is_reversed: bool = False
     lost_motion: LostMotion | None = None
     unproven: tuple[int, ...] = ()
-
-    @property
-    def grade(self) -> str:
-        """``"accepted"``, ``"pointless"``, ``"inconclusive"`` or ``"refused"``."""
-        return graded(self.reasons)
-
-    @property
-    def passed(self) -> bool:
-        """Whether the grade is accepted: the machine is better with the table than without it."""
-        return not self.reasons
 
     @property
     def gain(self) -> float:
@@ -199,20 +187,9 @@ class Verification:
         return tuple(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values with units in the keys.
-
-        Returns
-        -------
-        dict
-            For sidecars and reports.
-        """
         j = self.judgement
         return {
-            "grade": self.grade,
-            "passed": self.passed,
-            "reasons": [
-                {"grade": r.grade, "check": r.check, "text": r.text} for r in self.reasons
-            ],
+            **self._verdict(),
             "sentences": list(self.sentences),
             "unknown": self.unknown,
             "unknown_text": _UNKNOWN[self.unknown],
@@ -246,39 +223,7 @@ class Verification:
             "not_verified": [DIRECTION_NAMES[d] for d in self.unproven],
         }
 
-    def require(
-        self, what: str, *, waived: Collection[str] = (), only_refused: bool = False
-    ) -> None:
-        """Refuse what is not accepted.
-
-        Parameters
-        ----------
-        what : str
-            Name of the table for the message.
-        waived : collection of str, optional
-            Checks whose refusal the user accepts: "coverage", "spike", "single", "inconclusive",
-            "pointless". What makes the machine worse cannot be waived.
-        only_refused : bool, optional
-            Whether the other grades pass.
-
-        Raises
-        ------
-        SignCheckFailedError
-            If it is refused.
-        InconclusiveTableError
-            If the readings do not show that it helps.
-        PointlessTableError
-            If less than 30 % of the RMS goes.
-        """
-        left = [r for r in self.reasons if r.check not in waived or r.check == "dry-run"]
-        grade = graded(left)
-        if grade == "accepted" or (only_refused and grade != "refused"):
-            return
-        kinds = {
-            "refused": SignCheckFailedError,
-            "inconclusive": InconclusiveTableError,
-            "pointless": PointlessTableError,
-        }
+    def _refusal(self, grade: str, left: list[Reason]) -> str:
         mine = [r for r in left if r.grade == grade]
         text = "; ".join(r.text for r in mine)
         hint = f"; {self.diagnosis}" if grade == "refused" and mine[0].check == "dry-run" else ""
@@ -286,9 +231,7 @@ class Verification:
         waive = f" (to write it all the same, say waive={', '.join(dict.fromkeys(checks))!r})"
         can = bool(checks) and all(r.check != "dry-run" for r in left)
         how = "the dry-run does not shrink the error: " if hint else ""
-        raise kinds[grade](
-            f"{what}: {grade}: {how}{text}{hint}; nothing was written{waive if can else ''}"
-        )
+        return f"{grade}: {how}{text}{hint}; nothing was written{waive if can else ''}"
 
     @property
     def diagnosis(self) -> str:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import inspect
+from collections.abc import Callable, Mapping
 from textwrap import dedent
-from typing import TypeVar
+from typing import Any, TypeVar
 
-__all__ = ["documented"]
+__all__ = ["described_by", "documented"]
 
 Documented = TypeVar("Documented")
+Function = TypeVar("Function")
 
 
 def documented(**parts: str) -> Callable[[Documented], Documented]:
@@ -42,3 +44,85 @@ def documented(**parts: str) -> Callable[[Documented], Documented]:
         return of
 
     return fill
+
+
+# ---- docstrings: what one object says of an option is not written again at another --------------
+
+
+def described_by(*sources: object, errors: bool = True) -> Callable[[Function], Function]:
+    """Return a decorator that adds the parameters, and the errors, that other objects describe."""
+
+    def complete(function: Function) -> Function:
+        of: Any = getattr(function, "__func__", function)  # of a class method
+        if of.__doc__:  # None under python -OO
+            texts = [inspect.getdoc(s) or "" for s in sources]
+            of.__doc__ = function.__doc__ = _completed(of, texts, errors)
+        return function
+
+    return complete
+
+
+def _completed(function: Callable[..., Any], sources: list[str], errors: bool) -> str:
+    """Return the docstring with all parameters in the order of the signature, and all errors."""
+    sections = _sections(inspect.getdoc(function) or "")
+    others = [_sections(text) for text in sources]
+    own = _entries(sections.pop("Parameters", []))
+    known = {n: e for s in reversed(others) for n, e in _entries(s.get("Parameters", [])).items()}
+    taken = inspect.signature(function).parameters
+    lent = {n: _as_taken(e, taken) for n, e in known.items()}
+    listed = [own.get(n) or lent.get(n) for n in taken]
+    parameters = [line for entry in dict.fromkeys(e for e in listed if e) for line in entry]
+    raised = sections.pop("Raises", [])
+    named = set(_entries(raised))
+    adding = others if errors else []
+    for entry in dict.fromkeys(e for o in adding for e in _entries(o.get("Raises", [])).values()):
+        names = set(_entries(list(entry)))
+        raised = raised if names <= named else [*raised, *entry]
+        named |= names
+    order = {"": sections.pop(""), "Parameters": parameters}
+    order.update({t: sections.pop(t) for t in ("Returns",) if t in sections})
+    return _text({**order, "Raises": raised, **sections})
+
+
+def _as_taken(entry: tuple[str, ...], taken: Mapping[str, inspect.Parameter]) -> tuple[str, ...]:
+    """Return an entry that says "optional" where the borrower has a default, and only there."""
+    head = entry[0].removesuffix(", optional")
+    here = [
+        taken[n] for name in head.split(" : ")[0].split(",") if (n := name.strip(" *")) in taken
+    ]
+    keywords = any(p.kind is p.VAR_KEYWORD for p in here)
+    if not keywords and here and all(p.default is not p.empty for p in here):
+        head += "" if "optional" in head else ", optional"
+    return entry if keywords else (head, *entry[1:])
+
+
+def _sections(doc: str) -> dict[str, list[str]]:
+    """Return the lines of each section of a numpydoc text; what stands before them under ``""``."""
+    found: dict[str, list[str]] = {"": []}
+    lines, title = doc.splitlines(), ""
+    for i, line in enumerate(lines):
+        if i + 1 < len(lines) and line and lines[i + 1] == "-" * len(line):
+            title = line
+            found[title] = []
+        elif not (title and line == "-" * len(title)):
+            found[title].append(line)
+    return {t: "\n".join(body).rstrip().split("\n") for t, body in found.items()}
+
+
+def _entries(lines: list[str]) -> dict[str, tuple[str, ...]]:
+    """Return the lines of each entry by its name; ``a, b : float`` is the entry of both."""
+    starts = [i for i, line in enumerate(lines) if line and not line[0].isspace()]
+    found = {}
+    for start, end in zip(starts, [*starts[1:], len(lines)], strict=False):
+        for name in lines[start].split(" : ")[0].split(","):
+            found[name.strip(" *")] = tuple(lines[start:end])
+    return found
+
+
+def _text(sections: dict[str, list[str]]) -> str:
+    blocks = [
+        "\n".join([title, "-" * len(title), *body] if title else body)
+        for title, body in sections.items()
+        if body
+    ]
+    return "\n\n".join(blocks) + "\n"

@@ -13,7 +13,6 @@ from metrosep.core._lazy import lazy_names
 
 if TYPE_CHECKING:  # a module states its names in ``__all__``
     from metrosep.machine.alignment import *
-    from metrosep.machine.chain_files import *
     from metrosep.machine.chains import *
     from metrosep.machine.elements import *
     from metrosep.machine.error_sets import *
@@ -27,8 +26,7 @@ if TYPE_CHECKING:  # a module states its names in ``__all__``
 # fmt: off
 _HOMES = {
     "alignment": ["FREEDOMS", "alignment_space", "freedom_maps", "removed_freedoms"],
-    "chain_files": ["preset_table", "presets"],
-    "chains": ["Chain"],
+    "chains": ["Chain", "preset_table", "presets"],
     "elements": ["Element", "axis_of", "element_terms", "from_paper", "import_errors", "to_paper"],
     "error_sets": ["ErrorSet", "as_error_set"],
     "gram": ["aligned_gram", "correlations", "expected_mean_square", "groups_alike", "shares"],

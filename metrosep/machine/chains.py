@@ -12,19 +12,23 @@ Positions `q` are SI (m, rad) by axis name, numbers or arrays that broadcast aga
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.resources import files
 from os import PathLike
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError
+from metrosep.core.docs import described_by
+from metrosep.core.errors import DataError, UnitError
 from metrosep.machine import _poses as ps
 from metrosep.machine._poses import States
+from metrosep.machine.chain_files import chain_parts, toml_table
 from metrosep.machine.elements import (
     BRANCHES,
     DIRECTIONS,
@@ -36,7 +40,7 @@ from metrosep.machine.elements import (
 )
 from metrosep.machine.error_sets import ErrorSet, as_error_set
 
-__all__ = ["Chain"]
+__all__ = ["Chain", "preset_table", "presets"]
 
 Positions = Mapping[str, ArrayLike]
 Errors = ErrorSet | Mapping[str, Any]
@@ -129,12 +133,11 @@ class Chain:
         ... ]}).terms
         ('EXX', 'EYX', 'EZX', 'EAX', 'EBX', 'ECX', 'EXC', 'EZC')
         """
-        from metrosep.machine.chain_files import chain_parts
-
         elements, name, description = chain_parts(table, parameters)
         return cls(elements, name=name, description=description)
 
     @classmethod
+    @described_by(from_dict, errors=False)
     def from_toml(cls, path: str | PathLike[str], **parameters: float) -> Chain:
         """Return the chain that a TOML file describes.
 
@@ -143,8 +146,6 @@ class Chain:
         path : str or path
             File with ``[[element]]`` tables; lengths and angles carry their unit in the key
             (``location_mm``, ``angle_deg``).
-        **parameters : float, SI
-            Values of the parameters that the file names.
 
         Returns
         -------
@@ -160,8 +161,6 @@ class Chain:
         -----
         A missing or locked file raises what the operating system says (FileNotFoundError).
         """
-        from metrosep.machine.chain_files import chain_parts, toml_table
-
         elements, name, description = chain_parts(toml_table(path), parameters, source=str(path))
         try:
             return cls(elements, name=name, description=description)
@@ -291,6 +290,7 @@ class Chain:
         result: FloatArray = np.moveaxis(out, (0, 1), (-2, -1))
         return result
 
+    @described_by(jacobian, errors=False)
     def volumetric_error(
         self,
         q: Positions,
@@ -303,12 +303,8 @@ class Chain:
 
         Parameters
         ----------
-        q : mapping of str to array_like, m or rad
-            Position of every axis; parked axes may be missing.
         errors : ErrorSet or mapping of str to float, callable or ErrorTerm
             Error terms by name; those that are not named are zero.
-        tool : array_like, shape (3,) or (..., 3), m
-            Tool point in the frame of the last element of the tool branch.
         exact : bool or str
             False: first order, `jacobian` times errors. ``"orthonormal"`` or True: the product with
             true rotations. ``"small-angle"``: the product with matrices ``I + hat``.
@@ -353,6 +349,7 @@ class Chain:
         states.poison(out)
         return np.moveaxis(out, 0, -1)
 
+    @described_by(volumetric_error, errors=False)
     def transform(
         self,
         q: Positions,
@@ -365,10 +362,10 @@ class Chain:
 
         Parameters
         ----------
-        q, tool, exact : as of `volumetric_error`
-            By default with true rotations; False adds the errors to first order.
         errors : ErrorSet or mapping of str to float, callable or ErrorTerm, optional
             Error terms by name; none gives the nominal pose.
+        exact : bool or str, optional
+            As of `volumetric_error`; by default with true rotations.
 
         Returns
         -------
@@ -404,6 +401,7 @@ class Chain:
         states.poison(out)
         return np.moveaxis(out, (0, 1), (-2, -1))
 
+    @described_by(volumetric_error, errors=False)
     def volumetric_covariance(
         self, q: Positions, errors: ErrorSet, *, tool: ArrayLike = (0.0, 0.0, 0.0)
     ) -> FloatArray:
@@ -411,8 +409,6 @@ class Chain:
 
         Parameters
         ----------
-        q, tool : as of `volumetric_error`
-            Where the machine stands.
         errors : ErrorSet
             Error terms with standard uncertainties (``u=``) and correlations.
 
@@ -609,3 +605,145 @@ def _declared_groups(elements: Sequence[Element]) -> dict[str, str]:
             old, new = group[e.name], group[e.parallel_to]
             group = {name: new if g == old else g for name, g in group.items()}
     return group
+
+
+# ---- chains of common machines, by name --------------------------------------------------------
+# The files in ``presets_data`` hold them in the form that `Chain.from_toml` reads: `preset_table`
+# returns one as a table, to start the description of another machine from.
+#
+# ==========  ========================================  =======================================
+# name        positions (SI)                            kinematics
+# ==========  ========================================  =======================================
+# fts_lathe   C theta, X x, FTS s; Z parked             tool on FTS on X on Z; spindle C
+# sts_lathe   X x, Z z, C theta                         tool on Z; spindle C on X
+# mill_xyz    X x, Y y, Z z                             tool on Z; table X on Y
+# five_axis   X x, Y y, Z z, A a, C c                   tool on Z on X; table C on A on Y
+# ==========  ========================================  =======================================
+
+_FOLDER = "presets_data"
+_LATHES = ("fts_lathe", "sts_lathe")
+_LARGEST = 5.0  # m; a radius or a height above it was typed in mm
+_SPINDLE_ERRORS = {"co-rotating": "after", "fixed": "before"}
+
+
+@overload
+def presets() -> tuple[str, ...]: ...
+@overload
+def presets(name: None) -> tuple[str, ...]: ...
+@overload
+def presets(name: str, *, spindle_errors: str = ..., **parameters: float | str) -> Chain: ...
+def presets(
+    name: str | None = None, *, spindle_errors: str | None = None, **parameters: float | str
+) -> Chain | tuple[str, ...]:
+    """Return the chain of a common machine, or the names of all of them.
+
+    Parameters
+    ----------
+    name : str, optional
+        ``"fts_lathe"``, ``"sts_lathe"``, ``"mill_xyz"`` or ``"five_axis"``; without it, the names.
+    spindle_errors : str, optional
+        Of the lathes: ``"co-rotating"`` (eq 3 of [1]_: the errors turn with the workpiece; default
+        of fts_lathe) or ``"fixed"`` (they stay in the machine, ISO 230-7; default of sts_lathe).
+    **parameters : float or str, m
+        ``radius`` of the workpiece (fts_lathe, > 0), ``pivot_height`` of the C table's datum above
+        the axis of A (five_axis).
+
+    Returns
+    -------
+    Chain or tuple of str
+        The machine, or the names.
+
+    Raises
+    ------
+    DataError
+        The name, a parameter or the choice of the spindle errors is unknown, missing or out of
+        range.
+    UnitError
+        A length is above 5 m: it was given in mm.
+
+    Notes
+    -----
+    fts_lathe: 25 terms. Position X is the paper's x, 0 at the rim: the tool stands at the radius
+    R - x; FTS is its current height s = S - z_f. **EXX runs along the workpiece's +X, against x**:
+    a slide that stands 1 um too far along its own x has EXX = -1 um. Of every other axis of every
+    preset the positioning error (EXX, EYY, EZZ, EZFTS, EAA, ECC) is that of its position. The spindle angle theta puts the cut point at the
+    workpiece azimuth -theta. Z may be left out: it is then no joint, and its errors do nothing.
+    B0Z is the paper's eta_zx with the sign of its eq 1 (eq 9 has the other one).
+
+    Error motions are those that an instrument reads at the tool point (0, 0, 0) with the other axes
+    at zero: an indicator there on its own line returns EYX, EZX and so on, own travel is not a lever
+    of an angle. For another point put ``measured_at_mm`` into `preset_table`. `Chain.describe` says
+    for each axis where, in which directions and with which sign.
+
+    References
+    ----------
+    .. [1] Micromachines 11 (2020) 331, eq 1-11 and Table 1.
+
+    Examples
+    --------
+    >>> presets()
+    ('five_axis', 'fts_lathe', 'mill_xyz', 'sts_lathe')
+    >>> len(presets("fts_lathe", radius=20e-3).terms)
+    25
+    """
+    if name is None:
+        return _names()
+    table = preset_table(name)
+    if spindle_errors is not None:
+        _choose_spindle(table, name, spindle_errors)
+    lengths = {n: numbers.quantity(v, f"{n} of {name}", "length") for n, v in parameters.items()}
+    chain = Chain.from_dict(table, **lengths)
+    for key, value in lengths.items():
+        if abs(value) > _LARGEST:
+            raise UnitError(
+                f"{key} of {name} is {value} m, more than {_LARGEST:g} m; lengths are in m, "
+                "20 mm are 0.02"
+            )
+    if "radius" in lengths:
+        numbers.positive(lengths["radius"], f"radius of {name}", dimension="length")
+    return chain
+
+
+def preset_table(name: str) -> dict[str, Any]:
+    """Return the table of a preset, as its TOML file holds it.
+
+    Parameters
+    ----------
+    name : str
+        Name of the preset.
+
+    Returns
+    -------
+    dict
+        What `Chain.from_dict` takes; a new one each time.
+
+    Raises
+    ------
+    DataError
+        There is no such preset.
+
+    Examples
+    --------
+    >>> [element["name"] for element in preset_table("mill_xyz")["element"]]
+    ['Z', 'Y', 'X']
+    """
+    if name not in _names():
+        raise DataError(f"there is no preset chain {name!r}; there are {', '.join(_names())}")
+    file = files("metrosep.machine") / _FOLDER / f"{name}.toml"
+    return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
+def _names() -> tuple[str, ...]:
+    folder = files("metrosep.machine") / _FOLDER
+    found = (f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml"))
+    return tuple(sorted(found))
+
+
+def _choose_spindle(table: dict[str, Any], name: str, choice: str) -> None:
+    """Write the error frame of the spindle into the table."""
+    if name not in _LATHES:
+        raise DataError(f"{name} has no spindle errors to choose; {', '.join(_LATHES)} have")
+    numbers.choice(choice, "spindle_errors", _SPINDLE_ERRORS)
+    for element in table["element"]:
+        if element["name"] == "C":
+            element["error_frame"] = _SPINDLE_ERRORS[choice]

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.machine.elements import axis_of
@@ -179,13 +180,9 @@ class ErrorSet:
         wanted = self._known(names)
         return {name: _at(name, self.terms[name], "evaluate", q) for name in wanted}
 
+    @described_by(at, errors=False)
     def u_at(self, q: Mapping[str, ArrayLike]) -> dict[str, FloatArray]:
         """Return the standard uncertainty of every term at axis positions.
-
-        Parameters
-        ----------
-        q : mapping of str to array_like, m or rad
-            Axis positions.
 
         Returns
         -------
@@ -200,13 +197,9 @@ class ErrorSet:
         _refuse_no_mapping(q, "positions are a mapping of axis names")
         return {name: _at(name, term, "sd", q) for name, term in self.terms.items()}
 
+    @described_by(at, errors=False)
     def correlation(self, names: Iterable[str] | None = None) -> FloatArray:
         """Return the correlation matrix of terms.
-
-        Parameters
-        ----------
-        names : iterable of str, optional
-            Terms wanted, in this order; all by default.
 
         Returns
         -------
@@ -226,6 +219,7 @@ class ErrorSet:
                 matrix[i, k] = matrix[k, i] = r
         return matrix
 
+    @described_by(correlation, errors=False)
     def covariance(
         self, names: Iterable[str] | None = None, q: Mapping[str, ArrayLike] | None = None
     ) -> FloatArray:
@@ -233,8 +227,6 @@ class ErrorSet:
 
         Parameters
         ----------
-        names : iterable of str, optional
-            Terms wanted, in this order; all by default.
         q : mapping of str to array_like, m or rad, optional
             Axis positions, where uncertainties depend on them.
 

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.machine.alignment import Alignment
 
@@ -174,15 +175,9 @@ def expected_mean_square(
     return total
 
 
+@described_by(expected_mean_square, errors=False)
 def shares(matrix: ArrayLike, covariance: ArrayLike) -> FloatArray:
     """Return each term's share of the expected mean square, ``(G S)_ii / tr(G S)``.
-
-    Parameters
-    ----------
-    matrix : array_like, shape (m, m), m^2 per unit^2
-        Gram matrix.
-    covariance : array_like, shape (m, m)
-        Of the amounts, or (m,), their variances.
 
     Returns
     -------

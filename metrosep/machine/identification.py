@@ -156,7 +156,7 @@ def identify(
     Examples
     --------
     >>> from metrosep.forms import Toric
-    >>> from metrosep.machine.chain_files import presets
+    >>> from metrosep.machine.chains import presets
     >>> lathe, form = presets("fts_lathe", radius=20e-3), Toric(Rb=0.265, Rd=0.1325)
     >>> x = np.linspace(-14e-3, 14e-3, 60)
     >>> rho = np.hypot(x, x[:, None])

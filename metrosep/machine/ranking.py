@@ -152,7 +152,7 @@ def rank(
     Examples
     --------
     >>> from metrosep.forms import Toric
-    >>> from metrosep.machine.chain_files import presets
+    >>> from metrosep.machine.chains import presets
     >>> lathe = presets("fts_lathe", radius=20e-3)
     >>> table = rank(
     ...     lathe, Toric(Rb=0.265, Rd=0.1325), radius=20e-3, n_rho=50, n_azimuth=72,

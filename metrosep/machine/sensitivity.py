@@ -17,6 +17,7 @@ import numpy as np
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
@@ -320,15 +321,9 @@ class SensitivityTable:
         unit = self._maps(aligned=True) if maps else None
         return drawn_maps(self.gram, amounts, self.expected_sq**2, unit)
 
+    @described_by(sobol_indices, errors=False)
     def sobol(self, n: int = 65536, *, seed: int = 0) -> SobolIndices:
         """Return Sobol indices of Sq (not of its square) after alignment.
-
-        Parameters
-        ----------
-        n : int, optional
-            Draws per term.
-        seed : int, optional
-            Of the generator.
 
         Returns
         -------

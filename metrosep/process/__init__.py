@@ -28,7 +28,6 @@ if TYPE_CHECKING:  # a module states its names in ``__all__``
     from metrosep.process.path_points import *
     from metrosep.process.predictions import *
     from metrosep.process.servo import *
-    from metrosep.process.setting_fit import *
     from metrosep.process.setting_maps import *
     from metrosep.process.static_errors import *
     from metrosep.process.straightness_runs import *
@@ -63,14 +62,13 @@ _HOMES = {
         "BudgetTotal", "Contribution", "CorrectedProgram", "ErrorBudget", "Prediction",
     ],
     "servo": ["Gains", "ServoModel", "error_ratio", "retuned_error"],
-    "setting_fit": ["SettingFit", "identify_setting"],
     "setting_maps": ["SettingError", "SettingTolerance", "setting_tolerance"],
     "static_errors": ["StaticComparison", "compare_static"],
     "straightness_runs": [
         "RunPolynomial", "StraightnessLines", "run_polynomial", "straightness_lines",
     ],
     "tips": ["TipPath", "tip_path"],
-    "tool_settings": ["ToolSetting"],
+    "tool_settings": ["SettingFit", "ToolSetting", "identify_setting"],
 }
 # fmt: on
 

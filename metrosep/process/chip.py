@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, InvalidSamplesError
 from metrosep.core.units import format_length
 from metrosep.process._plain import not_above, real_array
@@ -75,17 +76,14 @@ def max_chip_thickness(R: ArrayLike, f: ArrayLike, a: ArrayLike) -> float | Floa
     return _plain(thickness)
 
 
+@described_by(max_chip_thickness)
 def approximate_chip_thickness(R: ArrayLike, f: ArrayLike, a: ArrayLike) -> float | FloatArray:
     """Return the chip thickness for a feed and a depth much smaller than the nose.
 
     Parameters
     ----------
-    R : array_like, m
-        Nose radius, > 0.
     f : array_like, m
         Feed per revolution, >= 0, at most ``sqrt(2 R a)``.
-    a : array_like, m
-        Depth of cut, 0 <= a <= R.
 
     Returns
     -------
@@ -147,25 +145,14 @@ def cusp_height(R: ArrayLike, f: ArrayLike, *, exact: bool = False) -> float | F
     return _plain(square / (radius + np.sqrt(radius * radius - square)))
 
 
+@described_by(cusp_height)
 def cusp_ra(R: ArrayLike, f: ArrayLike) -> float | FloatArray:
     """Return Ra of the ideal ridges of a round nose on a flat.
-
-    Parameters
-    ----------
-    R : array_like, m
-        Nose radius, > 0.
-    f : array_like, m
-        Feed per revolution, 0 <= f <= 2 R.
 
     Returns
     -------
     float or ndarray, m
         ``f^2 / (18 sqrt(3) R)``: mean deviation of parabolic ridges, no filter.
-
-    Raises
-    ------
-    DataError
-        As of `max_chip_thickness`, or the feed is wider than the nose.
 
     Examples
     --------

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
@@ -141,6 +142,7 @@ def stage_displacement(
     return frozen(d)
 
 
+@described_by(stage_displacement)
 def drive_table(
     x: ArrayLike,
     values: ArrayLike,
@@ -161,10 +163,6 @@ def drive_table(
     ----------
     x : array_like, shape (n,)
         Positions in m with `speed`, else times in s; strictly increasing.
-    values : array_like, shape (n,), m
-        Error or compensation at these.
-    quantity : {"error", "compensation"}
-        Which of them; the sign follows.
     calibration : FlexureCalibration or float
         Monotone curve, or the sensitivity in m/V of a stage that stands at 0 at 0 V.
     offset : float, m, optional
@@ -552,6 +550,7 @@ def sweep_gains(
     return GainSweep(kept, best, reference, audit, _messages(rows, best))
 
 
+@described_by(sweep_gains, errors=False)
 def stability_limits(
     model: ServoModel, gains: Gains, vary: str, *, low: float, high: float, order: int = 8
 ) -> tuple[tuple[float, float], ...]:
@@ -559,16 +558,12 @@ def stability_limits(
 
     Parameters
     ----------
-    model : ServoModel
-        The axis.
     gains : Gains
         The other gains.
     vary : {"kp", "ki", "kd"}
         Gain to vary.
     low, high : float
         Range to search, ``0 <= low < high``.
-    order : int, 1 to 12, optional
-        Of the Pade fraction of the delay.
 
     Returns
     -------

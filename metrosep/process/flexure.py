@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core.docs import described_by
 from metrosep.core.errors import (
     DataError,
     DegenerateFitError,
@@ -130,6 +131,7 @@ class FlexureCalibration(Frozen):
         v = frozen_float(np.atleast_1d(np.asarray(voltage)), name="voltage", ndim=1)
         return _through(self.voltage, self._curve(direction), v, "voltage", "V")
 
+    @described_by(evaluate)
     def voltage_for(self, displacement: ArrayLike, *, direction: Direction = "mean") -> FloatArray:
         """Return the voltages that give displacements: the monotone inverse.
 
@@ -137,8 +139,6 @@ class FlexureCalibration(Frozen):
         ----------
         displacement : array_like, shape (n,), m
             Within the calibrated range.
-        direction : {"mean", "up", "down"}, optional
-            Curve to use.
 
         Returns
         -------

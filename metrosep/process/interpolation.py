@@ -8,13 +8,14 @@ every function names the one that it used.
 from __future__ import annotations
 
 import math
-from typing import Literal, get_args
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray, frozen_float, same_length
+from metrosep.core.docs import described_by
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -33,6 +34,13 @@ Interpolation = Literal["linear", "spline"]
 
 FEWEST_KNOTS = 4
 """A cubic spline without a knot at its second point needs four."""
+
+
+class Height(Protocol):
+    """A surface as a function of x and y, m."""
+
+    def __call__(self, x: Any, y: Any, /) -> Any:
+        """Return heights, m."""
 
 
 def knot_slopes(
@@ -346,6 +354,7 @@ def _doubled_length(u: FloatArray) -> FloatArray:
     return u * root + np.arcsinh(u)
 
 
+@described_by(arc_length)
 def angle_at_length(s: ArrayLike, feed: float) -> FloatArray:
     """Return the angle left to the centre at an arc length, the inverse of `arc_length`.
 
@@ -353,8 +362,6 @@ def angle_at_length(s: ArrayLike, feed: float) -> FloatArray:
     ----------
     s : array_like, any shape, m
         Arc length from the centre, >= 0; NaN gives NaN.
-    feed : float, m
-        Advance per revolution, > 0.
 
     Returns
     -------
@@ -363,8 +370,6 @@ def angle_at_length(s: ArrayLike, feed: float) -> FloatArray:
 
     Raises
     ------
-    DataError
-        If the feed is not positive and finite.
     InvalidSamplesError
         If a length is negative or infinite.
     NotConvergedError

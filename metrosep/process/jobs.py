@@ -15,6 +15,7 @@ import numpy as np
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, LimitError, MetrosepError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
@@ -221,6 +222,7 @@ class TurningJob:
         own: Any = {"core": self.core, "sense": self._way}
         return SpiralPath(self.radius, self.feed, step=step, lead_in=lead_in, **own, **words)
 
+    @described_by(points_for_tolerance, errors=False)
     def plan(
         self,
         tolerance: float,
@@ -235,12 +237,6 @@ class TurningJob:
 
         Parameters
         ----------
-        tolerance : float, m
-            P-V of the interpolation error.
-        distribution : {"CA", "CAL"}, optional
-            Constant angle or arc length.
-        interpolation : {"linear", "spline"}, optional
-            What the controller does.
         annulus : tuple of (float or None, float or None), m, optional
             Region that counts; the whole part if omitted.
         lead_in : int, optional
@@ -401,6 +397,7 @@ class TurningJob:
         }
         return Prediction(budget, rho, azimuth, removed, tuple(messages), freeze_mapping(audit))
 
+    @described_by(predict, errors=False)
     def compensated(
         self,
         path: SpiralPath | JobPlan,
@@ -413,8 +410,6 @@ class TurningJob:
 
         Parameters
         ----------
-        path : SpiralPath or JobPlan
-            The program.
         tool : ToolSetting, optional
             What the errors of the setting are.
         follow_up : FollowUp or FollowUpMap, optional

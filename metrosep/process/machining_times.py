@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from metrosep.core import numbers
+from metrosep.core.docs import described_by
 from metrosep.core.quantity import Quantity
 
 __all__ = ["MachiningTime", "machining_time"]
@@ -22,11 +23,11 @@ class MachiningTime:
     Parameters
     ----------
     turns : float
-        Revolutions from the rim to the centre.
+        Revolutions from the rim to the centre, radius over feed.
     n_points : int
-        Blocks.
+        Blocks, >= 1.
     spindle_speed : float, 1/s
-        Programmed revolutions per second.
+        Programmed revolutions per second; 20 rpm are 20 / 60.
     block_time : float, s
         Shortest time of one block in the controller; 0 where it does not limit.
 
@@ -127,31 +128,16 @@ class MachiningTime:
         )
 
 
+@described_by(MachiningTime)
 def machining_time(
     n_points: int, turns: float, *, spindle_speed: float, block_time: float = 0.0
 ) -> MachiningTime:
     """Return the time of one pass over a spiral.
 
-    Parameters
-    ----------
-    n_points : int
-        Blocks, >= 1.
-    turns : float
-        Revolutions from the rim to the centre, radius over feed.
-    spindle_speed : float, 1/s
-        Programmed revolutions per second; 20 rpm are 20 / 60.
-    block_time : float, s, optional
-        Shortest time of one block in the controller, >= 0.
-
     Returns
     -------
     MachiningTime
         ``T = max(turns / spindle_speed, n_points block_time)``.
-
-    Raises
-    ------
-    DataError
-        If a number is not positive and finite (the block time: negative).
 
     Notes
     -----

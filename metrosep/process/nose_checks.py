@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, LimitError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
@@ -288,6 +289,7 @@ def _left(form: Form, nose: RoundNose, rho: float, theta: float) -> float:
     return float(np.fmax.reduce(found))
 
 
+@described_by(gouge_check)
 def clearance_check(
     form: Form,
     nose: RoundNose,
@@ -302,8 +304,6 @@ def clearance_check(
 
     Parameters
     ----------
-    form, nose, radius, region : as of `gouge_check`
-        The surface, the nose with its clearance angle, and where it is searched.
     travel : {"growing", "falling", "both"}, optional
         Whether the tool runs towards growing or falling azimuth of the workpiece.
     n_rho, n_theta : int, optional
@@ -346,6 +346,7 @@ def clearance_check(
     )  # fmt: skip
 
 
+@described_by(clearance_check)
 def window_check(
     form: Form,
     nose: RoundNose,
@@ -356,13 +357,6 @@ def window_check(
     n_theta: int = 360,
 ) -> NoseCheck:
     """Return whether the surface touches the nose only where it is sharp.
-
-    Parameters
-    ----------
-    form, nose, radius, region : as of `gouge_check`
-        The surface, the nose with its window, and where it is searched.
-    n_rho, n_theta : int, optional
-        Of the mesh that is searched.
 
     Returns
     -------

@@ -17,6 +17,7 @@ import numpy as np
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -25,6 +26,7 @@ from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.process._plain import frozen, length
 from metrosep.process.interpolation import (
+    Height,
     Interpolation,
     arc_length,
     dense_rows,
@@ -33,61 +35,22 @@ from metrosep.process.interpolation import (
     knot_slopes,
     newton_angle,
 )
-from metrosep.process.path_points import Height, PathPoints, SpiralPath
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from metrosep.process.path_points import SpiralPath
+
 __all__ = [
     "PathErrorMap",
     "estimated_points",
-    "path_error_map",
-    "program_points",
     "sine_path_error",
     "sine_path_step",
 ]
 
 _TURN = 2.0 * math.pi
-_MOST_SAMPLES = 50_000_000
-"""Of a map: 0.4 GB, and 0.8 GB more for where they lie."""
 _MOST_PIXELS = 5000
 """Along a side of a surface: about 2 GB while it is made."""
-
-
-def program_points(path: SpiralPath, form: Height) -> PathPoints:
-    """Return the points of the block program; see `SpiralPath.points`."""
-    course = course_of(path, form)
-    u, _ = path.stations()
-    theta = _TURN * path.turns - u
-    rho, azimuth = u * (path.feed / _TURN), path.azimuth_of(theta)
-    return PathPoints(rho, theta, azimuth, course.s, course.z, path.lead_in)
-
-
-def path_error_map(path: SpiralPath, form: Height, *, sub_points: int = 10) -> PathErrorMap:
-    """Return the error of the interpolated path along the spiral; see `SpiralPath.error_map`."""
-    parts = numbers.count(sub_points, "sub_points", least=2)
-    if path.n_points * parts >= _MOST_SAMPLES:
-        raise LimitError(
-            f"{path.n_points:,} blocks with {parts} samples each are {path.n_points * parts + 1:,} "
-            f"samples; a map holds at most {_MOST_SAMPLES:,}: make the step larger (check its "
-            "unit), or sub_points smaller"
-        )
-    fractions = np.arange(parts) / parts
-    course = course_of(path, form)
-    z = np.empty(path.n_points * parts + 1)
-    steps = np.diff(course.s)
-    filled = 0
-    with one_blas_thread():
-        for samples in dense_samples(path, parts, first=path.lead_in):
-            chosen = samples.intervals
-            knots = slice(chosen.start, chosen.stop + 1)
-            slopes = None if course.slopes is None else course.slopes[knots]
-            made = dense_rows(course.z[knots], steps[chosen], slopes, fractions).ravel()
-            made -= heights_of(form, samples.rho, samples.azimuth)
-            z[filled : filled + made.size] = made
-            filled += made.size
-    z[-1:] = course.z[-1:] - heights_of(form, *last_point(path))
-    return PathErrorMap(frozen(z), path, form, parts, course)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -517,6 +480,25 @@ def dense_samples(path: SpiralPath, parts: int, *, first: int) -> Iterator[Sampl
         yield Samples(chosen, flat, a * u, path.azimuth_of(whole - u))
 
 
+def errors_along(path: SpiralPath, form: Height, parts: int, course: Course) -> FloatArray:
+    """Return path minus form at the dense samples, from the rim to the last point."""
+    fractions = np.arange(parts) / parts
+    z = np.empty(path.n_points * parts + 1)
+    steps = np.diff(course.s)
+    filled = 0
+    with one_blas_thread():
+        for samples in dense_samples(path, parts, first=path.lead_in):
+            chosen = samples.intervals
+            knots = slice(chosen.start, chosen.stop + 1)
+            slopes = None if course.slopes is None else course.slopes[knots]
+            made = dense_rows(course.z[knots], steps[chosen], slopes, fractions).ravel()
+            made -= heights_of(form, samples.rho, samples.azimuth)
+            z[filled : filled + made.size] = made
+            filled += made.size
+    z[-1:] = course.z[-1:] - heights_of(form, *last_point(path))
+    return z
+
+
 def last_point(path: SpiralPath) -> tuple[FloatArray, FloatArray]:
     """Return radius and azimuth of the last point, as arrays of one."""
     u = np.array([path.last_angle])
@@ -587,6 +569,7 @@ def sine_path_error(
     return A * rest * rest * (2.0 - c) / (1.0 + 2.0 * c * c)
 
 
+@described_by(sine_path_error)
 def sine_path_step(
     amplitude: float, wavelength: float, tolerance: float, *, interpolation: Interpolation
 ) -> float:
@@ -594,22 +577,13 @@ def sine_path_step(
 
     Parameters
     ----------
-    amplitude, wavelength : float, m
-        As of `sine_path_error`.
     tolerance : float, m
         P-V, > 0.
-    interpolation : {"linear", "spline"}
-        What the controller does.
 
     Returns
     -------
     float
         Arc step, m, at most half a wavelength.
-
-    Raises
-    ------
-    DataError
-        As of `sine_path_error`.
 
     Examples
     --------
@@ -629,6 +603,7 @@ def sine_path_step(
     return low
 
 
+@described_by(sine_path_step)
 def estimated_points(
     amplitude: float,
     wavelength: float,
@@ -643,16 +618,10 @@ def estimated_points(
 
     Parameters
     ----------
-    amplitude, wavelength : float, m
-        Of the sine.
     radius, feed : float, m
         Of the spiral.
-    tolerance : float, m
-        P-V, > 0.
     distribution : {"CA", "CAL"}, optional
         With CA the step at the rim counts, with CAL the one step.
-    interpolation : {"linear", "spline"}, optional
-        What the controller does.
 
     Returns
     -------

@@ -7,24 +7,28 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
 from itertools import product
-from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, LimitError, TooFewSamplesError, UnitError
 from metrosep.process._plain import Frozen, OnPart, frozen, length
-from metrosep.process.interpolation import EndCondition, Interpolation, angle_at_length, arc_length
-
-if TYPE_CHECKING:
-    from metrosep.process.path_errors import PathErrorMap
+from metrosep.process.interpolation import (
+    EndCondition,
+    Height,
+    Interpolation,
+    angle_at_length,
+    arc_length,
+)
+from metrosep.process.path_errors import PathErrorMap, course_of, errors_along
 
 __all__ = [
     "CountCurve",
     "Distribution",
-    "Height",
     "PathPoints",
     "PointPlan",
     "Sense",
@@ -261,6 +265,7 @@ class CountCurve(Frozen):
     peak_to_valley: FloatArray
 
 
+@described_by(points_for_tolerance, errors=False)
 def errors_by_count(
     form: Height,
     radius: float,
@@ -275,18 +280,8 @@ def errors_by_count(
 
     Parameters
     ----------
-    form : callable
-        ``form(x, y)``, m.
-    radius, feed : float, m
-        Of the spiral.
     counts : sequence of int
         Intervals, each path ending in the centre (or on the core).
-    annulus : tuple of (float or None, float or None), m, optional
-        Inner and outer radius of the region that counts; the whole map if omitted.
-    sub_points : int, optional
-        Samples an interval.
-    **options : object
-        Of `SpiralPath`, such as ``lead_in=3``.
 
     Returns
     -------
@@ -399,14 +394,6 @@ Distribution = Literal["CA", "CAL"]
 Sense = Literal["counterclockwise", "clockwise"]
 Knots = Literal["interpolate", "least-squares"]
 
-
-class Height(Protocol):
-    """A surface as a function of x and y, m."""
-
-    def __call__(self, x: Any, y: Any, /) -> Any:
-        """Return heights, m."""
-
-
 _TURN = 2.0 * math.pi
 _WHOLE = 1e-9
 """A count this close to a whole number, relative, is that number: 2 degrees divide a turn."""
@@ -414,6 +401,8 @@ _WIDEST_STEP = _TURN / 8.0
 """Fewer than eight points a turn follow nothing; an angle above is one in degrees."""
 _LARGEST = 5.0
 """m: no part is turned that large; a radius above is one in mm or um."""
+_MOST_SAMPLES = 50_000_000
+"""Of a map: 0.4 GB, and 0.8 GB more for where they lie."""
 _MOST_POINTS = 10_000_000
 """Of a program that is worked on at once: about 1 GB."""
 
@@ -723,17 +712,18 @@ class SpiralPath:
         LimitError
             If there are more than 10 million points.
         """
-        from metrosep.process.path_errors import program_points
+        course = course_of(self, form)
+        u, _ = self.stations()
+        theta = _TURN * self.turns - u
+        rho, azimuth = u * (self.feed / _TURN), self.azimuth_of(theta)
+        return PathPoints(rho, theta, azimuth, course.s, course.z, self.lead_in)
 
-        return program_points(self, form)
-
+    @described_by(points)
     def error_map(self, form: Height, sub_points: int = 10) -> PathErrorMap:
         """Return the error of the interpolated path, path minus ideal, along the whole spiral.
 
         Parameters
         ----------
-        form : callable
-            ``form(x, y)``, m, such as a form of `metrosep.forms`.
         sub_points : int, optional
             Parts of equal arc length into which each interval is divided, >= 2. An even number
             holds the middle, where the error of a line is largest.
@@ -750,9 +740,17 @@ class SpiralPath:
         LimitError
             As of `points`, or there are more than 50 million samples.
         """
-        from metrosep.process.path_errors import path_error_map
-
-        return path_error_map(self, form, sub_points=sub_points)
+        parts = numbers.count(sub_points, "sub_points", least=2)
+        if self.n_points * parts >= _MOST_SAMPLES:
+            raise LimitError(
+                f"{self.n_points:,} blocks with {parts} samples each are "
+                f"{self.n_points * parts + 1:,} samples; a map holds at most {_MOST_SAMPLES:,}: "
+                "make the step larger (check its unit), or sub_points smaller"
+            )
+        course = course_of(self, form)
+        return PathErrorMap(
+            frozen(errors_along(self, form, parts, course)), self, form, parts, course
+        )
 
     @property
     def _total(self) -> float:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core import numbers
 from metrosep.core._arrays import ComplexArray, FloatArray, frozen_float, same_length
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError
 from metrosep.process._plain import complete, frozen, uniform_time
 
@@ -276,6 +277,7 @@ def error_ratio(
     return math.sqrt(power[0] / power[1]) if power[1] > 0.0 else math.inf
 
 
+@described_by(error_ratio)
 def retuned_error(
     model: ServoModel,
     before: Gains,
@@ -289,8 +291,6 @@ def retuned_error(
 
     Parameters
     ----------
-    model : ServoModel
-        The axis.
     before, after : Gains
         Gains during the log, and to try; both stable.
     t : array_like, shape (n,), s

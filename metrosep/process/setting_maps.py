@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray, frozen_float
+from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, InvalidSamplesError, NotConvergedError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.surface import Surface
@@ -131,13 +132,9 @@ class SettingError(OnPart):
         valid = self._valid(region)
         return float(np.ptp(self.z[valid])) if valid.any() else math.nan
 
+    @described_by(peak_to_valley)
     def rms(self, region: tuple[float, float] | None = None) -> float:
         """Return the area-weighted root mean square about the area-weighted mean.
-
-        Parameters
-        ----------
-        region : tuple of (float, float), m, optional
-            Inner and outer radius; the whole map if omitted.
 
         Returns
         -------

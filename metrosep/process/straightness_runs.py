@@ -6,7 +6,6 @@ number that mixes both says nothing. Error is positive out of the material.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -18,11 +17,12 @@ from numpy.typing import ArrayLike
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray, frozen_float
-from metrosep.core.errors import DataError, DegenerateFitError, LimitError, TooFewSamplesError
+from metrosep.core.errors import DataError, LimitError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.process._plain import Frozen, frozen
+from metrosep.process.degrees import MOST_TRIED, Curves, best_degree, degree_scores, left_by, solve
 
 __all__ = ["RunPolynomial", "StraightnessLines", "run_polynomial", "straightness_lines"]
 
@@ -330,7 +330,19 @@ def run_polynomial(
     pairs, domain = _shared(listed)
     scores: list[dict[str, float]] = []
     if isinstance(degree, str):
-        chosen, scores = choose(pairs, degree, max_degree)
+        numbers.choice(degree, "degree, if no number,", ("aicc", "f-test"))
+        most = numbers.count(max_degree, "max_degree", most=MOST_TRIED)
+        found = degree_scores(pairs, domain, most, rounding=1e-13)
+        chosen = best_degree(found, degree)
+        scores = [
+            {
+                "degree": f.pop("degree"),
+                "aicc": f.pop("aicc"),
+                "residual_rms_nm": f.pop("residual_rms_m") * 1e9,
+                **f,
+            }
+            for f in found
+        ]
     else:
         chosen = numbers.count(degree, "degree", least=0, most=20)
     middle, half = 0.5 * (domain[0] + domain[1]), 0.5 * (domain[1] - domain[0])
@@ -340,7 +352,7 @@ def run_polynomial(
     to_x = np.column_stack([to_powers(e, middle, half) for e in np.eye(chosen + 1)])
     mean = to_x @ own
     cov = None if own_cov is None else _covariance(fits @ to_x.T)
-    rest = residuals(pairs, chosen)
+    rest = left_by(pairs, domain, chosen)
     scatter = _repeatability(pairs, domain)
     drift = _drift(pairs, own, domain)
     u = np.full(chosen + 1, np.nan) if cov is None else np.sqrt(np.diag(cov))
@@ -372,7 +384,7 @@ def run_polynomial(
     )
 
 
-def _shared(runs: list[Profile]) -> tuple[Runs, tuple[float, float]]:
+def _shared(runs: list[Profile]) -> tuple[Curves, tuple[float, float]]:
     if not runs:
         raise TooFewSamplesError("a polynomial needs at least one run, got none")
     pairs = []
@@ -401,7 +413,7 @@ def _shared(runs: list[Profile]) -> tuple[Runs, tuple[float, float]]:
     return kept, (low, high)
 
 
-def _repeatability(pairs: Runs, domain: tuple[float, float]) -> float:
+def _repeatability(pairs: Curves, domain: tuple[float, float]) -> float:
     """Return the pooled standard deviation between runs on common positions, lines removed."""
     n = len(pairs)
     if n < 2:
@@ -424,7 +436,7 @@ def _covariance(fits: FloatArray) -> FloatArray | None:
     return frozen(np.atleast_2d(np.cov(fits, rowvar=False)) / len(fits))
 
 
-def _drift(pairs: Runs, own: FloatArray, domain: tuple[float, float]) -> FloatArray:
+def _drift(pairs: Curves, own: FloatArray, domain: tuple[float, float]) -> FloatArray:
     """Return offset and slope of each run about the mean, of scaled coefficients `own`."""
     middle, half = 0.5 * (domain[0] + domain[1]), 0.5 * (domain[1] - domain[0])
     lines = []
@@ -461,15 +473,7 @@ def _polynomial_messages(
     return tuple(messages)
 
 
-# ---- private: one polynomial through several runs, each with its own drift ---------------------
-# The polynomial fits of `metrosep.compensation` lie above this layer and may not be used here; this
-# one differs in that a drift line per run is estimated beside the common polynomial when the degree
-# is chosen, and in that plain powers of x leave it, as a lathe's controller takes them.
-
-Runs = list[tuple[FloatArray, FloatArray]]
-
-_SIGNIFICANT = 0.01
-_ROUNDING = 1e-13
+# ---- private: plain powers of x, as a lathe's controller takes them -----------------------------
 
 
 def fit_scaled(
@@ -480,14 +484,8 @@ def fit_scaled(
         raise TooFewSamplesError(
             f"degree {degree} needs {degree + 2} samples in a run, got {x.size}"
         )
-    basis = power.polyvander((x - centre) / scale, degree)
-    size = float(np.abs(z).max()) or 1.0
-    own, _, rank, _ = np.linalg.lstsq(basis, z / size, rcond=None)
-    if rank <= degree:
-        raise DegenerateFitError(
-            f"degree {degree} is not determined by {x.size} positions; lower the degree"
-        )
-    return np.asarray(own * size, dtype=np.float64)
+    basis = np.asarray(power.polyvander((x - centre) / scale, degree), dtype=np.float64)
+    return solve(basis, z, degree)
 
 
 def to_powers(own: FloatArray, centre: float, scale: float) -> FloatArray:
@@ -498,62 +496,3 @@ def to_powers(own: FloatArray, centre: float, scale: float) -> FloatArray:
     result = np.zeros(own.size)
     result[: min(total.size, own.size)] = total[: own.size]
     return result
-
-
-def choose(runs: Runs, rule: str, top: int) -> tuple[int, list[dict[str, float]]]:
-    """Return the degree by AICc or F-test, and the scores of all; drift per run is not a shape."""
-    numbers.choice(rule, "degree, if no number,", ("aicc", "f-test"))
-    numbers.count(top, "max_degree", most=12)
-    top = min(top, min(x.size for x, _ in runs) // 3)
-    rests = [residuals(runs, d) for d in range(top + 1)]
-    n = sum(x.size for x, _ in runs)
-    spent = 2.0 * (len(runs) - 1)
-    # the samples of a run are not independent: count them by the correlation of neighbours
-    m = max(sum(_independent(r) for r in rests[-1]) - spent, top + 4.0)
-    size = max(float(np.abs(z).max()) for _, z in runs)
-    floor = n * (_ROUNDING * size) ** 2 + 1e-300
-    squares = [max(sum(float(r @ r) for r in rest), floor) for rest in rests]
-    scores: list[dict[str, float]] = []
-    for d, square in enumerate(squares):
-        k = d + 2
-        aicc = m * math.log(square / squares[0]) + 2 * k + 2 * k * (k + 1) / max(m - k - 1, 1)
-        score = {"degree": d, "aicc": aicc, "residual_rms_nm": math.sqrt(square / n) * 1e9}
-        scores.append(score | {"independent_samples": m})
-    for d, (before, after) in enumerate(itertools.pairwise(squares), start=1):
-        scores[d]["p_of_f_test"] = _f_test(before - after, after, m - d - 1.0)
-    if rule == "aicc":
-        return int(np.argmin([s["aicc"] for s in scores])), scores
-    kept = [d for d, s in enumerate(scores) if s.get("p_of_f_test", 1.0) < _SIGNIFICANT]
-    return max(kept, default=0), scores
-
-
-def residuals(runs: Runs, degree: int) -> list[FloatArray]:
-    """Return what one polynomial leaves, every run but the mean with its own offset and slope."""
-    low = min(float(x[0]) for x, _ in runs)
-    high = max(float(x[-1]) for x, _ in runs)
-    blocks, last = [], len(runs) - 1
-    for i, (x, _) in enumerate(runs):
-        u = (2.0 * x - low - high) / (high - low)
-        own = np.zeros((x.size, last, 2))
-        if i < last:
-            own[:, i] = power.polyvander(u, 1)
-        else:
-            own[:] = -power.polyvander(u, 1)[:, None, :]
-        blocks.append(np.hstack([power.polyvander(u, degree), own.reshape(x.size, -1)]))
-    basis, z = np.vstack(blocks), np.concatenate([z for _, z in runs])
-    rest = z - basis @ np.linalg.lstsq(basis, z, rcond=None)[0]
-    return np.split(rest, np.cumsum([x.size for x, _ in runs])[:-1])
-
-
-def _independent(rest: FloatArray) -> float:
-    norm = float(rest @ rest)
-    r = max(float(rest[1:] @ rest[:-1]) / norm, 0.0) if norm > 0.0 else 0.0
-    return rest.size * (1.0 - r) / (1.0 + r)
-
-
-def _f_test(gain: float, rest: float, freedom: float) -> float:
-    from scipy.special import fdtrc
-
-    if freedom < 1.0:
-        return 1.0
-    return float(fdtrc(1.0, freedom, max(gain, 0.0) / rest * freedom))

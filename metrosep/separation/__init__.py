@@ -130,10 +130,8 @@ if TYPE_CHECKING:
         ball_average as ball_average,
         three_positions as three_positions,
     )
-    from metrosep.separation.maps.flat_setup import (
-        ThreeFlat as ThreeFlat,
-    )
     from metrosep.separation.maps.flats import (
+        ThreeFlat as ThreeFlat,
         three_flat as three_flat,
     )
     from metrosep.separation.maps.lateral_shifts import (
@@ -268,7 +266,7 @@ METHODS = {
     "laser_positions": "positions.laser_setup:LaserPositions",
     "air": "positions.laser_setup:AirOnce",
     "iso230_6_diagonals": "planes.diagonals:DiagonalsOfTables",
-    "three_flat": "maps.flat_setup:ThreeFlat",
+    "three_flat": "maps.flats:ThreeFlat",
     "rotation_average": "maps.rotations:RotationTest",
     "shift_rotation": "maps.lateral_shifts:ShiftRotation",
     "repeatable_maps": "positions.repeats:RepeatedMaps",

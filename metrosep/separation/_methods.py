@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar
 
 from numpy.typing import ArrayLike
 
+from metrosep.core.docs import described_by
 from metrosep.core.numbers import not_negative
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -18,22 +18,20 @@ from metrosep.separation.contract import Separation, SeparationMethod
 
 __all__ = [
     "History", "Parts", "RecordedMethod", "StoredResult", "as_stated", "described_by", "not_known",
-    "settle", "type_a",
+    "pooled", "settle", "type_a",
 ]  # fmt: skip
 
 History = tuple[Step, ...]
 Parts = Mapping[str, ArrayLike]
 """Parts of a simulation by name."""
 
-Function = TypeVar("Function", bound=Callable[..., Any])
-
 
 class RecordedMethod(SeparationMethod):
     """A method whose results carry the history of the readings."""
 
     @property
-    def _dimension(self) -> str:
-        """What the readings are."""
+    def _dimension(self) -> str | None:
+        """What the readings are; None for units that have no name of their own here."""
         return self.dimension
 
     def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
@@ -123,72 +121,23 @@ def not_known(unit: str, of: str = "reading") -> Quantity:
     return Quantity(math.nan, unit, f"standard deviation of one {of}; not known", symbol="s")
 
 
+def pooled(
+    squares: float,
+    freedom: float,
+    stated: float | None,
+    text: str,
+    unit: str = "m",
+    of: str = "reading",
+) -> Quantity:
+    """Return the noise of one reading: as stated, pooled from the squares left, or not known."""
+    if stated is not None:
+        return as_stated(stated, unit, of)
+    if freedom < 1.0:
+        return not_known(unit, of)
+    return type_a(math.sqrt(squares / freedom), unit, text, freedom)
+
+
 def settle(method: object, /, **values: Any) -> None:
     """Set checked values on the fields of a frozen dataclass."""
     for name, value in values.items():
         object.__setattr__(method, name, value)
-
-
-# ---- docstrings: what a class says of an option is not written again at the function -----------
-
-
-def described_by(*sources: object) -> Callable[[Function], Function]:
-    """Return a decorator that adds the parameters and errors that classes or methods describe."""
-
-    def complete(function: Function) -> Function:
-        if function.__doc__:  # None under python -OO
-            function.__doc__ = _completed(function, [inspect.getdoc(s) or "" for s in sources])
-        return function
-
-    return complete
-
-
-def _completed(function: Callable[..., Any], sources: list[str]) -> str:
-    """Return the docstring with all parameters in the order of the signature, and all errors."""
-    sections = _sections(inspect.getdoc(function) or "")
-    others = [_sections(text) for text in sources]
-    own = _entries(sections.pop("Parameters", []))
-    known = {n: e for s in reversed(others) for n, e in _entries(s.get("Parameters", [])).items()}
-    listed = [own.get(n) or known.get(n) for n in inspect.signature(function).parameters]
-    parameters = [line for entry in dict.fromkeys(e for e in listed if e) for line in entry]
-    raised = sections.pop("Raises", [])
-    named = set(_entries(raised))
-    for entry in dict.fromkeys(e for o in others for e in _entries(o.get("Raises", [])).values()):
-        names = set(_entries(list(entry)))
-        raised = raised if names <= named else [*raised, *entry]
-        named |= names
-    order = {"": sections.pop(""), "Parameters": parameters}
-    order.update({t: sections.pop(t) for t in ("Returns",) if t in sections})
-    return _text({**order, "Raises": raised, **sections})
-
-
-def _sections(doc: str) -> dict[str, list[str]]:
-    """Return the lines of each section of a numpydoc text; what stands before them under ``""``."""
-    found: dict[str, list[str]] = {"": []}
-    lines, title = doc.splitlines(), ""
-    for i, line in enumerate(lines):
-        if i + 1 < len(lines) and line and lines[i + 1] == "-" * len(line):
-            title = line
-            found[title] = []
-        elif not (title and line == "-" * len(title)):
-            found[title].append(line)
-    return {t: "\n".join(body).rstrip().split("\n") for t, body in found.items()}
-
-
-def _entries(lines: list[str]) -> dict[str, tuple[str, ...]]:
-    """Return the lines of each entry by its name; ``a, b : float`` is the entry of both."""
-    starts = [i for i, line in enumerate(lines) if line and not line[0].isspace()]
-    found = {}
-    for start, end in zip(starts, [*starts[1:], len(lines)], strict=False):
-        for name in lines[start].split(" : ")[0].split(","):
-            found[name.strip(" *")] = tuple(lines[start:end])
-    return found
-
-
-def _text(sections: dict[str, list[str]]) -> str:
-    blocks = [
-        "\n".join([title, "-" * len(title), *body] if title else body)
-        for title, body in sections.items()
-        if body
-    ]
-    return "\n\n".join(blocks) + "\n"

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from metrosep.compensation import CompensationTable
 from metrosep.separation import machine_axis, separate
 
 
@@ -33,6 +34,18 @@ def both_ways():
 def both_ways_estimate(both_ways):
     """Its estimate over the required range."""
     return separate(both_ways.runs, start=both_ways.start, length=both_ways.stop - both_ways.start)
+
+
+@pytest.fixture(scope="session")
+def both_ways_table(both_ways_estimate):
+    """A table of that estimate."""
+    return CompensationTable.from_error(both_ways_estimate, positions="0.25 mm", axis="X")
+
+
+@pytest.fixture(scope="session")
+def both_ways_verified(both_ways, both_ways_table):
+    """The table on the runs that made it: each is left out once, so two further estimates."""
+    return both_ways_table.verify(both_ways.runs)
 
 
 @pytest.fixture(scope="session")

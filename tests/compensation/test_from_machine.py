@@ -15,7 +15,7 @@ from metrosep.errors import (
     SignCheckFailedError,
     TableError,
 )
-from metrosep.machine.chain_files import presets
+from metrosep.machine.chains import presets
 from metrosep.machine.error_sets import ErrorSet
 from metrosep.machine.terms import FourierTerm, PolynomialTerm, TableTerm
 

@@ -93,10 +93,8 @@ def test_estimate_knows_it(both_ways_estimate):
         shifted(table, 0.4e-6).verify(both_ways_estimate)
 
 
-def test_measured_runs_of_the_simulator_know_it(both_ways, both_ways_estimate):
-    table = CompensationTable.from_error(both_ways_estimate, positions="1 mm", axis="X")
-
-    found = table.verify(both_ways.runs).lost_motion
+def test_measured_runs_of_the_simulator_know_it(both_ways_verified):
+    found = both_ways_verified.lost_motion
 
     assert abs(found.after) < 0.05 * abs(found.before)
 

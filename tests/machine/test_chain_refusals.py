@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError, InvalidSamplesError, UnitError
-from metrosep.machine.chain_files import presets
-from metrosep.machine.chains import Chain
+from metrosep.machine.chains import Chain, presets
 from metrosep.machine.elements import Element, axis_of, from_paper, import_errors, to_paper
 from metrosep.machine.error_sets import ErrorSet
 from metrosep.machine.terms import FourierTerm, PolynomialTerm, TableTerm, as_term

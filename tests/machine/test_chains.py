@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError, InvalidSamplesError
-from metrosep.machine.chain_files import presets
-from metrosep.machine.chains import Chain
+from metrosep.machine.chains import Chain, presets
 from metrosep.machine.elements import Element
 from metrosep.machine.error_sets import ErrorSet
 

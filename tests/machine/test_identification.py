@@ -6,7 +6,7 @@ import pytest
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.surface import Surface
 from metrosep.forms import Plane, Sphere, Toric
-from metrosep.machine.chain_files import presets
+from metrosep.machine.chains import presets
 from metrosep.machine.identification import identify
 
 R = 20e-3

@@ -14,7 +14,7 @@ import pytest
 from metrosep.compensation.from_machine import tables_from_machine
 from metrosep.forms import Plane
 from metrosep.machine import Chain, presets, rank
-from metrosep.machine.chain_files import preset_table
+from metrosep.machine.chains import preset_table
 from metrosep.machine.terms import TableTerm
 
 SECOND = 3e-9

@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter
 from metrosep.core.surface import Surface
 from metrosep.forms import Toric
 from metrosep.machine._measured import map_noise
-from metrosep.machine.chain_files import presets
+from metrosep.machine.chains import presets
 from metrosep.machine.identification import identify
 
 HONEST = (0.7, 1.4)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.machine.chain_files import presets
+from metrosep.machine.chains import presets
 from metrosep.machine.elements import axis_of, from_paper, import_errors, paper_hint, to_paper
 
 # Table 1 of the paper by hand: axis first, direction second; ISO: direction first, axis second.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DataError
-from metrosep.machine.chain_files import preset_table, presets
+from metrosep.machine.chains import preset_table, presets
 
 TINY = 1e-18  # m; rounding of products of 1e-6 and 0.1 m
 SMALL = 1e-6

@@ -20,7 +20,7 @@ from metrosep.core.surface import Surface
 from metrosep.forms import Biconic, Conic, Expression, Plane, Sphere, Toric
 from metrosep.machine._responses import vertical_maps
 from metrosep.machine.alignment import alignment_space
-from metrosep.machine.chain_files import presets
+from metrosep.machine.chains import presets
 from metrosep.machine.error_sets import ErrorSet
 from metrosep.machine.gram import aligned_gram
 from metrosep.machine.ranking import rank

@@ -12,7 +12,7 @@ from metrosep.compensation.polynomial import fit_polynomial
 from metrosep.core.errors import DataError, InvalidSamplesError, UnitError
 from metrosep.core.runset import Run, RunSet
 from metrosep.forms import Plane
-from metrosep.machine.chain_files import presets
+from metrosep.machine.chains import presets
 from metrosep.machine.error_sets import ErrorSet
 from metrosep.machine.terms import CallableTerm, FourierTerm, as_term
 from metrosep.process.straightness_runs import run_polynomial

@@ -9,8 +9,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
-from metrosep.machine.chain_files import presets
-from metrosep.machine.chains import Chain
+from metrosep.machine.chains import Chain, presets
 from metrosep.machine.error_sets import ErrorSet, as_error_set
 from metrosep.machine.terms import (
     CallableTerm,

@@ -5,7 +5,7 @@ import pytest
 
 from metrosep.core.errors import DataError
 from metrosep.forms import Plane, Toric
-from metrosep.machine.chain_files import presets
+from metrosep.machine.chains import presets
 from metrosep.machine.ranking import rank
 from metrosep.plot.sensitivity_chart import (
     sensitivity_bars,

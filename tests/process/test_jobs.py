@@ -13,8 +13,7 @@ from metrosep.process.jobs import TurningJob
 from metrosep.process.nose import RoundNose
 from metrosep.process.path_points import SpiralPath
 from metrosep.process.predictions import Contribution, pv_quantities
-from metrosep.process.setting_fit import identify_setting
-from metrosep.process.tool_settings import ToolSetting
+from metrosep.process.tool_settings import ToolSetting, identify_setting
 
 NM = 1e-9
 STRAIGHT = 0.02e-9

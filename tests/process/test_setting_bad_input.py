@@ -19,9 +19,8 @@ from metrosep.process.chip import cusp_height, max_chip_thickness
 from metrosep.process.feedforward import corrected_path, corrected_points
 from metrosep.process.nose import RoundNose, rake_error
 from metrosep.process.nose_checks import clearance_check, gouge_check, window_check
-from metrosep.process.setting_fit import identify_setting
 from metrosep.process.setting_maps import setting_tolerance
-from metrosep.process.tool_settings import ToolSetting
+from metrosep.process.tool_settings import ToolSetting, identify_setting
 
 GRID = SineGrid(amplitude=50e-9, wavelength=100e-6)
 TOOL = ToolSetting(1e-6, 0.0, 1e-5)

@@ -13,8 +13,7 @@ from metrosep.core.errors import (
     TooFewSamplesError,
 )
 from metrosep.forms import PointSet, SineGrid, Sphere, Toric, fit
-from metrosep.process.setting_fit import identify_setting
-from metrosep.process.tool_settings import ToolSetting
+from metrosep.process.tool_settings import ToolSetting, identify_setting
 
 NM, UM = 1e-9, 1e-6
 A, WAVE = 50e-9, 100e-6

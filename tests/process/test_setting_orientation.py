@@ -9,7 +9,7 @@ import pytest
 from metrosep import Surface
 from metrosep.core.errors import NotConvergedError
 from metrosep.forms import PointSet, Polynomial, SineGrid, Sphere, Toric
-from metrosep.process.setting_fit import identify_setting
+from metrosep.process.tool_settings import identify_setting
 
 NM, UM = 1e-9, 1e-6
 A, WAVE = 50e-9, 100e-6

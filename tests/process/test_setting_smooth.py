@@ -8,8 +8,7 @@ import pytest
 
 from metrosep import Profile, Surface
 from metrosep.forms import Conic, SineGrid, Toric
-from metrosep.process.setting_fit import identify_setting
-from metrosep.process.tool_settings import ToolSetting
+from metrosep.process.tool_settings import ToolSetting, identify_setting
 
 NM, UM = 1e-9, 1e-6
 AXIS = 4e-6 * np.arange(-25, 26)

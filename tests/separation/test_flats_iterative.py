@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import DegenerateFitError, MetrosepError
-from metrosep.separation.maps import flat_setup as _flat_iteration
+from metrosep.separation.maps import flats as _flat_iteration
 from metrosep.separation.maps.flats import three_flat
 
 EXACT = 1e-17

@@ -7,6 +7,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +19,7 @@ from metrosep.core.numbers import not_negative, positive, real
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.separation._methods import as_stated, not_known, type_a
 from metrosep.separation._readings import given_parts
 from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
 
@@ -49,8 +51,37 @@ class MapGrid:
         return np.asarray(np.arange(self.shape[0]) * self.dy - self.centre[1], dtype=np.float64)
 
 
+class MapReadings(NamedTuple):
+    """Checked maps on one grid."""
+
+    stack: FloatArray
+    grid: MapGrid
+    common: NDArray[np.bool_]
+    """Pixels that all maps have measured."""
+    u_reading: float | None
+    history: tuple[Step, ...]
+
+
 class MapMethod(SeparationMethod):
-    """A method whose readings are maps on one grid; its results carry their history."""
+    """A method whose readings are maps on one grid; its results carry their history.
+
+    Parameters
+    ----------
+    dx, dy : float, m, optional
+        Lateral steps; pixels if omitted.
+    centre : tuple of (float, float), m, optional
+        Axis of the turns, and of the mirror of flats, as (x, y) from pixel [0, 0]; the middle of the
+        map if omitted.
+    removed : tuple of str, optional
+        What alignment decides in each reading: ``"piston"``, ``"tilt"``, also ``"power"``.
+
+    Raises
+    ------
+    DataError
+        If a setting cannot be used: its type, sign, unit or number.
+    NotSeparableError
+        If the set-up turns or shifts nothing.
+    """
 
     dx: float | None
     dy: float | None
@@ -92,22 +123,16 @@ class MapMethod(SeparationMethod):
         u_reading = checked_u(u_reading, "u_reading")
         common = require_overlap(stack, self.name)
         with one_blas_thread():
-            return self._separated(stack, grid, common, u_reading, (*own, *history))
+            read = MapReadings(stack, grid, common, u_reading, (*own, *history))
+            return self._separated(read)
 
     @abstractmethod
     def _names(self) -> Sequence[str]:
         """Return what each reading is called."""
 
     @abstractmethod
-    def _separated(
-        self,
-        stack: FloatArray,
-        grid: MapGrid,
-        common: NDArray[np.bool_],
-        u_reading: float | None,
-        history: tuple[Step, ...],
-    ) -> Separation:
-        """Return the parts of checked maps; `common` are the pixels that all have measured."""
+    def _separated(self, read: MapReadings) -> Separation:
+        """Return the parts of checked maps."""
 
     def _read(
         self, readings: Sequence[ArrayLike | Surface] | ArrayLike, names: Sequence[str]
@@ -647,14 +672,13 @@ _FEWEST_FREEDOMS = 10.0
 def noise_of(residual: FloatArray, freedom: float, u_reading: float | None) -> Quantity:
     """Return the noise of one pixel, stated or pooled from the residual."""
     if u_reading is not None:
-        text = "standard uncertainty of one pixel of one reading, as stated"
-        return Quantity(float(u_reading), "m", text, symbol="s")
+        return as_stated(float(u_reading), "m", "pixel of one reading")
     if freedom < _FEWEST_FREEDOMS:
-        return Quantity(math.nan, "m", "standard deviation of one pixel; not known", symbol="s")
+        return not_known("m", "pixel")
     known = np.isfinite(residual).all(axis=0)
     value = math.sqrt(float((residual[:, known] ** 2).sum()) / freedom)
     text = "standard deviation of one pixel of one reading, from what the model leaves (type A)"
-    return Quantity(value, "m", text, u=value / math.sqrt(2.0 * freedom), symbol="s")
+    return type_a(value, "m", text, freedom)
 
 
 def rigid_terms(parts: Sequence[str], removed: Sequence[str]) -> tuple[Unobservable, ...]:

@@ -14,6 +14,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, MetrosepError
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
+from metrosep.separation._methods import as_stated
 from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.maps._stitch_grid import (
     Pieces,
@@ -154,8 +155,7 @@ def _result(
 
 def _noise(noise: tuple[float, float], settings: Settings) -> Quantity:
     if settings.u_reading is not None:
-        text = "standard uncertainty of one reading, as stated"
-        return Quantity(settings.u_reading, "m", text, symbol="s")
+        return as_stated(settings.u_reading, "m")
     text = f"standard deviation of one reading, from the overlaps (type A, {noise[1]:.0f} d.o.f.)"
     u = noise[0] / math.sqrt(2.0 * noise[1]) if noise[1] >= 1.0 else None
     return Quantity(noise[0], "m", text, u=u, symbol="s")

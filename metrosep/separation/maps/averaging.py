@@ -14,7 +14,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.numbers import positive
 from metrosep.core.options import Option, option
-from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.separation._methods import described_by
@@ -25,8 +24,8 @@ from metrosep.separation.contract import (
     Unobservable,
 )
 from metrosep.separation.maps._map_input import (
-    MapGrid,
     MapMethod,
+    MapReadings,
     checked_removed,
     map_separation,
     map_stack,
@@ -235,14 +234,8 @@ class ThreePositions(MapMethod):
     def _names(self) -> tuple[str, ...]:
         return ("0 deg", "180 deg", "cat's eye")
 
-    def _separated(
-        self,
-        stack: FloatArray,
-        grid: MapGrid,
-        common: NDArray[np.bool_],
-        u_reading: float | None,
-        history: tuple[Step, ...],
-    ) -> Separation:
+    def _separated(self, read: MapReadings) -> Separation:
+        stack, grid, common, u_reading, history = read
         units = unit_warnings(stack, grid)
         common = common & common[::-1, ::-1]
         if common.sum() < 30:

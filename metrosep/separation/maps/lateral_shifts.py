@@ -14,7 +14,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, DegenerateFitError, NotSeparableError
 from metrosep.core.numbers import count, not_negative, positive, real
 from metrosep.core.options import Option, option
-from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.forms.zernike import term_name
 from metrosep.forms.zernike_fit import zernike_values
@@ -24,6 +23,7 @@ from metrosep.separation.maps._flat_result import DiscBasis, zernike_terms_of
 from metrosep.separation.maps._map_input import (
     MapGrid,
     MapMethod,
+    MapReadings,
     checked_angles,
     map_separation,
     noise_of,
@@ -42,6 +42,7 @@ _BLOCK = 16384
 _RIGID = ((0, 0), (1, -1), (1, 1))
 
 
+@described_by(MapMethod)
 @dataclass(frozen=True, slots=True)
 class ShiftRotation(MapMethod):
     """Part turned and shifted: ``M_i(p) = I(p) + P(R(-angle_i)(p - shift_i))`` and a plane each.
@@ -59,22 +60,11 @@ class ShiftRotation(MapMethod):
         Shift of the part along x and y in each reading, after the turn.
     terms : int, optional
         ANSI Zernike terms of part and instrument each.
-    dx, dy : float, m, optional
-        Lateral steps; pixels if omitted.
-    centre : tuple of (float, float), m, optional
-        Axis of rotation from pixel [0, 0]; the middle of the map if omitted.
     power : tuple of (float, float), m, optional
         Known power of the part, its coefficient of ``2 r**2 - 1`` with r = 1 at the farthest common
         pixel, and its standard uncertainty, from another test.
     largest_gain : float, optional
         Terms whose noise would grow by more than this, against the fit of one map, are not given.
-
-    Raises
-    ------
-    DataError
-        If a setting cannot be used: its type, sign, unit or number.
-    NotSeparableError
-        If the set-up turns or shifts nothing.
     """
 
     angles: Sequence[float] = option(kind="angles", help="of the part in each map, in their order")
@@ -183,14 +173,8 @@ class ShiftRotation(MapMethod):
         planes[3 * i : 3 * i + 3] = np.stack([block[basis.nm.index(nm)] for nm in _RIGID])
         return np.concatenate([self._moved(basis, piece, i)[free], block[free], planes])
 
-    def _separated(
-        self,
-        stack: FloatArray,
-        grid: MapGrid,
-        common: NDArray[np.bool_],
-        u_reading: float | None,
-        history: tuple[Step, ...],
-    ) -> Separation:
+    def _separated(self, read: MapReadings) -> Separation:
+        stack, grid, common, u_reading, history = read
         basis = self._basis(grid, common)
         n, p = len(self.angles), len(basis.nm)
         free = [k for k, nm in enumerate(basis.nm) if nm not in _RIGID]

@@ -15,7 +15,6 @@ from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError, NotSeparableError
 from metrosep.core.numbers import not_negative, positive
 from metrosep.core.options import Option, option
-from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.separation._methods import described_by
 from metrosep.separation.contract import U_READING, Separation, Unobservable
@@ -24,6 +23,7 @@ from metrosep.separation.maps._map_input import (
     RIGID,
     MapGrid,
     MapMethod,
+    MapReadings,
     TurnedNoise,
     checked_angles,
     checked_removed,
@@ -55,6 +55,7 @@ from metrosep.separation.maps.registration import (
 __all__ = ["RotationTest", "rotation_average"]
 
 
+@described_by(MapMethod)
 @dataclass(frozen=True, slots=True)
 class RotationTest(MapMethod):
     """Part measured in several rotations: ``M_i(p) = I(p) + P(R(-angle_i) p)`` and a plane each.
@@ -67,25 +68,12 @@ class RotationTest(MapMethod):
     ----------
     angles : sequence of float, rad
         Turn of the part in each reading, counter-clockwise in the map (from +x towards +y).
-    dx, dy : float, m, optional
-        Lateral steps; pixels if omitted.
-    centre : tuple of (float, float), m, optional
-        Axis of rotation (x, y) from pixel [0, 0]; the middle of the map if omitted.
-    removed : tuple of str, optional
-        What alignment decides in each reading: ``"piston"``, ``"tilt"``, also ``"power"``.
     u_registration : float, m, optional
         Standard uncertainty of the centring of each rotated reading along x and along y.
     u_angle : float, rad, optional
         Standard uncertainty of each angle.
     largest_gain : float, optional
         Orders whose noise would grow by more than this factor are taken as not observable.
-
-    Raises
-    ------
-    DataError
-        If a setting cannot be used: its type, sign, unit or number.
-    NotSeparableError
-        If the set-up turns or shifts nothing.
     """
 
     angles: Sequence[float] = option(kind="angles", help="of the part in each map, in their order")
@@ -152,14 +140,8 @@ class RotationTest(MapMethod):
     def _names(self) -> list[str]:
         return [f"map {i + 1}" for i in range(len(self.angles))]
 
-    def _separated(
-        self,
-        stack: FloatArray,
-        grid: MapGrid,
-        common: NDArray[np.bool_],
-        u_reading: float | None,
-        history: tuple[Step, ...],
-    ) -> Separation:
+    def _separated(self, read: MapReadings) -> Separation:
+        stack, grid, common, u_reading, history = read
         require_scale(grid, self.u_registration, self.name)
         stack = without_plane(stack, grid, removed=self.removed, mask=common)
         angles = np.array(self.angles)

@@ -152,7 +152,6 @@ class CoupledGrid(RecordedMethod):
 
 
 @described_by(CoupledGrid, CoupledGrid.separate)
-@described_by(CoupledGrid, CoupledGrid.separate)
 def coupled_grid(
     x_lines: Surface | ArrayLike,
     y_lines: Surface | ArrayLike,

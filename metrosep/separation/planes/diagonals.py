@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotSeparableError
@@ -20,7 +20,7 @@ from metrosep.core.inputs import RoleColumns
 from metrosep.core.options import Option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import History, RecordedMethod
+from metrosep.separation._methods import History, RecordedMethod, pooled
 from metrosep.separation._readings import (
     NOISE_UNKNOWN,
     checked_readings,
@@ -444,7 +444,9 @@ class Diagonals(RecordedMethod):
         array = array.reshape(len(self.names), -1)
         count = (~np.isnan(array)).sum(axis=1)
         mean = np.nansum(array, axis=1) / count
-        noise = _noise(array - mean[:, None], count, stated)
+        squares = float(np.nansum((array - mean[:, None]) ** 2))
+        text = "standard deviation of one length, pooled from the repeats (type A)"
+        noise = pooled(squares, float((count - 1).sum()), stated, text, of="length")
         s = noise.value
         found = self._solve(mean, None if math.isnan(s) else s / np.sqrt(count))
         quantities = {**found.angles, **{f"scale_{k}": q for k, q in found.scales.items()}}
@@ -472,14 +474,3 @@ class Diagonals(RecordedMethod):
 def _values(found: Squareness) -> dict[str, float]:
     angles = {pair: found.angles[pair].value for pair in PAIRS}
     return {**angles, **{f"scale_{k}": found.scales[k].value for k in "xyz"}}
-
-
-def _noise(rest: FloatArray, count: NDArray[np.intp], stated: float | None) -> Quantity:
-    if stated is not None:
-        return Quantity(stated, "m", "standard uncertainty of one length, as stated", symbol="s")
-    freedom = float((count - 1).sum())
-    if freedom < 1.0:
-        return Quantity(math.nan, "m", "standard deviation of one length; not known", symbol="s")
-    value = math.sqrt(float(np.nansum(rest**2)) / freedom)
-    text = "standard deviation of one length, pooled from the repeats (type A)"
-    return Quantity(value, "m", text, u=value / math.sqrt(2.0 * freedom), symbol="s")

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import ComplexArray, FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -24,9 +25,9 @@ from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import parse_unit
+from metrosep.separation._methods import History, RecordedMethod
 from metrosep.separation._readings import as_numbers, given_parts
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
-from metrosep.separation.maps._map_input import checked_u
+from metrosep.separation.contract import Separation, Unobservable
 
 __all__ = ["FringeError", "periodic_error"]
 
@@ -48,8 +49,11 @@ _NOT_PART = (
 
 
 @dataclass(frozen=True, slots=True)
-class FringeError(SeparationMethod):
+class FringeError(RecordedMethod):
     """Harmonics of the fringe in readings at known positions.
+
+    One row of readings, shape (1, n). Parts: ``corrected``, the reading without the error, and
+    ``periodic``; ``harmonics["periodic"]``.
 
     Parameters
     ----------
@@ -88,6 +92,10 @@ class FringeError(SeparationMethod):
     truth_parts: ClassVar[tuple[str, ...]] = ("corrected",)
     error_parts: ClassVar[tuple[str, ...]] = ("periodic",)
 
+    @property
+    def _dimension(self) -> str | None:
+        return {"m": "length", "rad": "angle"}.get(self.unit)
+
     @classmethod
     def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> Separation:
         """Return the periodic share of the column of readings."""
@@ -116,25 +124,6 @@ class FringeError(SeparationMethod):
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return readings with a periodic error.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n,)
-            ``corrected``: the reading without it.
-        errors : mapping of str to array_like, shape (n,)
-            ``periodic``.
-
-        Returns
-        -------
-        ndarray, shape (1, n)
-            Their sum.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown or none is given.
-        """
         parts = given_parts(
             self.name,
             truth,
@@ -145,47 +134,10 @@ class FringeError(SeparationMethod):
         return np.asarray(sum(parts.values()))[None, :]
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what these positions leave open.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Constant of the periodic error, the part's own wavelengths, hidden harmonics.
-        """
         return self._null_space(self._hidden(self._positions()))
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
-    ) -> Separation:
-        """Return periodic error and corrected reading.
-
-        Parameters
-        ----------
-        readings : array_like, shape (1, n)
-            NaN = not measured.
-        u_reading : float, optional
-            Standard uncertainty of one reading; from the residual if omitted.
-        history : tuple of Step, optional
-            Where they came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``corrected`` and ``periodic``; ``harmonics["periodic"]``.
-
-        Raises
-        ------
-        DataError, InvalidSamplesError, TooFewSamplesError, NotSeparableError
-            If the readings cannot be used.
-        """
+    def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
         x, z = self._positions(), _row(readings, len(self.x))
-        if u_reading is not None:
-            u_reading = real(u_reading, "u_reading", what=f"a number in {self.unit}", finite=False)
-        stated = checked_u(u_reading, "u_reading", self.unit)
         good = ~np.isnan(z)
         n_unknown = self.degree + 1 + 2 * self.harmonics
         if good.sum() < n_unknown + 1:
@@ -314,6 +266,7 @@ class FringeError(SeparationMethod):
         )
 
 
+@described_by(FringeError, errors=False)
 def periodic_error(
     position: ArrayLike,
     reading: ArrayLike,
@@ -332,16 +285,10 @@ def periodic_error(
         From the interferometer, in any order.
     reading : array_like, shape (n,)
         Its deviation from a reference, or from the commanded position; NaN = not measured.
-    period : float, m
-        Length of one fringe: half the wavelength for single pass, a quarter for double pass.
-    harmonics : int, optional
-        Highest harmonic.
     degree : int, optional
         Degree of the polynomial that the reading follows without periodic error; it stays in it.
     u_reading : float, optional
         Standard uncertainty of one reading; from the residual if omitted.
-    unit : str, optional
-        SI unit of the reading.
 
     Returns
     -------

@@ -23,16 +23,15 @@ from metrosep.core.numbers import real
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.core.quantity import Quantity
 from metrosep.core.readable import typed_number
+from metrosep.separation._methods import History, RecordedMethod, pooled
 from metrosep.separation._readings import (
     checked_readings,
     checked_seed,
     known_parts,
     part_of,
-    stated_u,
 )
-from metrosep.separation.contract import NamedMethod, Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import NamedMethod, Separation, Unobservable
 from metrosep.separation.positions.positioning_result import PositioningTest, build_result
 
 __all__ = ["PositioningSheet", "iso230_2", "positions_from_columns", "positions_from_profiles"]
@@ -437,8 +436,12 @@ def _range(values: FloatArray) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class PositioningSheet(SeparationMethod):
+class PositioningSheet(RecordedMethod):
     """Runs over targets in one direction or both.
+
+    Readings are deviations (position reached minus target) of M >= 2 runs, shape (n_directions, M, n), in
+    m or rad. Parts: ``forward``, ``backward`` (n,), the means, and ``reference`` (n,), what the instrument
+    reads too much: NaN, it is not seen. The values of the standard (A, E, R, B, M) are in the audit.
 
     Parameters
     ----------
@@ -455,6 +458,12 @@ class PositioningSheet(SeparationMethod):
         If a direction is unknown or occurs twice, there is none, or the unit is unknown.
     InvalidSamplesError
         If the targets are not finite and rising.
+
+    Notes
+    -----
+    `iso230_2` does the work; a target with fewer than 2 readings in a direction is NaN there.
+    ``u = s_i / sqrt(M)`` with the standard deviation s_i of each target, as the standard has it;
+    with `u_reading` that instead. It holds the scatter of the runs only.
 
     Examples
     --------
@@ -473,6 +482,10 @@ class PositioningSheet(SeparationMethod):
     truth_parts: ClassVar[tuple[str, ...]] = ("reference",)
     error_parts: ClassVar[tuple[str, ...]] = ("forward", "backward")
 
+    @property
+    def _dimension(self) -> str:
+        return "length" if self.unit == "m" else "angle"
+
     def __post_init__(self) -> None:
         goals = frozen_float(self.targets, name="targets", ndim=1, min_size=2)
         if not (np.isfinite(goals).all() and (np.diff(goals) > 0.0).all()):
@@ -487,26 +500,6 @@ class PositioningSheet(SeparationMethod):
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return the deviations of one run in each direction.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n,), m or rad
-            ``reference``: what the instrument reads too much at each target.
-        errors : mapping of str to array_like, shape (n,), m or rad
-            ``forward`` and ``backward``: systematic deviations of the axis.
-
-        Returns
-        -------
-        ndarray, shape (n_directions, n), m or rad
-            Position reached minus target.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown, none is given, of another shape, or of a direction that is not
-            measured.
-        """
         parts = known_parts(self, truth, errors)
         missing = [n for n in errors if n not in self.directions]
         if missing:
@@ -516,58 +509,12 @@ class PositioningSheet(SeparationMethod):
         return np.stack([part_of(parts, way, shape, self.name) + read for way in self.directions])
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what the sheet cannot tell.
-
-        Returns
-        -------
-        tuple of Unobservable
-            The reference instrument, and what all runs share.
-        """
         return (
             Unobservable("reference", "term", ("all of it",), _REFERENCE),
             *(Unobservable(w, "term", ("common to all runs",), _THERMAL) for w in self.directions),
         )
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
-    ) -> Separation:
-        """Return the mean deviation of each direction.
-
-        Parameters
-        ----------
-        readings : array_like, shape (n_directions, M, n), m or rad
-            Deviations of M >= 2 runs; NaN = not measured.
-        u_reading : float, m or rad, optional
-            Standard uncertainty of one reading; the scatter of the runs at each target if omitted.
-        history : tuple of Step, optional
-            Where they came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``forward``, ``backward`` (n,), ``reference`` (n,) NaN: it is not seen. The values
-            of the standard (A, E, R, B, M) are in the audit.
-
-        Raises
-        ------
-        DataError
-            If `u_reading` is negative or no number.
-        InvalidSamplesError
-            If the readings have another shape, are infinite, or larger than the step of the targets.
-        TooFewSamplesError
-            If there is one run only, or a direction was not measured.
-
-        Notes
-        -----
-        `iso230_2` does the work; a target with fewer than 2 readings in a direction is NaN there.
-        ``u = s_i / sqrt(M)`` with the standard deviation s_i of each target, as the standard has it;
-        with `u_reading` that instead. It holds the scatter of the runs only.
-        """
-        stated = stated_u(u_reading, self.unit)
+    def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
         array = checked_readings(readings, names=self.directions, minimum=2, what=self.name)
         goals = np.array(self.targets)
         if array.shape[2] != goals.size:
@@ -601,27 +548,20 @@ class PositioningSheet(SeparationMethod):
             dict.fromkeys(parts, self.unit),
             {"x" if self.unit == "m" else "angle": goals},
             self.null_space(),
-            noise=_noise(squares, freedom, stated, self.unit),
+            noise=pooled(squares, freedom, stated, _POOLED, self.unit),
             audit=_audit(sheet, self.unit),
             messages=sheet.messages,
             history=(*history, Step(self.name, {"n_targets": int(goals.size), "unit": self.unit})),
         )
 
 
+_POOLED = "standard deviation of one reading, pooled over targets and directions (type A)"
 _DIRECTIONS = (
     ("forward",),
     ("backward",),
     ("forward", "backward"),
     ("backward", "forward"),
 )
-
-
-def _noise(squares: float, freedom: float, stated: float | None, unit: str) -> Quantity:
-    if stated is not None:
-        return Quantity(stated, unit, "standard uncertainty of one reading, as stated", symbol="s")
-    value = math.sqrt(squares / freedom)
-    text = "standard deviation of one reading, pooled over targets and directions (type A)"
-    return Quantity(value, unit, text, u=value / math.sqrt(2.0 * freedom), symbol="s")
 
 
 def _audit(sheet: PositioningTest, unit: str) -> dict[str, Any]:

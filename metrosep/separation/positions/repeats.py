@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.docs import described_by
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
@@ -18,18 +19,16 @@ from metrosep.core.errors import (
     TooFewSamplesError,
 )
 from metrosep.core.inputs import Readings
-from metrosep.core.numbers import real
 from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
-from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.separation._methods import History, RecordedMethod, as_stated, type_a
 from metrosep.separation._readings import as_numbers, own_shares
 from metrosep.separation.contract import (
     U_READING,
     NamedMethod,
     Separation,
-    SeparationMethod,
     Unobservable,
 )
 
@@ -46,8 +45,11 @@ _ALIGNED = "the alignment of each repeat decides it; it was removed from each"
 
 
 @dataclass(frozen=True, slots=True)
-class RepeatSplit(SeparationMethod):
+class RepeatSplit(RecordedMethod):
     """Repeats of a profile or a map at the same positions.
+
+    Readings (M, n) or (M, n_y, n_x) in m. Parts: ``repeatable``, ``non_repeatable`` (M, ...), what each
+    repeat has besides, and ``sd``, the scatter at each point.
 
     Parameters
     ----------
@@ -102,25 +104,6 @@ class RepeatSplit(SeparationMethod):
     def simulate(
         self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
     ) -> FloatArray:
-        """Return repeats of given parts.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (...), m
-            ``repeatable``.
-        errors : mapping of str to array_like, shape (M, ...), m
-            ``non_repeatable`` of each repeat; two repeats without any if omitted.
-
-        Returns
-        -------
-        ndarray, shape (M, ...), m
-            Readings.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown or none is given.
-        """
         unknown = [n for n in truth if n != "repeatable"]
         unknown += [n for n in errors if n != "non_repeatable"]
         if unknown or not (truth or errors):
@@ -134,13 +117,6 @@ class RepeatSplit(SeparationMethod):
         return np.stack([common, common])
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what repeats cannot tell.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Whatever all repeats share, and the alignment.
-        """
         out = [Unobservable("repeatable", "term", ("errors common to all repeats",), _COMMON)]
         if self.align != "none":
             degrees = (0,) if self.align == "piston" else (0, 1)
@@ -150,46 +126,11 @@ class RepeatSplit(SeparationMethod):
             ]
         return tuple(out)
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
-    ) -> Separation:
-        """Return the repeatable part and what each repeat has besides.
-
-        Parameters
-        ----------
-        readings : array_like, shape (M, n) or (M, n_y, n_x), m
-            NaN = not measured.
-        u_reading : float, m, optional
-            Standard uncertainty of one reading; the scatter of the repeats if omitted.
-        history : tuple of Step, optional
-            Where they came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``repeatable``, ``non_repeatable`` (M, ...) and ``sd`` (scatter at each point).
-
-        Raises
-        ------
-        DataError, InvalidSamplesError, TooFewSamplesError
-            If the readings cannot be used.
-        """
+    def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
         stack = _checked(readings)
-        if u_reading is not None:
-            u_reading = real(
-                u_reading, "u_reading", what="a standard uncertainty in m", finite=False
-            )
-            if not (math.isfinite(u_reading) and u_reading >= 0.0):
-                raise DataError(
-                    f"u_reading is {u_reading}; it must be a standard uncertainty >= 0 in m"
-                )
         coordinates = self._coordinates(stack.shape[1:])
         aligned, n_removed, left = _aligned(stack, self.align, coordinates)
-        return self._result(aligned, n_removed, left, coordinates, u_reading, history)
+        return self._result(aligned, n_removed, left, coordinates, stated, history)
 
     def _coordinates(self, shape: tuple[int, ...]) -> dict[str, FloatArray]:
         if len(shape) == 2:
@@ -264,11 +205,7 @@ class RepeatSplit(SeparationMethod):
                 f"{100 / math.sqrt(2 * (m - 1)):.0f} % only; u uses the scatter pooled over all points"
             )
         text = f"scatter of one repeat, pooled from {m} repeats (type A)"
-        noise = Quantity(spread, "m", text, u=pooled / math.sqrt(2.0 * freedom), symbol="s")
-        if u_reading is not None:
-            noise = Quantity(
-                spread, "m", "standard uncertainty of one reading, as stated", symbol="s"
-            )
+        noise = type_a(pooled, "m", text, freedom) if u_reading is None else as_stated(spread, "m")
         return Separation(
             self.name,
             parts,
@@ -283,6 +220,7 @@ class RepeatSplit(SeparationMethod):
         )
 
 
+@described_by(RepeatSplit, errors=False)
 def repeatable(
     repeats: Sequence[ArrayLike | Profile | Surface] | ArrayLike,
     *,
@@ -301,12 +239,8 @@ def repeatable(
         over the common range. Maps must have the same pixels.
     x : array_like, shape (n,), m, optional
         Positions of arrays; for a closed profile angles in rad.
-    align : {"line", "piston", "none"}, optional
-        What is removed from each repeat: line or plane, mean, or nothing.
     shift : {"trust", "fit"}, optional
         Take the positions as they are, or move each profile onto the first by least squares.
-    closed : bool, optional
-        Whether a profile is one turn.
     u_reading : float, m, optional
         Standard uncertainty of one reading; the scatter of the repeats if omitted.
 
