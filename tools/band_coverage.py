@@ -12,6 +12,7 @@ import json
 import multiprocessing
 import os
 import sys
+import time
 from pathlib import Path
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -53,7 +54,13 @@ def main():
     failed, stored = 0, []
     with multiprocessing.get_context("spawn").Pool(arguments.jobs) as pool:
         for name in chosen(arguments.rows):
-            result = judge_row(name, sets=arguments.sets, seed=arguments.seed, mapper=pool.imap)
+            result = judge_row(
+                name,
+                sets=arguments.sets,
+                seed=arguments.seed,
+                clock=time.perf_counter,
+                mapper=pool.imap,
+            )
             print(markdown(result), flush=True)
             failed += bool(failures(result))
             stored.append(result.as_dict())
