@@ -24,6 +24,7 @@ from metrosep.separation.runs.base import (
     ErrorEstimate,
     SampledCurve,
 )
+from metrosep.separation.runs.covariance import CovarianceModes
 from metrosep.separation.runs.design import evaluation_range
 from metrosep.separation.runs.run_comparison import RunTable, spikes
 from metrosep.separation.runs.spectra import feed_spectra_columns
@@ -90,8 +91,10 @@ def separate_mean(
     mean[some] = np.nansum(flat[:, some], axis=0) / n_valid[some]
     sd = np.full(n_grid, np.nan)
     many = n_valid > 1
-    deviation = np.nansum((flat - mean) ** 2, axis=0)
-    sd[many] = np.sqrt(deviation[many] / (n_valid[many] - 1) / n_valid[many])
+    # sd^2 = sum_r d_r^2 / (n (n - 1)): the deviations themselves are the modes of the covariance.
+    apart = np.nan_to_num(flat - mean) / np.sqrt(np.maximum(n_valid * (n_valid - 1.0), 1.0))
+    sd[many] = np.sqrt((apart[:, many] ** 2).sum(axis=0))
+    modes = CovarianceModes.of(grid, (apart * many).T) if many.any() else None
     residual_rms = float(np.sqrt(np.nanmean((flat - mean) ** 2)))
     mean, rest = _level(grid, mean, first, last)
     scale = high - low
@@ -101,7 +104,9 @@ def separate_mean(
         start=first,
         stop=last,
         fit_range=(low, high),
-        directions_data={0: DirectionEstimate(SampledCurve(grid, mean), SampledCurve(grid, sd))},
+        directions_data={
+            0: DirectionEstimate(SampledCurve(grid, mean), SampledCurve(grid, sd), modes=modes)
+        },
         slope=Quantity(
             float(slopes.mean() / scale) + rest,
             "rad",
