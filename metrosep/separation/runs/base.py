@@ -21,7 +21,7 @@ from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step, freeze_mapping, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
-from metrosep.separation.runs.covariance import CovarianceModes
+from metrosep.separation.covariance import CovarianceModes
 from metrosep.spectral.dft import fourier_sum
 
 if TYPE_CHECKING:
@@ -198,7 +198,7 @@ class ErrorEstimate:
         Notes
         -----
         Kept as modes on up to 241 nodes over the travel; see
-        `metrosep.separation.runs.covariance`. What the modes lack of the variance, such as waves
+        `metrosep.separation.covariance`. What the modes lack of the variance, such as waves
         shorter than the nodes tell apart or the step of coarse readings, is common to positions
         nearer than one node only.
 

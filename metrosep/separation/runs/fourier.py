@@ -28,6 +28,7 @@ from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
+from metrosep.separation.covariance import CovarianceModes
 from metrosep.separation.runs.base import (
     LINE_POINTS,
     DirectionEstimate,
@@ -35,7 +36,6 @@ from metrosep.separation.runs.base import (
     FourierCurve,
     SampledCurve,
 )
-from metrosep.separation.runs.covariance import CovarianceModes
 from metrosep.separation.runs.design import evaluation_range
 from metrosep.separation.runs.spectra import (
     Averaging,

@@ -34,6 +34,7 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
 from metrosep.separation._readings import checked_count
+from metrosep.separation.covariance import CovarianceModes
 from metrosep.separation.runs.base import (
     LINE_POINTS,
     DirectionEstimate,
@@ -41,7 +42,6 @@ from metrosep.separation.runs.base import (
     FourierCurve,
     SampledCurve,
 )
-from metrosep.separation.runs.covariance import CovarianceModes
 from metrosep.separation.runs.design import PreparedRun, evaluation_range, prepare_runs
 from metrosep.separation.runs.evidence import (
     evidence_table,

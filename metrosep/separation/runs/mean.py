@@ -18,13 +18,13 @@ from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.numbers import flag
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
+from metrosep.separation.covariance import CovarianceModes
 from metrosep.separation.runs.base import (
     LINE_POINTS,
     DirectionEstimate,
     ErrorEstimate,
     SampledCurve,
 )
-from metrosep.separation.runs.covariance import CovarianceModes
 from metrosep.separation.runs.design import evaluation_range
 from metrosep.separation.runs.run_comparison import RunTable, spikes
 from metrosep.separation.runs.spectra import feed_spectra_columns
