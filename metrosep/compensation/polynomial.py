@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, SupportsIndex
 
 import numpy as np
@@ -100,6 +100,16 @@ class PolynomialFit:
     def coefficients(self) -> FloatArray:
         """Coefficients of 1, x, x^2, ... in SI (m, 1, 1/m, ...)."""
         return self._power(1.0, 1.0)
+
+    @property
+    def u_coefficients(self) -> FloatArray | None:
+        """Standard uncertainties of `coefficients`, the same units; None where not known."""
+        if self.cov is None:
+            return None
+        unit = np.eye(self.degree + 1)
+        to_power = np.array([replace(self, legendre_coefficients=c).coefficients for c in unit]).T
+        variance = ((to_power @ self.cov) * to_power).sum(axis=1)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def _scaled(self, x: ArrayLike, *, clamp: bool) -> FloatArray:
         low, high = self.domain
@@ -326,6 +336,9 @@ class PolynomialFit:
             "quantity": self.quantity,
             "domain_m": list(self.domain),
             "coefficients_si": self.coefficients.tolist(),
+            "u_coefficients_si": None
+            if self.u_coefficients is None
+            else self.u_coefficients.tolist(),
             "legendre_coefficients_m": self.legendre_coefficients.tolist(),
             "legendre_covariance_m2": None if self.cov is None else self.cov.tolist(),
             "covariance_from": self.cov_source,
@@ -362,7 +375,7 @@ def fit_polynomial(
     Returns
     -------
     PolynomialFit
-        With covariance from the scatter between runs, or from the estimate's band.
+        With covariance from the scatter between runs, or that of the estimate.
 
     Raises
     ------
@@ -471,14 +484,19 @@ def _covariance(
         x = np.linspace(*domain, _ESTIMATE_POINTS)
         basis = legendre.legvander(to_unit(x, domain), degree)
         pinv = np.linalg.pinv(basis)
+        if data.has_covariance:
+            whole = data.covariance(x)
+            if np.isfinite(whole).all():
+                return np.asarray(pinv @ whole @ pinv.T), "covariance of the estimate"
+            return None, "unknown: the uncertainty of the estimate has gaps"
         band = data.sd(x)
         if np.isfinite(band).all():
-            # the band says nothing of correlation: a triangle a quarter of the domain wide
+            # stored without its covariance: a triangle a quarter of the domain wide
             width = 0.25 * (domain[1] - domain[0])
             block = np.maximum(1.0 - np.abs(x[:, None] - x) / width, 0.0)
             return np.asarray(
                 pinv @ (np.outer(band, band) * block) @ pinv.T
-            ), "band of the estimate"
+            ), "band of the estimate, stored without its covariance"
     return None, "unknown: one run tells no scatter"
 
 

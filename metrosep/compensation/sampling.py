@@ -70,8 +70,8 @@ class SampledError:
     reverse: ErrorFunction | None  # the same of the other direction; None if there is one for both
     reference: float  # m: position of zero correction
     offset: float  # m: what was subtracted to make it zero
-    # shape (n,), m: standard uncertainty of the error at the entries, of the less certain
-    # direction
+    # shape (n,), m: standard uncertainty of the error at the entries minus that at the reference,
+    # of the less certain direction
     u: FloatArray | None
     interpolation_error: float  # m: largest deviation of the linear interpolation between entries
 
@@ -309,15 +309,45 @@ def _uncertainty(
         sources = [(error, 1), (error, -1)]
     else:
         sources = [(error, {"forward": 1, "reverse": -1}.get(direction))]
-    bands = [
-        np.hypot(e.sd(p, direction=d), (p - zero) * (_u_slope(e) if on_axis else 0.0))
-        for e, d in sources
-        if isinstance(e, ErrorEstimate)
-    ]
-    if len(bands) < len(sources):
-        return None
+    bands = []
+    for e, d in sources:
+        if not isinstance(e, ErrorEstimate):
+            return None
+        # The zero is that of the first direction, whose errors are independent of the other's.
+        own = None if e is sources[0][0] and d == sources[0][1] else sources[0]
+        bands.append(
+            np.hypot(
+                _u_from_zero(e, d, p, zero, own), (p - zero) * (_u_slope(e) if on_axis else 0.0)
+            )
+        )
     band = np.max(bands, axis=0)
     return band if np.isfinite(band).all() else None
+
+
+_BLOCK = 400
+"""Positions of which the covariance is looked at together."""
+
+
+def _u_from_zero(
+    estimate: ErrorEstimate,
+    direction: int | None,
+    p: FloatArray,
+    zero: float,
+    other: tuple[ErrorSource, int | None] | None,
+) -> FloatArray:
+    """Return the uncertainty of ``e(p) - e(zero)``, the zero taken from another source if there is one."""
+    if not estimate.has_covariance:
+        return estimate.sd(p, direction=direction)
+    if other is not None and isinstance(other[0], ErrorEstimate):
+        of_zero = float(other[0].sd([zero], direction=other[1])[0])
+        return np.hypot(estimate.sd(p, direction=direction), of_zero)
+    squares = []
+    for first in range(0, p.size, _BLOCK):
+        places = np.append(p[first : first + _BLOCK], zero)
+        whole = estimate.covariance(places, direction=direction)
+        squares.append((np.diag(whole) + whole[-1, -1] - 2.0 * whole[-1])[:-1])
+    square = np.concatenate(squares)
+    return np.asarray(np.sqrt(np.maximum(np.where(p == zero, 0.0, square), 0.0)))
 
 
 def _u_slope(estimate: ErrorEstimate) -> float:

@@ -65,7 +65,8 @@ class CompensationTable(Corrections):
     reference : float, m
         Position at which the forward correction is zero.
     u : array_like or None, shape (n,), m
-        Standard uncertainty of the entries.
+        Standard uncertainty of the entries: of the error there minus that at the reference, with
+        the covariance of an estimate.
     interpolation_error : float or None, m
         Largest deviation of the linear interpolation from the error it was made of.
     removed : {"offset", "line"}

@@ -129,9 +129,10 @@ def _folds(runs: RunSet, stored: RunSet, estimate: ErrorEstimate) -> list[dict[s
 
 
 def _bare(estimate: ErrorEstimate) -> ErrorEstimate:
-    """Return an estimate that evaluates to the same, without what a table does not need."""
+    """Return an estimate that evaluates to the same, without what a judged table does not need."""
+    parts = {d: replace(p, modes=None) for d, p in estimate.directions_data.items()}
     return replace(
-        estimate, spectrum_data={}, feed_spectra_data={}, residual_psd_data={}, evidence_data={},
+        estimate, directions_data=parts, spectrum_data={}, feed_spectra_data={}, residual_psd_data={}, evidence_data={},
         audit={}, terms={}, messages=(), history=(),
     )  # fmt: skip
 

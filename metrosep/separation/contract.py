@@ -28,6 +28,7 @@ from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_engineering, format_length
 from metrosep.separation._readings import plain, require_turn
+from metrosep.separation.covariance import CovarianceModes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -86,6 +87,9 @@ class Separation:
         What the user should know, in plain words.
     history : tuple of Step, optional
         From the files on.
+    modes : mapping of str to CovarianceModes, optional
+        What the errors of a part at different positions have in common, of parts that were made of
+        estimates.
 
     Raises
     ------
@@ -112,12 +116,13 @@ class Separation:
     audit: Mapping[str, Any] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
     history: tuple[Step, ...] = ()
+    modes: Mapping[str, CovarianceModes] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in ("parts", "u", "coordinates", "harmonics_u"):
             object.__setattr__(self, name, _frozen(getattr(self, name), np.float64))
         object.__setattr__(self, "harmonics", _frozen(self.harmonics, np.complex128))
-        for name in ("units", "audit"):
+        for name in ("units", "audit", "modes"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         for name, values in self.parts.items():
             if name not in self.u or name not in self.units:
@@ -143,6 +148,33 @@ class Separation:
     def suppressed(self) -> list[int]:
         """Undulations per revolution that are not observable, of any part, rising."""
         return suppressed_harmonics(self.null_space)
+
+    def covariance(self, part: str) -> FloatArray:
+        """Return the covariance of a part between its positions.
+
+        Parameters
+        ----------
+        part : str
+            Name of the part.
+
+        Returns
+        -------
+        ndarray, shape (n, n), square of the unit of the part
+            Its diagonal is ``u[part]**2``; NaN where that is NaN.
+
+        Raises
+        ------
+        DataError
+            If the part does not exist, or only its uncertainty is known.
+        """
+        if part not in self.parts:
+            raise DataError(f"there is no part {part!r}; there are {', '.join(self.parts)}")
+        if part not in self.modes:
+            raise DataError(
+                f"the covariance of {part!r} is not known, only its uncertainty at each position; "
+                "it is known where a reversal is made of estimates of repeated runs"
+            )
+        return self.modes[part].covariance(self.coordinates["x"], self.u[part])
 
     def with_type_b(self, terms: Mapping[str, float], *, part: str | None = None) -> Separation:
         """Return the same parts with further standard uncertainties combined in quadrature.
@@ -239,6 +271,11 @@ class Separation:
             "audit": plain(self.audit),
             "messages": list(self.messages),
             "history": history_as_dicts(self.history),
+            **(
+                {"covariance": {k: m.to_dict() for k, m in self.modes.items()}}
+                if self.modes
+                else {}
+            ),
         }
 
     @classmethod
@@ -284,6 +321,7 @@ class Separation:
                 data["audit"],
                 tuple(data["messages"]),
                 tuple(Step(s["step"], s["parameters"], s["version"]) for s in data["history"]),
+                {k: CovarianceModes.from_dict(m) for k, m in data.get("covariance", {}).items()},
             )
         except (KeyError, TypeError, ValueError, AttributeError) as exc:
             raise DataError(

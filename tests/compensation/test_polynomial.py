@@ -302,7 +302,7 @@ def test_estimate_hands_its_band_on(one_way_estimate):
     fit = fit_polynomial(one_way_estimate, degree=3)
     x = np.linspace(5e-3, 40e-3, 5)
 
-    assert fit.cov_source == "band of the estimate"
+    assert fit.cov_source == "covariance of the estimate"
     band = one_way_estimate.sd(x)
     assert (fit.sd(x) > 0.05 * band).all()
     assert (fit.sd(x) < 2 * band).all()

@@ -74,8 +74,11 @@ def test_estimate_gives_minus_the_truth(one_way, one_way_estimate):
     assert np.abs(rest).max() < 5e-9  # estimate's noise and e e' (1 um x 4e-4)
     assert table.removed == "offset"
     assert table.history[-1].name == "table"
+    # of the difference from the zero at the first position
+    whole = one_way_estimate.covariance(x)
+    shape = np.diag(whole) + whole[0, 0] - 2.0 * whole[0]
     np.testing.assert_allclose(
-        table.u, np.hypot(one_way_estimate.sd(x), x * one_way_estimate.slope.u), rtol=1e-12
+        table.u, np.sqrt(shape + (x * one_way_estimate.slope.u) ** 2), rtol=1e-9
     )
 
 

@@ -223,7 +223,8 @@ def separation_of(produced: Separation, inputs: Any = None) -> Description:
             text = f"separated {name.replace('_', ' ')}"
             found[name] = quantity(values, unit, text, u=u, symbol=name)
         else:
-            found |= extremes(name, values, u, unit)
+            whole = produced.covariance(name) if name in produced.modes else None
+            found |= extremes(name, values, u, unit, whole)
     maps = _maps(produced)
     document = produced.to_dict()
     size = sum(v.size for v in produced.parts.values())

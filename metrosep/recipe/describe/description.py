@@ -50,20 +50,30 @@ def quantity(
     return Quantity(value if is_count else float(value), unit, definition, u=spread, symbol=symbol)
 
 
-def extremes(name: str, values: FloatArray, u: FloatArray, unit: str) -> dict[str, Quantity]:
-    """Return P-V and RMS of a separated curve or map."""
+def extremes(
+    name: str,
+    values: FloatArray,
+    u: FloatArray,
+    unit: str,
+    covariance: FloatArray | None = None,
+) -> dict[str, Quantity]:
+    """Return P-V and RMS of a separated curve or map; of a curve perhaps with its covariance."""
     known = np.isfinite(values)
     if not known.any():
         return {}
     flat, flat_u = values[known], u[known]
     high, low = int(np.argmax(flat)), int(np.argmin(flat))
     text = name.replace("_", " ")
+    square, how = flat_u[high] ** 2 + flat_u[low] ** 2, "of the two extremes as if independent"
+    if covariance is not None:
+        square -= 2.0 * covariance[known][:, known][high, low]
+        how = "with the covariance of the two extremes"
     return {
         f"{name}.pv": quantity(
             flat[high] - flat[low],
             unit,
-            f"P-V of the separated {text}; u of the two extremes as if independent",
-            u=math.hypot(flat_u[high], flat_u[low]),
+            f"P-V of the separated {text}; u {how}",
+            u=math.sqrt(square) if not square <= 0.0 else 0.0,
             symbol=f"PV {text}",
         ),
         f"{name}.rms": quantity(

@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, InvalidSamplesError
+from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
 from metrosep.core.numbers import not_negative
 from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
+from metrosep.core.units import format_length
 from metrosep.separation._methods import History, Parts, RecordedMethod, described_by
 from metrosep.separation._readings import (
     Averaged,
@@ -36,6 +37,8 @@ from metrosep.separation._readings import (
     without_basis,
 )
 from metrosep.separation.contract import U_READING, Separation, Unobservable
+from metrosep.separation.covariance import CovarianceModes
+from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = ["StraightedgeReversal", "straightedge_reversal"]
 
@@ -124,6 +127,10 @@ class StraightedgeReversal(ReversedPair):
     u_registration : float, m, optional
         Standard uncertainty of the position of the edge in set-up 2. It adds
         ``u_registration |T'| / 2`` to the uncertainty of both parts.
+    u_common : float, m, optional
+        Standard uncertainty of what both set-ups read alike and neither shows: sag, temperature,
+        drift of the edge before the first. It is added whole to the uncertainty of the edge and
+        cancels in that of the slide.
     x : tuple of float or None, optional
         Positions in m; equal steps, of a length that does not matter, if omitted.
     """
@@ -132,6 +139,11 @@ class StraightedgeReversal(ReversedPair):
         0.0,
         kind="uncertainty",
         help="standard uncertainty of the position of the edge in the second set-up",
+    )
+    u_common: float = option(
+        0.0,
+        kind="uncertainty",
+        help="standard uncertainty of what both set-ups read alike; it goes into the edge alone",
     )
     x: tuple[float, ...] | None = None
 
@@ -147,44 +159,114 @@ class StraightedgeReversal(ReversedPair):
         return tuple(Unobservable(p, "polynomial", (0, 1), _LINE) for p in ("artefact", "machine"))
 
     def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
-        u_registration = not_negative(self.u_registration, "u_registration", dimension="length")
+        u_registration, u_common = self._stated()
         if u_registration > 0.0 and self.x is None:
             raise DataError("u_registration is a length: it needs the positions x in m")
         array = checked_readings(readings, names=("m1", "m2"), minimum=4, what=self.name)
         x = _positions(self.x, array.shape[2])
         result = self._halves(array, line_basis(x), stated, x=x)
         u_shift = _shift_uncertainty(result.parts["artefact"], x, u_registration / 2.0)
+        u = {name: np.sqrt(u**2 + u_shift**2) for name, u in result.u.items()}
         return replace(
             result,
-            u={name: np.sqrt(u**2 + u_shift**2) for name, u in result.u.items()},
-            audit={**result.audit, "u_registration_mm": u_registration * 1e3},
-            history=(*history, Step(self.name, {"u_registration_m": u_registration})),
+            u={**u, "artefact": np.hypot(u["artefact"], u_common)},
+            audit={**result.audit, **_stated_audit(u_registration, u_common)},
+            history=(*history, self._step(u_registration, u_common)),
         )
+
+    def of_estimates(self, first: ErrorEstimate, second: ErrorEstimate) -> Separation:
+        """Return edge and slide of the estimates of both set-ups, with their covariance.
+
+        Parameters
+        ----------
+        first, second : ErrorEstimate
+            Of the runs before and after the edge was turned; of two directions their mean.
+
+        Returns
+        -------
+        Separation
+            With `covariance` of both parts, over the range that both estimates cover.
+
+        Raises
+        ------
+        NotSeparableError
+            If the ranges do not overlap, or both estimates are of the same runs.
+        DataError
+            If an uncertainty is no length, or the covariance of an estimate is not known.
+        """
+        u_registration, u_common = self._stated()
+        _refuse_same_runs(first, second)
+        x = _common_positions(first, second)
+        values = np.array([e.evaluate(x) for e in (first, second)])
+        whole = first.covariance(x) + second.covariance(x)
+        known = ~np.isnan(values).any(axis=0)
+        require_common(known, line_basis(x), self.name)
+        parts = {n: without_basis(w @ values, line_basis(x)) for n, w in self._weights.items()}
+        # cov T = cov S = (cov m1 + cov m2) / 4 for independent measurements; a line is taken off.
+        common = _without_line(whole / 4.0, x)
+        shift = np.gradient(parts["artefact"], x) * (0.5 * u_registration)
+        common = common + np.outer(shift, shift)
+        band = np.sqrt(np.maximum(np.diag(common), 0.0))
+        modes = CovarianceModes.of(x, np.eye(x.size), np.nan_to_num(common))
+        u = {**dict.fromkeys(parts, band), "artefact": np.hypot(band, u_common)}
+        return Separation(
+            self.name,
+            parts,
+            u,
+            dict.fromkeys(parts, "m"),
+            {"x": x},
+            self.null_space(),
+            audit={
+                "readings": "estimates of repeated runs",
+                "methods": [first.method, second.method],
+                "n_samples": int(x.size),
+                "n_not_measured": int((~known).sum()),
+                "removed": "least squares: offset and line",
+                "u_from": "covariance of the two estimates, independent: cov = (cov1 + cov2)/4",
+                **_stated_audit(u_registration, u_common),
+            },
+            messages=(*first.messages, *second.messages),
+            history=(*first.history, *second.history, self._step(u_registration, u_common)),
+            modes=dict.fromkeys(parts, modes),
+        )
+
+    def _stated(self) -> tuple[float, float]:
+        return (
+            not_negative(self.u_registration, "u_registration", dimension="length"),
+            not_negative(self.u_common, "u_common", dimension="length"),
+        )
+
+    def _step(self, u_registration: float, u_common: float) -> Step:
+        common = {"u_common_m": u_common} if u_common else {}
+        return Step(self.name, {"u_registration_m": u_registration, **common})
 
 
 @described_by(StraightedgeReversal, StraightedgeReversal.separate)
 def straightedge_reversal(
-    m1: ArrayLike | Profile,
-    m2: ArrayLike | Profile,
+    m1: ArrayLike | Profile | ErrorEstimate,
+    m2: ArrayLike | Profile | ErrorEstimate,
     *,
     x: ArrayLike | None = None,
     u_reading: float | None = None,
     u_registration: float = 0.0,
+    u_common: float = 0.0,
 ) -> Separation:
     """Return form of a straightedge and straightness of a slide from a reversal.
 
     Parameters
     ----------
-    m1, m2 : array_like, shape (n,) or (M, n), m, or Profile
+    m1, m2 : array_like, shape (n,) or (M, n), m, or Profile, or ErrorEstimate
         Readings before and after the edge was turned about its long axis and the probe set to
-        its other side, at the same positions of the edge; or M passes of each.
+        its other side, at the same positions of the edge; or M passes of each; or what was
+        separated from the runs of each.
     x : array_like, shape (n,), m, optional
         Positions, if the readings are arrays; equal steps if omitted.
 
     Returns
     -------
     Separation
-        ``.artefact`` (the edge), ``.machine`` (the slide), least-squares line removed.
+        ``.artefact`` (the edge), ``.machine`` (the slide), least-squares line removed. Of two
+        estimates with ``.covariance("artefact")`` and ``.covariance("machine")``.
 
     Raises
     ------
@@ -195,6 +277,7 @@ def straightedge_reversal(
     Notes
     -----
     ``T = (m1 + m2)/2``, ``S = (m1 - m2)/2``; white noise s of one reading gives ``s / sqrt(2 M)``.
+    Of two estimates ``cov T = cov S = (cov m1 + cov m2)/4``: they are independent measurements.
     A shift d of the edge between the set-ups adds ``d T'/2`` to both. Gravity does not reverse:
     in a set-up that measures vertically the sag of the edge stays in the machine.
 
@@ -213,16 +296,75 @@ def straightedge_reversal(
     >>> bool(abs(result.machine - (slide - line)).max() < 1e-20)
     True
     """
+    if isinstance(m1, ErrorEstimate) or isinstance(m2, ErrorEstimate):
+        if not (isinstance(m1, ErrorEstimate) and isinstance(m2, ErrorEstimate)):
+            raise DataError(
+                "straightedge_reversal: one set-up is an estimate, the other is not; separate the "
+                "runs of both, or give the readings of both"
+            )
+        if x is not None or u_reading is not None:
+            raise DataError(
+                "straightedge_reversal: estimates bring their positions and their uncertainty, "
+                "leave out x and u_reading"
+            )
+        return StraightedgeReversal(u_registration, u_common).of_estimates(m1, m2)
     readings, positions, history = curves((m1, m2), what="straightedge_reversal", axis="x")
     if positions is None and x is not None:
         positions = np.asarray(x, dtype=np.float64)
     elif x is not None:
         raise DataError("straightedge_reversal: profiles bring their positions, leave out x")
     method = StraightedgeReversal(
-        u_registration, None if positions is None else tuple(positions.ravel().tolist())
+        u_registration,
+        u_common,
+        None if positions is None else tuple(positions.ravel().tolist()),
     )
     array = stacked(readings, method.name)
     return method.separate(array, u_reading=u_reading, history=history)
+
+
+_POINTS = 401
+"""Positions of a reversal of estimates."""
+
+
+def _common_positions(first: ErrorEstimate, second: ErrorEstimate) -> FloatArray:
+    """Return positions over the range that both estimates cover."""
+    start, stop = max(first.start, second.start), min(first.stop, second.stop)
+    if not stop > start:
+        raise NotSeparableError(
+            "straightedge_reversal: the estimates have no position in common, they cover "
+            f"{format_length(first.start)} ... {format_length(first.stop)} and "
+            f"{format_length(second.start)} ... {format_length(second.stop)}; both must be given "
+            "over the positions of the edge"
+        )
+    return np.linspace(start, stop, _POINTS)
+
+
+def _refuse_same_runs(first: ErrorEstimate, second: ErrorEstimate) -> None:
+    """Refuse runs that stand behind both estimates: they would not be independent."""
+    used = [
+        {h for s in e.history for h in s.parameters.get("runs_sha256", ()) if h}
+        for e in (first, second)
+    ]
+    if used[0] & used[1]:
+        raise NotSeparableError(
+            f"straightedge_reversal: both estimates are made of the same {len(used[0] & used[1])} "
+            "run(s); the second set-up needs runs of its own"
+        )
+
+
+def _without_line(covariance: FloatArray, x: FloatArray) -> FloatArray:
+    """Return the covariance of curves less their least-squares line; NaN where it is not known."""
+    known = ~np.isnan(np.diag(covariance))
+    q, _ = np.linalg.qr(line_basis(x)[known])
+    keep = np.eye(q.shape[0]) - q @ q.T
+    out = np.full_like(covariance, np.nan)
+    out[np.ix_(known, known)] = keep @ covariance[np.ix_(known, known)] @ keep
+    return out
+
+
+def _stated_audit(u_registration: float, u_common: float) -> dict[str, float]:
+    common = {"u_common_nm": u_common * 1e9} if u_common else {}
+    return {"u_registration_mm": u_registration * 1e3, **common}
 
 
 def _shift_uncertainty(values: FloatArray, x: FloatArray, u: float) -> FloatArray:

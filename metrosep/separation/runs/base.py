@@ -21,6 +21,7 @@ from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step, freeze_mapping, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
+from metrosep.separation.covariance import CovarianceModes
 from metrosep.spectral.dft import fourier_sum
 
 if TYPE_CHECKING:
@@ -169,6 +170,49 @@ class ErrorEstimate:
         squares = [p.uncertainty(x) ** 2 for p in parts]
         return np.asarray(np.sqrt(np.sum(squares, axis=0)) / len(parts))
 
+    @property
+    def has_covariance(self) -> bool:
+        """Whether `covariance` is known; results that were stored without it have none."""
+        return all(p.modes is not None for p in self.directions_data.values())
+
+    def covariance(self, x: ArrayLike, *, direction: int | None = None) -> FloatArray:
+        """Return the covariance of `evaluate` between positions.
+
+        Parameters
+        ----------
+        x : array_like, shape (n,), m
+            Positions.
+        direction : {1, -1}, optional
+            As for `evaluate`; the errors of two directions are independent.
+
+        Returns
+        -------
+        ndarray, shape (n, n), m^2
+            Its diagonal is ``sd(x, direction=direction)**2``; NaN where `sd` is NaN.
+
+        Raises
+        ------
+        DataError
+            If `direction` is none of 1, -1, None, or the covariance is not known.
+
+        Notes
+        -----
+        Kept as modes on up to 241 nodes over the travel; see
+        `metrosep.separation.covariance`. What the modes lack of the variance, such as waves
+        shorter than the nodes tell apart or the step of coarse readings, is common to positions
+        nearer than one node only.
+
+        References
+        ----------
+        Specified in the project's notes (separation-2), equation (18).
+        """
+        parts = self._chosen(direction)
+        xs = np.atleast_1d(np.asarray(x, dtype=np.float64)).ravel()
+        total: FloatArray = np.zeros((xs.size, xs.size))
+        for part in parts:
+            total += part.covariance(xs)
+        return total / len(parts) ** 2
+
     def evaluate_at(
         self, x: ArrayLike, *, feed: float, direction: int | None = None
     ) -> FloatArray:
@@ -245,10 +289,17 @@ class ErrorEstimate:
         Returns
         -------
         Profile
-            Error over position.
+            Error over position; ``metadata["standard_uncertainty"]`` holds `sd` at the same
+            positions, as lists ``x_m`` and ``u_m`` (None where it is not known).
         """
         x = np.linspace(self.start, self.stop, n_points)
-        return Profile(x, self.evaluate(x, direction=direction), history=self.history)
+        band = [_plain(v) for v in self.sd(x, direction=direction).tolist()]
+        return Profile(
+            x,
+            self.evaluate(x, direction=direction),
+            metadata={"standard_uncertainty": {"x_m": x.tolist(), "u_m": band}},
+            history=self.history,
+        )
 
     def peak_to_valley(self) -> Quantity:
         """Return the P-V of the estimate over the evaluation range, line removed.
@@ -256,17 +307,32 @@ class ErrorEstimate:
         Returns
         -------
         Quantity
-            In m; u combines the uncertainties at the two extremes as if independent.
+            In m; u is that of the difference between the two extremes, with their covariance.
+
+        Notes
+        -----
+        ``u^2 = var(high) + var(low) - 2 cov(high, low)`` at the extremes of the estimate. Where
+        other places come as near to them as the uncertainty, the extremes of the truth may lie
+        there: the P-V of an estimate is then too large rather than too small, and u holds that
+        only in part. Of an estimate that was stored without its covariance u takes the two
+        extremes as independent, and says so.
         """
         x = np.linspace(self.start, self.stop, 2001)
-        z, sd = self.evaluate(x), self.sd(x)
-        high, low = int(np.nanargmax(z)), int(np.nanargmin(z))
+        z = self.evaluate(x)
+        ends = x[[int(np.nanargmax(z)), int(np.nanargmin(z))]]
+        if self.has_covariance:
+            u, how = (
+                _u_of_difference(self.covariance(ends)),
+                "; u with the covariance of its two extremes",
+            )
+        else:
+            u, how = float(np.hypot(*self.sd(ends))), "; u takes its two extremes as independent"
         return Quantity(
-            float(z[high] - z[low]),
+            float(np.nanmax(z) - np.nanmin(z)),
             "m",
             "P-V of the estimated repeatable error over the evaluation range, least-squares line "
-            "removed, no filter",
-            u=float(np.hypot(sd[high], sd[low])),
+            "removed, no filter" + how,
+            u=u,
             symbol="PV",
         )
 
@@ -359,6 +425,12 @@ class ErrorEstimate:
         return html_table("ErrorEstimate", rows)
 
 
+def _u_of_difference(covariance: FloatArray) -> float:
+    """Return the standard uncertainty of the difference of two values, (2, 2) covariance in m^2."""
+    square = covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1]
+    return math.sqrt(square) if square > 0.0 else (0.0 if square <= 0.0 else math.nan)
+
+
 def _checked_feed(feed: float) -> float:
     if not (math.isfinite(feed) and feed > 0.0):
         raise DataError(f"feed must be positive and finite, in m/s, got {feed}")
@@ -380,6 +452,7 @@ def estimate_as_dict(estimate: ErrorEstimate) -> dict[str, Any]:
                 "error": p.error.to_dict(),
                 "uncertainty": p.uncertainty.to_dict(),
                 **({} if p.feed_term is None else {"feed_term": p.feed_term.to_dict()}),
+                **({} if p.modes is None else {"covariance": p.modes.to_dict()}),
             }
             for d, p in estimate.directions_data.items()
         },
@@ -413,6 +486,7 @@ def estimate_from_dict(cls: type[ErrorEstimate], data: Mapping[str, Any]) -> Err
                     curve_from_dict(p["error"]),
                     _sampled(curve_from_dict(p["uncertainty"])),
                     FeedTerm.from_dict(p["feed_term"]) if "feed_term" in p else None,
+                    CovarianceModes.from_dict(p["covariance"]) if "covariance" in p else None,
                 )
                 for d, p in data["directions"].items()
             },
@@ -495,11 +569,27 @@ class DirectionEstimate:
         Standard uncertainty in m.
     feed_term : FeedTerm or None
         How the error changes with the feedrate, where that was estimated.
+    modes : CovarianceModes or None
+        What the errors at different positions have in common; None where it is not known.
     """
 
     error: Curve
     uncertainty: SampledCurve
     feed_term: FeedTerm | None = None
+    modes: CovarianceModes | None = None
+
+    def covariance(self, x: FloatArray) -> FloatArray:
+        """Return the covariance at positions, shape (n, n), m^2; refused where it is not known."""
+        if self.modes is not None:
+            return self.modes.covariance(x, self.uncertainty(x))
+        if np.isnan(self.uncertainty.z).all():
+            raise DataError(
+                "the covariance of the estimate is not known: one run tells no uncertainty; add runs"
+            )
+        raise DataError(
+            "this estimate was stored without its covariance; separate the runs again with this "
+            "version"
+        )
 
 
 def freeze_mapping_int(items: Mapping[int, DirectionEstimate]) -> Mapping[int, DirectionEstimate]:

@@ -15,7 +15,6 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
 from metrosep.separation.runs.base import (
-    DirectionEstimate,
     ErrorEstimate,
     SampledCurve,
 )
@@ -237,12 +236,12 @@ def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> Er
     if checks.step > 0.0:
         audit["reading_step_nm"] = checks.step * 1e9
         parts = {
-            d: DirectionEstimate(
-                p.error,
-                SampledCurve(
+            # Of no form: the covariance takes it as common to close neighbours only.
+            d: replace(
+                p,
+                uncertainty=SampledCurve(
                     p.uncertainty.x, np.hypot(p.uncertainty.z, checks.step / math.sqrt(12.0))
                 ),
-                p.feed_term,
             )
             for d, p in parts.items()
         }

@@ -28,6 +28,7 @@ from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
+from metrosep.separation.covariance import CovarianceModes
 from metrosep.separation.runs.base import (
     LINE_POINTS,
     DirectionEstimate,
@@ -163,7 +164,7 @@ def separate_kono(
     kept = np.where(selection.kept, mean, 0.0)[: selection.m]
     curve, slope_fourier = _kono_curve(kept, origin, l_x, first, last)
     cut, longest_cut = _cut_off(spectra, selection.kept)
-    uncertainty = _kono_sd(members * selection.kept, origin, l_x, (first, last))
+    uncertainty, modes = _kono_sd(members * selection.kept, origin, l_x, (first, last))
     scatter = float(np.sqrt(np.mean(uncertainty.z**2)))
     decay = taper_fraction if coefficients == "tapered" else 0.0
     uncertainty = _with_bias(uncertainty, curve, cut, decay, (first, last))
@@ -217,7 +218,7 @@ def separate_kono(
         start=first,
         stop=last,
         fit_range=(origin, origin + l_x),
-        directions_data={0: DirectionEstimate(curve, uncertainty)},
+        directions_data={0: DirectionEstimate(curve, uncertainty, modes=modes)},
         slope=Quantity(
             float(slopes.mean() + slope_fourier),
             "rad",
@@ -350,17 +351,19 @@ def _kono_curve(
 
 def _kono_sd(
     members: ComplexArray, origin: float, l_x: float, evaluation: tuple[float, float]
-) -> SampledCurve:
+) -> tuple[SampledCurve, CovarianceModes | None]:
     n, k = members.shape
     grid = np.linspace(origin, origin + l_x, 1001)
     if n < 2:
-        return SampledCurve(grid, np.full(grid.size, np.nan))
+        return SampledCurve(grid, np.full(grid.size, np.nan)), None
     basis = fourier_basis(grid, origin=origin, period=l_x, n_harmonics=k)
     curves = np.hstack([members.real, members.imag]) @ basis.T
     inner = (grid >= evaluation[0]) & (grid <= evaluation[1])
     line = np.column_stack([np.ones(grid.size), (grid - origin) / l_x])
     curves = curves - (line @ np.linalg.lstsq(line[inner], curves[:, inner].T, rcond=None)[0]).T
-    return SampledCurve(grid, curves.std(axis=0, ddof=1) / math.sqrt(n))
+    apart = (curves - curves.mean(axis=0)) / math.sqrt(n * (n - 1.0))
+    sd = SampledCurve(grid, np.sqrt((apart**2).sum(axis=0)))
+    return sd, CovarianceModes.of(grid, apart.T)
 
 
 _SEEN = 0.01

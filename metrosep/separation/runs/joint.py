@@ -34,6 +34,7 @@ from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
 from metrosep.separation._readings import checked_count
+from metrosep.separation.covariance import CovarianceModes
 from metrosep.separation.runs.base import (
     LINE_POINTS,
     DirectionEstimate,
@@ -203,7 +204,8 @@ def separate_joint(
         several_feeds=n_feeds > 1,
     )
     terms, sentences = report_terms(solution, prepared, runs, options)
-    curve, uncertainty, slope, level = joint_curves(solution, (first, last), (low, high))
+    part, slope, level = joint_curves(solution, (first, last), (low, high))
+    curve, uncertainty = part.error, part.uncertainty
     if options.drift and n_feeds < 2:
         slope = Quantity(slope.value, slope.unit, slope.definition + _SLOPE_WITH_DRIFT)
     spectrum = spectrum_columns(solution, runs, rate=false_discovery_rate)
@@ -253,7 +255,7 @@ def separate_joint(
         start=first,
         stop=last,
         fit_range=(low, high),
-        directions_data={0: DirectionEstimate(curve, uncertainty, feed_term)},
+        directions_data={0: replace(part, feed_term=feed_term)},
         slope=slope,
         spectrum_data=spectrum,
         feed_spectra_data=feed_spectra_columns(runs),
@@ -274,9 +276,8 @@ def _plain_band(
     solution: Solution, evaluation: tuple[float, float], travel: tuple[float, float]
 ) -> float:
     """Return the RMS uncertainty without what the uncertain prior adds."""
-    plain = replace(solution, covariance=solution.plain_covariance)
-    u = joint_curves(plain, evaluation, travel)[1].z
-    return float(np.sqrt(np.nanmean(u**2)))
+    projected = _projected(solution, evaluation, travel)[1]
+    return float(np.sqrt(np.mean(_variance(projected, solution.plain_covariance))))
 
 
 def _check_feeds(runs: RunSet, *, min_feeds: int, fit_lag: bool) -> None:
@@ -339,23 +340,11 @@ def _n_harmonics(
 
 def joint_curves(
     solution: Solution, evaluation: tuple[float, float], travel: tuple[float, float]
-) -> tuple[FourierCurve, SampledCurve, Quantity, float]:
-    """Return curve, uncertainty, slope and level; the line over the evaluation range is taken out."""
+) -> tuple[DirectionEstimate, Quantity, float]:
+    """Return curve with covariance, slope and level; the line over the evaluation range is taken out."""
     k = solution.n_harmonics
-    step = solution.period / max(k, 8) / 8.0
-    n_grid = int(np.clip(np.ceil((travel[1] - travel[0]) / step), 200, 4000)) + 1
-    grid = np.linspace(travel[0], travel[1], n_grid)
-    inner = np.linspace(evaluation[0], evaluation[1], LINE_POINTS)
-
-    def functions(x: FloatArray) -> FloatArray:
-        waves = fourier_basis(x, origin=solution.origin, period=solution.period, n_harmonics=k)
-        return np.column_stack([x - solution.centre, waves])
-
-    mid, half = np.mean(evaluation), (evaluation[1] - evaluation[0]) / 2.0
-    line = np.column_stack([np.ones(inner.size), (inner - mid) / half])
-    to_line = np.linalg.lstsq(line, functions(inner), rcond=None)[0]
-    projected = functions(grid) - np.column_stack([np.ones(n_grid), (grid - mid) / half]) @ to_line
-    variance = np.einsum("ij,jk,ik->i", projected, solution.covariance, projected)
+    grid, projected, to_line = _projected(solution, evaluation, travel)
+    mid, half = float(np.mean(evaluation)), (evaluation[1] - evaluation[0]) / 2.0
     offset, slope_half = to_line @ solution.coefficients
     slope_variance = float(to_line[1] @ solution.covariance @ to_line[1]) / half**2
     slope = float(slope_half / half)
@@ -378,7 +367,38 @@ def joint_curves(
         "axis, or squareness); removed from the estimate",
         u=math.sqrt(max(slope_variance, 0.0)),
     )
-    return curve, SampledCurve(grid, np.sqrt(np.maximum(variance, 0.0))), alignment, float(offset)
+    part = DirectionEstimate(
+        curve,
+        SampledCurve(grid, np.sqrt(_variance(projected, solution.covariance))),
+        modes=CovarianceModes.of(grid, projected, solution.covariance),
+    )
+    return part, alignment, float(offset)
+
+
+def _projected(
+    solution: Solution, evaluation: tuple[float, float], travel: tuple[float, float]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return a grid, the model's functions on it without their lines, and how those lines follow."""
+    k = solution.n_harmonics
+    step = solution.period / max(k, 8) / 8.0
+    n_grid = int(np.clip(np.ceil((travel[1] - travel[0]) / step), 200, 4000)) + 1
+    grid = np.linspace(travel[0], travel[1], n_grid)
+    inner = np.linspace(evaluation[0], evaluation[1], LINE_POINTS)
+
+    def functions(x: FloatArray) -> FloatArray:
+        waves = fourier_basis(x, origin=solution.origin, period=solution.period, n_harmonics=k)
+        return np.column_stack([x - solution.centre, waves])
+
+    mid, half = np.mean(evaluation), (evaluation[1] - evaluation[0]) / 2.0
+    line = np.column_stack([np.ones(inner.size), (inner - mid) / half])
+    to_line = np.linalg.lstsq(line, functions(inner), rcond=None)[0]
+    levels = np.column_stack([np.ones(n_grid), (grid - mid) / half]) @ to_line
+    return grid, np.asarray(functions(grid) - levels), np.asarray(to_line)
+
+
+def _variance(functions: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return the variance at each position, of coefficients with that covariance."""
+    return np.asarray(np.maximum(((functions @ covariance) * functions).sum(axis=1), 0.0))
 
 
 # ---- private to separation: what repeatability alone says, beside the joint estimate -----------

@@ -18,6 +18,7 @@ from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.numbers import flag
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
+from metrosep.separation.covariance import CovarianceModes
 from metrosep.separation.runs.base import (
     LINE_POINTS,
     DirectionEstimate,
@@ -92,8 +93,10 @@ def separate_mean(
     mean[some] = np.nansum(flat[:, some], axis=0) / n_valid[some]
     sd = np.full(n_grid, np.nan)
     many = n_valid > 1
-    deviation = np.nansum((flat - mean) ** 2, axis=0)
-    sd[many] = np.sqrt(deviation[many] / (n_valid[many] - 1) / n_valid[many])
+    # sd^2 = sum_r d_r^2 / (n (n - 1)): the deviations themselves are the modes of the covariance.
+    apart = np.nan_to_num(flat - mean) / np.sqrt(np.maximum(n_valid * (n_valid - 1.0), 1.0))
+    sd[many] = np.sqrt((apart[:, many] ** 2).sum(axis=0))
+    modes = CovarianceModes.of(grid, (apart * many).T) if many.any() else None
     residual_rms = float(np.sqrt(np.nanmean((flat - mean) ** 2)))
     mean, rest = _level(grid, mean, first, last)
     scale = high - low
@@ -107,7 +110,9 @@ def separate_mean(
         start=first,
         stop=last,
         fit_range=(low, high),
-        directions_data={0: DirectionEstimate(SampledCurve(grid, mean), SampledCurve(grid, sd))},
+        directions_data={
+            0: DirectionEstimate(SampledCurve(grid, mean), SampledCurve(grid, sd), modes=modes)
+        },
         slope=Quantity(
             slope,
             "rad",
