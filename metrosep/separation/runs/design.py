@@ -22,7 +22,7 @@ from metrosep.separation.runs.clock import fit_clock
 __all__ = ["PreparedRun", "evaluation_range", "prepare_runs"]
 
 
-_MAX_ROWS = 40_000
+_MAX_ROWS = 12_000
 """More samples than this, all runs together, are averaged in blocks."""
 
 _TIME_STEP = 1e-3
