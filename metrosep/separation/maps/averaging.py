@@ -24,10 +24,7 @@ from metrosep.separation.contract import (
     Unobservable,
 )
 from metrosep.separation.maps._map_input import (
-    MapMethod,
-    MapReadings,
     checked_removed,
-    map_separation,
     map_stack,
     noise_of,
     require_overlap,
@@ -36,6 +33,7 @@ from metrosep.separation.maps._map_input import (
     unit_warnings,
     without_plane,
 )
+from metrosep.separation.maps._map_method import MapMethod, MapReadings, map_separation
 
 __all__ = ["ThreePositions", "ball_average", "three_positions"]
 

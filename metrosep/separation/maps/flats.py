@@ -37,12 +37,9 @@ from metrosep.separation.maps._flat_result import (
 from metrosep.separation.maps._map_input import (
     MOST_POSITIONS,
     MapGrid,
-    MapMethod,
-    MapReadings,
     checked_angles,
     checked_removed,
     common_step,
-    map_separation,
     mirror,
     require_scale,
     rigid_terms,
@@ -50,6 +47,7 @@ from metrosep.separation.maps._map_input import (
     unit_warnings,
     without_plane,
 )
+from metrosep.separation.maps._map_method import MapMethod, MapReadings, map_separation
 
 __all__ = ["ThreeFlat", "three_flat"]
 

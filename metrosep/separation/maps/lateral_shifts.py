@@ -22,16 +22,14 @@ from metrosep.separation.contract import U_READING, Separation, Unobservable
 from metrosep.separation.maps._flat_result import DiscBasis, zernike_terms_of
 from metrosep.separation.maps._map_input import (
     MapGrid,
-    MapMethod,
-    MapReadings,
     checked_angles,
-    map_separation,
     noise_of,
     require_overlap,
     rigid_terms,
     stored_in_si,
     unit_warnings,
 )
+from metrosep.separation.maps._map_method import MapMethod, MapReadings, map_separation
 
 __all__ = ["ShiftRotation", "shift_rotation"]
 

@@ -22,8 +22,6 @@ from metrosep.separation.maps._map_input import (
     LISTED_ORDERS,
     RIGID,
     MapGrid,
-    MapMethod,
-    MapReadings,
     TurnedNoise,
     checked_angles,
     checked_removed,
@@ -32,7 +30,6 @@ from metrosep.separation.maps._map_input import (
     combined,
     common_step,
     interpolated,
-    map_separation,
     mirrored_trials,
     noise_of,
     orders_of,
@@ -46,6 +43,7 @@ from metrosep.separation.maps._map_input import (
     unit_warnings,
     without_plane,
 )
+from metrosep.separation.maps._map_method import MapMethod, MapReadings, map_separation
 from metrosep.separation.maps.registration import (
     extended,
     map_gradient,
