@@ -206,7 +206,9 @@ def _check_monotonic(x: FloatArray, run_id: str) -> None:
         if (steps[bad] != 0.0).any():
             cure = "split the recording at its turning points and cut off the dwell at the ends"
         elif bad.size > 0.1 * steps.size:
-            cure = "the position is updated more slowly than rows are written: keep one row of each"
+            cure = (
+                "the position is updated more slowly than rows are written: keep one row of each"
+            )
         else:
             cure = "drop rows that were written twice and cut off the dwell at the ends"
         raise InvalidSamplesError(
