@@ -470,13 +470,16 @@ def _is_grid(positions: FloatArray, spacing: float, anchor: float) -> bool:
     return is_uniform(positions) and abs(steps - round(steps)) <= _UNIFORM * positions.size
 
 
-def require_one_direction(table: CompensationTable, title: str, way: str) -> None:
-    """Refuse a table whose directions differ."""
-    if table.reverse is not None and not np.array_equal(table.reverse, table.forward):
+def require_one_direction(table: CompensationTable, title: str, way: str) -> CompensationTable:
+    """Return a table with one column, and refuse one whose directions differ."""
+    if table.reverse is None:
+        return table
+    if not np.array_equal(table.reverse, table.forward):
         raise TableError(
             f"{title} holds one value for both directions and this table has two; make it with "
             f"direction='both' and enter the lost motion {way}"
         )
+    return replace(table, reverse=None)
 
 
 def require_on_axis(table: CompensationTable, title: str, instead: str) -> None:

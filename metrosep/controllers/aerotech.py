@@ -201,7 +201,9 @@ class AerotechLine(Dialect):
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         require_linear((table.axis, table.compensates), _TITLE)
-        require_one_direction(table, "an Aerotech calibration", "into the backlash parameter")
+        table = require_one_direction(
+            table, "an Aerotech calibration", "into the backlash parameter"
+        )
         o = {**{x.name: x.default for x in self.options}, **options, "row_sign": 1}
         if o["row_axis"] == o["corrected_axis"]:
             o["row_sign"] = o["corrected_sign"]

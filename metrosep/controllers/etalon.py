@@ -98,7 +98,7 @@ class Etalon(Dialect):
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         o = {**{x.name: x.default for x in self.options}, **options}
         parameter = _parameter(table, o["parameter"])
-        require_one_direction(table, "an error parameter", "into the backlash parameter")
+        table = require_one_direction(table, "an error parameter", "into the backlash parameter")
         n = table.positions.size
         if o["records_limit"] is not None and n > o["records_limit"]:
             raise LimitError(

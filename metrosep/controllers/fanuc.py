@@ -155,7 +155,7 @@ class Fanuc(Resampling):
         """Return parameters and increments."""
         require_linear((table.axis, table.compensates), _TITLE)
         require_on_axis(table, _TITLE, "'fanuc-straightness'")
-        require_one_direction(table, _TITLE, "into parameter 1851 (backlash)")
+        table = require_one_direction(table, _TITLE, "into parameter 1851 (backlash)")
         require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
         unit = options["detection_unit"] * options["magnification"]
         made = sections(
@@ -373,7 +373,7 @@ class FanucStraightness(Resampling):
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         """Return the parameters of four points."""
         require_linear((table.axis, table.compensates), _STRAIGHTNESS_TITLE)
-        require_one_direction(
+        table = require_one_direction(
             table, _STRAIGHTNESS_TITLE, "into parameter 1851 (backlash) of the moving axis"
         )
         _require_axes(table, options)

@@ -370,7 +370,9 @@ class IsgCross(_List):
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         require_linear((table.axis, table.compensates), "kw.crosscomp")
-        require_one_direction(table, "kw.crosscomp", "as backlash of the slave or into kw.ssfk")
+        table = require_one_direction(
+            table, "kw.crosscomp", "as backlash of the slave or into kw.ssfk"
+        )
         require_sizes(table, "kw.crosscomp", farthest=_FARTHEST, largest=_FARTHEST)
         _require_two_axes(table, options)
         carried = placed(table, options, "kw.crosscomp")

@@ -121,7 +121,7 @@ class Mitsubishi(Resampling):
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         """Return parameters and numbers."""
         require_linear((table.axis, table.compensates), _TITLE)
-        require_one_direction(table, _TITLE, "into #2011 and #2012 (backlash)")
+        table = require_one_direction(table, _TITLE, "into #2011 and #2012 (backlash)")
         _require_axes(table, options["cross_axis"])
         require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
         unit = 0.5 * options["output_unit"] * options["scale"]

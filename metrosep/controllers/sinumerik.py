@@ -517,7 +517,7 @@ class SinumerikEnc(Dialect):
                 f"ENC_COMP corrects an axis over its own position, this table is {table.axis} -> "
                 f"{table.compensates}; write it as 'sinumerik-cec'"
             )
-        require_one_direction(
+        table = require_one_direction(
             table,
             "ENC_COMP",
             "into MD32450 BACKLASH, or write controller='sinumerik-cec', which has a table for each",

@@ -136,7 +136,7 @@ class TwinCAT(Resampling):
         require_on_axis(
             table, _TITLE, "'isg-cross' (TwinCAT CNC), or 'csv' for a program of your own"
         )
-        require_one_direction(
+        table = require_one_direction(
             table, _TITLE, "as backlash of the axis, or write a table for each direction"
         )
         require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)

@@ -1,5 +1,6 @@
 """Every dialect: random tables written, read and simulated stay within rounding and resampling."""
 
+import dataclasses
 import json
 import tempfile
 from pathlib import Path
@@ -12,6 +13,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from metrosep import Profile, controllers
 from metrosep.compensation import fit_polynomial
 from metrosep.controllers.registry import find
+from metrosep.errors import TableError
 
 BY_KIND = {
     kind: [d.id for d in controllers.describe() if d.carries == kind]
@@ -20,6 +22,9 @@ BY_KIND = {
 
 WAIVED = ("quantisation", "resampling", "dry-run", "uncertainty")
 """Random corrections may be small; what rounding and resampling cost is the bound that is tested."""
+
+PLAYED = ("pi-gcs", "nv200", "linuxcnc-lincurve")
+"""A wave is made for one pass, and a chain of curves for one column: two are refused, equal or not."""
 
 quick = settings(
     max_examples=12,
@@ -100,3 +105,18 @@ def test_a_polynomial_arrives(name, shape):
         lookup = controllers.simulate(path, name)
         assert np.abs(lookup(x) + z).max() <= bound + 1e-9 * size
         assert lookup(x[-1] + 1.0) == pytest.approx(float(lookup(x[-1])), abs=ROUNDING)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [n for n in BY_KIND["table"] if find(n).info.directions == "one" and n not in PLAYED],
+)
+def test_equal_columns_are_one_value(name, tmp_path):
+    once = table_for(name, (11, 2e-3, 1e-6, 5))
+    twice = dataclasses.replace(once, reverse=once.forward.copy())
+    for kind, table in (("once", once), ("twice", twice)):
+        written(table, name, tmp_path / kind)
+
+    assert (tmp_path / "once").read_bytes() == (tmp_path / "twice").read_bytes()
+    with pytest.raises(TableError, match=r"two|both directions"):
+        written(dataclasses.replace(twice, reverse=twice.forward + 1e-6), name, tmp_path / "other")
