@@ -1,8 +1,10 @@
-"""Cost of the separators against a plain dense least squares of the same size, in one run.
+"""Cost of the separators against a plain dense least squares and the best Gaussian low-pass, in one run.
 
 Run with ``make bench``; ratios are printed, nothing is asserted about time.
 """
 
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -85,3 +87,67 @@ def test_promise_of_a_plan_against_the_scatter_of_separations():
     print(
         f"\n10 mm at {plan!r}: promised sd {promised:.2f} nm, scatter of 16 sets {scatter:.2f} nm"
     )
+
+
+def test_gaussian_low_pass_of_the_mean(benchmark, runs):
+    """The rival of the acceptance table, by scipy alone: 24 cut-offs, the truth chooses."""
+    from acceptance.coverage.judge import CUTS_MM, gaussian, mean_of_runs
+    from acceptance.coverage.machine import Reading
+
+    rows = [Reading(r.run_id, r.x * 1e3, r.z * 1e9, r.t, r.feed * 1e3, r.direction) for r in runs]
+
+    def rival():
+        x, z = mean_of_runs(rows)
+        return [gaussian(x, z, cut) for cut in CUTS_MM]
+
+    benchmark.pedantic(rival, rounds=5, iterations=1)
+
+
+@pytest.mark.parametrize("row", ["base", "lag 1 ms", "slip 8 mm", "2 kHz"])
+def test_separate_rows_of_the_acceptance_table(benchmark, row):
+    """9 x 700 (1400 at 2 kHz) as the acceptance table has them; goal 2 s, 3 s with lag and slip."""
+    from acceptance.coverage.judge import metrosep_joint
+    from acceptance.coverage.machine import simulate
+    from acceptance.coverage.rows import ROWS
+
+    runs = simulate(ROWS[row].machine, 440_000).runs
+    metrosep_joint(runs, 45.0)
+    benchmark.pedantic(lambda: metrosep_joint(runs, 45.0), rounds=3, iterations=1)
+
+
+MILLION = """
+import resource, sys, time
+sys.path.insert(0, "tests")
+from dataclasses import replace
+from acceptance.coverage.judge import metrosep_joint
+from acceptance.coverage.machine import simulate
+from acceptance.coverage.rows import BASE
+metrosep_joint(simulate(BASE, 1).runs, 45.0)  # imports
+runs = simulate(replace(BASE, rate_hz={rate}), 440_001).runs
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+began = time.perf_counter()
+metrosep_joint(runs, 45.0)
+after = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+print(sum(r.z_nm.size for r in runs), time.perf_counter() - began, before / 1024, after / 1024)
+"""
+"""In a process of its own: greatest memory is that of this task."""
+
+
+def test_a_million_samples():
+    """Goal 30 s, 300 MB above the imports, one core; and how it grows from a tenth of them; printed."""
+    cost = []
+    for rate in (19_500.0, 195_000.0):
+        done = subprocess.run(
+            [sys.executable, "-c", MILLION.format(rate=rate)],
+            check=True,
+            capture_output=True,
+            text=True,
+        )
+        n, seconds, before, after = map(float, done.stdout.split())
+        cost.append((n, seconds))
+        print(
+            f"\n{n:.0f} samples: {seconds:.1f} s, {after:.0f} MB at most, "
+            f"{after - before:.0f} MB above what the data and the imports took"
+        )
+    slope = np.diff(np.log([c[1] for c in cost])) / np.diff(np.log([c[0] for c in cost]))
+    print(f"slope of cost against samples: {slope[0]:.2f}")

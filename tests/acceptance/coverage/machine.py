@@ -247,7 +247,9 @@ def _one_run(machine, name, feed, way, ends, truth, rng):
     h = dt / fine
     tau = 1.0 / (2.0 * math.pi * machine.low_pass_hz) if machine.low_pass_hz else 0.0
     before = math.ceil((machine.delay_s + 12.0 * tau) / h)  # e^-12: at rest to 1e-5
-    n = int((ends[1] - ends[0]) / feed * machine.rate_hz + 1e-9) + 1
+    steps = (ends[1] - ends[0]) / feed * machine.rate_hz
+    # the last reading of the way back lies at the start or up to a pitch beyond it: both ways cover 0
+    n = 1 + (int(steps + 1e-9) if way > 0 else math.ceil(steps - 1e-9))
     late = round(machine.delay_s / h)
     at = (np.arange(-before, (n - 1) * fine + 1)) * h
     begin = ends[0] if way > 0 else ends[1]
