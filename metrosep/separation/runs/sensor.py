@@ -100,11 +100,17 @@ def lag_steps(model: Model) -> None:
             return
 
 
-def chance_of_lag(lag: float, u: float) -> float:
-    """Return the probability of a lag N(0, LAG_PRIOR^2) against none, both as likely before (22)."""
+def chance_of_lag(lag: float, u: float, gain: float | None = None) -> float:
+    """Return the probability of a lag N(0, LAG_PRIOR^2) against none, both as likely before (22).
+
+    `gain` is by how much ln evidence is greater with the lag; where the evidence is a parabola it
+    is lag^2 / (2 u^2), which is taken where it is not given.
+    """
     both = u**2 + LAG_PRIOR**2
-    odds = 0.5 * math.log(u**2 / both) + 0.5 * lag**2 * LAG_PRIOR**2 / (u**2 * both)
-    return 1.0 / (1.0 + math.exp(-min(odds, 700.0)))
+    parabola = 0.5 * (lag / u) ** 2
+    gain = parabola if gain is None else min(gain, parabola)
+    odds = 0.5 * math.log(u**2 / both) + gain - 0.5 * lag**2 / both
+    return 1.0 / (1.0 + math.exp(min(-odds, 700.0)))
 
 
 def averaged(
