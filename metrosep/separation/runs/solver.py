@@ -113,9 +113,14 @@ def solve_joint(
             _pass(system, model, most=10, order=None, above=2.0)
         found = find_lines(system, model, options)
         choose_following(system, model, options)
+        sure = lag_mode == "fit"
+        if seek_lag and sure:
+            sensor_room.scan_lag(model)
+            if model.sensor.lag:
+                _pass(system, model, most=10, order=None, above=2.0)
         search(model, options.waves)
         if seek_lag:
-            sensor_room.lag_steps(model)
+            sensor_room.lag_steps(model, sure=sure)
         find_slip(model)
         model.drop_short()
         for i in range(4):
@@ -126,7 +131,7 @@ def solve_joint(
             if i == 1 and not model.slip.any():
                 find_slip(model)
             if seek_lag:
-                sensor_room.lag_steps(model)
+                sensor_room.lag_steps(model, sure=sure)
             if model.slip.any():
                 learn_slip(model, 8)
         scores = run_scores(model), feed_scores(model)
@@ -134,7 +139,7 @@ def solve_joint(
         model.kept = n_harmonics
         _pass(system, model, most=7, order=None, above=1.0)
         if seek_lag:
-            sensor_room.lag_steps(model)
+            sensor_room.lag_steps(model, sure=sure)
         unknowns = wanted_unknowns(system, options)
         fit_unknowns(system, model, unknowns)
         solution = make_solution(
