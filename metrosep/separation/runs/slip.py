@@ -25,7 +25,7 @@ def find_slip(model: Model) -> bool:
     if len(model.seen) < 3 or len(feeds) < 2:
         return False
     k = np.flatnonzero(model.harmonics())
-    p, spread = _tested(model, k, feeds)
+    p, spread = p_values(model, k, feeds)
     found = benjamini_hochberg(p, rate=FALSE_DISCOVERY)
     if not found.any():
         return False
@@ -35,7 +35,7 @@ def find_slip(model: Model) -> bool:
     return True
 
 
-def _tested(model: Model, k: IntArray, feeds: list[int]) -> tuple[FloatArray, FloatArray]:
+def p_values(model: Model, k: IntArray, feeds: list[int]) -> tuple[FloatArray, FloatArray]:
     """Return for each harmonic the largest p value with one feedrate left out, and the variance.
 
     S = sum |q_r|^2, q_r = (h_r - G_r m)_k, over its expectation E = sum tr(G_r - G_r C G_r)_kk is
