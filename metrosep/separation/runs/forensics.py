@@ -59,6 +59,9 @@ _COARSE = 2.0
 _MULTIPLE = 0.1
 """How far a difference of readings is from a multiple of their step, in steps: figures are rounded."""
 
+_UNEVEN = 0.05
+"""Share of differences of two and more steps without which even differences may be a slope."""
+
 _STUCK = "stuck"
 
 _ROUNDING = 1e-12
@@ -328,7 +331,10 @@ def _step(z: FloatArray, values: FloatArray, used: NDArray[np.bool_]) -> tuple[f
     gaps = gaps[gaps > 1e-9 * (values[-1] - values[0])]
     often = repeat > _ZERO_STEPS
     for step in (float(np.median(gaps)), float(gaps.min())) if gaps.size else ():
-        whole = np.mean(np.abs(gaps / step - np.round(gaps / step)) < _MULTIPLE) > 0.99
+        multiples = np.round(gaps / step)
+        whole = np.mean(np.abs(gaps / step - multiples) < _MULTIPLE) > 0.99
+        # A steep line alone puts every reading one even step from the next.
+        whole = whole and (often or float(np.mean(multiples > 1.0)) > _UNEVEN)
         noise = MAD * float(np.median(np.abs(np.diff(z, 4)))) / math.sqrt(70.0)
         if whole and (often or step > _COARSE * noise):
             return step, 0.0

@@ -187,8 +187,8 @@ def separate_joint(
     check_lines(options, prepared)
     low, high = runs.full_travel
     period = PERIOD_SHARE * (high - low)
-    options.check_waves(period)
     n_harmonics, limit = _n_harmonics(prepared, period=period, shortest=shortest)
+    options.check_waves(period, high - low, period / n_harmonics / HELD_SHARE)
     start_lag = 0.0 if lag in ("auto", "fit") else _checked_lag(lag)
     mode: Literal["stated", "auto", "fit"] = "stated"
     if isinstance(lag, str):
@@ -317,7 +317,9 @@ def _n_harmonics(
 ) -> tuple[int, str]:
     pitch = max(float(np.ptp(r.x)) / max(r.x.size - 1, 1) for r in runs)
     rows = sum(int((~np.isnan(r.z)).sum()) for r in runs)
-    by_data = max(int(rows / 6 - len(runs)) // 2, 4)
+    by_data = max(
+        (rows - len(runs)) // 2, 4
+    )  # as many unknowns as readings; the prior does the rest
     floor = _SAMPLES_PER_WAVE * pitch
     if shortest is not None:
         if not floor <= shortest <= period:

@@ -18,10 +18,14 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 
-__all__ = ["NoiseModel", "burg", "exact_rows", "fit_noise"]
+__all__ = ["LEAST", "NoiseModel", "burg", "exact_rows", "fit_noise"]
 
 _MOST = 48
 """Highest order of the noise model."""
+
+LEAST = 1e-8
+"""Least variance of an innovation, heights over their RMS: noise below a ten-thousandth of the error
+is solved as if it were that, and its colour is not learnt; the basis leaves no less of the error."""
 
 _BLOCK = 128
 """Rows that one banded product whitens."""
@@ -102,7 +106,8 @@ def fit_noise(
     criterion = count * np.log(variances) + 2.0 * orders * (1.0 + (orders + 1.0) / room)
     criterion[room < 2.0] = math.inf
     best = int(np.argmin(criterion)) if np.isfinite(criterion).any() else 0
-    return NoiseModel(filters[: best + 1], variances[: best + 1], time_step)
+    variances = np.maximum(variances[: best + 1], LEAST)
+    return NoiseModel(filters[: best + 1], variances, time_step)
 
 
 def exact_rows(table: FloatArray, model: NoiseModel, parts: Sequence[slice]) -> FloatArray:

@@ -99,6 +99,7 @@ class JointOptions:
             ("line_phase", ("free", "locked")),
             ("following", ("off", "offset", "scale", "waves")),
             ("probe_gain", ("equal", "fit")),
+            ("slip", ("geometry", "sparse")),
         ):
             value = getattr(self, name)
             if not isinstance(value, str) or value not in allowed:
@@ -108,6 +109,10 @@ class JointOptions:
         if not 0.0 < real(self.false_alarm, "false_alarm", what=chance) < 1.0:
             raise DataError(f"false_alarm is {chance}, got {self.false_alarm}")
         object.__setattr__(self, "lines", _checked_lines(self.lines))
+        waves = _numbers(() if self.waves is None else self.waves, "waves", "wavelengths in m")
+        if not all(math.isfinite(w) and w > 0.0 for w in waves):
+            raise UnitError(f"waves are wavelengths in m, positive and finite, got {list(waves)}")
+        object.__setattr__(self, "waves", waves)
         object.__setattr__(self, "following_waves", _checked_waves(self.following_waves))
 
     def as_dict(self) -> dict[str, Any]:
@@ -122,10 +127,19 @@ class JointOptions:
             "following": self.following,
             "following_waves_mm": waves if isinstance(waves, int) else [w * 1e3 for w in waves],
             "probe_gain": self.probe_gain,
+            "waves_mm": [w * 1e3 for w in self.waves],
+            "slip": self.slip,
         }
 
-    def check_waves(self, period: float) -> None:
+    def check_waves(self, period: float, travel: float, shortest: float) -> None:
         """Refuse stated wavelengths that the model cannot hold."""
+        for wave in self.waves:
+            if not shortest <= wave <= travel:
+                raise UnitError(
+                    f"a wavelength of waves is {format_length(wave)}; one wave can be found between "
+                    f"{format_length(shortest)} and the travel, {format_length(travel)}; it is in "
+                    "metres: 8 mm is 8e-3"
+                )
         if self.following != "waves" or isinstance(self.following_waves, int):
             return
         for wave in self.following_waves:

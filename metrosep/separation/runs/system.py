@@ -8,6 +8,7 @@ cosines, K sines, extra terms, one derivative for each unknown that is not linea
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -53,7 +54,7 @@ class System:
         self.runs, self.extension, self.terms = runs, extension, terms
         stacked = np.concatenate([r.z - np.nanmean(r.z) for r in runs])
         rms = float(np.sqrt(np.nanmean(stacked**2)))
-        if rms == 0.0:
+        if rms <= 1e-12 * float(np.nanmax(np.abs(np.concatenate([r.z for r in runs])))):
             raise DegenerateFitError(
                 "the readings are constant in every run: there is no error and no noise to "
                 "separate; check that the sensor moved with the axis"
@@ -238,9 +239,10 @@ class System:
         """Return draws of the noise of every run, shape (n, draws), NaN where not measured (11)."""
         assert model.post is not None  # noqa: S101  (after a solution)
         thetas = model.post.draws(_DRAWS, seed)
-        rng = np.random.default_rng([seed, 1])
         out = []
         for i, run in enumerate(model.runs):
+            # of its own readings, so that the order of the runs does not count
+            rng = np.random.default_rng([seed, zlib.crc32(self.z[i].tobytes())])
             h = model.sensor.response(self.extension.wavenumbers, run.velocity)
             seen = filtered(thetas, h)
             rest = self.z[i][:, None] - self.curve(i, thetas, model.sensor)
