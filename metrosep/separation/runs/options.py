@@ -99,6 +99,7 @@ class JointOptions:
             ("line_phase", ("free", "locked")),
             ("following", ("off", "offset", "scale", "waves")),
             ("probe_gain", ("equal", "fit")),
+            ("slip", ("geometry", "sparse")),
         ):
             value = getattr(self, name)
             if not isinstance(value, str) or value not in allowed:
@@ -109,6 +110,7 @@ class JointOptions:
             raise DataError(f"false_alarm is {chance}, got {self.false_alarm}")
         object.__setattr__(self, "lines", _checked_lines(self.lines))
         object.__setattr__(self, "following_waves", _checked_waves(self.following_waves))
+        object.__setattr__(self, "waves", _checked_lengths(self.waves, "waves"))
 
     def as_dict(self) -> dict[str, Any]:
         """Return the options as plain values, with unit suffixes."""
@@ -122,6 +124,8 @@ class JointOptions:
             "following": self.following,
             "following_waves_mm": waves if isinstance(waves, int) else [w * 1e3 for w in waves],
             "probe_gain": self.probe_gain,
+            "waves_mm": [w * 1e3 for w in self.waves],
+            "slip": self.slip,
         }
 
     def check_waves(self, period: float) -> None:
@@ -338,12 +342,19 @@ def _checked_waves(waves: Any) -> int | tuple[float, ...]:
         if not 1 <= waves <= _MAX_WAVES:
             raise DataError(f"following_waves is 1 to {_MAX_WAVES} wavelengths, got {waves}")
         return int(waves)
-    values = _numbers(waves, "following_waves", "wavelengths in m, or their number")
+    values = _checked_lengths(waves, "following_waves", what="wavelengths in m, or their number")
     if not 1 <= len(values) <= _MAX_WAVES:
         raise DataError(f"following_waves is 1 to {_MAX_WAVES} wavelengths, got {len(values)}")
+    return values
+
+
+def _checked_lengths(
+    waves: Any, name: str, *, what: str = "wavelengths in m"
+) -> tuple[float, ...]:
+    values = _numbers(() if waves is None else waves, name, what)
     for value in values:
         if not (math.isfinite(value) and value > 0.0):
-            raise UnitError(f"a wavelength of following_waves is {value} m; it must be positive")
+            raise UnitError(f"a wavelength of {name} is {value} m; it must be positive and finite")
     return values
 
 

@@ -53,7 +53,8 @@ class System:
         self.runs, self.extension, self.terms = runs, extension, terms
         stacked = np.concatenate([r.z - np.nanmean(r.z) for r in runs])
         rms = float(np.sqrt(np.nanmean(stacked**2)))
-        if rms == 0.0:
+        largest = max(float(np.nanmax(np.abs(r.z))) for r in runs)
+        if rms <= 1e-14 * largest:  # the mean of equal numbers is theirs but for rounding
             raise DegenerateFitError(
                 "the readings are constant in every run: there is no error and no noise to "
                 "separate; check that the sensor moved with the axis"
@@ -399,9 +400,12 @@ def rms_about_line(runs: Sequence[PreparedRun]) -> float:
 
 def mad_about_medians(runs: Sequence[PreparedRun]) -> float:
     """Return a robust spread of the readings about the median slope and an offset for each run."""
-    steps = [np.nanmedian(np.diff(r.z[:: max(1, r.x.size // 20)])) for r in runs]
-    pitches = [float(np.median(np.diff(r.x[:: max(1, r.x.size // 20)]))) for r in runs]
-    slope = float(np.median(np.array(steps) / np.array(pitches)))
+    slopes = []
+    for run in runs:
+        known = np.flatnonzero(~np.isnan(run.z))
+        few = known[:: max(1, known.size // 20)]
+        slopes.append(float(np.median(np.diff(run.z[few]) / np.diff(run.x[few]))))
+    slope = float(np.median(slopes))
     flat = [r.z - slope * r.x for r in runs]
     pooled = np.abs(np.concatenate([f - np.nanmedian(f) for f in flat]))
     return MAD * float(np.nanmedian(pooled))

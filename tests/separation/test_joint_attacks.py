@@ -1,0 +1,117 @@
+"""Attacks on the joint separation through its door; the simulator here shares no code with it.
+
+A late reading shows the error of the place that was passed `lag` seconds ago; waves are sines of
+x in mm, heights in nm.
+"""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+
+from metrosep.core.errors import DataError, MetrosepError, UnitError
+from metrosep.core.runset import Run, RunSet
+from metrosep.separation import separate
+
+WAVES = ((12.0, 90.0, 0.4), (6.3, 60.0, 1.9), (27.0, 120.0, 2.2))
+FEEDS = (80.0, 120.0, 160.0)
+
+
+def truth_nm(x_mm):
+    return sum(a * np.sin(2.0 * np.pi * x_mm / wave + p) for wave, a, p in WAVES)
+
+
+def runs_of(*, slope_nm_per_mm=0.0, change=None, lag_s=0.0, step_s=2e-3, direction=1):
+    rng = np.random.default_rng(5)
+    out = []
+    for i, feed in enumerate(np.repeat(FEEDS, 2)):
+        t = np.arange(int(50.0 / (feed * step_s)) + 1) * step_s
+        x = feed * t if direction > 0 else 50.0 - feed * t
+        seen = x - direction * feed * lag_s
+        z = truth_nm(seen) + slope_nm_per_mm * x + rng.normal(0.0, 20.0, x.size) + 100.0 * i
+        if change is not None:
+            z = change(z)
+        out.append(Run(x * 1e-3, z * 1e-9, t=t, feed=feed * 1e-3, run_id=f"r{i}"))
+    return RunSet(out)
+
+
+def error_and_band_nm(estimate, shown=truth_nm):
+    x = np.linspace(estimate.start, estimate.stop, 500)
+    rest = estimate.evaluate(x) * 1e9 - shown(x * 1e3)
+    rest = rest - np.polyval(np.polyfit(x, rest, 1), x)
+    return math.sqrt(np.mean(rest**2)), math.sqrt(np.mean(estimate.sd(x) ** 2)) * 1e9
+
+
+def test_a_steep_alignment_slope_is_not_called_a_step_of_the_readings():
+    """5 mm/m is 1600 nm a sample at 160 mm/s and 2 ms: the readings are no multiples of it."""
+    estimate = separate(runs_of(slope_nm_per_mm=5000.0))
+    error, band = error_and_band_nm(estimate)
+    assert not [m for m in estimate.messages if "steps of" in m]
+    # 20 nm white over about 1400 samples leaves about 3 nm; a step of 800 nm would add 230
+    assert error < 3.0 * band
+    assert band < 10.0
+
+
+def test_steps_are_found_beside_a_slope():
+    """Readings in steps of 100 nm that rise by about 0.6 steps a sample."""
+    runs = runs_of(slope_nm_per_mm=300.0, change=lambda z: 100.0 * np.round(z / 100.0))
+    estimate = separate(runs)
+    assert [m for m in estimate.messages if "steps of 100 nm" in m]
+
+
+def test_robust_takes_readings_of_which_every_tenth_is_missing():
+    """The slope was taken from every 20th part of a run, which may be the missing samples only."""
+
+    def holes(z):
+        z = z.copy()
+        z[:: z.size // 20] = np.nan
+        return z
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        error, band = error_and_band_nm(separate(runs_of(change=holes), robust=True))
+    assert error < 3.0 * band < 30.0
+
+
+@pytest.mark.parametrize("waves", [[0.0], [-5e-3], [math.nan], [math.inf]])
+def test_a_wavelength_must_be_positive(waves):
+    with pytest.raises(UnitError, match="a wavelength of waves is"):
+        separate(runs_of(), waves=waves)
+
+
+def test_one_wavelength_needs_no_list():
+    assert separate(runs_of(), waves=12e-3).audit["options"]["waves_mm"] == [pytest.approx(12.0)]
+
+
+@pytest.mark.parametrize("slip", ["Geometry", None, 1])
+def test_slip_is_one_of_its_words(slip):
+    """Any other word was taken for the other answer."""
+    with pytest.raises(DataError, match="slip is one of geometry, sparse"):
+        separate(runs_of(), slip=slip)
+
+
+def test_constant_readings_are_refused_whatever_their_last_bit():
+    """0.1 + 0.2 is not 0.3: the mean of equal numbers may differ from them."""
+    runs = [
+        Run(r.x, np.full(r.x.size, 1e-7 * (i + 1) / 3.0), t=r.t, feed=r.feed, run_id=r.run_id)
+        for i, r in enumerate(runs_of())
+    ]
+    with pytest.raises(MetrosepError, match="constant|everywhere"):
+        separate(RunSet(runs), accept="suspect")
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_a_late_reading_has_a_positive_lag_in_both_directions(direction):
+    estimate = separate(runs_of(lag_s=2e-3, direction=direction))
+    error, band = error_and_band_nm(estimate)
+    # 5 of its uncertainties; the sign of the lag is 10 of them away
+    assert abs(estimate.lag - 2e-3) < 5.0 * estimate.lag_sd < 2e-3
+    assert error < 3.0 * band
+
+
+def test_the_order_of_the_runs_does_not_matter():
+    runs = list(runs_of())
+    x = np.linspace(0.0, 49e-3, 300)
+    one, other = separate(RunSet(runs)), separate(RunSet(runs[::-1]))
+    assert np.abs(one.evaluate(x) - other.evaluate(x)).max() < 1e-9 * 1e-7
