@@ -82,6 +82,9 @@ class System:
         self.gaps = [_short_gaps(z) for z in self.z]
         speeds = sorted({abs(r.velocity) for r in runs})
         self.feeds = [feed_number(abs(r.velocity), speeds) for r in runs]
+        # Of the readings themselves, so that the draws do not depend on the order of the runs.
+        order = sorted(range(len(runs)), key=lambda i: (runs[i].velocity, runs[i].z.tobytes()))
+        self.ranks = [order.index(i) for i in range(len(runs))]
 
     @property
     def n_basis(self) -> int:
@@ -239,9 +242,9 @@ class System:
         """Return draws of the noise of every run, shape (n, draws), NaN where not measured (11)."""
         assert model.post is not None  # noqa: S101  (after a solution)
         thetas = model.post.draws(_DRAWS, seed)
-        rng = np.random.default_rng([seed, 1])
         out = []
         for i, run in enumerate(model.runs):
+            rng = np.random.default_rng([seed, 1 + self.ranks[i]])
             h = model.sensor.response(self.extension.wavenumbers, run.velocity)
             seen = filtered(thetas, h)
             rest = self.z[i][:, None] - self.curve(i, thetas, model.sensor)
