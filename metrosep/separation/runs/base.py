@@ -579,7 +579,23 @@ class DirectionEstimate:
     modes: CovarianceModes | None = None
 
     def covariance(self, x: FloatArray) -> FloatArray:
-        """Return the covariance at positions, shape (n, n), m^2; refused where it is not known."""
+        """Return the covariance at positions.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n,), m
+            Positions.
+
+        Returns
+        -------
+        ndarray, shape (n, n), m^2
+            NaN where the uncertainty is NaN.
+
+        Raises
+        ------
+        DataError
+            If it is not known: one run, or a result that was stored without it.
+        """
         if self.modes is not None:
             return self.modes.covariance(x, self.uncertainty(x))
         if np.isnan(self.uncertainty.z).all():

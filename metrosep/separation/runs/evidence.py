@@ -573,7 +573,7 @@ def explain_lag(
                 ),
             )
         return (f"readings lag the position by {value:.3f} ms (sd {sd:.3f} ms)",)
-    if test is None or test.lag**2 <= LAG_CHI2 * test.u**2:
+    if test is None or test.chi2 <= LAG_CHI2:
         return ()
     if mode == "auto":
         return (

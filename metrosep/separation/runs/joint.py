@@ -703,6 +703,7 @@ def _lag_audit(solution: Solution) -> dict[str, Any] | None:
         "lag_ms": test.lag * 1e3,
         "u_ms": test.u * 1e3,
         "probability": test.probability,
+        "chi2": test.chi2,
         "spread_ms2": test.spread * 1e6,
         "fitted": test.fitted,
     }

@@ -160,6 +160,17 @@ class Model:
         k = np.flatnonzero(self.slip > 0.0)
         return np.asarray(np.concatenate([1 + k, 1 + self.extension.n + k]))
 
+    def state(self) -> tuple[Sensor, FloatArray, tuple[float, ...]]:
+        """Return sensor, spectrum and strength of the waves, for `back_to`."""
+        return self.sensor, self.spectrum.phi.copy(), tuple(w.variance for w in self.waves)
+
+    def back_to(self, state: tuple[Sensor, FloatArray, tuple[float, ...]]) -> None:
+        """Take a state again; the next solution is that of it."""
+        self.sensor, self.spectrum.phi = state[0], state[1].copy()
+        for wave, variance in zip(self.waves, state[2], strict=True):
+            wave.variance = variance
+        self.apply()
+
     # ---- solution --------------------------------------------------------------------------
 
     def wave_columns(self) -> FloatArray:

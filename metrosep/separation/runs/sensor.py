@@ -16,7 +16,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.separation.runs.geometry import Sensor, filtered
 from metrosep.separation.runs.posterior import Model, Posterior
 
-__all__ = ["LAG_CHI2", "LAG_PRIOR", "LagScore", "averaged", "lag_score", "lag_steps"]
+__all__ = ["LAG_CHI2", "LAG_PRIOR", "LagScore", "averaged", "lag_score", "lag_steps", "scan_lag"]
 
 LAG_CHI2 = 12.0
 """Square of a lag over its uncertainty from which it is named: 5 in 10,000 by chance."""
@@ -25,6 +25,10 @@ LAG_PRIOR = 1e-3
 """Standard deviation in s of the lag of a machine that has one."""
 
 _STEPS = 3
+
+_SCAN = np.arange(-50e-3, 51e-3, 2e-3)
+_SCANNED = 40
+"""Lags in s that are looked at where a lag is to be found in any case, and harmonics used for it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,10 +77,10 @@ def lag_score(model: Model) -> LagScore | None:
     return LagScore(score, information, root @ held)
 
 
-def lag_steps(model: Model) -> None:
+def lag_steps(model: Model, *, sure: bool = False) -> None:
     """Correct lag and spread by Gauss-Newton steps, the spectrum learnt between them (eq. 21)."""
     first = lag_score(model)
-    if first is None or first.u > LAG_PRIOR:
+    if first is None or (first.u > LAG_PRIOR and not sure):
         return
     for _ in range(_STEPS):
         at = lag_score(model)
@@ -100,11 +104,31 @@ def lag_steps(model: Model) -> None:
             return
 
 
-def chance_of_lag(lag: float, u: float) -> float:
-    """Return the probability of a lag N(0, LAG_PRIOR^2) against none, both as likely before (22)."""
+def scan_lag(model: Model) -> None:
+    """Start from the lag of greatest evidence within +-50 ms: a long one is beyond any small step."""
+    start, kept = model.state(), model.kept
+    model.kept = min(kept, _SCANNED)  # long waves have one top each
+    best = (-math.inf, start[0])
+    for lag in _SCAN:
+        model.sensor = Sensor(float(lag), 0.0)
+        model.apply()
+        best = max(best, (model.log_evidence(model.solve()), model.sensor), key=lambda b: b[0])
+    model.kept = kept
+    model.back_to((best[1], *start[1:]))
+    model.learn(3, above=0.5)
+
+
+def chance_of_lag(lag: float, u: float, gain: float | None = None) -> float:
+    """Return the probability of a lag N(0, LAG_PRIOR^2) against none, both as likely before (22).
+
+    `gain` is by how much ln evidence is greater with the lag; where the evidence is a parabola it
+    is lag^2 / (2 u^2), which is taken where it is not given.
+    """
     both = u**2 + LAG_PRIOR**2
-    odds = 0.5 * math.log(u**2 / both) + 0.5 * lag**2 * LAG_PRIOR**2 / (u**2 * both)
-    return 1.0 / (1.0 + math.exp(-min(odds, 700.0)))
+    parabola = 0.5 * (lag / u) ** 2
+    gain = parabola if gain is None else min(gain, parabola)
+    odds = 0.5 * math.log(u**2 / both) + gain - 0.5 * lag**2 / both
+    return 1.0 / (1.0 + math.exp(min(-odds, 700.0)))
 
 
 def averaged(

@@ -25,7 +25,7 @@ def find_slip(model: Model) -> bool:
     if len(model.seen) < 3 or len(feeds) < 2:
         return False
     k = np.flatnonzero(model.harmonics())
-    p, spread = _tested(model, k, feeds)
+    p, spread = p_values(model, k, feeds)
     found = benjamini_hochberg(p, rate=FALSE_DISCOVERY)
     if not found.any():
         return False
@@ -35,24 +35,36 @@ def find_slip(model: Model) -> bool:
     return True
 
 
-def _tested(model: Model, k: IntArray, feeds: list[int]) -> tuple[FloatArray, FloatArray]:
-    """Return for each harmonic the largest p value with one feedrate left out, and the variance."""
+def p_values(model: Model, k: IntArray, feeds: list[int]) -> tuple[FloatArray, FloatArray]:
+    """Return for each harmonic the largest p value with one feedrate left out, and the variance.
+
+    S = sum |q_r|^2, q_r = (h_r - G_r m)_k, over its expectation E = sum tr(G_r - G_r C G_r)_kk is
+    chi-square over its degrees of freedom f = 2 (R - R_f)(R - 1)/R.
+    """
     from scipy.stats import chi2
 
     assert model.post is not None  # noqa: S101  (after a solution)
     i, j = 1 + k, 1 + model.extension.n + k
     theta, n = model.post.theta, len(model.seen)
-    squares, spread = np.zeros((n, k.size)), np.zeros(k.size)
-    for row, run in zip(squares, model.seen, strict=True):
+    root = model.post.full_root
+    squares, expected, spread = np.zeros((n, k.size)), np.zeros((n, k.size)), np.zeros(k.size)
+    for row, mean, run in zip(squares, expected, model.seen, strict=True):
         rest = run.right - run.gram @ theta
         aa, bb, ab = run.gram[i, i], run.gram[j, j], run.gram[i, j]
+        row[:] = rest[i] ** 2 + rest[j] ** 2
+        held = run.gram[np.concatenate([i, j])] @ root
+        known = np.einsum("ij,ij->i", held, held)
+        mean[:] = np.maximum(aa + bb - known[: k.size] - known[k.size :], 1e-12 * (aa + bb))
         det = np.maximum(aa * bb - ab**2, 1e-12 * aa * bb + 1e-300)
         a, b = (bb * rest[i] - ab * rest[j]) / det, (aa * rest[j] - ab * rest[i]) / det
-        row[:] = a * rest[i] + b * rest[j]
         spread += 0.5 * (a**2 + b**2 - (aa + bb) / det) / n
     of = np.array([r.feed for r in model.seen])
-    left = [squares[of != feed] for feed in feeds]
-    p = [chi2.sf(s.sum(axis=0), 2.0 * s.shape[0] * (n - 1.0) / n) for s in left]
+    p = []
+    for feed in feeds:
+        kept = of != feed
+        freedom = 2.0 * kept.sum() * (n - 1.0) / n
+        ratio = squares[kept].sum(axis=0) / expected[kept].sum(axis=0)
+        p.append(chi2.sf(freedom * ratio, freedom))
     return np.max(p, axis=0), spread
 
 

@@ -113,9 +113,14 @@ def solve_joint(
             _pass(system, model, most=10, order=None, above=2.0)
         found = find_lines(system, model, options)
         choose_following(system, model, options)
+        sure = lag_mode == "fit"
+        if seek_lag and sure:
+            sensor_room.scan_lag(model)
+            if model.sensor.lag:
+                _pass(system, model, most=10, order=None, above=2.0)
         search(model, options.waves)
         if seek_lag:
-            sensor_room.lag_steps(model)
+            sensor_room.lag_steps(model, sure=sure)
         find_slip(model)
         model.drop_short()
         for i in range(4):
@@ -126,7 +131,7 @@ def solve_joint(
             if i == 1 and not model.slip.any():
                 find_slip(model)
             if seek_lag:
-                sensor_room.lag_steps(model)
+                sensor_room.lag_steps(model, sure=sure)
             if model.slip.any():
                 learn_slip(model, 8)
         scores = run_scores(model), feed_scores(model)
@@ -134,7 +139,7 @@ def solve_joint(
         model.kept = n_harmonics
         _pass(system, model, most=7, order=None, above=1.0)
         if seek_lag:
-            sensor_room.lag_steps(model)
+            sensor_room.lag_steps(model, sure=sure)
         unknowns = wanted_unknowns(system, options)
         fit_unknowns(system, model, unknowns)
         solution = make_solution(
@@ -183,6 +188,7 @@ class LagTest:
     lag: float
     u: float
     probability: float
+    chi2: float  # by how much it explains the readings better: chi-square of 1 degree by chance
     fitted: bool
     spread: float = 0.0  # s^2: of the split into delay and time constant
 
@@ -273,26 +279,37 @@ def _with_and_without_lag(
     at = sensor_room.lag_score(model) if several_feeds else None
     if at is None:
         return _answer(model, with_lag=False), None
-    if mode == "stated" or (mode == "auto" and at.u > sensor_room.LAG_PRIOR):
-        lag = at.lag
-        p = sensor_room.chance_of_lag(lag, at.u)
-        return _answer(model, with_lag=False), LagTest(lag, at.u, p, fitted=False)
+    if mode == "fit":
+        lag, spread = model.sensor.lag - stated, model.sensor.spread
+        test = LagTest(lag, at.u, 1.0, (lag / at.u) ** 2, fitted=True, spread=spread)
+        return _answer(model, with_lag=True), test
+    found = model.state()
+    if mode == "auto" and model.sensor != Sensor(stated):
+        model.back_to((Sensor(stated), *found[1:]))
+        model.learn(4)
+    if mode == "stated" or at.u > sensor_room.LAG_PRIOR:  # then nothing is known of a lag
+        at = sensor_room.lag_score(model) or at
+        p, chi2 = sensor_room.chance_of_lag(at.lag, at.u), (at.lag / at.u) ** 2
+        return _answer(model, with_lag=False), LagTest(at.lag, at.u, p, chi2, fitted=False)
+    none, without = _answer(model, with_lag=False), model.state()
+    least = model.log_evidence(model.solve())
+    # Where short waves are strong the likelihood of a lag has several tops: the steps start from
+    # none as well as from what was found, and the better one counts by its evidence.
+    sensor_room.lag_steps(model)
+    other, most = model.state(), model.log_evidence(model.solve())
+    model.back_to(found)
+    if model.log_evidence(model.solve()) < most:
+        model.back_to(other)
+        model.solve()
+    at = sensor_room.lag_score(model) or at
+    gain = max(model.log_evidence(model.solve()) - least, 0.0)
     lag = model.sensor.lag - stated
-    p = 1.0 if mode == "fit" else sensor_room.chance_of_lag(lag, at.u)
+    p = sensor_room.chance_of_lag(lag, at.u, gain)
     one = _answer(model, with_lag=True)
-    test = LagTest(lag, at.u, p, fitted=True, spread=model.sensor.spread)
-    if p > 0.999:
-        return one, test
-    found = (model.sensor, model.spectrum.phi.copy(), [w.variance for w in model.waves])
-    model.sensor = Sensor(stated)
-    model.apply()
-    model.learn(4)
-    none = _answer(model, with_lag=False)
-    if p > 0.5:  # residuals and noise are shown for the likelier of the two
-        model.sensor, model.spectrum.phi = found[0], found[1]
-        for wave, variance in zip(model.waves, found[2], strict=True):
-            wave.variance = variance
-        model.apply()
+    chi2 = min((lag / at.u) ** 2, 2.0 * gain)
+    test = LagTest(lag, at.u, p, chi2, fitted=True, spread=model.sensor.spread)
+    if p < 0.5:  # residuals and noise are shown for the likelier of the two
+        model.back_to(without)
         model.solve()
     mean, covariance = sensor_room.averaged(
         (one.mean, one.covariance), (none.mean, none.covariance), p
