@@ -22,14 +22,23 @@ def truth_nm(x_mm):
     return sum(a * np.sin(2.0 * np.pi * x_mm / wave + p) for wave, a, p in WAVES)
 
 
-def runs_of(*, slope_nm_per_mm=0.0, change=None, lag_s=0.0, step_s=2e-3, direction=1):
+def runs_of(
+    *,
+    noise_nm=20.0,
+    shape=truth_nm,
+    slope_nm_per_mm=0.0,
+    change=None,
+    lag_s=0.0,
+    step_s=2e-3,
+    direction=1,
+):
     rng = np.random.default_rng(5)
     out = []
     for i, feed in enumerate(np.repeat(FEEDS, 2)):
         t = np.arange(int(50.0 / (feed * step_s)) + 1) * step_s
         x = feed * t if direction > 0 else 50.0 - feed * t
         seen = x - direction * feed * lag_s
-        z = truth_nm(seen) + slope_nm_per_mm * x + rng.normal(0.0, 20.0, x.size) + 100.0 * i
+        z = shape(seen) + slope_nm_per_mm * x + rng.normal(0.0, noise_nm, x.size) + 100.0 * i
         if change is not None:
             z = change(z)
         out.append(Run(x * 1e-3, z * 1e-9, t=t, feed=feed * 1e-3, run_id=f"r{i}"))
@@ -80,6 +89,13 @@ def test_a_wavelength_must_be_positive(waves):
         separate(runs_of(), waves=waves)
 
 
+def test_a_wavelength_that_is_not_looked_for_is_named():
+    """The travel is 50 mm, the shortest wave 2.5 pitches of 0.32 mm, which its neighbours hold."""
+    told = [m for m in separate(runs_of(), waves=[0.2, 12e-3, 1e-5]).messages if "waves " in m]
+    assert len(told) == 1
+    assert "200 mm, 10 um: not looked for" in told[0]
+
+
 def test_one_wavelength_needs_no_list():
     assert separate(runs_of(), waves=12e-3).audit["options"]["waves_mm"] == [pytest.approx(12.0)]
 
@@ -97,7 +113,7 @@ def test_constant_readings_are_refused_whatever_their_last_bit():
         Run(r.x, np.full(r.x.size, 1e-7 * (i + 1) / 3.0), t=r.t, feed=r.feed, run_id=r.run_id)
         for i, r in enumerate(runs_of())
     ]
-    with pytest.raises(MetrosepError, match="constant|everywhere"):
+    with pytest.raises(MetrosepError, match=r"constant|everywhere"):
         separate(RunSet(runs), accept="suspect")
 
 
@@ -115,3 +131,15 @@ def test_the_order_of_the_runs_does_not_matter():
     x = np.linspace(0.0, 49e-3, 300)
     one, other = separate(RunSet(runs)), separate(RunSet(runs[::-1]))
     assert np.abs(one.evaluate(x) - other.evaluate(x)).max() < 1e-9 * 1e-7
+
+
+def test_an_estimate_that_holds_the_error_is_not_called_nothing():
+    """A long wave of 500 nm under 300 nm of noise: no single row of the spectrum is selected."""
+
+    def shape(x_mm):
+        return truth_nm(x_mm) + 500.0 * np.sin(2.0 * np.pi * x_mm / 81.0 + 0.2)
+
+    estimate = separate(runs_of(noise_nm=300.0, shape=shape))
+    error, band = error_and_band_nm(estimate, shape)
+    assert error < 3.0 * band < 150.0
+    assert not [m for m in estimate.messages if "nothing to compensate" in m]
