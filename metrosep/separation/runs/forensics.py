@@ -59,8 +59,8 @@ _COARSE = 2.0
 _MULTIPLE = 0.1
 """How far a difference of readings is from a multiple of their step, in steps: figures are rounded."""
 
-_UNEVEN = 0.05
-"""Share of differences of two and more steps without which even differences may be a slope."""
+_EXACT = 1e-3
+"""The same where the readings rise or fall by a step with every sample: there noise hides below `_MULTIPLE`."""
 
 _STUCK = "stuck"
 
@@ -330,11 +330,11 @@ def _step(z: FloatArray, values: FloatArray, used: NDArray[np.bool_]) -> tuple[f
     gaps = np.diff(values)
     gaps = gaps[gaps > 1e-9 * (values[-1] - values[0])]
     often = repeat > _ZERO_STEPS
+    ramp = abs(float(np.median(np.diff(z))))
     for step in (float(np.median(gaps)), float(gaps.min())) if gaps.size else ():
-        multiples = np.round(gaps / step)
-        whole = np.mean(np.abs(gaps / step - multiples) < _MULTIPLE) > 0.99
-        # A steep line alone puts every reading one even step from the next.
-        whole = whole and (often or float(np.mean(multiples > 1.0)) > _UNEVEN)
+        # A steep line alone sets the values about equally far apart.
+        near = _MULTIPLE if ramp < 0.5 * step else _EXACT
+        whole = np.mean(np.abs(gaps / step - np.round(gaps / step)) < near) > 0.99
         noise = MAD * float(np.median(np.abs(np.diff(z, 4)))) / math.sqrt(70.0)
         if whole and (often or step > _COARSE * noise):
             return step, 0.0

@@ -69,6 +69,9 @@ _SAMPLES_PER_WAVE = 2.5
 _MAX_HARMONICS = 220
 _NM = 1e-9
 
+_SEEN = 5.0
+"""Standard uncertainties from which the curve is not called nothing, whatever its single waves are."""
+
 _SLOPE_WITH_DRIFT = (
     "; it holds the drift that is common to all runs, which one feedrate cannot tell from it, so it "
     "has no uncertainty"
@@ -188,7 +191,7 @@ def separate_joint(
     low, high = runs.full_travel
     period = PERIOD_SHARE * (high - low)
     n_harmonics, limit = _n_harmonics(prepared, period=period, shortest=shortest)
-    options.check_waves(period, high - low, period / n_harmonics / HELD_SHARE)
+    options.check_waves(period)
     start_lag = 0.0 if lag in ("auto", "fit") else _checked_lag(lag)
     mode: Literal["stated", "auto", "fit"] = "stated"
     if isinstance(lag, str):
@@ -209,17 +212,22 @@ def separate_joint(
     if options.drift and n_feeds < 2:
         slope = Quantity(slope.value, slope.unit, slope.definition + _SLOPE_WITH_DRIFT)
     spectrum = spectrum_columns(solution, runs, rate=false_discovery_rate)
+    # A curve of few long waves may stand far out of its band where no single one does.
+    inside = (uncertainty.x >= first) & (uncertainty.x <= last)
+    beyond = np.abs(curve(uncertainty.x[inside])) > _SEEN * uncertainty.z[inside]
+    n_selected = sum(spectrum["selected"]) or int(beyond.any())
     messages = (
         *explain_resolution(
             solution,
             limit=limit,
             travel=high - low,
             runs=runs,
-            n_selected=sum(spectrum["selected"]),
+            n_selected=n_selected,
         ),
-        *explain_lag(solution, mode=mode, n_selected=sum(spectrum["selected"])),
+        *explain_lag(solution, mode=mode, n_selected=n_selected),
         *explain_disturbances(solution, runs, spectrum),
         *explain_slip(solution, sparse=slip == "sparse"),
+        *_unheld_waves(options.waves, high - low, period / n_harmonics / HELD_SHARE),
         *sentences,
         *hint_options(solution, prepared, options),
     )
@@ -310,6 +318,18 @@ def _checked_lag(lag: Any) -> float:
     if not math.isfinite(value) or abs(value) > 1.0:
         raise UnitError(f"lag is {value} s; it must be finite and below 1 s: 1 ms is 1e-3")
     return value
+
+
+def _unheld_waves(waves: Sequence[float], longest: float, shortest: float) -> list[str]:
+    """Name the stated wavelengths that are not looked for."""
+    out = [format_length(w) for w in waves if not shortest <= w <= longest]
+    if not out:
+        return []
+    sentence = (
+        f"waves {', '.join(out)}: not looked for, since only waves from {format_length(shortest)} to "
+        f"the travel of {format_length(longest)} are"
+    )
+    return [sentence]
 
 
 def _n_harmonics(

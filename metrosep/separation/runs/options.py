@@ -109,11 +109,8 @@ class JointOptions:
         if not 0.0 < real(self.false_alarm, "false_alarm", what=chance) < 1.0:
             raise DataError(f"false_alarm is {chance}, got {self.false_alarm}")
         object.__setattr__(self, "lines", _checked_lines(self.lines))
-        waves = _numbers(() if self.waves is None else self.waves, "waves", "wavelengths in m")
-        if not all(math.isfinite(w) and w > 0.0 for w in waves):
-            raise UnitError(f"waves are wavelengths in m, positive and finite, got {list(waves)}")
-        object.__setattr__(self, "waves", waves)
         object.__setattr__(self, "following_waves", _checked_waves(self.following_waves))
+        object.__setattr__(self, "waves", _checked_lengths(self.waves, "waves"))
 
     def as_dict(self) -> dict[str, Any]:
         """Return the options as plain values, with unit suffixes."""
@@ -131,15 +128,8 @@ class JointOptions:
             "slip": self.slip,
         }
 
-    def check_waves(self, period: float, travel: float, shortest: float) -> None:
+    def check_waves(self, period: float) -> None:
         """Refuse stated wavelengths that the model cannot hold."""
-        for wave in self.waves:
-            if not shortest <= wave <= travel:
-                raise UnitError(
-                    f"a wavelength of waves is {format_length(wave)}; one wave can be found between "
-                    f"{format_length(shortest)} and the travel, {format_length(travel)}; it is in "
-                    "metres: 8 mm is 8e-3"
-                )
         if self.following != "waves" or isinstance(self.following_waves, int):
             return
         for wave in self.following_waves:
@@ -352,12 +342,19 @@ def _checked_waves(waves: Any) -> int | tuple[float, ...]:
         if not 1 <= waves <= _MAX_WAVES:
             raise DataError(f"following_waves is 1 to {_MAX_WAVES} wavelengths, got {waves}")
         return int(waves)
-    values = _numbers(waves, "following_waves", "wavelengths in m, or their number")
+    values = _checked_lengths(waves, "following_waves", what="wavelengths in m, or their number")
     if not 1 <= len(values) <= _MAX_WAVES:
         raise DataError(f"following_waves is 1 to {_MAX_WAVES} wavelengths, got {len(values)}")
+    return values
+
+
+def _checked_lengths(
+    waves: Any, name: str, *, what: str = "wavelengths in m"
+) -> tuple[float, ...]:
+    values = _numbers(() if waves is None else waves, name, what)
     for value in values:
         if not (math.isfinite(value) and value > 0.0):
-            raise UnitError(f"a wavelength of following_waves is {value} m; it must be positive")
+            raise UnitError(f"a wavelength of {name} is {value} m; it must be positive and finite")
     return values
 
 

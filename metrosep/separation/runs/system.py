@@ -8,7 +8,6 @@ cosines, K sines, extra terms, one derivative for each unknown that is not linea
 from __future__ import annotations
 
 import math
-import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -54,7 +53,8 @@ class System:
         self.runs, self.extension, self.terms = runs, extension, terms
         stacked = np.concatenate([r.z - np.nanmean(r.z) for r in runs])
         rms = float(np.sqrt(np.nanmean(stacked**2)))
-        if rms <= 1e-12 * float(np.nanmax(np.abs(np.concatenate([r.z for r in runs])))):
+        largest = max(float(np.nanmax(np.abs(r.z))) for r in runs)
+        if rms <= 1e-14 * largest:  # the mean of equal numbers is theirs but for rounding
             raise DegenerateFitError(
                 "the readings are constant in every run: there is no error and no noise to "
                 "separate; check that the sensor moved with the axis"
@@ -82,6 +82,9 @@ class System:
         self.gaps = [_short_gaps(z) for z in self.z]
         speeds = sorted({abs(r.velocity) for r in runs})
         self.feeds = [feed_number(abs(r.velocity), speeds) for r in runs]
+        # Of the readings themselves, so that the draws do not depend on the order of the runs.
+        order = sorted(range(len(runs)), key=lambda i: (runs[i].velocity, runs[i].z.tobytes()))
+        self.ranks = [order.index(i) for i in range(len(runs))]
 
     @property
     def n_basis(self) -> int:
@@ -241,8 +244,7 @@ class System:
         thetas = model.post.draws(_DRAWS, seed)
         out = []
         for i, run in enumerate(model.runs):
-            # of its own readings, so that the order of the runs does not count
-            rng = np.random.default_rng([seed, zlib.crc32(self.z[i].tobytes())])
+            rng = np.random.default_rng([seed, 1 + self.ranks[i]])
             h = model.sensor.response(self.extension.wavenumbers, run.velocity)
             seen = filtered(thetas, h)
             rest = self.z[i][:, None] - self.curve(i, thetas, model.sensor)
@@ -254,6 +256,7 @@ class System:
                 side = run.right[at][:, None] - run.gram[at] @ seen
                 free = rng.standard_normal((at.size, _DRAWS))
                 free -= free.mean(axis=1, keepdims=True)
+                free *= math.sqrt(_DRAWS / (_DRAWS - 1.0))
                 slip = inverse @ side + np.linalg.cholesky(inverse) @ free
                 rest = rest - self.basis(i)[:, at] @ slip
                 level = level - run.level[at] @ slip
@@ -401,9 +404,12 @@ def rms_about_line(runs: Sequence[PreparedRun]) -> float:
 
 def mad_about_medians(runs: Sequence[PreparedRun]) -> float:
     """Return a robust spread of the readings about the median slope and an offset for each run."""
-    steps = [np.nanmedian(np.diff(r.z[:: max(1, r.x.size // 20)])) for r in runs]
-    pitches = [float(np.median(np.diff(r.x[:: max(1, r.x.size // 20)]))) for r in runs]
-    slope = float(np.median(np.array(steps) / np.array(pitches)))
+    slopes = []
+    for run in runs:
+        known = np.flatnonzero(~np.isnan(run.z))
+        few = known[:: max(1, known.size // 20)]
+        slopes.append(float(np.median(np.diff(run.z[few]) / np.diff(run.x[few]))))
+    slope = float(np.median(slopes))
     flat = [r.z - slope * r.x for r in runs]
     pooled = np.abs(np.concatenate([f - np.nanmedian(f) for f in flat]))
     return MAD * float(np.nanmedian(pooled))
