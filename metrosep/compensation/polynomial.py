@@ -329,8 +329,10 @@ class PolynomialFit:
         Returns
         -------
         dict
-            For results and reports.
+            For results and reports; ``u_greatest_m`` is the greatest `sd` over the domain, without
+            misfit.
         """
+        grid = np.linspace(*self.domain, 401)
         return {
             "degree": self.degree,
             "quantity": self.quantity,
@@ -342,6 +344,7 @@ class PolynomialFit:
             "legendre_coefficients_m": self.legendre_coefficients.tolist(),
             "legendre_covariance_m2": None if self.cov is None else self.cov.tolist(),
             "covariance_from": self.cov_source,
+            "u_greatest_m": None if self.cov is None else float(self.sd(grid).max()),
             "residual_rms_m": self.residual_rms,
             "degree_chosen_by": self.chosen_by,
             "scores": [dict(s) for s in self.scores],
