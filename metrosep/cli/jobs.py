@@ -291,7 +291,7 @@ def _print_polynomial_u(polynomial: dict[str, Any]) -> None:
 
     u, source = polynomial["u_greatest_m"], polynomial["covariance_from"]
     say(
-        f"u of the polynomial: {'' if u is None else f'up to {format_length(u, digits=2)}, from the '}{source}"
+        f"u of the polynomial, mean removed: {'' if u is None else f'up to {format_length(u, digits=2)}, from the '}{source}"
     )
 
 

@@ -7,6 +7,7 @@ that is known.
 import numpy as np
 import pytest
 
+from metrosep import Run, RunSet
 from metrosep.compensation import CompensationTable, fit_polynomial
 from metrosep.core.quantity import Quantity
 from metrosep.separation import DirectionEstimate, ErrorEstimate
@@ -130,3 +131,20 @@ def test_a_table_of_an_older_estimate_keeps_the_band():
     table = CompensationTable.from_error(found, positions="5 mm", axis="X", compensates="Z")
 
     np.testing.assert_allclose(table.u, found.sd(table.positions), rtol=1e-12, atol=0)
+
+
+def test_offsets_of_runs_are_not_in_the_greatest_u():
+    # Each run starts anew: 1 um of offset, and a slope that scatters by a known amount.
+    x = np.linspace(0.0, 50e-3, 501)
+    offsets = 1e-6 * np.array([3.0, -2.0, 7.0, 0.0])
+    slopes = 1e-6 * np.array([1.0, 2.0, 4.0, -3.0])
+    runs = RunSet(
+        [Run(x, o + s * (x - 25e-3), feed=0.01) for o, s in zip(offsets, slopes, strict=True)]
+    )
+
+    fit = fit_polynomial(runs, degree=1)
+
+    # at both ends, half the travel from the mean
+    expected = slopes.std(ddof=1) / np.sqrt(4) * 25e-3
+    assert fit.to_dict()["u_greatest_m"] == pytest.approx(expected, rel=1e-9, abs=0)
+    assert fit.sd([25e-3])[0] == pytest.approx(offsets.std(ddof=1) / np.sqrt(4), rel=1e-9, abs=0)
