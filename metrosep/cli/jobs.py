@@ -272,6 +272,7 @@ def _print_result(
     _print_tables(result, beside)
     if result.document["polynomial"] is not None:
         say(result.document["polynomial"]["horner"])
+        _print_polynomial_u(result.document["polynomial"])
     if result.verdict is not None:
         say(f"verdict: {result.verdict}")
     labels = {".json": "result", ".html": "report", ".comp": "table", ".csv": "table"}
@@ -282,6 +283,16 @@ def _print_result(
             else labels.get(Path(file).suffix, "table")
         )
         say(f"{label:8} {file}")
+
+
+def _print_polynomial_u(polynomial: dict[str, Any]) -> None:
+    """Print the greatest standard uncertainty of a polynomial and where it comes from."""
+    from metrosep.core.units import format_length
+
+    u, source = polynomial["u_greatest_m"], polynomial["covariance_from"]
+    say(
+        f"u of the polynomial, mean removed: {'' if u is None else f'up to {format_length(u, digits=2)}, from the '}{source}"
+    )
 
 
 def _print_tables(

@@ -329,8 +329,13 @@ class PolynomialFit:
         Returns
         -------
         dict
-            For results and reports.
+            For results and reports; ``u_greatest_m`` is the greatest standard uncertainty over the
+            domain, without misfit, and of runs without their mean, since each has an offset of its
+            own.
         """
+        basis = legendre.legvander(np.linspace(-1.0, 1.0, 401), self.degree)
+        if self.removed == "offset":
+            basis[:, 0] = 0.0
         return {
             "degree": self.degree,
             "quantity": self.quantity,
@@ -342,6 +347,9 @@ class PolynomialFit:
             "legendre_coefficients_m": self.legendre_coefficients.tolist(),
             "legendre_covariance_m2": None if self.cov is None else self.cov.tolist(),
             "covariance_from": self.cov_source,
+            "u_greatest_m": None
+            if self.cov is None
+            else float(np.sqrt(np.einsum("ij,jk,ik->i", basis, self.cov, basis).clip(0.0).max())),
             "residual_rms_m": self.residual_rms,
             "degree_chosen_by": self.chosen_by,
             "scores": [dict(s) for s in self.scores],

@@ -324,10 +324,6 @@ def _uncertainty(
     return band if np.isfinite(band).all() else None
 
 
-_BLOCK = 400
-"""Positions of which the covariance is looked at together."""
-
-
 def _u_from_zero(
     estimate: ErrorEstimate,
     direction: int | None,
@@ -341,13 +337,7 @@ def _u_from_zero(
     if other is not None and isinstance(other[0], ErrorEstimate):
         of_zero = float(other[0].sd([zero], direction=other[1])[0])
         return np.hypot(estimate.sd(p, direction=direction), of_zero)
-    squares = []
-    for first in range(0, p.size, _BLOCK):
-        places = np.append(p[first : first + _BLOCK], zero)
-        whole = estimate.covariance(places, direction=direction)
-        squares.append((np.diag(whole) + whole[-1, -1] - 2.0 * whole[-1])[:-1])
-    square = np.concatenate(squares)
-    return np.asarray(np.sqrt(np.maximum(np.where(p == zero, 0.0, square), 0.0)))
+    return estimate.u_of_difference(p, zero, direction=direction)
 
 
 def _u_slope(estimate: ErrorEstimate) -> float:

@@ -310,6 +310,7 @@ def _polynomial(fit: Document | None) -> dict[str, Any] | None:
         ("Valid for", span(*fit["domain_m"]) if fit.get("domain_m") else None),
         ("Left over (RMS of the data about it)", _known(fit.get("residual_rms_m"))),
         ("Uncertainty from", fit.get("covariance_from")),
+        ("Greatest standard uncertainty (of runs: mean removed)", _known(fit.get("u_greatest_m"))),
     ]
     meaning = "compensation" if fit.get("quantity") == "compensation" else "error"
     return {

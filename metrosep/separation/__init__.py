@@ -249,6 +249,7 @@ METHODS = {
     "closure": "circles.circle_closure:CircleClosure",
     "iso230_7": "circles.spindle:SpindleTest",
     "straightedge_reversal": "lines.reversals:StraightedgeReversal",
+    "reversal_of_estimates": "lines.reversals:EstimatesReversed",
     "two_point": "lines.three_points:TwoPoint",
     "three_point": "lines.three_points:ThreePoint",
     "zero_calibration": "lines.zero_adjustment:ZeroTest",

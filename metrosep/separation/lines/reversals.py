@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
+from metrosep.core.inputs import Results
 from metrosep.core.numbers import not_negative
 from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
@@ -36,7 +37,7 @@ from metrosep.separation._readings import (
     unit_message,
     without_basis,
 )
-from metrosep.separation.contract import U_READING, Separation, Unobservable
+from metrosep.separation.contract import U_READING, NamedMethod, Separation, Unobservable
 from metrosep.separation.covariance import CovarianceModes
 from metrosep.separation.runs.base import ErrorEstimate
 
@@ -129,10 +130,13 @@ class StraightedgeReversal(ReversedPair):
         ``u_registration |T'| / 2`` to the uncertainty of both parts.
     u_common : float, m, optional
         Standard uncertainty of what both set-ups read alike and neither shows: sag, temperature,
-        drift of the edge before the first. It is added whole to the uncertainty of the edge and
+        drift of the edge before the first, linearity of the sensor. It is added whole to the uncertainty of the edge and
         cancels in that of the slide.
     x : tuple of float or None, optional
         Positions in m; equal steps, of a length that does not matter, if omitted.
+    u_drift : float, m, optional
+        Standard uncertainty, at each position, of a change of the edge between the set-ups (heat,
+        support). It adds ``u_drift / 2`` to the uncertainty of both parts.
     """
 
     u_registration: float = option(
@@ -146,6 +150,11 @@ class StraightedgeReversal(ReversedPair):
         help="standard uncertainty of what both set-ups read alike; it goes into the edge alone",
     )
     x: tuple[float, ...] | None = None
+    u_drift: float = option(
+        0.0,
+        kind="uncertainty",
+        help="standard uncertainty of a change of the edge between the set-ups; half of it goes into both",
+    )
 
     name: ClassVar[str] = "straightedge_reversal"
     what: ClassVar[str] = "form of a straightedge and straightness of a slide, by reversal"
@@ -159,19 +168,20 @@ class StraightedgeReversal(ReversedPair):
         return tuple(Unobservable(p, "polynomial", (0, 1), _LINE) for p in ("artefact", "machine"))
 
     def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
-        u_registration, u_common = self._stated()
+        u_registration, u_common, u_drift = self._stated()
         if u_registration > 0.0 and self.x is None:
             raise DataError("u_registration is a length: it needs the positions x in m")
         array = checked_readings(readings, names=("m1", "m2"), minimum=4, what=self.name)
         x = _positions(self.x, array.shape[2])
         result = self._halves(array, line_basis(x), stated, x=x)
         u_shift = _shift_uncertainty(result.parts["artefact"], x, u_registration / 2.0)
-        u = {name: np.sqrt(u**2 + u_shift**2) for name, u in result.u.items()}
+        more = u_shift**2 + (0.5 * u_drift) ** 2
+        u = {name: np.sqrt(u**2 + more) for name, u in result.u.items()}
         return replace(
             result,
             u={**u, "artefact": np.hypot(u["artefact"], u_common)},
-            audit={**result.audit, **_stated_audit(u_registration, u_common)},
-            history=(*history, self._step(u_registration, u_common)),
+            audit={**result.audit, **self._stated_audit()},
+            history=(*history, self._step()),
         )
 
     def of_estimates(self, first: ErrorEstimate, second: ErrorEstimate) -> Separation:
@@ -194,7 +204,7 @@ class StraightedgeReversal(ReversedPair):
         DataError
             If an uncertainty is no length, or the covariance of an estimate is not known.
         """
-        u_registration, u_common = self._stated()
+        u_registration, u_common, u_drift = self._stated()
         _refuse_same_runs(first, second)
         x = _common_positions(first, second)
         values = np.array([e.evaluate(x) for e in (first, second)])
@@ -208,6 +218,7 @@ class StraightedgeReversal(ReversedPair):
         common = common + np.outer(shift, shift)
         band = np.sqrt(np.maximum(np.diag(common), 0.0))
         modes = CovarianceModes.of(x, np.eye(x.size), np.nan_to_num(common))
+        band = np.hypot(band, 0.5 * u_drift)
         u = {**dict.fromkeys(parts, band), "artefact": np.hypot(band, u_common)}
         return Separation(
             self.name,
@@ -223,22 +234,57 @@ class StraightedgeReversal(ReversedPair):
                 "n_not_measured": int((~known).sum()),
                 "removed": "least squares: offset and line",
                 "u_from": "covariance of the two estimates, independent: cov = (cov1 + cov2)/4",
-                **_stated_audit(u_registration, u_common),
+                **self._stated_audit(),
             },
             messages=(*first.messages, *second.messages),
-            history=(*first.history, *second.history, self._step(u_registration, u_common)),
+            history=(*first.history, *second.history, self._step()),
             modes=dict.fromkeys(parts, modes),
         )
 
-    def _stated(self) -> tuple[float, float]:
+    def _stated(self) -> tuple[float, float, float]:
+        """Return u of registration, of what is common, and of drift, in m."""
         return (
             not_negative(self.u_registration, "u_registration", dimension="length"),
             not_negative(self.u_common, "u_common", dimension="length"),
+            not_negative(self.u_drift, "u_drift", dimension="length"),
         )
 
-    def _step(self, u_registration: float, u_common: float) -> Step:
-        common = {"u_common_m": u_common} if u_common else {}
-        return Step(self.name, {"u_registration_m": u_registration, **common})
+    def _step(self) -> Step:
+        registration, common, drift = self._stated()
+        more = {"u_common_m": common, "u_drift_m": drift}
+        return Step(
+            self.name, {"u_registration_m": registration, **{k: u for k, u in more.items() if u}}
+        )
+
+    def _stated_audit(self) -> dict[str, float]:
+        registration, common, drift = self._stated()
+        more = {"u_common_nm": common * 1e9, "u_drift_nm": drift * 1e9}
+        return {"u_registration_mm": registration * 1e3, **{k: u for k, u in more.items() if u}}
+
+
+class EstimatesReversed(NamedMethod):
+    """`straightedge_reversal` of the stored results of two estimates."""
+
+    name: ClassVar[str] = "reversal_of_estimates"
+    what: ClassVar[str] = (
+        "straightedge and slide from the results of runs before and after the edge was reversed"
+    )
+    reads: ClassVar = "results"
+    readings: ClassVar[tuple[str, ...]] = ("m1", "m2")
+    accepts: ClassVar[tuple[str, ...]] = ("ErrorEstimate",)
+    arguments: ClassVar[Mapping[str, Option]] = {
+        name: StraightedgeReversal.fields[name]
+        for name in ("u_registration", "u_common", "u_drift")
+    }
+
+    @classmethod
+    def from_inputs(cls, data: Results, options: Mapping[str, Any]) -> Separation:
+        """Return the parts of two estimates."""
+        if len(data.items) != 2:
+            raise DataError(
+                f"two results are needed, before and after the edge was reversed; got {len(data.items)}"
+            )
+        return straightedge_reversal(*data.items, **options)
 
 
 @described_by(StraightedgeReversal, StraightedgeReversal.separate)
@@ -250,6 +296,7 @@ def straightedge_reversal(
     u_reading: float | None = None,
     u_registration: float = 0.0,
     u_common: float = 0.0,
+    u_drift: float = 0.0,
 ) -> Separation:
     """Return form of a straightedge and straightness of a slide from a reversal.
 
@@ -307,7 +354,7 @@ def straightedge_reversal(
                 "straightedge_reversal: estimates bring their positions and their uncertainty, "
                 "leave out x and u_reading"
             )
-        return StraightedgeReversal(u_registration, u_common).of_estimates(m1, m2)
+        return StraightedgeReversal(u_registration, u_common, None, u_drift).of_estimates(m1, m2)
     readings, positions, history = curves((m1, m2), what="straightedge_reversal", axis="x")
     if positions is None and x is not None:
         positions = np.asarray(x, dtype=np.float64)
@@ -317,6 +364,7 @@ def straightedge_reversal(
         u_registration,
         u_common,
         None if positions is None else tuple(positions.ravel().tolist()),
+        u_drift,
     )
     array = stacked(readings, method.name)
     return method.separate(array, u_reading=u_reading, history=history)
@@ -360,11 +408,6 @@ def _without_line(covariance: FloatArray, x: FloatArray) -> FloatArray:
     out = np.full_like(covariance, np.nan)
     out[np.ix_(known, known)] = keep @ covariance[np.ix_(known, known)] @ keep
     return out
-
-
-def _stated_audit(u_registration: float, u_common: float) -> dict[str, float]:
-    common = {"u_common_nm": u_common * 1e9} if u_common else {}
-    return {"u_registration_mm": u_registration * 1e3, **common}
 
 
 def _shift_uncertainty(values: FloatArray, x: FloatArray, u: float) -> FloatArray:

@@ -213,6 +213,42 @@ class ErrorEstimate:
             total += part.covariance(xs)
         return total / len(parts) ** 2
 
+    def u_of_difference(
+        self, x: ArrayLike, other: float, *, direction: int | None = None
+    ) -> FloatArray:
+        """Return the standard uncertainty of ``evaluate(x) - evaluate(other)``.
+
+        Parameters
+        ----------
+        x : array_like, shape (n,), m
+            Positions.
+        other : float, m
+            The position that they are compared with, such as the zero of a table.
+        direction : {1, -1}, optional
+            As for `evaluate`.
+
+        Returns
+        -------
+        ndarray, shape (n,), m
+            ``sqrt(var(x) + var(other) - 2 cov(x, other))``, exactly 0 at `other`; NaN where `sd`
+            is NaN.
+
+        Raises
+        ------
+        DataError
+            As `covariance` does.
+        """
+        xs = np.atleast_1d(np.asarray(x, dtype=np.float64)).ravel()
+        squares = [np.empty(0)]
+        for first in range(0, xs.size, _BLOCK):
+            places = np.append(xs[first : first + _BLOCK], other)
+            whole = self.covariance(places, direction=direction)
+            squares.append((np.diag(whole) + whole[-1, -1] - 2.0 * whole[-1])[:-1])
+        square = np.where(
+            xs == other, 0.0 * self.sd(xs, direction=direction), np.concatenate(squares)
+        )
+        return np.asarray(np.sqrt(np.maximum(square, 0.0)))
+
     def evaluate_at(
         self, x: ArrayLike, *, feed: float, direction: int | None = None
     ) -> FloatArray:
@@ -322,7 +358,7 @@ class ErrorEstimate:
         ends = x[[int(np.nanargmax(z)), int(np.nanargmin(z))]]
         if self.has_covariance:
             u, how = (
-                _u_of_difference(self.covariance(ends)),
+                float(self.u_of_difference(ends[:1], float(ends[1]))[0]),
                 "; u with the covariance of its two extremes",
             )
         else:
@@ -425,10 +461,8 @@ class ErrorEstimate:
         return html_table("ErrorEstimate", rows)
 
 
-def _u_of_difference(covariance: FloatArray) -> float:
-    """Return the standard uncertainty of the difference of two values, (2, 2) covariance in m^2."""
-    square = covariance[0, 0] + covariance[1, 1] - 2.0 * covariance[0, 1]
-    return math.sqrt(square) if square > 0.0 else (0.0 if square <= 0.0 else math.nan)
+_BLOCK = 512
+"""Positions of which the covariance is looked at together."""
 
 
 def _checked_feed(feed: float) -> float:
