@@ -32,6 +32,9 @@ _SURE = 5.0
 _GAIN = 0.1
 """Least excess of a gain that is named."""
 
+_SEEN = 0.1
+"""Standard uncertainty of a gain up to which the error is seen in a run well enough to judge it."""
+
 _MISFIT = 2.0
 """Chi-square per degree of freedom, and its ratio to the median run, beyond which a run is named."""
 
@@ -75,13 +78,15 @@ def suspicion(scores: Sequence[RunScore]) -> tuple[int, str] | None:
     found: list[tuple[float, int, str]] = []
     others = len(scores) - 1
     for i, s in enumerate(scores):
+        # Where a run hardly shows the error neither its gain nor its place is known.
+        seen = s.u_gain < _SEEN
         gain, shift = abs(s.gain - 1.0) / s.u_gain, abs(s.shift) / s.u_shift
-        if abs(s.gain - 1.0) > _GAIN and gain > _SURE:
+        if seen and abs(s.gain - 1.0) > _GAIN and gain > _SURE:
             text = f"has the gain {s.gain:.2f} (u {s.u_gain:.2g})"
             if s.gain < 0.0:
                 text = f"has the opposite sign: gain {s.gain:.2f} (u {s.u_gain:.2g})"
             found.append((gain / _SURE, i, text))
-        if shift > _SURE and abs(s.shift) < _FAR:
+        if seen and shift > _SURE and abs(s.shift) < _FAR:
             text = f"is displaced by {format_length(s.shift)} (u {format_length(s.u_shift, digits=2)})"
             found.append((shift / _SURE, i, text))
         if s.chi2 > _MISFIT * max(1.0, typical):
