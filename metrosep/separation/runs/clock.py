@@ -20,7 +20,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import NotUniformError
 from metrosep.core.runset import Run
 from metrosep.core.units import format_length
-from metrosep.separation.runs.weights import MAD
+from metrosep.separation.runs.noise import MAD
 
 __all__ = ["Clock", "clock_messages", "fit_clock"]
 

@@ -211,7 +211,10 @@ def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> Er
     rows = [
         i for d in runs.directions for i, r in zip(used, runs, strict=True) if r.direction == d
     ]
-    columns = _with_scores(checks.columns, estimate.runs_data, rows)
+    scores = dict(estimate.runs_data)
+    if checks.step > 0.0:  # steps of the readings are no noise that a prediction knows
+        scores.pop("against_others", None)
+    columns = _with_scores(checks.columns, scores, rows)
     messages = list(checks.messages)
     messages += [
         f"run {name} {text}"

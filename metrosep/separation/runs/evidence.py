@@ -568,8 +568,8 @@ def explain_lag(
         if not sd <= 2.0 or n_selected == 0:
             return (
                 (
-                    f"the lag is not determined by these runs ({value:.2f} ms, sd {sd:.2f} ms): the error has "
-                    "too little short-wave content; state the lag instead"
+                    "the lag is not determined by these runs and none is corrected: the error has too "
+                    "little short-wave content; state the lag instead"
                 ),
             )
         return (f"readings lag the position by {value:.3f} ms (sd {sd:.3f} ms)",)

@@ -26,6 +26,7 @@ from metrosep.core.errors import DataError, InvalidSamplesError, NotUniformError
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
 from metrosep.separation.runs.clock import Clock, clock_messages, fit_clock
+from metrosep.separation.runs.noise import MAD
 from metrosep.separation.runs.run_comparison import (
     SPIKE,
     Findings,
@@ -34,7 +35,6 @@ from metrosep.separation.runs.run_comparison import (
     check_steps,
     compare_runs,
 )
-from metrosep.separation.runs.weights import MAD
 
 __all__ = ["Named", "RunChecks", "check_runs"]
 

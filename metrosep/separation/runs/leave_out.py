@@ -15,6 +15,7 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.units import format_length
 from metrosep.separation.runs.geometry import filtered
+from metrosep.separation.runs.noise import MAD
 from metrosep.separation.runs.posterior import Model, Posterior
 
 __all__ = ["RunScore", "feed_scores", "run_scores", "suspicion"]
@@ -35,6 +36,9 @@ _GAIN = 0.1
 _SEEN = 0.1
 """Standard uncertainty of a gain up to which the error is seen in a run well enough to judge it."""
 
+_RARE = 1e-3
+"""Chance of so large a misfit in any of the runs from which it is named."""
+
 _MISFIT = 2.0
 """Chi-square per degree of freedom, and its ratio to the median run, beyond which a run is named."""
 
@@ -45,6 +49,7 @@ class RunScore:
 
     runs: tuple[int, ...]
     chi2: float  # per degree of freedom
+    degrees: int
     gain: float  # 1: as predicted; below 0: the opposite sign
     u_gain: float
     shift: float  # m: the readings show the error of the place x - shift
@@ -72,24 +77,31 @@ def feed_scores(model: Model) -> list[RunScore]:
 
 def suspicion(scores: Sequence[RunScore]) -> tuple[int, str] | None:
     """Return the run that is farthest from what the others predict, and what is odd about it."""
+    from scipy.stats import chi2
+
     if len(scores) < 3:
         return None
     typical = float(np.median([s.chi2 for s in scores]))
     found: list[tuple[float, int, str]] = []
+    # A line of a vibration beside a wave of the error scatters gains and shifts of all runs by more
+    # than their u: a run is odd against that scatter.
+    gains = _SURE * _scatter([(s.gain - 1.0) / s.u_gain for s in scores])
+    shifts = _SURE * _scatter([s.shift / s.u_shift for s in scores])
     others = len(scores) - 1
     for i, s in enumerate(scores):
         # Where a run hardly shows the error neither its gain nor its place is known.
         seen = s.u_gain < _SEEN
         gain, shift = abs(s.gain - 1.0) / s.u_gain, abs(s.shift) / s.u_shift
-        if seen and abs(s.gain - 1.0) > _GAIN and gain > _SURE:
+        if seen and abs(s.gain - 1.0) > _GAIN and gain > gains:
             text = f"has the gain {s.gain:.2f} (u {s.u_gain:.2g})"
             if s.gain < 0.0:
                 text = f"has the opposite sign: gain {s.gain:.2f} (u {s.u_gain:.2g})"
-            found.append((gain / _SURE, i, text))
-        if seen and shift > _SURE and abs(s.shift) < _FAR:
+            found.append((gain / gains, i, text))
+        if seen and shift > shifts and abs(s.shift) < _FAR:
             text = f"is displaced by {format_length(s.shift)} (u {format_length(s.u_shift, digits=2)})"
-            found.append((shift / _SURE, i, text))
-        if s.chi2 > _MISFIT * max(1.0, typical):
+            found.append((shift / shifts, i, text))
+        chance = float(chi2.sf(s.chi2 / max(1.0, typical) * s.degrees, s.degrees)) * len(scores)
+        if s.chi2 > _MISFIT * max(1.0, typical) and chance < _RARE:
             times = math.sqrt(s.chi2)
             text = f"differs by {times:.2g} times what the noise explains"
             found.append((math.sqrt(s.chi2 / _MISFIT / max(1.0, typical)), i, text))
@@ -97,6 +109,11 @@ def suspicion(scores: Sequence[RunScore]) -> tuple[int, str] | None:
         return None
     _, i, text = max(found)
     return i, f"{text} against what the other {others} runs predict"
+
+
+def _scatter(ratios: Sequence[float]) -> float:
+    """Return the robust standard deviation of ratios to their u, at least 1."""
+    return max(1.0, MAD * float(np.median(np.abs(ratios))))
 
 
 def _score(model: Model, chosen: Sequence[int]) -> RunScore:
@@ -121,12 +138,12 @@ def _score(model: Model, chosen: Sequence[int]) -> RunScore:
     _, u_shift = step(
         _waves_only(filtered(curve, np.asarray(-1j * w * np.exp(-1j * w * shift))), w.size)
     )
-    misfit = _misfit(rest, gram, side)
-    return RunScore(tuple(chosen), misfit, 1.0 + gain, u_gain, shift, u_shift, rest.theta)
+    misfit, degrees = _misfit(rest, gram, side)
+    return RunScore(tuple(chosen), misfit, degrees, 1.0 + gain, u_gain, shift, u_shift, rest.theta)
 
 
-def _misfit(rest: Posterior, gram: FloatArray, side: FloatArray) -> float:
-    """Return chi-square per degree of freedom on the columns in use (eq. 15)."""
+def _misfit(rest: Posterior, gram: FloatArray, side: FloatArray) -> tuple[float, int]:
+    """Return chi-square per degree of freedom on the columns in use, and their number (eq. 15)."""
     across = rest.along(gram)
     own = rest.along(across.T)
     half = own @ rest.root
@@ -134,7 +151,7 @@ def _misfit(rest: Posterior, gram: FloatArray, side: FloatArray) -> float:
     values, vectors = np.linalg.eigh(0.5 * (variance + variance.T))
     seen = values > _EDGE * values[-1]
     along = vectors[:, seen].T @ rest.along(side)
-    return float(np.mean(along**2 / values[seen]))
+    return float(np.mean(along**2 / values[seen])), int(seen.sum())
 
 
 def _shift(

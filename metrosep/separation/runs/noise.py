@@ -18,7 +18,10 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 
-__all__ = ["LEAST", "NoiseModel", "burg", "exact_rows", "fit_noise"]
+__all__ = ["LEAST", "MAD", "NoiseModel", "burg", "exact_rows", "fit_noise"]
+
+MAD = 1.482602218505602
+"""Standard deviation of a Gaussian over its median absolute deviation."""
 
 _MOST = 48
 """Highest order of the noise model."""

@@ -23,7 +23,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
-from metrosep.separation.runs.weights import MAD
+from metrosep.separation.runs.noise import MAD
 from metrosep.spectral.autoregressive import AutoregressiveModel, fit_autoregressive
 
 __all__ = [

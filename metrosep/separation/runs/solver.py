@@ -279,6 +279,10 @@ def _answer(model: Model, *, with_lag: bool) -> _Answer:
     return _Answer(post.theta, covariance, plain)
 
 
+_UNKNOWN_LAG = 2e-3
+"""Standard uncertainty in s of a lag of which nothing is known: of none or one."""
+
+
 def _with_and_without_lag(
     model: Model, stated: float, mode: str, *, several_feeds: bool
 ) -> tuple[_Answer, LagTest | None]:
@@ -286,6 +290,10 @@ def _with_and_without_lag(
     at = sensor_room.lag_score(model) if several_feeds else None
     if at is None:
         return _answer(model, with_lag=False), None
+    if mode == "fit" and at.u > _UNKNOWN_LAG:
+        model.back_to((Sensor(stated), *model.state()[1:]))
+        model.learn(4)
+        return _answer(model, with_lag=False), LagTest(0.0, at.u, 0.0, 0.0, fitted=False)
     if mode == "fit":
         lag, spread = model.sensor.lag - stated, model.sensor.spread
         test = LagTest(lag, at.u, 1.0, (lag / at.u) ** 2, fitted=True, spread=spread)

@@ -19,9 +19,9 @@ from metrosep.separation.runs._unknowns import Unknown
 from metrosep.separation.runs.design import PreparedRun
 from metrosep.separation.runs.geometry import LINE_SD, Extension, Sensor, filtered
 from metrosep.separation.runs.lines import Terms
-from metrosep.separation.runs.noise import NoiseModel, exact_rows, fit_noise, stretches, white
+from metrosep.separation.runs.noise import MAD, NoiseModel, exact_rows, fit_noise, stretches, white
 from metrosep.separation.runs.posterior import Model, Posterior, RunEquations
-from metrosep.separation.runs.weights import MAD, RowWeights
+from metrosep.separation.runs.weights import RowWeights
 from metrosep.spectral.autoregressive import whiten
 
 __all__ = ["System"]

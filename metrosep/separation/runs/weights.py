@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from metrosep.core._arrays import BoolArray, FloatArray
-from metrosep.separation.runs.noise import NoiseModel
+from metrosep.separation.runs.noise import MAD, NoiseModel
 
-__all__ = ["MAD", "RowWeights"]
+__all__ = ["RowWeights"]
 
 _MARK = 4.5
 """A sample is marked where its own error exceeds so many standard deviations: 7 in a million."""
@@ -46,9 +46,6 @@ _WINDOWS = (1, 8, 32)
 
 _MAX_SHARE = 0.3
 """No more than this share of a run is marked: beyond it the run is bad, not the samples."""
-
-MAD = 1.482602218505602
-"""Standard deviation of a Gaussian over its median absolute deviation."""
 
 
 @dataclass(slots=True, eq=False)
