@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.plot.charts import draw_chart
+from metrosep.plot.left_out import left_out_plot, was_predicted
 from metrosep.plot.spectra import residual_psd, spectrum
 from metrosep.plot.style import (
     BAND_FACTOR,
@@ -55,8 +56,8 @@ def drawable(document: Mapping[str, Any]) -> dict[str, Callable[..., Axes | Figu
     Returns
     -------
     dict of str to callable
-        Any of ``before_after``, ``spectrum``, ``residual_psd``, ``table_plot``,
-        ``separation_parts``, ``chart_1``, ``chart_2`` ..., in this order.
+        Any of ``before_after``, ``spectrum``, ``residual_psd``, ``left_out_plot``,
+        ``table_plot``, ``separation_parts``, ``chart_1``, ``chart_2`` ..., in this order.
     """
     estimate = document.get("estimate") or {}
     separation = document.get("separation") or {}
@@ -65,6 +66,7 @@ def drawable(document: Mapping[str, Any]) -> dict[str, Callable[..., Axes | Figu
         spectrum: (estimate.get("feed_spectra") or {}).get("feed_mm_min")
         or (estimate.get("spectrum") or {}).get("wavelength_mm"),
         residual_psd: (estimate.get("residual_psd") or {}).get("frequency_hz"),
+        left_out_plot: was_predicted(estimate),
         table_plot: (document.get("table") or {}).get("positions_m"),
         separation_parts: separation.get("parts")
         and len(separation.get("coordinates") or ()) == 1,

@@ -109,6 +109,7 @@ _TITLES = {
     "before_after": "Error over position",
     "spectrum": "Amplitude over wavelength",
     "residual_psd": "What was separated, over frequency",
+    "left_out_plot": "Each run against the others",
     "table_plot": "Compensation table",
     "separation_parts": "Parts of the readings",
 }
@@ -186,6 +187,11 @@ def _captions(document: Mapping[str, Any]) -> dict[str, str]:
             "One-sided power spectral density in time of the readings minus the separated error, "
             "averaged over Hann segments without their mean; the line is the noise model where "
             "the method has one. Filter: none. No table removes this part."
+        ),
+        "left_out_plot": (
+            "Readings of each run minus what the other runs predict of them, averaged over 1/60 of the "
+            "travel, offset removed; all on one scale. Misfit: chi-square per degree of freedom, 1 where "
+            "the noise explains the strip. Marked: what was found. Filter: none."
         ),
         "table_plot": (
             "Correction c = −e that is added to the command, at its entries; joined as the "

@@ -1,6 +1,7 @@
 """Figures show the numbers of the document, with units, and leave gaps where nothing was measured."""
 
 import matplotlib as mpl
+import matplotlib.figure
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
@@ -227,7 +228,13 @@ def test_axes_that_are_given_are_used(document, draw):
 
 
 def test_drawable_names_what_the_document_holds(document, mean_document):
-    assert list(drawable(document)) == ["before_after", "spectrum", "residual_psd", "table_plot"]
+    assert list(drawable(document)) == [
+        "before_after",
+        "spectrum",
+        "residual_psd",
+        "left_out_plot",
+        "table_plot",
+    ]
     assert list(drawable(mean_document)) == ["before_after", "spectrum", "table_plot"]
     assert drawable({"schema": "metrosep.result/1"}) == {}
 
@@ -263,8 +270,9 @@ def test_settings_of_the_user_change_nothing_and_stay(document):
 
 
 def test_no_legend_covers_the_curves(document):
-    for draw in drawable(document).values():
-        ax = draw(document)
+    drawn = {name: draw(document) for name, draw in drawable(document).items()}
+    assert isinstance(drawn.pop("left_out_plot"), mpl.figure.Figure)  # strips, without a legend
+    for ax in drawn.values():
         ax.figure.canvas.draw()
         legend, inside = ax.get_legend().get_window_extent(), ax.get_window_extent()
         figure = ax.figure.bbox

@@ -62,7 +62,7 @@ def test_nothing_is_fetched_and_nothing_runs(whole_page):
     page = _Page(whole_page)
 
     targets = [v for _, name, v in page.attributes if name in ("src", "href", "srcset", "data")]
-    assert len(targets) == 4
+    assert len(targets) == 5
     assert all(v.startswith("data:image/svg+xml;base64,") for v in targets)
     assert not {"script", "link", "iframe", "object", "form"} & set(page.tags)
     assert not [name for _, name, _ in page.attributes if name.startswith("on")]
@@ -173,10 +173,10 @@ def test_a_value_that_is_not_known_says_so(document):
 def test_figures_say_what_was_removed_and_filtered(whole_page):
     captions = re.findall(r"<figcaption>.*?</figcaption>", whole_page, re.DOTALL)
 
-    assert len(captions) == 4
+    assert len(captions) == 5
     assert "Removed: the least-squares line over the evaluation range 0 mm … 45 mm" in captions[0]
     assert all("Filter" in c or "Removed" in c for c in captions)
-    assert len(re.findall(r'<img alt="[^"]{40,}"', whole_page)) == 4
+    assert len(re.findall(r'<img alt="[^"]{40,}"', whole_page)) == 5
 
 
 def test_the_table_states_sign_units_span_and_hash(document):
