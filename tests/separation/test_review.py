@@ -138,12 +138,17 @@ def test_a_lag_without_geometry_is_not_stated_as_a_fact():
 
 
 def test_a_stated_shortest_wavelength_that_the_data_cannot_hold_is_reported():
-    axis = machine_axis(seed=1, feeds=(0.12, 0.16), n_repeats=1)
+    """One run has fewer readings than unknowns of so short waves; two runs have enough."""
+    one = machine_axis(seed=1, feeds=(0.12,), n_repeats=1)
+    two = machine_axis(seed=1, feeds=(0.12, 0.16), n_repeats=1)
 
-    estimate = separate(axis.runs, shortest=0.45e-3)
+    few = separate(one.runs, shortest=0.31e-3, min_feeds=1)
+    enough = separate(two.runs, shortest=0.45e-3)
 
-    assert estimate.audit["shortest_wavelength_mm"] > 0.46
-    assert any("too few samples" in m for m in estimate.messages)
+    assert few.audit["shortest_wavelength_mm"] > 0.31
+    assert any("too few samples" in m for m in few.messages)
+    assert enough.audit["shortest_wavelength_mm"] < 0.45
+    assert not any("too few samples" in m for m in enough.messages)
 
 
 @pytest.mark.parametrize("share", [0.05, 0.15])

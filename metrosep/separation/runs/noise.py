@@ -27,8 +27,9 @@ _MOST = 48
 """Highest order of the noise model."""
 
 LEAST = 1e-8
-"""Least variance of an innovation, heights over their RMS: noise below a ten-thousandth of the error
-is solved as if it were that, and its colour is not learnt; the basis leaves no less of the error."""
+"""Variance of white noise that every model holds, heights over their RMS: a ten-thousandth of the
+error, which is what the basis leaves of it. A line without any noise would otherwise be predicted
+without end, and the error with it."""
 
 _BLOCK = 128
 """Rows that one banded product whitens."""
@@ -95,6 +96,9 @@ def fit_noise(
     draws: Sequence[FloatArray], *, time_step: float, most: int = _MOST, n_share: float = 1.0
 ) -> NoiseModel:
     """Return the model of least AICc; `draws` has one row per sample and one column per draw."""
+    draws = [
+        d + math.sqrt(LEAST) * np.random.default_rng(1).standard_normal(d.shape) for d in draws
+    ]
     pieces = [d[part] for d in draws for part in stretches(d[:, 0])]
     n = sum(p.shape[0] for p in pieces)
     longest = max((p.shape[0] for p in pieces), default=0)
@@ -109,8 +113,7 @@ def fit_noise(
     criterion = count * np.log(variances) + 2.0 * orders * (1.0 + (orders + 1.0) / room)
     criterion[room < 2.0] = math.inf
     best = int(np.argmin(criterion)) if np.isfinite(criterion).any() else 0
-    variances = np.maximum(variances[: best + 1], LEAST)
-    return NoiseModel(filters[: best + 1], variances, time_step)
+    return NoiseModel(filters[: best + 1], variances[: best + 1], time_step)
 
 
 def exact_rows(table: FloatArray, model: NoiseModel, parts: Sequence[slice]) -> FloatArray:

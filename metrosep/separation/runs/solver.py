@@ -45,7 +45,6 @@ from metrosep.separation.runs.geometry import (
 )
 from metrosep.separation.runs.leave_out import RunScore, feed_scores, run_scores
 from metrosep.separation.runs.lines import FoundLine, Terms, find_line, nearest_power
-from metrosep.separation.runs.noise import LEAST
 from metrosep.separation.runs.options import JointOptions
 from metrosep.separation.runs.posterior import Model, Posterior
 from metrosep.separation.runs.slip import FALSE_DISCOVERY, find_slip, learn_slip
@@ -115,23 +114,22 @@ def solve_joint(
             pairs = zip(system.noise, before, strict=True)
             if i >= 2 and all(n.variance > _SETTLED * old for n, old in pairs):
                 break
-        colour = 0 if all(n.variance <= LEAST for n in system.noise) else None
         for _ in range(2):
-            _pass(system, model, most=10, order=colour, above=2.0)
+            _pass(system, model, most=10, order=None, above=2.0)
         found = find_lines(system, model, options)
         choose_following(system, model, options)
         sure = lag_mode == "fit"
         if seek_lag and sure:
             sensor_room.scan_lag(model)
             if model.sensor.lag:
-                _pass(system, model, most=10, order=colour, above=2.0)
+                _pass(system, model, most=10, order=None, above=2.0)
         search(model, options.waves)
         if seek_lag:
             sensor_room.lag_steps(model, sure=sure)
         find_slip(model)
         model.drop_short()
         for i in range(4):
-            _pass(system, model, most=6, order=colour, above=0.5 if i else 2.0)
+            _pass(system, model, most=6, order=None, above=0.5 if i else 2.0)
             if i == 1:
                 search(model)
                 remove_weak(model)
@@ -144,7 +142,7 @@ def solve_joint(
         scores = run_scores(model), feed_scores(model)
         unpredicted = [system.rest(i, model, s.theta) for i, s in enumerate(scores[0])]
         model.kept = n_harmonics
-        _pass(system, model, most=7, order=colour, above=1.0)
+        _pass(system, model, most=7, order=None, above=1.0)
         if seek_lag:
             sensor_room.lag_steps(model, sure=sure)
         unknowns = wanted_unknowns(system, options)
