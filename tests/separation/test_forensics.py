@@ -428,6 +428,7 @@ def test_false_alarms_are_below_two_per_cent_of_200_clean_sets():
 # --- a reading that comes late -------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_one_sample_of_delay_is_found_and_corrected_without_being_asked_for():
     axis = Axis(21, lag=1 / 800.0)
     found = separate(axis.set())
@@ -441,6 +442,7 @@ def test_one_sample_of_delay_is_found_and_corrected_without_being_asked_for():
     assert any("not corrected" in m and "lag='auto'" in m for m in kept.messages)
 
 
+@pytest.mark.slow
 def test_no_delay_is_invented():
     for seed in range(5):
         estimate = separate(Axis(300 + seed).set())
@@ -460,6 +462,7 @@ def test_a_method_in_space_says_that_the_readings_lag(method):
 # --- results that contradict themselves ----------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_wave_tied_to_the_place_with_another_phase_in_each_run_is_named():
     estimate = separate(Axis(31, slip=(9.0, 110.0)).set())
 

@@ -15,6 +15,9 @@ from metrosep import Run, RunSet
 from metrosep.core.errors import DataError, UnitError
 from metrosep.separation import separate
 
+pytestmark = pytest.mark.slow
+"""A minute together; the faults that each of these found have a fast test in test_joint_attacks.py."""
+
 L_MM, RATE_HZ, FEEDS = 60.0, 500.0, (40.0, 80.0, 130.0)
 GOOD_NM = 1.0
 """What is left of 150 nm RMS: six runs of 230 to 750 readings average 5 nm to some 0.4 nm."""
