@@ -1,4 +1,4 @@
-"""Private to separation: each run, and the runs of each feedrate, predicted from the others.
+"""Private to separation: each run predicted from the others.
 
 The geometry without a run predicts it; what its readings say beside the prediction is a gain, a
 shift in position, or a misfit. Equation numbers: separation-2.
@@ -16,9 +16,9 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.units import format_length
 from metrosep.separation.runs.geometry import filtered
 from metrosep.separation.runs.noise import MAD
-from metrosep.separation.runs.posterior import Model, Posterior
+from metrosep.separation.runs.posterior import Model, Posterior, RunEquations
 
-__all__ = ["RunScore", "feed_scores", "run_scores", "suspicion"]
+__all__ = ["RunScore", "run_scores", "suspicion"]
 
 _FAR = 3e-3
 """m; shifts are looked for so far on each side."""
@@ -45,9 +45,8 @@ _MISFIT = 2.0
 
 @dataclass(frozen=True, slots=True)
 class RunScore:
-    """What some runs are beside what the others predict of them (eq. 15)."""
+    """What a run is beside what the others predict of it (eq. 15)."""
 
-    runs: tuple[int, ...]
     chi2: float  # per degree of freedom
     degrees: int
     gain: float  # 1: as predicted; below 0: the opposite sign
@@ -61,18 +60,7 @@ def run_scores(model: Model) -> list[RunScore]:
     """Return the score of each run against all others; none for fewer than 3 runs."""
     if len(model.seen) < 3:
         return []
-    return [_score(model, (i,)) for i in range(len(model.seen))]
-
-
-def feed_scores(model: Model) -> list[RunScore]:
-    """Return the score of the runs of each feedrate; none for fewer than 3 feedrates."""
-    feeds = sorted({r.feed for r in model.seen})
-    if len(feeds) < 3:
-        return []
-    return [
-        _score(model, tuple(i for i, r in enumerate(model.seen) if r.feed == feed))
-        for feed in feeds
-    ]
+    return [_score(model, run) for run in model.seen]
 
 
 def suspicion(scores: Sequence[RunScore]) -> tuple[int, str] | None:
@@ -116,9 +104,8 @@ def _scatter(ratios: Sequence[float]) -> float:
     return max(1.0, MAD * float(np.median(np.abs(ratios))))
 
 
-def _score(model: Model, chosen: Sequence[int]) -> RunScore:
-    gram: FloatArray = sum(model.seen[i].gram for i in chosen)  # type: ignore[assignment]
-    right: FloatArray = sum(model.seen[i].right for i in chosen)  # type: ignore[assignment]
+def _score(model: Model, run: RunEquations) -> RunScore:
+    gram, right = run.gram, run.right
     rest = model.solution(model.total[0] - gram, model.total[1] - right)
     curve = rest.theta.copy()
     curve[0] = 0.0  # the line is alignment: neither gain nor shift show in it
@@ -139,7 +126,7 @@ def _score(model: Model, chosen: Sequence[int]) -> RunScore:
         _waves_only(filtered(curve, np.asarray(-1j * w * np.exp(-1j * w * shift))), w.size)
     )
     misfit, degrees = _misfit(rest, gram, side)
-    return RunScore(tuple(chosen), misfit, degrees, 1.0 + gain, u_gain, shift, u_shift, rest.theta)
+    return RunScore(misfit, degrees, 1.0 + gain, u_gain, shift, u_shift, rest.theta)
 
 
 def _misfit(rest: Posterior, gram: FloatArray, side: FloatArray) -> tuple[float, int]:

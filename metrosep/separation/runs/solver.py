@@ -43,7 +43,7 @@ from metrosep.separation.runs.geometry import (
     Spectrum,
     filtered,
 )
-from metrosep.separation.runs.leave_out import RunScore, feed_scores, run_scores
+from metrosep.separation.runs.leave_out import RunScore, run_scores
 from metrosep.separation.runs.lines import FoundLine, Terms, find_line, nearest_power
 from metrosep.separation.runs.options import JointOptions
 from metrosep.separation.runs.posterior import Model, Posterior
@@ -139,8 +139,8 @@ def solve_joint(
                 sensor_room.lag_steps(model, sure=sure)
             if model.slip.any():
                 learn_slip(model, 8)
-        scores = run_scores(model), feed_scores(model)
-        unpredicted = [system.rest(i, model, s.theta) for i, s in enumerate(scores[0])]
+        scores = run_scores(model)
+        unpredicted = [system.rest(i, model, s.theta) for i, s in enumerate(scores)]
         model.kept = n_harmonics
         _pass(system, model, most=7, order=None, above=1.0)
         if seek_lag:
@@ -245,7 +245,6 @@ class Solution:
     slip: dict[float, float] = field(default_factory=dict)  # wavelength: sd among the runs, m
     slope_of_spectrum: float = math.nan  # d ln s^2 / d ln k
     scores: Sequence[RunScore] = ()  # of each run against the others
-    feed_scores: Sequence[RunScore] = ()  # of the runs of each feedrate against the others
     unpredicted: Sequence[FloatArray] = ()  # m: readings minus what the other runs predict
 
     @property
@@ -337,7 +336,7 @@ def make_solution(
     found: list[FoundLine],
     options: JointOptions,
     lag_mode: str,
-    scores: tuple[list[RunScore], list[RunScore]],
+    scores: list[RunScore],
     *,
     several_feeds: bool,
 ) -> Solution:
@@ -371,7 +370,7 @@ def make_solution(
         differences = probe_differences(system, model)
     levels = system.levels(model, post)
     residuals = [r * system.scale for r in system.residuals(model)]
-    lag, lag_sd = _lag(stated, lag_test, lag_mode)
+    lag, lag_sd = _lag(stated, lag_test)
     return Solution(
         origin=model.extension.origin,
         period=model.extension.period,
@@ -410,18 +409,16 @@ def make_solution(
         slope_of_spectrum=float(
             (model.spectrum.phi[-1] - model.spectrum.phi[0]) / math.log(max(k, 2))
         ),
-        scores=scores[0],
-        feed_scores=scores[1],
+        scores=scores,
     )
 
 
-def _lag(stated: float, test: LagTest | None, mode: str) -> tuple[float, float]:
+def _lag(stated: float, test: LagTest | None) -> tuple[float, float]:
     """Return the mean lag and its standard uncertainty over both answers; NaN if given."""
     if test is None or not test.fitted:
         return stated, math.nan
     p = test.probability
     u = math.sqrt(p * test.u**2 + p * (1.0 - p) * test.lag**2)
-    del mode
     return stated + p * test.lag, u
 
 

@@ -212,9 +212,9 @@ class System:
         z = self.z[index]
         marks = self._marks(index)
         table = np.column_stack([columns, np.nan_to_num(z), np.ones(z.size), marks])
-        table = exact_rows(table, noise, self._parts(index))
+        parts = self._parts(index)
+        table = exact_rows(table, noise, parts)
         if self.weights is not None and self.weights.weight:
-            parts = self._parts(index)
             w = np.concatenate([self.weights.weight[index][part] for part in parts])
             table *= np.sqrt(w * self.weights.information(index))[:, None]
         n = columns.shape[1] + 2

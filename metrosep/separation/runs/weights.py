@@ -97,10 +97,6 @@ class RowWeights:
         """Return the information of a weighted row over that of an unweighted one."""
         return self.efficiency[index] if self.efficiency else 1.0
 
-    def n_marked(self, group: Sequence[int]) -> int:
-        """Return how many samples of some runs are marked."""
-        return sum(int(self.marked[i].sum()) for i in group)
-
     def clean(
         self,
         residuals: Sequence[FloatArray],
