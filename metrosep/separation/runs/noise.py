@@ -79,17 +79,17 @@ def white(variance: float, time_step: float) -> NoiseModel:
 
 
 def burg(sequences: Sequence[FloatArray], order: int) -> tuple[tuple[FloatArray, ...], FloatArray]:
-    """Return filters and variances of order 0 ... `order`, pooled over unbroken sequences."""
+    """Return filters and variances of order 0 ... `order`, pooled over sequences or columns of them."""
     forward = [np.asarray(s, dtype=np.float64) for s in sequences]
     backward = list(forward)
-    size = sum(s.size for s in sequences)
-    variance = sum(float(s @ s) for s in sequences) / max(size, 1)
+    size = sum(s.size for s in forward)
+    variance = sum(float(np.vdot(s, s)) for s in forward) / max(size, 1)
     filters, variances = [np.ones(1)], [max(variance, 1e-300)]
     for _ in range(order):
         f = [s[1:] for s in forward]
         b = [s[:-1] for s in backward]
-        top = sum(float(p @ q) for p, q in zip(f, b, strict=True))
-        bottom = sum(float(p @ p + q @ q) for p, q in zip(f, b, strict=True))
+        top = sum(float(np.vdot(p, q)) for p, q in zip(f, b, strict=True))
+        bottom = sum(float(np.vdot(p, p) + np.vdot(q, q)) for p, q in zip(f, b, strict=True))
         k = -2.0 * top / bottom if bottom > 0.0 else 0.0
         forward = [p + k * q for p, q in zip(f, b, strict=True)]
         backward = [q + k * p for p, q in zip(f, b, strict=True)]
@@ -120,10 +120,10 @@ def fit_noise(draws: Sequence[FloatArray], *, time_step: float, most: int = MOST
     n = sum(p.shape[0] for p in pieces)
     longest = max((p.shape[0] for p in pieces), default=0)
     order = max(0, min(most, longest - 2, int(min(d.shape[0] for d in draws) / 5)))
-    sequences = [np.ascontiguousarray(p[:, s]) for p in pieces for s in range(p.shape[1])]
-    sequences = [s for s in sequences if s.size > 1]
+    sequences = [p for p in pieces if p.shape[0] > 1]
     # A short stretch cannot feed a high order; it counts for the orders that it can feed.
-    filters, variances = burg([s for s in sequences if s.size > order + 1] or sequences, order)
+    long = [p for p in sequences if p.shape[0] > order + 1]
+    filters, variances = burg(long or sequences, order)
     # Each coefficient takes one of n degrees of freedom out of the innovations.
     taken = np.minimum(np.arange(order + 1) / max(n, 1), 0.5)
     return NoiseModel(filters, variances / (1.0 - taken), time_step)
