@@ -12,7 +12,7 @@ Source: the project's notes on separation, sections 4.1, 4.4 and 6.4.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -107,6 +107,8 @@ class Findings:
     shift: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     place: dict[int, tuple[float, float]] = field(default_factory=dict)  # m, m: where, how large
     held: tuple[float, str] = (0.0, "")  # samples for which a reading stays, and the run
+    by_size: dict[int, str] = field(default_factory=dict)  # said of runs of another RMS
+    lost: dict[int, NDArray[np.bool_]] = field(default_factory=dict)  # readings that are markers
 
     def say(
         self,
@@ -186,42 +188,76 @@ def _flat(x: FloatArray, z: FloatArray) -> FloatArray:
 def compare_runs(runs: RunSet, table: RunTable, found: Findings) -> tuple[float, float] | None:
     """Name runs of another sign, gain or place; return the delay that the shifts show."""
     for i, run in enumerate(table.members):
-        by_size = any("times as much" in text for text in found.said[run])
         known = not np.isnan(table.z[i]).all() and np.nanstd(table.z[i]) > 0.0
-        table.compared[i] = known and not found.refused[run] and not by_size
+        table.compared[i] = known and not found.refused[run]
+    by_size = [i for i, run in enumerate(table.members) if run in found.by_size]
     table.reference = table.compared.copy()
-    if table.compared.sum() < 2:
+    table.reference[by_size] = False
+    if table.reference.sum() < 2:
+        table.compared = table.reference.copy()
         return None
-    gain, shift = _gains_and_shifts(runs, table)
+    gain, shift, unlike = _gains_and_shifts(runs, table)
     own = gain[table.compared & np.isfinite(gain).all(axis=1)]
     if len(own) < 2 or np.median(np.abs(own[:, 0]) / own[:, 1]) < _SEEN:
         return None  # no error is seen by which runs could be compared
     bad = _suspects(table, gain)
-    displaced, feeds, lag = _displaced(runs, table, gain, shift, list(bad))
+    displaced, feeds, lag = _displaced(runs, table, shift, {*bad, *by_size})
     suspects = {*bad, *displaced, *(i for rows in feeds.values() for i in rows)}
     n_compared = int(table.compared.sum())
     odd = next((o for o in (suspects, set(bad)) if o and n_compared - len(o) >= 2), None)
     if odd is not None:
         table.reference[list(odd)] = False  # compare again with those that agree
-        gain, shift = _gains_and_shifts(runs, table)
+        gain, shift, unlike = _gains_and_shifts(runs, table)
         bad = _suspects(table, gain)
-        displaced, feeds, lag = _displaced(runs, table, gain, shift, list(bad))
+        displaced, feeds, lag = _displaced(runs, table, shift, {*bad, *by_size})
     for i, run in enumerate(table.members):
         if table.compared[i]:
             found.gain[run] = gain[i]
             found.shift[run] = shift[i, 0], math.hypot(shift[i, 1], shift[i, 2])
     texts = {i: (text, False) for i, text in displaced.items()} | bad
-    n = int(table.compared.sum()) - len(texts)
+    n = int(table.compared.sum()) - len({*texts, *by_size})
     for i, (text, refused) in texts.items():
+        run = table.members[i]
         others = f"the other {n} runs" if n > 1 else "the other run"
         size = float(shift[i, 0]) if i in displaced else math.nan
-        found.say(table.members[i], text + others, refused=refused, size=size)
+        shape = _odd_shape(table, i, unlike) if n > 1 else ""
+        if shape and run in found.by_size:
+            continue  # by its size it is named already
+        if run in found.by_size:
+            found.said[run].remove(found.by_size[run])
+        if shape:
+            found.say(run, f"{shape} {others}")
+        else:
+            found.say(run, text + others, refused=refused, size=size)
     found.common += list(feeds)
     return lag
 
 
-def _gains_and_shifts(runs: RunSet, table: RunTable) -> tuple[FloatArray, FloatArray]:
-    """Return gain and shift of every run against the median of the others, each with its u."""
+_OTHER_SHAPE, _TIMES_OTHERS = 0.15, 5.0
+"""Share of the power of the error that neither gain nor shift explains, and how many times that of
+the other runs, from which a run shows something else."""
+
+
+def _odd_shape(table: RunTable, row: int, unlike: FloatArray) -> str:
+    """Return what to say of a run that no gain and no shift makes like the others; empty if one does."""
+    others = table.reference.copy()
+    others[row] = False
+    aligned, mirrored = (float(v) for v in unlike[row])
+    typical = float(np.median(unlike[others, 0]))
+    if aligned < _TIMES_OTHERS * typical:
+        return ""
+    if _TIMES_OTHERS * mirrored < aligned:
+        return "is mirrored, its readings are in the order of the opposite direction, against"
+    if aligned < _OTHER_SHAPE:
+        return ""
+    return f"differs in {100 * aligned:.2g} % of the power of the error, whatever its gain and place, from"
+
+
+def _gains_and_shifts(runs: RunSet, table: RunTable) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return gain and shift of every run against the median of the others, each with its u.
+
+    And the share of the error that each run does not show, in its place and mirrored.
+    """
     x, z = table.x, np.where(np.isnan(table.z) | ~table.compared[:, None], 0.0, table.z)
     rows = np.flatnonzero(table.compared).tolist()
     reach = int(_SHIFT_RANGE * x.size)
@@ -238,6 +274,7 @@ def _gains_and_shifts(runs: RunSet, table: RunTable) -> tuple[FloatArray, FloatA
     models = dict.fromkeys(rows, white)
     splines = [_spline(x, row) for row in table.z]
     out_gain, out_shift = np.full((len(z), 2), np.nan), np.full((len(z), 3), np.nan)
+    unlike = np.full((len(z), 2), np.nan)
     aligned, keep, inside = z, np.ones(x.size), x
     for fitting in range(_FITTINGS):  # white noise first: a model of a misfit would hide it
         # One range that every run covers wherever it is moved: no run drops out at an end.
@@ -281,9 +318,7 @@ def _gains_and_shifts(runs: RunSet, table: RunTable) -> tuple[FloatArray, FloatA
         rests = {}
         for i in rows:
             columns = _columns(inside, aligned, others[i], keep)
-            known = ~np.isnan(aligned[i])
-            fit = np.linalg.lstsq(columns[known], aligned[i][known], rcond=None)[0]
-            rests[i] = gain[i] * (aligned[i] - columns @ fit)
+            rests[i] = gain[i] * _rest(columns, aligned[i])
         for i in rows:
             models[i] = _noise(
                 [
@@ -297,11 +332,31 @@ def _gains_and_shifts(runs: RunSet, table: RunTable) -> tuple[FloatArray, FloatA
         out_shift[i, 2] = _by_reference(
             inside, aligned, others[i], keep, aligned[i] * gain[i], models[i]
         )
+        columns = _columns(inside, aligned, others[i], keep)
+        mirrored = _flat(inside, splines[i](x[0] + x[-1] - inside))
+        unlike[i] = [_unlike(row, columns[:, 0], keep) for row in (aligned[i], mirrored)]
     few = [i for i in rows if others[i].sum() < _LEAST_FREEDOM]
     if few:  # two others hardly know by what they differ: what all the runs show of it is pooled
         out_shift[few, 2] = math.sqrt(float(np.mean(out_shift[few, 2] ** 2)))
     out_shift[:, 0] -= float(np.median(out_shift[table.reference, 0]))
-    return out_gain, out_shift
+    return out_gain, out_shift, unlike
+
+
+def _unlike(row: FloatArray, error: FloatArray, keep: FloatArray) -> float:
+    """Return the share of the power of a row, in the waves of the error, that the error is not."""
+    from scipy.fft import dct
+
+    own = keep * dct(np.nan_to_num(row), norm="ortho")
+    both = keep * dct(error, norm="ortho")
+    size = float(own @ own) * float(both @ both)
+    return 1.0 - float(own @ both) ** 2 / size if size > 0.0 else 1.0
+
+
+def _rest(columns: FloatArray, z: FloatArray) -> FloatArray:
+    """Return what columns leave of a row, NaN where it has no reading."""
+    known = ~np.isnan(z)
+    fit = np.linalg.lstsq(columns[known], z[known], rcond=None)[0]
+    return np.asarray(z - columns @ fit)
 
 
 def _spline(x: FloatArray, row: FloatArray) -> Callable[[FloatArray], FloatArray]:
@@ -511,9 +566,8 @@ def _suspects(table: RunTable, gain: FloatArray) -> dict[int, tuple[str, bool]]:
 def _displaced(
     runs: RunSet,
     table: RunTable,
-    gain: FloatArray,
     shift: FloatArray,
-    left_out: Sequence[int],
+    left_out: Collection[int],
 ) -> tuple[dict[int, str], dict[str, list[int]], tuple[float, float] | None]:
     """Return what to say of displaced runs and of displaced feeds, and the delay with its u."""
     rows = [
@@ -551,6 +605,7 @@ def _displaced(
         sure = max(_needed(sd, about), least)
         if own.sum() > 1 and left < lowest - _SURE**2 and abs(away) > sure:
             line, told, lowest = other, ~own, left + _SURE**2
+            sd = math.hypot(sd, _u_line(v, u, ~own, float(v[own].mean())))
             sentence = (
                 f"the runs at {abs(float(v[own].mean())) * 6e4:.6g} mm/min are displaced by "
                 f"{format_length(away)} (u {format_length(sd, digits=2)}) against those of the "
@@ -562,10 +617,16 @@ def _displaced(
     needed = [
         _needed(float(u[j]), np.delete(rest / u, j)[np.delete(told, j)]) for j in range(v.size)
     ]
+    told_u = [
+        math.hypot(u[j], _u_line(v, u, told & (np.arange(v.size) != j), v[j]))
+        if n_feeds > 1
+        else float(u[j])
+        for j in range(v.size)
+    ]
     far = told & (np.abs(rest) > np.maximum(needed, least)) & (len(rows) > 2 or n_feeds == 1)
     said = {
         rows[j]: f"is displaced by {format_length(float(rest[j]))} (u "
-        f"{format_length(float(u[j]), digits=2)}) against "
+        f"{format_length(told_u[j], digits=2)}) against "
         for j in np.flatnonzero(far)[-1 if len(rows) == 2 else 0 :]
     }
     kept = told & ~far
@@ -591,6 +652,16 @@ def _displaced(
 def _u_together(own: FloatArray, shared: FloatArray) -> float:
     """Return the u of a mean of shifts whose reference is the same."""
     return math.hypot(float((own**-2).sum()) ** -0.5, float(shared.mean()))
+
+
+def _u_line(v: FloatArray, u: FloatArray, chosen: NDArray[np.bool_], at: float) -> float:
+    """Return the u of the shift that the chosen runs, and what delays are likely, give a velocity."""
+    if not chosen.any():
+        return 0.0
+    columns = np.column_stack([np.ones(v.size), v])[chosen] / u[chosen, None]
+    information = columns.T @ columns + np.diag([0.0, _LIKELY_LAG**-2])
+    here = np.array([1.0, at])
+    return math.sqrt(float(here @ np.linalg.solve(information, here)))
 
 
 def _line_at(line: tuple[float, float], v: FloatArray) -> FloatArray:

@@ -245,13 +245,18 @@ def try_fault(fault, estimator, seed):
     return "named", right[0]
 
 
-def fault_table(estimator, *, sets, seed, faults=FAULTS):
-    """Lines of a Markdown table, and the verdicts by fault."""
-    lines = [
-        "| fault | named | refused | found | missed | false | example |",
-        "|---|---|---|---|---|---|---|",
-    ]
+HEAD = (
+    "| fault | named | refused | found | missed | false | example |",
+    "|---|---|---|---|---|---|---|",
+)
+
+
+def fault_table(estimator, *, sets, seed, faults=FAULTS, say=lambda line: None):
+    """Lines of a Markdown table, each given to `say` as it comes, and the verdicts by fault."""
+    lines = list(HEAD)
     counts = {}
+    for line in lines:
+        say(line)
     for fault in faults:
         got = [try_fault(fault, estimator, seed + i) for i in range(sets)]
         count = {
@@ -266,6 +271,7 @@ def fault_table(estimator, *, sets, seed, faults=FAULTS):
         if not fault.kind:
             cells[0] = "nothing to name"
         lines.append(f"| {fault.name} | {' | '.join(cells)} | {worst[:150].replace('|', '/')} |")
+        say(lines[-1])
     return lines, counts
 
 
@@ -286,7 +292,7 @@ def fault_failures(counts):
     return bad
 
 
-def false_alarms(estimator, *, sets, seed):
+def false_alarms(estimator, *, sets, seed, say=lambda row, seed, text: None):
     """Sets of all clean rows in turn that are refused or in which a run is named: (row, seed, text)."""
     found = []
     for i in range(sets):
@@ -297,8 +303,10 @@ def false_alarms(estimator, *, sets, seed):
             if not type(problem).__module__.startswith("metrosep"):
                 raise
             found.append((name, seed + i, f"refused: {problem}"))
+            say(*found[-1])
             continue
         alarm = [m for m in messages if runs_named([m])]
         if alarm:
             found.append((name, seed + i, alarm[0]))
+            say(*found[-1])
     return found
