@@ -212,6 +212,7 @@ def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> Er
         i for d in runs.directions for i, r in zip(used, runs, strict=True) if r.direction == d
     ]
     scores = dict(estimate.runs_data)
+    checks = checks.withdrawn(scores, rows)
     if checks.step > 0.0:  # steps of the readings are no noise that a prediction knows
         scores.pop("against_others", None)
     columns = _with_scores(checks.columns, scores, rows)

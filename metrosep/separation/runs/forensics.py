@@ -73,6 +73,10 @@ _ROUNDING = 1e-12
 _RMS_NAMED, _RMS_REFUSED = 5.0, 50.0
 """RMS of a run over that of the median run: another unit or gain; the model breaks down."""
 
+_SHOWN, _ALIKE = 3.0, 1.5
+"""Standard uncertainties of a shift, and chi-square per degree of freedom, below which the prediction
+of a run from the others shows no fault."""
+
 _MOST_NAMED = 4
 """Runs whose faults an error message spells out."""
 
@@ -90,6 +94,22 @@ class RunChecks:
     # mapping of int to (float, float), s: by direction: delay that the shifts show beyond chance,
     # and its uncertainty
     lag: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    # mapping of int to (str, str): by row: kind and text of a finding that a better comparison may
+    # withdraw, since a vibration at a wavelength of the error looks like it
+    unsure: Mapping[int, tuple[str, str]] = field(default_factory=dict)
+
+    def withdrawn(self, scores: Mapping[str, list[Any]], rows: Sequence[int]) -> RunChecks:
+        """Return the checks less what the prediction of each run from the others does not show."""
+        if "misfit" not in scores:
+            return self
+        findings = list(self.columns["finding"])
+        for at, row in enumerate(rows):
+            kind, text = self.unsure.get(row, ("", ""))
+            shift = abs(scores["predicted_shift_mm"][at]) / scores["u_predicted_shift_mm"][at]
+            alike = shift < _SHOWN if kind == "shift" else scores["misfit"][at] < _ALIKE
+            if text and alike:
+                findings[row] = "; ".join(p for p in findings[row].split("; ") if p != text)
+        return replace(self, columns={**self.columns, "finding": findings})
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -185,7 +205,9 @@ def check_runs(
     if found.lost:
         runs = RunSet(
             [
-                _with_readings(run, np.where(found.lost[i], np.nan, run.z)) if i in found.lost else run
+                _with_readings(run, np.where(found.lost[i], np.nan, run.z))
+                if i in found.lost
+                else run
                 for i, run in enumerate(runs)
             ]
         )
@@ -238,7 +260,7 @@ def check_runs(
         "refused": found.refused,
         "used": [True] * len(runs),
     }
-    return RunChecks(columns, tuple(found.common), step, lag)
+    return RunChecks(columns, tuple(found.common), step, lag, found.unsure)
 
 
 def _labels(runs: RunSet) -> list[str]:
@@ -352,9 +374,7 @@ def _check_alone(index: int, run: Run, found: Findings) -> float:
     return step
 
 
-def _markers(
-    z: FloatArray, values: FloatArray, counts: NDArray[np.intp]
-) -> NDArray[np.bool_]:
+def _markers(z: FloatArray, values: FloatArray, counts: NDArray[np.intp]) -> NDArray[np.bool_]:
     """Return the readings that are equal and farther from all others than these are apart."""
     if values.size > _LEAST_VALUES:
         for at, rest in ((0, values[1:]), (-1, values[:-1])):
