@@ -9,7 +9,14 @@ from typing import Any, Literal, cast, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import DataError, OptionError
+from metrosep.core.errors import (
+    DataError,
+    FitError,
+    InvalidSamplesError,
+    OptionError,
+    SeparationError,
+    TooFewSamplesError,
+)
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import RunSet
@@ -31,6 +38,9 @@ __all__ = ["separate"]
 _METHODS = ("joint", "kono", "mean")
 _OWN = ("method", "start", "length", "shortest", "lag", "exclude", "accept")
 """Options that `separate` takes by itself."""
+
+_MOST_NAMED = 4
+"""Findings that an error message spells out."""
 
 _NAMES = {1: "forward", -1: "reverse"}
 
@@ -161,24 +171,30 @@ def separate(
         r.sha256 for r, used in zip(given, checks.columns["used"], strict=True) if not used
     ]
     names = [n for n, used in zip(names, checks.columns["used"], strict=True) if used]
-    common = _common_range(runs, method, start, length, options)
-    options = _plain_options(options)
     told = {
         d: [n for n, r in zip(names, runs, strict=True) if r.direction == d]
         for d in runs.directions
     }
-    parts = {
-        d: _separate_one(
-            runs.select(direction=d),
-            method,
-            common[1],
-            common[0],
-            shortest,
-            lag,
-            options | ({"probes": told[d]} if any(names) else {}),
-        )
-        for d in runs.directions
-    }
+    try:
+        common = _common_range(runs, method, start, length, options)
+        options = _plain_options(options)
+        parts = {
+            d: _separate_one(
+                runs.select(direction=d),
+                method,
+                common[1],
+                common[0],
+                shortest,
+                lag,
+                options | ({"probes": told[d]} if any(names) else {}),
+            )
+            for d in runs.directions
+        }
+    except (InvalidSamplesError, TooFewSamplesError, FitError, SeparationError) as exc:
+        reason = _findings(checks)
+        if not reason:
+            raise
+        raise type(exc)(f"{exc}. {reason}") from exc
     step = Step(
         "separate",
         {
@@ -201,6 +217,18 @@ def separate(
     else:
         found = _renamed(parts[1], parts, runs, told, history)
     return _with_checks(found, checks, runs)
+
+
+def _findings(checks: RunChecks) -> str:
+    """Return what is wrong with the used runs, which may be the reason of an error; empty if nothing."""
+    rows = zip(*(checks.columns[k] for k in ("run", "finding", "used")), strict=True)
+    found = [f"run {name} {text}" for name, text, used in rows if text and used]
+    if not found:
+        return ""
+    return (
+        f"The reason may be: {'; '.join(found[:_MOST_NAMED])}; exclude='suspect' (command line: "
+        "--exclude suspect) leaves out what is named here"
+    )
 
 
 def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> ErrorEstimate:
