@@ -241,7 +241,8 @@ def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> Er
     ]
     scores = dict(estimate.runs_data)
     checks = checks.withdrawn(scores, rows)
-    if checks.step > 0.0:  # steps of the readings are no noise that a prediction knows
+    # Steps of the readings are no noise that a prediction knows, and displaced feedrates no run's fault.
+    if checks.step > 0.0 or checks.apart:
         scores.pop("against_others", None)
     columns = _with_scores(checks.columns, scores, rows)
     messages = list(checks.messages)

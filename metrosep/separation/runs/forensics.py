@@ -97,6 +97,7 @@ class RunChecks:
     # mapping of int to (str, str): by row: kind and text of a finding that a better comparison may
     # withdraw, since a vibration at a wavelength of the error looks like it
     unsure: Mapping[int, tuple[str, str]] = field(default_factory=dict)
+    apart: bool = False  # whether all runs of a feedrate are displaced: no run is then to blame
 
     def withdrawn(self, scores: Mapping[str, list[Any]], rows: Sequence[int]) -> RunChecks:
         """Return the checks less what the prediction of each run from the others does not show."""
@@ -260,7 +261,7 @@ def check_runs(
         "refused": found.refused,
         "used": [True] * len(runs),
     }
-    return RunChecks(columns, tuple(found.common), step, lag, found.unsure)
+    return RunChecks(columns, tuple(found.common), step, lag, found.unsure, found.apart)
 
 
 def _labels(runs: RunSet) -> list[str]:

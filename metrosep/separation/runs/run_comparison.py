@@ -89,6 +89,7 @@ class Findings:
     shift: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     place: dict[int, tuple[float, float]] = field(default_factory=dict)  # m, m: where, how large
     held: tuple[float, str] = (0.0, "")  # samples for which a reading stays, and the run
+    apart: bool = False  # whether all runs of a feedrate are displaced
     unsure: dict[int, tuple[str, str]] = field(default_factory=dict)  # kind and text
     by_size: dict[int, str] = field(default_factory=dict)  # said of runs of another RMS
     lost: dict[int, NDArray[np.bool_]] = field(default_factory=dict)  # readings that are markers
@@ -222,6 +223,7 @@ def compare_runs(runs: RunSet, table: RunTable, found: Findings) -> tuple[float,
             if i in places.runs:
                 found.unsure[run] = "shift", text + others
     found.common += list(places.feeds)
+    found.apart |= bool(places.feeds)
     return places.lag
 
 
