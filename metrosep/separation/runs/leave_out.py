@@ -23,6 +23,9 @@ __all__ = ["RunScore", "run_scores", "suspicion"]
 _FAR = 3e-3
 """m; shifts are looked for so far on each side."""
 
+_PLACES = 100
+"""Most shifts on each side that are looked at."""
+
 _EDGE = 1e-9
 """Directions of the prediction's variance below this share of the largest are not tested."""
 
@@ -184,8 +187,8 @@ def _shift(
     """Return the shift of greatest likelihood: the best of a scan, then Gauss-Newton."""
     w, n = model.extension.wavenumbers, model.extension.n
     right = right - gram @ (theta - curve)
-    pitch = model.extension.period / max(model.kept, 8) / 8.0
     far = min(_FAR, 0.25 * model.extension.travel)
+    pitch = max(model.extension.period / n / 4.0, far / _PLACES)
     shifts = np.arange(-far, far + pitch, pitch)
     wave = (curve[1 : n + 1] - 1j * curve[n + 1 : 2 * n + 1])[:, None]
     wave = wave * np.exp(-1j * np.outer(w, shifts))
@@ -193,7 +196,7 @@ def _shift(
     moved[1 : n + 1], moved[n + 1 : 2 * n + 1] = wave.real, -wave.imag
     misfit = (moved * (gram @ moved)).sum(axis=0) - 2.0 * right @ moved
     shift = float(shifts[np.argmin(misfit)])
-    for _ in range(4):
+    for _ in range(8):
         at = filtered(curve, np.exp(-1j * w * shift))
         along = _waves_only(filtered(at, np.asarray(-1j * w)), n)
         own = max(float(along @ gram @ along), 1e-300)

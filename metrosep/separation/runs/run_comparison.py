@@ -70,6 +70,9 @@ _ORDERS = (0, 1, 2, 4, 8, 16, 24)
 _REPEATS = 1e-3
 """Chance by which noise would repeat as much as a wave that counts as one of the error."""
 
+_FAR_MORE = 2.0
+"""Power that repeats with shifts that are not sure one by one, over that without, from which they are taken."""
+
 _LEAST_WAVES = 6.0
 """Independent waves in which two runs are compared, at least."""
 
@@ -296,7 +299,15 @@ def _gains_and_shifts(runs: RunSet, table: RunTable) -> tuple[FloatArray, FloatA
     x, z = table.x, np.where(np.isnan(table.z) | ~table.compared[:, None], 0.0, table.z)
     rows = np.flatnonzero(table.compared).tolist()
     reach = int(_SHIFT_RANGE * x.size)
-    sign, shift = _first_alignment(z, table.reference, reach, float(x[1] - x[0]))
+    pitch, splines = float(x[1] - x[0]), [_spline(x, row) for row in table.z]
+    sign, shift = _first_alignment(z, table.reference, reach, pitch)
+    likeliest = _first_alignment(z, table.reference, reach, pitch, sure=0.0)
+    both = [
+        _repeated_power(_aligned(splines, x, d, a)[table.reference])
+        for a, d in ((sign, shift), likeliest)
+    ]
+    if both[1] > _FAR_MORE * both[0]:  # the few waves of a short travel are never sure one by one
+        sign, shift = likeliest
     size = np.sqrt(np.mean(z**2, axis=1)) + 1e-300
     gain = sign * size / float(np.median(size[table.reference]))
     gain[~table.compared] = 1.0
@@ -307,7 +318,6 @@ def _gains_and_shifts(runs: RunSet, table: RunTable) -> tuple[FloatArray, FloatA
     share = np.array([_share_of_others(feeds, table.reference, i) for i in range(len(z))])
     white = AutoregressiveModel(np.empty(0), 1.0, 1.0)
     models = dict.fromkeys(rows, white)
-    splines = [_spline(x, row) for row in table.z]
     out_gain, out_shift = np.full((len(z), 2), np.nan), np.full((len(z), 3), np.nan)
     unlike = np.full((len(z), 2), np.nan)
     aligned, keep, inside = z, np.ones(x.size), x
@@ -317,12 +327,7 @@ def _gains_and_shifts(runs: RunSet, table: RunTable) -> tuple[FloatArray, FloatA
         last = x[-1] - max(0.0, float(shift[rows].max())) - _MARGIN * np.ptp(x)
         inside = x[(x >= first) & (x <= last)]
         for _ in range(_ROUNDS):
-            aligned = np.array(
-                [
-                    _flat(inside, spline(inside + d)) / a
-                    for spline, d, a in zip(splines, shift, gain, strict=True)
-                ]
-            )
+            aligned = _aligned(splines, inside, shift, gain)
             keep = _repeating(aligned[table.reference])
             step = np.zeros(len(z))
             for i in rows:
@@ -341,7 +346,7 @@ def _gains_and_shifts(runs: RunSet, table: RunTable) -> tuple[FloatArray, FloatA
             gain += grows
             gain[np.abs(gain) < 1e-6] = 1e-6
             step[rows] -= float(np.median(step[table.reference]))
-            limit = reach * (x[1] - x[0])
+            limit = reach * pitch
             shift = np.clip(shift + step, -limit, limit)
             moved = np.abs(np.column_stack([step, grows]))[rows]
             if not (
@@ -434,8 +439,24 @@ def _by_reference(
     return math.sqrt((n - 1) / n * float(((np.array(found) - np.mean(found)) ** 2).sum()))
 
 
+def _aligned(
+    splines: Sequence[Callable[[FloatArray], FloatArray]],
+    x: FloatArray,
+    shift: FloatArray,
+    gain: FloatArray,
+) -> FloatArray:
+    """Return the rows moved back by their shifts and divided by their gains, lines removed."""
+    rows = zip(splines, shift, gain, strict=True)
+    return np.array([_flat(x, spline(x + d)) / a for spline, d, a in rows])
+
+
 def _first_alignment(
-    z: FloatArray, reference: NDArray[np.bool_], reach: int, pitch: float
+    z: FloatArray,
+    reference: NDArray[np.bool_],
+    reach: int,
+    pitch: float,
+    *,
+    sure: float = SURE,
 ) -> tuple[FloatArray, FloatArray]:
     """Return sign and shift of every run against the one that resembles the others most."""
     n = z.shape[1]
@@ -455,7 +476,7 @@ def _first_alignment(
         gain = (
             0.5 * n_waves * np.log((1.0 - cross[:, reach] ** 2) / (1.0 - cross.max(axis=1) ** 2))
         )
-        at = np.where(gain > 0.5 * SURE**2, np.argmax(cross, axis=1), reach)
+        at = np.where(gain > 0.5 * sure**2, np.argmax(cross, axis=1), reach)
         peak = np.take_along_axis(cross, at[:, None], axis=1)[:, 0]
         score = float(np.abs(peak[reference]).sum())
         if best is None or score > best[0]:
@@ -481,6 +502,14 @@ def _repeating(rows: FloatArray) -> FloatArray:
     # By chance noise repeats a little; taken as a wave of the error it would seem to show a place.
     least = 1.0 - 1.0 / float(f_distribution.isf(_REPEATS, 5, 5 * (len(rows) - 1)))
     return np.asarray(np.where(share > least, share, 0.0))
+
+
+def _repeated_power(rows: FloatArray) -> float:
+    """Return the power of what repeats in rows."""
+    from scipy.fft import dct
+
+    waves = dct(np.nan_to_num(rows), norm="ortho", axis=1)
+    return float(_repeating(rows) @ np.median(waves, axis=0) ** 2)
 
 
 def _others(feeds: FloatArray, reference: NDArray[np.bool_], index: int) -> NDArray[np.bool_]:
