@@ -283,8 +283,21 @@ def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> Er
         directions_data=parts,
         audit=audit,
         runs_data=columns,
-        messages=(*messages, *estimate.messages),
+        messages=(
+            *messages,
+            *_causes(estimate.messages, sound=not kept and not checks.step and not checks.apart),
+        ),
     )
+
+
+_DRIFT, _OF_PROBES = "the residuals rise or fall in time", "the readings of probe"
+"""How the sentences about a drift and about the gain of a probe begin."""
+
+
+def _causes(messages: tuple[str, ...], *, sound: bool) -> list[str]:
+    """Return the messages less those of a drift that another fault, named already, makes look so."""
+    other = not sound or any(_OF_PROBES in m for m in messages)
+    return [m for m in messages if not (other and _DRIFT in m)]
 
 
 def _with_scores(
@@ -424,8 +437,8 @@ def _renamed(
         residual_psd_data=_joined(parts, "residual_psd_data"),
         residual_rms=rms,
         runs_data={
-            key: [v for p in parts.values() for v in p.runs_data.get(key, [])]
-            for key in main.runs_data
+            key: [v for d, p in parts.items() for v in _scores(p, key, len(probes[d]))]
+            for key in {k: None for p in parts.values() for k in p.runs_data}
         },
         lag=float(np.mean([p.lag for p in parts.values()])),
         lag_sd=float(np.linalg.norm([p.lag_sd for p in parts.values()]) / len(parts)),
@@ -436,6 +449,11 @@ def _renamed(
         if len(parts) == 1
         else {_NAMES[d]: dict(p.terms) for d, p in parts.items() if p.terms},
     )
+
+
+def _scores(part: ErrorEstimate, key: str, n: int) -> list[Any]:
+    """Return a column of the runs of one direction; nothing is known of fewer than three runs."""
+    return list(part.runs_data.get(key, ["" if key == "against_others" else math.nan] * n))
 
 
 def _mean_slope(parts: dict[int, ErrorEstimate]) -> Quantity:

@@ -26,6 +26,7 @@ from metrosep.core.errors import DataError, InvalidSamplesError, NotUniformError
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
 from metrosep.separation.runs.clock import Clock, clock_messages, fit_clock
+from metrosep.separation.runs.displaced import SURE
 from metrosep.separation.runs.noise import MAD
 from metrosep.separation.runs.run_comparison import (
     SPIKE,
@@ -74,8 +75,8 @@ _RMS_NAMED, _RMS_REFUSED = 5.0, 50.0
 """RMS of a run over that of the median run: another unit or gain; the model breaks down."""
 
 _SHOWN, _ALIKE = 3.0, 1.5
-"""Standard uncertainties of a shift, and chi-square per degree of freedom, below which the prediction
-of a run from the others shows no fault."""
+"""Standard uncertainties of gain and shift, and chi-square per degree of freedom, below which the
+prediction of a run from the others shows no fault."""
 
 _MOST_NAMED = 4
 """Runs whose faults an error message spells out."""
@@ -106,9 +107,14 @@ class RunChecks:
         findings = list(self.columns["finding"])
         for at, row in enumerate(rows):
             kind, text = self.unsure.get(row, ("", ""))
-            shift = abs(scores["predicted_shift_mm"][at]) / scores["u_predicted_shift_mm"][at]
-            alike = shift < _SHOWN if kind == "shift" else scores["misfit"][at] < _ALIKE
-            if text and alike:
+            if not kind:
+                continue
+            alike = kind == "shape" and scores["misfit"][at] < _ALIKE
+            for name, column, sound in (("shift", "shift_mm", 0.0), ("gain", "gain", 1.0)):
+                value, u = scores[f"predicted_{column}"][at], scores[f"u_predicted_{column}"][at]
+                excluded = abs(self.columns[column][row] - value) > SURE * u
+                alike |= kind == name and abs(value - sound) < _SHOWN * u and excluded
+            if alike:
                 findings[row] = "; ".join(p for p in findings[row].split("; ") if p != text)
         return replace(self, columns={**self.columns, "finding": findings})
 
@@ -196,7 +202,7 @@ def check_runs(
     found = Findings(_labels(runs), [[] for _ in runs], [False] * len(runs))
     found.gain = np.full((len(runs), 2), np.nan)
     found.shift = np.full((len(runs), 2), np.nan)
-    steps = np.array([_check_alone(i, run, found) for i, run in enumerate(runs)])
+    steps = found.steps = np.array([_check_alone(i, run, found) for i, run in enumerate(runs)])
     if all(any(text.endswith(_STUCK) for text in said) for said in found.said):
         found.said, found.refused = [[] for _ in runs], [False] * len(runs)
         found.place.clear()
@@ -434,7 +440,7 @@ def _check_twice(runs: RunSet, members: Sequence[int], steps: FloatArray, found:
         else:
             text = f"is identical to run {found.labels[twin]}"
         if _is_noisy(run.z) and steps[i] == 0.0:
-            found.say(i, f"{text}: the same readings are not second measurement", refused=True)
+            found.say(i, f"{text}: the same readings are not a second measurement", refused=True)
         else:
             found.common.append(
                 f"run {found.labels[i]} {text}: readings without noise, or copied; the "

@@ -47,6 +47,9 @@ _LEAST_FREEDOM = 4
 _SEEN = 10.0
 """Gain over its u of the median run from which there is an error whose place can be compared."""
 
+_STEPS = 1.5
+"""Steps of the readings beyond which one is a spike."""
+
 SPIKE = 6.0
 """Robust standard deviations of a spike; in 1,000,000 normal readings there is none."""
 
@@ -92,6 +95,7 @@ class Findings:
     shift: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     place: dict[int, tuple[float, float]] = field(default_factory=dict)  # m, m: where, how large
     held: tuple[float, str] = (0.0, "")  # samples for which a reading stays, and the run
+    steps: FloatArray = field(default_factory=lambda: np.empty(0))  # m: of each run, 0 if fine
     apart: bool = False  # whether all runs of a feedrate are displaced
     unsure: dict[int, tuple[str, str]] = field(default_factory=dict)  # kind and text
     by_size: dict[int, str] = field(default_factory=dict)  # said of runs of another RMS
@@ -178,12 +182,13 @@ def compare_runs(runs: RunSet, table: RunTable, found: Findings) -> tuple[float,
         known = not np.isnan(table.z[i]).all() and np.nanstd(table.z[i]) > 0.0
         table.compared[i] = known and not found.refused[run]
     by_size = [i for i, run in enumerate(table.members) if run in found.by_size]
+    coarse = float(found.steps[table.members].max())
     table.reference = table.compared.copy()
     table.reference[by_size] = False
     if table.reference.sum() < 2:
         table.compared = table.reference.copy()
         return None
-    gain, shift, unlike = _gains_and_shifts(runs, table)
+    gain, shift, unlike = _gains_and_shifts(runs, table, coarse)
     own = gain[table.compared & np.isfinite(gain).all(axis=1)]
     if len(own) < 2 or np.median(np.abs(own[:, 0]) / own[:, 1]) < _SEEN:
         return None  # no error is seen by which runs could be compared
@@ -194,7 +199,7 @@ def compare_runs(runs: RunSet, table: RunTable, found: Findings) -> tuple[float,
     odd = next((o for o in (suspects, set(bad)) if o and n_compared - len(o) >= 2), None)
     if odd is not None:
         table.reference[list(odd)] = False  # compare again with those that agree
-        gain, shift, unlike = _gains_and_shifts(runs, table)
+        gain, shift, unlike = _gains_and_shifts(runs, table, coarse)
         bad = _suspects(table, gain)
         places = _displaced(runs, table, shift, {*bad, *by_size})
     for i, run in enumerate(table.members):
@@ -205,7 +210,9 @@ def compare_runs(runs: RunSet, table: RunTable, found: Findings) -> tuple[float,
     n = int(table.compared.sum()) - len({*texts, *by_size})
     for i in np.flatnonzero(table.compared).tolist():
         run, accused = table.members[i], i in texts or i in by_size
-        shape = _odd_shape(runs, table, i, unlike, accused=accused) if n > 1 else ""
+        shape = ""
+        if n > 1:
+            shape = _odd_shape(runs, table, i, unlike, accused=accused, coarse=coarse > 0.0)
         if i in by_size and (shape or i not in texts):
             continue  # its size is named, and nothing explains it better
         if run in found.by_size:
@@ -223,8 +230,8 @@ def compare_runs(runs: RunSet, table: RunTable, found: Findings) -> tuple[float,
         elif text:
             size = float(shift[i, 0]) if i in places.runs else math.nan
             found.say(run, text + others, refused=refused, size=size)
-            if i in places.runs:
-                found.unsure[run] = "shift", text + others
+            if not refused:
+                found.unsure[run] = "shift" if i in places.runs else "gain", text + others
     found.common += list(places.feeds)
     found.apart |= bool(places.feeds)
     return places.lag
@@ -236,23 +243,31 @@ the other runs, from which a run shows something else; twice as many where that 
 
 
 def _odd_shape(
-    runs: RunSet, table: RunTable, row: int, unlike: FloatArray, *, accused: bool
+    runs: RunSet,
+    table: RunTable,
+    row: int,
+    unlike: FloatArray,
+    *,
+    accused: bool,
+    coarse: bool,
 ) -> str:
     """Return what to say of a run that no gain and no shift makes like the others; empty if one does."""
     feeds = np.array([runs[i].feed or 0.0 for i in table.members])
     others = table.reference.copy()
     others[row] = False
     alike = others & (np.abs(feeds - feeds[row]) <= 0.02 * feeds[row])
-    if not others.any() or (not accused and alike.sum() < 2):
+    if not others.any() or (not accused and (alike.sum() < 2 or coarse)):
         return ""
     # A vibration at a wavelength of the error is in all runs of a feedrate.
     typical = max(float(np.median(unlike[rows, 0])) for rows in (others, alike) if rows.any())
     aligned, mirrored = (float(v) for v in unlike[row])
     times = _TIMES_OTHERS * (1.0 if accused else 2.0)
-    if not aligned > max(_OTHER_SHAPE, times * typical):
+    if not aligned > times * typical or (aligned < _OTHER_SHAPE and not accused):
         return ""
     if _TIMES_OTHERS * mirrored < aligned:
         return "is mirrored, its readings are in the order of the opposite direction, against "
+    if aligned < _OTHER_SHAPE:
+        return ""
     return f"differs, whatever its gain and place, in {100 * aligned:.2g} % of the power of the error from "
 
 
@@ -291,9 +306,12 @@ def _best_level(x: FloatArray, z: FloatArray) -> tuple[float, float, float]:
     return float(gain.max()) / max(left, 1e-300), float(x[at]), float(along[at] / own[at])
 
 
-def _gains_and_shifts(runs: RunSet, table: RunTable) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _gains_and_shifts(
+    runs: RunSet, table: RunTable, coarse: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return gain and shift of every run against the median of the others, each with its u.
 
+    Steps of the readings are tied to the place: no number of samples takes them out of a run.
     And the share of the error that each run does not show, in its place and mirrored.
     """
     x, z = table.x, np.where(np.isnan(table.z) | ~table.compared[:, None], 0.0, table.z)
@@ -379,7 +397,17 @@ def _gains_and_shifts(runs: RunSet, table: RunTable) -> tuple[FloatArray, FloatA
     if few:  # two others hardly know by what they differ: what all the runs show of it is pooled
         out_shift[few, 2] = math.sqrt(float(np.mean(out_shift[few, 2] ** 2)))
     out_shift[:, 0] -= float(np.median(out_shift[table.reference, 0]))
+    error, slope = _sizes(table)
+    out_gain[:, 1] = np.hypot(out_gain[:, 1], coarse / math.sqrt(12.0) / error)
+    out_shift[:, 1] = np.hypot(out_shift[:, 1], coarse / math.sqrt(12.0) / slope)
     return out_gain, out_shift, unlike
+
+
+def _sizes(table: RunTable) -> tuple[float, float]:
+    """Return the RMS of the error and of its slope."""
+    g = _median(table.z[table.reference])
+    slope = float(np.sqrt(np.nanmean(np.gradient(g, table.x) ** 2)))
+    return max(float(np.sqrt(np.nanmean(g**2))), 1e-300), max(slope, 1e-300)
 
 
 def _unlike(row: FloatArray, error: FloatArray, keep: FloatArray) -> float:
@@ -625,9 +653,8 @@ def _displaced(
     rows = [int(i) for i in np.flatnonzero(known) if i not in left_out]
     if len(rows) < 2:
         return Displaced()
-    g = _median(table.z[table.reference])
-    slope = float(np.sqrt(np.nanmean(np.gradient(g, table.x) ** 2)))
-    least = _SHIFT_SHARE * float(np.sqrt(np.nanmean(g**2))) / max(slope, 1e-300)
+    error, slope = _sizes(table)
+    least = _SHIFT_SHARE * error / slope
     feeds = [runs[table.members[i]].feed for i in rows]
     timed = [math.nan if feed is None else feed for feed in feeds]
     velocity = np.zeros(len(rows)) if None in feeds else np.array(timed)
@@ -714,10 +741,11 @@ def check_spikes(runs: RunSet, table: RunTable, found: Findings) -> None:
     for index, other, (run, far, away) in zip(
         table.members, odd, spikes(runs, table), strict=True
     ):
-        if other or not far.size:
+        out = far[np.abs(away[far]) > _STEPS * found.steps[index]]
+        if other or not out.size:
             continue
-        at = int(far[np.argmax(np.abs(away[far]))])
-        x, size, more = float(run.x[at]), float(away[at]), int(far.size) - 1
+        at = int(out[np.argmax(np.abs(away[out]))])
+        x, size, more = float(run.x[at]), float(away[at]), int(out.size) - 1
         text = f"has a spike at {format_length(x)}: {format_length(size)} from {what}"
         text += f" (and {more} more readings)" if more else ""
         found.say(index, text, at=x, size=size)

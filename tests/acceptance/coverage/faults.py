@@ -154,7 +154,7 @@ FAULTS = [
     Fault("sign", gain(-1.0), r"opposite sign", size=-1.0, floor=0.1),
     Fault("gain 0.5", gain(0.5), r"gain", size=0.5, floor=0.1),
     Fault("gain 2", gain(2.0), r"gain", size=2.0, floor=0.2),
-    Fault("gain 10", gain(10.0), r"gain|unit", must_refuse=True),
+    Fault("gain 10", gain(10.0), r"has the gain (9|10)\.", must_refuse=True),
     Fault("gain 1000 (unit)", gain(1000.0), r"gain|unit", must_refuse=True),
     Fault("all but one in another unit", lambda runs, rng: [replace(r, z_nm=r.z_nm * 1000.0) if r.name != NAME else r for r in runs], r"gain|unit", run="", must_refuse=True),
     *(
@@ -174,11 +174,11 @@ FAULTS = [
     Fault("steps of 800 nm", quantised(800.0), r"steps of", run=""),
     Fault("steps of 20 nm", quantised(20.0), "", run=""),
     Fault("5 spikes of 3 um", spikes(5, 3000.0), r"spike"),
-    Fault("8 dropouts to 0 of 20 um", dropouts(8), r"spike|dropout|lost"),
-    Fault("step of drift 1 um", drift_step(1000.0), r"step|drift|jump|level|gain|scatter"),
+    Fault("8 dropouts to 0 of 20 um", dropouts(8), r"dropouts"),
+    Fault("step of drift 1 um", drift_step(1000.0), r"jumps by -?(9\d\d(\.\d)? nm|1(\.0\d*)? um)"),
     Fault("of another machine", of_another_machine, r"differs|gain|displaced|others|not agree"),
     Fault("twice the noise", twice_the_noise, ""),
-    Fault("readings reversed in one run", mirrored, r"differs|gain|sign|displaced|others|not agree|mirror"),
+    Fault("readings reversed in one run", mirrored, r"mirrored"),
     Fault("all mirrored", all_mirrored, "", run=""),
 ]  # fmt: skip
 
@@ -208,9 +208,10 @@ def sentences_about(fault, messages):
 
 
 def runs_named(messages):
-    """Runs of the messages that begin with a finding about a run."""
-    found = (re.match(r"run ([\w.-]+)(?!\S)(?! was left out)", text) for text in messages)
-    return {m[1] for m in found if m}
+    """Runs, or feedrates, of the messages that begin with a finding about one."""
+    pattern = r"run ([\w.-]+)(?!\S)(?! was left out)|the runs at (\S+ mm/min) are displaced"
+    found = (re.match(pattern, text) for text in messages)
+    return {m[1] or m[2] for m in found if m}
 
 
 def try_fault(fault, estimator, seed):
@@ -236,7 +237,7 @@ def try_fault(fault, estimator, seed):
         named = [m for m in about if fault.run and runs_named([m])]
         return ("found", named[0]) if named else ("missed", " | ".join(messages)[:200])
     others = runs_named(messages) - {fault.run}
-    if others and fault.run:
+    if others:
         return "found", f"also {sorted(others)}: {right[0]}"
     if fault.size is not None:
         size = stated_size(right[0])
