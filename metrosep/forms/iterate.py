@@ -20,13 +20,13 @@ from metrosep.forms.linear import (
     Weigh,
     robust_fit,
     robust_variance,
-    solve_level,
     solve_linear,
     spread,
     sum_of_squares,
     trimmed_start,
 )
 from metrosep.forms.points import SAMPLE, Points
+from metrosep.forms.polynomial import solve_level
 
 __all__ = ["find"]
 

@@ -36,7 +36,6 @@ __all__ = [
     "robust_fit",
     "robust_variance",
     "solve_blocks",
-    "solve_level",
     "solve_linear",
     "spread",
     "sum_of_squares",
@@ -290,10 +289,7 @@ def _degenerate(n: int, what: str) -> str:
 
 # ---- the part of `fit` that needs no iteration: forms that are linear in all that is free ------
 # A polynomial or Zernike form with unknown coefficients is solved by its own engine (moments of the
-# map, orthogonal factors of a list); a known form with piston and both tilts free by the moments of
-# degree 1 of what it leaves.
-
-_LEVELS = ("piston", "tilt_x", "tilt_y")
+# map, orthogonal factors of a list).
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -320,21 +316,7 @@ def solve_linear(
         return _robust(points, form, robust)
     fit, residual = _once(points, form, None)
     n, squares = fit.n_valid, max(fit.residual_sum, 0.0)
-    return Answer(fit.form, {}, _covariance(fit), residual, n, squares)
-
-
-def solve_level(
-    points: Points, placed: Placement, freedoms: Freedoms, robust: Robust | None
-) -> Answer | None:
-    """Return piston and tilt of a known form on a map where nothing else is free, else None."""
-    if points.z.shape[0] < 2 or freedoms.names != _LEVELS or robust is not None:
-        return None
-    if (placed.tilt, placed.direction) != ("plane", "vertical") or not points.is_uniform:
-        return None
-    try:
-        return _levelled(points, placed)
-    except DegenerateFitError:  # the general solver names the freedoms that are not determined
-        return None
+    return Answer(fit.form, {}, covariance_of(fit), residual, n, squares)
 
 
 def sum_of_squares(residual: FloatArray) -> tuple[int, float]:
@@ -345,25 +327,6 @@ def sum_of_squares(residual: FloatArray) -> tuple[int, float]:
         squares += float(good @ good)
         n += int(good.size)
     return n, squares
-
-
-def _levelled(points: Points, placed: Placement) -> Answer:
-    """Return piston and tilt of a known form on a map."""
-    from metrosep.forms.polynomial import Polynomial
-
-    bare = Placement(
-        placed.form, {k: v for k, v in placed.rigid.items() if k not in _LEVELS}, placed.tilt
-    )
-    left = points.z
-    if placed.form.parameters:  # a plane holds nothing that is not fitted
-        left = points.over_blocks(bare.deviation)
-    fit, residual = Polynomial(1).fit_map(points.x, points.y, left)
-    c = fit.form.parameters
-    rigid = dict(
-        zip(_LEVELS, (float(c[k] or 0.0) for k in ("c_0_0", "c_1_0", "c_0_1")), strict=True)
-    )
-    n, squares = fit.n_valid, max(fit.residual_sum, 0.0)
-    return Answer(placed.form, {**bare.rigid, **rigid}, _covariance(fit), residual, n, squares)
 
 
 def _once(
@@ -413,7 +376,7 @@ def _robust(points: Points, form: LinearForm, rule: Robust) -> Answer:
     return Answer(fit.form, {}, cov, residual, n, squares)
 
 
-def _covariance(fit: LinearFit) -> FloatArray:
+def covariance_of(fit: LinearFit) -> FloatArray:
     """Return the covariance; NaN where there are no degrees of freedom."""
     if fit.n_valid <= fit.inverse.shape[0]:
         return np.full(fit.inverse.shape, np.nan)

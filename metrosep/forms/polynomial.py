@@ -15,12 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.docs import documented
-from metrosep.core.errors import DataError
+from metrosep.core.errors import DataError, DegenerateFitError
 from metrosep.core.numbers import choice, count
 from metrosep.forms._orthogonal import Basis, values, values_and_slopes
-from metrosep.forms.base import checked
-from metrosep.forms.linear import LinearFit, LinearForm
+from metrosep.forms.base import Freedoms, Placement, checked
+from metrosep.forms.linear import Answer, LinearFit, LinearForm, Robust, covariance_of
 from metrosep.forms.moments import DOCS, MAX_DEGREE, Kind, polynomial_terms
+from metrosep.forms.points import Points
 from metrosep.forms.polynomial_fit import (
     Domain,
     fit_grid,
@@ -30,7 +31,7 @@ from metrosep.forms.polynomial_fit import (
     remove_map,
 )
 
-__all__ = ["XY", "Chebyshev", "Legendre", "Polynomial"]
+__all__ = ["XY", "Chebyshev", "Legendre", "Polynomial", "solve_level"]
 
 _LETTERS = {"power": "c", "legendre": "L", "chebyshev": "T"}
 
@@ -433,3 +434,39 @@ def XY(  # noqa: N802  # a form, though made by a function
         With parameters ``c_i_j`` of ``x^i y^j``.
     """
     return Polynomial(degree, kind="total", basis="power", variables=2, **options)
+
+
+# ---- a known form with piston and both tilts free on a map: the polynomial of degree 1 of what it leaves ----
+
+_LEVELS = ("piston", "tilt_x", "tilt_y")
+
+
+def solve_level(
+    points: Points, placed: Placement, freedoms: Freedoms, robust: Robust | None
+) -> Answer | None:
+    """Return piston and tilt of a known form on a map where nothing else is free, else None."""
+    if points.z.shape[0] < 2 or freedoms.names != _LEVELS or robust is not None:
+        return None
+    if (placed.tilt, placed.direction) != ("plane", "vertical") or not points.is_uniform:
+        return None
+    try:
+        return _levelled(points, placed)
+    except DegenerateFitError:  # the general solver names the freedoms that are not determined
+        return None
+
+
+def _levelled(points: Points, placed: Placement) -> Answer:
+    """Return piston and tilt of a known form on a map."""
+    bare = Placement(
+        placed.form, {k: v for k, v in placed.rigid.items() if k not in _LEVELS}, placed.tilt
+    )
+    left = points.z
+    if placed.form.parameters:  # a plane holds nothing that is not fitted
+        left = points.over_blocks(bare.deviation)
+    fit, residual = Polynomial(1).fit_map(points.x, points.y, left)
+    c = fit.form.parameters
+    rigid = dict(
+        zip(_LEVELS, (float(c[k] or 0.0) for k in ("c_0_0", "c_1_0", "c_0_1")), strict=True)
+    )
+    n, squares = fit.n_valid, max(fit.residual_sum, 0.0)
+    return Answer(placed.form, {**bare.rigid, **rigid}, covariance_of(fit), residual, n, squares)

@@ -16,27 +16,26 @@ from enum import IntEnum
 from functools import cached_property
 from typing import Any
 
-from metrosep.core.errors import CorruptFileError, FormatMismatchError, ReadError
+from metrosep.core.errors import CorruptFileError, ReadError
 from metrosep.core.units import parse_unit
-from metrosep.io.source import RawFile
+from metrosep.io.source import RawFile, has_hdf5_magic
 
 __all__ = [
-    "HDF5_MAGIC",
+    "LAYOUT_LINES",
     "Cursor",
     "Fields",
     "Marks",
     "Match",
     "Structure",
     "TextFields",
-    "demand",
-    "has_hdf5_magic",
     "marks_of",
-    "mismatch",
     "need_bytes",
     "preview",
-    "sniffer",
-    "structure",
 ]
+
+
+LAYOUT_LINES = 200
+"""Lines among which a described text has its first mark."""
 
 
 class Match(IntEnum):
@@ -126,60 +125,12 @@ class Marks:
         return open_end or re.search(self.text, text) is not None
 
 
-def sniffer(format_id: str) -> Callable[[RawFile], Match]:
-    """Return the recogniser of a format whose marks say all: ``sniff`` of its module."""
-
-    def sniff(file: RawFile) -> Match:
-        """Return how sure the declared marks make us."""
-        return _marks(format_id).look(file)
-
-    return sniff
-
-
-def demand(file: RawFile, format_id: str) -> None:
-    """Refuse a file that lacks the declared marks of a format."""
-    if _marks(format_id).look(file) is Match.NO:
-        raise mismatch(file, format_id)
-
-
-def mismatch(file: RawFile, format_id: str, found: str | None = None) -> FormatMismatchError:
-    """Return the error about a file that is not of the format it is to be read as."""
-    marks = _marks(format_id)
-    return FormatMismatchError(
-        f"{file.path}: is not {marks.what}: expected {marks.expected}, found "
-        f"{found or preview(file.head)}; {marks.hint}"
-    )
-
-
-def _marks(format_id: str) -> Marks:
-    from metrosep.io.registry import own
-
-    return own(format_id).marks
-
-
 def preview(head: bytes) -> str:
     """Return the first bytes for a message: as text where they are text."""
     start = head[:16]
     if all(32 <= b < 127 or b in b"\t\r\n" for b in start):
         return repr(start.decode("ascii"))
     return "bytes " + start[:8].hex(" ")
-
-
-# ---- directories of containers -----------------------------------------------------------------
-
-HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
-
-
-def has_hdf5_magic(file: RawFile) -> bool:
-    """Return whether a file is HDF5: the magic stands at 0 or at a power of two from 512 on."""
-    offset = 0
-    with file.stream() as handle:
-        while offset + len(HDF5_MAGIC) <= file.size:
-            handle.seek(offset)
-            if handle.read(len(HDF5_MAGIC)) == HDF5_MAGIC:
-                return True
-            offset = 2 * offset or 512
-    return False
 
 
 # ---- binary headers ----------------------------------------------------------------------------
@@ -292,14 +243,6 @@ class Fields(dict[str, Any]):
             **rest,
         )
         return self[columns], self[rows]
-
-
-def structure(format_id: str, name: str = "header") -> Structure:
-    """Return a structure that the ``format.toml`` of a format declares."""
-    from metrosep.io.registry import own
-
-    declared = own(format_id).facts["structures"][name]
-    return Structure(declared["order"], declared["fields"], declared.get("what", "the header"))
 
 
 def need_bytes(file: RawFile, offset: int, count: int, what: str, *, name: str = "size") -> None:

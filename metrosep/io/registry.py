@@ -23,24 +23,38 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, cast
 
-from metrosep.core.errors import AmbiguousFormatError, ReadError, UnknownFormatError
+from metrosep.core.errors import (
+    AmbiguousFormatError,
+    FormatMismatchError,
+    ReadError,
+    UnknownFormatError,
+)
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
-from metrosep.io.declared import Marks, Match, marks_of, preview
+from metrosep.io.declared import LAYOUT_LINES, Marks, Match, Structure, marks_of, preview
 from metrosep.io.source import RawFile, open_file
 
-__all__ = ["Format", "Match", "Reader", "find", "formats", "get", "identify", "principal"]
+__all__ = [
+    "Format",
+    "Reader",
+    "demand",
+    "find",
+    "formats",
+    "get",
+    "identify",
+    "mismatch",
+    "principal",
+    "sniffer",
+    "structure",
+]
 
 ENTRY_POINTS = "metrosep.readers"
 """Entry-point group of readers that other packages bring."""
 
 FOLDERS_VARIABLE = "METROSEP_FORMATS"
 """Environment variable with folders (separated as in PATH) of further descriptions of text."""
-
-LAYOUT_LINES = 200
-"""Lines among which a described text has its first mark."""
 
 _PACKED = {
     b"\x1f\x8b": ("gzip", "gunzip"),
@@ -260,6 +274,37 @@ def own(format_id: str) -> Format:
 @functools.cache
 def _own_by_id() -> dict[str, Format]:
     return {f.id: f for f in _own_descriptors()}
+
+
+def sniffer(format_id: str) -> Callable[[RawFile], Match]:
+    """Return the recogniser of a format whose marks say all: ``sniff`` of its module."""
+
+    def sniff(file: RawFile) -> Match:
+        """Return how sure the declared marks make us."""
+        return own(format_id).marks.look(file)
+
+    return sniff
+
+
+def demand(file: RawFile, format_id: str) -> None:
+    """Refuse a file that lacks the declared marks of a format."""
+    if own(format_id).marks.look(file) is Match.NO:
+        raise mismatch(file, format_id)
+
+
+def mismatch(file: RawFile, format_id: str, found: str | None = None) -> FormatMismatchError:
+    """Return the error about a file that is not of the format it is to be read as."""
+    marks = own(format_id).marks
+    return FormatMismatchError(
+        f"{file.path}: is not {marks.what}: expected {marks.expected}, found "
+        f"{found or preview(file.head)}; {marks.hint}"
+    )
+
+
+def structure(format_id: str, name: str = "header") -> Structure:
+    """Return a structure that the ``format.toml`` of a format declares."""
+    declared = own(format_id).facts["structures"][name]
+    return Structure(declared["order"], declared["fields"], declared.get("what", "the header"))
 
 
 def identify(path: Any) -> Format:

@@ -29,10 +29,12 @@ from metrosep.core.numbers import positive
 from metrosep.core.provenance import Step, hash_bytes
 
 __all__ = [
+    "HDF5_MAGIC",
     "HEAD_BYTES",
     "MAX_PIXELS",
     "RawFile",
     "flat_map",
+    "has_hdf5_magic",
     "lateral_steps",
     "open_file",
     "rate_of",
@@ -44,6 +46,9 @@ HEAD_BYTES = 65536
 
 MAX_PIXELS = 2**28
 """Largest number of samples that a reader allocates unless ``max_pixels`` says otherwise."""
+
+HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+"""First bytes of an HDF5 file, which may stand behind a block of the user."""
 
 _MAX_BYTES = 2**32
 _HASH_ASIDE = 2**22
@@ -216,6 +221,18 @@ class RawFile:
             "warnings": tuple(warnings),
             "header": dict(header),
         }
+
+
+def has_hdf5_magic(file: RawFile) -> bool:
+    """Return whether a file is HDF5: the magic stands at 0 or at a power of two from 512 on."""
+    offset = 0
+    with file.stream() as handle:
+        while offset + len(HDF5_MAGIC) <= file.size:
+            handle.seek(offset)
+            if handle.read(len(HDF5_MAGIC)) == HDF5_MAGIC:
+                return True
+            offset = 2 * offset or 512
+    return False
 
 
 def open_file(path: str | os.PathLike[str]) -> RawFile:

@@ -223,7 +223,7 @@ def _require_all(method: type[Method], roles: Mapping[str, Role]) -> None:
 
 def _listed_test(file: Path, layout: Mapping[str, Any]) -> RoleColumns:
     """Return targets and positions of a list of a positioning test (format iso230-2)."""
-    from metrosep.io.registry import Match
+    from metrosep.io.declared import Match
     from metrosep.io.source import open_file
     from metrosep.io.text.machine_tests import ISO230_2, iso230_2_list, read_targets
 

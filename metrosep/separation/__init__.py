@@ -95,6 +95,7 @@ if TYPE_CHECKING:
         DriftTest as DriftTest,
         iso230_3_drift as iso230_3_drift,
     )
+    from metrosep.separation.lines._line_problem import ZeroCalibration as ZeroCalibration
     from metrosep.separation.lines.iso230_straightness import (
         MotionStraightness as MotionStraightness,
         ReferenceLine as ReferenceLine,
@@ -122,7 +123,6 @@ if TYPE_CHECKING:
     )
     from metrosep.separation.lines.zero_adjustment import (
         ZeroAdjustment as ZeroAdjustment,
-        ZeroCalibration as ZeroCalibration,
         zero_calibration as zero_calibration,
     )
     from metrosep.separation.maps.averaging import (

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import metrosep as ms
+from metrosep.io.declared import Match
 from metrosep.io.maps.profilers import al3d
-from metrosep.io.registry import Match, identify
+from metrosep.io.registry import identify
 from metrosep.io.source import RawFile
 
 NM = 1e-9

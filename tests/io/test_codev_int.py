@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io.registry import Match, identify
+from metrosep.io.declared import Match
+from metrosep.io.registry import identify
 from metrosep.io.source import RawFile
 from metrosep.io.text import codev_int
 from metrosep.io.text.codev_int import int_bytes, quantisation_step

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io.registry import Match
+from metrosep.io.declared import Match
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text import delimited
 

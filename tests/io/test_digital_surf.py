@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io.declared import structure
+from metrosep.io.declared import Match
 from metrosep.io.maps import digital_surf
 from metrosep.io.maps.digital_surf import sur_bytes
-from metrosep.io.registry import Match, identify
+from metrosep.io.registry import identify, structure
 from metrosep.io.source import RawFile, open_file
 
 NM = 1e-9

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io.registry import Match
+from metrosep.io.declared import Match
 from metrosep.io.source import RawFile
 from metrosep.io.text.machine_tests import etalon, read_terms
 

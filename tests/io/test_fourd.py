@@ -8,7 +8,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.io.containers.interferometers import fourd
-from metrosep.io.registry import Match
+from metrosep.io.declared import Match
 from metrosep.io.source import RawFile
 
 NOT_MEASURED = np.finfo(np.float32).max

@@ -11,8 +11,7 @@ import pytest
 import metrosep as ms
 from metrosep.io.containers import hdf5_file
 from metrosep.io.containers.hdf5_file import open_hdf5
-from metrosep.io.declared import HDF5_MAGIC, has_hdf5_magic
-from metrosep.io.source import RawFile, open_file
+from metrosep.io.source import HDF5_MAGIC, RawFile, has_hdf5_magic, open_file
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from scipy import io as scipy_io
 import metrosep as ms
 from metrosep.io.containers import matlab, matlab as matlab_v5
 from metrosep.io.containers.matlab import load
-from metrosep.io.registry import Match
+from metrosep.io.declared import Match
 from metrosep.io.source import RawFile
 
 SAMPLES = Path(__file__).parents[2] / "data_formats/matlab/samples"

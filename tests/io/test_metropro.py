@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io.declared import structure
+from metrosep.io.registry import structure
 
 NM = 1e-9
 PM = 1e-12

@@ -12,7 +12,7 @@ import pytest
 import metrosep as ms
 from metrosep.io.archive import zip_members
 from metrosep.io.containers.worksheets import Workbook, mitutoyo_xlsx
-from metrosep.io.registry import Match
+from metrosep.io.declared import Match
 from metrosep.io.source import RawFile
 
 NM = 1e-9

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import metrosep as ms
+from metrosep.io.declared import Match
 from metrosep.io.read import channels
-from metrosep.io.registry import Match, identify
+from metrosep.io.registry import identify
 from metrosep.io.source import RawFile
 from metrosep.io.text.point_lists import mx_slice
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import metrosep as ms
+from metrosep.io.declared import Match
 from metrosep.io.maps.vision import opdx
-from metrosep.io.registry import Match, identify
+from metrosep.io.registry import identify
 from metrosep.io.source import RawFile, open_file
 
 NM = 1e-9

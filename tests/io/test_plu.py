@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io.declared import structure
+from metrosep.io.declared import Match
 from metrosep.io.maps.profilers import plu
-from metrosep.io.registry import Match, identify
+from metrosep.io.registry import identify, structure
 from metrosep.io.source import RawFile, open_file
 
 NM = 1e-9

@@ -11,8 +11,8 @@ import pytest
 import metrosep as ms
 from metrosep.io import registry
 from metrosep.io.check import describe
+from metrosep.io.declared import Match
 from metrosep.io.read import channels
-from metrosep.io.registry import Match
 from metrosep.io.source import open_file
 
 
@@ -228,7 +228,7 @@ def test_every_reader_has_one_declaration():
     for known in registry.formats():
         if known.reader.startswith("builtin:"):
             sniff = known.load_reader().sniff
-            assert known.marks.closer == (sniff.__module__ != "metrosep.io.declared"), known.id
+            assert known.marks.closer == (sniff.__module__ != "metrosep.io.registry"), known.id
 
 
 @pytest.mark.parametrize("content", [b"\n" * 65536, b" \t" * 32768, b"GRD " * 16384, b"a" * 65536])
@@ -267,8 +267,8 @@ fields = \"\"\"
 
 
 def test_a_new_format_is_one_folder_and_one_module(put, tmp_path, monkeypatch):
-    from metrosep.io.declared import demand, sniffer, structure
     from metrosep.io.objects import map_reader
+    from metrosep.io.registry import demand, sniffer, structure
 
     (tmp_path / "planted").mkdir()
     (tmp_path / "planted" / "format.toml").write_text(PLANTED)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import metrosep as ms
-from metrosep.io.declared import structure
+from metrosep.io.declared import Match
 from metrosep.io.maps import sdf
 from metrosep.io.maps.sdf import sdf_bytes
-from metrosep.io.registry import Match, identify
+from metrosep.io.registry import identify, structure
 from metrosep.io.source import RawFile
 
 NM = 1e-9

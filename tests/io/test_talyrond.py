@@ -9,7 +9,7 @@ import pytest
 import metrosep as ms
 from metrosep.io.check import describe
 from metrosep.io.containers.worksheets import talyrond
-from metrosep.io.registry import Match
+from metrosep.io.declared import Match
 from metrosep.io.source import RawFile
 
 UM = 1e-6

@@ -8,8 +8,8 @@ import pytest
 from contracts.separation import SeparationContract
 
 from metrosep.core.errors import MetrosepError, NotSeparableError, UnitError
+from metrosep.separation import ZeroCalibration
 from metrosep.separation.lines.three_points import ThreePoint, three_point, zero_error_sag
-from metrosep.separation.lines.zero_adjustment import ZeroCalibration
 
 STEP = 10e-3
 N = 24

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from metrosep.core.errors import MetrosepError
+from metrosep.separation import ZeroCalibration, zero_calibration
 from metrosep.separation.lines.three_points import three_point
-from metrosep.separation.lines.zero_adjustment import ZeroCalibration, zero_calibration
 
 STEP = 10e-3
 ZERO = 7e-9

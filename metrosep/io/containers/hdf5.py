@@ -19,8 +19,8 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.io.containers.hdf5_file import Hdf5File, open_hdf5
-from metrosep.io.declared import sniffer
-from metrosep.io.registry import Match, get
+from metrosep.io.declared import Match
+from metrosep.io.registry import get, sniffer
 from metrosep.io.source import RawFile
 from metrosep.io.text.measurement import columns_as_object, map_as_surface, unit_label, unit_of
 from metrosep.io.text.table import ColumnSpec

@@ -28,9 +28,8 @@ from metrosep.core.errors import (
     ReadError,
     UnsupportedFeatureError,
 )
-from metrosep.io.declared import HDF5_MAGIC, has_hdf5_magic
 from metrosep.io.objects import check_area
-from metrosep.io.source import MAX_PIXELS, RawFile
+from metrosep.io.source import HDF5_MAGIC, MAX_PIXELS, RawFile, has_hdf5_magic
 
 __all__ = ["Hdf5File", "look_into", "open_hdf5"]
 

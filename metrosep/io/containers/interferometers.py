@@ -10,9 +10,9 @@ from metrosep.core.errors import UnitError, UnsupportedFeatureError
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_quantity
 from metrosep.io.containers.hdf5_file import Hdf5File, look_into, open_hdf5
-from metrosep.io.declared import sniffer
+from metrosep.io.declared import Match
 from metrosep.io.objects import Request, check_scale, lateral_or_none, map_reader, scaled
-from metrosep.io.registry import BuiltIn, Match
+from metrosep.io.registry import BuiltIn, sniffer
 from metrosep.io.source import RawFile
 
 __all__ = ["datx", "fourd"]

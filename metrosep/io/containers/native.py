@@ -27,9 +27,9 @@ from metrosep.core.runset import Run, RunSet
 from metrosep.core.surface import Surface
 from metrosep.core.units import column_unit
 from metrosep.io.containers.hdf5_file import Hdf5File, open_hdf5
-from metrosep.io.declared import mismatch, sniffer
 from metrosep.io.objects import only_channels
 from metrosep.io.own_notes import decode_history, decode_mapping, encode_history, encode_mapping
+from metrosep.io.registry import mismatch, sniffer
 from metrosep.io.source import RawFile, lateral_steps, refuse_options
 
 __all__ = ["channels", "read", "sniff", "table_bytes"]

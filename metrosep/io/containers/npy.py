@@ -13,8 +13,9 @@ from metrosep.core.errors import UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
-from metrosep.io.declared import demand, need_bytes, sniffer
+from metrosep.io.declared import need_bytes
 from metrosep.io.objects import only_channels
+from metrosep.io.registry import demand, sniffer
 from metrosep.io.source import MAX_PIXELS, RawFile
 from metrosep.io.text.measurement import columns_as_object, map_as_surface
 from metrosep.io.text.table import ColumnSpec

@@ -31,7 +31,7 @@ from metrosep.io.containers.tdms_segments import (
     TdmsFile,
     read_structure,
 )
-from metrosep.io.declared import sniffer
+from metrosep.io.registry import sniffer
 from metrosep.io.source import MAX_PIXELS, RawFile, rate_of, refuse_options
 from metrosep.io.text.logger import Channels, with_units
 

@@ -17,9 +17,9 @@ from metrosep.core.numbers import positive
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, format_length, parse_quantity, parse_unit
 from metrosep.io.archive import LOCAL_HEADER, Archive, xml_of, zip_members
-from metrosep.io.declared import mismatch
+from metrosep.io.declared import Match
 from metrosep.io.objects import Request, map_reader
-from metrosep.io.registry import BuiltIn, Match
+from metrosep.io.registry import BuiltIn, mismatch
 from metrosep.io.source import RawFile, refuse_options
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, parse_unit
-from metrosep.io.declared import TextFields, mismatch, need_bytes
+from metrosep.io.declared import Match, TextFields, need_bytes
 from metrosep.io.objects import (
     Request,
     check_area,
@@ -31,7 +31,7 @@ from metrosep.io.objects import (
     map_reader,
     scaled,
 )
-from metrosep.io.registry import Match
+from metrosep.io.registry import mismatch
 from metrosep.io.source import RawFile
 
 __all__ = ["channels", "read", "sniff"]

@@ -24,12 +24,13 @@ from metrosep.core.errors import (
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_unit
-from metrosep.io.declared import Fields, Structure, demand, need_bytes, sniffer, structure
+from metrosep.io.declared import Fields, Structure, need_bytes
 from metrosep.io.objects import (
     Request,
     map_reader,
     scaled,
 )
+from metrosep.io.registry import demand, sniffer, structure
 from metrosep.io.source import RawFile
 
 __all__ = ["channels", "read", "sniff"]

@@ -22,7 +22,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_unit
-from metrosep.io.declared import Cursor, demand, sniffer
+from metrosep.io.declared import Cursor
 from metrosep.io.objects import (
     ROW_ORDERS,
     Request,
@@ -31,6 +31,7 @@ from metrosep.io.objects import (
     map_reader,
     only_channels,
 )
+from metrosep.io.registry import demand, sniffer
 from metrosep.io.source import RawFile
 
 __all__ = ["channels", "read", "sniff"]

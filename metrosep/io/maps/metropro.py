@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from metrosep.core.errors import UnsupportedFeatureError
 from metrosep.core.surface import Surface
-from metrosep.io.declared import Fields, demand, sniffer, structure
+from metrosep.io.declared import Fields
 from metrosep.io.objects import (
     Request,
     height_only as channels,
     map_reader,
     scaled_file,
 )
+from metrosep.io.registry import demand, sniffer, structure
 from metrosep.io.source import RawFile
 
 __all__ = ["channels", "read", "sniff"]

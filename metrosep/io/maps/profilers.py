@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from metrosep.core.errors import UnitError, UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
-from metrosep.io.declared import Fields, TextFields, demand, need_bytes, sniffer, structure
+from metrosep.io.declared import Fields, TextFields, need_bytes
 from metrosep.io.objects import (
     Request,
     check_area,
@@ -20,7 +20,7 @@ from metrosep.io.objects import (
     map_reader,
     scaled,
 )
-from metrosep.io.registry import BuiltIn
+from metrosep.io.registry import BuiltIn, demand, sniffer, structure
 from metrosep.io.source import RawFile
 
 __all__ = ["al3d", "plu"]

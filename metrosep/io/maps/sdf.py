@@ -19,7 +19,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
-from metrosep.io.declared import Structure, TextFields, demand, need_bytes, sniffer, structure
+from metrosep.io.declared import Structure, TextFields, need_bytes
 from metrosep.io.objects import (
     Request,
     check_area,
@@ -29,6 +29,7 @@ from metrosep.io.objects import (
     map_reader,
     scaled,
 )
+from metrosep.io.registry import demand, sniffer, structure
 from metrosep.io.source import RawFile
 from metrosep.io.text.logger import parse_numbers
 

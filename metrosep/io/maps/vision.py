@@ -13,7 +13,7 @@ from metrosep.core.errors import CorruptFileError, UnitError, UnsupportedFeature
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_unit
-from metrosep.io.declared import Cursor, demand, mismatch, need_bytes, sniffer, structure
+from metrosep.io.declared import Cursor, Match, need_bytes
 from metrosep.io.objects import (
     ROW_ORDERS,
     Request,
@@ -23,7 +23,7 @@ from metrosep.io.objects import (
     map_reader,
     scaled,
 )
-from metrosep.io.registry import BuiltIn, Match
+from metrosep.io.registry import BuiltIn, demand, mismatch, sniffer, structure
 from metrosep.io.source import RawFile
 
 __all__ = ["opd", "opdx"]

@@ -29,9 +29,9 @@ from metrosep.core.errors import (
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.io.archive import Archive, xml_of
-from metrosep.io.declared import mismatch, sniffer
 from metrosep.io.objects import Request, height_only as channels, map_reader, to_grid
 from metrosep.io.own_notes import OwnNotes, comment_notes, comment_text
+from metrosep.io.registry import mismatch, sniffer
 from metrosep.io.source import MAX_PIXELS, RawFile, flat_map, refuse_options
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.io.declared import mismatch
+from metrosep.io.declared import Match
 from metrosep.io.objects import (
     Request,
     check_area,
@@ -29,7 +29,7 @@ from metrosep.io.objects import (
     map_reader,
     scaled,
 )
-from metrosep.io.registry import Match
+from metrosep.io.registry import mismatch
 from metrosep.io.source import RawFile
 from metrosep.io.text.logger import first_lines, one_number, parse_numbers
 

@@ -13,8 +13,8 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, ReadError
 from metrosep.core.recording import Recording
-from metrosep.io.declared import mismatch
-from metrosep.io.registry import BuiltIn, Match
+from metrosep.io.declared import Match
+from metrosep.io.registry import BuiltIn, mismatch
 from metrosep.io.source import RawFile, rate_of, refuse_options
 from metrosep.io.text.dialect import MISSING, is_number
 from metrosep.io.text.logger import (

@@ -28,7 +28,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.text_options import TextOptions
-from metrosep.io.registry import Match
+from metrosep.io.declared import Match
 from metrosep.io.source import HEAD_BYTES, RawFile
 from metrosep.io.text._rows import Block
 from metrosep.io.text.dialect import (

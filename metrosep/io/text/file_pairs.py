@@ -22,9 +22,9 @@ from metrosep.core.errors import (
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
-from metrosep.io.declared import mismatch
+from metrosep.io.declared import Match
 from metrosep.io.objects import Request, make_profile, map_reader, only_channels
-from metrosep.io.registry import BuiltIn, Match
+from metrosep.io.registry import BuiltIn, mismatch
 from metrosep.io.source import MAX_PIXELS, RawFile, refuse_options
 from metrosep.io.text.logger import (
     Channels,

@@ -15,7 +15,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import UnitError
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, parse_unit
-from metrosep.io.declared import mismatch
+from metrosep.io.declared import Match
 from metrosep.io.objects import (
     ROW_ORDERS,
     Request,
@@ -23,7 +23,7 @@ from metrosep.io.objects import (
     lateral_or_none,
     map_reader,
 )
-from metrosep.io.registry import Match
+from metrosep.io.registry import mismatch
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.dialect import MISSING, is_number
 from metrosep.io.text.logger import first_lines, number_block, numbered_rows, text_lines, to_number

@@ -26,7 +26,7 @@ from metrosep.core.units import (
     parse_sensitivity,
     parse_unit,
 )
-from metrosep.io.registry import LAYOUT_LINES, Match
+from metrosep.io.declared import LAYOUT_LINES, Match
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.dialect import decode
 from metrosep.io.text.logger import first_lines

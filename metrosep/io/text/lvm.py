@@ -16,8 +16,8 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, FormatMismatchError, UnsupportedFeatureError
 from metrosep.core.recording import Recording
-from metrosep.io.declared import mismatch
-from metrosep.io.registry import Match
+from metrosep.io.declared import Match
+from metrosep.io.registry import mismatch
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.dialect import is_number
 from metrosep.io.text.logger import Channels, first_lines, plain_block, text_lines, to_number

@@ -17,9 +17,9 @@ from metrosep.core.errors import (
 )
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, parse_unit
-from metrosep.io.declared import mismatch
+from metrosep.io.declared import Match
 from metrosep.io.objects import make_profile
-from metrosep.io.registry import BuiltIn, Match
+from metrosep.io.registry import BuiltIn, mismatch
 from metrosep.io.source import RawFile, refuse_options
 from metrosep.io.text.logger import first_lines, text_lines, to_number
 

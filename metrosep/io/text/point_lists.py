@@ -12,9 +12,9 @@ import numpy as np
 from metrosep.core.errors import FormatMismatchError, ReadError, UnitError
 from metrosep.core.profile import Profile
 from metrosep.core.units import Unit, parse_unit
-from metrosep.io.declared import mismatch
+from metrosep.io.declared import Match
 from metrosep.io.objects import Request, height_only, map_reader
-from metrosep.io.registry import BuiltIn, Match
+from metrosep.io.registry import BuiltIn, mismatch
 from metrosep.io.source import RawFile
 from metrosep.io.text.dialect import is_number
 from metrosep.io.text.logger import first_lines, number_block, numbered_rows, text_lines, to_number

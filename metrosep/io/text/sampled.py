@@ -22,8 +22,8 @@ from metrosep.core.errors import FormatMismatchError, ReadError
 from metrosep.core.numbers import count, positive
 from metrosep.core.recording import Recording
 from metrosep.core.units import parse_unit
-from metrosep.io.declared import sniffer
-from metrosep.io.registry import BuiltIn, Match
+from metrosep.io.declared import Match
+from metrosep.io.registry import BuiltIn, sniffer
 from metrosep.io.source import RawFile, rate_of, refuse_options
 from metrosep.io.text.dialect import is_number
 from metrosep.io.text.logger import Channels, first_lines, number_block, text_lines

@@ -19,7 +19,6 @@ from metrosep.core.errors import (
 )
 from metrosep.core.profile import Profile
 from metrosep.core.units import parse_unit
-from metrosep.io.declared import demand, sniffer
 from metrosep.io.objects import (
     Request,
     check_area,
@@ -27,6 +26,7 @@ from metrosep.io.objects import (
     height_only as channels,
     map_reader,
 )
+from metrosep.io.registry import demand, sniffer
 from metrosep.io.source import RawFile
 from metrosep.io.text.logger import one_number, parse_numbers
 

@@ -17,7 +17,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import UnsupportedFeatureError
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_unit
-from metrosep.io.declared import demand, sniffer
 from metrosep.io.objects import (
     Request,
     check_area,
@@ -25,6 +24,7 @@ from metrosep.io.objects import (
     lateral_or_none,
     map_reader,
 )
+from metrosep.io.registry import demand, sniffer
 from metrosep.io.source import RawFile
 from metrosep.io.text.logger import one_number, parse_numbers
 

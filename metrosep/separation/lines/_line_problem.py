@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from metrosep.core.errors import (
 from metrosep.core.numbers import positive, real
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
+from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
 from metrosep.separation.contract import Separation, Unobservable
 from metrosep.separation.lines._line_probes import (
@@ -358,6 +359,67 @@ def distances(distance: float | tuple[float, float]) -> tuple[float, float]:
         raise DataError(f"distance is one length in m above zero, or two, got {distance}")
     both = [positive(v, "distance", dimension="length") for v in values]
     return both[0], both[-1]
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroCalibration:
+    """Zero difference of three probes and how it was found.
+
+    Parameters
+    ----------
+    zero : float, m
+        ``e1 - (1 + r) e2 + r e3``, r the ratio of the distances.
+    u : float, m
+        Standard uncertainty.
+    distance : tuple of (float, float), m
+        Distances of the probes for which it holds.
+    source : str
+        ``"reversal"``, ``"flat"`` or ``"pitch"``.
+    audit : mapping, optional
+        What went in.
+    messages : tuple of str, optional
+        What the user should know.
+    """
+
+    zero: float
+    u: float
+    distance: tuple[float, float]
+    source: str
+    audit: Mapping[str, Any] = field(default_factory=dict)
+    messages: tuple[str, ...] = ()
+
+    @property
+    def quantity(self) -> Quantity:
+        """Value with unit and uncertainty."""
+        text = f"zero difference e1 - (1 + r) e2 + r e3 of three probes, from {self.source}"
+        return Quantity(self.zero, "m", text, u=self.u, symbol="delta")
+
+    def zero_for(self, distance: float | tuple[float, float]) -> float:
+        """Return the zero difference if it belongs to these distances.
+
+        Parameters
+        ----------
+        distance : float or tuple of (float, float), m
+            Of the probes in use.
+
+        Returns
+        -------
+        float, m
+            `zero`.
+
+        Raises
+        ------
+        DataError
+            If the probes were calibrated at another ratio of distances.
+        """
+        d1, d2 = distances(distance)
+        ratio, own = d1 / d2, self.distance[0] / self.distance[1]
+        if abs(ratio / own - 1.0) > 1e-3:
+            raise DataError(
+                f"the zero was calibrated for probe distances in the ratio {own:.6g}, these are in "
+                f"the ratio {ratio:.6g}: the difference weighs the probes otherwise; calibrate again"
+            )
+        return self.zero
 
 
 def _array(m: Any, what: str) -> FloatArray:

@@ -23,13 +23,13 @@ from metrosep.separation.contract import Separation
 from metrosep.separation.lines._line_probes import Row, checked_row
 from metrosep.separation.lines._line_problem import (
     METHODS,
+    ZeroCalibration,
     distances,
     given_readings,
     method_named,
     split_call,
 )
 from metrosep.separation.lines._line_result import SMOOTHING, STEP, ProbeRowMethod
-from metrosep.separation.lines.zero_adjustment import ZeroCalibration
 
 __all__ = ["ThreePoint", "TwoPoint", "three_point", "two_point", "zero_error_sag"]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -20,7 +20,6 @@ from metrosep.core.inputs import Readings
 from metrosep.core.numbers import flag, not_negative
 from metrosep.core.options import Option
 from metrosep.core.provenance import Step, freeze_mapping
-from metrosep.core.quantity import Quantity
 from metrosep.separation._methods import History, Parts, RecordedMethod, as_stated, settle, type_a
 from metrosep.separation._readings import checked_readings, known_parts
 from metrosep.separation.contract import (
@@ -30,72 +29,11 @@ from metrosep.separation.contract import (
     Unobservable,
     as_rows,
 )
-from metrosep.separation.lines._line_problem import distances
+from metrosep.separation.lines._line_problem import ZeroCalibration, distances
 
-__all__ = ["ZeroAdjustment", "ZeroCalibration", "zero_calibration"]
+__all__ = ["ZeroAdjustment", "zero_calibration"]
 
 _PROBES = ("trailing probe", "middle probe", "leading probe")
-
-
-@dataclass(frozen=True, slots=True)
-class ZeroCalibration:
-    """Zero difference of three probes and how it was found.
-
-    Parameters
-    ----------
-    zero : float, m
-        ``e1 - (1 + r) e2 + r e3``, r the ratio of the distances.
-    u : float, m
-        Standard uncertainty.
-    distance : tuple of (float, float), m
-        Distances of the probes for which it holds.
-    source : str
-        ``"reversal"``, ``"flat"`` or ``"pitch"``.
-    audit : mapping, optional
-        What went in.
-    messages : tuple of str, optional
-        What the user should know.
-    """
-
-    zero: float
-    u: float
-    distance: tuple[float, float]
-    source: str
-    audit: Mapping[str, Any] = field(default_factory=dict)
-    messages: tuple[str, ...] = ()
-
-    @property
-    def quantity(self) -> Quantity:
-        """Value with unit and uncertainty."""
-        text = f"zero difference e1 - (1 + r) e2 + r e3 of three probes, from {self.source}"
-        return Quantity(self.zero, "m", text, u=self.u, symbol="delta")
-
-    def zero_for(self, distance: float | tuple[float, float]) -> float:
-        """Return the zero difference if it belongs to these distances.
-
-        Parameters
-        ----------
-        distance : float or tuple of (float, float), m
-            Of the probes in use.
-
-        Returns
-        -------
-        float, m
-            `zero`.
-
-        Raises
-        ------
-        DataError
-            If the probes were calibrated at another ratio of distances.
-        """
-        d1, d2 = distances(distance)
-        ratio, own = d1 / d2, self.distance[0] / self.distance[1]
-        if abs(ratio / own - 1.0) > 1e-3:
-            raise DataError(
-                f"the zero was calibrated for probe distances in the ratio {own:.6g}, these are in "
-                f"the ratio {ratio:.6g}: the difference weighs the probes otherwise; calibrate again"
-            )
-        return self.zero
 
 
 def zero_calibration(
