@@ -107,9 +107,9 @@ class RunChecks:
         findings = list(self.columns["finding"])
         for at, row in enumerate(rows):
             kind, text = self.unsure.get(row, ("", ""))
-            if not kind:
-                continue
-            alike = kind == "shape" and scores["misfit"][at] < _ALIKE
+            if not kind or not scores["misfit"][at] < _ALIKE:
+                continue  # what the others predict does not hold either
+            alike = kind == "shape"
             for name, column, sound in (("shift", "shift_mm", 0.0), ("gain", "gain", 1.0)):
                 value, u = scores[f"predicted_{column}"][at], scores[f"u_predicted_{column}"][at]
                 excluded = abs(self.columns[column][row] - value) > SURE * u
