@@ -243,9 +243,10 @@ def compare_runs(runs: RunSet, table: RunTable, found: Findings) -> tuple[float,
     return places.lag
 
 
-_OTHER_SHAPE, _TIMES_OTHERS = 0.15, 5.0
+_OTHER_SHAPE, _TIMES_OTHERS = (0.05, 0.15), (5.0, 10.0)
 """Share of the power of the error that neither gain nor shift explains, and how many times that of
-the other runs, from which a run shows something else; twice as many where that is all that is odd."""
+the other runs, from which a run shows something else: of a run of another gain or place, and where
+that is all that is odd."""
 
 
 def _odd_shape(
@@ -267,12 +268,12 @@ def _odd_shape(
     # A vibration at a wavelength of the error is in all runs of a feedrate.
     typical = max(float(np.median(unlike[rows, 0])) for rows in (others, alike) if rows.any())
     aligned, mirrored = (float(v) for v in unlike[row])
-    times = _TIMES_OTHERS * (1.0 if accused else 2.0)
-    if not aligned > times * typical or (aligned < _OTHER_SHAPE and not accused):
+    share, times = (v[0 if accused else 1] for v in (_OTHER_SHAPE, _TIMES_OTHERS))
+    if not aligned > times * typical or (aligned < share and not accused):
         return ""
-    if _TIMES_OTHERS * mirrored < aligned:
+    if _TIMES_OTHERS[0] * mirrored < aligned:
         return "is mirrored, its readings are in the order of the opposite direction, against "
-    if aligned < _OTHER_SHAPE:
+    if aligned < share:
         return ""
     return f"differs, whatever its gain and place, in {100 * aligned:.2g} % of the power of the error from "
 
