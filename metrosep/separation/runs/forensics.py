@@ -222,7 +222,11 @@ def check_runs(
         _check_twice(runs, [i for i, p in enumerate(names) if p == probe], steps, found)
     rms = np.array([_rms(run) for run in runs])
     for probe in dict.fromkeys(names):
-        _check_sizes(rms, [i for i, p in enumerate(names) if p == probe], found)
+        _check_sizes(
+            np.hypot(rms, steps / math.sqrt(12.0)),
+            [i for i, p in enumerate(names) if p == probe],
+            found,
+        )
     own_clock = _check_clocks(given, found) if clocks else {}
     if found.held[0]:
         found.common.append(
