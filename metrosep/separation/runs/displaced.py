@@ -18,7 +18,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.units import format_length
 from metrosep.separation.runs.sensor import LAG_PRIOR
 
-__all__ = ["SURE", "Displaced", "find_displaced", "needed"]
+__all__ = ["SURE", "Displaced", "find_displaced", "needed", "scatter_of"]
 
 SURE = 5.0
 """Standard uncertainties beyond which gain or shift differ from those of the other runs."""
@@ -77,6 +77,14 @@ def needed(u: float, others: FloatArray) -> float:
     return u * max(SURE, float(t.isf(_RARE, freedom)) * scatter)
 
 
+def scatter_of(mates: FloatArray) -> float:
+    """Return by how much runs of one feedrate are off, RMS.
+
+    A vibration at a wavelength of the error moves all of them, and no u of a single run holds it.
+    """
+    return math.sqrt(float(np.mean(mates**2))) if mates.size > 1 else 0.0
+
+
 def find_displaced(
     velocity: FloatArray, shift: FloatArray, *, least: float, finest: float
 ) -> Displaced:
@@ -118,7 +126,8 @@ def find_displaced(
     places = np.arange(v.size)
     for j in np.flatnonzero(told) if v.size > 2 or n_feeds == 1 else ():
         others = told & (places != j)
-        if abs(rest[j]) <= max(needed(float(u[j]), (rest / u)[others]), least):
+        own = max(float(u[j]), scatter_of(rest[others & (feed_of == feed_of[j])]))
+        if abs(rest[j]) <= max(needed(own, (rest / u)[others]), least):
             continue
         sd = math.hypot(u[j], _u_line(v, u, others, v[j])) if n_feeds > 1 else float(u[j])
         found.runs[int(j)] = (

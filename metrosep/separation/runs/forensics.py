@@ -107,9 +107,9 @@ class RunChecks:
         findings = list(self.columns["finding"])
         for at, row in enumerate(rows):
             kind, text = self.unsure.get(row, ("", ""))
-            if not kind:
-                continue
-            alike = kind == "shape" and scores["misfit"][at] < _ALIKE
+            if not kind or not scores["misfit"][at] < _ALIKE:
+                continue  # what the others predict does not hold either
+            alike = kind == "shape"
             for name, column, sound in (("shift", "shift_mm", 0.0), ("gain", "gain", 1.0)):
                 value, u = scores[f"predicted_{column}"][at], scores[f"u_predicted_{column}"][at]
                 excluded = abs(self.columns[column][row] - value) > SURE * u
@@ -222,7 +222,11 @@ def check_runs(
         _check_twice(runs, [i for i, p in enumerate(names) if p == probe], steps, found)
     rms = np.array([_rms(run) for run in runs])
     for probe in dict.fromkeys(names):
-        _check_sizes(rms, [i for i, p in enumerate(names) if p == probe], found)
+        _check_sizes(
+            np.hypot(rms, steps / math.sqrt(12.0)),
+            [i for i, p in enumerate(names) if p == probe],
+            found,
+        )
     own_clock = _check_clocks(given, found) if clocks else {}
     if found.held[0]:
         found.common.append(

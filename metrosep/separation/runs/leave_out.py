@@ -33,6 +33,9 @@ _EDGE = 1e-9
 _SURE = 5.0
 """Standard uncertainties beyond which a gain or a shift is named."""
 
+_FAR_OFF = 1e-5
+"""Chance by which scatter like that of the other runs would take a run so far off."""
+
 _TRUSTED = 10.0
 """Runs' worth of trust that u is right: so much the scatter of the runs has to speak against it."""
 
@@ -44,6 +47,9 @@ _SEEN = 0.1
 
 _RARE = 1e-3
 """Chance of so large a misfit in any of the runs from which it is named."""
+
+_MAY_BE_ODD = 1.5
+"""Chi-square per degree of freedom of the farthest run from which the others are predicted without it."""
 
 _MISFIT = 2.0
 """Chi-square per degree of freedom, and its ratio to the median run, beyond which a run is named."""
@@ -72,13 +78,26 @@ def run_scores(model: Model) -> list[RunScore]:
         return []
     at = lag_score(model)
     if at is None or (at.lag / at.u) ** 2 <= LAG_CHI2:
-        return [_score(model, run) for run in model.seen]
+        return _scores(model)
     state = model.state()
     lag_steps(model)
-    scores = [_score(model, run) for run in model.seen]
+    scores = _scores(model)
     model.back_to(state)
     model.solve()
     return scores
+
+
+def _scores(model: Model) -> list[RunScore]:
+    """Return the scores; the farthest run, where it may be odd, does not predict the others."""
+    scores = [_score(model, run) for run in model.seen]
+    far = int(np.argmax([s.chi2 for s in scores]))
+    if scores[far].chi2 < _MAY_BE_ODD or len(scores) < 4:
+        return scores
+    without = model.seen[far]
+    return [
+        s if i == far else _score(model, run, without)
+        for i, (s, run) in enumerate(zip(scores, model.seen, strict=True))
+    ]
 
 
 def suspicion(scores: Sequence[RunScore]) -> tuple[int, str] | None:
@@ -122,15 +141,21 @@ def _needed(values: FloatArray, index: int) -> float:
     scatter counts, u having the weight of `_TRUSTED` runs. One run that is far off moves what is
     predicted of all others by as much: about their median.
     """
+    from scipy.stats import t
+
     rest = np.delete(values, index, axis=0)
     off = (rest[:, 0] - float(np.median(rest[:, 0]))) / rest[:, 1]
-    variance = (_TRUSTED + float(off @ off)) / (_TRUSTED + off.size)
-    return float(_SURE * max(1.0, math.sqrt(variance)) * values[index, 1])
+    freedom = _TRUSTED + off.size
+    variance = (_TRUSTED + float(off @ off)) / freedom
+    return float(max(_SURE, t.isf(_FAR_OFF, freedom) * math.sqrt(variance)) * values[index, 1])
 
 
-def _score(model: Model, run: RunEquations) -> RunScore:
+def _score(model: Model, run: RunEquations, without: RunEquations | None = None) -> RunScore:
     gram, right = run.gram, run.right
-    rest = model.solution(model.total[0] - gram, model.total[1] - right)
+    left = (model.total[0] - gram, model.total[1] - right)
+    if without is not None:
+        left = (left[0] - without.gram, left[1] - without.right)
+    rest = model.solution(*left)
     curve = rest.theta.copy()
     curve[0] = 0.0  # the line is alignment: neither gain nor shift show in it
     curve[1 + 2 * model.extension.n :] = 0.0

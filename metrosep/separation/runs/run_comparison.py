@@ -23,7 +23,13 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
-from metrosep.separation.runs.displaced import SURE, Displaced, find_displaced, needed
+from metrosep.separation.runs.displaced import (
+    SURE,
+    Displaced,
+    find_displaced,
+    needed,
+    scatter_of,
+)
 from metrosep.separation.runs.noise import MAD
 from metrosep.spectral.autoregressive import AutoregressiveModel, fit_autoregressive
 
@@ -192,7 +198,7 @@ def compare_runs(runs: RunSet, table: RunTable, found: Findings) -> tuple[float,
     own = gain[table.compared & np.isfinite(gain).all(axis=1)]
     if len(own) < 2 or np.median(np.abs(own[:, 0]) / own[:, 1]) < _SEEN:
         return None  # no error is seen by which runs could be compared
-    bad = _suspects(table, gain)
+    bad = _suspects(runs, table, gain)
     places = _displaced(runs, table, shift, {*bad, *by_size})
     suspects = {*bad, *places.runs, *(i for rows in places.feeds.values() for i in rows)}
     n_compared = int(table.compared.sum())
@@ -200,7 +206,7 @@ def compare_runs(runs: RunSet, table: RunTable, found: Findings) -> tuple[float,
     if odd is not None:
         table.reference[list(odd)] = False  # compare again with those that agree
         gain, shift, unlike = _gains_and_shifts(runs, table, coarse)
-        bad = _suspects(table, gain)
+        bad = _suspects(runs, table, gain)
         places = _displaced(runs, table, shift, {*bad, *by_size})
     for i, run in enumerate(table.members):
         if table.compared[i]:
@@ -237,9 +243,10 @@ def compare_runs(runs: RunSet, table: RunTable, found: Findings) -> tuple[float,
     return places.lag
 
 
-_OTHER_SHAPE, _TIMES_OTHERS = 0.15, 5.0
+_OTHER_SHAPE, _TIMES_OTHERS = (0.05, 0.15), (5.0, 10.0)
 """Share of the power of the error that neither gain nor shift explains, and how many times that of
-the other runs, from which a run shows something else; twice as many where that is all that is odd."""
+the other runs, from which a run shows something else: of a run of another gain or place, and where
+that is all that is odd."""
 
 
 def _odd_shape(
@@ -261,12 +268,12 @@ def _odd_shape(
     # A vibration at a wavelength of the error is in all runs of a feedrate.
     typical = max(float(np.median(unlike[rows, 0])) for rows in (others, alike) if rows.any())
     aligned, mirrored = (float(v) for v in unlike[row])
-    times = _TIMES_OTHERS * (1.0 if accused else 2.0)
-    if not aligned > times * typical or (aligned < _OTHER_SHAPE and not accused):
+    share, times = (v[0 if accused else 1] for v in (_OTHER_SHAPE, _TIMES_OTHERS))
+    if not aligned > times * typical or (aligned < share and not accused):
         return ""
-    if _TIMES_OTHERS * mirrored < aligned:
+    if _TIMES_OTHERS[0] * mirrored < aligned:
         return "is mirrored, its readings are in the order of the opposite direction, against "
-    if aligned < _OTHER_SHAPE:
+    if aligned < share:
         return ""
     return f"differs, whatever its gain and place, in {100 * aligned:.2g} % of the power of the error from "
 
@@ -621,8 +628,9 @@ def _solve(
     )
 
 
-def _suspects(table: RunTable, gain: FloatArray) -> dict[int, tuple[str, bool]]:
+def _suspects(runs: RunSet, table: RunTable, gain: FloatArray) -> dict[int, tuple[str, bool]]:
     """Return what to say of the gains, by row, and whether the run is refused."""
+    feeds = np.array([runs[i].feed or 0.0 for i in table.members])
     off = np.where(table.reference, (gain[:, 0] - 1.0) / gain[:, 1], np.nan)
     bad: dict[int, tuple[str, bool]] = {}
     pair = np.flatnonzero(table.compared) if table.compared.sum() == 2 else None
@@ -631,7 +639,9 @@ def _suspects(table: RunTable, gain: FloatArray) -> dict[int, tuple[str, bool]]:
             continue  # of two runs nothing says which is right: the second is named
         a, u = float(gain[i, 0]), float(gain[i, 1])
         others = np.delete(off, i)
-        enough = needed(u, others[~np.isnan(others)])
+        mates = (np.abs(feeds - feeds[i]) <= 0.02 * feeds[i]) & table.reference
+        mates[i] = False
+        enough = needed(max(u, scatter_of(gain[mates, 0] - 1.0)), others[~np.isnan(others)])
         if a < -enough:
             what = f"has the opposite sign: gain {a:.2f} (u {u:.2g}) against "
             bad[int(i)] = what, pair is not None
@@ -641,7 +651,7 @@ def _suspects(table: RunTable, gain: FloatArray) -> dict[int, tuple[str, bool]]:
     return bad
 
 
-_SHIFT_SHARE = 0.05
+_SHIFT_SHARE = 0.01
 """A shift is named where it changes the readings by more than this share of the error itself."""
 
 
