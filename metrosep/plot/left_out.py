@@ -298,6 +298,9 @@ def lag_words(source: Any) -> list[tuple[str, str]]:
     found = []
     for way, own in [(w, audit[w]) for w in ways] or [("", audit)]:
         test = own.get("lag_test") or {}
+        if (own.get("options") or {}).get("position_offsets"):
+            found.append((way, "not looked for: the position offsets of the runs hold it"))
+            continue
         found.append((way, _lag_phrase(test, stated, *map(_ms, whole))))
     return found
 
