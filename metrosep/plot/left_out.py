@@ -207,7 +207,8 @@ def run_rows(source: Any) -> list[dict[str, Any]]:
         In the order of the runs: ``run``, ``short`` (a name that fits a column), ``direction``,
         ``feed_mm_min``, ``used``, ``misfit``, ``gain``, ``u_gain``, ``shift_mm``, ``u_shift_mm``
         against the other runs, ``predicted`` (whether these are of the prediction from the others,
-        or of a comparison with their mean), ``finding``, and ``x_mm``, ``strip_nm``; None where
+        or of a comparison with their mean), ``offset_mm`` and ``u_offset_mm`` (position offset where
+        it was fitted), ``finding``, and ``x_mm``, ``strip_nm``; None where
         not known. Empty for results without such checks.
     """
     terms, table = _parts(source)
@@ -233,6 +234,8 @@ def run_rows(source: Any) -> list[dict[str, Any]]:
                 "shift_mm": own.get(f"{by}shift_mm"),
                 "u_shift_mm": own.get(f"u_{by}shift_mm"),
                 "predicted": predicted,
+                "offset_mm": own.get("position_offset_mm"),
+                "u_offset_mm": own.get("u_position_offset_mm"),
                 "finding": str(own.get("finding") or ""),
                 "x_mm": x,
                 "strip_nm": strip,
