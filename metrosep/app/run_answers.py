@@ -204,8 +204,8 @@ def _numbers(estimate: ErrorEstimate) -> dict[str, Any]:
 
 
 def _lag(estimate: ErrorEstimate) -> dict[str, Any] | None:
-    if estimate.method != "joint":
-        return None
+    if estimate.method != "joint" or (estimate.lag == 0.0 and math.isnan(estimate.lag_sd)):
+        return None  # nothing was corrected
     phrases = [f"{way}: {phrase}" if way else phrase for way, phrase in lag_words(estimate)]
     return {
         "value": number_or_none(estimate.lag),

@@ -207,7 +207,8 @@ def run_rows(source: Any) -> list[dict[str, Any]]:
         In the order of the runs: ``run``, ``short`` (a name that fits a column), ``direction``,
         ``feed_mm_min``, ``used``, ``misfit``, ``gain``, ``u_gain``, ``shift_mm``, ``u_shift_mm``
         against the other runs, ``predicted`` (whether these are of the prediction from the others,
-        or of a comparison with their mean), ``finding``, and ``x_mm``, ``strip_nm``; None where
+        or of a comparison with their mean), ``offset_mm`` and ``u_offset_mm`` (position offset where
+        it was fitted), ``finding``, and ``x_mm``, ``strip_nm``; None where
         not known. Empty for results without such checks.
     """
     terms, table = _parts(source)
@@ -233,6 +234,8 @@ def run_rows(source: Any) -> list[dict[str, Any]]:
                 "shift_mm": own.get(f"{by}shift_mm"),
                 "u_shift_mm": own.get(f"u_{by}shift_mm"),
                 "predicted": predicted,
+                "offset_mm": own.get("position_offset_mm"),
+                "u_offset_mm": own.get("u_position_offset_mm"),
                 "finding": str(own.get("finding") or ""),
                 "x_mm": x,
                 "strip_nm": strip,
@@ -298,6 +301,9 @@ def lag_words(source: Any) -> list[tuple[str, str]]:
     found = []
     for way, own in [(w, audit[w]) for w in ways] or [("", audit)]:
         test = own.get("lag_test") or {}
+        if (own.get("options") or {}).get("position_offsets"):
+            found.append((way, "not looked for: the position offsets of the runs hold it"))
+            continue
         found.append((way, _lag_phrase(test, stated, *map(_ms, whole))))
     return found
 

@@ -195,9 +195,13 @@ def _run_rows(document: Document) -> list[dict[str, str]]:
     """Return each run against the others, as text; empty where nothing was compared."""
     rows = run_rows(document) if document.get("estimate") else []
     several = len({r["direction"] for r in rows}) > 1
+    placed = any(r["offset_mm"] is not None for r in rows)
 
     def text(value: float | None, form: str) -> str:
-        return "–" if value is None else format(value, form).replace("-", "−")
+        if value is None:
+            return "–"
+        written = format(value, form)
+        return written.lstrip("+-") if float(written) == 0.0 else written.replace("-", "−")
 
     return [
         {
@@ -210,6 +214,8 @@ def _run_rows(document: Document) -> list[dict[str, str]]:
             "u_gain": text(r["u_gain"], "#.2g"),
             "shift": text(r["shift_mm"], ".3f"),
             "u_shift": text(r["u_shift_mm"], "#.2g"),
+            "offset": text(r["offset_mm"], "+.3f") if placed else "",
+            "u_offset": text(r["u_offset_mm"], "#.2g") if placed else "",
             "found": "; ".join(
                 p for p in ("" if r["used"] else "left out", typeset(r["finding"])) if p
             ),

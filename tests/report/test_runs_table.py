@@ -66,6 +66,19 @@ def test_the_whole_name_is_there_and_hostile_ones_do_not_run(planted):
     assert 'title="&lt;script&gt;' in page
 
 
+def test_fitted_position_offsets_are_columns_with_their_sign(planted):
+    planted["estimate"]["runs"] |= {
+        "position_offset_mm": [0.6, -0.2, -0.0004] + [0.0] * 5 + [None],
+        "u_position_offset_mm": [0.02] * 8 + [None],
+    }
+    head, *rows = rows_of(render_html(planted))
+
+    assert head[-2:] == ["placed, mm", "u"]
+    assert [r[-2:] for r in rows[:2]] == [["+0.600", "0.020"], ["−0.200", "0.020"]]
+    assert rows[2][-2] == "0.000"
+    assert rows[9][-2:] == ["–", "–"]
+
+
 def test_two_directions_are_told_apart(planted):
     planted["estimate"]["runs"]["direction"][6:] = [-1] * 3
     head, *rows = rows_of(render_html(planted))

@@ -299,6 +299,22 @@ def test_what_becomes_worse_than_with_geometric_feeds_is_said():
     assert 1 <= share <= 50
 
 
+def test_the_share_that_becomes_worse_is_counted_from_the_stated_five_per_cent():
+    plan = plan_feedrates(two_modes, (2e-3, 20e-3), 0.05, 0.2, 9, length=56e-3)
+
+    every = np.geomspace(2e-3, 56e-3, 5001)
+    own, even = (
+        1 / np.sqrt(sum(56e-3 / v / two_modes(v / every) for v in feeds))
+        for feeds in (plan.feeds, np.geomspace(0.05, 0.2, 9))
+    )
+    share, by = map(
+        float, re.search(r"makes (\d+) % .* by more than (\d+) %", plan.messages[-1]).groups()
+    )
+    assert by == 5.0
+    # the planner looks at 200 waves, here are 5001
+    assert share == pytest.approx(100 * np.mean(own > 1.05 * even), abs=2.0)
+
+
 def test_a_plan_that_is_far_worse_than_geometric_feeds_is_refused():
     """Two feeds two octaves apart meet the same modes, one octave apart each, at one wave."""
 

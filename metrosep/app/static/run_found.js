@@ -31,7 +31,7 @@ export function choices(act) {
 }
 
 /** Return a number with fixed digits and a real minus sign. @param {number | null} value @param {number} digits */
-const fixed = (value, digits) => (value === null ? "–" : value.toFixed(digits).replace("-", "\u2212"));
+const fixed = (value, digits) => (value === null ? "–" : value.toFixed(digits).replace(/^-(?=0\.0*$)/, "").replace("-", "\u2212"));
 /** Return two significant digits. @param {number | null} value */
 const two = (value) => (value === null ? "–" : plain(value, 2));
 
@@ -79,12 +79,14 @@ export function foundOf(found) {
   const places = found.runs.flatMap((/** @type {Dict} */ row) => row.x_mm ?? []);
   const travel = /** @type {[number, number]} */ ([Math.min(...places), Math.max(...places)]);
   const ways = new Set(found.runs.map((/** @type {Dict} */ row) => row.direction)).size > 1;
+  const placed = found.runs.some((/** @type {Dict} */ row) => row.offset_mm !== null);
+  const names = placed ? [...HEADS, "placed", "u"] : HEADS;
   const table = make_("table");
   const head = table.createTHead().insertRow();
-  HEADS.forEach((name, i) => {
+  names.forEach((name, i) => {
     const cell = make_("th", i > 0 ? "number" : "", name);
     cell.scope = "col";
-    cell.title = TITLES[i];
+    cell.title = TITLES[i] ?? "fitted position offset: the run shows the error of x minus it, and was moved back by it";
     head.append(cell);
   });
   const last = make_("th", "", all.length ? `run minus what the others predict, ±${plain(limit, 2)} nm` : "");
@@ -100,7 +102,9 @@ export function foundOf(found) {
     name.title = row.run;
     const feed = row.feed_mm_min === null ? "–" : `${Number(row.feed_mm_min.toPrecision(6))} mm/min`;
     const shift = row.shift_mm === null ? "–" : `${fixed(row.shift_mm, 3)} mm`;
-    line.append(name, ...[feed, fixed(row.misfit, 2), fixed(row.gain, 3), two(row.u_gain), shift, two(row.u_shift_mm)]
+    const offset = row.offset_mm === null ? "–" : `${row.offset_mm > 0 ? "+" : ""}${fixed(row.offset_mm, 3)} mm`;
+    const cells = [feed, fixed(row.misfit, 2), fixed(row.gain, 3), two(row.u_gain), shift, two(row.u_shift_mm)];
+    line.append(name, ...(placed ? [...cells, offset, two(row.u_offset_mm)] : cells)
       .map((text) => make_("td", "number", text)));
     const drawn = make_("td", "strip");
     if (row.strip_nm) drawn.append(strip(row, limit, travel));
@@ -109,7 +113,7 @@ export function foundOf(found) {
       const second = body.insertRow();
       second.className = "odd said";
       const cell = second.insertCell();
-      cell.colSpan = HEADS.length + 1;
+      cell.colSpan = names.length + 1;
       cell.textContent = `▸ ${row.short}: ${[row.used ? "" : "left out", row.finding].filter(Boolean).join("; ")}`;
     }
   }

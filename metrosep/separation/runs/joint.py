@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -35,6 +36,13 @@ from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
 from metrosep.separation._readings import checked_count
 from metrosep.separation.covariance import CovarianceModes
+from metrosep.separation.runs._unknowns import (
+    PositionOffsets,
+    check_reference,
+    explain_positions,
+    fitted_positions,
+    position_columns,
+)
 from metrosep.separation.runs.base import (
     LINE_POINTS,
     DirectionEstimate,
@@ -99,6 +107,8 @@ def separate_joint(
     probe_gain: Literal["equal", "fit"] = "equal",
     waves: Sequence[float] = (),
     slip: Literal["geometry", "sparse"] = "geometry",
+    position_offsets: bool = False,
+    position_reference: str = "",
 ) -> ErrorEstimate:
     """Return the repeatable error of one direction of travel by joint least squares.
 
@@ -140,6 +150,11 @@ def separate_joint(
         Wavelengths that the machine may have (leads, their halves and thirds): start values.
     slip : {"geometry", "sparse"}, optional
         Of a wave that differs from run to run: whether one of that length that repeats is as likely.
+    position_offsets : bool, optional
+        Whether a position offset of each run is fitted: it shows the error of ``x - d``. A delay of
+        the reading, which moves each run by the delay times its speed, is then part of it.
+    position_reference : str, optional
+        Name of the run whose offset is zero; the sum of all is zero if omitted.
 
     Returns
     -------
@@ -175,6 +190,8 @@ def separate_joint(
         probe_gain=probe_gain,
         waves=cast("Any", waves),
         slip=slip,
+        position_offsets=position_offsets,
+        position_reference=position_reference,
     )
     start, length, shortest = (
         metres(value, name)
@@ -188,6 +205,8 @@ def separate_joint(
     options.check_runs(n_feeds, n_probes, fit_lag=lag == "fit", way=way)
     first, last = evaluation_range(runs, start=start, length=length)
     prepared = prepare_runs(runs, probes=names)
+    if options.position_offsets:
+        check_reference([r.run_id for r in prepared], options.position_reference, way)
     check_lines(options, prepared)
     low, high = runs.full_travel
     period = PERIOD_SHARE * (high - low)
@@ -197,16 +216,17 @@ def separate_joint(
     mode: Literal["stated", "auto", "fit"] = "stated"
     if isinstance(lag, str):
         mode = "fit" if lag == "fit" else "auto"
-    solution = solve_joint(
-        prepared,
+    solve = partial(
+        solve_joint,
         travel=(low, high),
         origin=first,
         n_harmonics=n_harmonics,
         lag=start_lag,
-        lag_mode=mode,
+        lag_mode="stated" if options.position_offsets else mode,
         options=options,
-        several_feeds=n_feeds > 1,
+        several_feeds=n_feeds > 1 and not options.position_offsets,
     )
+    solution, prepared, offsets = _at_their_places(prepared, solve, options)
     terms, sentences = report_terms(solution, prepared, runs, options)
     part, slope, level = joint_curves(solution, (first, last), (low, high))
     curve, uncertainty = part.error, part.uncertainty
@@ -228,6 +248,13 @@ def separate_joint(
         *explain_lag(solution, mode=mode, n_selected=n_selected),
         *explain_disturbances(solution, runs, spectrum),
         *explain_slip(solution, sparse=slip == "sparse"),
+        *explain_positions(
+            [r.run_id for r in prepared],
+            offsets,
+            options.position_reference,
+            delay=n_feeds > 1,
+            nothing=n_selected == 0,
+        ),
         *_unheld_waves(options.waves, high - low, period / n_harmonics / HELD_SHARE),
         *sentences,
         *hint_options(solution, prepared, options),
@@ -277,8 +304,33 @@ def separate_joint(
         history=runs.history,
         terms=terms,
         evidence_data=evidence,
-        runs_data=scores_columns(solution),
+        runs_data=scores_columns(solution) | position_columns(offsets),
     )
+
+
+_NEAR = 20e-6
+"""m; what was learnt about noise and waves before the runs were moved by less than this stays."""
+
+_PLACINGS = 4
+"""Solutions with moved runs, at most; displacements of a tenth of a wave need two."""
+
+
+def _at_their_places(
+    prepared: list[PreparedRun], solve: Callable[..., Solution], options: JointOptions
+) -> tuple[Solution, list[PreparedRun], PositionOffsets]:
+    """Return the solution, with the runs moved to where their position offsets put them."""
+    if not options.position_offsets:
+        return solve(prepared), prepared, None
+    total: FloatArray = np.zeros(len(prepared))
+    placed, n_left = prepared, _PLACINGS
+    while True:
+        solution = solve(placed)
+        step, u = fitted_positions(solution.unknowns, solution.joint_covariance, len(prepared))
+        total = total + step
+        placed = [replace(r, x=r.x - d) for r, d in zip(prepared, total, strict=True)]
+        n_left -= 1
+        if n_left == 0 or float(np.abs(step).max()) < _NEAR:
+            return solution, placed, (total, u)
 
 
 def _plain_band(

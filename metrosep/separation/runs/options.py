@@ -93,6 +93,19 @@ class JointOptions:
         of=("joint",),
     )
 
+    position_offsets: bool = option(
+        False,
+        kind="flag",
+        help="true fits how far each run lies from its place along the axis, with u; a delay of the reading is then part of it",
+        of=("joint",),
+    )
+    position_reference: str = option(
+        "",
+        kind="text",
+        help="name of the run that lies at its place; the offsets of all runs have the sum zero if left out",
+        of=("joint",),
+    )
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "drift", _checked_drift(self.drift))
         for name, allowed in (
@@ -105,6 +118,16 @@ class JointOptions:
             if not isinstance(value, str) or value not in allowed:
                 raise DataError(f"{name} is one of {', '.join(allowed)}, got {value!r}")
         flag(self.robust, "robust")
+        flag(self.position_offsets, "position_offsets")
+        if not isinstance(self.position_reference, str):
+            raise DataError(
+                f"position_reference is the name of a run, got {self.position_reference!r}"
+            )
+        if self.position_reference and not self.position_offsets:
+            raise DataError(
+                f"position_reference={self.position_reference!r} says where position offsets are zero, "
+                "and none are fitted: add position_offsets=True (command line: --set position_offsets=true)"
+            )
         chance = "a probability between 0 and 1"
         if not 0.0 < real(self.false_alarm, "false_alarm", what=chance) < 1.0:
             raise DataError(f"false_alarm is {chance}, got {self.false_alarm}")
@@ -126,6 +149,8 @@ class JointOptions:
             "probe_gain": self.probe_gain,
             "waves_mm": [w * 1e3 for w in self.waves],
             "slip": self.slip,
+            "position_offsets": bool(self.position_offsets),
+            "position_reference": self.position_reference,
         }
 
     def check_waves(self, period: float) -> None:
@@ -147,6 +172,16 @@ class JointOptions:
                 f"following={self.following!r} needs runs at >= 2 feedrates (>= 3 to test it), the "
                 f"{way} runs have {n_feeds}: at one feedrate a part that grows with the feed is part "
                 "of the geometry; add runs at another feedrate"
+            )
+        if self.position_offsets and fit_lag:
+            raise NotSeparableError(
+                "lag='fit' and position_offsets cannot be told apart: a delay moves each run by the delay "
+                "times its speed; fit the one or the other"
+            )
+        if self.position_offsets and self.following == "waves":
+            raise NotSeparableError(
+                "following='waves' and position_offsets cannot be told apart: a displaced run changes the "
+                "phase of each wave; fit the one or the other"
             )
         if self.following == "waves" and fit_lag:
             raise NotSeparableError(

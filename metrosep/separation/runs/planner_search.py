@@ -292,11 +292,14 @@ class Comparison:
         if worse.size:
             out.append(
                 f"the plan makes {100 * worse.size / ratio.size:.0f} % of them worse than the "
-                f"geometric progression, most at {self.waves[i] * 1e3:.3g} mm: "
+                f"geometric progression by more than {100 * _NOTICED:.0f} %, most at {self.waves[i] * 1e3:.3g} mm: "
                 f"{_nm(self.sd[i])} instead of {_nm(self.reference[i])}"
             )
         else:
-            out.append("the plan makes none of them worse than the geometric progression")
+            out.append(
+                "the plan makes none of them worse than the geometric progression by more than "
+                f"{100 * _NOTICED:.0f} %"
+            )
         return tuple(out)
 
     def audit(self) -> dict[str, Any]:

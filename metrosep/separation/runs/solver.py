@@ -32,7 +32,7 @@ from metrosep.core.errors import (
 )
 from metrosep.separation._readings import positive, real_numbers
 from metrosep.separation.runs import sensor as sensor_room
-from metrosep.separation.runs._unknowns import Frequency, Gain, Unknown
+from metrosep.separation.runs._unknowns import Frequency, Gain, Unknown, shifts
 from metrosep.separation.runs.design import PreparedRun
 from metrosep.separation.runs.geometry import (
     PERIOD_SHARE,
@@ -582,6 +582,8 @@ def wanted_unknowns(system: System, options: JointOptions) -> list[Unknown]:
         for probe in list(dict.fromkeys(names))[1:]:
             lever = np.array([float(n == probe) for n in names])
             unknowns.append(Gain(*gain, lever=lever, with_slope=True, name=probe))
+    if options.position_offsets:
+        unknowns += shifts([r.run_id for r in system.runs], options.position_reference)
     return unknowns
 
 
