@@ -228,7 +228,7 @@ def check_recipes(
     files: Sequence[str], *, as_json: bool, explain: bool, overrides: Sequence[str] = ()
 ) -> int:
     """Print what is wrong in recipes."""
-    from metrosep.recipe.guard_room import guard_notes
+    from metrosep.recipe.preflight import guard_notes
 
     found = {name: _checked(name, overrides) for name in files}
     warned = {name: list(guard_notes(r)) if r else [] for name, (r, _) in found.items()}

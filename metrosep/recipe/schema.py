@@ -13,17 +13,21 @@ from dataclasses import dataclass
 from typing import Any
 
 from metrosep.core.errors import DataError, RecipeError
+from metrosep.core.methods import Method
 from metrosep.core.options import Option, checked, not_one_of
 from metrosep.core.text_options import TEXT_OPTIONS
 
 __all__ = [
     "BATCH",
+    "CURVES",
     "LAYOUT",
+    "MAPS",
     "Field",
     "Place",
     "batch_table",
     "blanked_texts",
     "checked_table",
+    "input_fields",
     "reading_options",
 ]
 
@@ -285,3 +289,41 @@ def reading_options(given: Mapping[str, Any]) -> dict[str, Any]:
                 options["scale"] = value["scale"]
             options[key] = (value["column"], value["unit"]) if "unit" in value else value["column"]
     return options
+
+
+# ---- the keys of ``[input]`` for each method that has a name -----------------------------------
+
+CURVES = {
+    "files": Field("texts"),
+    "readings": Field("texts", required=True),
+    "x": Field("text"),
+    "angle": Field("text"),
+    "repeat": Field("text"),
+    "scale": Field("text"),
+    **LAYOUT,
+}
+MAPS = {
+    "files": Field("texts"),
+    "channel": Field("text"),
+    "unit": Field("text"),
+    "lateral_step": Field("size"),
+}
+TABLE = {"files": Field("texts"), **LAYOUT}
+
+
+def input_fields(method: type[Method]) -> Mapping[str, Field]:
+    """Return the keys of ``[input]`` for a method."""
+    if method.reads == "maps":
+        return MAPS
+    if method.reads == "results":
+        return {"files": Field("texts")}
+    if method.reads == "nothing":
+        return {}
+    roles = {
+        name: Field("texts" if "*" in kind else "text", required="?" not in kind)
+        for name, kind in method.roles.items()
+    }
+    if method.reads == "curves":
+        other = {"x": "angle", "angle": "x"}.get(method.over)
+        return {k: f for k, f in {**CURVES, **roles}.items() if k != other}
+    return {**TABLE, **roles}
