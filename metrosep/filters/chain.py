@@ -24,8 +24,7 @@ from metrosep.filters._arguments import (
     counted,
     profile_kind,
 )
-from metrosep.filters._gaussian_task import End
-from metrosep.filters.gaussian import gaussian
+from metrosep.filters.gaussian import End, gaussian
 from metrosep.spectral.dft import instance_of
 
 __all__ = ["primary", "roughness", "waviness"]

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from metrosep.core.atomic import MACHINE_BYTES, RECIPE_BYTES, read_plain_text, require_plain
 from metrosep.core.errors import RecipeError, UnsupportedFeatureError
 from metrosep.core.methods import METHODS, Method
-from metrosep.core.plain_files import MACHINE_BYTES, RECIPE_BYTES, read_plain_text, require_plain
 from metrosep.core.provenance import freeze_mapping
 from metrosep.recipe.pipeline import measuring_steps
 from metrosep.recipe.preflight import check_recipe, require_limits

@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.atomic import atomic_write
+from metrosep.core.atomic import atomic_write, read_plain
 from metrosep.core.errors import CorruptFileError, DataError, ReadError
-from metrosep.core.plain_files import read_plain
 from metrosep.core.runset import Run, RunSet
 
 if TYPE_CHECKING:

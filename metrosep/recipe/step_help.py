@@ -12,14 +12,20 @@ from metrosep.core.errors import MetrosepError
 from metrosep.core.options import KINDS
 from metrosep.core.readable import readable_text, typed_number
 from metrosep.core.text_options import TEXT_OPTIONS
-from metrosep.recipe.key_values import DIMENSIONS, placeholder
-from metrosep.recipe.schema import Field
+from metrosep.recipe.schema import DIMENSIONS, Field, placeholder
 from metrosep.recipe.steps import ALL_STEPS
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
+from typing import Any
+
+from metrosep.core.methods import METHODS
+from metrosep.recipe.pipeline import schema
+from metrosep.recipe.steps import STEPS, WHAT
+
 __all__ = [
     "StepKeys",
+    "described_steps",
     "in_recipe_words",
     "in_words",
     "key_words",
@@ -356,3 +362,46 @@ def in_recipe_words(recipe: Recipe) -> Iterator[None]:
     except MetrosepError as exc:
         exc.args = (recipe_words(recipe, str(exc)), *exc.args[1:])
         raise
+
+
+# ---- everything from which a form for the steps of any recipe can be made ----------------------
+
+_OF_RUNS = ("separate", "polynomial", "plan_feedrates")
+
+
+def described_steps() -> dict[str, Any]:
+    """Return the steps of all recipes with their keys.
+
+    Examples
+    --------
+    >>> [s["op"] for s in described_steps()["steps"] if "runs" in s["applies"]]
+    ['separate', 'polynomial', 'plan_feedrates']
+    """
+    steps = list(schema()["steps"])
+    steps += [_described(op, WHAT[op], STEPS[op], "runs") for op in _OF_RUNS]
+    steps += [
+        _described(op, method.what, method.fields, "method") for op, method in METHODS.items()
+    ]
+    return {"steps": steps}
+
+
+def _described(op: str, what: str, fields: Mapping[str, Field], applies: str) -> dict[str, Any]:
+    return {
+        "op": op,
+        "what": what,
+        "applies": [applies],
+        "keys": [
+            {
+                "name": name,
+                "kind": field.kind,
+                "required": field.required,
+                "choices": list(field.choices),
+                "default": field.default,
+                "dimension": DIMENSIONS.get(field.kind),
+                "help": field.about or kind_words(field.kind),
+                "keys": [],
+            }
+            for name, field in fields.items()
+            if name != "op"
+        ],
+    }

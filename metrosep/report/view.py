@@ -10,9 +10,8 @@ from typing import Any
 from metrosep.core import readable
 from metrosep.core.readable import digits_of
 from metrosep.core.units import parse_unit
-from metrosep.recipe.key_values import shown
 from metrosep.recipe.result import clean
-from metrosep.recipe.schema import Field
+from metrosep.recipe.schema import Field, shown
 from metrosep.recipe.step_help import keys_of_step, step_words
 from metrosep.report.text import (
     SEPARATED_NOTE,
