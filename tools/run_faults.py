@@ -28,16 +28,23 @@ def main():
     os.nice(10)
     words = tuple(w.strip() for w in arguments.only.split(",") if w.strip())
     faults = [f for f in FAULTS if not words or f.name.startswith(words)]
-    lines, counts = fault_table(
-        metrosep_joint, sets=arguments.sets, seed=arguments.seed, faults=faults
+    _, counts = fault_table(
+        metrosep_joint,
+        sets=arguments.sets,
+        seed=arguments.seed,
+        faults=faults,
+        say=lambda line: print(line, flush=True),
     )
-    print("\n".join(lines), flush=True)
     bad = fault_failures(counts)
     if arguments.clean:
-        alarms = false_alarms(metrosep_joint, sets=arguments.clean, seed=arguments.seed + 10_000)
-        print(f"\nfalse alarms: {len(alarms)} of {arguments.clean} clean sets")
-        for name, seed, text in alarms[:20]:
-            print(f"- {name}, seed {seed}: {text[:200]}")
+        print(flush=True)
+        alarms = false_alarms(
+            metrosep_joint,
+            sets=arguments.clean,
+            seed=arguments.seed + 10_000,
+            say=lambda name, seed, text: print(f"- {name}, seed {seed}: {text[:200]}", flush=True),
+        )
+        print(f"false alarms: {len(alarms)} of {arguments.clean} clean sets")
         if len(alarms) > 0.02 * arguments.clean:
             bad.append(f"false alarms in {len(alarms)} of {arguments.clean} sets, allowed 2 %")
     print("\n".join(f"FAIL: {text}" for text in bad))

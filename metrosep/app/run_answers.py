@@ -35,6 +35,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
+from metrosep.plot.left_out import lag_words, run_rows
 from metrosep.recipe.recipe import Recipe
 from metrosep.separation.runs.base import ErrorEstimate, SampledCurve
 from metrosep.separation.runs.design import evaluation_range
@@ -52,6 +53,7 @@ class _Kept:
     levelled: dict[tuple[float, float], Remembered[Any]] = field(default_factory=dict)
     means: Remembered[Any] = field(default_factory=lambda: Remembered(_mean_extremes, most=4))
     vibrations: Remembered[Any] = field(default_factory=lambda: Remembered(_vibrations, most=8))
+    found: Remembered[Any] = field(default_factory=lambda: Remembered(_found, most=2))
 
     def of_runs(self, runs: RunSet, over: tuple[float, float]) -> Any:
         """Return the runs levelled over a range."""
@@ -76,6 +78,15 @@ def _vibrations(
     estimate: ErrorEstimate, runs: RunSet
 ) -> dict[int, tuple[tuple[Vibration, ...], str]]:
     return {d: find_vibrations(runs, estimate, direction=d) for d in runs.directions}
+
+
+def _found(estimate: ErrorEstimate) -> dict[str, Any]:
+    """Return what the separation found about its runs, for the table of them."""
+    return {
+        "lag": [list(pair) for pair in lag_words(estimate)],
+        "runs": run_rows(estimate),
+        "messages": [str(m) for m in estimate.messages],
+    }
 
 
 def _of_session(session: Session) -> tuple[Recipe, Separations, RunSet, _Kept]:
@@ -132,6 +143,7 @@ def curves(session: Session, message: Message, cancel: Cancel, tell: Tell) -> An
         arrays |= {f"run_{i}_x": view.x, f"run_{i}_low": view.low, f"run_{i}_high": view.high}
     if estimate is not None:
         header |= _numbers(estimate)
+        header["found"] = kept.found.of(estimate)
         header["separated"] = _separated(estimate, window, columns, arrays)
         header["means"] = _means(kept.means.of(estimate, runs), window, columns, arrays)
     return header, arrays
@@ -185,8 +197,21 @@ def _numbers(estimate: ErrorEstimate) -> dict[str, Any]:
         "lost_motion": _quantity(estimate.lost_motion),
         "slope": _quantity(estimate.slope),
         "residual_rms": number_or_none(estimate.residual_rms),
+        "lag": _lag(estimate),
         "pv": _quantity(estimate.peak_to_valley()),
         "messages": [str(m) for m in estimate.messages],
+    }
+
+
+def _lag(estimate: ErrorEstimate) -> dict[str, Any] | None:
+    if estimate.method != "joint":
+        return None
+    phrases = [f"{way}: {phrase}" if way else phrase for way, phrase in lag_words(estimate)]
+    return {
+        "value": number_or_none(estimate.lag),
+        "unit": "s",
+        "u": number_or_none(estimate.lag_sd),
+        "definition": "; ".join(phrases),
     }
 
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import os
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -21,6 +22,7 @@ from metrosep._version import __version__
 from metrosep.batch.units import FAILED, RESULT, LeftOut, read_mark, sentences, short_version
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, RecipeError
+from metrosep.core.readable import digits_of, readable_unit
 from metrosep.io.own_notes import moment_of
 from metrosep.recipe.index_rows import index_columns, index_rows
 from metrosep.recipe.result import clean
@@ -28,10 +30,6 @@ from metrosep.recipe.result import clean
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-import math
-from collections.abc import Iterable
-
-from metrosep.core.readable import digits_of, readable_unit
 
 __all__ = [
     "SCHEMA",

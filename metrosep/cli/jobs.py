@@ -290,8 +290,9 @@ def _print_polynomial_u(polynomial: dict[str, Any]) -> None:
     from metrosep.core.units import format_length
 
     u, source = polynomial["u_greatest_m"], polynomial["covariance_from"]
+    removed = "" if polynomial["removed"] == "line" else ", mean removed"
     say(
-        f"u of the polynomial, mean removed: {'' if u is None else f'up to {format_length(u, digits=2)}, from the '}{source}"
+        f"u of the polynomial{removed}: {'' if u is None else f'up to {format_length(u, digits=2)}, from the '}{source}"
     )
 
 

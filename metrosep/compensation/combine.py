@@ -19,6 +19,12 @@ from typing import Any, overload
 import numpy as np
 
 from metrosep.compensation.area_errors import ErrorMap, bilinear, format_position
+from metrosep.compensation.entry_covariance import (
+    Covariance,
+    JoinedCovariance,
+    RestOfOld,
+    variance,
+)
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
 from metrosep.core._arrays import FloatArray
@@ -58,8 +64,10 @@ def combine_tables(old: Table, new: Table) -> Table:
     Returns
     -------
     CompensationTable or CompensationMap
-        To be loaded INSTEAD of `old`, on the positions of both. Its uncertainty is that of `new`:
-        what was wrong with `old` is in the new measurement.
+        To be loaded INSTEAD of `old`, on the positions of both. At the entries of `new` its
+        uncertainty is that of `new`: what was wrong with `old` is in the new measurement. Between and
+        beyond them what `new` leaves of the errors of `old` is added. None where `new` states no u,
+        or `old` none and reaches farther.
 
     Raises
     ------
@@ -73,7 +81,12 @@ def combine_tables(old: Table, new: Table) -> Table:
     If `new` was measured with `old` switched off, load `new` as it is: combined, the error would be
     corrected twice. On-axis the bends of `old` come to lie where the corrected command meets them,
     nanometres beside its positions; what keeping its positions costs is in
-    ``interpolation_error``. Outside its own positions each of the two is held, as the controller
+    ``interpolation_error``. Tables made of estimates know the covariance of their entries, and u
+    takes it: between entries of `new`, and for the errors of `old`, of which
+    ``d(p) - (d looked up as in new)`` is left. Tables of files do not, and maps neither: there u of
+    `new` is interpolated, an upper bound; beyond `new` the u of `old` here and at its end are added,
+    another one; and between its entries the errors of `old` are taken as straight.
+    Outside its own positions each of the two is held, as the controller
     does. ``removed`` is that of `new`: what the old table lacks, the new measurement has seen.
 
     References
@@ -128,11 +141,43 @@ def _tables(old: CompensationTable, new: CompensationTable) -> CompensationTable
         positions=positions,
         forward=columns[1],
         reverse=columns.get(-1),
-        u=None if new.u is None else np.interp(positions, new.positions, new.u),
+        u=_u_of_tables(old, new, positions),
+        covariances=_joined(old, new),
         interpolation_error=_plus(new.interpolation_error, missed),
         source=_source(old, new),
         **_common(old, new),
     )
+
+
+def _u_of_tables(
+    old: CompensationTable, new: CompensationTable, positions: FloatArray
+) -> FloatArray | None:
+    """Return the uncertainty of the sum, of the less certain direction; see `entry_covariance`."""
+    inside = np.clip(positions, *new.span)
+    beyond = positions != inside
+    if new.u is None or (old.u is None and beyond.any()):
+        return None
+    bound = np.interp(inside, new.positions, new.u) ** 2
+    squares = np.array([variance(c, positions) for c in new.covariances.values()] or [bound])
+    if old.u is None:
+        return np.asarray(np.sqrt(squares.max(axis=0)))
+    if old.covariances:
+        rests = [RestOfOld(c, new.positions) for c in old.covariances.values()]
+        return np.asarray(
+            np.sqrt(np.max(squares + [variance(r, positions) for r in rests], axis=0))
+        )
+    there, end = (np.interp(x, old.positions, old.u) for x in (positions, inside))
+    return np.asarray(np.sqrt(squares.max(axis=0) + np.where(beyond, there + end, 0.0) ** 2))
+
+
+def _joined(old: CompensationTable, new: CompensationTable) -> dict[int, Covariance]:
+    """Return the covariance of the sum by direction; empty where that of one is not known."""
+    if new.u is None or old.u is None or set(old.covariances) != set(new.covariances):
+        return {}
+    return {
+        d: JoinedCovariance(RestOfOld(old.covariances[d], new.positions), c)
+        for d, c in new.covariances.items()
+    }
 
 
 def _bends(
@@ -187,12 +232,29 @@ def _maps(old: CompensationMap, new: CompensationMap) -> CompensationMap:
         x=x,
         y=y,
         values=values,
-        u=None if new.u is None else bilinear(new.x, new.y, new.u, x, y[:, None]),
+        u=_u_of_maps(old, new, x, y),
         interpolation_error=_plus(new.interpolation_error, missed),
         border=new.border if same_ring else None,
         source=_map_source(old, new),
         **_common(old, new),
     )
+
+
+def _u_of_maps(
+    old: CompensationMap, new: CompensationMap, x: FloatArray, y: FloatArray
+) -> FloatArray | None:
+    """Return the upper bound of the uncertainty of the sum."""
+    (low_x, high_x), (low_y, high_y) = new.span
+    in_x, in_y = np.clip(x, low_x, high_x), np.clip(y, low_y, high_y)
+    beyond = (in_x != x) | (in_y != y)[:, None]
+    if new.u is None or (old.u is None and beyond.any()):
+        return None
+    u = bilinear(new.x, new.y, new.u, in_x, in_y[:, None])
+    if old.u is None or not beyond.any():
+        return u
+    there = bilinear(old.x, old.y, old.u, x, y[:, None])
+    end = bilinear(old.x, old.y, old.u, in_x, in_y[:, None])
+    return np.asarray(np.hypot(u, np.where(beyond, there + end, 0.0)))
 
 
 def _sum_of(

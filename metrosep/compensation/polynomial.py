@@ -18,6 +18,7 @@ import numpy as np
 from numpy.polynomial import Polynomial, legendre
 from numpy.typing import ArrayLike
 
+from metrosep.compensation.measured import estimate_slope
 from metrosep.core._arrays import FloatArray
 from metrosep.core.docs import described_by
 from metrosep.core.errors import (
@@ -71,7 +72,7 @@ class PolynomialFit:
     residual_rms : float, m
         RMS of what is left.
     scores : tuple of dict
-        AICc, residual and F-test of every degree that was tried.
+        AICc (Cp of an estimate), residual and test of every degree that was tried.
     chosen_by : str
         How the degree was chosen.
     history : tuple of Step
@@ -240,7 +241,8 @@ class PolynomialFit:
         Returns
         -------
         PolynomialFit
-            On the same domain.
+            On the same domain; of the same degree where an estimate without its covariance, such as
+            one without a run, cannot choose it.
 
         Raises
         ------
@@ -251,12 +253,14 @@ class PolynomialFit:
         if step is None:
             raise DataError("the history of the polynomial does not say how it was made")
         told = step.parameters
+        estimated = isinstance(data, ErrorEstimate) and not data.has_covariance
         return fit_polynomial(
             data,
-            degree=told.get("wanted_degree", self.degree),
+            degree=self.degree if estimated else told.get("wanted_degree", self.degree),
             quantity=self.quantity,
             domain=self.domain,
             max_degree=told.get("max_degree", 6),
+            on_axis=told.get("on_axis"),
         )
 
     def horner(self, *, x_unit: str = "mm", y_unit: str = "um", digits: int = 9) -> str:
@@ -347,6 +351,7 @@ class PolynomialFit:
             "legendre_coefficients_m": self.legendre_coefficients.tolist(),
             "legendre_covariance_m2": None if self.cov is None else self.cov.tolist(),
             "covariance_from": self.cov_source,
+            "removed": self.removed,
             "u_greatest_m": None
             if self.cov is None
             else float(np.sqrt(np.einsum("ij,jk,ik->i", basis, self.cov, basis).clip(0.0).max())),
@@ -364,6 +369,7 @@ def fit_polynomial(
     quantity: Quantity = "error",
     domain: tuple[float, float] | None = None,
     max_degree: int = 6,
+    on_axis: bool | None = None,
 ) -> PolynomialFit:
     """Fit a polynomial to an error over position.
 
@@ -372,13 +378,19 @@ def fit_polynomial(
     data : ErrorEstimate, RunSet or Profile
         Error e = actual - nominal. Runs are fitted one by one and averaged.
     degree : int or {"aicc", "f-test"}, optional
-        Degree, or how to choose it.
+        Degree, or how to choose it. The uncertainty of an estimate is known, so there "aicc" takes
+        the degree of the least expected distance from the truth, see Notes, and "f-test" is a
+        chi-square test.
     quantity : {"error", "compensation"}, optional
         Whether to give e or -e; never inferred.
     domain : tuple of (float, float), m, optional
         Positions to fit over; all of the data if omitted.
     max_degree : int, optional
         Highest degree to try, up to 12.
+    on_axis : bool, optional
+        Whether the error is along the axis whose position it depends on. The slope that an estimate
+        holds apart is then part of it; across the axis, as if omitted, it is the alignment and left
+        out. Runs and profiles keep what slope they have.
 
     Returns
     -------
@@ -393,6 +405,16 @@ def fit_polynomial(
         If there are too few samples for the degree.
     DegenerateFitError
         If the domain is empty.
+
+    Notes
+    -----
+    With C the covariance of an estimate z and H the projector on a degree, the expected square of
+    ``H z - truth`` is that of ``|z - H z|^2 + 2 tr(H C) - tr(C)``; the degree of its least value is
+    taken. In an orthonormal basis a term q of variance v lowers it where ``q^2 > 2 v``.
+
+    References
+    ----------
+    .. [1] C. L. Mallows, Some comments on Cp, Technometrics 15 (1973) 661-675.
     """
     if quantity not in ("error", "compensation"):
         raise DataError(
@@ -400,15 +422,21 @@ def fit_polynomial(
         )
     if domain is not None and not domain[1] > domain[0]:
         raise DegenerateFitError(f"the domain {domain[0]} ... {domain[1]} m has no length")
+    line = _line(data) if on_axis and isinstance(data, ErrorEstimate) else None
     curves = _curves(data, domain)
+    if line is not None:
+        curves = [(x, z + line.value * (x - line.middle)) for x, z in curves]
     low = min(float(x.min()) for x, _ in curves) if domain is None else domain[0]
     high = max(float(x.max()) for x, _ in curves) if domain is None else domain[1]
     if not high > low:
         raise DegenerateFitError(f"the domain {low} ... {high} m has no length")
-    chosen, scores, how = choose_degree(curves, (low, high), degree, max_degree)
+    known = _known_covariance(data, curves)
+    chosen, scores, how = choose_degree(curves, (low, high), degree, max_degree, known)
     fits = np.array([fit_legendre(x, z, (low, high), chosen) for x, z in curves])
     coefficients = fits.mean(axis=0)
     cov, source = _covariance(fits, data, (low, high), chosen)
+    if line is not None and cov is not None:
+        cov, source = line.added(cov, source, (low, high))
     residual = [
         z - legendre.legval(to_unit(x, (low, high)), f)
         for (x, z), f in zip(curves, fits, strict=True)
@@ -432,6 +460,7 @@ def fit_polynomial(
                     "quantity": quantity,
                     "wanted_degree": degree,
                     "max_degree": max_degree,
+                    **({"on_axis": True} if line is not None else {}),
                     **(
                         {"runs_sha256": [r.sha256 for r in data]}
                         if isinstance(data, RunSet)
@@ -440,8 +469,35 @@ def fit_polynomial(
                 },
             ),
         ),
-        removed="line" if isinstance(data, ErrorEstimate) else "offset",
+        removed="line" if isinstance(data, ErrorEstimate) and line is None else "offset",
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """The slope that an estimate holds apart; zero in the middle of its range."""
+
+    value: float  # rad
+    u: float | None  # rad; None where not known
+    middle: float  # m
+
+    def added(
+        self, cov: FloatArray, source: str, domain: tuple[float, float]
+    ) -> tuple[FloatArray | None, str]:
+        """Return a covariance of Legendre coefficients with that of the line, and its source."""
+        if self.u is None:
+            return None, "unknown: the slope of the estimate has no uncertainty"
+        # x - middle = (m - middle) P_0 + h P_1, with m the middle and h half of the domain
+        line: FloatArray = np.zeros(max(cov.shape[0], 2))
+        line[:2] = 0.5 * (domain[0] + domain[1]) - self.middle, 0.5 * (domain[1] - domain[0])
+        line = line[: cov.shape[0]]
+        return cov + self.u**2 * np.outer(line, line), f"{source} and its slope"
+
+
+def _line(estimate: ErrorEstimate) -> _Line:
+    """Return the slope of an estimate; refused where it does not state one."""
+    middle = 0.5 * (estimate.start + estimate.stop)
+    return _Line(estimate_slope(estimate), estimate.slope.u, middle)
 
 
 def _curves(
@@ -466,6 +522,14 @@ def _curves(
             raise TooFewSamplesError("no valid sample lies in the domain of the polynomial")
         kept.append((x[keep], z[keep]))
     return kept
+
+
+def _known_covariance(data: Any, curves: Curves) -> FloatArray | None:
+    """Return the covariance of the values of an estimate, shape (n, n), m^2; None where not known."""
+    if not isinstance(data, ErrorEstimate) or not data.has_covariance:
+        return None
+    whole = data.covariance(curves[0][0])
+    return whole if np.isfinite(whole).all() else None
 
 
 def _check_domain(x: FloatArray, domain: tuple[float, float]) -> None:
@@ -523,9 +587,13 @@ def fit_legendre(
 
 
 def choose_degree(
-    curves: Curves, domain: tuple[float, float], degree: SupportsIndex | str, max_degree: int
+    curves: Curves,
+    domain: tuple[float, float],
+    degree: SupportsIndex | str,
+    max_degree: int,
+    known: FloatArray | None = None,
 ) -> tuple[int, list[dict[str, float]], str]:
-    """Return a degree, the scores of all that were tried, and who chose it."""
+    """Return a degree, the scores of all that were tried, and who chose it; `known`: covariance of the one curve."""
     if isinstance(degree, SupportsIndex) and not isinstance(degree, bool):
         wanted = operator.index(degree)
         if not 0 <= wanted <= MAX_DEGREE:
@@ -538,8 +606,40 @@ def choose_degree(
             f"max_degree must be 0 to {MOST_TRIED}, got {max_degree}; a higher degree is "
             "stated, not chosen"
         )
+    if known is not None:
+        scores = _scores_of_estimate(*curves[0], known, domain, max_degree)
+        if degree == "aicc":
+            best = int(np.argmin([s["cp_m2"] for s in scores]))
+            return best, scores, "least expected error, Cp with the covariance of the estimate"
+        return best_degree(scores, degree), scores, "chi-square test, 1 %"
     scores = degree_scores(curves, domain, max_degree, rounding=1e-14)
     return best_degree(scores, degree), scores, "AICc" if degree == "aicc" else "F-test, 1 %"
+
+
+def _scores_of_estimate(
+    x: FloatArray, z: FloatArray, known: FloatArray, domain: tuple[float, float], most: int
+) -> list[dict[str, float]]:
+    """Return Cp per sample, residual and chi-square test of each degree, the covariance known."""
+    from scipy.special import chdtrc
+
+    top = min(most, x.size // 3)
+    q, _ = np.linalg.qr(basis_of(to_unit(x, domain), top))
+    terms, spread = (q.T @ z) ** 2, np.einsum("ij,ik,kj->j", q, known, q, optimize=True)
+    left = np.maximum(float(z @ z) - np.cumsum(terms), 0.0)
+    cp = (left + 2.0 * np.cumsum(spread) - float(np.trace(known))) / x.size
+    p = [
+        float(chdtrc(1.0, t / v)) if v > 0.0 else float(t == 0.0)
+        for t, v in zip(terms, spread, strict=True)
+    ]
+    return [
+        {
+            "degree": d,
+            "cp_m2": float(cp[d]),
+            "residual_rms_m": float(np.sqrt(left[d] / x.size)),
+            **({"p_of_f_test": p[d]} if d else {}),
+        }
+        for d in range(top + 1)
+    ]
 
 
 # ---- the correction that cancels an error exactly: lookup at the command, error at the actual place ----

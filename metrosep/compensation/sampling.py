@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal, SupportsIndex
@@ -25,6 +25,7 @@ from metrosep.compensation.area_errors import (
     is_rotary,
     rising,
 )
+from metrosep.compensation.entry_covariance import Covariance, EntryCovariance
 from metrosep.compensation.measured import estimate_slope
 from metrosep.compensation.polynomial import exact_correction
 from metrosep.core._arrays import FloatArray
@@ -74,6 +75,9 @@ class SampledError:
     # of the less certain direction
     u: FloatArray | None
     interpolation_error: float  # m: largest deviation of the linear interpolation between entries
+    covariances: Mapping[
+        int, Covariance
+    ]  # of the table by direction, 1 and -1; empty where not known
 
 
 def sample_error(
@@ -108,6 +112,7 @@ def sample_error(
         offset=offset,
         u=_uncertainty(error, reverse, direction, p, zero, on_axis=on_axis),
         interpolation_error=_interpolation_error([ahead, back], p),
+        covariances=_covariances(error, reverse, direction, p, zero, on_axis=on_axis),
     )
 
 
@@ -302,13 +307,7 @@ def _uncertainty(
     *,
     on_axis: bool,
 ) -> FloatArray | None:
-    sources: list[tuple[ErrorSource, int | None]]
-    if reverse is not None:
-        sources = [(error, 1), (reverse, -1)]
-    elif _is_split(error, direction):
-        sources = [(error, 1), (error, -1)]
-    else:
-        sources = [(error, {"forward": 1, "reverse": -1}.get(direction))]
+    sources = _sources(error, reverse, direction)
     bands = []
     for e, d in sources:
         if not isinstance(e, ErrorEstimate):
@@ -322,6 +321,63 @@ def _uncertainty(
         )
     band = np.max(bands, axis=0)
     return band if np.isfinite(band).all() else None
+
+
+def _sources(
+    error: ErrorSource, reverse: ErrorSource | None, direction: str
+) -> list[tuple[ErrorSource, int | None]]:
+    """Return what each column of a table is made of: an error and its direction."""
+    if reverse is not None:
+        return [(error, 1), (reverse, -1)]
+    if _is_split(error, direction):
+        return [(error, 1), (error, -1)]
+    return [(error, {"forward": 1, "reverse": -1}.get(direction))]
+
+
+def _covariances(
+    error: ErrorSource,
+    reverse: ErrorSource | None,
+    direction: str,
+    p: FloatArray,
+    zero: float,
+    *,
+    on_axis: bool,
+) -> dict[int, Covariance]:
+    """Return the covariance of each column of a table; empty where one is not known."""
+    sources = _sources(error, reverse, direction)
+    found: dict[int, Covariance] = {}
+    for way, (e, d) in zip((1, -1), sources, strict=False):
+        first = sources[0][0]
+        if not (isinstance(e, ErrorEstimate) and isinstance(first, ErrorEstimate)):
+            return {}
+        slope = _u_slope(e) if on_axis else 0.0
+        if not (e.has_covariance and first.has_covariance and math.isfinite(slope)):
+            return {}
+        own = way == 1
+        found[way] = EntryCovariance(
+            p, partial(_from_zero, e, d, zero, slope, None if own else (first, sources[0][1]))
+        )
+    return found
+
+
+def _from_zero(
+    estimate: ErrorEstimate,
+    direction: int | None,
+    zero: float,
+    u_slope: float,
+    other: tuple[ErrorEstimate, int | None] | None,
+    p: FloatArray,
+) -> FloatArray:
+    """Return the covariance of ``e(p) - e(zero)``, shape (n, n), m^2; see `_u_from_zero`."""
+    line = u_slope**2 * np.outer(p - zero, p - zero)
+    if other is not None:
+        of_zero = float(other[0].sd([zero], direction=other[1])[0])
+        return estimate.covariance(p, direction=direction) + of_zero**2 + line
+    whole = estimate.covariance(np.append(p, zero), direction=direction)
+    out = whole[:-1, :-1] - whole[:-1, -1:] - whole[-1:, :-1] + whole[-1, -1] + line
+    at = p == zero  # exactly zero there, where rounding leaves 1e-33
+    out[at], out[:, at] = 0.0, 0.0
+    return np.asarray(out)
 
 
 def _u_from_zero(

@@ -7,13 +7,15 @@ Between entries the correction is linear, outside constant, as controllers do.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.compensation.area_errors import column
+from metrosep.compensation.entry_covariance import Covariance
 from metrosep.compensation.folds import Folds, source_hashes
 from metrosep.compensation.limits import (
     Corrections,
@@ -85,6 +87,10 @@ class CompensationTable(Corrections):
         are at hand; one run for each direction, without time.
     made_over : tuple of (float, float) or None, m
         Evaluation range of the estimate behind it, over which its line was removed.
+    covariances : mapping of int to callable, m^2
+        By direction, 1 and -1 (1 alone where there is one column): covariance, shape (n, n), of what
+        the table adds at positions in m, shape (n,). Empty where it is not known; a file keeps `u`
+        alone.
 
     Raises
     ------
@@ -107,6 +113,7 @@ class CompensationTable(Corrections):
     history: tuple[Step, ...] = ()
     source: RunSet | None = None
     made_over: tuple[float, float] | None = None
+    covariances: Mapping[int, Covariance] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         positions = column(self.positions, "positions")
@@ -242,6 +249,7 @@ class CompensationTable(Corrections):
             compensates=target,
             reference=zero,
             u=sampled.u,
+            covariances=sampled.covariances,
             interpolation_error=sampled.interpolation_error,
             removed="line" if isinstance(error, ErrorEstimate) and target != axis else "offset",
             made_over=(error.start, error.stop) if isinstance(error, ErrorEstimate) else None,

@@ -218,6 +218,7 @@ def trial_table(
         forward=forward,
         reverse=reverse,
         u=None,
+        covariances={},
         interpolation_error=0.0,
         removed="offset",
         made_over=None,

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         positioning_chart as positioning_chart,
     )
     from metrosep.plot.evidence_chart import evidence_plot as evidence_plot, feed_map as feed_map
+    from metrosep.plot.left_out import left_out_plot as left_out_plot
     from metrosep.plot.maps import (
         flat_maps as flat_maps,
         overlap_mismatch as overlap_mismatch,
@@ -65,7 +66,6 @@ if TYPE_CHECKING:
         before_after as before_after,
         charts_of as charts_of,
         drawable as drawable,
-        left_out_plot as left_out_plot,
         overview as overview,
         parts_plot as parts_plot,
         reversal_quartet as reversal_quartet,

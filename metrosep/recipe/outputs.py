@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from metrosep.compensation import CompensationTable, Verification
+from metrosep.compensation import CompensationTable, PolynomialFit, Verification
 from metrosep.compensation.folds import Folds
 from metrosep.controllers.safety import waived_names
 from metrosep.core.errors import CorruptFileError, DataError, MetrosepError, TableError, WriteError
@@ -37,6 +37,7 @@ __all__ = [
     "dry_runs",
     "make_carried",
     "make_table",
+    "polynomial_of",
     "recipe_hash",
     "staged",
     "write_reports",
@@ -86,7 +87,6 @@ def make_carried(
     estimate: ErrorEstimate, output: Mapping[str, Any], runs: RunSet, *, degree: Any = "aicc"
 ) -> Any:
     """Return what the controller of an output holds: a table, or a polynomial."""
-    from metrosep.compensation.polynomial import fit_polynomial
     from metrosep.controllers.registry import find
 
     carries = find(output["controller"]).info.carries
@@ -96,13 +96,22 @@ def make_carried(
             "'metrosep table MAP --format ...' with a measured map"
         )
     if carries == "polynomial":
-        return fit_polynomial(
+        return polynomial_of(
+            estimate,
             runs,
             degree=output.get("degree", degree),
             quantity="compensation",
-            domain=(estimate.start, estimate.stop),
+            on_axis=output.get("compensates", output["axis"]) == output["axis"],
         )
     return make_table(estimate, output)
+
+
+def polynomial_of(estimate: ErrorEstimate, runs: RunSet, **options: Any) -> PolynomialFit:
+    """Return the polynomial of a joint estimate with its covariance; of other methods that of the runs."""
+    from metrosep.compensation.polynomial import fit_polynomial
+
+    data = estimate if estimate.method == "joint" else runs
+    return fit_polynomial(data, domain=(estimate.start, estimate.stop), **options)
 
 
 def carried_of(
@@ -117,7 +126,7 @@ def carried_of(
 
 def _folds_in(document: Mapping[str, Any], made: Any) -> Folds | None:
     """Return what `made` is without some of the runs, as far as a result stores it; else None."""
-    if not document.get("folds") or not isinstance(made, CompensationTable):
+    if not document.get("folds") or all(s.name != "separate" for s in made.history):
         return None
     try:
         stored = [

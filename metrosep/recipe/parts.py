@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,9 +13,12 @@ import numpy as np
 from metrosep.core._arrays import by_number
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, UnsupportedFeatureError
-from metrosep.io.own_notes import moment_of
+from metrosep.core.provenance import Step
+from metrosep.io.own_notes import measured_at, moment_of
+from metrosep.io.source import RawFile
 from metrosep.recipe.describe.description import Description
 from metrosep.recipe.preflight import output_name
+from metrosep.recipe.schema import Field
 from metrosep.separation.runs.base import ErrorEstimate
 
 if TYPE_CHECKING:
@@ -24,12 +27,6 @@ if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
     from metrosep.recipe.schema import Place
 
-from collections.abc import Iterable
-
-from metrosep.core.provenance import Step
-from metrosep.io.own_notes import measured_at
-from metrosep.io.source import RawFile
-from metrosep.recipe.schema import Field
 
 __all__ = [
     "input_records",

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep.core.errors import DataError, RecipeError
-from metrosep.core.limits import FROM_FIT, limit_problem, order_problem
+from metrosep.core.limits import FROM_FIT, Limit, limit_problem, order_problem
+from metrosep.core.readable import typed_number
 from metrosep.parameters.decision import decide
 from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.pipeline_checks import known_unit, makes_metric
@@ -21,13 +22,6 @@ from metrosep.recipe.schema import Place
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
-from typing import TYPE_CHECKING
-
-from metrosep.core.limits import Limit
-from metrosep.core.readable import typed_number
-
-if TYPE_CHECKING:
-    from metrosep.recipe.recipe import Recipe
 __all__ = [
     "RESULT_NAME",
     "check_recipe",

@@ -10,8 +10,11 @@ import json
 import math
 import os
 import platform
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,10 +29,6 @@ from metrosep.core.runset import Run, RunSet
 if TYPE_CHECKING:
     from metrosep.separation.runs.base import ErrorEstimate
 
-import re
-from collections.abc import Iterable
-from functools import lru_cache
-from itertools import chain
 
 __all__ = [
     "SCHEMA",

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep._version import __version__
-from metrosep.compensation import fit_polynomial
 from metrosep.compensation.folds import fold_estimates, used_runs
 from metrosep.core._arrays import by_number
 from metrosep.core.errors import MetrosepError, ReadError, RecipeError
@@ -20,6 +19,7 @@ from metrosep.recipe.characteristics import DECISION_RULE, characteristics
 from metrosep.recipe.outputs import (
     WrittenTable,
     dry_runs,
+    polynomial_of,
     staged,
     table_names,
     write_reports,
@@ -158,7 +158,7 @@ def _document(
             *runs.metadata.get("warnings", ()),
             *estimate.messages,
             *_about_tables(described),
-            *_about_polynomial(basis["polynomial"]),
+            *_about_polynomial(basis["polynomial"], estimate),
             *(plan or {}).get("messages", ()),
         ],
         "provenance": history_as_dicts(estimate.history),
@@ -293,23 +293,39 @@ def _polynomial(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> dict[s
     for step in recipe.steps:
         if step["op"] == "polynomial":
             options = {k: v for k, v in step.items() if k != "op"}
-            domain = (estimate.start, estimate.stop)
-            fit = fit_polynomial(runs, domain=domain, **options)
+            if options.get("on_axis") is None:
+                options["on_axis"] = _on_axis(recipe)
+            fit = polynomial_of(estimate, runs, **options)
             return {**fit.to_dict(), "effect": fit.effect(estimate)}
     return None
 
 
-def _about_polynomial(polynomial: Mapping[str, Any] | None) -> list[str]:
-    effect = (polynomial or {}).get("effect") or {}
-    if not effect or effect["helps"]:
+def _on_axis(recipe: Recipe) -> bool:
+    """Return whether the tables of a recipe correct the axis along itself."""
+    tables = [o for o in recipe.outputs if o["kind"] == "table" and "axis" in o]
+    return bool(tables) and all(o.get("compensates", o["axis"]) == o["axis"] for o in tables)
+
+
+def _about_polynomial(polynomial: Mapping[str, Any] | None, estimate: ErrorEstimate) -> list[str]:
+    if not polynomial:
         return []
+    out = []
+    if polynomial["removed"] == "line":
+        out.append(
+            f"the polynomial is that of the separated error, without its line (slope {estimate.slope}, the "
+            "alignment); for an axis measured along itself set on_axis = true in the step polynomial"
+        )
+    effect = polynomial.get("effect") or {}
+    if not effect or effect["helps"]:
+        return out
     low, high = (format_length(effect[f"{k}_pv_m"], digits=3) for k in ("after", "before"))
     return [
+        *out,
         (
-            f"the polynomial of degree {(polynomial or {})['degree']} does not help: of the separated error "
+            f"the polynomial of degree {polynomial['degree']} does not help: of the separated error "
             f"{100 * effect['rest']:.3g} % of the RMS stay, P-V {high} -> {low}; write a table, or take a "
             "higher degree"
-        )
+        ),
     ]
 
 

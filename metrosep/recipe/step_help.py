@@ -6,22 +6,20 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from metrosep.core.errors import MetrosepError
+from metrosep.core.methods import METHODS
 from metrosep.core.options import KINDS
 from metrosep.core.readable import readable_text, typed_number
 from metrosep.core.text_options import TEXT_OPTIONS
+from metrosep.recipe.pipeline import schema
 from metrosep.recipe.schema import DIMENSIONS, Field, placeholder
-from metrosep.recipe.steps import ALL_STEPS
+from metrosep.recipe.steps import ALL_STEPS, STEPS, WHAT
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
-from typing import Any
 
-from metrosep.core.methods import METHODS
-from metrosep.recipe.pipeline import schema
-from metrosep.recipe.steps import STEPS, WHAT
 
 __all__ = [
     "StepKeys",

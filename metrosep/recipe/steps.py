@@ -82,6 +82,10 @@ STEPS = {
             choices=("error", "compensation"),
             help="error is actual - nominal; compensation is minus the error, what is added to the command",
         ),
+        "on_axis": Field(
+            "flag",
+            help="true where the error is along the axis itself, so that the slope of a joint estimate is part of it; as the tables of the recipe say if left out",
+        ),
     },
     "plan_feedrates": PLAN,
     "laser_setup": {"op": Field("text", required=True), **SETUP},

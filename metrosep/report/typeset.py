@@ -296,6 +296,17 @@ def _lines(shown: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield from _head("Characteristics")
         for entry in shown["characteristics"]:
             yield from _characteristic(entry)
+    if shown["runs"]:
+        yield from _head("Each run against the others")
+        for r in shown["runs"]:
+            yield (
+                "text",
+                (
+                    f"{r['short']} ({r['feed']} mm/min): misfit {r['misfit']}, gain {r['gain']} (u {r['u_gain']}), "
+                    f"shift {r['shift']} mm (u {r['u_shift']} mm)"
+                    + (f"; {r['found']}" if r["found"] else "")
+                ),
+            )
     yield from _table(shown["table"])
     if shown["polynomial"]:
         yield from _head(f"Polynomial of the {shown['polynomial']['meaning']}")

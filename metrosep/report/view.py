@@ -10,6 +10,7 @@ from typing import Any
 from metrosep.core import readable
 from metrosep.core.readable import digits_of
 from metrosep.core.units import parse_unit
+from metrosep.plot.left_out import lag_words, run_rows
 from metrosep.recipe.result import clean
 from metrosep.recipe.schema import Field, shown
 from metrosep.recipe.step_help import keys_of_step, step_words
@@ -64,6 +65,7 @@ def view(document: Document) -> dict[str, Any]:
         "hashes": short_hashes(document),
         "uncertainty_note": SEPARATED_NOTE if separation else _NOT_IN_BAND,
         "messages": _messages(document, estimate),
+        "runs": _run_rows(document),
         "wavelengths": _wavelengths(estimate.get("spectrum") or {}),
         "table": _table(document.get("table")),
         "polynomial": _polynomial(document.get("polynomial")),
@@ -98,10 +100,8 @@ def _summary(document: Document, estimate: Document) -> list[tuple[str, str]]:
     if estimate.get("fit_range_m"):
         rows.append(("Modelled travel, guard zones included", span(*estimate["fit_range_m"])))
     rows.append(("Runs", _runs((document.get("plots") or {}).get("feeds") or [])))
-    if estimate.get("lag_s") is not None:
-        fitted = estimate.get("lag_sd_s")
-        u = "given" if fitted is None else f"fitted, u = {fitted * 1e3:.2g} ms"
-        rows.append(("Delay of the reading", f"{estimate['lag_s'] * 1e3:.4g} ms ({u})"))
+    for way, phrase in lag_words(document) if estimate else []:
+        rows.append((f"Delay of the reading{', ' + way if way else ''}", phrase))
     return [(k, v) for k, v in rows if v]
 
 
@@ -188,6 +188,33 @@ def _messages(document: Document, estimate: Document) -> list[str]:
     both = [*(document.get("messages") or []), *(estimate.get("messages") or [])]
     op = str((document.get("separation") or {}).get("op") or "separate")
     return [_sentence(typeset(step_words(str(m), op))) for m in dict.fromkeys(both)]
+
+
+def _run_rows(document: Document) -> list[dict[str, str]]:
+    """Return each run against the others, as text; empty where nothing was compared."""
+    rows = run_rows(document) if document.get("estimate") else []
+    several = len({r["direction"] for r in rows}) > 1
+
+    def text(value: float | None, form: str) -> str:
+        return "–" if value is None else format(value, form).replace("-", "−")
+
+    return [
+        {
+            "run": r["run"],
+            "short": r["short"],
+            "direction": r["direction"] if several else "",
+            "feed": text(r["feed_mm_min"], ".6g"),
+            "misfit": text(r["misfit"], ".2f"),
+            "gain": text(r["gain"], ".3f"),
+            "u_gain": text(r["u_gain"], "#.2g"),
+            "shift": text(r["shift_mm"], ".3f"),
+            "u_shift": text(r["u_shift_mm"], "#.2g"),
+            "found": "; ".join(
+                p for p in ("" if r["used"] else "left out", typeset(r["finding"])) if p
+            ),
+        }
+        for r in rows
+    ]
 
 
 def _wavelengths(spectrum: Document) -> list[dict[str, str]]:

@@ -267,6 +267,53 @@ def test_joint_tells_the_adjusted_chance_of_each_wave(tmp_path):
     assert np.abs(half - 2 * arrays["sd"]).max() < 1e-6 * NM
 
 
+def test_a_joint_separation_tells_what_it_found_about_each_run(tmp_path):
+    """Run r3 is moved by + 0.8 mm: it shows the geometry of the place x - 0.8 mm."""
+    file = plant(tmp_path, "joint")
+    rows = (tmp_path / "runs.csv").read_text().splitlines()
+    header, *cells = rows
+    moved = []
+    for line in cells:
+        run, x, z, feed = line.split(",")
+        if run == "r3":
+            at = float(x) * MM
+            z = f"{float(z) + (geometry(at - 0.8 * MM) - geometry(at)) / NM:.4f}"
+        moved.append(f"{run},{x},{z},{feed}")
+    (tmp_path / "runs.csv").write_text("\n".join([header, *moved]) + "\n")
+    file.write_text(file.read_text() + 'shortest = "5 mm"\n')
+    with opened(file) as page:
+        before, _ = page.ok("curves", level="idle")
+        page.ok("waves", level="full")
+        header, _ = page.ok("curves", level="full")
+
+    assert "found" not in before
+    found = header["found"]
+    assert [r["run"] for r in found["runs"]] == [f"r{i}" for i in range(1, 7)]
+    odd = found["runs"][2]
+    assert "displaced" in odd["finding"]
+    assert [r["finding"] for r in found["runs"] if r is not odd] == [""] * 5
+    assert odd["shift_mm"] == pytest.approx(0.8, abs=4.0 * odd["u_shift_mm"])
+    x = np.array(odd["x_mm"]) * MM
+    strip = np.array(odd["strip_nm"], dtype=float)
+    # the vibration is in the strip, too
+    assert np.corrcoef(strip, geometry(x - 0.8 * MM) - geometry(x))[0, 1] > 0.7
+    ((way, phrase),) = found["lag"]
+    assert way == ""
+    assert phrase in header["lag"]["definition"]
+    assert header["lag"]["unit"] == "s"
+    assert found["messages"] == header["messages"]
+
+
+def test_kono_compares_runs_and_looks_for_no_delay(tmp_path):
+    with opened(plant(tmp_path)) as page:
+        page.ok("waves", level="full")
+        header, _ = page.ok("curves", level="full")
+
+    assert header["lag"] is None
+    assert header["found"]["lag"] == []
+    assert all(r["strip_nm"] is None for r in header["found"]["runs"])
+
+
 def test_adjusted_chances_select_what_the_rule_selects():
     rng = np.random.default_rng(8)
     p = np.concatenate([rng.uniform(size=60), rng.uniform(size=20) ** 6])

@@ -331,3 +331,49 @@ def test_runs_of_different_travel_get_a_range_by_hand(opened: Opened, tmp_path: 
     assert start + length <= 50.0 + 1e-6
     assert start + length > 49.0
     assert page.run("document.querySelector('.runs-message').hidden")
+
+
+def joint_runs(folder: Path) -> Path:
+    """Nine runs with long names, one of them moved by 0.9 mm, one name hostile; a joint recipe."""
+    rng = np.random.default_rng(4)
+    rows = ["x_mm,z_um,t_s,run"]
+    for number, feed in enumerate((80.0,) * 3 + (120.0,) * 3 + (160.0,) * 3):
+        t = np.arange(0.0, 56.0 / feed, 2e-3)
+        x = feed * t
+        at = x - (0.9 if number == 4 else 0.0)
+        z = 0.2 * np.cos(2 * np.pi * at / 12) + 0.1 * np.sin(2 * np.pi * at / 6.3)
+        z = z + 0.02 * rng.standard_normal(x.size)
+        name = f"2026-11-23 spindle off, table at {feed:g} mm/s, pass {number} (<img src=x onerror=document.title=1>)"
+        rows += [f'{a:.6f},{b:.6f},{c:.6f},"{name}"' for a, b, c in zip(x, z, t, strict=True)]
+    (folder / "runs.csv").write_text("\n".join(rows) + "\n")
+    (folder / "recipe.toml").write_text(
+        'metrosep = 1\n[input]\nfiles = ["runs.csv"]\nx = { column = "x_mm", unit = "mm" }\n'
+        'z = { column = "z_um", unit = "um" }\ntime = { column = "t_s", unit = "s" }\nrun = "run"\n'
+        '[[step]]\nop = "separate"\nshortest = "4 mm"\n'
+    )
+    return folder / "recipe.toml"
+
+
+def test_what_was_found_is_a_table_with_a_row_and_a_strip_for_each_run(
+    opened: Opened, tmp_path: Path
+) -> None:
+    page = opened(joint_runs(tmp_path), DONE)
+    page.click("input[name=runs-shown][value=found]")
+    page.wait("document.querySelectorAll('#runs-found tbody tr:not(.said)').length === 9")
+
+    assert page.run("document.querySelectorAll('#runs-found td.strip svg path.line').length") == 9
+    assert (
+        page.run(
+            "[...document.querySelectorAll('#runs-found tbody tr')].findIndex(r => r.classList.contains('odd'))"
+        )
+        == 4
+    )
+    assert "is displaced" in page.text("#runs-found tr.said td")
+    assert page.text("#runs-found p").startswith("Delay of the reading")
+    assert page.run("document.querySelector('#runs-found img')") is None
+    assert page.run(
+        "document.querySelector('#runs-found').scrollWidth <= document.querySelector('#runs-found').clientWidth"
+    )
+    page.click("input[name=runs-shown][value=repeats]")
+    assert page.run("document.querySelector('#runs-found').hidden")
+    assert page.run("!document.querySelector('#run-curves').hidden")

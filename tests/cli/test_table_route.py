@@ -187,7 +187,7 @@ def test_a_polynomial_that_does_not_help_says_so(metrosep, tmp_path, degree, hel
 def test_the_demo_says_that_its_polynomial_does_not_help(metrosep, tmp_path):
     code, _, err = metrosep("demo", "-o", tmp_path / "demo")
     assert code == 0
-    assert "the polynomial of degree 5 does not help" in err
+    assert "the polynomial of degree 6 does not help" in err
 
 
 @pytest.mark.parametrize("dialect", ["pmac", "pmac-plane", "pmac-backlash"])

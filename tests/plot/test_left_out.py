@@ -8,6 +8,7 @@ import pytest
 from metrosep import Run, RunSet
 from metrosep.core.errors import DataError
 from metrosep.plot import left_out_plot
+from metrosep.plot.left_out import lag_words, run_rows, short_names
 from metrosep.separation import ErrorEstimate, separate
 
 ODD, MOVED_MM = 4, 0.5
@@ -73,3 +74,126 @@ def test_what_predicts_nothing_is_refused(estimate):
         left_out_plot(mean)
     with pytest.raises(DataError, match="ErrorEstimate or a result"):
         left_out_plot(3.0)
+
+
+# ---- the table of the runs ----------------------------------------------------------------------
+
+
+def test_each_run_has_a_row_with_the_numbers_of_the_estimate(estimate):
+    rows = run_rows(estimate)
+    table = estimate.runs
+
+    assert [r["run"] for r in rows] == [f"r{i}" for i in range(9)]
+    for i, row in enumerate(rows):
+        assert row["gain"] == table["predicted_gain"][i]
+        assert row["u_shift_mm"] == table["u_predicted_shift_mm"][i]
+        assert row["misfit"] == table["misfit"][i]
+        assert row["predicted"]
+        assert row["direction"] == "forward"
+    assert [i for i, r in enumerate(rows) if r["finding"]] == [ODD]
+    # the run shows the error of the place x - 0.5 mm: it is displaced by + 0.5 mm
+    assert rows[ODD]["shift_mm"] > 0.3
+    strip = np.array(rows[ODD]["strip_nm"], dtype=float)
+    x = np.array(rows[ODD]["x_mm"])
+    assert np.corrcoef(strip, error(x - MOVED_MM) - error(x))[0, 1] > 0.95
+
+
+def test_the_rows_of_a_stored_result_are_the_same(estimate):
+    stored = json.loads(json.dumps({"estimate": estimate.to_dict()}))
+    assert run_rows(stored) == run_rows(estimate)
+    assert lag_words(stored) == lag_words(estimate)
+
+
+def two_ways(delay_s, **options):
+    """Runs both ways at three feeds whose readings are late, by hand; reverse names repeat."""
+    rng = np.random.default_rng(5)
+    runs = []
+    for way in (1, -1):
+        for i, v in enumerate((40.0, 70.0, 110.0)):
+            t = np.arange(int(50.0 / v * 1000.0)) / 1000.0
+            x = v * t if way > 0 else 50.0 - v * t
+            z = error(x - way * v * delay_s) + rng.normal(0.0, 10.0, x.size)
+            runs.append(Run(x * 1e-3, z * 1e-9, t=t, run_id=f"r{i}"))
+    return separate(RunSet(runs), start=1e-3, length=47e-3, **options)
+
+
+def test_both_directions_have_rows_of_their_own_and_the_delay_its_sign():
+    """2 ms late: what was at x - v d is read at x, both ways."""
+    estimate = two_ways(2e-3)
+    rows = run_rows(estimate)
+
+    assert [r["direction"] for r in rows] == ["forward"] * 3 + ["reverse"] * 3
+    assert all(len(r["strip_nm"]) == 60 for r in rows)
+    assert rows[0]["strip_nm"] != rows[3]["strip_nm"]
+    words = dict(lag_words(estimate))
+    assert set(words) == {"forward", "reverse"}
+    for phrase in words.values():
+        shown = float(phrase.split("show ")[1].split(" ms")[0])
+        assert shown == pytest.approx(2.0, abs=0.3)
+        assert "corrected: " in phrase
+
+
+def test_a_stated_delay_is_told_from_what_the_readings_show():
+    ((_, phrase), *_) = lag_words(two_ways(2e-3, lag=0.0))
+
+    assert "beside what was stated" in phrase
+    assert "corrected: 0 ms" in phrase
+
+
+def test_other_methods_have_rows_without_a_prediction_and_no_delay():
+    runs = [
+        Run(
+            np.linspace(0, 0.05, 99),
+            1e-7 * np.sin(np.linspace(0, 40, 99)),
+            feed=0.1,
+            run_id=f"{i}",
+        )
+        for i in range(3)
+    ]
+    noise = np.random.default_rng(1).normal(0, 1e-9, (3, 99))
+    runs = [Run(r.x, r.z + n, feed=0.1, run_id=r.run_id) for r, n in zip(runs, noise, strict=True)]
+    estimate = separate(RunSet(runs), method="mean")
+
+    assert lag_words(estimate) == []
+    for row in run_rows(estimate):
+        assert row["misfit"] is None
+        assert row["strip_nm"] is None
+        assert not row["predicted"]
+        assert row["gain"] == pytest.approx(1.0, abs=0.1)
+
+
+LONG = "2026-11-23 spindle off, table at {} mm/s, pass {} of 3 (operator Müller-Lüdenscheidt)"
+
+
+@pytest.mark.parametrize(
+    "names",
+    [[LONG.format(v, k) for v in (80, 120) for k in (1, 2, 3)],
+     ["a" * 60 + "1", "a" * 60 + "2"],
+     ["x" * 50 + f"{i}" + "y" * 50 for i in range(12)],
+     ["short", "z" * 99],
+     ["same " * 12, "same " * 12 + "but one"],
+     ["", "w" * 40],
+     ["one alone with a name that is far too long for a column"]],
+)  # fmt: skip
+def test_short_names_fit_and_differ_where_the_names_do(names):
+    short = short_names(names)
+
+    assert max(map(len, short)) <= 30
+    assert len(set(short)) == len(set(names))
+    assert short_names(["a", "b"]) == ["a", "b"]
+
+
+def test_a_strip_of_a_long_name_and_a_long_finding_stays_in_its_figure(estimate):
+    stored = json.loads(json.dumps({"estimate": estimate.to_dict()}))
+    stored["estimate"]["runs"]["finding"][ODD] = "is displaced, and more that nobody can read " * 5
+    names = [LONG.format(80, i) for i in range(9)]
+    stored["estimate"]["runs"]["run"] = names
+    stored["estimate"]["terms"]["leave_one_out"]["run"] = names
+    figure = left_out_plot(stored)
+    figure.canvas.draw()
+
+    right = figure.bbox.x1
+    for axes in figure.axes:
+        box = axes._left_title.get_window_extent()
+        assert box.x1 <= right
+        assert len(axes.get_yticks()) == 3

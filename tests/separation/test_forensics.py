@@ -110,7 +110,8 @@ def spike(z):
     return z
 
 
-METHODS = ["joint", "kono", "mean"]
+METHODS = [pytest.param("joint", marks=pytest.mark.slow), "kono", "mean"]
+"""The checks are made before any method; that joint makes them too is shown by `make test-slow`."""
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -9,10 +9,18 @@ import math
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
+from scipy.stats import invgamma
 
 from metrosep.separation.runs.geometry import Extension, Sensor, Spectrum, filtered
 from metrosep.separation.runs.leave_out import run_scores
-from metrosep.separation.runs.noise import NoiseModel, burg, exact_rows, fit_noise
+from metrosep.separation.runs.noise import (
+    NoiseModel,
+    burg,
+    exact_rows,
+    fit_noise,
+    level_spread,
+)
 from metrosep.separation.runs.posterior import Model, RunEquations
 from metrosep.separation.runs.sensor import averaged
 from metrosep.separation.runs.slip import find_slip
@@ -61,6 +69,7 @@ def model(noise):
                 oo,
                 SPEEDS[r],
                 r,
+                24.0,
             )
         )
     made = Model(extension, Spectrum(K), slip_is_geometry=False)
@@ -149,6 +158,7 @@ def test_a_displaced_run_is_found_where_it_is(model):
         run.level_information,
         run.velocity,
         run.feed,
+        run.length,
     )
     model.take(runs)
     model.solve()
@@ -172,18 +182,73 @@ def test_runs_that_agree_have_no_slip(model):
     assert not find_slip(model)
 
 
-def test_order_of_a_resonance_is_found():
-    """A second-order process needs order 2, and its coefficients come back."""
+def test_a_resonance_is_found():
+    """A second-order process has its density, whatever the order."""
     rng = np.random.default_rng(5)
     a = (-1.6, 0.9)
-    draws = []
-    for _ in range(4):
-        n = np.zeros(4000)
-        e = rng.normal(size=n.size)
-        for i in range(2, n.size):
-            n[i] = -a[0] * n[i - 1] - a[1] * n[i - 2] + e[i]
-        draws.append(n[:, None])
+    draws = [lfilter([1.0], [1.0, *a], rng.normal(size=4000))[:, None] for _ in range(4)]
     model = fit_noise(draws, time_step=1e-3)
-    assert 2 <= model.order <= 6  # AICc keeps one needless coefficient in six
     np.testing.assert_allclose(model.filters[2][1:], a, rtol=0.0, atol=0.02)  # 4 / sqrt(16000)
     assert model.variance == pytest.approx(1.0, rel=0.05, abs=0.0)
+    f = np.array([10.0, 50.0, 90.0, 200.0]) * 1e-3
+    true = np.abs(np.exp(-2j * np.pi * np.outer(f, range(3))) @ np.array([1.0, *a])) ** -2.0
+    found = np.abs(np.exp(-2j * np.pi * np.outer(f, range(49))) @ model.filters[-1]) ** -2.0
+    # a density of 48 coefficients from 16000 samples is known to sqrt(2 * 48 / 16000) = 8 %
+    np.testing.assert_allclose(found / true, 1.0, rtol=0.0, atol=0.25)
+
+
+def test_slow_noise_of_short_runs_has_its_density():
+    """What lasts a run is resolved: its level decides how wide the band of long waves is."""
+    dt, f0, zeta = 1e-3, 3.0, 0.5
+    r = np.exp(-zeta * 2.0 * np.pi * f0 * dt)
+    own = [1.0, -2.0 * np.cos(2.0 * np.pi * f0 * np.sqrt(1.0 - zeta**2) * dt) * r, r * r]
+    f = np.array([2.0, 3.0, 4.0])
+    true = np.abs(np.exp(-2j * np.pi * dt * np.outer(f, np.arange(3))) @ own) ** -2.0
+    logs = []
+    for seed in range(12):
+        rng = np.random.default_rng([77, seed])
+        draws = []
+        for length in (700, 700, 350, 350):
+            n = lfilter([1.0], own, rng.standard_normal(length + 3000))[3000:]
+            draws.append(n[:, None])
+        size = np.sqrt(np.mean(np.concatenate(draws) ** 2))
+        jitter = 0.2 * np.random.default_rng(seed).standard_normal((2100, 1))  # of the reading
+        ends = np.cumsum([0, 700, 700, 350, 350])
+        scaled = [
+            d / size + jitter[a:b] for d, a, b in zip(draws, ends[:-1], ends[1:], strict=True)
+        ]
+        model = fit_noise(scaled, time_step=dt)
+        z = np.exp(-2j * np.pi * dt * np.outer(f, np.arange(model.order + 1)))
+        found = model.variance * size**2 / np.abs(z @ model.filters[-1]) ** 2
+        logs.append(np.log(found / true))
+    # two runs of 0.7 s and two of 0.35 s hold 9 degrees of freedom between 2 and 4 Hz: a factor of
+    # 1.6 in each set, of 1.2 in the mean of twelve
+    assert 0.6 < np.exp(np.mean(logs)) < 1.4
+
+
+def test_a_level_that_is_learnt_from_few_cycles_widens_the_band():
+    """Mean variance of the scaled inverse chi-square that few degrees and one witness leave."""
+    cycles, runs = np.array([1.5, 4.0, 30.0]), 4
+    for c, factor in zip(cycles, level_spread(cycles, runs), strict=True):
+        degrees = 2.0 * c / math.sqrt(2.0) * 3.0 / 4.0 + 2.0  # both of a pair, an octave about it
+        mean = invgamma(degrees / 2.0, scale=degrees / 2.0).mean()
+        assert factor == pytest.approx(mean, rel=1e-9, abs=0.0)
+    alone = level_spread(np.array([1.0]), 1)[0]
+    assert alone == pytest.approx(1.0 + math.sqrt(2.0), rel=1e-12, abs=0.0)
+
+
+def test_the_widened_band_is_that_of_greater_noise(model):
+    """Every score is noisier by the root of its factor, and goes through the same solution."""
+    post, gram = model.solve(), model.total[0]
+    plain = post.covariance()
+    cycles = 3.0 * 24.0 * np.arange(1, K + 1) / model.extension.period
+    grown = 1.0 + 2.0 / (math.sqrt(2.0) * cycles * 2.0 / 3.0)
+    grown = np.concatenate([grown[:1], grown, grown])
+    values, vectors = np.linalg.eigh(gram)
+    scores = vectors * np.sqrt(np.clip(values, 0.0, None))
+    scores = scores @ np.random.default_rng(3).standard_normal((gram.shape[0], 40_000))
+    louder = np.sqrt(grown)[:, None] * scores
+    spread = np.var(plain @ louder, axis=1) - np.var(plain @ scores, axis=1)
+    more = np.diag(model.covariance(post) - plain)
+    np.testing.assert_allclose(spread, more, rtol=0.0, atol=0.05 * more.max())  # 40000 draws: 1 %
+    assert np.all(more[1:] > 0.0)

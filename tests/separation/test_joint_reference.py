@@ -375,7 +375,7 @@ class Estimator:
         oo, ao, oy = float(o @ o), a.T @ o, float(o @ y)
         return RunEquations(
             a.T @ a - np.outer(ao, ao) / oo, a.T @ y - ao * oy / oo, ao / oo, oy / oo, oo,
-            FEEDS[r], r,
+            FEEDS[r], r, 0.024,
         )  # fmt: skip
 
     def numbers(self):

@@ -144,7 +144,7 @@ def test_from_runs_to_the_slide_at_the_command_line(tmp_path, capsys):
         code = command("separate", *files, *columns, "--poly", "2", "-o", str(out))
         said = capsys.readouterr().err
         assert not code, said
-        assert "u of the polynomial, mean removed: up to" in said
+        assert "u of the polynomial: up to" in said
         results.append(str(out / "result.json"))
     document = json.loads((tmp_path / "before_out" / "result.json").read_text())
     out = tmp_path / "reversed"

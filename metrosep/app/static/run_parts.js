@@ -74,7 +74,7 @@ export function curvesOf(header, arrays, place) {
 export function numbersOf(header) {
   const rms = { value: header.residual_rms, unit: "m", u: null, definition: "RMS of the readings about the separated error" };
   return /** @type {[string, any][]} */ ([
-    ["P-V", header.pv], ["slope taken off", header.slope], ["lost motion", header.lost_motion], ["left in the readings, RMS", rms],
+    ["P-V", header.pv], ["delay of the reading", header.lag], ["slope taken off", header.slope], ["lost motion", header.lost_motion], ["left in the readings, RMS", rms],
   ]).filter(([, q]) => q && q.value !== null).map(([name, q]) => {
     const item = make_("span", "", `${name} ${si(q.value, q.unit)}${q.u === null ? "" : ` (u ${si(q.u, q.unit, 2)})`}`);
     item.title = q.definition ?? "";

@@ -4,6 +4,7 @@
 // step "separate"; until the separation is done anew the old curves stay, greyed.
 
 import runCurves, { wayOf } from "./run_curves.js";
+import { choices, foundOf } from "./run_found.js";
 import { curvesOf, make_, numbersOf, sample, typedLength } from "./run_parts.js";
 import runWaves, { thresholds } from "./run_waves.js";
 import { makeModel, Refusal, Superseded } from "./wire.js";
@@ -48,17 +49,12 @@ export function make(context) {
     askWaves(settled ? "full" : "idle");
   });
   head.append(about, make_("span", "grow"), ways);
-  for (const [value, label] of [["repeats", "repeats"], ["separated", "separated"], ["change", "before/after"]]) {
-    const choice = make_("label", "check");
-    const input = make_("input");
-    Object.assign(input, { type: "radio", name: "runs-shown", value, checked: value === "repeats" });
-    input.addEventListener("change", () => {
-      curves.set("shown", value);
-      drawLegend();
-    });
-    choice.append(input, ` ${label}`);
-    head.append(choice);
-  }
+  head.append(...choices((value) => {
+    found.hidden = value !== "found";
+    upper.hidden = legend.hidden = !found.hidden;
+    if (found.hidden) curves.set("shown", value);
+    drawLegend();
+  }));
   const fit = make_("button", "small", "Fit");
   fit.title = "Show the whole travel (double click)";
   fit.type = "button";
@@ -71,6 +67,8 @@ export function make(context) {
   const legend = make_("div", "runs-legend");
   const upper = make_("div", "runs-upper");
   upper.id = "run-curves";
+  const found = make_("div", "runs-found");
+  Object.assign(found, { id: "runs-found", hidden: true, tabIndex: 0 });
   const numbers = make_("div", "runs-numbers");
   numbers.id = "runs-numbers";
   const message = make_("div", "runs-message");
@@ -108,7 +106,7 @@ export function make(context) {
   const right = make_("div");
   right.id = "run-evidence";
   lower.append(left, right);
-  el.append(head, legend, upper, numbers, message, low, state, lower);
+  el.append(head, legend, upper, found, numbers, message, low, state, lower);
   runCurves.render({ model: curves, el: upper });
   runWaves.render({ model: waves, el: left });
   thresholds.render({ model: waves, el: right });
@@ -183,21 +181,22 @@ export function make(context) {
 
   function putCurves(/** @type {Dict} */ header, /** @type {Dict} */ arrays) {
     feeds = header.feeds.length ? header.feeds : [{ feed: null, feed_words: "feed not known" }];
-    const found = curvesOf(header, arrays, nearestFeed);
-    found.feeds = feeds.map((one) => one.feed_words);
+    const given = curvesOf(header, arrays, nearestFeed);
+    given.feeds = feeds.map((one) => one.feed_words);
+    if (header.found) found.replaceChildren(...foundOf(header.found));
     if (header.separated) numbers.replaceChildren(...numbersOf(header));
     if (ways.options.length !== header.directions.length) {
       ways.replaceChildren(...header.directions.map((/** @type {number} */ d) => new Option(wayOf(d), String(d))));
       ways.hidden = header.directions.length < 2;
     }
     if (!header.directions.includes(curves.get("direction"))) {
-      [found.direction] = header.directions;
+      [given.direction] = header.directions;
       waves.put({ direction: header.directions[0] });
     }
     const gaps = header.runs.filter((/** @type {Dict} */ run) => run.not_measured > 0).length;
     about.textContent = [`${header.runs.length} runs`, gaps ? `${gaps} with gaps` : "", header.levelled].filter(Boolean).join("; ");
     about.title = [about.textContent, ...header.messages].join("\n");
-    curves.put(found);
+    curves.put(given);
     putStated(header.stated);
     drawLegend();
   }
@@ -274,6 +273,7 @@ export function make(context) {
     usual.dataset.key = statistic?.key ?? "";
     usual.title = `Take ${usual.dataset.key} out of the recipe`;
     el.classList.toggle("busy", stale === COMPUTING);
+    found.classList.toggle("stale", Boolean(stale));
   }
 
   // ---- what is done ------------------------------------------------------------------------
@@ -333,7 +333,7 @@ export function make(context) {
       if (isNewFile) {
         curves.put({ runs: [], separated: [], means: [], window: null, range: null, extent: null, direction: 1 });
         waves.put({ wavelength: null, lines: [], estimate: null, statistics: [], vibrations: [], shortest: null, threshold: null, direction: 0, words: "" });
-        numbers.replaceChildren();
+        for (const box of [numbers, found]) box.replaceChildren();
         ways.replaceChildren();
       }
       if (session.hash !== seen || isNewFile) {

@@ -164,6 +164,8 @@ def plane_map_of(produced: Any, inputs: Any = None) -> Description:
     """Return what a document holds of a `PlaneMap`."""
     surface, u = produced.surface, produced.u
     found = extremes("plane", surface.z, u.z, "m")
+    if produced.pv is not None:
+        found["plane.pv"] = produced.pv
     found |= {"alpha": produced.alpha, "beta": produced.beta}
     charts = [_chart("Error of the plane", {"error": surface.z}, surface)]
     if np.isfinite(u.z).any():

@@ -51,6 +51,10 @@ class AxesCombined(NamedMethod):
         "u_alpha": Option("angle", help="standard uncertainty of alpha"),
         "u_beta": Option("angle", help="standard uncertainty of beta"),
         "origin": Option("lengths", help="x and y where both alignments are zero"),
+        "reference": Option(
+            "lengths",
+            help="x and y where the map is zero, so that error and uncertainty are those of the difference from there",
+        ),
     }
 
     @classmethod
@@ -67,8 +71,9 @@ class AxesCombined(NamedMethod):
             if u is not None:
                 value = rest.get(name, 0.0)
                 rest[name] = Quantity(value, "rad", f"{name}, as stated", u=u, symbol=name)
-        if "origin" in rest and len(rest["origin"]) != 2:
-            raise DataError('origin is x and y: origin = ["0 mm", "0 mm"]')
+        for name in ("origin", "reference"):
+            if name in rest and len(rest[name]) != 2:
+                raise DataError(f'{name} is x and y: {name} = ["0 mm", "0 mm"]')
         return plane_map(*data.items, **rest)
 
 
@@ -94,6 +99,8 @@ class PlaneMap(PlainResult):
         What was added and what is not in the map.
     messages : tuple of str
         What the user should know.
+    pv : Quantity, m, optional
+        P-V of the map; its u is that of the difference of the two extremes.
     """
 
     surface: Surface
@@ -102,6 +109,7 @@ class PlaneMap(PlainResult):
     beta: Quantity
     audit: Mapping[str, Any] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
+    pv: Quantity | None = None
 
     def __repr__(self) -> str:
         n_y, n_x = self.surface.shape
@@ -139,6 +147,7 @@ def plane_map(
     origin: tuple[float, float] | None = None,
     u_x: ArrayLike | Profile | None = None,
     u_y: ArrayLike | Profile | None = None,
+    reference: tuple[float, float] | None = None,
 ) -> PlaneMap:
     """Return the error of an XY plane as the sum of the errors of its two axes.
 
@@ -158,17 +167,21 @@ def plane_map(
     u_x, u_y : float, array_like or Profile, m, optional
         Standard uncertainty of the axes where they are profiles; one value, one for each sample,
         or a profile over position.
+    reference : tuple of (float, float), m, optional
+        Where the map is zero, a point of its grid: error and u are then those of the difference from
+        there, as in a compensation map of this reference.
 
     Returns
     -------
     PlaneMap
-        Map and uncertainty map.
+        Map, uncertainty map and P-V.
 
     Raises
     ------
     DataError
         If an axis is neither an estimate nor a profile, a step is not positive or gives fewer
-        than two points, or an alignment or the origin is not a finite number.
+        than two points, an alignment or the origin is not a finite number, or the reference is not
+        a measured point of the grid.
     InvalidSamplesError
         If an uncertainty is not real, negative or of another length.
     UnitError
@@ -177,7 +190,10 @@ def plane_map(
     Notes
     -----
     Eq. 3 with the uncertainties combined as independent:
-    ``u^2 = u_x(x)^2 + u_y(y)^2 + (y - y0)^2 u_alpha^2 + (x - x0)^2 u_beta^2``. Null space: piston;
+    ``u^2 = u_x(x)^2 + u_y(y)^2 + (y - y0)^2 u_alpha^2 + (x - x0)^2 u_beta^2``. Of the difference of
+    two points u_x^2 becomes ``var(x) + var(x') - 2 cov(x, x')`` with the covariance of an estimate
+    (profiles have none: their samples count as independent), (x - x0) becomes (x - x'), and so for y.
+    Null space: piston;
     alignment, unless given (the slope of an estimate is that of axis and artefact together); and
     all coupling of x and y. Outside the measured range, and at NaN of a profile, the map is NaN.
     Profiles are interpolated linearly, and not across a gap.
@@ -210,6 +226,20 @@ def plane_map(
     u_tilt_x = (xs - x0) * (beta_q.u or 0.0)
     u_tilt_y = (ys - y0) * (alpha_q.u or 0.0)
     u = np.sqrt((s_x**2 + u_tilt_x**2)[np.newaxis, :] + (s_y**2 + u_tilt_y**2)[:, np.newaxis])
+    axes = (
+        _Axis(along_x, xs, s_x, beta_q.u or 0.0),
+        _Axis(along_y, ys, s_y, alpha_q.u or 0.0),
+    )
+    if reference is not None:
+        at = tuple(
+            _node(a.grid, p, name)
+            for a, p, name in zip(axes, plane_origin(reference), "xy", strict=True)
+        )
+        if np.isnan(z[at[1], at[0]]):
+            raise DataError("the reference lies in a gap of an axis; name a measured point")
+        z = z - z[at[1], at[0]]
+        away = [a.square_from(i) for a, i in zip(axes, at, strict=True)]
+        u = np.sqrt(away[0][np.newaxis, :] + away[1][:, np.newaxis])
     u[np.isnan(z)] = np.nan
     history = (
         *along_x.history,
@@ -222,6 +252,7 @@ def plane_map(
         "alpha_urad": alpha_q.value * 1e6,
         "beta_urad": beta_q.value * 1e6,
         "origin_mm": [x0 * 1e3, y0 * 1e3],
+        "reference_mm": None if reference is None else [v * 1e3 for v in plane_origin(reference)],
         "not_in_the_model": ["piston", "coupling of x and y"],
     }
     return PlaneMap(
@@ -231,6 +262,59 @@ def plane_map(
         beta_q,
         audit,
         _messages(along_x, along_y, alpha_q, beta_q, s_x, s_y, z),
+        _peak_to_valley(z, *axes),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Axis:
+    """One axis on the grid of the map."""
+
+    item: ErrorEstimate | Profile
+    grid: FloatArray  # shape (n,), m
+    sd: FloatArray  # shape (n,), m
+    u_slope: float  # rad: of its alignment
+
+    def square_from(self, at: int) -> FloatArray:
+        """Return the variance of the difference from one place of the grid, shape (n,), m^2."""
+        place = float(self.grid[at])
+        tilt = ((self.grid - place) * self.u_slope) ** 2
+        if isinstance(self.item, ErrorEstimate) and self.item.has_covariance:
+            return np.asarray(self.item.u_of_difference(self.grid, place) ** 2 + tilt)
+        square = self.sd**2 + self.sd[at] ** 2 + tilt
+        square[at] = 0.0 * self.sd[at]
+        return np.asarray(square)
+
+
+def _node(grid: FloatArray, place: float, axis: str) -> int:
+    """Return which point of a grid a place is; refused between them."""
+    at = int(np.argmin(np.abs(grid - place)))
+    if abs(float(grid[at]) - place) > 1e-6 * (grid[1] - grid[0]):
+        raise DataError(
+            f"the reference {axis} = {place * 1e3:.9g} mm is not on the grid of the map "
+            f"({grid[0] * 1e3:.6g} ... {grid[-1] * 1e3:.6g} mm in steps of "
+            f"{(grid[1] - grid[0]) * 1e3:.6g} mm); take {grid[at] * 1e3:.9g} mm"
+        )
+    return at
+
+
+def _peak_to_valley(z: FloatArray, along_x: _Axis, along_y: _Axis) -> Quantity | None:
+    """Return the P-V of the map with the uncertainty of that difference; None where all is NaN."""
+    if not np.isfinite(z).any():
+        return None
+    (top, right), (low, left) = (
+        np.unravel_index(int(i), z.shape) for i in (np.nanargmax(z), np.nanargmin(z))
+    )
+    axes = (along_x, along_y)
+    square = float(along_x.square_from(int(left))[right] + along_y.square_from(int(low))[top])
+    known = all(isinstance(a.item, ErrorEstimate) and a.item.has_covariance for a in axes)
+    how = "with the covariance of the two extremes" if known else "samples taken as independent"
+    return Quantity(
+        float(z[top, right] - z[low, left]),
+        "m",
+        f"P-V of the error of the plane; u {how}",
+        u=math.sqrt(square) if math.isfinite(square) else None,
+        symbol="PV plane",
     )
 
 

@@ -18,13 +18,16 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError, UnitError
 from metrosep.core.numbers import not_negative, positive, real
 from metrosep.core.quantity import Quantity
+from metrosep.core.units import format_length
+from metrosep.separation._readings import real_numbers
 from metrosep.separation.planes._result import PlainResult
+from metrosep.separation.runs.base import ErrorEstimate
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,6 +39,8 @@ PAIRS = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
 _SIGN = {"p": 1.0, "n": -1.0, "0": 0.0, "+": 1.0, "-": -1.0}
 _TOO_LARGE = 1e-2
 _ESTIMABLE = 1e-9
+_REACH = 1e-3
+"""Share of a diagonal that an estimate may fall short of it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -106,21 +111,27 @@ class Squareness(PlainResult):
 
 
 def squareness_from_diagonals(
-    lengths: Mapping[str, float],
+    lengths: Mapping[str, float | Quantity | ErrorEstimate],
     size: Sequence[float],
     *,
     u: float | Mapping[str, float] | None = None,
+    covariance: ArrayLike | None = None,
 ) -> Squareness:
     """Return squareness errors from length errors of diagonals.
 
     Parameters
     ----------
-    lengths : mapping of str to float, m
-        Length error (actual minus nominal) of each diagonal by name, see the module.
+    lengths : mapping of str to float, Quantity or ErrorEstimate, m
+        Length error (actual minus nominal) of each diagonal by name, see the module. Of an estimate
+        of the error along a diagonal it is the difference of its ends, slope included.
     size : sequence of 3 float, m
         Travel along X, Y and Z between the ends of the diagonals, > 0.
     u : float or mapping of str to float, m, optional
-        Standard uncertainty of each length error, independent of one another.
+        Standard uncertainty of each length error, independent of one another; that of the quantities
+        or estimates if omitted.
+    covariance : array_like, shape (n, n), m^2, optional
+        Instead of `u`, in the order of `lengths`: what errors of the instrument (wavelength, air, dead
+        path) make common to several diagonals.
 
     Returns
     -------
@@ -133,7 +144,8 @@ def squareness_from_diagonals(
         If no angle is determined by these diagonals.
     DataError
         If lengths is not a mapping, a name is not known, a diagonal is given twice, `size` is not three
-        positive lengths, or u is not a number, negative or lacks a diagonal.
+        positive lengths, u is not a number, negative or lacks a diagonal, the covariance is not one or
+        is given beside u, or an estimate does not reach from end to end.
     InvalidSamplesError
         If a length error is not a finite number.
     UnitError
@@ -147,7 +159,9 @@ def squareness_from_diagonals(
 
     Four body diagonals give ``a_xy = D / (4 X Y) (dL_ppp - dL_npp - dL_pnp + dL_nnp)`` and so on;
     two diagonals of a face give its angle alone. All that is given is solved by least squares with
-    weights 1/u^2.
+    weights 1/u^2, or the inverse of the covariance C; with the solution ``H dL`` the covariance of
+    angles and scales is ``H C H'``. Of an error common to all four body diagonals nothing is left in
+    the angles; of errors opposite in ppp and npp more than of independent ones.
 
     Null space: body diagonals alone see the scale errors e only as one common length, which
     cancels in the angles; a common error of the instrument (wavelength, dead path) does the same.
@@ -165,15 +179,21 @@ def squareness_from_diagonals(
     2.5981
     """
     travel = checked_travel(size)
-    table = _by_canonical_name(lengths)
+    given = _by_canonical_name(lengths)
+    table = {name: _length(name, value, travel) for name, value in given.items()}
     signs = signs_of(table)
     dl = np.array(list(table.values()), dtype=np.float64)
     diagonal = np.sqrt((signs**2) @ travel**2)
     _check_lengths(list(table), dl, diagonal)
     design = design_of(signs, travel)
-    sd = _standard_uncertainties(u, list(table))
-    weight = np.ones(dl.size) if sd is None or not (sd > 0).all() else 1.0 / sd
-    inverse = np.linalg.pinv(design * weight[:, None], rcond=1e-12) * weight
+    if covariance is not None and u is not None:
+        raise DataError("u and covariance state the same; give one of them")
+    sd = _standard_uncertainties(_own_u(given, travel) if u is None else u, list(table))
+    whole = None if sd is None else np.diag(sd**2)
+    if covariance is not None:
+        whole = _checked_covariance(covariance, list(table))
+    weight = _whitener(whole, dl.size)
+    inverse = np.linalg.pinv(weight @ design, rcond=1e-12) @ weight
     known = np.abs(inverse @ design - np.eye(6)).max(axis=1) < _ESTIMABLE
     if not known[:3].any():
         raise NotSeparableError(
@@ -182,7 +202,9 @@ def squareness_from_diagonals(
         )
     least = inverse @ dl
     values = np.where(known, least, np.nan)
-    spread = None if sd is None else np.sqrt((inverse**2) @ sd**2)
+    spread = None
+    if whole is not None:
+        spread = np.sqrt(np.maximum(np.diag(inverse @ whole @ inverse.T), 0.0))
     residuals = dl - design @ least
     found = _quantities(values, spread, known)
     return Squareness(
@@ -197,7 +219,7 @@ def squareness_from_diagonals(
             "redundancy": int(dl.size - np.linalg.matrix_rank(design)),
             "residual_rms_nm": float(np.sqrt(np.mean(residuals**2))) * 1e9,
         },
-        messages=tuple(_messages(known, sd)),
+        messages=tuple(_messages(known, stated=whole is not None)),
     )
 
 
@@ -233,8 +255,8 @@ def canonical_name(name: str) -> tuple[str, bool]:
     return text.translate(str.maketrans("pn", "np")), True
 
 
-def _by_canonical_name(lengths: Mapping[str, float]) -> dict[str, float]:
-    table: dict[str, float] = {}
+def _by_canonical_name(lengths: Mapping[str, Any]) -> dict[str, Any]:
+    table: dict[str, Any] = {}
     if not isinstance(lengths, Mapping):
         raise DataError(
             "pass the length errors as a mapping such as {'ppp': 2e-6, 'npp': -1e-6, ...}: the "
@@ -246,15 +268,81 @@ def _by_canonical_name(lengths: Mapping[str, float]) -> dict[str, float]:
             raise DataError(
                 f"diagonal {own} is given twice ({name!r} is the same line); average them"
             )
-        try:
-            table[own] = float(getattr(value, "value", value))
-        except (TypeError, ValueError):
-            raise InvalidSamplesError(
-                f"the length error of {name} must be a number in m, got {value!r}"
-            ) from None
+        table[own] = value
     if not table:
         raise NotSeparableError("no diagonal was given")
     return table
+
+
+def _length(name: str, value: Any, travel: FloatArray) -> float:
+    """Return the length error of a diagonal, m."""
+    if isinstance(value, ErrorEstimate):
+        _check_reach(name, value, travel)
+        ends = value.evaluate([value.start, value.stop])
+        return float(ends[1] - ends[0] + value.slope.value * (value.stop - value.start))
+    try:
+        return float(getattr(value, "value", value))
+    except (TypeError, ValueError):
+        raise InvalidSamplesError(
+            f"the length error of {name} must be a number in m, got {value!r}"
+        ) from None
+
+
+def _check_reach(name: str, estimate: ErrorEstimate, travel: FloatArray) -> None:
+    """Refuse an estimate that does not reach over its diagonal."""
+    legs = signs_of([name])[0] * travel
+    diagonal, reach = float(np.sqrt((legs**2).sum())), estimate.stop - estimate.start
+    if abs(reach - diagonal) > _REACH * diagonal:
+        raise DataError(
+            f"the estimate of diagonal {name} reaches over {format_length(reach)}, the diagonal over "
+            f"{format_length(diagonal)}: separate its runs over the whole diagonal (start, length)"
+        )
+
+
+def _own_u(given: Mapping[str, Any], travel: FloatArray) -> dict[str, float] | None:
+    """Return the uncertainties that lengths bring themselves; None where one brings none."""
+    found: dict[str, float] = {}
+    for name, value in given.items():
+        if isinstance(value, ErrorEstimate):
+            if not value.has_covariance or value.slope.u is None:
+                return None
+            ends = float(value.u_of_difference([value.stop], value.start)[0])
+            own: float | None = math.hypot(ends, value.slope.u * (value.stop - value.start))
+        else:
+            own = getattr(value, "u", None)
+        if own is None or not math.isfinite(own):
+            return None
+        found[name] = own
+    return found
+
+
+def _checked_covariance(covariance: ArrayLike, names: list[str]) -> FloatArray:
+    """Return a covariance of length errors as a symmetric array."""
+    whole = np.asarray(real_numbers(covariance, "covariance"), dtype=np.float64)
+    n = len(names)
+    if whole.shape != (n, n) or not np.isfinite(whole).all():
+        raise DataError(
+            f"the covariance of {n} length errors is a finite array of shape ({n}, {n}) in m^2, in the order "
+            f"{', '.join(names)}; got shape {whole.shape}"
+        )
+    size = float(np.abs(whole).max())
+    if np.abs(whole - whole.T).max() > 1e-9 * size or (
+        np.linalg.eigvalsh(whole)[0] < -1e-9 * size
+    ):
+        raise DataError(
+            "the covariance of the length errors is not symmetric with variances >= 0 in every "
+            "combination; check its order and its signs"
+        )
+    return np.asarray(0.5 * (whole + whole.T))
+
+
+def _whitener(whole: FloatArray | None, n: int) -> FloatArray:
+    """Return W with ``W C W' = 1``; a combination known exactly weighs 1e6 times the least known."""
+    if whole is None or not whole.any():
+        return np.eye(n)
+    power, vectors = np.linalg.eigh(whole)
+    root = np.sqrt(np.maximum(power, 1e-12 * power[-1]))
+    return np.asarray((vectors / root) @ vectors.T)
 
 
 def signs_of(names: Iterable[str]) -> FloatArray:
@@ -349,7 +437,7 @@ def _common(table: Mapping[str, float]) -> float:
     return float(np.mean([table[b] for b in body])) if set(body) <= set(table) else math.nan
 
 
-def _messages(known: NDArray[np.bool_], sd: FloatArray | None) -> list[str]:
+def _messages(known: NDArray[np.bool_], *, stated: bool) -> list[str]:
     messages = []
     lost = [p for p, k in zip(PAIRS, known[:3], strict=True) if not k]
     if lost:
@@ -359,7 +447,7 @@ def _messages(known: NDArray[np.bool_], sd: FloatArray | None) -> list[str]:
             "scale errors of the single axes are not seen, only what they add to the diagonals; in "
             "the angles they cancel"
         )
-    if sd is None:
+    if not stated:
         messages.append("no standard uncertainty: pass u= of a length error")
     messages.append("straightness and angular errors at the end points count as squareness")
     return messages

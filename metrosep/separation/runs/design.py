@@ -117,8 +117,8 @@ def evaluation_range(
             raise InvalidSamplesError(
                 f"the runs have different travels: all of them cover {format_length(low)} ... "
                 f"{format_length(high)}, some reach {format_length(widest_low)} ... "
-                f"{format_length(widest_high)}; state start and length inside the common part, or "
-                "leave out the run that differs"
+                f"{format_length(widest_high)}, {_odd_ends(runs)}; state start and length inside the "
+                "common part, or leave out the run that differs"
             )
         return low, high
     if length is None:
@@ -137,3 +137,11 @@ def evaluation_range(
             "or measure further"
         )
     return max(first, low), min(last, high)
+
+
+def _odd_ends(runs: RunSet) -> str:
+    """Say which run ends farthest from where the runs usually do."""
+    ends = np.array([sorted((float(r.x[0]), float(r.x[-1]))) for r in runs])
+    far = int(np.argmax(np.abs(ends - np.median(ends, axis=0)).max(axis=1)))
+    name = runs[far].run_id or str(far + 1)
+    return f"run {name} {format_length(ends[far, 0])} ... {format_length(ends[far, 1])}"

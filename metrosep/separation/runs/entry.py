@@ -9,7 +9,14 @@ from typing import Any, Literal, cast, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.core.errors import DataError, OptionError
+from metrosep.core.errors import (
+    DataError,
+    FitError,
+    InvalidSamplesError,
+    OptionError,
+    SeparationError,
+    TooFewSamplesError,
+)
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import RunSet
@@ -31,6 +38,9 @@ __all__ = ["separate"]
 _METHODS = ("joint", "kono", "mean")
 _OWN = ("method", "start", "length", "shortest", "lag", "exclude", "accept")
 """Options that `separate` takes by itself."""
+
+_MOST_NAMED = 4
+"""Findings that an error message spells out."""
 
 _NAMES = {1: "forward", -1: "reverse"}
 
@@ -161,24 +171,30 @@ def separate(
         r.sha256 for r, used in zip(given, checks.columns["used"], strict=True) if not used
     ]
     names = [n for n, used in zip(names, checks.columns["used"], strict=True) if used]
-    common = _common_range(runs, method, start, length, options)
-    options = _plain_options(options)
     told = {
         d: [n for n, r in zip(names, runs, strict=True) if r.direction == d]
         for d in runs.directions
     }
-    parts = {
-        d: _separate_one(
-            runs.select(direction=d),
-            method,
-            common[1],
-            common[0],
-            shortest,
-            lag,
-            options | ({"probes": told[d]} if any(names) else {}),
-        )
-        for d in runs.directions
-    }
+    try:
+        common = _common_range(runs, method, start, length, options)
+        options = _plain_options(options)
+        parts = {
+            d: _separate_one(
+                runs.select(direction=d),
+                method,
+                common[1],
+                common[0],
+                shortest,
+                lag,
+                options | ({"probes": told[d]} if any(names) else {}),
+            )
+            for d in runs.directions
+        }
+    except (InvalidSamplesError, TooFewSamplesError, FitError, SeparationError) as exc:
+        reason = _findings(checks)
+        if not reason:
+            raise
+        raise type(exc)(f"{exc}. {reason}") from exc
     step = Step(
         "separate",
         {
@@ -203,6 +219,18 @@ def separate(
     return _with_checks(found, checks, runs)
 
 
+def _findings(checks: RunChecks) -> str:
+    """Return what is wrong with the used runs, which may be the reason of an error; empty if nothing."""
+    rows = zip(*(checks.columns[k] for k in ("run", "finding", "used")), strict=True)
+    found = [f"run {name} {text}" for name, text, used in rows if text and used]
+    if not found:
+        return ""
+    return (
+        f"The reason may be: {'; '.join(found[:_MOST_NAMED])}; exclude='suspect' (command line: "
+        "--exclude suspect) leaves out what is named here"
+    )
+
+
 def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> ErrorEstimate:
     """Return the estimate with its run checks; the step of coarse readings enters the band."""
     from dataclasses import replace
@@ -212,7 +240,9 @@ def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> Er
         i for d in runs.directions for i, r in zip(used, runs, strict=True) if r.direction == d
     ]
     scores = dict(estimate.runs_data)
-    if checks.step > 0.0:  # steps of the readings are no noise that a prediction knows
+    checks = checks.withdrawn(scores, rows)
+    # Steps of the readings are no noise that a prediction knows, and displaced feedrates no run's fault.
+    if checks.step > 0.0 or checks.apart:
         scores.pop("against_others", None)
     columns = _with_scores(checks.columns, scores, rows)
     messages = list(checks.messages)
@@ -253,8 +283,21 @@ def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> Er
         directions_data=parts,
         audit=audit,
         runs_data=columns,
-        messages=(*messages, *estimate.messages),
+        messages=(
+            *messages,
+            *_causes(estimate.messages, sound=not kept and not checks.step and not checks.apart),
+        ),
     )
+
+
+_DRIFT, _OF_PROBES = "the residuals rise or fall in time", "the readings of probe"
+"""How the sentences about a drift and about the gain of a probe begin."""
+
+
+def _causes(messages: tuple[str, ...], *, sound: bool) -> list[str]:
+    """Return the messages less those of a drift that another fault, named already, makes look so."""
+    other = not sound or any(_OF_PROBES in m for m in messages)
+    return [m for m in messages if not (other and _DRIFT in m)]
 
 
 def _with_scores(
@@ -394,8 +437,8 @@ def _renamed(
         residual_psd_data=_joined(parts, "residual_psd_data"),
         residual_rms=rms,
         runs_data={
-            key: [v for p in parts.values() for v in p.runs_data.get(key, [])]
-            for key in main.runs_data
+            key: [v for d, p in parts.items() for v in _scores(p, key, len(probes[d]))]
+            for key in {k: None for p in parts.values() for k in p.runs_data}
         },
         lag=float(np.mean([p.lag for p in parts.values()])),
         lag_sd=float(np.linalg.norm([p.lag_sd for p in parts.values()]) / len(parts)),
@@ -406,6 +449,11 @@ def _renamed(
         if len(parts) == 1
         else {_NAMES[d]: dict(p.terms) for d, p in parts.items() if p.terms},
     )
+
+
+def _scores(part: ErrorEstimate, key: str, n: int) -> list[Any]:
+    """Return a column of the runs of one direction; nothing is known of fewer than three runs."""
+    return list(part.runs_data.get(key, ["" if key == "against_others" else math.nan] * n))
 
 
 def _mean_slope(parts: dict[int, ErrorEstimate]) -> Quantity:

@@ -29,8 +29,10 @@ from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableErr
 from metrosep.core.inputs import RoleColumns
 from metrosep.core.options import Option
 from metrosep.core.runset import Run, RunSet
+from metrosep.core.units import format_length
 from metrosep.separation.contract import NamedMethod
 from metrosep.separation.runs.design import evaluation_range
+from metrosep.separation.runs.geometry import HELD_SHARE
 from metrosep.separation.runs.sensor import LAG_CHI2
 from metrosep.separation.runs.solver import Solution
 from metrosep.separation.runs.spectra import feed_spectra, n_wavelengths
@@ -660,6 +662,36 @@ def _with_models(solution: Solution) -> list[tuple[FloatArray, AutoregressiveMod
     return [(r, slowest) for r in solution.residuals]
 
 
+_LEFT_OUT = 1e-3
+"""Chance by which noise would repeat so well at any wavelength below the shortest of the model."""
+
+
+def _left_out(solution: Solution, runs: RunSet) -> list[str]:
+    """Name the strongest wave that the runs repeat below the stated shortest wavelength."""
+    shortest = solution.period / solution.n_harmonics / HELD_SHARE
+    rests = [
+        Run(np.linspace(run.x[0], run.x[-1], rest.size), rest, feed=run.feed)
+        for run, rest in zip(runs, solution.residuals, strict=True)
+    ]
+    try:
+        columns = evidence_table(RunSet(rests)).columns
+    except (DataError, NotSeparableError):  # one feedrate, wide gaps: nothing can be said
+        return []
+    wavelength, p = (np.array(columns[k], dtype=np.float64) for k in ("wavelength_mm", "p"))
+    short = wavelength * _MM < shortest
+    known = short & (p * max(int(short.sum()), 1) < _LEFT_OUT)
+    if not known.any():
+        return []
+    amplitude = np.where(known, np.array(columns["amplitude_nm"]), 0.0)
+    k = int(np.argmax(amplitude))
+    sentence = (
+        f"waves below {shortest / _MM:.3g} mm were left out as stated, but the runs repeat some: one of "
+        f"{wavelength[k]:.3g} mm, {amplitude[k]:.2g} nm, is neither in the estimate nor in its "
+        "uncertainty; state a shorter shortest= (command line: --shortest)"
+    )
+    return [sentence]
+
+
 def explain_resolution(
     solution: Solution, *, limit: str, travel: float, runs: RunSet, n_selected: int
 ) -> tuple[str, ...]:
@@ -677,12 +709,21 @@ def explain_resolution(
             f"{below}, although shortest= asks for them: the runs have too few samples for so many "
             "wavelengths; add runs or sample faster"
         )
+    if limit in ("stated", "data"):
+        sentences += _left_out(solution, runs)
     sentences += _close_feeds(runs.feeds, travel)
     if len(runs.feeds) == 1:
         sentences.append(
             f"one feedrate only ({runs.feeds[0] * _MM_PER_MIN:.0f} mm/min): a vibration that starts "
             "in phase with the run cannot be told from geometry; add runs at another feedrate"
         )
+        if solution.lag == 0.0:
+            moved = format_length(runs.feeds[0] * 1e-3, digits=2)
+            sentences.append(
+                f"one feedrate only: a delay of the reading cannot be seen; each ms moves the error by "
+                f"{moved} along the axis, and the uncertainty does not hold it; add runs at another "
+                "feedrate, or state lag= (command line: --lag)"
+            )
     if n_selected == 0:
         sentences.append(
             f"no wavelength up to the travel of {travel * 1e3:.4g} mm repeats beyond chance: there is "

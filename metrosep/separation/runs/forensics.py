@@ -26,6 +26,7 @@ from metrosep.core.errors import DataError, InvalidSamplesError, NotUniformError
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
 from metrosep.separation.runs.clock import Clock, clock_messages, fit_clock
+from metrosep.separation.runs.displaced import SURE
 from metrosep.separation.runs.noise import MAD
 from metrosep.separation.runs.run_comparison import (
     SPIKE,
@@ -48,7 +49,10 @@ _LIMIT_SHARE, _LIMIT_PEAK = 0.01, 6.0
 (a sine in steps has up to 3.4 times as many at its top)."""
 
 _REFUSED_SHARE = 0.05
-"""Share of a run at the limit of the sensor, or stuck, beyond which no estimate can come of it."""
+"""Share of a run at the limit of the sensor, stuck or lost, beyond which no estimate can come of it."""
+
+_MARKED, _LEAST_VALUES = 3, 10
+"""Equal readings far from all others that are markers, and different readings from which far is known."""
 
 _ZERO_STEPS = 0.3
 """Share of equal neighbours from which readings count as steps; white noise of one step has 0.28."""
@@ -70,6 +74,10 @@ _ROUNDING = 1e-12
 _RMS_NAMED, _RMS_REFUSED = 5.0, 50.0
 """RMS of a run over that of the median run: another unit or gain; the model breaks down."""
 
+_SHOWN, _ALIKE = 3.0, 1.5
+"""Standard uncertainties of gain and shift, and chi-square per degree of freedom, below which the
+prediction of a run from the others shows no fault."""
+
 _MOST_NAMED = 4
 """Runs whose faults an error message spells out."""
 
@@ -87,6 +95,28 @@ class RunChecks:
     # mapping of int to (float, float), s: by direction: delay that the shifts show beyond chance,
     # and its uncertainty
     lag: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    # mapping of int to (str, str): by row: kind and text of a finding that a better comparison may
+    # withdraw, since a vibration at a wavelength of the error looks like it
+    unsure: Mapping[int, tuple[str, str]] = field(default_factory=dict)
+    apart: bool = False  # whether all runs of a feedrate are displaced: no run is then to blame
+
+    def withdrawn(self, scores: Mapping[str, list[Any]], rows: Sequence[int]) -> RunChecks:
+        """Return the checks less what the prediction of each run from the others does not show."""
+        if "misfit" not in scores:
+            return self
+        findings = list(self.columns["finding"])
+        for at, row in enumerate(rows):
+            kind, text = self.unsure.get(row, ("", ""))
+            if not kind:
+                continue
+            alike = kind == "shape" and scores["misfit"][at] < _ALIKE
+            for name, column, sound in (("shift", "shift_mm", 0.0), ("gain", "gain", 1.0)):
+                value, u = scores[f"predicted_{column}"][at], scores[f"u_predicted_{column}"][at]
+                excluded = abs(self.columns[column][row] - value) > SURE * u
+                alike |= kind == name and abs(value - sound) < _SHOWN * u and excluded
+            if alike:
+                findings[row] = "; ".join(p for p in findings[row].split("; ") if p != text)
+        return replace(self, columns={**self.columns, "finding": findings})
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -168,22 +198,32 @@ def check_runs(
     ()
     """
     names = list(probes) if probes is not None else [""] * len(runs)
+    given = runs
     found = Findings(_labels(runs), [[] for _ in runs], [False] * len(runs))
     found.gain = np.full((len(runs), 2), np.nan)
     found.shift = np.full((len(runs), 2), np.nan)
-    steps = np.array([_check_alone(i, run, found) for i, run in enumerate(runs)])
+    steps = found.steps = np.array([_check_alone(i, run, found) for i, run in enumerate(runs)])
     if all(any(text.endswith(_STUCK) for text in said) for said in found.said):
         found.said, found.refused = [[] for _ in runs], [False] * len(runs)
         found.place.clear()
         found.common.append(
             "every run reads one value only: no error and no noise, or a sensor that is not connected"
         )
+    if found.lost:
+        runs = RunSet(
+            [
+                _with_readings(run, np.where(found.lost[i], np.nan, run.z))
+                if i in found.lost
+                else run
+                for i, run in enumerate(runs)
+            ]
+        )
     for probe in dict.fromkeys(names):
         _check_twice(runs, [i for i, p in enumerate(names) if p == probe], steps, found)
     rms = np.array([_rms(run) for run in runs])
     for probe in dict.fromkeys(names):
         _check_sizes(rms, [i for i, p in enumerate(names) if p == probe], found)
-    own_clock = _check_clocks(runs, found) if clocks else {}
+    own_clock = _check_clocks(given, found) if clocks else {}
     if found.held[0]:
         found.common.append(
             f"each reading is held for about {round(found.held[0])} samples (run {found.held[1]}): the "
@@ -227,7 +267,7 @@ def check_runs(
         "refused": found.refused,
         "used": [True] * len(runs),
     }
-    return RunChecks(columns, tuple(found.common), step, lag)
+    return RunChecks(columns, tuple(found.common), step, lag, found.unsure, found.apart)
 
 
 def _labels(runs: RunSet) -> list[str]:
@@ -282,6 +322,24 @@ def _check_alone(index: int, run: Run, found: Findings) -> float:
         return 0.0
     if n < _STREAK:
         return 0.0
+    lost = _markers(z, values, counts)
+    if lost.any():
+        valid = np.flatnonzero(~np.isnan(run.z))
+        found.lost[index] = np.zeros(len(run), dtype=bool)
+        found.lost[index][valid[lost]] = True
+        place, value = float(run.x[valid[np.argmax(lost)]]), float(z[np.argmax(lost)])
+        found.say(
+            index,
+            f"has {int(lost.sum())} readings of {format_length(value)}, far from all others, the first "
+            f"at {format_length(place)}: dropouts or a marker of lost readings, not measured values: "
+            "name the marker where the file is read (missing=, command line: --missing)",
+            refused=lost.mean() > _REFUSED_SHARE,
+            at=place,
+            size=value,
+        )
+        kept = run.z.copy()
+        kept[found.lost[index]] = np.nan
+        return _check_alone(index, _with_readings(run, kept), found)
     streaks = _streaks(z)
     longest = int(np.argmax(streaks[:, 1]))
     first, size = (int(v) for v in streaks[longest])
@@ -321,6 +379,21 @@ def _check_alone(index: int, run: Run, found: Findings) -> float:
     if held:
         found.held = max(found.held, (held, found.labels[index]))
     return step
+
+
+def _markers(z: FloatArray, values: FloatArray, counts: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Return the readings that are equal and farther from all others than these are apart."""
+    if values.size > _LEAST_VALUES:
+        for at, rest in ((0, values[1:]), (-1, values[:-1])):
+            near = rest[0] if at == 0 else rest[-1]
+            if counts[at] >= _MARKED and abs(values[at] - near) > rest[-1] - rest[0]:
+                return np.asarray(z == values[at])
+    return np.zeros(z.size, dtype=bool)
+
+
+def _with_readings(run: Run, z: FloatArray) -> Run:
+    """Return a run with other readings, for the checks."""
+    return Run(run.x, z, t=run.t, feed=run.feed, run_id=run.run_id)
 
 
 def _step(z: FloatArray, values: FloatArray, used: NDArray[np.bool_]) -> tuple[float, float]:
@@ -367,7 +440,7 @@ def _check_twice(runs: RunSet, members: Sequence[int], steps: FloatArray, found:
         else:
             text = f"is identical to run {found.labels[twin]}"
         if _is_noisy(run.z) and steps[i] == 0.0:
-            found.say(i, f"{text}: the same readings are not second measurement", refused=True)
+            found.say(i, f"{text}: the same readings are not a second measurement", refused=True)
         else:
             found.common.append(
                 f"run {found.labels[i]} {text}: readings without noise, or copied; the "
@@ -415,16 +488,20 @@ def _check_sizes(rms: FloatArray, members: Sequence[int], found: Findings) -> No
         ratio = float(rms[high] / rms[low]) if rms[low] > 0.0 else math.inf
         if rms[low] > 0.0 and ratio > _RMS_NAMED:
             text = f"reads {_factor(ratio)} times as much as run {found.labels[low]}: unit or gain"
-            found.say(high, f"{text} of one of them", refused=ratio > _RMS_REFUSED)
+            found.by_size[high] = f"{text} of one of them"
+            found.say(high, found.by_size[high], refused=ratio > _RMS_REFUSED)
         return
     middle = float(np.median(rms[alive]))
     for i in alive if middle > 0.0 else ():
         ratio = float(rms[i]) / middle
         if not 1.0 / _RMS_NAMED <= ratio <= _RMS_NAMED:
+            found.by_size[i] = (
+                f"reads {_factor(ratio)} times as much as the median run: its unit, its gain or its "
+                "vibration"
+            )
             found.say(
                 i,
-                f"reads {_factor(ratio)} times as much as the median run: its unit, its gain or its "
-                "vibration",
+                found.by_size[i],
                 refused=not 1.0 / _RMS_REFUSED <= ratio <= _RMS_REFUSED,
             )
 

@@ -53,6 +53,7 @@ from metrosep.separation.runs.evidence import (
 )
 from metrosep.separation.runs.geometry import HELD_SHARE, PERIOD_SHARE
 from metrosep.separation.runs.leave_out import suspicion
+from metrosep.separation.runs.noise import MOST
 from metrosep.separation.runs.options import Following, JointOptions, metres
 from metrosep.separation.runs.run_probes import probe_names
 from metrosep.separation.runs.solver import CONSTANTS, Solution, solve_joint
@@ -668,7 +669,7 @@ def joint_audit(
             }
             for m in solution.noise
         ],
-        "noise_order_chosen_by": "AICc",
+        "noise_order": f"the highest that the runs feed: a fifth of the shortest, at most {MOST}",
         "effective_parameters": solution.freedom,
         "false_discovery_rate": rate,
         "lag_test": _lag_audit(solution),

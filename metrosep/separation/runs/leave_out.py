@@ -15,13 +15,16 @@ import numpy as np
 from metrosep.core._arrays import FloatArray
 from metrosep.core.units import format_length
 from metrosep.separation.runs.geometry import filtered
-from metrosep.separation.runs.noise import MAD
 from metrosep.separation.runs.posterior import Model, Posterior, RunEquations
+from metrosep.separation.runs.sensor import LAG_CHI2, lag_score, lag_steps
 
 __all__ = ["RunScore", "run_scores", "suspicion"]
 
 _FAR = 3e-3
 """m; shifts are looked for so far on each side."""
+
+_PLACES = 100
+"""Most shifts on each side that are looked at."""
 
 _EDGE = 1e-9
 """Directions of the prediction's variance below this share of the largest are not tested."""
@@ -29,6 +32,9 @@ _EDGE = 1e-9
 
 _SURE = 5.0
 """Standard uncertainties beyond which a gain or a shift is named."""
+
+_TRUSTED = 10.0
+"""Runs' worth of trust that u is right: so much the scatter of the runs has to speak against it."""
 
 _GAIN = 0.1
 """Least excess of a gain that is named."""
@@ -57,10 +63,22 @@ class RunScore:
 
 
 def run_scores(model: Model) -> list[RunScore]:
-    """Return the score of each run against all others; none for fewer than 3 runs."""
+    """Return the score of each run against all others; none for fewer than 3 runs.
+
+    A lag that the readings show and the model has not is taken out first: it moves the runs of
+    each feedrate, and none of them is to blame.
+    """
     if len(model.seen) < 3:
         return []
-    return [_score(model, run) for run in model.seen]
+    at = lag_score(model)
+    if at is None or (at.lag / at.u) ** 2 <= LAG_CHI2:
+        return [_score(model, run) for run in model.seen]
+    state = model.state()
+    lag_steps(model)
+    scores = [_score(model, run) for run in model.seen]
+    model.back_to(state)
+    model.solve()
+    return scores
 
 
 def suspicion(scores: Sequence[RunScore]) -> tuple[int, str] | None:
@@ -69,39 +87,45 @@ def suspicion(scores: Sequence[RunScore]) -> tuple[int, str] | None:
 
     if len(scores) < 3:
         return None
-    typical = float(np.median([s.chi2 for s in scores]))
+    typical = max(1.0, float(np.median([s.chi2 for s in scores])))
     found: list[tuple[float, int, str]] = []
-    # A line of a vibration beside a wave of the error scatters gains and shifts of all runs by more
-    # than their u: a run is odd against that scatter.
-    gains = _SURE * _scatter([(s.gain - 1.0) / s.u_gain for s in scores])
-    shifts = _SURE * _scatter([s.shift / s.u_shift for s in scores])
     others = len(scores) - 1
+    gains = np.array([(s.gain - 1.0, s.u_gain) for s in scores])
+    shifts = np.array([(s.shift, s.u_shift) for s in scores])
     for i, s in enumerate(scores):
         # Where a run hardly shows the error neither its gain nor its place is known.
         seen = s.u_gain < _SEEN
-        gain, shift = abs(s.gain - 1.0) / s.u_gain, abs(s.shift) / s.u_shift
-        if seen and abs(s.gain - 1.0) > _GAIN and gain > gains:
+        gain = abs(s.gain - 1.0) / _needed(gains, i)
+        shift = abs(s.shift) / _needed(shifts, i)
+        if seen and abs(s.gain - 1.0) > _GAIN and gain > 1.0:
             text = f"has the gain {s.gain:.2f} (u {s.u_gain:.2g})"
             if s.gain < 0.0:
                 text = f"has the opposite sign: gain {s.gain:.2f} (u {s.u_gain:.2g})"
-            found.append((gain / gains, i, text))
-        if seen and shift > shifts and abs(s.shift) < _FAR:
+            found.append((gain, i, text))
+        if seen and shift > 1.0 and abs(s.shift) < _FAR:
             text = f"is displaced by {format_length(s.shift)} (u {format_length(s.u_shift, digits=2)})"
-            found.append((shift / shifts, i, text))
-        chance = float(chi2.sf(s.chi2 / max(1.0, typical) * s.degrees, s.degrees)) * len(scores)
-        if s.chi2 > _MISFIT * max(1.0, typical) and chance < _RARE:
-            times = math.sqrt(s.chi2)
-            text = f"differs by {times:.2g} times what the noise explains"
-            found.append((math.sqrt(s.chi2 / _MISFIT / max(1.0, typical)), i, text))
+            found.append((shift, i, text))
+        chance = float(chi2.sf(s.chi2 / typical * s.degrees, s.degrees)) * len(scores)
+        if s.chi2 > _MISFIT * typical and chance < _RARE:
+            text = f"differs by {math.sqrt(s.chi2):.2g} times what the noise explains"
+            found.append((math.sqrt(s.chi2 / _MISFIT / typical), i, text))
     if not found:
         return None
     _, i, text = max(found)
     return i, f"{text} against what the other {others} runs predict"
 
 
-def _scatter(ratios: Sequence[float]) -> float:
-    """Return the robust standard deviation of ratios to their u, at least 1."""
-    return max(1.0, MAD * float(np.median(np.abs(ratios))))
+def _needed(values: FloatArray, index: int) -> float:
+    """Return how far a run must be off to be named: rows are values and their u.
+
+    A line of a vibration beside a wave of the error scatters all runs by more than their u; that
+    scatter counts, u having the weight of `_TRUSTED` runs. One run that is far off moves what is
+    predicted of all others by as much: about their median.
+    """
+    rest = np.delete(values, index, axis=0)
+    off = (rest[:, 0] - float(np.median(rest[:, 0]))) / rest[:, 1]
+    variance = (_TRUSTED + float(off @ off)) / (_TRUSTED + off.size)
+    return float(_SURE * max(1.0, math.sqrt(variance)) * values[index, 1])
 
 
 def _score(model: Model, run: RunEquations) -> RunScore:
@@ -112,11 +136,12 @@ def _score(model: Model, run: RunEquations) -> RunScore:
     curve[1 + 2 * model.extension.n :] = 0.0
     side = right - gram @ rest.theta
     root = rest.full_root
+    noise = max(1.0, _noise(model, gram, side))  # more noise than the others is no other error
 
     def step(along: FloatArray) -> tuple[float, float]:
         seen = gram @ along
         own = max(float(along @ seen), 1e-300)
-        variance = own + float(np.sum((root.T @ seen) ** 2))
+        variance = noise * own + float(np.sum((root.T @ seen) ** 2))
         return float(along @ side) / own, math.sqrt(variance) / own
 
     gain, u_gain = step(curve)
@@ -125,16 +150,31 @@ def _score(model: Model, run: RunEquations) -> RunScore:
     _, u_shift = step(
         _waves_only(filtered(curve, np.asarray(-1j * w * np.exp(-1j * w * shift))), w.size)
     )
-    misfit, degrees = _misfit(rest, gram, side)
+    misfit, degrees = _misfit(rest, gram, side, noise)
     return RunScore(misfit, degrees, 1.0 + gain, u_gain, shift, u_shift, rest.theta)
 
 
-def _misfit(rest: Posterior, gram: FloatArray, side: FloatArray) -> tuple[float, int]:
+def _noise(model: Model, gram: FloatArray, side: FloatArray) -> float:
+    """Return the variance of a run's noise over that of all, from the shorter half of the waves.
+
+    There the error is small and the others predict it: what is left is noise.
+    """
+    n = model.extension.n
+    short = np.arange(n // 2, n)
+    at = np.concatenate([1 + short, 1 + n + short])
+    own = np.diag(gram)[at]
+    seen = own > _EDGE * float(np.max(np.diag(gram)))
+    return float(np.mean(side[at][seen] ** 2 / own[seen])) if seen.any() else 1.0
+
+
+def _misfit(
+    rest: Posterior, gram: FloatArray, side: FloatArray, noise: float
+) -> tuple[float, int]:
     """Return chi-square per degree of freedom on the columns in use, and their number (eq. 15)."""
     across = rest.along(gram)
     own = rest.along(across.T)
     half = own @ rest.root
-    variance = own + half @ half.T
+    variance = noise * own + half @ half.T
     values, vectors = np.linalg.eigh(0.5 * (variance + variance.T))
     seen = values > _EDGE * values[-1]
     along = vectors[:, seen].T @ rest.along(side)
@@ -147,8 +187,8 @@ def _shift(
     """Return the shift of greatest likelihood: the best of a scan, then Gauss-Newton."""
     w, n = model.extension.wavenumbers, model.extension.n
     right = right - gram @ (theta - curve)
-    pitch = model.extension.period / max(model.kept, 8) / 8.0
     far = min(_FAR, 0.25 * model.extension.travel)
+    pitch = max(model.extension.period / n / 4.0, far / _PLACES)
     shifts = np.arange(-far, far + pitch, pitch)
     wave = (curve[1 : n + 1] - 1j * curve[n + 1 : 2 * n + 1])[:, None]
     wave = wave * np.exp(-1j * np.outer(w, shifts))
@@ -156,7 +196,7 @@ def _shift(
     moved[1 : n + 1], moved[n + 1 : 2 * n + 1] = wave.real, -wave.imag
     misfit = (moved * (gram @ moved)).sum(axis=0) - 2.0 * right @ moved
     shift = float(shifts[np.argmin(misfit)])
-    for _ in range(4):
+    for _ in range(8):
         at = filtered(curve, np.exp(-1j * w * shift))
         along = _waves_only(filtered(at, np.asarray(-1j * w)), n)
         own = max(float(along @ gram @ along), 1e-300)

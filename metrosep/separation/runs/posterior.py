@@ -16,6 +16,7 @@ import numpy as np
 from metrosep.core._arrays import BoolArray, FloatArray, IntArray
 from metrosep.core.errors import DegenerateFitError
 from metrosep.separation.runs.geometry import LINE_SD, Extension, Sensor, Spectrum, filtered
+from metrosep.separation.runs.noise import level_spread
 
 __all__ = ["Model", "Posterior", "RunEquations", "Wave"]
 
@@ -40,6 +41,7 @@ class RunEquations:
     level_information: float  # o'o
     velocity: float
     feed: int  # number of the feedrate
+    length: float  # m: travelled over the readings
 
 
 @dataclass(slots=True, eq=False)
@@ -316,6 +318,18 @@ class Model:
         phi = self.spectrum.phi
         prior = self.spectrum.pull @ phi - 0.5 * phi @ self.spectrum.precision @ phi
         return post.evidence + float(prior)
+
+    def covariance(self, post: Posterior) -> FloatArray:
+        """Return the covariance with what is not known of the noise in each octave, shape (N, N)."""
+        k = np.arange(1, self.extension.n + 1)
+        cycles = sum(r.length for r in self.runs) * k / self.extension.period
+        own = np.sqrt(level_spread(np.asarray(cycles), len(self.runs)))
+        grown = np.concatenate([own[:1], own, own, np.ones(self.n_extra)])
+        # The error of the solution is C A'n, and A'n has the covariance G: noise that is greater by
+        # some factors gives F G F. On C itself they would spoil what cancels on the travel.
+        plain = post.covariance()
+        more = self.total[0] * (np.outer(grown, grown) - 1.0)
+        return np.asarray(plain + plain @ more @ plain)
 
     def spread_of_spectrum(self, post: Posterior) -> FloatArray:
         """Return J (F + prior)^-1/2, what the learnt spectrum adds to the covariance (eq. 16)."""

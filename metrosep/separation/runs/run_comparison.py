@@ -12,7 +12,7 @@ Source: the project's notes on separation, sections 4.1, 4.4 and 6.4.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,6 +23,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
+from metrosep.separation.runs.displaced import SURE, Displaced, find_displaced, needed
 from metrosep.separation.runs.noise import MAD
 from metrosep.spectral.autoregressive import AutoregressiveModel, fit_autoregressive
 
@@ -40,30 +41,14 @@ __all__ = [
 _GAIN, _GAIN_REFUSED = 0.1, 3.0
 """Excess of a gain that is named; factor from which the run is refused."""
 
-_SHIFT_SHARE = 0.05
-"""A shift is named where it changes the readings by more than this share of the error itself."""
-
-_SURE = 5.0
-"""Standard uncertainties beyond which gain or shift differ from those of the other runs."""
-
-_RARE = 1e-5
-"""Chance by which scatter like that of the other runs would take a run so far off."""
-
-_SURE_LAG = 6.0
-"""Standard uncertainties of a delay; of the few feedrates its u is known to a factor only, and a
-line near a wave of the error makes 4.4 of it in clean runs. The joint method has a better test."""
-
 _LEAST_FREEDOM = 4
 """Fewer runs than five hardly know their scatter, but u bounds it from below."""
-
-_TRIMMED, _TRIM_GROWS = 5, 1.5
-"""Of so many others the one farthest off is left out; the sum of squares without it grows by this."""
 
 _SEEN = 10.0
 """Gain over its u of the median run from which there is an error whose place can be compared."""
 
-_LIKELY_LAG = 5e-3
-"""Standard deviation in s of what delays are likely: tells a displaced feed from a longer delay."""
+_STEPS = 1.5
+"""Steps of the readings beyond which one is a spike."""
 
 SPIKE = 6.0
 """Robust standard deviations of a spike; in 1,000,000 normal readings there is none."""
@@ -88,6 +73,9 @@ _ORDERS = (0, 1, 2, 4, 8, 16, 24)
 _REPEATS = 1e-3
 """Chance by which noise would repeat as much as a wave that counts as one of the error."""
 
+_FAR_MORE = 2.0
+"""Power that repeats with shifts that are not sure one by one, over that without, from which they are taken."""
+
 _LEAST_WAVES = 6.0
 """Independent waves in which two runs are compared, at least."""
 
@@ -107,6 +95,11 @@ class Findings:
     shift: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     place: dict[int, tuple[float, float]] = field(default_factory=dict)  # m, m: where, how large
     held: tuple[float, str] = (0.0, "")  # samples for which a reading stays, and the run
+    steps: FloatArray = field(default_factory=lambda: np.empty(0))  # m: of each run, 0 if fine
+    apart: bool = False  # whether all runs of a feedrate are displaced
+    unsure: dict[int, tuple[str, str]] = field(default_factory=dict)  # kind and text
+    by_size: dict[int, str] = field(default_factory=dict)  # said of runs of another RMS
+    lost: dict[int, NDArray[np.bool_]] = field(default_factory=dict)  # readings that are markers
 
     def say(
         self,
@@ -186,46 +179,153 @@ def _flat(x: FloatArray, z: FloatArray) -> FloatArray:
 def compare_runs(runs: RunSet, table: RunTable, found: Findings) -> tuple[float, float] | None:
     """Name runs of another sign, gain or place; return the delay that the shifts show."""
     for i, run in enumerate(table.members):
-        by_size = any("times as much" in text for text in found.said[run])
         known = not np.isnan(table.z[i]).all() and np.nanstd(table.z[i]) > 0.0
-        table.compared[i] = known and not found.refused[run] and not by_size
+        table.compared[i] = known and not found.refused[run]
+    by_size = [i for i, run in enumerate(table.members) if run in found.by_size]
+    coarse = float(found.steps[table.members].max())
     table.reference = table.compared.copy()
-    if table.compared.sum() < 2:
+    table.reference[by_size] = False
+    if table.reference.sum() < 2:
+        table.compared = table.reference.copy()
         return None
-    gain, shift = _gains_and_shifts(runs, table)
+    gain, shift, unlike = _gains_and_shifts(runs, table, coarse)
     own = gain[table.compared & np.isfinite(gain).all(axis=1)]
     if len(own) < 2 or np.median(np.abs(own[:, 0]) / own[:, 1]) < _SEEN:
         return None  # no error is seen by which runs could be compared
     bad = _suspects(table, gain)
-    displaced, feeds, lag = _displaced(runs, table, gain, shift, list(bad))
-    suspects = {*bad, *displaced, *(i for rows in feeds.values() for i in rows)}
+    places = _displaced(runs, table, shift, {*bad, *by_size})
+    suspects = {*bad, *places.runs, *(i for rows in places.feeds.values() for i in rows)}
     n_compared = int(table.compared.sum())
     odd = next((o for o in (suspects, set(bad)) if o and n_compared - len(o) >= 2), None)
     if odd is not None:
         table.reference[list(odd)] = False  # compare again with those that agree
-        gain, shift = _gains_and_shifts(runs, table)
+        gain, shift, unlike = _gains_and_shifts(runs, table, coarse)
         bad = _suspects(table, gain)
-        displaced, feeds, lag = _displaced(runs, table, gain, shift, list(bad))
+        places = _displaced(runs, table, shift, {*bad, *by_size})
     for i, run in enumerate(table.members):
         if table.compared[i]:
             found.gain[run] = gain[i]
             found.shift[run] = shift[i, 0], math.hypot(shift[i, 1], shift[i, 2])
-    texts = {i: (text, False) for i, text in displaced.items()} | bad
-    n = int(table.compared.sum()) - len(texts)
-    for i, (text, refused) in texts.items():
-        others = f"the other {n} runs" if n > 1 else "the other run"
-        size = float(shift[i, 0]) if i in displaced else math.nan
-        found.say(table.members[i], text + others, refused=refused, size=size)
-    found.common += list(feeds)
-    return lag
+    texts = {i: (text, False) for i, text in places.runs.items()} | bad
+    n = int(table.compared.sum()) - len({*texts, *by_size})
+    for i in np.flatnonzero(table.compared).tolist():
+        run, accused = table.members[i], i in texts or i in by_size
+        shape = ""
+        if n > 1:
+            shape = _odd_shape(runs, table, i, unlike, accused=accused, coarse=coarse > 0.0)
+        if i in by_size and (shape or i not in texts):
+            continue  # its size is named, and nothing explains it better
+        if run in found.by_size:
+            found.said[run].remove(found.by_size[run])
+        text, refused = texts.get(i, ("", False))
+        others = f"the other {n - (not accused)} runs" if n > 1 else "the other run"
+        jump = _jump(table, i) if shape.startswith("differs") else None
+        if jump is not None:
+            place, size = jump
+            text = f"jumps by {format_length(size)} at {format_length(place)} against {others}"
+            found.say(run, text, at=place, size=size)
+        elif shape:
+            found.say(run, shape + others)
+            found.unsure[run] = "shape", shape + others
+        elif text:
+            size = float(shift[i, 0]) if i in places.runs else math.nan
+            found.say(run, text + others, refused=refused, size=size)
+            if not refused:
+                found.unsure[run] = "shift" if i in places.runs else "gain", text + others
+    found.common += list(places.feeds)
+    found.apart |= bool(places.feeds)
+    return places.lag
 
 
-def _gains_and_shifts(runs: RunSet, table: RunTable) -> tuple[FloatArray, FloatArray]:
-    """Return gain and shift of every run against the median of the others, each with its u."""
+_OTHER_SHAPE, _TIMES_OTHERS = 0.15, 5.0
+"""Share of the power of the error that neither gain nor shift explains, and how many times that of
+the other runs, from which a run shows something else; twice as many where that is all that is odd."""
+
+
+def _odd_shape(
+    runs: RunSet,
+    table: RunTable,
+    row: int,
+    unlike: FloatArray,
+    *,
+    accused: bool,
+    coarse: bool,
+) -> str:
+    """Return what to say of a run that no gain and no shift makes like the others; empty if one does."""
+    feeds = np.array([runs[i].feed or 0.0 for i in table.members])
+    others = table.reference.copy()
+    others[row] = False
+    alike = others & (np.abs(feeds - feeds[row]) <= 0.02 * feeds[row])
+    if not others.any() or (not accused and (alike.sum() < 2 or coarse)):
+        return ""
+    # A vibration at a wavelength of the error is in all runs of a feedrate.
+    typical = max(float(np.median(unlike[rows, 0])) for rows in (others, alike) if rows.any())
+    aligned, mirrored = (float(v) for v in unlike[row])
+    times = _TIMES_OTHERS * (1.0 if accused else 2.0)
+    if not aligned > times * typical or (aligned < _OTHER_SHAPE and not accused):
+        return ""
+    if _TIMES_OTHERS * mirrored < aligned:
+        return "is mirrored, its readings are in the order of the opposite direction, against "
+    if aligned < _OTHER_SHAPE:
+        return ""
+    return f"differs, whatever its gain and place, in {100 * aligned:.2g} % of the power of the error from "
+
+
+_JUMP, _JUMP_TIMES = 0.3, 10.0
+"""Share of the squares that a level from one place on takes off, and over that of the other runs."""
+
+
+def _jump(table: RunTable, row: int) -> tuple[float, float] | None:
+    """Return place and size of the jump of a run against the others, None if it has none."""
+    found = []
+    rows = [row, *(i for i in np.flatnonzero(table.reference).tolist() if i != row)]
+    for i in rows:
+        others = table.reference.copy()
+        others[[i, row]] = False
+        rest = table.z[i] - _median(table.z[others])
+        known = ~np.isnan(rest)
+        found.append(_best_level(table.x[known], rest[known]))
+    gain, place, size = found[0]
+    if gain > max(_JUMP, _JUMP_TIMES * max(f[0] for f in found[1:])):
+        return place, size
+    return None
+
+
+def _best_level(x: FloatArray, z: FloatArray) -> tuple[float, float, float]:
+    """Return how much of the squares a level from one place on takes off, the place and the level."""
+    n = x.size
+    line = np.linalg.qr(np.column_stack([np.ones(n), x - x.mean()]))[0]
+    z = z - line @ (line.T @ z)
+    # Of each column 0 ... 0 1 ... 1 less its line: product with z and square, by sums from the end.
+    along = np.cumsum(z[::-1])[::-1]
+    own = np.arange(n, 0, -1.0) - (np.cumsum(line[::-1], axis=0)[::-1] ** 2).sum(axis=1)
+    inner = slice(max(n // 50, 2), n - max(n // 50, 2))
+    gain = along[inner] ** 2 / own[inner]
+    at = int(np.argmax(gain)) + inner.start
+    left = float(z @ z) - float(gain.max())
+    return float(gain.max()) / max(left, 1e-300), float(x[at]), float(along[at] / own[at])
+
+
+def _gains_and_shifts(
+    runs: RunSet, table: RunTable, coarse: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return gain and shift of every run against the median of the others, each with its u.
+
+    Steps of the readings are tied to the place: no number of samples takes them out of a run.
+    And the share of the error that each run does not show, in its place and mirrored.
+    """
     x, z = table.x, np.where(np.isnan(table.z) | ~table.compared[:, None], 0.0, table.z)
     rows = np.flatnonzero(table.compared).tolist()
     reach = int(_SHIFT_RANGE * x.size)
-    sign, shift = _first_alignment(z, table.reference, reach, float(x[1] - x[0]))
+    pitch, splines = float(x[1] - x[0]), [_spline(x, row) for row in table.z]
+    sign, shift = _first_alignment(z, table.reference, reach, pitch)
+    likeliest = _first_alignment(z, table.reference, reach, pitch, sure=0.0)
+    both = [
+        _repeated_power(_aligned(splines, x, d, a)[table.reference])
+        for a, d in ((sign, shift), likeliest)
+    ]
+    if both[1] > _FAR_MORE * both[0]:  # the few waves of a short travel are never sure one by one
+        sign, shift = likeliest
     size = np.sqrt(np.mean(z**2, axis=1)) + 1e-300
     gain = sign * size / float(np.median(size[table.reference]))
     gain[~table.compared] = 1.0
@@ -236,8 +336,8 @@ def _gains_and_shifts(runs: RunSet, table: RunTable) -> tuple[FloatArray, FloatA
     share = np.array([_share_of_others(feeds, table.reference, i) for i in range(len(z))])
     white = AutoregressiveModel(np.empty(0), 1.0, 1.0)
     models = dict.fromkeys(rows, white)
-    splines = [_spline(x, row) for row in table.z]
     out_gain, out_shift = np.full((len(z), 2), np.nan), np.full((len(z), 3), np.nan)
+    unlike = np.full((len(z), 2), np.nan)
     aligned, keep, inside = z, np.ones(x.size), x
     for fitting in range(_FITTINGS):  # white noise first: a model of a misfit would hide it
         # One range that every run covers wherever it is moved: no run drops out at an end.
@@ -245,12 +345,7 @@ def _gains_and_shifts(runs: RunSet, table: RunTable) -> tuple[FloatArray, FloatA
         last = x[-1] - max(0.0, float(shift[rows].max())) - _MARGIN * np.ptp(x)
         inside = x[(x >= first) & (x <= last)]
         for _ in range(_ROUNDS):
-            aligned = np.array(
-                [
-                    _flat(inside, spline(inside + d)) / a
-                    for spline, d, a in zip(splines, shift, gain, strict=True)
-                ]
-            )
+            aligned = _aligned(splines, inside, shift, gain)
             keep = _repeating(aligned[table.reference])
             step = np.zeros(len(z))
             for i in rows:
@@ -269,7 +364,7 @@ def _gains_and_shifts(runs: RunSet, table: RunTable) -> tuple[FloatArray, FloatA
             gain += grows
             gain[np.abs(gain) < 1e-6] = 1e-6
             step[rows] -= float(np.median(step[table.reference]))
-            limit = reach * (x[1] - x[0])
+            limit = reach * pitch
             shift = np.clip(shift + step, -limit, limit)
             moved = np.abs(np.column_stack([step, grows]))[rows]
             if not (
@@ -281,9 +376,7 @@ def _gains_and_shifts(runs: RunSet, table: RunTable) -> tuple[FloatArray, FloatA
         rests = {}
         for i in rows:
             columns = _columns(inside, aligned, others[i], keep)
-            known = ~np.isnan(aligned[i])
-            fit = np.linalg.lstsq(columns[known], aligned[i][known], rcond=None)[0]
-            rests[i] = gain[i] * (aligned[i] - columns @ fit)
+            rests[i] = gain[i] * _rest(columns, aligned[i])
         for i in rows:
             models[i] = _noise(
                 [
@@ -297,11 +390,43 @@ def _gains_and_shifts(runs: RunSet, table: RunTable) -> tuple[FloatArray, FloatA
         out_shift[i, 2] = _by_reference(
             inside, aligned, others[i], keep, aligned[i] * gain[i], models[i]
         )
+        columns = _columns(inside, aligned, others[i], keep)
+        mirrored = _flat(inside, splines[i](x[0] + x[-1] - inside))
+        unlike[i] = [_unlike(row, columns[:, 0], keep) for row in (aligned[i], mirrored)]
     few = [i for i in rows if others[i].sum() < _LEAST_FREEDOM]
     if few:  # two others hardly know by what they differ: what all the runs show of it is pooled
         out_shift[few, 2] = math.sqrt(float(np.mean(out_shift[few, 2] ** 2)))
     out_shift[:, 0] -= float(np.median(out_shift[table.reference, 0]))
-    return out_gain, out_shift
+    error, slope = _sizes(table)
+    out_gain[:, 1] = np.hypot(out_gain[:, 1], coarse / math.sqrt(12.0) / error)
+    out_shift[:, 1] = np.hypot(out_shift[:, 1], coarse / math.sqrt(12.0) / slope)
+    return out_gain, out_shift, unlike
+
+
+def _sizes(table: RunTable) -> tuple[float, float]:
+    """Return the RMS of the error and of its slope."""
+    g = _median(table.z[table.reference])
+    slope = float(np.sqrt(np.nanmean(np.gradient(g, table.x) ** 2)))
+    return max(float(np.sqrt(np.nanmean(g**2))), 1e-300), max(slope, 1e-300)
+
+
+def _unlike(row: FloatArray, error: FloatArray, keep: FloatArray) -> float:
+    """Return the share of the power of a row, in the waves of the error, that the error is not."""
+    from scipy.fft import dct
+
+    away = np.abs(row - error)
+    known = away <= SPIKE * MAD * float(np.nanmedian(away))  # a gap or a spike says nothing
+    own = keep * dct(np.where(known, row, error), norm="ortho")
+    both = keep * dct(error, norm="ortho")
+    size = float(own @ own) * float(both @ both)
+    return 1.0 - float(own @ both) ** 2 / size if size > 0.0 else 1.0
+
+
+def _rest(columns: FloatArray, z: FloatArray) -> FloatArray:
+    """Return what columns leave of a row, NaN where it has no reading."""
+    known = ~np.isnan(z)
+    fit = np.linalg.lstsq(columns[known], z[known], rcond=None)[0]
+    return np.asarray(z - columns @ fit)
 
 
 def _spline(x: FloatArray, row: FloatArray) -> Callable[[FloatArray], FloatArray]:
@@ -342,8 +467,24 @@ def _by_reference(
     return math.sqrt((n - 1) / n * float(((np.array(found) - np.mean(found)) ** 2).sum()))
 
 
+def _aligned(
+    splines: Sequence[Callable[[FloatArray], FloatArray]],
+    x: FloatArray,
+    shift: FloatArray,
+    gain: FloatArray,
+) -> FloatArray:
+    """Return the rows moved back by their shifts and divided by their gains, lines removed."""
+    rows = zip(splines, shift, gain, strict=True)
+    return np.array([_flat(x, spline(x + d)) / a for spline, d, a in rows])
+
+
 def _first_alignment(
-    z: FloatArray, reference: NDArray[np.bool_], reach: int, pitch: float
+    z: FloatArray,
+    reference: NDArray[np.bool_],
+    reach: int,
+    pitch: float,
+    *,
+    sure: float = SURE,
 ) -> tuple[FloatArray, FloatArray]:
     """Return sign and shift of every run against the one that resembles the others most."""
     n = z.shape[1]
@@ -363,7 +504,7 @@ def _first_alignment(
         gain = (
             0.5 * n_waves * np.log((1.0 - cross[:, reach] ** 2) / (1.0 - cross.max(axis=1) ** 2))
         )
-        at = np.where(gain > 0.5 * _SURE**2, np.argmax(cross, axis=1), reach)
+        at = np.where(gain > 0.5 * sure**2, np.argmax(cross, axis=1), reach)
         peak = np.take_along_axis(cross, at[:, None], axis=1)[:, 0]
         score = float(np.abs(peak[reference]).sum())
         if best is None or score > best[0]:
@@ -389,6 +530,14 @@ def _repeating(rows: FloatArray) -> FloatArray:
     # By chance noise repeats a little; taken as a wave of the error it would seem to show a place.
     least = 1.0 - 1.0 / float(f_distribution.isf(_REPEATS, 5, 5 * (len(rows) - 1)))
     return np.asarray(np.where(share > least, share, 0.0))
+
+
+def _repeated_power(rows: FloatArray) -> float:
+    """Return the power of what repeats in rows."""
+    from scipy.fft import dct
+
+    waves = dct(np.nan_to_num(rows), norm="ortho", axis=1)
+    return float(_repeating(rows) @ np.median(waves, axis=0) ** 2)
 
 
 def _others(feeds: FloatArray, reference: NDArray[np.bool_], index: int) -> NDArray[np.bool_]:
@@ -472,22 +621,6 @@ def _solve(
     )
 
 
-def _needed(u: float, others: FloatArray) -> float:
-    """Return how far a run must be off, given its u and how far others are, in units of their u.
-
-    At least 5 u. Where the others scatter more than their u says (lines of a vibration, slow
-    noise), u is not a measure, and Student's distribution of their scatter is taken.
-    """
-    from scipy.stats import t
-
-    size = np.sort(np.abs(others))
-    kept = size[:-1] if size.size >= _TRIMMED else size  # a second bad run hides none
-    freedom = max(kept.size - 1, 1)
-    grows = _TRIM_GROWS if kept.size < size.size else 1.0
-    scatter = math.sqrt(float(kept @ kept) * grows / freedom)
-    return u * max(_SURE, float(t.isf(_RARE, max(freedom, _LEAST_FREEDOM))) * scatter)
-
-
 def _suspects(table: RunTable, gain: FloatArray) -> dict[int, tuple[str, bool]]:
     """Return what to say of the gains, by row, and whether the run is refused."""
     off = np.where(table.reference, (gain[:, 0] - 1.0) / gain[:, 1], np.nan)
@@ -498,131 +631,41 @@ def _suspects(table: RunTable, gain: FloatArray) -> dict[int, tuple[str, bool]]:
             continue  # of two runs nothing says which is right: the second is named
         a, u = float(gain[i, 0]), float(gain[i, 1])
         others = np.delete(off, i)
-        needed = _needed(u, others[~np.isnan(others)])
-        if a < -needed:
+        enough = needed(u, others[~np.isnan(others)])
+        if a < -enough:
             what = f"has the opposite sign: gain {a:.2f} (u {u:.2g}) against "
             bad[int(i)] = what, pair is not None
-        elif abs(a - 1.0) > max(_GAIN, needed) and pair is None:
+        elif abs(a - 1.0) > max(_GAIN, enough) and pair is None:
             what = f"has the gain {a:.2f} (u {u:.2g}) against "
             bad[int(i)] = what, not 1.0 / _GAIN_REFUSED <= a <= _GAIN_REFUSED
     return bad
 
 
+_SHIFT_SHARE = 0.05
+"""A shift is named where it changes the readings by more than this share of the error itself."""
+
+
 def _displaced(
-    runs: RunSet,
-    table: RunTable,
-    gain: FloatArray,
-    shift: FloatArray,
-    left_out: Sequence[int],
-) -> tuple[dict[int, str], dict[str, list[int]], tuple[float, float] | None]:
-    """Return what to say of displaced runs and of displaced feeds, and the delay with its u."""
-    rows = [
-        int(i)
-        for i in np.flatnonzero(table.compared & np.isfinite(shift).all(axis=1))
-        if i not in left_out
-    ]
+    runs: RunSet, table: RunTable, shift: FloatArray, left_out: Collection[int]
+) -> Displaced:
+    """Return what the shifts say, by the rows of the table."""
+    known = table.compared & np.isfinite(shift).all(axis=1)
+    rows = [int(i) for i in np.flatnonzero(known) if i not in left_out]
     if len(rows) < 2:
-        return {}, {}, None
-    own_u = np.hypot(shift[rows, 1], 0.02 * (table.x[1] - table.x[0]))
-    shared_u = shift[rows, 2]  # that of the reference, the same for all runs of a feedrate
-    d, u = shift[rows, 0], np.hypot(own_u, shared_u)
-    g = _median(table.z[table.reference])
-    slope = float(np.sqrt(np.nanmean(np.gradient(g, table.x) ** 2)))
-    least = _SHIFT_SHARE * float(np.sqrt(np.nanmean(g**2))) / max(slope, 1e-300)
-    timed = all(runs[table.members[i]].feed is not None for i in rows)
-    v = np.array([runs[table.members[i]].feed if timed else 0.0 for i in rows], dtype=np.float64)
-    v = v * runs[table.members[0]].direction
-    order = np.sort(np.abs(v))
-    feed_of = np.searchsorted(order[:-1][np.diff(order) > 0.02 * order[1:]] * 1.01, np.abs(v))
-    n_feeds = int(feed_of.max()) + 1
-    everything = np.ones(v.size, dtype=bool)
-    line, lowest = _shift_line(v, d, u, everything, n_feeds > 1)
-    feeds: dict[str, list[int]] = {}
-    told = everything.copy()
-    for f in range(n_feeds) if n_feeds >= 3 else ():
-        own = feed_of == f
-        other, left = _shift_line(v, d, u, ~own, True)
-        away = float(np.median((d - _line_at(other, v))[own]))
-        left += float(
-            np.minimum((((d - _line_at(other, v)) - away)[own] / u[own]) ** 2, _SURE**2).sum()
-        )
-        sd = _u_together(own_u[own], shared_u[own])
-        about = (d - _line_at(other, v) - np.where(own, away, 0.0)) / u
-        sure = max(_needed(sd, about), least)
-        if own.sum() > 1 and left < lowest - _SURE**2 and abs(away) > sure:
-            line, told, lowest = other, ~own, left + _SURE**2
-            sentence = (
-                f"the runs at {abs(float(v[own].mean())) * 6e4:.6g} mm/min are displaced by "
-                f"{format_length(away)} (u {format_length(sd, digits=2)}) against those of the "
-                "other feedrates: check where they start; the error is blurred by it and the "
-                "uncertainty does not hold"
-            )
-            feeds = {sentence: [rows[j] for j in np.flatnonzero(own)]}
-    rest = d - _line_at(line, v)
-    needed = [
-        _needed(float(u[j]), np.delete(rest / u, j)[np.delete(told, j)]) for j in range(v.size)
-    ]
-    far = told & (np.abs(rest) > np.maximum(needed, least)) & (len(rows) > 2 or n_feeds == 1)
-    said = {
-        rows[j]: f"is displaced by {format_length(float(rest[j]))} (u "
-        f"{format_length(float(u[j]), digits=2)}) against "
-        for j in np.flatnonzero(far)[-1 if len(rows) == 2 else 0 :]
-    }
-    kept = told & ~far
-    lag = None
-    groups = [kept & (feed_of == f) for f in range(n_feeds) if (kept & (feed_of == f)).any()]
-    if len(groups) > 1:
-        weight = np.array([_u_together(own_u[g], shared_u[g]) for g in groups]) ** -2
-        place = np.array([np.average(d[g], weights=u[g] ** -2) for g in groups])
-        speed = np.array([v[g].mean() for g in groups])
-        speed = speed - weight @ speed / weight.sum()
-        information = float(weight @ speed**2)
-        own_lag = float(weight @ (speed * place) / information)
-        left = place - own_lag * speed
-        left = (left - weight @ left / weight.sum()) * np.sqrt(weight)
-        u_lag = information**-0.5 * max(
-            1.0, math.sqrt(float(left @ left) / max(len(groups) - 2, 1))
-        )
-        if abs(own_lag) > _SURE_LAG * u_lag:
-            lag = own_lag, u_lag
-    return said, feeds, lag
-
-
-def _u_together(own: FloatArray, shared: FloatArray) -> float:
-    """Return the u of a mean of shifts whose reference is the same."""
-    return math.hypot(float((own**-2).sum()) ** -0.5, float(shared.mean()))
-
-
-def _line_at(line: tuple[float, float], v: FloatArray) -> FloatArray:
-    """Return the shifts of a delay at velocities."""
-    return np.asarray(line[0] + line[1] * v)
-
-
-def _shift_line(
-    v: FloatArray, d: FloatArray, u: FloatArray, chosen: NDArray[np.bool_], several: bool
-) -> tuple[tuple[float, float], float]:
-    """Return place and delay that fit most of the chosen shifts, and the cost of what is left."""
-    columns = np.column_stack([np.ones(v.size), v])[:, : 2 if several else 1]
-    weight = np.where(chosen, 1.0 / u, 0.0)
-    fit = np.zeros(columns.shape[1])
-    for _ in range(50):  # least absolute residuals: a displaced run does not pull the line
-        root = np.sqrt(weight)
-        fit = np.linalg.lstsq(columns * root[:, None], d * root, rcond=None)[0]
-        weight = np.where(chosen, 1.0 / u / np.maximum(np.abs(d - columns @ fit) / u, 0.3), 0.0)
-    # Of three single runs any two lie on a line: no delay at all may be the likelier one.
-    found = []
-    for line in ((float(fit[0]), float(fit[1]) if several else 0.0), _level(d[chosen], u[chosen])):
-        rest = ((d - _line_at(line, v)) / u)[chosen]
-        cost = float(np.minimum(rest**2, _SURE**2).sum()) + (line[1] / _LIKELY_LAG) ** 2
-        found.append((cost, line))
-    cost, line = min(found)
-    return line, cost
-
-
-def _level(d: FloatArray, u: FloatArray) -> tuple[float, float]:
-    """Return the place of most shifts, the delay being none."""
-    costs = np.minimum(((d[:, None] - d) / u[:, None]) ** 2, _SURE**2).sum(axis=0)
-    return float(d[int(np.argmin(costs))]), 0.0
+        return Displaced()
+    error, slope = _sizes(table)
+    least = _SHIFT_SHARE * error / slope
+    feeds = [runs[table.members[i]].feed for i in rows]
+    timed = [math.nan if feed is None else feed for feed in feeds]
+    velocity = np.zeros(len(rows)) if None in feeds else np.array(timed)
+    velocity = velocity * runs[table.members[0]].direction
+    finest = 0.02 * float(table.x[1] - table.x[0])
+    found = find_displaced(velocity, shift[rows], least=least, finest=finest)
+    return Displaced(
+        {rows[j]: text for j, text in found.runs.items()},
+        {text: [rows[j] for j in own] for text, own in found.feeds.items()},
+        found.lag,
+    )
 
 
 # --- steps and spikes ----------------------------------------------------------------------------
@@ -698,10 +741,11 @@ def check_spikes(runs: RunSet, table: RunTable, found: Findings) -> None:
     for index, other, (run, far, away) in zip(
         table.members, odd, spikes(runs, table), strict=True
     ):
-        if other or not far.size:
+        out = far[np.abs(away[far]) > _STEPS * found.steps[index]]
+        if other or not out.size:
             continue
-        at = int(far[np.argmax(np.abs(away[far]))])
-        x, size, more = float(run.x[at]), float(away[at]), int(far.size) - 1
+        at = int(out[np.argmax(np.abs(away[out]))])
+        x, size, more = float(run.x[at]), float(away[at]), int(out.size) - 1
         text = f"has a spike at {format_length(x)}: {format_length(size)} from {what}"
         text += f" (and {more} more readings)" if more else ""
         found.say(index, text, at=x, size=size)

@@ -14,9 +14,19 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.separation.runs.geometry import Sensor, filtered
-from metrosep.separation.runs.posterior import Model, Posterior
+from metrosep.separation.runs.posterior import Model
 
-__all__ = ["LAG_CHI2", "LAG_PRIOR", "LagScore", "averaged", "lag_score", "lag_steps", "scan_lag"]
+__all__ = [
+    "LAG_CHI2",
+    "LAG_PRIOR",
+    "LagScore",
+    "averaged",
+    "better_split",
+    "lag_score",
+    "lag_steps",
+    "scan_lag",
+    "splits",
+]
 
 LAG_CHI2 = 12.0
 """Square of a lag over its uncertainty from which it is named: 5 in 10,000 by chance."""
@@ -25,6 +35,9 @@ LAG_PRIOR = 1e-3
 """Standard deviation in s of the lag of a machine that has one."""
 
 _STEPS = 3
+
+_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25)
+"""Time constants over the lag that are averaged over: from a pure delay to more than first order."""
 
 _SCAN = np.arange(-50e-3, 51e-3, 2e-3)
 _SCANNED = 40
@@ -104,6 +117,23 @@ def lag_steps(model: Model, *, sure: bool = False) -> None:
             return
 
 
+def better_split(model: Model) -> None:
+    """Try the other end of the split into delay and time constant: each may be a top of its own."""
+    found, at = model.state(), lag_score(model)
+    if at is None or model.sensor.lag**2 < LAG_CHI2 * at.u**2:
+        return
+    evidence = model.log_evidence(model.solve())
+    lag = model.sensor.lag
+    delay_only = model.sensor.spread < 0.25 * lag**2
+    model.sensor = Sensor(lag, lag**2 if delay_only else 0.0)
+    model.apply()
+    model.learn(2)
+    lag_steps(model, sure=True)
+    if model.log_evidence(model.solve()) < evidence:
+        model.back_to(found)
+        model.solve()
+
+
 def scan_lag(model: Model) -> None:
     """Start from the lag of greatest evidence within +-50 ms: a long one is beyond any small step."""
     start, kept = model.state(), model.kept
@@ -141,9 +171,70 @@ def averaged(
     return mean, covariance
 
 
-def lag_covariance(model: Model, post: Posterior) -> FloatArray:
-    """Return what the uncertain lag and spread add to the covariance (eq. 23)."""
-    at = lag_score(model)
-    if at is None:
-        return np.zeros((post.waves.shape[0],) * 2)
-    return np.asarray(at.change @ np.linalg.solve(at.information, at.change.T))
+@dataclass(frozen=True, slots=True, eq=False)
+class Split:
+    """Solution with one share of the time constant in the lag."""
+
+    weight: float
+    lag: float  # s, with its standard uncertainty for this share
+    u: float
+    mean: FloatArray
+    plain: FloatArray  # covariance without and with what the lag leaves open (eq. 23)
+    covariance: FloatArray
+
+
+def splits(model: Model) -> list[Split]:
+    """Return solutions along the split of the lag into delay and time constant, and their chances.
+
+    With the share of the time constant the best lag moves, and where short waves are strong the
+    evidence is no parabola along that line: so it is not one top with a covariance, but a mean over
+    shares that are as likely before. The model is left at the likeliest.
+    """
+    top = lag_score(model)
+    found = model.sensor
+    sure = top is not None and found.lag**2 > LAG_CHI2 * top.u**2
+    constants = [math.sqrt(found.spread)]
+    if sure:
+        constants += [share * abs(found.lag) for share in _SHARES]
+    start, parts, states = model.state(), [], []
+    for i, constant in enumerate(constants):
+        if i:
+            model.back_to(start)
+            _settle(model, constant)
+        post = model.solve()
+        at = lag_score(model)
+        plain = model.covariance(post)
+        covariance, u = plain, math.inf
+        if at is not None:
+            own = at.change[:, :1] if sure else at.change
+            known = at.information[:1, :1] if sure else at.information
+            covariance = plain + own @ np.linalg.solve(known, own.T)
+            u = at.u
+        more = model.spread_of_spectrum(post)
+        # every share but that of the top, which is there to be compared with
+        weight = model.log_evidence(post) + math.log(u) if i or not sure else -math.inf
+        parts.append((weight, model.sensor.lag, u, post.theta, plain, covariance + more @ more.T))
+        states.append(model.state())
+    logs = np.array([p[0] for p in parts])
+    chances = np.exp(logs - logs.max()) if len(parts) > 1 else np.ones(1)
+    chances /= chances.sum()
+    model.back_to(states[int(np.argmax(chances))])
+    model.solve()
+    return [Split(float(c), *p[1:]) for c, p in zip(chances, parts, strict=True) if c > 0.0]
+
+
+def _settle(model: Model, constant: float) -> None:
+    """Give the sensor a time constant and find the lag that goes with it."""
+    model.sensor = Sensor(model.sensor.lag, constant**2)
+    model.apply()
+    model.learn(2)
+    for _ in range(_STEPS):
+        at = lag_score(model)
+        if at is None:
+            return
+        step = float(np.clip(at.lag, -LAG_PRIOR, LAG_PRIOR))
+        model.sensor = Sensor(model.sensor.lag + step, constant**2)
+        model.apply()
+        model.learn(1)
+        if abs(step) < 0.05 * at.u:
+            return

@@ -45,6 +45,7 @@ from metrosep.separation.runs.geometry import (
 )
 from metrosep.separation.runs.leave_out import RunScore, run_scores
 from metrosep.separation.runs.lines import FoundLine, Terms, find_line, nearest_power
+from metrosep.separation.runs.noise import MOST, WITNESS
 from metrosep.separation.runs.options import JointOptions
 from metrosep.separation.runs.posterior import Model, Posterior
 from metrosep.separation.runs.slip import FALSE_DISCOVERY, find_slip, learn_slip
@@ -63,6 +64,8 @@ CONSTANTS: dict[str, float] = {
     "prior_lag_ms": sensor_room.LAG_PRIOR * 1e3,
     "false_alarm_waves": FALSE_ALARM,
     "false_discovery_slip": FALSE_DISCOVERY,
+    "noise_order_most": MOST,
+    "noise_level_degrees": WITNESS,
 }
 """What is not learnt: priors and error rates; none of them is tuned to a coverage."""
 
@@ -137,6 +140,8 @@ def solve_joint(
                 find_slip(model)
             if seek_lag:
                 sensor_room.lag_steps(model, sure=sure)
+            if seek_lag and i < 3:
+                sensor_room.better_split(model)
             if model.slip.any():
                 learn_slip(model, 8)
         scores = run_scores(model)
@@ -164,7 +169,7 @@ def _pass(
     above: float = 0.0,
     order: int | None = -1,
 ) -> None:
-    """Learn the noise (order: None by AICc, -1 not), pass over the samples, learn the geometry."""
+    """Learn the noise (order: None the highest, -1 not), pass over the samples, learn the geometry."""
     before = [n.variance for n in system.noise]
     if order != -1:
         system.update_noise(model, most=order)
@@ -265,15 +270,34 @@ class _Answer:
     plain: FloatArray
 
 
-def _answer(model: Model, *, with_lag: bool) -> _Answer:
-    """Return the solution with what spectrum and lag leave open (eqs. 16, 23)."""
+def _answer(model: Model) -> _Answer:
+    """Return the solution with what noise and spectrum leave open (eq. 16)."""
     post = model.solve()
-    plain = post.covariance()
+    plain = model.covariance(post)
     change = model.spread_of_spectrum(post)
-    covariance = plain + change @ change.T
-    if with_lag:
-        covariance = covariance + sensor_room.lag_covariance(model, post)
-    return _Answer(post.theta, covariance, plain)
+    return _Answer(post.theta, plain + change @ change.T, plain)
+
+
+def _answer_with_lag(model: Model) -> tuple[_Answer, float, float]:
+    """Return the mean over the splits of a lag, with what the lag leaves open; the lag and its u."""
+    parts = sensor_room.splits(model)
+    weights = np.array([p.weight for p in parts])
+
+    def mixed(
+        means: FloatArray, covariances: Sequence[FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
+        mean = weights @ means
+        apart = (means - mean) * np.sqrt(weights)[:, None]
+        within = sum(w * c for w, c in zip(weights, covariances, strict=True))
+        return mean, np.asarray(within + apart.T @ apart)
+
+    means = np.array([p.mean for p in parts])
+    mean, covariance = mixed(means, [p.covariance for p in parts])
+    _, plain = mixed(means, [p.plain for p in parts])
+    lags = np.array([p.lag for p in parts])
+    lag = float(weights @ lags)
+    u = math.sqrt(float(weights @ (np.array([p.u for p in parts]) ** 2 + (lags - lag) ** 2)))
+    return _Answer(mean, covariance, plain), lag, u
 
 
 _UNKNOWN_LAG = 2e-3
@@ -286,15 +310,16 @@ def _with_and_without_lag(
     """Return the answer averaged over no lag and the lag that was found (eq. 22)."""
     at = sensor_room.lag_score(model) if several_feeds else None
     if at is None:
-        return _answer(model, with_lag=False), None
+        return _answer(model), None
     if mode == "fit" and at.u > _UNKNOWN_LAG:
         model.back_to((Sensor(stated), *model.state()[1:]))
         model.learn(4)
-        return _answer(model, with_lag=False), LagTest(0.0, at.u, 0.0, 0.0, fitted=False)
+        return _answer(model), LagTest(0.0, at.u, 0.0, 0.0, fitted=False)
     if mode == "fit":
-        lag, spread = model.sensor.lag - stated, model.sensor.spread
-        test = LagTest(lag, at.u, 1.0, (lag / at.u) ** 2, fitted=True, spread=spread)
-        return _answer(model, with_lag=True), test
+        one, lag, u = _answer_with_lag(model)
+        lag -= stated
+        spread = model.sensor.spread
+        return one, LagTest(lag, u, 1.0, (lag / u) ** 2, fitted=True, spread=spread)
     found = model.state()
     if mode == "auto" and model.sensor != Sensor(stated):
         model.back_to((Sensor(stated), *found[1:]))
@@ -302,8 +327,8 @@ def _with_and_without_lag(
     if mode == "stated" or at.u > sensor_room.LAG_PRIOR:  # then nothing is known of a lag
         at = sensor_room.lag_score(model) or at
         p, chi2 = sensor_room.chance_of_lag(at.lag, at.u), (at.lag / at.u) ** 2
-        return _answer(model, with_lag=False), LagTest(at.lag, at.u, p, chi2, fitted=False)
-    none, without = _answer(model, with_lag=False), model.state()
+        return _answer(model), LagTest(at.lag, at.u, p, chi2, fitted=False)
+    none, without = _answer(model), model.state()
     least = model.log_evidence(model.solve())
     # Where short waves are strong the likelihood of a lag has several tops: the steps start from
     # none as well as from what was found, and the better one counts by its evidence.
@@ -313,13 +338,12 @@ def _with_and_without_lag(
     if model.log_evidence(model.solve()) < most:
         model.back_to(other)
         model.solve()
-    at = sensor_room.lag_score(model) or at
     gain = max(model.log_evidence(model.solve()) - least, 0.0)
-    lag = model.sensor.lag - stated
-    p = sensor_room.chance_of_lag(lag, at.u, gain)
-    one = _answer(model, with_lag=True)
-    chi2 = min((lag / at.u) ** 2, 2.0 * gain)
-    test = LagTest(lag, at.u, p, chi2, fitted=True, spread=model.sensor.spread)
+    one, lag, u = _answer_with_lag(model)
+    lag -= stated
+    p = sensor_room.chance_of_lag(lag, u, gain)
+    chi2 = min((lag / u) ** 2, 2.0 * gain)
+    test = LagTest(lag, u, p, chi2, fitted=True, spread=model.sensor.spread)
     if p < 0.5:  # residuals and noise are shown for the likelier of the two
         model.back_to(without)
         model.solve()

@@ -168,6 +168,7 @@ class System:
                     level_information=oo,
                     velocity=self.runs[i].velocity,
                     feed=self.feeds[i],
+                    length=float(np.ptp(self.runs[i].x)) * float(np.mean(~np.isnan(self.z[i]))),
                 )
         return [run for run in out if run is not None]
 

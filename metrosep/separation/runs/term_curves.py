@@ -343,6 +343,9 @@ Report = tuple[dict[str, Any], list[str]]
 _BAD_RUN = 0.2
 """Share of samples of a run beyond which it is named."""
 
+_STANDS_OUT = 1e-3
+"""Chance of noise as great as a stated line, above which it is said that none is there."""
+
 _SAME_AMPLITUDE = 0.01
 """Chance of the amplitudes of the runs being equal below which a line is doubted."""
 
@@ -427,6 +430,13 @@ def report_lines(solution: Solution, prepared: Sequence[PreparedRun], runs: RunS
         }
         for key, value in entry.items():
             summary.setdefault(key, []).append(value)
+        chance = _p_nothing(own)
+        if i >= len(solution.found) and chance > _STANDS_OUT:
+            sentences.append(
+                f"no line stands out of the noise at {frequency:.2f} Hz, where one was stated (p = "
+                f"{chance:.2g}): what was removed there, {amplitude:.2g} nm, is noise; leave out lines="
+            )
+            continue
         doubt = "" if terms.locked else _mode_doubt(rows, p_equal, prepared)
         sentences.append(_line_sentence(entry, runs.feeds, locked=terms.locked) + doubt)
     if not terms.frequencies:
@@ -473,6 +483,14 @@ def _p_equal_amplitudes(rows: Sequence[dict[str, float]]) -> float:
     mean = float(values @ weight / weight.sum())
     chi2 = float(weight @ (values - mean) ** 2)
     return float(gammaincc((values.size - 1) / 2.0, chi2 / 2.0))
+
+
+def _p_nothing(rows: Sequence[dict[str, float]]) -> float:
+    """Return the chance of so great amplitudes of noise: two normal parts in each row."""
+    from scipy.special import gammaincc
+
+    chi2 = sum((r["amplitude_nm"] / max(r["u_amplitude_nm"], 1e-300)) ** 2 for r in rows)
+    return float(gammaincc(len(rows), 0.5 * chi2))
 
 
 def _mode_doubt(

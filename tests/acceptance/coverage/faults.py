@@ -154,7 +154,7 @@ FAULTS = [
     Fault("sign", gain(-1.0), r"opposite sign", size=-1.0, floor=0.1),
     Fault("gain 0.5", gain(0.5), r"gain", size=0.5, floor=0.1),
     Fault("gain 2", gain(2.0), r"gain", size=2.0, floor=0.2),
-    Fault("gain 10", gain(10.0), r"gain|unit", must_refuse=True),
+    Fault("gain 10", gain(10.0), r"has the gain (9|10)\.", must_refuse=True),
     Fault("gain 1000 (unit)", gain(1000.0), r"gain|unit", must_refuse=True),
     Fault("all but one in another unit", lambda runs, rng: [replace(r, z_nm=r.z_nm * 1000.0) if r.name != NAME else r for r in runs], r"gain|unit", run="", must_refuse=True),
     *(
@@ -174,11 +174,11 @@ FAULTS = [
     Fault("steps of 800 nm", quantised(800.0), r"steps of", run=""),
     Fault("steps of 20 nm", quantised(20.0), "", run=""),
     Fault("5 spikes of 3 um", spikes(5, 3000.0), r"spike"),
-    Fault("8 dropouts to 0 of 20 um", dropouts(8), r"spike|dropout|lost"),
-    Fault("step of drift 1 um", drift_step(1000.0), r"step|drift|jump|level|gain|scatter"),
+    Fault("8 dropouts to 0 of 20 um", dropouts(8), r"dropouts"),
+    Fault("step of drift 1 um", drift_step(1000.0), r"jumps by -?(9\d\d(\.\d)? nm|1(\.0\d*)? um)"),
     Fault("of another machine", of_another_machine, r"differs|gain|displaced|others|not agree"),
     Fault("twice the noise", twice_the_noise, ""),
-    Fault("readings reversed in one run", mirrored, r"differs|gain|sign|displaced|others|not agree|mirror"),
+    Fault("readings reversed in one run", mirrored, r"mirrored"),
     Fault("all mirrored", all_mirrored, "", run=""),
 ]  # fmt: skip
 
@@ -208,9 +208,10 @@ def sentences_about(fault, messages):
 
 
 def runs_named(messages):
-    """Runs of the messages that begin with a finding about a run."""
-    found = (re.match(r"run ([\w.-]+)(?!\S)(?! was left out)", text) for text in messages)
-    return {m[1] for m in found if m}
+    """Runs, or feedrates, of the messages that begin with a finding about one."""
+    pattern = r"run ([\w.-]+)(?!\S)(?! was left out)|the runs at (\S+ mm/min) are displaced"
+    found = (re.match(pattern, text) for text in messages)
+    return {m[1] or m[2] for m in found if m}
 
 
 def try_fault(fault, estimator, seed):
@@ -236,7 +237,7 @@ def try_fault(fault, estimator, seed):
         named = [m for m in about if fault.run and runs_named([m])]
         return ("found", named[0]) if named else ("missed", " | ".join(messages)[:200])
     others = runs_named(messages) - {fault.run}
-    if others and fault.run:
+    if others:
         return "found", f"also {sorted(others)}: {right[0]}"
     if fault.size is not None:
         size = stated_size(right[0])
@@ -245,13 +246,18 @@ def try_fault(fault, estimator, seed):
     return "named", right[0]
 
 
-def fault_table(estimator, *, sets, seed, faults=FAULTS):
-    """Lines of a Markdown table, and the verdicts by fault."""
-    lines = [
-        "| fault | named | refused | found | missed | false | example |",
-        "|---|---|---|---|---|---|---|",
-    ]
+HEAD = (
+    "| fault | named | refused | found | missed | false | example |",
+    "|---|---|---|---|---|---|---|",
+)
+
+
+def fault_table(estimator, *, sets, seed, faults=FAULTS, say=lambda line: None):
+    """Lines of a Markdown table, each given to `say` as it comes, and the verdicts by fault."""
+    lines = list(HEAD)
     counts = {}
+    for line in lines:
+        say(line)
     for fault in faults:
         got = [try_fault(fault, estimator, seed + i) for i in range(sets)]
         count = {
@@ -266,6 +272,7 @@ def fault_table(estimator, *, sets, seed, faults=FAULTS):
         if not fault.kind:
             cells[0] = "nothing to name"
         lines.append(f"| {fault.name} | {' | '.join(cells)} | {worst[:150].replace('|', '/')} |")
+        say(lines[-1])
     return lines, counts
 
 
@@ -286,7 +293,7 @@ def fault_failures(counts):
     return bad
 
 
-def false_alarms(estimator, *, sets, seed):
+def false_alarms(estimator, *, sets, seed, say=lambda row, seed, text: None):
     """Sets of all clean rows in turn that are refused or in which a run is named: (row, seed, text)."""
     found = []
     for i in range(sets):
@@ -297,8 +304,10 @@ def false_alarms(estimator, *, sets, seed):
             if not type(problem).__module__.startswith("metrosep"):
                 raise
             found.append((name, seed + i, f"refused: {problem}"))
+            say(*found[-1])
             continue
         alarm = [m for m in messages if runs_named([m])]
         if alarm:
             found.append((name, seed + i, alarm[0]))
+            say(*found[-1])
     return found
