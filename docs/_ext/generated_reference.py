@@ -194,9 +194,7 @@ def controllers_page() -> str:
 
 def steps_page() -> str:
     """Table of the options of each step and method, as the fields of its class declare them."""
-    described = importlib.import_module(
-        "metrosep.recipe.describe.described_steps"
-    ).described_steps()
+    described = importlib.import_module("metrosep.recipe.step_help").described_steps()
     lines = [*_heading("Steps of recipes", "=")]
     lines += [
         "``op`` of a recipe, ``--method`` of ``metrosep separate`` and ``method=`` of",

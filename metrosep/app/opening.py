@@ -34,6 +34,7 @@ from metrosep.app.documents import (
 )
 from metrosep.app.evaluations import Evaluations
 from metrosep.app.separations import MethodResults, Separations
+from metrosep.core.atomic import RECIPE_BYTES, read_plain
 from metrosep.core.errors import (
     DataError,
     FormatMismatchError,
@@ -42,7 +43,6 @@ from metrosep.core.errors import (
     RecipeError,
     UnitError,
 )
-from metrosep.core.plain_files import RECIPE_BYTES, read_plain
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.recipe.recipe import Recipe

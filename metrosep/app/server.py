@@ -410,7 +410,7 @@ class Answers:
         return {"k": kind, "ok": True, **header}, arrays
 
     def _hello(self, message: Message) -> Answer:
-        from metrosep.recipe.describe.described_steps import described_steps
+        from metrosep.recipe.step_help import described_steps
 
         session = self.session.state()
         return {"version": __version__, "session": session, "schema": described_steps()}, {}
@@ -621,8 +621,8 @@ def warm_up(stop: Callable[[], bool] = lambda: False) -> None:
     from metrosep.core.profile import Profile
     from metrosep.core.surface import Surface
     from metrosep.io.registry import formats
-    from metrosep.recipe.describe.described_steps import described_steps
     from metrosep.recipe.pipeline import checked_step
+    from metrosep.recipe.step_help import described_steps
 
     y, x = np.mgrid[0:32, 0:48] * 1e-5
     surface = Surface(1e-8 * np.cos(1e5 * x + 2e5 * y), 1e-5, 1e-5)

@@ -24,7 +24,7 @@ from metrosep.core.units import format_length
 from metrosep.separation.runs.base import ErrorEstimate
 from metrosep.spectral.density import amplitude_spectrum
 from metrosep.spectral.dft import Band
-from metrosep.spectral.hann import hann_weights, noise_bandwidth
+from metrosep.spectral.window import hann_weights, noise_bandwidth
 
 __all__ = ["ProfileSpectrum", "SpectrumView", "estimate_view", "profile_spectrum", "spectrum_view"]
 

@@ -36,9 +36,9 @@ from metrosep.batch.units import (
 )
 from metrosep.batch.work import DISK_FULL, Task, earlier_row, input_hash
 from metrosep.core.errors import DataError, MetrosepError, ReadError, RecipeError, WriteError
-from metrosep.recipe.guard_room import guard_notes
 from metrosep.recipe.outputs import recipe_hash
 from metrosep.recipe.parts import order_notes
+from metrosep.recipe.preflight import guard_notes
 from metrosep.recipe.recipe import Recipe
 
 __all__ = ["run_batch"]

@@ -20,7 +20,7 @@ from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import ReadError, RecipeError, WriteError
 from metrosep.core.methods import METHODS
 from metrosep.io.registry import FOLDERS_VARIABLE, formats
-from metrosep.recipe.document_text import document_text
+from metrosep.recipe.result import document_text
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe

@@ -186,8 +186,8 @@ def _carry_out(
     task: Task, unit: Unit, identity: Identity, before: Mapping[str, tuple[int, int]]
 ) -> dict[str, Any]:
     from metrosep.recipe.outputs import table_names
-    from metrosep.recipe.reading_words import in_recipe_words
     from metrosep.recipe.run import run_recipe
+    from metrosep.recipe.step_help import in_recipe_words
 
     recipe = _recipe(task.text, task.name, task.folder, task.recipe_hash)
     folder = identity.folder(Path(task.out), unit)

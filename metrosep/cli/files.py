@@ -228,7 +228,7 @@ def check_recipes(
     files: Sequence[str], *, as_json: bool, explain: bool, overrides: Sequence[str] = ()
 ) -> int:
     """Print what is wrong in recipes."""
-    from metrosep.recipe.guard_room import guard_notes
+    from metrosep.recipe.preflight import guard_notes
 
     found = {name: _checked(name, overrides) for name in files}
     warned = {name: list(guard_notes(r)) if r else [] for name, (r, _) in found.items()}
@@ -259,8 +259,8 @@ def check_recipes(
 
 def _checked(name: str, overrides: Sequence[str]) -> tuple[Recipe | None, list[str]]:
     """Return the recipe, if it can be had, and what is wrong."""
+    from metrosep.core.atomic import RECIPE_BYTES, read_plain_text
     from metrosep.core.errors import RecipeError
-    from metrosep.core.plain_files import RECIPE_BYTES, read_plain_text
     from metrosep.recipe.recipe import Recipe
     from metrosep.recipe.written.overrides import with_overrides
 
@@ -437,7 +437,7 @@ def _of_plugins(recipe: Recipe) -> Iterator[Exception]:
 
 def _defaults(recipe: Recipe) -> list[dict[str, Any]]:
     """Return for each step the keys that the recipe leaves out."""
-    from metrosep.recipe.describe.described_steps import described_steps
+    from metrosep.recipe.step_help import described_steps
 
     known = {s["op"]: s for s in described_steps()["steps"]}
     return [

@@ -59,7 +59,7 @@ def require_columns(options: Mapping[str, Any]) -> None:
 def named_recipe(name: str, options: Mapping[str, Any], *, report: bool) -> str:
     """Return the recipe of a call with a named separation, as TOML."""
     from metrosep.core.methods import METHODS
-    from metrosep.recipe.method import input_fields
+    from metrosep.recipe.schema import input_fields
 
     method = METHODS[name]
     known = input_fields(method)

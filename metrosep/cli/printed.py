@@ -21,10 +21,10 @@ _SUMMARY = ("op", "what", "method", "null_space", "noise", "audit", "units", "ru
 
 def recipe_words(recipe: Recipe, message: str) -> str:
     """Return a message of the library with its arguments as keys of a recipe."""
-    from metrosep.recipe import reading_words
+    from metrosep.recipe.step_help import recipe_words
 
     message = message.replace(" or say overwrite", " or give --force")
-    return reading_words.recipe_words(recipe, message)
+    return recipe_words(recipe, message)
 
 
 def print_named(recipe: Recipe, result: Result, *, as_json: bool, command: bool = False) -> None:

@@ -32,7 +32,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length, parse_unit
-from metrosep.process.degrees import (
+from metrosep.process.straightness_runs import (
     MOST_TRIED,
     Curves,
     basis_of,

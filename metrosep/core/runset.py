@@ -26,7 +26,7 @@ __all__ = ["Run", "RunSet"]
 _FEED_RTOL = 0.2
 """Largest relative disagreement of a stated feed with positions over time."""
 
-_SAME_FEED_RTOL = 0.02
+SAME_FEED = 0.02
 """Feeds closer than this, relative, are one feedrate."""
 
 _MM_PER_MIN = 1e-3 / 60.0
@@ -349,7 +349,7 @@ class RunSet:
         )
         groups: list[list[tuple[float, Run]]] = []
         for feed, _, run in timed:
-            if groups and feed <= groups[-1][0][0] * (1.0 + _SAME_FEED_RTOL):
+            if groups and feed <= groups[-1][0][0] * (1.0 + SAME_FEED):
                 groups[-1].append((feed, run))
             else:
                 groups.append([(feed, run)])
@@ -388,7 +388,7 @@ class RunSet:
             if (direction is None or r.direction == direction)
             and (
                 feed is None
-                or (r.feed is not None and abs(r.feed / feed - 1.0) <= _SAME_FEED_RTOL)
+                or (r.feed is not None and abs(r.feed / feed - 1.0) <= SAME_FEED)
             )
         ]
         if not kept:

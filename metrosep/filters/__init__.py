@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from metrosep.filters._arguments import DoubleFilterError, profile_kind
 from metrosep.filters.chain import primary, roughness, waviness
 from metrosep.filters.gaussian import gaussian, gaussian_support
-from metrosep.filters.kind import DoubleFilterError, profile_kind
 from metrosep.filters.morphological import closing, dilation, erosion, opening
 from metrosep.filters.robust import regression_constant, robust_gaussian
 from metrosep.filters.spline import spline

@@ -15,10 +15,16 @@ from metrosep.core.numbers import count, positive
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.units import format_length
-from metrosep.filters._arguments import ALL_THE_SAME, SHORTFALL, FilterBand, counted
-from metrosep.filters._gaussian_task import End
-from metrosep.filters.gaussian import gaussian
-from metrosep.filters.kind import DoubleFilterError, ProfileKind, profile_kind
+from metrosep.filters._arguments import (
+    ALL_THE_SAME,
+    SHORTFALL,
+    DoubleFilterError,
+    FilterBand,
+    ProfileKind,
+    counted,
+    profile_kind,
+)
+from metrosep.filters.gaussian import End, gaussian
 from metrosep.spectral.dft import instance_of
 
 __all__ = ["primary", "roughness", "waviness"]

@@ -30,7 +30,7 @@ from metrosep.core.errors import (
 from metrosep.core.inputs import RoleColumns
 from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
-from metrosep.core.runset import Run, RunSet
+from metrosep.core.runset import SAME_FEED, Run, RunSet
 from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import (
     SURROUNDINGS,
@@ -66,9 +66,6 @@ __all__ = [
 
 FeedSpec: TypeAlias = ColumnSpec | float | Sequence[float | str] | None
 """A column, a number in m/s, text such as ``"7200 mm/min"``, or a list with one per file."""
-
-_SAME_FEED = 0.02
-"""Largest relative spread of the feed within one run."""
 
 _FORWARD = frozenset({"fwd", "forward", "forwards", "f", "+", "+1", "1", "1.0", "up", "vor"})
 _REVERSE = frozenset(
@@ -343,7 +340,7 @@ def _one_feed(
     low, high = float(known.min()), float(known.max())
     if low == high:
         speed = low
-    elif high - low <= _SAME_FEED * max(abs(low), abs(high)):
+    elif high - low <= SAME_FEED * max(abs(low), abs(high)):
         speed = float(known.mean())
     else:
         raise InvalidSamplesError(

@@ -27,8 +27,8 @@ from os import PathLike
 from typing import Any
 
 from metrosep.core import numbers
+from metrosep.core.atomic import MACHINE_BYTES, read_plain
 from metrosep.core.errors import DataError, MetrosepError
-from metrosep.core.plain_files import MACHINE_BYTES, read_plain
 from metrosep.machine.elements import DIRECTIONS, Element
 
 __all__ = ["chain_parts", "toml_table"]

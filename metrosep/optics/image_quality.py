@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.numbers import count, not_negative, positive
-from metrosep.optics._checks import freeze_fields, real_array, wavelength_of
+from metrosep.optics.rays import freeze_fields, real_array, wavelength_of
 
 __all__ = ["ModulationTransfer", "PointSpread", "marechal", "point_spread", "strehl_ratio"]
 

@@ -11,17 +11,22 @@ Source: Micromachines 11 (2020) 331, sections 3.2 and 3.3, which name the method
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import FloatArray, as_float, is_frozen
 from metrosep.core.errors import DataError, InvalidSamplesError
-from metrosep.core.numbers import choice, real
-from metrosep.optics._checks import real_array
+from metrosep.core.numbers import between, choice, real
 
-__all__ = ["Mode", "Side", "check_mode", "path_difference", "path_sensitivity"]
+__all__ = [
+    "Mode",
+    "Side",
+    "check_mode",
+    "path_difference",
+    "path_sensitivity",
+]
 
 Mode = Literal["reflect", "refract"]
 Side = Literal["inside", "outside"]
@@ -214,3 +219,45 @@ def _room(value: FloatArray, square: FloatArray, what: str) -> FloatArray:
             "and steps are in metres"
         )
     return value
+
+
+# ---- private checks on what a caller gives: numbers, pairs and arrays of real numbers ----------
+
+WAVELENGTHS = (1e-8, 1e-2)
+"""m: from the extreme ultraviolet to microwaves; beyond lie nanometres or micrometres taken as m."""
+
+
+def wavelength_of(value: object) -> float:
+    """Return a wavelength of light in m."""
+    why = "633 nm is 633e-9"
+    return between(value, "wavelength", *WAVELENGTHS, dimension="length", why=why)
+
+
+def real_array(values: Any, name: str, unit: str = "m") -> FloatArray:
+    """Return a float64 copy; NaN and masked are kept as NaN, anything but real numbers is refused."""
+    try:
+        kind = np.asanyarray(values).dtype
+        array = as_float(values) if kind.kind in "iuf" else None
+    except (TypeError, ValueError):  # rows of unequal length
+        kind, array = np.dtype(object), None
+    if array is None:
+        raise InvalidSamplesError(
+            f"{name} must hold real numbers in {unit}, NaN where nothing is known; got "
+            f"{type(values).__name__} of {kind}"
+        )
+    if np.isinf(array).any():
+        raise InvalidSamplesError(
+            f"{name} is infinite at index {tuple(int(i) for i in np.argwhere(np.isinf(array))[0])}; "
+            "write NaN where nothing is known"
+        )
+    return array
+
+
+def freeze_fields(obj: object, *names: str) -> None:
+    """Make fields arrays that cannot be written to; one that nobody can write to is taken as it is."""
+    for name in names:
+        values = getattr(obj, name)
+        if not (is_frozen(values) and type(values) is np.ndarray) or np.isinf(values).any():
+            values = np.ascontiguousarray(real_array(values, name))
+            values.setflags(write=False)
+        object.__setattr__(obj, name, values)

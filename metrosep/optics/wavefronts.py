@@ -21,9 +21,16 @@ from metrosep.core.surface import Surface
 from metrosep.forms.base import Form
 from metrosep.forms.zernike import Zernike, ZernikeOrder
 from metrosep.forms.zernike_fit import RIM
-from metrosep.optics._checks import freeze_fields, wavelength_of
 from metrosep.optics.image_quality import PointSpread, point_spread, strehl_ratio
-from metrosep.optics.rays import Mode, Side, check_mode, path_difference, path_sensitivity
+from metrosep.optics.rays import (
+    Mode,
+    Side,
+    check_mode,
+    freeze_fields,
+    path_difference,
+    path_sensitivity,
+    wavelength_of,
+)
 from metrosep.optics.sampling import GRIDS, Grid, Sampled, form_points, map_points
 from metrosep.optics.zernike_tables import ZernikeTable, fit_table
 

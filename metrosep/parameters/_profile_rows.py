@@ -17,7 +17,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.numbers import choice, not_negative, positive
 from metrosep.core.units import format_length
-from metrosep.filters.kind import ProfileKind
+from metrosep.filters._arguments import ProfileKind
 from metrosep.parameters.material_ratio import CoreHeight, CoreLine, abbott_curve, core_height
 from metrosep.parameters.sections import Evaluation
 from metrosep.parameters.table import Row

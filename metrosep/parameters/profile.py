@@ -20,7 +20,7 @@ from metrosep.core.errors import DataError, NotConvergedError
 from metrosep.core.numbers import choice, flag, positive
 from metrosep.core.profile import Profile
 from metrosep.core.units import format_length
-from metrosep.filters.kind import DoubleFilterError, ProfileKind, profile_kind
+from metrosep.filters._arguments import DoubleFilterError, ProfileKind, profile_kind
 from metrosep.parameters._profile_rows import (
     HEIGHT_THRESHOLD,
     NEW,

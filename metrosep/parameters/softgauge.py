@@ -19,7 +19,7 @@ from metrosep.core.errors import DataError, MetrosepError, UnitError
 from metrosep.core.numbers import choice, count, flag, not_negative, positive
 from metrosep.core.profile import Profile
 from metrosep.core.units import format_engineering, parse_unit
-from metrosep.filters.kind import ProfileKind
+from metrosep.filters._arguments import ProfileKind
 from metrosep.parameters._profile_rows import named_edition
 from metrosep.parameters.sections import sections_that_fit
 from metrosep.spectral.dft import instance_of

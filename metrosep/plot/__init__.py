@@ -70,8 +70,8 @@ if TYPE_CHECKING:
         parts_plot as parts_plot,
         reversal_quartet as reversal_quartet,
         separation_parts as separation_parts,
+        table_plot as table_plot,
     )
-    from metrosep.plot.table import table_plot as table_plot
     from metrosep.plot.toolpath_chart import (
         path_error_counts as path_error_counts,
         path_error_figure as path_error_figure,

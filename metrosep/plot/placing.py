@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-from metrosep.plot.light_ticks import mark_placed, setting
+from metrosep.plot.style import mark_placed, setting
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -20,9 +20,8 @@ from metrosep.io.source import open_file
 from metrosep.recipe.characteristics import DECISION_RULE, judged
 from metrosep.recipe.describe.described import describe
 from metrosep.recipe.describe.description import Description
-from metrosep.recipe.inputs_read import input_records, named_files
 from metrosep.recipe.outputs import staged, write_reports
-from metrosep.recipe.parts import write_parts
+from metrosep.recipe.parts import input_records, named_files, write_parts
 from metrosep.recipe.preflight import RESULT_NAME
 from metrosep.recipe.result import SCHEMA, Result, clean, load_document, stored_estimate
 from metrosep.separation.contract import Separation

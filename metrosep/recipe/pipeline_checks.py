@@ -12,7 +12,7 @@ from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.recipe.key_values import DIMENSIONS
+from metrosep.recipe.schema import DIMENSIONS
 
 if TYPE_CHECKING:
     from metrosep.parameters.table import ParameterTable

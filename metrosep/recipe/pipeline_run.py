@@ -200,7 +200,7 @@ def _read(recipe: Recipe, files: list[Path], tell: Tell) -> Measured:
 
 def _document(recipe: Recipe, measured: Measurement, described: Description) -> dict[str, Any]:
     from metrosep.recipe.characteristics import DECISION_RULE
-    from metrosep.recipe.inputs_read import input_records
+    from metrosep.recipe.parts import input_records
     from metrosep.recipe.result import SCHEMA, clean, versions
     from metrosep.recipe.step_help import step_words
 

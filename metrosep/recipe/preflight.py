@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep.core.errors import DataError, RecipeError
-from metrosep.core.limits import FROM_FIT, limit_problem, order_problem
+from metrosep.core.limits import FROM_FIT, Limit, limit_problem, order_problem
+from metrosep.core.readable import typed_number
 from metrosep.parameters.decision import decide
 from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.pipeline_checks import known_unit, makes_metric
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 __all__ = [
     "RESULT_NAME",
     "check_recipe",
+    "guard_notes",
     "limit_errors",
     "machine_limits",
     "output_name",
@@ -252,3 +254,64 @@ def which_axis(axis: str, key: str) -> str:
 
 def _said(axis: str, key: str) -> str:
     return f'"{axis}"' if "=" in key else axis
+
+
+# ---- limits whose guard bands leave no room: a part between them can never be accepted ---------
+
+_DIGITS = 6
+_TYPED = {"m": "length", "rad": "angle", "s": "time"}
+"""Dimensions of limits that are shown in a unit that a person would type."""
+
+
+def guard_notes(recipe: Recipe) -> Iterator[str]:
+    """Return which checks can accept nothing, whatever is measured.
+
+    Examples
+    --------
+    >>> from metrosep.recipe import Recipe
+    >>> text = '''metrosep = 1
+    ... [input]
+    ... [[step]]
+    ... op = "parameters"
+    ... names = ["Sa"]
+    ... [[check]]
+    ... metric = "Sa"
+    ... lower = "9 nm"
+    ... upper = "12 nm"
+    ... U = "2 nm"
+    ... '''
+    >>> print(*guard_notes(Recipe.parse(text, name="r.toml")))
+    r.toml:10: nothing can be accepted: with U = 2 nm a value must be at least 11 nm and at most 10 nm
+    """
+    for i, check in enumerate(recipe.checks):
+        if not all(isinstance(check.get(k), float | int) for k in ("lower", "upper", "U")):
+            continue
+        lower, upper, U = check["lower"], check["upper"], check["U"]
+        factor = check.get("guard_factor", 1.0)
+        guard = factor * U
+        middle = lower + 0.5 * (upper - lower)
+        limits = {"lower": lower, "upper": upper, "U": U, "guard_factor": factor}
+        if decide(float(middle), **limits) == "accept":
+            continue
+        shown = [_shown(v, lower) for v in (U, lower + guard, upper - guard)]
+        times = "" if factor == 1.0 else f" and guard_factor = {factor:g}"
+        yield str(
+            _error(
+                recipe,
+                i,
+                f"nothing can be accepted: with U = {shown[0]}{times} a value must be at least "
+                f"{shown[1]} and at most {shown[2]}",
+            )
+        )
+
+
+def _error(recipe: Recipe, number: int, text: str) -> RecipeError:
+    return recipe.place("[[check]]", number).error(text, "U")
+
+
+def _shown(value: float, like: Any) -> str:
+    """Return a value as the limits are given: lengths with their unit."""
+    dimension = like.dimension if isinstance(like, Limit) else ""
+    if dimension in _TYPED:
+        return typed_number(float(value), _TYPED[dimension], digits=_DIGITS)
+    return f"{float(value):.{_DIGITS}g} {dimension}".strip()

@@ -4,20 +4,28 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
+import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from metrosep.core.atomic import MACHINE_BYTES, RECIPE_BYTES, read_plain_text, require_plain
 from metrosep.core.errors import RecipeError, UnsupportedFeatureError
 from metrosep.core.methods import METHODS, Method
-from metrosep.core.plain_files import MACHINE_BYTES, RECIPE_BYTES, read_plain_text, require_plain
 from metrosep.core.provenance import freeze_mapping
-from metrosep.recipe.method import input_fields
 from metrosep.recipe.pipeline import measuring_steps
 from metrosep.recipe.preflight import check_recipe, require_limits
 from metrosep.recipe.result import Result
-from metrosep.recipe.schema import Place, batch_table, checked_table
+from metrosep.recipe.schema import (
+    Field,
+    Place,
+    batch_table,
+    blanked_texts,
+    checked_table,
+    input_fields,
+)
 from metrosep.recipe.steps import (
     ALL_STEPS,
     CHECK,
@@ -29,13 +37,15 @@ from metrosep.recipe.steps import (
     OUTPUTS,
     TOP,
 )
-from metrosep.recipe.table_lists import several_tables
-from metrosep.recipe.view_block import without_view_block
-from metrosep.recipe.written.extends import Admits, LayeredPlace, layers_of
+from metrosep.recipe.written.extends import Admits, LayeredPlace, before_record, layers_of
 from metrosep.recipe.written.override_marks import overrides_in
 from metrosep.recipe.written.overrides import with_overrides
 
-__all__ = ["Recipe"]
+__all__ = [
+    "Recipe",
+    "several_tables",
+    "without_view_block",
+]
 
 PathLike = str | os.PathLike[str]
 Progress = Callable[[str], None]
@@ -392,3 +402,80 @@ def _require_files(
                 raise place(i).error(
                     f'{key} = "{name}": {exc.strerror}; name a file that holds the data', key
                 ) from None
+
+
+# ---- arrays of tables in a recipe: ``[[step]]``, ``[[check]]``, ``[[output]]`` -----------------
+
+
+def several_tables(
+    items: Any,
+    kinds: Mapping[str, Mapping[str, Field]],
+    selector: str,
+    header: str,
+    top: Place,
+) -> tuple[Mapping[str, Any], ...]:
+    """Return an array of tables, each checked by what its key `selector` says that it is."""
+    if not isinstance(items, list) or not all(isinstance(i, dict) for i in items):
+        raise top.error(f"write {header} with double brackets", header.strip("[]"))
+    checked = []
+    for number, item in enumerate(items):
+        place = LayeredPlace(top.file, top.text, header, number, getattr(top, "bases", ()))
+        kind = item.get(selector, "") if selector else ""
+        if not isinstance(kind, str) or kind not in kinds:
+            known = ", ".join(f'"{k}"' for k in kinds)
+            raise place.error(
+                f"{header} needs {selector} = one of {known}, found {kind!r}", selector
+            )
+        what = f"{header} {number + 1}" + (f" ({kind})" if kind else "")
+        checked.append(freeze_mapping(checked_table(item, kinds[kind], place, what=what)))
+    return tuple(checked)
+
+
+# ---- the table ``[view]``: what the workbench shows of a measurement. Runs and results know nothing of it ----
+
+_HEADER = re.compile(r"\s*\[\s*(?:view|\"view\"|'view')\s*\]\s*(?:#.*)?$")
+
+
+def without_view_block(text: str) -> str:
+    r"""Return the text of a recipe without its table ``[view]``; all else stays as it is written.
+
+    The record of what it builds on stays too.
+
+    Examples
+    --------
+    >>> without_view_block('metrosep = 1\n\n[view]\ntab = "report"\n')
+    'metrosep = 1\n'
+    """
+    end = before_record(text)
+    return _without(text[:end]) + text[end:]
+
+
+def _without(text: str) -> str:
+    lines = text.splitlines(keepends=True)
+    plain = blanked_texts(text).splitlines()
+    first = next((i for i, line in enumerate(plain) if _HEADER.match(line)), None)
+    if first is None:
+        return text
+    held = tomllib.loads(text)
+    held.pop("view")
+    for after in range(first + 1, len(plain) + 1):
+        # the next header may be a line of an array: the rest must say what it said
+        if after < len(plain) and not plain[after].lstrip().startswith("["):
+            continue
+        made = "".join(lines[:first] + lines[after:])
+        if _says(made, held):
+            break
+    else:
+        return text
+    before = "".join(lines[:first])
+    if after == len(plain):
+        return before.rstrip("\n") + "\n"
+    return before + "".join(lines[after:])
+
+
+def _says(text: str, held: dict[str, Any]) -> bool:
+    """Whether a text is TOML with this content."""
+    try:
+        return tomllib.loads(text) == held
+    except tomllib.TOMLDecodeError:
+        return False

@@ -16,7 +16,6 @@ from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
 from metrosep.recipe.characteristics import DECISION_RULE, characteristics
-from metrosep.recipe.inputs_read import input_records
 from metrosep.recipe.outputs import (
     WrittenTable,
     dry_runs,
@@ -26,7 +25,7 @@ from metrosep.recipe.outputs import (
     write_reports,
     write_tables,
 )
-from metrosep.recipe.parts import write_arrays
+from metrosep.recipe.parts import input_records, write_arrays
 from metrosep.recipe.preflight import RESULT_NAME
 from metrosep.recipe.result import (
     SCHEMA,

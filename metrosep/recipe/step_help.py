@@ -3,22 +3,34 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
+from metrosep.core.errors import MetrosepError
+from metrosep.core.methods import METHODS
 from metrosep.core.options import KINDS
 from metrosep.core.readable import readable_text, typed_number
 from metrosep.core.text_options import TEXT_OPTIONS
-from metrosep.recipe.key_values import DIMENSIONS, placeholder
-from metrosep.recipe.schema import Field
-from metrosep.recipe.steps import ALL_STEPS
+from metrosep.recipe.pipeline import schema
+from metrosep.recipe.schema import DIMENSIONS, Field, placeholder
+from metrosep.recipe.steps import ALL_STEPS, STEPS, WHAT
+
+if TYPE_CHECKING:
+    from metrosep.recipe.recipe import Recipe
+
 
 __all__ = [
     "StepKeys",
+    "described_steps",
+    "in_recipe_words",
     "in_words",
     "key_words",
     "keys_of_step",
     "kind_words",
+    "reading_words",
+    "recipe_words",
     "step_words",
 ]
 
@@ -94,7 +106,7 @@ class StepKeys:
 def keys_of_step(op: str) -> StepKeys | None:
     """Return the keys of a step."""
     from metrosep.core.methods import METHODS
-    from metrosep.recipe.method import input_fields
+    from metrosep.recipe.schema import input_fields
     from metrosep.recipe.steps import INPUT, STEPS
 
     if op in STEPS:
@@ -282,3 +294,112 @@ def _set(name: str, text: str) -> str:
 
 def _shell(text: str) -> str:
     return text if re.fullmatch(r"[\w.+-]+", text) else f'"{text}"'
+
+
+# ---- what readers and separations say, in the words of a recipe: their arguments are its keys ----
+
+_OF_READERS = frozenset(
+    {
+        *TEXT_OPTIONS, "group", "max_pixels", "names", "numbered", "overhang", "radius",
+        "sampling_rate", "segment", "servo_period", "slope", "time",
+    }
+)  # fmt: skip
+"""Arguments of readers that ``metrosep convert`` takes with ``--set``."""
+_READ_RUNS = re.compile(r",? or read repeated runs with read_runs\([^()]*\)")
+"""A way out that is a call of Python; a recipe of another step does it."""
+_CONVERT = (
+    "; what --set names is not a key of [input]: metrosep convert takes it, then run the recipe on the "
+    "file that it writes"
+)
+_ARGUMENT = re.compile(r"(?<![\w.\-\"'])([a-z_]+)=(?!=)('[^']*'|\"[^\"]*\"|[-+]?[\w.]*\w)?")
+
+
+def reading_words(message: str, op: str) -> str:
+    """Return a message of a reader with its arguments as keys of ``[input]``.
+
+    Examples
+    --------
+    >>> reading_words("give unit='nm'", "parameters")
+    'give unit = "nm" in [input]'
+    """
+    from metrosep.recipe.written.overrides import input_fields_of
+
+    keys, fields = keys_of_step(op), input_fields_of(op)
+    if fields is None:
+        return readable_text(message)
+    if keys is None or keys.source != fields:  # a step that measures: readers of single files
+        columns = frozenset(k for k, f in fields.items() if f.kind == "column")
+        keys = StepKeys({}, fields, columns)
+    message = in_words(_READ_RUNS.sub("", message), keys, command=False)
+
+    def option(found: re.Match[str]) -> str:
+        name, value = found.group(1), found.group(2)
+        if name not in _OF_READERS or name in keys.source or name in keys.step:
+            return found.group()
+        text = "..." if value is None else value.strip("'\"")
+        return f'--set "{name}={text}"'
+
+    changed = _ARGUMENT.sub(option, message)
+    return changed if changed == message else changed.rstrip(".") + _CONVERT
+
+
+def recipe_words(recipe: Recipe, message: str) -> str:
+    """Return a message of the library with its arguments as keys of a recipe."""
+    if not message.startswith(f"{recipe.name}:"):  # of a line of the recipe, or already so
+        message = reading_words(message, recipe.steps[0]["op"])
+    for step in recipe.steps:
+        message = step_words(message, step["op"])
+    return message
+
+
+@contextmanager
+def in_recipe_words(recipe: Recipe) -> Iterator[None]:
+    """Let errors name keys of the recipe that is carried out, as the command ``run`` prints them."""
+    try:
+        yield
+    except MetrosepError as exc:
+        exc.args = (recipe_words(recipe, str(exc)), *exc.args[1:])
+        raise
+
+
+# ---- everything from which a form for the steps of any recipe can be made ----------------------
+
+_OF_RUNS = ("separate", "polynomial", "plan_feedrates")
+
+
+def described_steps() -> dict[str, Any]:
+    """Return the steps of all recipes with their keys.
+
+    Examples
+    --------
+    >>> [s["op"] for s in described_steps()["steps"] if "runs" in s["applies"]]
+    ['separate', 'polynomial', 'plan_feedrates']
+    """
+    steps = list(schema()["steps"])
+    steps += [_described(op, WHAT[op], STEPS[op], "runs") for op in _OF_RUNS]
+    steps += [
+        _described(op, method.what, method.fields, "method") for op, method in METHODS.items()
+    ]
+    return {"steps": steps}
+
+
+def _described(op: str, what: str, fields: Mapping[str, Field], applies: str) -> dict[str, Any]:
+    return {
+        "op": op,
+        "what": what,
+        "applies": [applies],
+        "keys": [
+            {
+                "name": name,
+                "kind": field.kind,
+                "required": field.required,
+                "choices": list(field.choices),
+                "default": field.default,
+                "dimension": DIMENSIONS.get(field.kind),
+                "help": field.about or kind_words(field.kind),
+                "keys": [],
+            }
+            for name, field in fields.items()
+            if name != "op"
+        ],
+    }

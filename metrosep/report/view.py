@@ -11,9 +11,8 @@ from metrosep.core import readable
 from metrosep.core.readable import digits_of
 from metrosep.core.units import parse_unit
 from metrosep.plot.left_out import lag_words, run_rows
-from metrosep.recipe.key_values import shown
 from metrosep.recipe.result import clean
-from metrosep.recipe.schema import Field
+from metrosep.recipe.schema import Field, shown
 from metrosep.recipe.step_help import keys_of_step, step_words
 from metrosep.report.text import (
     SEPARATED_NOTE,

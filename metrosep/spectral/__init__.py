@@ -12,10 +12,16 @@ from metrosep.spectral.density import (
     radial_psd,
 )
 from metrosep.spectral.dft import Band, fourier_basis, fourier_coefficients, fourier_sum
-from metrosep.spectral.hann import coherent_gain, hann_weights, noise_bandwidth, taper_weights
 from metrosep.spectral.spectra import AmplitudeSpectrum, ArealPsd, Psd, RadialPsd
 from metrosep.spectral.streaming import BinnedMean, StreamedPsd
-from metrosep.spectral.window import kono_weights, tukey_weights
+from metrosep.spectral.window import (
+    coherent_gain,
+    hann_weights,
+    kono_weights,
+    noise_bandwidth,
+    taper_weights,
+    tukey_weights,
+)
 
 __all__ = [
     "AmplitudeSpectrum",

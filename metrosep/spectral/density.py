@@ -25,9 +25,9 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.spectral.dft import Band, instance_of
-from metrosep.spectral.hann import hann_weights, taper_weights
 from metrosep.spectral.spectra import AmplitudeSpectrum, ArealPsd, Psd, RadialPsd
 from metrosep.spectral.streaming import StreamedPsd
+from metrosep.spectral.window import hann_weights, taper_weights
 
 __all__ = [
     "AmplitudeSpectrum",

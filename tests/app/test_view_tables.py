@@ -13,8 +13,7 @@ from metrosep.app.view_tables import shown_view, view_of, with_view
 from metrosep.app.wire import pack
 from metrosep.core.errors import DataError
 from metrosep.recipe.outputs import recipe_hash
-from metrosep.recipe.recipe import Recipe
-from metrosep.recipe.view_block import without_view_block
+from metrosep.recipe.recipe import Recipe, without_view_block
 
 VIEW = {"tab": "report", "section_mm": [[0.1, 0.2], [1.5, 0.2]], "band_mm": [0.1, 2.0]}
 

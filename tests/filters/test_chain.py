@@ -7,8 +7,8 @@ import pytest
 
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.profile import Profile
+from metrosep.filters._arguments import DoubleFilterError, profile_kind
 from metrosep.filters.chain import primary, roughness, waviness
-from metrosep.filters.kind import DoubleFilterError, profile_kind
 
 UM = 1e-6
 LAMBDA_S, LAMBDA_C, LAMBDA_F = 2.5 * UM, 0.8e-3, 4e-3

@@ -15,8 +15,8 @@ from metrosep.core.errors import (
 )
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
+from metrosep.filters._arguments import DoubleFilterError, profile_kind
 from metrosep.filters.gaussian import gaussian, gaussian_support
-from metrosep.filters.kind import DoubleFilterError, profile_kind
 from metrosep.spectral.dft import Band
 
 UM = 1e-6

@@ -14,8 +14,8 @@ from metrosep.core.errors import (
 )
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
-from metrosep.filters import _elements
-from metrosep.filters.kind import DoubleFilterError, profile_kind
+from metrosep.filters import morphological
+from metrosep.filters._arguments import DoubleFilterError, profile_kind
 from metrosep.filters.morphological import closing, dilation, erosion, opening
 
 UM = 1e-6
@@ -78,7 +78,7 @@ def test_small_blocks_are_the_whole(rough, monkeypatch):
     whole = dilation(surface, radius=3.0).z
 
     for block in (1, 7, 40):
-        monkeypatch.setattr(_elements, "_BLOCK", block)
+        monkeypatch.setattr(morphological, "_BLOCK", block)
         assert np.array_equal(dilation(surface, radius=3.0).z, whole, equal_nan=True)
 
 

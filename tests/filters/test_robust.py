@@ -16,8 +16,8 @@ from metrosep.core.errors import (
 )
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
-from metrosep.filters import _robust_moments
-from metrosep.filters.kind import DoubleFilterError, profile_kind
+from metrosep.filters import robust
+from metrosep.filters._arguments import DoubleFilterError, profile_kind
 from metrosep.filters.robust import regression_constant, robust_gaussian
 
 UM = 1e-6
@@ -196,7 +196,7 @@ def test_strips_are_the_whole(monkeypatch):
     surface = Surface(z, UM, UM)
     whole = robust_gaussian(surface, nesting_index=12 * UM, robust=False).z
 
-    monkeypatch.setattr(_robust_moments, "_MEMORY", 1.0)
+    monkeypatch.setattr(robust, "_MEMORY", 1.0)
     strips = robust_gaussian(surface, nesting_index=12 * UM, robust=False).z
 
     assert np.abs(strips - whole).max() < 1e-12

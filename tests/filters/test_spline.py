@@ -16,7 +16,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
-from metrosep.filters.kind import DoubleFilterError, profile_kind
+from metrosep.filters._arguments import DoubleFilterError, profile_kind
 from metrosep.filters.spline import spline
 
 UM = 1e-6

@@ -18,7 +18,7 @@ from metrosep import separation
 from metrosep.cli.main import main
 from metrosep.errors import DataError, RecipeError
 from metrosep.recipe import Recipe
-from metrosep.recipe.describe.described_steps import described_steps
+from metrosep.recipe.step_help import described_steps
 
 PLANTED = '''
 """A method that exists in this test only."""

@@ -9,7 +9,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.core.errors import DataError
-from metrosep.filters.kind import DoubleFilterError
+from metrosep.filters._arguments import DoubleFilterError
 from metrosep.parameters.material_ratio import abbott_curve
 from metrosep.parameters.profile import profile_parameters
 

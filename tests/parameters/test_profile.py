@@ -14,8 +14,8 @@ from metrosep.core.errors import (
     TooFewSamplesError,
 )
 from metrosep.core.provenance import Step
+from metrosep.filters._arguments import DoubleFilterError
 from metrosep.filters.chain import roughness, waviness
-from metrosep.filters.kind import DoubleFilterError
 from metrosep.parameters._profile_rows import local_gradient
 from metrosep.parameters.profile import profile_parameters
 from metrosep.parameters.sections import section_slices

@@ -10,10 +10,9 @@ from matplotlib.image import imread
 
 from metrosep.plot import figure_png, figure_svg
 from metrosep.plot.charts import draw_chart
-from metrosep.plot.light_ticks import lighten
 from metrosep.plot.maps import separation_maps
 from metrosep.plot.placing import text_width, widest_number
-from metrosep.plot.style import house_style
+from metrosep.plot.style import house_style, lighten
 
 DPI = 100.0
 PIXEL = 1.0 / DPI  # inch; matplotlib rounds boxes of text up to whole pixels

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from metrosep.recipe.describe.charts import plain
-from metrosep.recipe.document_text import document_text
+from metrosep.recipe.result import document_text
 
 
 def plainly(document):

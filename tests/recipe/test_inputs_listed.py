@@ -11,8 +11,8 @@ import pytest
 from metrosep import read
 from metrosep.batch import run_batch
 from metrosep.recipe import Recipe
-from metrosep.recipe.inputs_read import input_records
 from metrosep.recipe.method_run import sources
+from metrosep.recipe.parts import input_records
 from metrosep.report import render_csv, render_html
 
 DABAM = """metrosep = 1

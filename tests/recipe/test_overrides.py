@@ -11,8 +11,7 @@ import metrosep as ms
 from metrosep.core.errors import RecipeError
 from metrosep.recipe.outputs import recipe_hash
 from metrosep.recipe.written.extends import split_record
-from metrosep.recipe.written.override_text import with_value
-from metrosep.recipe.written.overrides import with_overrides
+from metrosep.recipe.written.overrides import with_overrides, with_value
 
 EXAMPLES = [
     file

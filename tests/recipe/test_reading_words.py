@@ -9,7 +9,7 @@ import pytest
 from metrosep.batch import run_batch
 from metrosep.cli.main import main
 from metrosep.recipe import Recipe
-from metrosep.recipe.reading_words import reading_words
+from metrosep.recipe.step_help import reading_words
 
 PIPELINE = """metrosep = 1
 [input]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from metrosep.recipe.reasons import reason_of
+from metrosep.batch.index import reason_of
 
 
 def entry(value, verdict="reject", **more):

@@ -10,8 +10,7 @@ import pytest
 
 from metrosep.compensation.polynomial import fit_polynomial
 from metrosep.recipe import Recipe
-from metrosep.recipe.describe.described_steps import described_steps
-from metrosep.recipe.step_help import key_words
+from metrosep.recipe.step_help import described_steps, key_words
 from metrosep.recipe.steps import STEPS
 from metrosep.separation.runs.entry import separate
 from metrosep.separation.runs.fourier import SelectionRule, separate_kono

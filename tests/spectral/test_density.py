@@ -22,7 +22,7 @@ from metrosep.spectral.density import (
     radial_psd,
 )
 from metrosep.spectral.dft import Band
-from metrosep.spectral.hann import coherent_gain, hann_weights, noise_bandwidth, taper_weights
+from metrosep.spectral.window import coherent_gain, hann_weights, noise_bandwidth, taper_weights
 
 UM, NM = 1e-6, 1e-9
 PARSEVAL = 1e-12

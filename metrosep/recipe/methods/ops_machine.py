@@ -14,7 +14,7 @@ from metrosep.core.options import Option
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_quantity
 
-__all__ = ["form_of", "machine_of"]
+__all__ = ["CENTRE", "form_of", "machine_of", "one_map"]
 
 
 def form_of(text: str) -> Any:
@@ -59,6 +59,35 @@ def machine_of(options: dict[str, Any], radius: float | None) -> Any:
     return presets(name, **parameters)
 
 
+# ---- keys that several of these steps take -----------------------------------------------------
+
+_MACHINE: Mapping[str, Option] = {
+    "machine": Option(
+        "file",
+        required=True,
+        help="a preset (five_axis, fts_lathe, mill_xyz, sts_lathe) or a file of TOML (docs/how-to/describe-a-machine.md)",
+    ),
+    "machine_radius": Option(
+        "size", help="of the preset fts_lathe, where it is not that of the part"
+    ),
+    "spindle_errors": Option(
+        "text",
+        choices=("co-rotating", "fixed"),
+        help="whether the errors of the spindle turn with the part or stand still, where a preset is named",
+    ),
+}
+_LIGHT: Mapping[str, Option] = {
+    "mode": Option(
+        "text", choices=("reflect", "refract"), help="what the surface does to a plane wave"
+    ),
+    "n": Option("number", help="refractive index of the material, to refract"),
+}
+_TOOL = Option("lengths", help="tool point x, y, z in the frame of the last element of its branch")
+_THRESHOLD = Option("number", help="terms whose shapes are more alike than this are a group")
+_INNER_RADIUS = Option("size", help="of the part, where it has a hole")
+CENTRE = Option("lengths", help="x and y of the axis in the coordinates of the map")
+
+
 class Ranking(Method):
     """`rank` by its name."""
 
@@ -66,29 +95,15 @@ class Ranking(Method):
     what: ClassVar[str] = "error terms of a machine, ranked by what they do to a part"
     reads: ClassVar = "nothing"
     arguments: ClassVar[Mapping[str, Option]] = {
-        "machine": Option(
-            "file",
-            required=True,
-            help="a preset (five_axis, fts_lathe, mill_xyz, sts_lathe) or a file of TOML (docs/how-to/describe-a-machine.md)",
-        ),
-        "machine_radius": Option(
-            "size", help="of the preset fts_lathe, where it is not that of the part"
-        ),
-        "spindle_errors": Option(
-            "text",
-            choices=("co-rotating", "fixed"),
-            help="whether the errors of the spindle turn with the part or stand still, where a preset is named",
-        ),
+        **_MACHINE,
         "radius": Option(
             "size", required=True, help='of the part, from its axis to the rim, "20 mm"'
         ),
-        "inner_radius": Option("size", help="of the part, where it has a hole"),
+        "inner_radius": _INNER_RADIUS,
         "removed": Option(
             "text", help="none, piston, plane, plane+defocus, rigid, or names with commas"
         ),
-        "tool": Option(
-            "lengths", help="tool point x, y, z in the frame of the last element of its branch"
-        ),
+        "tool": _TOOL,
         "form": Option(
             "text",
             required=True,
@@ -114,13 +129,8 @@ class Ranking(Method):
             choices=("normal", "uniform"),
             help="whether a magnitude is a standard uncertainty or a half-width",
         ),
-        "threshold": Option(
-            "number", help="terms whose shapes are more alike than this are a group"
-        ),
-        "mode": Option(
-            "text", choices=("reflect", "refract"), help="what the surface does to a plane wave"
-        ),
-        "n": Option("number", help="refractive index of the material, to refract"),
+        "threshold": _THRESHOLD,
+        **_LIGHT,
     }
 
     @classmethod
@@ -224,37 +234,21 @@ class TermsIdentified(Method):
     reads: ClassVar = "maps"
     readings: ClassVar[tuple[str, ...]] = ("map",)
     arguments: ClassVar[Mapping[str, Option]] = {
-        "machine": Option(
-            "file",
-            required=True,
-            help="a preset (five_axis, fts_lathe, mill_xyz, sts_lathe) or a file of TOML (docs/how-to/describe-a-machine.md)",
-        ),
-        "machine_radius": Option(
-            "size", help="of the preset fts_lathe, where it is not that of the part"
-        ),
-        "spindle_errors": Option(
-            "text",
-            choices=("co-rotating", "fixed"),
-            help="whether the errors of the spindle turn with the part or stand still, where a preset is named",
-        ),
+        **_MACHINE,
         "radius": Option("size", help='of the part, from its axis to the rim, "20 mm"'),
-        "inner_radius": Option("size", help="of the part, where it has a hole"),
+        "inner_radius": _INNER_RADIUS,
         "removed": Option(
             "text",
             help="freedoms that an alignment takes out: none, piston, plane, rigid, or names with commas",
         ),
-        "tool": Option(
-            "lengths", help="tool point x, y, z in the frame of the last element of its branch"
-        ),
+        "tool": _TOOL,
         "form": Option(
             "text",
             help="the nominal surface with all its parameters; what the map holds if left out",
         ),
         "terms": Option("texts", help="error terms that may be at work, EXX,EYX,B0Z"),
-        "centre": Option("lengths", help="x and y of the axis in the coordinates of the map"),
-        "threshold": Option(
-            "number", help="terms whose shapes are more alike than this are a group"
-        ),
+        "centre": CENTRE,
+        "threshold": _THRESHOLD,
         "exact": Option("flag", help="true: the surface is cut anew, not linear in the errors"),
     }
 
@@ -271,7 +265,7 @@ class TermsIdentified(Method):
         rest = {**rest, **_tool(rest)}
         if "centre" in rest:
             rest["centre"] = _pair(rest["centre"])
-        return identify(chain, _one(data), form=form, **rest)
+        return identify(chain, one_map(data), form=form, **rest)
 
 
 class WavefrontOfMap(Method):
@@ -282,18 +276,15 @@ class WavefrontOfMap(Method):
     reads: ClassVar = "maps"
     readings: ClassVar[tuple[str, ...]] = ("map",)
     arguments: ClassVar[Mapping[str, Option]] = {
-        "mode": Option(
-            "text", choices=("reflect", "refract"), help="what the surface does to a plane wave"
-        ),
-        "n": Option("number", help="refractive index of the material, to refract"),
+        **_LIGHT,
         "side": Option(
             "text",
             choices=("inside", "outside"),
             help="where the light comes from: outside the material, or inside",
         ),
         "radius": Option("size", help="of the pupil; of what was measured if left out"),
-        "inner_radius": Option("size", help="of the part, where it has a hole"),
-        "centre": Option("lengths", help="x and y of the axis in the coordinates of the map"),
+        "inner_radius": _INNER_RADIUS,
+        "centre": CENTRE,
         "form": Option(
             "text", help="the nominal surface that is taken off, with all its parameters"
         ),
@@ -315,7 +306,7 @@ class WavefrontOfMap(Method):
             rest["form"] = form_of(rest["form"])
         if "centre" in rest:
             rest["centre"] = _pair(rest["centre"])
-        front = wavefront(_one(data), **rest)
+        front = wavefront(one_map(data), **rest)
         return WavefrontResult(front, **wanted)
 
 
@@ -339,7 +330,8 @@ class WavefrontResult:
         self.messages = tuple(dict.fromkeys(told))
 
 
-def _one(maps: tuple[Surface, ...]) -> Surface:
+def one_map(maps: tuple[Surface, ...]) -> Surface:
+    """Return the map of a step that takes one."""
     if len(maps) != 1:
         raise DataError(f"one map is needed, got {len(maps)}; take them one by one")
     return maps[0]

@@ -17,7 +17,7 @@ from metrosep.core.provenance import Step
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.recipe.methods.ops_machine import form_of
+from metrosep.recipe.methods.ops_machine import CENTRE, form_of, one_map
 
 __all__ = ["JobResult"]
 
@@ -42,7 +42,7 @@ class SettingFound(Method):
             help="what is fitted, piston,dx,dy,dR (tilt_x, tilt_y, shift_x, shift_y, rotation too)",
         ),
         "nose_radius": Option("size", help="of the tool as programmed"),
-        "centre": Option("lengths", help="x and y of the axis in the coordinates of the map"),
+        "centre": CENTRE,
         "region": Option("lengths", help='radii between which points are used, "20 um, 220 um"'),
         "noise": Option("size", help='standard uncertainty of one height, "1 nm"'),
     }
@@ -59,9 +59,7 @@ class SettingFound(Method):
                 if len(rest[key]) != 2:
                     raise DataError(f"{key} is two lengths, got {len(rest[key])}")
                 rest[key] = tuple(rest[key])
-        if len(data) != 1:
-            raise DataError(f"one map is needed, got {len(data)}; take them one by one")
-        return identify_setting(data[0], form, **rest)
+        return identify_setting(one_map(data), form, **rest)
 
 
 def _recording(data: RoleColumns, **channels: str) -> Recording:

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from metrosep.core.atomic import RECIPE_BYTES, read_plain_text
 from metrosep.core.errors import RecipeError
-from metrosep.core.plain_files import RECIPE_BYTES, read_plain_text
 from metrosep.recipe.schema import Place
 from metrosep.recipe.written.override_marks import as_given, toml_problem
 

@@ -4,16 +4,21 @@ The key is the path that a reader of the recipe would say: ``title``, ``input.un
 ``batch.pattern``, ``step.form.robust`` (the only step of that op) or ``step.2.robust``,
 ``check.roughness.upper`` (by name, by metric or by number), ``output.report.formats``. The value is
 read as TOML where that gives what the key takes, else as a text. What is run and recorded is the
-recipe with these values in its text (`metrosep.recipe.written.override_text`).
+recipe with these values in its text (`metrosep.recipe.written.overrides`).
 """
 
 from __future__ import annotations
 
+import difflib
+import json
 import math
+import re
 import tomllib
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
+from dataclasses import dataclass
+from datetime import date, time
 from pathlib import Path
 from typing import Any
 
@@ -31,17 +36,28 @@ from metrosep.recipe.steps import (
     STEPS,
 )
 from metrosep.recipe.written.extends import Layers, layers_of, texts_of, with_texts
-from metrosep.recipe.written.override_items import NAMED_BY, Override, near, number_of
 from metrosep.recipe.written.override_marks import (
     holds_mark,
     key_parts,
+    marks_after,
     overrides_in,
+    parsed,
     split_override,
     toml_problem,
+    without_marks,
 )
-from metrosep.recipe.written.override_text import put, with_value
 
-__all__ = ["input_fields_of", "with_overrides"]
+__all__ = [
+    "NAMED_BY",
+    "Override",
+    "input_fields_of",
+    "near",
+    "number_of",
+    "put",
+    "toml_text",
+    "with_overrides",
+    "with_value",
+]
 
 Fields = Mapping[str, Field]
 
@@ -55,9 +71,6 @@ _DEEPEST = 16
 """Tables and lists in one another, and parts of a key."""
 _BITS = 63
 """Of a whole number, beside its sign: what every reader of TOML takes."""
-
-Set = tuple[Override, tuple[str | int, ...], Field, Any]
-"""An override, where it goes, what that takes, and the value."""
 
 
 def with_overrides(text: str, name: str, folder: Path, overrides: Sequence[str]) -> str:
@@ -206,7 +219,7 @@ def _item_fields(top: str, item: Any, data: Mapping[str, Any]) -> Fields | None:
 def input_fields_of(op: Any) -> Mapping[str, Field] | None:
     """Return the keys that ``[input]`` has."""
     from metrosep.core.methods import METHODS
-    from metrosep.recipe.method import input_fields
+    from metrosep.recipe.schema import input_fields
 
     if not isinstance(op, str):
         return None
@@ -293,3 +306,256 @@ def _holder(texts: Sequence[str], path: Sequence[str | int]) -> int:
         if (found := next(deep, None)) is not None:
             return found
     return next((n for n, d in enumerate(each) if top in d), 0)
+
+
+# ---- which step, check or output the key of an override means: by name, metric, op, kind or number ----
+# A word that fits several is refused, whatever it is to each of them: none of them comes first.
+
+NAMED_BY: Mapping[str, tuple[str, ...]] = {
+    "step": ("op",),
+    "check": ("name", "metric"),
+    "output": ("kind",),
+}
+_LONGEST = 200
+"""Letters of an override that a message repeats."""
+_MOST_DIGITS = 6
+"""Of a number; no recipe has so many steps."""
+
+
+@dataclass(frozen=True, slots=True)
+class Override:
+    """One override as it was given, and its two sides."""
+
+    given: str  # all of it, and what stands before and behind the equals sign
+    key: str
+    raw: str
+
+    def error(self, problem: str) -> RecipeError:
+        """Return the error for a problem with it."""
+        return RecipeError(f"-s {_short(self.given)}: {problem}", key=_short(self.key))
+
+
+Set = tuple[Override, tuple[str | int, ...], Field, Any]
+"""An override, where it goes, what that takes, and the value."""
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+
+
+def number_of(
+    override: Override, top: str, rest: Sequence[str], data: Mapping[str, Any], file: str
+) -> int:
+    """Return which step, check or output is meant."""
+    items = data.get(top, [])
+    items = items if isinstance(items, list) else []
+    labels = [
+        {k: str(i[k]) for k in NAMED_BY[top] if k in i} if isinstance(i, dict) else {}
+        for i in items
+    ]
+    own = [next(iter(each.values()), "") for each in labels]
+    shown = [f"{n + 1} {_shown(name)}".strip() for n, name in enumerate(own)]
+    there = f"the recipe has {', '.join(shown)}" if items else f"the recipe has no {top}"
+    if not rest:
+        raise override.error(f"say which {top}, by its number or name; {there}")
+    found = _meanings(rest[0], labels)
+    if len(found) > 1:
+        what = _listed([f"the {kind} of {top} {n + 1}" for n, kind in found.items()], "and")
+        way = _way(top, list(found), labels, file)
+        raise override.error(f"{top} {_short(rest[0])} is ambiguous; it is {what}; {way}")
+    if found:
+        return next(iter(found))
+    proposed = near(rest[0], [name for each in labels for name in each.values()])
+    raise override.error(
+        f"there is no {top} {_short(rest[0])}; {there}; -s changes what is there and adds no {top}."
+        f"{proposed}"
+    )
+
+
+def _meanings(word: str, labels: Sequence[Mapping[str, str]]) -> dict[int, str]:
+    """Return what a word is to each item that it fits: its name, metric, op, kind or number."""
+    found = {
+        n: next(kind for kind, label in each.items() if label == word)
+        for n, each in enumerate(labels)
+        if word in each.values()
+    }
+    if word.isascii() and word.isdecimal() and len(word) <= _MOST_DIGITS:
+        number = int(word) - 1
+        if 0 <= number < len(labels):
+            found.setdefault(number, "number")
+    return dict(sorted(found.items()))
+
+
+def _way(top: str, fitting: Sequence[int], labels: Sequence[Mapping[str, str]], file: str) -> str:
+    """Return how to write each of the items that one word fits."""
+    ways = {n: _spelling(top, n, labels) for n in fitting}
+    known = [way for way in ways.values() if way is not None]
+    stuck = [f"{top} {n + 1}" for n, way in ways.items() if way is None]
+    if not stuck:
+        return f"write {_listed(known, 'or')}"
+    other = "another name" if len(stuck) == 1 else "other names"
+    rename = f"give {_listed(stuck, 'and')} {other} in {file}"
+    each = [f"{way} for {top} {n + 1}" for n, way in ways.items() if way is not None]
+    return f"write {_listed(each, 'or')}, and {rename}" if each else rename
+
+
+def _spelling(top: str, number: int, labels: Sequence[Mapping[str, str]]) -> str | None:
+    """Return a key that means this item alone; None where there is none."""
+    for word in (str(number + 1), *labels[number].values()):
+        for quote in ("", '"', "'"):
+            key = f"{top}.{quote}{word}{quote}"
+            pair = split_override(f"{key}.x=1")
+            alone = list(_meanings(word, labels)) == [number]
+            if alone and pair is not None and key_parts(pair[0]) == [top, word, "x"]:
+                return key
+    return None
+
+
+def _shown(name: str) -> str:
+    return f'"{name}"' if name.isdecimal() else name
+
+
+def _listed(texts: Sequence[str], word: str) -> str:
+    """Return texts as a sentence lists them: ``a, b or c``."""
+    return f" {word} ".join([t for t in (", ".join(texts[:-1]), texts[-1]) if t])
+
+
+def near(word: str, known: Sequence[str]) -> str:
+    """Return the question whether another word was meant."""
+    found = difflib.get_close_matches(word, known, n=1) if len(word) <= _LONGEST else []
+    return f' Did you mean "{found[0]}"?' if found else ""
+
+
+# ---- a key of a recipe changed in its text: comments, order and the numbers of the lines stay ----
+# The changed line ends with what was given (`metrosep.recipe.written.override_marks`), so that the text says
+# what was run and why it differs from the file.
+
+Keys = Sequence[str | int]
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+_PROBE = "\0 the value of an override"
+"""Stands for the new value while its place is looked for; no recipe holds it."""
+
+
+def toml_text(value: Any) -> str:
+    """Return a value as TOML writes it, in one line."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, Mapping):
+        pairs = ", ".join(f"{_key_text(k)} = {toml_text(v)}" for k, v in value.items())
+        return f"{{ {pairs} }}" if pairs else "{}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(toml_text, value))}]"
+    return value.isoformat() if isinstance(value, date | time) else repr(value)
+
+
+def _key_text(key: str) -> str:
+    return key if _BARE.fullmatch(key) else toml_text(key)
+
+
+def with_value(text: str, path: Keys, value: Any, given: str) -> str | None:
+    """Return the text of a recipe with one value changed or added.
+
+    Notes
+    -----
+    A line may be changed if the text then says what it said, the value apart: each candidate is
+    read again. A value of several lines becomes one line, and empty ones keep the numbers.
+
+    Examples
+    --------
+    >>> print(with_value("metrosep = 1  # version", ["metrosep"], 2, "metrosep=2"))
+    metrosep = 2  # version  # set by -s metrosep=2
+    """
+    text = text.replace("\r\n", "\n")
+    wanted = parsed(text)
+    if wanted is None:
+        return None
+    missing = put(wanted, path, _PROBE)
+    for made in _candidates(text.split("\n"), path, wanted, missing, given):
+        if parsed("\n".join(made)) == wanted:
+            return "\n".join(made).replace(toml_text(_PROBE), toml_text(value))
+    return None
+
+
+def put(data: Any, path: Keys, value: Any) -> int:
+    """Put a value into parsed TOML."""
+    holder, there = data, 0
+    for key in path[:-1]:
+        if isinstance(key, int) or key in holder:
+            there += 1
+        holder = holder[key] if isinstance(key, int) else holder.setdefault(key, {})
+    there += there == len(path) - 1 and path[-1] in holder
+    holder[path[-1]] = value
+    return there
+
+
+def _candidates(
+    lines: list[str], path: Keys, wanted: Any, there: int, given: str
+) -> Iterator[list[str]]:
+    """Yield texts that may say what is wanted: the likeliest first."""
+    for depth in range(there, 0, -1):  # the value, or an inline table that holds it
+        if isinstance(path[depth - 1], str):
+            yield from _changed(lines, path[:depth], _at(wanted, path[:depth]), given)
+    if there == len(path):
+        return
+    new = path[: there + 1]
+    value = _at(wanted, new)
+    mark = f"  # added by -s {given}"
+    if there == 0 and isinstance(value, dict):
+        pairs = [f"{_key_text(k)} = {toml_text(v)}{mark}" for k, v in value.items()]
+        end = [] if lines[-1] else [""]
+        before = lines if lines[-1] else lines[:-1]
+        yield [*before, "", f"[{_key_text(str(new[0]))}]", *pairs, *end]
+    for tail in _tails(new):
+        pair = f"{'.'.join(map(_key_text, tail))} = {toml_text(value)}{mark}"
+        for i in range(len(lines), 0, -1):
+            if lines[i - 1].strip() and not lines[i - 1].lstrip().startswith("#"):
+                yield [*lines[:i], pair, *lines[i:]]
+
+
+def _changed(lines: list[str], path: Keys, value: Any, given: str) -> Iterator[list[str]]:
+    for tail in _tails(path):
+        keys = r"\s*\.\s*".join(f"[\"']?{re.escape(k)}[\"']?" for k in tail)
+        pair = re.compile(rf"\s*{keys}\s*=\s*")
+        for i, line in enumerate(lines):
+            found = pair.match(line)
+            last = None if found is None else _last_line(lines, i)
+            if found is None or last is None:
+                continue
+            rest = _comment(line) if last == i else ""
+            marks = marks_after(rest, given)
+            new = f"{found[0].rstrip()} {toml_text(value)}{without_marks(rest)}{marks}"
+            yield [*lines[:i], new, *[""] * (last - i), *lines[last + 1 :]]
+
+
+def _tails(path: Keys) -> Iterator[list[str]]:
+    """Yield the ends of a path that a line may begin with: ``R``, then ``fix.R``."""
+    for start in range(len(path) - 1, -1, -1):
+        if isinstance(path[start], int):
+            return
+        yield [str(k) for k in path[start:]]
+
+
+def _last_line(lines: list[str], first: int) -> int | None:
+    """Index of the line where a value ends."""
+    for last in range(first, len(lines)):
+        if parsed("\n".join(lines[first : last + 1])) is not None:
+            return last
+    return None
+
+
+def _comment(line: str) -> str:
+    """Return the comment of a pair with the spaces before it; empty where there is none."""
+    whole = parsed(line)
+    for found in re.finditer(r"\s*#", line):
+        if parsed(line[: found.start()]) == whole:
+            return line[found.start() :].rstrip()
+    return ""
+
+
+def _at(data: Any, path: Keys) -> Any:
+    for key in path:
+        data = data[key]
+    return deepcopy(data)
