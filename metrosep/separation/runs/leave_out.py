@@ -26,6 +26,9 @@ _FAR = 3e-3
 _PLACES = 100
 """Most shifts on each side that are looked at."""
 
+_HIDDEN, _FEW = 0.1, 20
+"""Variance over noise below which a run does not show a wave; fewer of them tell no noise."""
+
 _EDGE = 1e-9
 """Directions of the prediction's variance below this share of the largest are not tested."""
 
@@ -180,16 +183,16 @@ def _score(model: Model, run: RunEquations, without: RunEquations | None = None)
 
 
 def _noise(model: Model, gram: FloatArray, side: FloatArray) -> float:
-    """Return the variance of a run's noise over that of all, from the shorter half of the waves.
+    """Return the variance of a run's noise over that of all, from the waves that the error lacks.
 
-    There the error is small and the others predict it: what is left is noise.
+    What is left of them is noise, wherever the run is and whatever its gain; 1 where there are few.
     """
     n = model.extension.n
-    short = np.arange(n // 2, n)
-    at = np.concatenate([1 + short, 1 + n + short])
-    own = np.diag(gram)[at]
-    seen = own > _EDGE * float(np.max(np.diag(gram)))
-    return float(np.mean(side[at][seen] ** 2 / own[seen])) if seen.any() else 1.0
+    own = np.diag(gram)[1 : 1 + 2 * n]
+    unseen = (np.tile(model.spectrum.variance, 2) * own < _HIDDEN) & (own > _EDGE * own.max())
+    if unseen.sum() < _FEW:
+        return 1.0
+    return float(np.mean(side[1 : 1 + 2 * n][unseen] ** 2 / own[unseen]))
 
 
 def _misfit(
