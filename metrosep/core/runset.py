@@ -386,10 +386,7 @@ class RunSet:
             r
             for r in self.runs
             if (direction is None or r.direction == direction)
-            and (
-                feed is None
-                or (r.feed is not None and abs(r.feed / feed - 1.0) <= SAME_FEED)
-            )
+            and (feed is None or (r.feed is not None and abs(r.feed / feed - 1.0) <= SAME_FEED))
         ]
         if not kept:
             have = ", ".join(f"{f / _MM_PER_MIN:.6g}" for f in self.feeds)

@@ -191,36 +191,29 @@ def splits(model: Model) -> list[Split]:
     shares that are as likely before. The model is left at the likeliest.
     """
     top = lag_score(model)
-    found = model.sensor
-    sure = top is not None and found.lag**2 > LAG_CHI2 * top.u**2
-    constants = [math.sqrt(found.spread)]
-    if sure:
-        constants += [share * abs(found.lag) for share in _SHARES]
+    lag = abs(model.sensor.lag)
+    sure = top is not None and lag**2 > LAG_CHI2 * top.u**2
     start, parts, states = model.state(), [], []
-    for i, constant in enumerate(constants):
-        if i:
-            model.back_to(start)
-            _settle(model, constant)
+    for share in _SHARES if sure else _SHARES[::2]:
+        model.back_to(start)
+        _settle(model, share * lag)
         post = model.solve()
         at = lag_score(model)
         plain = model.covariance(post)
         covariance, u = plain, math.inf
         if at is not None:
-            own = at.change[:, :1] if sure else at.change
-            known = at.information[:1, :1] if sure else at.information
-            covariance = plain + own @ np.linalg.solve(known, own.T)
+            covariance = plain + np.outer(at.change[:, 0], at.change[:, 0]) / at.information[0, 0]
             u = at.u
         more = model.spread_of_spectrum(post)
-        # every share but that of the top, which is there to be compared with
-        weight = model.log_evidence(post) + math.log(u) if i or not sure else -math.inf
+        weight = model.log_evidence(post) + (math.log(u) if at is not None else 0.0)
         parts.append((weight, model.sensor.lag, u, post.theta, plain, covariance + more @ more.T))
         states.append(model.state())
     logs = np.array([p[0] for p in parts])
-    chances = np.exp(logs - logs.max()) if len(parts) > 1 else np.ones(1)
+    chances = np.exp(logs - logs.max())
     chances /= chances.sum()
     model.back_to(states[int(np.argmax(chances))])
     model.solve()
-    return [Split(float(c), *p[1:]) for c, p in zip(chances, parts, strict=True) if c > 0.0]
+    return [Split(float(c), *p[1:]) for c, p in zip(chances, parts, strict=True)]
 
 
 def _settle(model: Model, constant: float) -> None:
