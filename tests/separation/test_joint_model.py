@@ -23,7 +23,7 @@ from metrosep.separation.runs.noise import (
 )
 from metrosep.separation.runs.posterior import Model, RunEquations
 from metrosep.separation.runs.sensor import averaged
-from metrosep.separation.runs.slip import find_slip
+from metrosep.separation.runs.waves import find_slip
 
 DT, SPEEDS, SIZES, K = 0.004, (80.0, 120.0, 160.0), (76, 51, 39), 6
 DIGITS = 1e-6

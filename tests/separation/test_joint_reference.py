@@ -16,7 +16,7 @@ from metrosep.separation.runs.leave_out import run_scores
 from metrosep.separation.runs.noise import NoiseModel, burg as burg_of_ours, exact_rows
 from metrosep.separation.runs.posterior import Model, RunEquations
 from metrosep.separation.runs.sensor import chance_of_lag, lag_score
-from metrosep.separation.runs.slip import p_values
+from metrosep.separation.runs.waves import p_values
 
 P_MM, K = 33.6, 6
 FEEDS, COUNTS, STEP_S = (80.0, 120.0, 160.0), (76, 51, 39), 4e-3

@@ -48,9 +48,17 @@ from metrosep.separation.runs.lines import FoundLine, Terms, find_line, nearest_
 from metrosep.separation.runs.noise import MOST, WITNESS
 from metrosep.separation.runs.options import JointOptions
 from metrosep.separation.runs.posterior import Model, Posterior
-from metrosep.separation.runs.slip import FALSE_DISCOVERY, find_slip, learn_slip
 from metrosep.separation.runs.system import System
-from metrosep.separation.runs.waves import FALSE_ALARM, FoundWave, found_waves, remove_weak, search
+from metrosep.separation.runs.waves import (
+    FALSE_ALARM,
+    FALSE_DISCOVERY,
+    FoundWave,
+    find_slip,
+    found_waves,
+    learn_slip,
+    remove_weak,
+    search,
+)
 from metrosep.separation.runs.weights import RowWeights
 from metrosep.spectral.autoregressive import AutoregressiveModel
 from metrosep.spectral.spectra import Psd
