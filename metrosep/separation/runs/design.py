@@ -14,12 +14,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import InvalidSamplesError, NotUniformError, TooFewSamplesError
+from metrosep.core.errors import (
+    DataError,
+    InvalidSamplesError,
+    NotUniformError,
+    TooFewSamplesError,
+)
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
 from metrosep.separation.runs.clock import fit_clock
 
-__all__ = ["PreparedRun", "evaluation_range", "prepare_runs"]
+__all__ = [
+    "PreparedRun",
+    "evaluation_range",
+    "prepare_runs",
+    "probe_names",
+]
 
 
 _MAX_ROWS = 12_000
@@ -145,3 +155,24 @@ def _odd_ends(runs: RunSet) -> str:
     far = int(np.argmax(np.abs(ends - np.median(ends, axis=0)).max(axis=1)))
     name = runs[far].run_id or str(far + 1)
     return f"run {name} {format_length(ends[far, 0])} ... {format_length(ends[far, 1])}"
+
+
+def probe_names(runs: RunSet, probes: Sequence[str] | None) -> list[str]:
+    """Return the name of the probe of each run."""
+    if probes is None:
+        told = [run.metadata.get("probe") for run in runs]
+        if all(name is None for name in told):
+            return [""] * len(runs)
+        missing = [r.run_id or str(i) for i, r in enumerate(runs) if told[i] is None]
+        if missing:
+            raise DataError(
+                f"run {missing[0]!r} does not say which probe read it, others do; set "
+                "metadata['probe'] in every run, or state probes=[...]"
+            )
+        return [str(name) for name in told]
+    if isinstance(probes, str | bytes) or not np.iterable(probes):
+        raise DataError(f"probes is a list with one name for each run, got {probes!r}")
+    names = [str(p) for p in probes]
+    if len(names) != len(runs):
+        raise DataError(f"probes names {len(names)} runs, there are {len(runs)}; one for each run")
+    return names

@@ -25,13 +25,12 @@ from metrosep.separation.runs.base import (
     ErrorEstimate,
     SampledCurve,
 )
-from metrosep.separation.runs.design import evaluation_range
+from metrosep.separation.runs.design import evaluation_range, probe_names
 from metrosep.separation.runs.forensics import Named, RunChecks, check_runs
 from metrosep.separation.runs.fourier import separate_kono
 from metrosep.separation.runs.joint import separate_joint
 from metrosep.separation.runs.mean import separate_mean
 from metrosep.separation.runs.options import RUN_OPTIONS, in_si, metres
-from metrosep.separation.runs.run_probes import probe_names
 
 __all__ = ["separate"]
 

@@ -42,7 +42,12 @@ from metrosep.separation.runs.base import (
     FourierCurve,
     SampledCurve,
 )
-from metrosep.separation.runs.design import PreparedRun, evaluation_range, prepare_runs
+from metrosep.separation.runs.design import (
+    PreparedRun,
+    evaluation_range,
+    prepare_runs,
+    probe_names,
+)
 from metrosep.separation.runs.evidence import (
     evidence_table,
     explain_band,
@@ -55,7 +60,6 @@ from metrosep.separation.runs.geometry import HELD_SHARE, PERIOD_SHARE
 from metrosep.separation.runs.leave_out import suspicion
 from metrosep.separation.runs.noise import MOST
 from metrosep.separation.runs.options import Following, JointOptions, metres
-from metrosep.separation.runs.run_probes import probe_names
 from metrosep.separation.runs.solver import CONSTANTS, Solution, solve_joint
 from metrosep.separation.runs.spectra import feed_spectra, feed_spectra_columns
 from metrosep.separation.runs.term_curves import check_lines, feed_curves, report_terms
