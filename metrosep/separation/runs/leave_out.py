@@ -26,6 +26,9 @@ _FAR = 3e-3
 _PLACES = 100
 """Most shifts on each side that are looked at."""
 
+_LEAST_SHORT = 16
+"""Waves from which the noise of one run is known to a quarter."""
+
 _EDGE = 1e-9
 """Directions of the prediction's variance below this share of the largest are not tested."""
 
@@ -186,6 +189,8 @@ def _noise(model: Model, gram: FloatArray, side: FloatArray) -> float:
     """
     n = model.extension.n
     short = np.arange(n // 2, n)
+    if short.size < _LEAST_SHORT:
+        return 1.0  # too few to know it
     at = np.concatenate([1 + short, 1 + n + short])
     own = np.diag(gram)[at]
     seen = own > _EDGE * float(np.max(np.diag(gram)))
