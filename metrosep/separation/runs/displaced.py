@@ -154,7 +154,7 @@ def _feed(
     cost += float(np.minimum(((rest - away)[own] / u[own]) ** 2, SURE**2).sum())
     sd = _u_together(own_u[own], shared_u[own])
     if own.sum() > 1:  # runs that start elsewhere together do not scatter
-        sd = math.hypot(sd, float(np.std(d[own], ddof=1)) / math.sqrt(int(own.sum())))
+        sd = max(sd, float(np.std(d[own], ddof=1)) / math.sqrt(int(own.sum())))
     return _Feed(own, line, cost, away, sd, needed(sd, (rest - np.where(own, away, 0.0)) / u))
 
 
