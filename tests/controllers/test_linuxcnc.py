@@ -1,5 +1,6 @@
 """LinuxCNC type 0: hand-made files, what the controller was seen to do, what is refused."""
 
+import itertools
 import json
 import re
 from pathlib import Path
@@ -356,7 +357,7 @@ def trim_of(text, place, direction):
     column = 1 if direction > 0 else 2
     if place <= rows[0][0]:
         return rows[0][0] - rows[0][column]
-    for a, b in zip(rows, rows[1:], strict=False):
+    for a, b in itertools.pairwise(rows):
         if place <= b[0]:
             share = (place - a[0]) / (b[0] - a[0])
             return (1.0 - share) * (a[0] - a[column]) + share * (b[0] - b[column])
