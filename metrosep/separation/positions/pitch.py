@@ -267,7 +267,7 @@ def pitch_errors(
     lost, u_lost, messages = _lost_motion(cycles["forward"], cycles["reverse"])
     return PitchErrors(
         p,
-        *(None if errors[n] is None else errors[n] - offset for n in ("forward", "reverse")),
+        *_zeroed(errors, offset),
         reference=zero,
         zero_removed=offset,
         expansion_removed=stated.slope,
@@ -276,6 +276,14 @@ def pitch_errors(
         u_lost_motion=u_lost,
         messages=(*stated.messages, *messages),
     )
+
+
+def _zeroed(
+    errors: dict[str, FloatArray | None], offset: float
+) -> tuple[FloatArray | None, FloatArray | None]:
+    """Return the errors of both directions less one zero."""
+    up, down = errors["forward"], errors["reverse"]
+    return None if up is None else up - offset, None if down is None else down - offset
 
 
 @dataclass(frozen=True)
