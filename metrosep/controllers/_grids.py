@@ -601,3 +601,47 @@ def require_zero(table: CompensationTable, reference: float, title: str) -> None
             f"one of the positions: CompensationTable.from_error(..., positions=[..., "
             f"{reference:.9g}, ...], reference={reference:.9g})"
         )
+
+
+def scaled_table(table: CompensationTable, by: float) -> CompensationTable:
+    """Return a table with positions and corrections in another unit."""
+    return replace(
+        table,
+        positions=table.positions * by,
+        forward=table.forward * by,
+        reverse=None if table.reverse is None else table.reverse * by,
+        u=None if table.u is None else table.u * by,
+        reference=table.reference * by,
+        source=None,
+    )
+
+
+def require_turn(table: CompensationTable, options: Mapping[str, Any], step: float) -> None:
+    """Refuse lengths for an angle, and a modulo table that is not closed over one turn."""
+    if not is_rotary(table.axis):
+        raise TableError(f"modulo=True is for an axis that turns; {table.axis} is linear")
+    if options["interval"] is not None:
+        raise TableError(
+            f"interval= is a length, and {table.axis} turns: make the table with the spacing it shall "
+            "have, in degrees, and leave interval= out"
+        )
+    if not options["modulo"]:
+        return
+    low, high = table.span
+    if abs(high - low - 2.0 * math.pi) > math.radians(1e-6):
+        raise TableError(
+            f"modulo=True needs a table over one turn, this one covers {math.degrees(low):.9g} ... "
+            f"{math.degrees(high):.9g} deg; append the position 360 deg after the first one, with the "
+            "first one's correction"
+        )
+    for way, column in (("forward", table.forward), ("reverse", table.reverse)):
+        if column is None:
+            continue
+        u = 0.0 if table.u is None else float(table.u[-1])
+        net = abs(float(column[-1] - column[0]))
+        if round(column[0] / step) != round(column[-1] / step) or net > max(2.0 * u, step):
+            raise TableError(
+                f"the {way} correction differs by {math.degrees(net) * 3600:.4g} arcsec between the "
+                "first position and one turn later: the step would act at every turn; the values at "
+                "0 and 360 deg must be the same"
+            )

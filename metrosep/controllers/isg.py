@@ -1,4 +1,4 @@
-"""TwinCAT CNC / ISG kernel: compensation value lists (achskw*.lis), ``key value`` lines in 0.1 um.
+"""TwinCAT CNC / ISG kernel: compensation value lists (achskw*.lis), ``key value`` lines in 0.1 um (0.0001 deg).
 
 `IsgAxis`: leadscrew errors `kw.ssfk`, two columns; the documents calculate the entry as actual minus
 setpoint, so k = +1 in entry = k e. `IsgCross`: `kw.crosscomp`, one column at free setpoints of a
@@ -18,6 +18,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.knots import choose_knots
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
@@ -41,15 +42,20 @@ from metrosep.controllers._grids import (
     require_linear,
     require_one_direction,
     require_sizes,
+    require_turn,
+    scaled_table,
     uniform_positions,
 )
+from metrosep.controllers._sinumerik_file import folded
 from metrosep.controllers.base import (
     DialectInfo,
     Encoded,
+    Simulator,
     identity,
     load_sidecar,
     map_identity,
     nearest_zero,
+    table_lookup,
 )
 from metrosep.controllers.options import INTERVAL, Option
 from metrosep.core._arrays import FloatArray
@@ -100,6 +106,12 @@ NUMBER_TYPE = Option(
     default="integer",
     choices=("integer", "real"),
 )
+
+
+_RAD = math.radians(1e-4) / UNIT
+"""Angle in rad of what a list of lengths would take as one metre: a step is 0.0001 deg instead of 0.1 um."""
+_TURN = 3_600_000
+"""Steps of one turn."""
 
 
 class _List(Resampling):
@@ -160,7 +172,7 @@ class _List(Resampling):
         }
         for setting, word in self.settings.items():
             key = f"{cells.key}.{setting}"
-            if setting == "max_points" and key not in entries:
+            if setting in ("max_points", "modulo") and key not in entries:
                 found[setting] = 0
                 continue
             found[setting] = cells.take(key, _COUNT if isinstance(word, str) else word)
@@ -205,8 +217,8 @@ class IsgAxis(_List):
     info = DialectInfo(
         id="isg-axis",
         title="TwinCAT CNC / ISG leadscrew error compensation (kw.ssfk)",
-        entry="error +e in 0.1 um, one column for each direction",
-        units="0.1 um; whole numbers before V3.1.3132 / V4.29, decimals from there on",
+        entry="error +e in 0.1 um, of an axis that turns in 0.0001 deg, one column for each direction",
+        units="0.1 um or 0.0001 deg; whole numbers before V3.1.3132 / V4.29, decimals from there on",
         max_points=_AXIS_POINTS,
         outside="value of the end of the table",
         sign_status="the documents calculate actual minus setpoint (+e), but their example has the "
@@ -241,25 +253,35 @@ class IsgAxis(_List):
             highest=1_000_000,
         ),
         INTERVAL,
+        Option(
+            "modulo",
+            "kw.ssfk.modulo (P-COMP-00022): the table of 0 to 360 deg repeats, for an axis that turns on",
+            "flag",
+            default=False,
+        ),
         Option("entry_sign", "k in entry = k e", "choice", default=1, choices=(-1, 1)),
     )
 
     structure = "ssfk"
     settings: ClassVar[Mapping[str, Word | str]] = {
         "max_points": _COUNT, "interval": _REAL, "kw_startpos": _REAL, "kw_nr_max": _COUNT,
-        "unit": "1", "bilateral": "1",
+        "unit": "1", "bilateral": "1", "modulo": _COUNT,
     }  # fmt: skip
     parameter = "kw.ssfk.max_points (P-COMP-00059) less one"
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         """Return a bilateral list, at equal spacing if the positions are, else with setpoints."""
-        require_linear((table.axis, table.compensates), "kw.ssfk")
-        require_sizes(table, "kw.ssfk", farthest=_FARTHEST, largest=_FARTHEST)
         if not table.is_on_axis:
             raise TableError(
                 f"kw.ssfk corrects the axis itself, this table is {table.axis} -> "
                 f"{table.compensates}; write controller='isg-cross'"
             )
+        turns = is_rotary(table.axis)
+        if turns or options["modulo"]:
+            require_turn(table, options, UNIT * _RAD)
+        if turns:
+            table = scaled_table(table, 1.0 / _RAD)
+        require_sizes(table, "kw.ssfk", farthest=_FARTHEST, largest=_FARTHEST)
         carried = placed(table, options, "kw.ssfk")
         made, kind, k = carried.table, options["number_type"], -options["entry_sign"]
         p = to_units(made.positions, kind)
@@ -269,7 +291,7 @@ class IsgAxis(_List):
         more = options["capacity"] > _AXIS_POINTS
         settings = {
             "max_points": options["capacity"] + 1 if more else 0, "interval": step,
-            "kw_startpos": p[0], "kw_nr_max": len(p),
+            "kw_startpos": p[0], "kw_nr_max": len(p), "modulo": int(options["modulo"]),
         }  # fmt: skip
         cells = [
             (f"[{i}].{field}", v)
@@ -278,9 +300,30 @@ class IsgAxis(_List):
             if field != "setpoint" or step == "0"
         ]
         pairs = zip(columns, wanted, strict=True)
-        return self._encoded(carried, table.axis, options, settings, cells, pairs)
+        made_of = self._encoded(carried, table.axis, options, settings, cells, pairs)
+        if not turns:
+            return made_of
+        return replace(
+            made_of,
+            quantisation=made_of.quantisation * _RAD,
+            step=made_of.step * _RAD,
+            carried=scaled_table(carried.table, _RAD),
+            resampling_error=carried.error * _RAD,
+        )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
+        return self._read(data, path, options)[0]
+
+    def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
+        """Return what the controller adds; with modulo the table repeats after its turn."""
+        table, modulo = self._read(data, path, options)
+        simulator = table_lookup(table)
+        return folded(simulator, *table.span) if modulo else simulator
+
+    def _read(
+        self, data: bytes, path: Path, options: Mapping[str, Any]
+    ) -> tuple[CompensationTable, bool]:
+        """Return the table, and whether it repeats."""
         cells, found = self._opened(data, path, options)
         n, step = found["kw_nr_max"], found["interval"]
         room = (found["max_points"] or options.get("capacity", _AXIS_POINTS) + 1) - 1
@@ -292,13 +335,32 @@ class IsgAxis(_List):
         forward, reverse = (found["sign"] * cells.column(c, n) + 0.0 for c in ("pos", "neg"))
         cells.end()
         _require_rising(p, path)
-        return CompensationTable(
-            p * UNIT,
-            forward,
-            None if np.array_equal(forward, reverse) else reverse,
+        turns = is_rotary(found["name"])
+        modulo = found["modulo"] == 1
+        if found["modulo"] > 1 or (modulo and not turns):
+            raise CorruptFileError(
+                path,
+                f"kw.ssfk.modulo is {found['modulo']} for the axis {found['name']}",
+                hint="it is 0 or 1, and 1 only where the axis turns",
+            )
+        if modulo and (
+            round(p[-1] - p[0]) != _TURN or forward[0] != forward[-1] or reverse[0] != reverse[-1]
+        ):
+            raise CorruptFileError(
+                path,
+                "a modulo list must cover one turn (3600000 steps of 0.0001 deg) with the first value "
+                "equal to the last",
+                hint="enter the value of 0 again at 360 deg",
+            )
+        unit, scale = (UNIT * _RAD, _RAD) if turns else (UNIT, 1.0)
+        table = CompensationTable(
+            p * unit,
+            forward * scale,
+            None if np.array_equal(forward, reverse) else reverse * scale,
             is_exact_inverse=True,
-            **named_axes(identity(path, first=float(p[0] * UNIT)), (found["name"],) * 2, path),
+            **named_axes(identity(path, first=float(p[0] * unit)), (found["name"],) * 2, path),
         )
+        return table, modulo
 
 
 class IsgCross(_List):

@@ -35,10 +35,15 @@ __all__ = ["MAX_POINTS", "LinuxCNC"]
 MAX_POINTS = 256
 """Entries per joint (motion.h of LinuxCNC 2.9); the 257th is ignored with an error."""
 
-_UNITS = {"linear": (1e-3, "mm"), "angular": (math.pi / 180.0, "degrees")}
-"""Unit of a joint in SI, and its name, by TYPE of the joint."""
+_LINEAR = {"mm": (1e-3, "mm"), "inch": (25.4e-3, "inch")}
+_ANGULAR = {
+    "deg": (math.pi / 180.0, "degrees"),
+    "rad": (1.0, "rad"),
+    "grad": (math.pi / 200.0, "grad"),
+}
+"""Unit of a joint in SI, and its name, by the word of [TRAJ] in the INI file."""
 _DECIMALS = 10
-"""Decimals of a position: 0.1 pm, or 1.7e-12 rad; LinuxCNC keeps the trim itself as float32."""
+"""Decimals of a position: 0.1 pm, 2.6 pm of an inch, or 1.7e-12 rad; LinuxCNC keeps the trim itself as float32."""
 
 _NUMBER = Word(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", float, f"{{:.{_DECIMALS}f}}".format)
 """What C reads as a decimal number; Python's float would also take 1_0 and nan."""
@@ -52,7 +57,8 @@ class LinuxCNC(Dialect):
         id="linuxcnc",
         title="LinuxCNC screw compensation, type 0",
         entry="position actually reached: p + e, so that nominal - entry = -e is added",
-        units="mm (machine units of the configuration); of a joint that turns degrees",
+        units="machine units of the configuration (mm, or linear_units=inch); of a joint that turns "
+        "degrees, or angular_units",
         max_points=MAX_POINTS,
         outside="constant beyond both ends",
         sign_status="confirmed by running LinuxCNC 2.9",
@@ -86,6 +92,20 @@ class LinuxCNC(Dialect):
             default="linear",
             choices=("linear", "angular"),
         ),
+        Option(
+            "linear_units",
+            "[TRAJ]LINEAR_UNITS of the INI file: all numbers of a linear joint are in it",
+            "choice",
+            default="mm",
+            choices=tuple(_LINEAR),
+        ),
+        Option(
+            "angular_units",
+            "[TRAJ]ANGULAR_UNITS of the INI file: all numbers of an angular joint are in it",
+            "choice",
+            default="deg",
+            choices=tuple(_ANGULAR),
+        ),
     )
 
     def encode(
@@ -94,6 +114,8 @@ class LinuxCNC(Dialect):
         *,
         cross_axis: str = "refuse",
         joint_type: str = "linear",
+        linear_units: str = "mm",
+        angular_units: str = "deg",
         **options: Any,
     ) -> Encoded:
         """Return bare triples."""
@@ -105,7 +127,7 @@ class LinuxCNC(Dialect):
                 f"{table.axis} and route it to {table.compensates} in HAL, or write controller='csv'"
             )
         _check_type(table, joint_type)
-        unit, name = _UNITS[joint_type]
+        unit, name = _unit(joint_type, linear_units, angular_units)
         n = table.positions.size
         if n > MAX_POINTS:
             raise LimitError(
@@ -130,6 +152,9 @@ class LinuxCNC(Dialect):
             notes={
                 "ini": [
                     f"TYPE = {joint_type.upper()}",
+                    f"[TRAJ]ANGULAR_UNITS = {angular_units}"
+                    if joint_type == "angular"
+                    else f"[TRAJ]LINEAR_UNITS = {linear_units}",
                     "COMP_FILE_TYPE = 0",
                     "COMP_FILE = <this file>",
                 ],
@@ -160,10 +185,13 @@ class LinuxCNC(Dialect):
             )
         if len(rows) < 2:
             raise CorruptFileError(path, "a table needs at least 2 lines", found=len(rows))
-        joint_type = {"joint_type": "linear", **sidecar_options(path, self.options), **options}[
-            "joint_type"
-        ]
-        unit = _UNITS[joint_type][0]
+        known = {
+            **{o.name: o.default for o in self.options},
+            **sidecar_options(path, self.options),
+            **options,
+        }
+        joint_type = known["joint_type"]
+        unit, _ = _unit(joint_type, known["linear_units"], known["angular_units"])
         forward, reverse = (table[:, 0] - table[:, 1]) * unit, (table[:, 0] - table[:, 2]) * unit
         return CompensationTable(
             positions=table[:, 0] * unit,
@@ -172,6 +200,11 @@ class LinuxCNC(Dialect):
             is_exact_inverse=True,
             **_axes(path, joint_type, first=float(table[0, 0] * unit)),
         )
+
+
+def _unit(joint_type: str, linear_units: str, angular_units: str) -> tuple[float, str]:
+    """Return the unit of a joint in SI, and its name."""
+    return _ANGULAR[angular_units] if joint_type == "angular" else _LINEAR[linear_units]
 
 
 def _check_type(table: CompensationTable, joint_type: str) -> None:
@@ -187,7 +220,7 @@ def _check_type(table: CompensationTable, joint_type: str) -> None:
         wanted = "angular" if turns else "linear"
         raise DataError(
             f"the axis of the table is {table.axis}, but joint_type={joint_type!r}: LinuxCNC counts a "
-            f"{wanted} joint in {_UNITS[wanted][1]}; say joint_type={wanted!r}, and set TYPE = "
+            f"{wanted} joint in {'degrees' if turns else 'mm or inch'}; say joint_type={wanted!r}, and set TYPE = "
             f"{wanted.upper()} in its [JOINT_n]"
         )
 

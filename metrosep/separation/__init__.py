@@ -190,6 +190,10 @@ if TYPE_CHECKING:
         FringeError as FringeError,
         periodic_error as periodic_error,
     )
+    from metrosep.separation.positions.pitch import (
+        PitchErrors as PitchErrors,
+        pitch_errors as pitch_errors,
+    )
     from metrosep.separation.positions.positioning import (
         PositioningSheet as PositioningSheet,
         iso230_2 as iso230_2,

@@ -1,5 +1,6 @@
 """LinuxCNC type 0: hand-made files, what the controller was seen to do, what is refused."""
 
+import itertools
 import json
 import re
 from pathlib import Path
@@ -343,3 +344,62 @@ def test_a_name_that_breaks_a_line_of_hal_is_refused():
 
 class TestLinuxCNC(DialectContract):
     name = "linuxcnc"
+
+
+_INCH_M, _GRAD = 0.0254, np.pi / 200.0
+HALF_UNIT = 1e-10
+"""Ten decimals of a machine unit: half a digit on the position and half on the entry."""
+
+
+def trim_of(text, place, direction):
+    """Return nominal minus actual in machine units, as the documents of COMP_FILE_TYPE = 0 say it."""
+    rows = [[float(w) for w in line.split()] for line in text.split("\n") if line]
+    column = 1 if direction > 0 else 2
+    if place <= rows[0][0]:
+        return rows[0][0] - rows[0][column]
+    for a, b in itertools.pairwise(rows):
+        if place <= b[0]:
+            share = (place - a[0]) / (b[0] - a[0])
+            return (1.0 - share) * (a[0] - a[column]) + share * (b[0] - b[column])
+    return rows[-1][0] - rows[-1][column]
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_inch_machine_gets_all_three_columns_in_inches(tmp_path, direction):
+    x = np.linspace(-0.1, 0.3, 41)
+    ahead = 3e-5 * x + 2e-6 * np.sin(40.0 * x)
+    table = CompensationTable(x, ahead, ahead - 1.5e-6, "X", "X", 0.0, is_exact_inverse=True)
+    path = tmp_path / "x.comp"
+
+    controllers.write(table, path, allow_unverified=True, linear_units="inch")
+
+    text = path.read_text()
+    for place in np.linspace(-0.2, 0.4, 97):
+        wanted = float(table.correction(place, direction)[0])
+        assert (
+            abs(trim_of(text, place / _INCH_M, direction) * _INCH_M - wanted) < HALF_UNIT * _INCH_M
+        )
+    assert json.loads((tmp_path / "x.comp.json").read_text())["options"]["linear_units"] == "inch"
+    assert abs(controllers.read(path).positions - x).max() < HALF_UNIT * _INCH_M
+    assert any(
+        "LINEAR_UNITS = inch" in n
+        for n in LinuxCNC().encode(table, linear_units="inch").notes["ini"]
+    )
+
+
+def test_joint_counted_in_grad_or_rad(tmp_path):
+    for name, unit in (("rad", 1.0), ("grad", _GRAD)):
+        path = tmp_path / f"{name}.comp"
+        controllers.write(
+            turning(), path, allow_unverified=True, joint_type="angular", angular_units=name
+        )
+        for place in np.linspace(*turning().span, 29):
+            wanted = float(turning().correction(place)[0])
+            assert (
+                abs(trim_of(path.read_text(), place / unit, 1) * unit - wanted) < 1.01 * HALF_UNIT
+            )
+
+
+def test_unknown_unit_of_the_configuration_is_refused(tmp_path):
+    with pytest.raises(DataError, match=r"linear_units.*inch"):
+        controllers.write(evenly(3), tmp_path / "x.comp", allow_unverified=True, linear_units="ft")
