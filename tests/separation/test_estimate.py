@@ -136,11 +136,68 @@ def test_different_travel_is_refused_until_the_range_is_stated():
     assert separate(runs, start=0.0, length=35e-3).stop == pytest.approx(35e-3, rel=1e-9, abs=0.0)
 
 
+def unequal_runs():
+    """Six runs at two feedrates over 50 mm; four start at 8 mm, one ends at 41 mm; error in nm."""
+    rng = np.random.default_rng(12)
+
+    def error(mm):
+        return 180.0 * np.sin(2.0 * np.pi * mm / 17.0 + 0.3) + 70.0 * np.cos(
+            2.0 * np.pi * mm / 7.3
+        )
+
+    runs = []
+    reach = [(0.0, 50.0), (8.0, 50.0), (8.0, 41.0), (0.0, 50.0), (8.0, 50.0), (8.0, 50.0)]
+    for feed, (low, high) in zip((60.0, 60.0, 60.0, 110.0, 110.0, 110.0), reach, strict=True):
+        mm = np.arange(low, high, feed / 250.0)
+        nm = error(mm) + rng.normal(0.0, 12.0, mm.size) + rng.normal(0.0, 300.0)
+        t = (mm - low) / feed
+        runs.append(Run(mm * 1e-3, nm * 1e-9, t=t, feed=feed * 1e-3, run_id=f"{len(runs) + 1}"))
+    return RunSet(runs), error
+
+
+def test_a_stated_range_that_some_runs_do_not_reach_has_a_band_that_holds():
+    runs, error = unequal_runs()
+
+    estimate = separate(runs, start=0.0, length=49.5e-3)
+
+    mm = np.linspace(0.5, 49.0, 195)
+    rest = estimate.evaluate(mm * 1e-3) * 1e9 - error(mm)
+    rest -= np.polyval(np.polyfit(mm, rest, 1), mm)
+    sd = estimate.sd(mm * 1e-3) * 1e9
+    assert np.mean(np.abs(rest) < 2.0 * sd) > 0.85  # 5 % point of a set: the acceptance table
+    assert np.sqrt(np.mean(rest**2)) < 6.0  # 12 nm of six runs, waves of 60 samples and more
+    assert np.all(np.abs(rest[mm < 8.0]) < 3.5 * sd[mm < 8.0])  # a joint 99.9 % of a few waves
+    said = [m for m in estimate.messages if "not all runs reach" in m]
+    assert len(said) == 1
+    assert "is covered by 2 of 6" in said[0]
+    for method in ("mean", "kono"):
+        with pytest.raises(InvalidSamplesError, match="not covered by every run"):
+            separate(runs, method=method, start=0.0, length=49.5e-3)
+
+
+def test_a_part_that_one_feedrate_or_no_run_covers_is_named():
+    runs, _ = unequal_runs()
+
+    alone = separate(RunSet([*runs[:3], *runs[4:]]), start=0.0, length=49.0e-3)
+    assert any("one feedrate alone cannot tell" in m for m in alone.messages)
+
+    short = [
+        Run(r.x[r.x < 20e-3], r.z[r.x < 20e-3], t=r.t[r.x < 20e-3], feed=r.feed) for r in runs
+    ]
+    rest = [Run(r.x[r.x > 24e-3], r.z[r.x > 24e-3], t=r.t[r.x > 24e-3], feed=r.feed) for r in runs]
+    with pytest.raises(InvalidSamplesError, match=r"no travel in common|no run covers 20"):
+        separate(RunSet([*short[:3], *rest[3:]]), start=8.5e-3, length=40e-3)
+    with pytest.raises(InvalidSamplesError, match=r"not covered by the runs: they reach 0 m"):
+        separate(runs, start=0.0, length=60e-3)
+
+
 def test_range_outside_the_travel_is_refused():
     axis = machine_axis(seed=1)
 
-    with pytest.raises(InvalidSamplesError, match="not covered by every run"):
+    with pytest.raises(InvalidSamplesError, match="not covered by the runs: they reach"):
         separate(axis.runs, start=0.0, length=60e-3)
+    with pytest.raises(InvalidSamplesError, match="not covered by every run"):
+        separate(axis.runs, method="mean", start=0.0, length=60e-3)
 
 
 def test_length_in_millimetres_is_refused():

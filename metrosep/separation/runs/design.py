@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
 from metrosep.separation.runs.clock import fit_clock
 
-__all__ = ["PreparedRun", "evaluation_range", "prepare_runs", "probe_names"]
+__all__ = ["PreparedRun", "evaluation_range", "prepare_runs", "probe_names", "thin_parts"]
 
 
 _MAX_ROWS = 12_000
@@ -107,9 +108,9 @@ def _prepare(run: Run, block: int, probe: str) -> PreparedRun:
 
 
 def evaluation_range(
-    runs: RunSet, *, start: float | None, length: float | None
+    runs: RunSet, *, start: float | None, length: float | None, every: bool = True
 ) -> tuple[float, float]:
-    """Return start and stop of the evaluation range."""
+    """Return start and stop of the evaluation range, which every run covers, or some run does."""
     for name, value in (("start", start), ("length", length)):
         if value is not None and not np.isfinite(value):
             raise InvalidSamplesError(f"{name} must be a finite number in m, got {value}")
@@ -135,13 +136,48 @@ def evaluation_range(
         first = low + (travel - length) / 2.0 if start is None else start
         last = first + length
     margin = _RANGE_RTOL * travel
+    what = "by every run: they share"
+    if not every:
+        low, high, what = widest_low, widest_high, "by the runs: they reach"
     if first < low - margin or last > high + margin or last <= first:
         raise InvalidSamplesError(
             f"the evaluation range {format_length(first)} ... {format_length(last)} is not covered "
-            f"by every run: they share {format_length(low)} ... {format_length(high)}; shorten it "
-            "or measure further"
+            f"{what} {format_length(low)} ... {format_length(high)}; shorten it or measure further"
+        )
+    if not every and (hole := _hole(runs, first + margin, last - margin)):
+        raise InvalidSamplesError(
+            f"no run covers {format_length(hole[0])} ... {format_length(hole[1])} of the evaluation "
+            f"range {format_length(first)} ... {format_length(last)}; shorten it or measure there"
         )
     return max(first, low), min(last, high)
+
+
+def _hole(runs: RunSet, first: float, last: float) -> tuple[float, float] | None:
+    """Return the first part of a range that no run covers."""
+    at = first
+    for low, high in sorted((float(r.x.min()), float(r.x.max())) for r in runs):
+        if at < low:
+            break
+        at = max(at, high)
+    else:
+        low = last
+    return (at, min(low, last)) if at < min(low, last) else None
+
+
+def thin_parts(runs: RunSet, first: float, last: float) -> list[tuple[float, float, int, int]]:
+    """Return the parts of a range that some runs do not reach: ends, runs and feedrates there."""
+    ends = sorted({first, last, *(float(v) for r in runs for v in (r.x.min(), r.x.max()))})
+    out: list[tuple[float, float, int, int]] = []
+    for a, b in pairwise(ends):
+        if b <= first or a >= last:
+            continue
+        there = [r for r in runs if r.x.min() <= a and r.x.max() >= b]
+        feeds = len({r.feed for r in there})
+        if out and out[-1][2:] == (len(there), feeds):
+            out[-1] = (out[-1][0], b, len(there), feeds)
+        else:
+            out.append((a, b, len(there), feeds))
+    return [part for part in out if part[2] < len(runs)]
 
 
 def _odd_ends(runs: RunSet) -> str:

@@ -55,6 +55,7 @@ from metrosep.separation.runs.design import (
     evaluation_range,
     prepare_runs,
     probe_names,
+    thin_parts,
 )
 from metrosep.separation.runs.evidence import (
     evidence_table,
@@ -207,7 +208,8 @@ def separate_joint(
     n_feeds, n_probes = len(runs.feeds), len(set(names))
     way = " and ".join("forward" if d > 0 else "reverse" for d in runs.directions)
     options.check_runs(n_feeds, n_probes, fit_lag=lag == "fit", way=way)
-    first, last = evaluation_range(runs, start=start, length=length)
+    stated = start is not None and length is not None
+    first, last = evaluation_range(runs, start=start, length=length, every=not stated)
     prepared = prepare_runs(runs, probes=names)
     if options.position_offsets:
         check_reference([r.run_id for r in prepared], options.position_reference, way)
@@ -259,6 +261,7 @@ def separate_joint(
             delay=n_feeds > 1,
             nothing=n_selected == 0,
         ),
+        *_thin(runs, first, last),
         *_unheld_waves(options.waves, high - low, period / n_harmonics / HELD_SHARE),
         *sentences,
         *hint_options(solution, prepared, options),
@@ -267,8 +270,13 @@ def separate_joint(
     if options != JointOptions() or n_probes > 1:
         audit["options"] = options.as_dict()
         audit["run_levels_nm"] = ((solution.offsets + level) / _NM).tolist()
+    shared = runs.common_travel
     evidence, audit["evidence"], unsteady = evidence_of(
-        runs, names, start=first, stop=last, rate=false_discovery_rate
+        runs,
+        names,
+        start=max(first, shared[0]),
+        stop=min(last, shared[1]),
+        rate=false_discovery_rate,
     )
     if solution.slip:  # the model holds it, and its own sentence says so
         unsteady = ()
@@ -499,6 +507,29 @@ _POINTS_OF_A_WAVE = 16
 
 _LEAST_RUNS = 2
 """Runs of each feedrate: fewer leave hardly any degrees of freedom."""
+
+
+def _thin(runs: RunSet, first: float, last: float) -> list[str]:
+    """Say where not all runs reach, and where a single feedrate does."""
+    parts = thin_parts(runs, first, last)
+    if not parts:
+        return []
+    fewest = min(parts, key=lambda part: part[2])
+    where = f"{format_length(fewest[0])} ... {format_length(fewest[1])}"
+    text = (
+        f"not all runs reach {format_length(parts[0][0])} ... {format_length(parts[-1][1])}"
+        if len(parts) == 1
+        else "not all runs reach the whole evaluation range"
+    )
+    text += (
+        f": {where} is covered by {fewest[2]} of {len(runs)}; the band holds what that leaves open"
+    )
+    if fewest[3] < 2 <= len(runs.feeds):
+        text += (
+            ", and one feedrate alone cannot tell a vibration that starts in phase with the run "
+            "from geometry"
+        )
+    return [text]
 
 
 def evidence_of(
