@@ -24,6 +24,7 @@ from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._facts import agreed, named_axes, settled
 from metrosep.controllers._grammar import (
+    SIGN,
     Line,
     Word,
     ascii_lines,
@@ -78,8 +79,9 @@ _COUNT = Word(r"\d{1,7}", int)
 _REAL = Word(r"-?\d{1,10}(?:\.\d{1,12})?", float)
 _COMMENT = re.compile(r"#|/\*")
 _SIGN = Line(
-    f"# metrosep: entry = {{entry_sign}}e in 0.1 um, {DRY_RUN}",
-    entry_sign=Word(r"[+-]", lambda w: 1 if w == "+" else -1, lambda v: "+" if v > 0 else "-"),
+    f"# metrosep: entry = {{entry_sign}}e in {{unit}}, {DRY_RUN}",
+    entry_sign=SIGN,
+    unit=Word(r"0\.1 um|0\.0001 deg"),
 )
 
 _AXIS_POINTS = 1499
@@ -138,7 +140,10 @@ class _List(Resampling):
             )
         key = f"kw.{self.structure}"
         lines = [
-            _SIGN.write(entry_sign=options["entry_sign"]),
+            _SIGN.write(
+                entry_sign=options["entry_sign"],
+                unit="0.0001 deg" if is_rotary(name) else "0.1 um",
+            ),
             f"kopf.achs_nr {options['axis_number']}",
             f"kopf.log_achs_name {name}",
             *(

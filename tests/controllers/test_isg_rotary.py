@@ -74,6 +74,7 @@ def test_integers_are_those_of_the_specification(tmp_path):
     assert found["kw.ssfk.kw_startpos"] == "0"
     assert found["kw.ssfk.interval"] == "300000"
     assert found["kw.ssfk.modulo"] == "1"
+    assert "entry = +e in 0.0001 deg" in path.read_text()  # the comment tells the unit too
 
 
 @pytest.mark.parametrize("direction", [1, -1])
