@@ -220,7 +220,7 @@ def test_uncertainty_is_the_scatter_of_the_runs():
     assert r.u_after_rms == pytest.approx(rms.std(ddof=1) / np.sqrt(3), rel=1e-3, abs=0.0)
 
 
-@pytest.mark.parametrize("shake", [20e-9, 100e-9])
+@pytest.mark.parametrize("shake", [20e-9, pytest.param(100e-9, marks=pytest.mark.slow)])
 def test_uncertainty_agrees_with_repeating_the_measurement(rng, shake):
     """What repeats is 50 nm RMS; each of 5 runs adds ten waves of random size."""
     x, k = X[::4], np.arange(1, 11)[:, None]

@@ -148,7 +148,8 @@ def test_the_order_of_the_runs_does_not_matter():
     first, _ = offsets_of(fitted(given))
     other, _ = offsets_of(fitted([given[i] for i in order]))
 
-    np.testing.assert_allclose(other, first[order], rtol=0.0, atol=1e-6)  # 1 nm
+    # The fit ends at steps of 1 um along directions that the order turns; u is 2.6 um.
+    np.testing.assert_allclose(other, first[order], rtol=0.0, atol=1e-4)
 
 
 def test_an_error_of_nothing_places_no_run_and_that_is_said():
