@@ -112,7 +112,8 @@ def curves(session: Session, message: Message, cancel: Cancel, tell: Tell) -> An
     estimate = material.estimate(recipe, cancel) if full else None
     step = _step(recipe)
     if estimate is None:
-        over, why = shown_range(runs, step.get("start"), step.get("length"))
+        method = step.get("method", "joint")
+        over, why = shown_range(runs, step.get("start"), step.get("length"), method=method)
     else:
         over, why = (estimate.start, estimate.stop), ""
     levelled = kept.of_runs(runs, over)
@@ -359,7 +360,7 @@ class LevelledRuns:
 
 
 def shown_range(
-    runs: RunSet, start: float | None, length: float | None
+    runs: RunSet, start: float | None, length: float | None, *, method: str = "joint"
 ) -> tuple[tuple[float, float], str]:
     """Return the evaluation range before anything is separated.
 
@@ -370,7 +371,7 @@ def shown_range(
     ((0.0, 0.045), '')
     """
     try:
-        return evaluation_range(runs, start=start, length=length), ""
+        return evaluation_range(runs, start=start, length=length, method=method), ""
     except MetrosepError as exc:
         return runs.full_travel, str(exc)
 

@@ -149,6 +149,15 @@ def test_the_range_is_that_of_the_separation_or_says_why_not():
     assert "not covered" in why
 
 
+def test_the_range_is_that_of_its_method_where_not_all_runs_reach():
+    long, short = run(0.08), run(0.12)
+    short = Run(short.x[short.x < 30 * MM], short.z[short.x < 30 * MM], feed=0.12)
+    runs = RunSet([long, short])
+
+    assert shown_range(runs, START, 40 * MM, method="joint")[1] == ""
+    assert "not covered by every run" in shown_range(runs, START, 40 * MM, method="mean")[1]
+
+
 # ---- the separated error ---------------------------------------------------------------------
 
 

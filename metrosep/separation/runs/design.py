@@ -108,9 +108,13 @@ def _prepare(run: Run, block: int, probe: str) -> PreparedRun:
 
 
 def evaluation_range(
-    runs: RunSet, *, start: float | None, length: float | None, every: bool = True
+    runs: RunSet, *, start: float | None, length: float | None, method: str = ""
 ) -> tuple[float, float]:
-    """Return start and stop of the evaluation range, which every run covers, or some run does."""
+    """Return start and stop of the evaluation range.
+
+    Every run covers it; for the joint method, where it is stated, some run does at each place.
+    """
+    every = method != "joint" or start is None or length is None
     for name, value in (("start", start), ("length", length)):
         if value is not None and not np.isfinite(value):
             raise InvalidSamplesError(f"{name} must be a finite number in m, got {value}")

@@ -369,9 +369,7 @@ def _common_range(
     """Return start and length that both directions share: each alone would centre its own."""
     if len(runs.directions) == 1:
         return start, length
-    stated = start is not None and length is not None
-    every = method != "joint" or not stated
-    first, last = evaluation_range(runs, start=start, length=length, every=every)
+    first, last = evaluation_range(runs, start=start, length=length, method=method)
     if method == "kono" and start is None and length is None:
         low, high = runs.common_travel
         l_x = options.get("modelling_length") or high - low

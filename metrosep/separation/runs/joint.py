@@ -208,8 +208,7 @@ def separate_joint(
     n_feeds, n_probes = len(runs.feeds), len(set(names))
     way = " and ".join("forward" if d > 0 else "reverse" for d in runs.directions)
     options.check_runs(n_feeds, n_probes, fit_lag=lag == "fit", way=way)
-    stated = start is not None and length is not None
-    first, last = evaluation_range(runs, start=start, length=length, every=not stated)
+    first, last = evaluation_range(runs, start=start, length=length, method="joint")
     prepared = prepare_runs(runs, probes=names)
     if options.position_offsets:
         check_reference([r.run_id for r in prepared], options.position_reference, way)
