@@ -93,7 +93,7 @@ class Stack:
     # whether there are no readings: the error is stated, with u = 0 or with `u_known`
     is_stated: bool = False
     u_known: float | None = None  # m^2: u of <a c~> of a stated error, where it has one
-    u_slope: float | None = None  # rad: of one run of positioning
+    u_slope: float | None = None  # rad: common to all runs of positioning
 
     @property
     def n_runs(self) -> int:
@@ -223,16 +223,16 @@ def _improvement(stack: Stack, where: BoolArray) -> Improvement:
         strict = float(_quantile(_STATED_FREEDOM, _STRICT))
         return Improvement(value, 2.0 * (stack.u_known or 0.0), t, strict)
     scatter = (a - a.mean(axis=0)) * math.sqrt(n / (n - 1)) if n > 1 else _rest_of_one(stack)
-    mean_c, u_slope, beta = c.mean(axis=0), 0.0, 0.0
+    mean_c, u_slope, u_common = c.mean(axis=0), 0.0, 0.0
     if stack.has_slope:
-        # runs of one axis differ first of all by a slope (temperature): it is judged apart (14b)
+        # Runs of one axis differ first of all by a slope (temperature): it is judged apart (14b).
+        # A temperature or scale that is wrong is wrong in every run: no number of them shows it.
         line = stack.line
         slopes = (a * line).mean(axis=1)
-        beta = float(slopes.std(ddof=1)) / math.sqrt(n) if n > 1 else 0.0
-        if n == 1:
-            away = stack.x - stack.x.mean()
-            beta = math.sqrt(float((away**2).mean())) * (stack.u_slope or 0.0)
-        u_slope = 2.0 * abs(float((mean_c * line)[where].mean())) * beta
+        share = 2.0 * abs(float((mean_c * line)[where].mean()))
+        u_slope = share * float(slopes.std(ddof=1)) / math.sqrt(n) if n > 1 else 0.0
+        away = stack.x - stack.x.mean()
+        u_common = share * math.sqrt(float((away**2).mean())) * (stack.u_slope or 0.0)
         a, c, mean_c, scatter = (
             v - np.multiply.outer((v * line).mean(axis=-1), line) for v in (a, c, mean_c, scatter)
         )
@@ -252,9 +252,8 @@ def _improvement(stack: Stack, where: BoolArray) -> Improvement:
         u_slope *= math.sqrt(2.0)
         freedom = n - 1
     t = float(_quantile(freedom, _CONFIDENCE))
-    return Improvement(
-        value, u + _slope_quantile(n) / t * u_slope, t, float(_quantile(freedom, _STRICT))
-    )
+    u += (_slope_quantile(n) * u_slope + _NORMAL * u_common) / t
+    return Improvement(value, u, t, float(_quantile(freedom, _STRICT)))
 
 
 def _quantile(freedom: float, probability: float) -> float:

@@ -415,7 +415,7 @@ class CompensationTable(Corrections):
         unknown : {"offset", "offsets", "line"}, optional
             What the measurement cannot know, see `dry_run`.
         u_slope : float, rad, optional
-            Standard uncertainty of the slope, for one run of positioning.
+            Standard uncertainty of a slope that all runs of positioning share (temperature, scale).
         folds : sequence of (indices of runs, CompensationTable), optional
             Tables made without some of the runs, where the history does not say how to make them.
         travel : tuple of (float or None, float or None), m, optional

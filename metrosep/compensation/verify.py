@@ -112,7 +112,7 @@ def dry_run(
     kind : {"runs", "stated", "estimate"}, optional
         How to take `against`, where its type does not tell.
     u_slope : float, rad, optional
-        Standard uncertainty of the slope of one run of positioning.
+        Standard uncertainty of a slope that all runs of positioning share (temperature, scale).
     travel : tuple of (float or None, float or None), m, optional
         Where the axis is used. Runs that reach beyond the table are judged there too, with what the
         controller does outside, but not beyond the travel.

@@ -5,6 +5,7 @@ They were computed by other code, and again by an independent check; lengths in 
 
 import numpy as np
 import pytest
+from scipy.special import stdtrit
 
 from metrosep import Run, RunSet
 from metrosep.compensation import CompensationTable
@@ -214,3 +215,25 @@ def test_lost_motion_of_the_wrong_sign_is_refused_though_pitch_hides_it():
     assert found.rest == pytest.approx(0.437053, abs=1e-6)
     right = CompensationTable(x, -forward, -reverse, "X", "X", 0.0)
     assert right.verify(both).lost_motion.passed
+
+
+def test_a_temperature_that_is_wrong_in_every_run_is_in_the_margin():
+    """Section 0.3: five runs agree on a slope of 8 um/m that the scale, not the axis, has."""
+    rng = np.random.default_rng(8)
+    seen = 0.2e-6 * np.sin(2 * np.pi * X / 0.05) + 8e-6 * X
+    rows = [seen + rng.normal(0.0, 20e-9, K) for _ in range(5)]
+    table = correction(seen)
+
+    plain = table.verify(runs(rows), unknown="offset")
+    stated = table.verify(runs(rows), unknown="offset", u_slope=4e-6)
+
+    # u(D) grows by 2.33 * 2 |lambda| rms(x) u(slope) over t, whatever the number of runs
+    away = X - X.mean()
+    line = away / np.sqrt(np.mean(away**2))
+    c = np.asarray(table.correction(X))
+    more = 2.33 * 2.0 * abs(np.mean((c - c.mean()) * line)) * np.std(X) * 4e-6
+    t = stdtrit(5 + 3, 0.99)  # these readings did not make the table: nu = R + 3
+    assert plain.grade == "accepted"
+    assert stated.u_improvement - plain.u_improvement == pytest.approx(more / t, rel=0.03, abs=0.0)
+    assert stated.grade == "inconclusive"
+    assert table.verify(runs(rows), unknown="offset", u_slope=0.3e-6).grade == "accepted"
