@@ -181,8 +181,10 @@ def test_growth_with_the_feed_is_found_and_predicts_another_feed(contract_machin
     x = made.grid()
     away = fitted.evaluate_at(x * 1e-3, feed=0.2) * 1e6 - made.truth(x) * 1.2
     away -= np.polyval(np.polyfit(x, away, 1), x)
-    assert np.sqrt(np.mean(away**2)) < 12e-3
-    assert (fitted.sd_at(x * 1e-3, feed=0.2) > fitted.sd(x * 1e-3)).mean() > 0.9
+    sd = fitted.sd_at(x * 1e-3, feed=0.2) * 1e6
+    # an error of a few long waves: its RMS in one set is seldom twice that of the band
+    assert np.sqrt(np.mean(away**2)) < 2.0 * np.sqrt(np.mean(sd**2)) < 40e-3
+    assert (sd > fitted.sd(x * 1e-3) * 1e6).mean() > 0.9
 
 
 def test_a_wave_that_grows_with_the_feed(contract_machine, as_runset):
