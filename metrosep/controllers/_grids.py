@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import re
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Limits
@@ -18,7 +19,7 @@ from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.rounding import Rounded, round_increments
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import is_uniform, resample_uniform, resampling_error
-from metrosep.controllers.base import Dialect, sidecar_options
+from metrosep.controllers.base import Dialect, Simulator, sidecar_options, table_lookup
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, LimitError, TableError, UnitError
@@ -368,6 +369,35 @@ class Resampling(Dialect):
     def limits(self, **machine: Any) -> Limits:
         """Return the limits of the machine; the entries are counted by `encode`."""
         return super().limits(**{"max_points": None, **machine})
+
+
+def folded(lookup: Simulator, low: float, high: float) -> Simulator:
+    """Return a lookup that repeats after its range."""
+
+    def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
+        p = np.asarray(position, dtype=np.float64)
+        return lookup(low + np.mod(p - low, high - low), direction)
+
+    return along
+
+
+class Repeating(Dialect):
+    """A dialect whose tables may repeat after their range: `_read` returns table and whether it does."""
+
+    @abstractmethod
+    def _read(
+        self, data: bytes, path: Path, options: dict[str, Any]
+    ) -> tuple[CompensationTable, bool]: ...
+
+    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
+        """Return the table of a file, or the two of both directions as one."""
+        return self._read(data, path, options)[0]
+
+    def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
+        """Return what the control makes of the file: linear, end values hold, or it repeats."""
+        table, repeats = self._read(data, path, options)
+        simulator = table_lookup(table)
+        return folded(simulator, *table.span) if repeats else simulator
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from metrosep.compensation.area_errors import format_position, is_rotary
 from metrosep.controllers._facts import note, read_notes, settled
@@ -27,7 +26,6 @@ from metrosep.controllers._grammar import (
     short,
 )
 from metrosep.controllers._grids import format_amount, format_span
-from metrosep.controllers.base import Simulator
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
@@ -288,16 +286,6 @@ CEC = Variables(
     },
 )  # fmt: skip
 """Tables of one axis over another, by number."""
-
-
-def folded(lookup: Simulator, low: float, high: float) -> Simulator:
-    """Return a lookup that repeats after its range."""
-
-    def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
-        p = np.asarray(position, dtype=np.float64)
-        return lookup(low + np.mod(p - low, high - low), direction)
-
-    return along
 
 
 def units(*, turns: bool) -> float:

@@ -36,6 +36,7 @@ from metrosep.controllers._grammar import (
 from metrosep.controllers._grids import (
     DRY_RUN,
     Carried,
+    Repeating,
     Resampling,
     carry,
     map_at,
@@ -47,16 +48,13 @@ from metrosep.controllers._grids import (
     scaled_table,
     uniform_positions,
 )
-from metrosep.controllers._sinumerik_file import folded
 from metrosep.controllers.base import (
     DialectInfo,
     Encoded,
-    Simulator,
     identity,
     load_sidecar,
     map_identity,
     nearest_zero,
-    table_lookup,
 )
 from metrosep.controllers.options import INTERVAL, Option
 from metrosep.core._arrays import FloatArray
@@ -216,7 +214,7 @@ class _List(Resampling):
             )
 
 
-class IsgAxis(_List):
+class IsgAxis(Repeating, _List):
     """Writer and reader of `kw.ssfk`; see the module."""
 
     info = DialectInfo(
@@ -315,15 +313,6 @@ class IsgAxis(_List):
             carried=scaled_table(carried.table, _RAD),
             resampling_error=carried.error * _RAD,
         )
-
-    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        return self._read(data, path, options)[0]
-
-    def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
-        """Return what the controller adds; with modulo the table repeats after its turn."""
-        table, modulo = self._read(data, path, options)
-        simulator = table_lookup(table)
-        return folded(simulator, *table.span) if modulo else simulator
 
     def _read(
         self, data: bytes, path: Path, options: Mapping[str, Any]

@@ -13,7 +13,7 @@ from metrosep.core.errors import DataError
 __all__ = ["describe", "find", "names"]
 
 _DIALECT = re.compile(
-    r"^class (\w+)\(\w+\):(?:(?!^class ).)*?DialectInfo\(\s*id=\"([\w-]+)\"",
+    r"^class (\w+)\([\w, ]+\):(?:(?!^class ).)*?DialectInfo\(\s*id=\"([\w-]+)\"",
     re.MULTILINE | re.DOTALL,
 )
 """A class with its facts, as the text of a module states them."""

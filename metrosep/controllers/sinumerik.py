@@ -22,9 +22,11 @@ from metrosep.controllers._facts import agreed, settled
 from metrosep.controllers._grammar import short
 from metrosep.controllers._grids import (
     AlongOption,
+    Repeating,
     along_axis,
     even_map,
     even_table,
+    folded,
     format_amount,
     format_span,
     require_one_direction,
@@ -42,7 +44,6 @@ from metrosep.controllers._sinumerik_file import (
     checked_modulo,
     checked_name,
     factors,
-    folded,
     opened,
     pair,
     read_assignments,
@@ -55,7 +56,6 @@ from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
     Encoded,
-    Simulator,
     identity,
     load_sidecar,
     map_identity,
@@ -109,7 +109,7 @@ _ACTIVATION = (
 )
 
 
-class SinumerikCec(Dialect):
+class SinumerikCec(Repeating):
     """Writer and reader of a table for one axis over another, or over itself; see the module."""
 
     info = DialectInfo(
@@ -190,16 +190,6 @@ class SinumerikCec(Dialect):
             carried=carried,
             resampling_error=error,
         )
-
-    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the table of a file, or the two of both directions as one."""
-        return self._read(data, path, options)[0]
-
-    def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
-        """Return what the control makes of the file: linear, end values hold, or it repeats."""
-        table, modulo = self._read(data, path, options)
-        simulator = table_lookup(table)
-        return folded(simulator, *table.span) if modulo else simulator
 
     def _read(
         self, data: bytes, path: Path, options: Mapping[str, Any]
@@ -462,7 +452,7 @@ def _words(values: FloatArray, decimals: int) -> list[str]:
 # direction: the entry for an error e is +e, the opposite of most controllers.
 
 
-class SinumerikEnc(Dialect):
+class SinumerikEnc(Repeating):
     """Writer and reader of ``AX_EEC_INI``; see the module."""
 
     info = DialectInfo(
@@ -556,9 +546,6 @@ class SinumerikEnc(Dialect):
             resampling_error=error,
         )
 
-    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        return self._read(data, path, options)[0]
-
     def _read(
         self, data: bytes, path: Path, options: dict[str, Any]
     ) -> tuple[CompensationTable, bool]:
@@ -592,12 +579,6 @@ class SinumerikEnc(Dialect):
             **fields,
         )
         return table, grid.modulo
-
-    def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
-        """Return what the control makes of the file: linear, end values hold, or it repeats."""
-        table, modulo = self._read(data, path, options)
-        simulator = table_lookup(table)
-        return folded(simulator, *table.span) if modulo else simulator
 
 
 def _require_zero(table: CompensationTable, o: dict[str, Any]) -> None:
