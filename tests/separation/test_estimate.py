@@ -180,6 +180,10 @@ def test_a_part_that_one_feedrate_or_no_run_covers_is_named():
 
     alone = separate(RunSet([*runs[:3], *runs[4:]]), start=0.0, length=49.0e-3)
     assert any("one feedrate alone cannot tell" in m for m in alone.messages)
+    # A feedrate that is measured is never the same to the last digit: 60.0 and 60.3 mm/s are one.
+    twin = Run(runs[0].x, runs[0].z, t=runs[0].t * 60.0 / 60.3, feed=60.3e-3, run_id="7")
+    alone = separate(RunSet([*runs[:3], *runs[4:], twin]), start=0.0, length=49.0e-3, accept="7")
+    assert any("one feedrate alone cannot tell" in m for m in alone.messages)
 
     short = [
         Run(r.x[r.x < 20e-3], r.z[r.x < 20e-3], t=r.t[r.x < 20e-3], feed=r.feed) for r in runs

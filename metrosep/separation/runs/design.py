@@ -148,24 +148,13 @@ def evaluation_range(
             f"the evaluation range {format_length(first)} ... {format_length(last)} is not covered "
             f"{what} {format_length(low)} ... {format_length(high)}; shorten it or measure further"
         )
-    if not every and (hole := _hole(runs, first + margin, last - margin)):
+    thin = [] if every else thin_parts(runs, first + margin, last - margin)
+    if hole := next((part for part in thin if part[2] == 0), None):
         raise InvalidSamplesError(
             f"no run covers {format_length(hole[0])} ... {format_length(hole[1])} of the evaluation "
             f"range {format_length(first)} ... {format_length(last)}; shorten it or measure there"
         )
     return max(first, low), min(last, high)
-
-
-def _hole(runs: RunSet, first: float, last: float) -> tuple[float, float] | None:
-    """Return the first part of a range that no run covers."""
-    at = first
-    for low, high in sorted((float(r.x.min()), float(r.x.max())) for r in runs):
-        if at < low:
-            break
-        at = max(at, high)
-    else:
-        low = last
-    return (at, min(low, last)) if at < min(low, last) else None
 
 
 def thin_parts(runs: RunSet, first: float, last: float) -> list[tuple[float, float, int, int]]:
@@ -176,7 +165,7 @@ def thin_parts(runs: RunSet, first: float, last: float) -> list[tuple[float, flo
         if b <= first or a >= last:
             continue
         there = [r for r in runs if r.x.min() <= a and r.x.max() >= b]
-        feeds = len({r.feed for r in there})
+        feeds = len(RunSet(there).feeds) if there else 0
         if out and out[-1][2:] == (len(there), feeds):
             out[-1] = (out[-1][0], b, len(there), feeds)
         else:
