@@ -33,7 +33,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, MetrosepError
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
-from metrosep.core.runset import Run, RunSet
+from metrosep.core.runset import SAME_FEED, Run, RunSet
 from metrosep.core.units import format_length
 from metrosep.plot.left_out import lag_words, run_rows
 from metrosep.recipe.recipe import Recipe
@@ -279,7 +279,7 @@ def _slides(
 
     def at(feed: float, wavelength: float) -> dict[str, Any]:
         near = min(places, key=lambda f: abs(f - feed), default=None)
-        shown = near is not None and abs(near / feed - 1.0) < 0.02
+        shown = near is not None and abs(near / feed - 1.0) < SAME_FEED
         amplitude = at_wavelength(lines, places[near], wavelength) if shown and near else None
         return {"feed": feed, "wavelength": wavelength, "amplitude": amplitude}
 

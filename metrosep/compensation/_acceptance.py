@@ -116,8 +116,7 @@ class Stack:
     @property
     def line(self) -> FloatArray:
         """Position over its RMS, mean zero: <l^2> = 1."""
-        centred = self.x - self.x.mean()
-        return np.asarray(centred / math.sqrt(float((centred**2).mean())))
+        return np.asarray((self.x - self.x.mean()) / self.x.std())
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,8 +230,7 @@ def _improvement(stack: Stack, where: BoolArray) -> Improvement:
         slopes = (a * line).mean(axis=1)
         share = 2.0 * abs(float((mean_c * line)[where].mean()))
         u_slope = share * float(slopes.std(ddof=1)) / math.sqrt(n) if n > 1 else 0.0
-        away = stack.x - stack.x.mean()
-        u_common = share * math.sqrt(float((away**2).mean())) * (stack.u_slope or 0.0)
+        u_common = share * float(stack.x.std()) * (stack.u_slope or 0.0)
         a, c, mean_c, scatter = (
             v - np.multiply.outer((v * line).mean(axis=-1), line) for v in (a, c, mean_c, scatter)
         )
@@ -340,8 +338,7 @@ def _slope_chance(stack: Stack) -> float:
     """Return the slope (RMS over the travel, m) that chance explains."""
     n = stack.n_runs
     if n == 1:
-        away = stack.x - stack.x.mean()
-        return _NORMAL * math.sqrt(float((away**2).mean())) * float(stack.u_slope or 0.0)
+        return _NORMAL * float(stack.x.std()) * (stack.u_slope or 0.0)
     slopes = (stack.known * stack.line).mean(axis=1)
     factor = math.sqrt(2.0) if stack.is_left_out else 1.0
     return _MEDIAN * _slope_quantile(n) * float(slopes.std(ddof=1)) / math.sqrt(n) * factor

@@ -136,7 +136,7 @@ def test_the_mean_of_two_answers_holds_both():
         rng.multivariate_normal(*one, n),
         rng.multivariate_normal(*none, n),
     )
-    mean, covariance = averaged(one, none, p)
+    mean, covariance = averaged([p, 1.0 - p], [one[0], none[0]], [one[1], none[1]])
     four_sd = 4.0 * math.sqrt(float(np.trace(covariance)) / n)
     np.testing.assert_allclose(mean, draws.mean(axis=0), rtol=0.0, atol=four_sd)
     np.testing.assert_allclose(covariance, np.cov(draws.T), rtol=0.0, atol=5 * four_sd)

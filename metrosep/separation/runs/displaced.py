@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.runset import SAME_FEED
 from metrosep.core.units import format_length
 from metrosep.separation.runs.sensor import LAG_PRIOR
 
@@ -35,9 +36,6 @@ _TRIMMED, _TRIM_GROWS = 5, 1.5
 _SURE_LAG = 6.0
 """Standard uncertainties of a delay; of the few feedrates its u is known to a factor only, and a
 line near a wave of the error makes 4.4 of it in clean runs. The joint method has a better test."""
-
-_SAME_FEED = 0.02
-"""Feedrates that differ by less, relative, are one."""
 
 
 @dataclass(slots=True)
@@ -98,7 +96,7 @@ def find_displaced(
     own_u, shared_u = np.hypot(shift[:, 1], finest), shift[:, 2]
     u = np.hypot(own_u, shared_u)
     order = np.sort(np.abs(v))
-    edges = order[:-1][np.diff(order) > _SAME_FEED * order[1:]] * (1.0 + 0.5 * _SAME_FEED)
+    edges = order[:-1][np.diff(order) > SAME_FEED * order[1:]] * (1.0 + 0.5 * SAME_FEED)
     feed_of = np.searchsorted(edges, np.abs(v))
     n_feeds = int(feed_of.max()) + 1
     found = Displaced()

@@ -28,7 +28,7 @@ from metrosep.separation.runs.base import (
 from metrosep.separation.runs.design import evaluation_range, probe_names
 from metrosep.separation.runs.forensics import Named, RunChecks, check_runs
 from metrosep.separation.runs.fourier import separate_kono
-from metrosep.separation.runs.joint import separate_joint
+from metrosep.separation.runs.joint import DRIFT_SAID, GAIN_SAID, separate_joint
 from metrosep.separation.runs.mean import separate_mean
 from metrosep.separation.runs.options import RUN_OPTIONS, in_si, metres
 
@@ -289,14 +289,10 @@ def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> Er
     )
 
 
-_DRIFT, _OF_PROBES = "the residuals rise or fall in time", "the readings of probe"
-"""How the sentences about a drift and about the gain of a probe begin."""
-
-
 def _causes(messages: tuple[str, ...], *, sound: bool) -> list[str]:
     """Return the messages less those of a drift that another fault, named already, makes look so."""
-    other = not sound or any(_OF_PROBES in m for m in messages)
-    return [m for m in messages if not (other and _DRIFT in m)]
+    other = not sound or any(GAIN_SAID in m for m in messages)
+    return [m for m in messages if not (other and DRIFT_SAID in m)]
 
 
 def _with_scores(

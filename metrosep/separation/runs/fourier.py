@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError, NotSeparableError, UnitError
 from metrosep.core.quantity import Quantity
-from metrosep.core.runset import RunSet
+from metrosep.core.runset import SAME_FEED, RunSet
 from metrosep.core.units import format_length
 from metrosep.separation.covariance import CovarianceModes
 from metrosep.separation.runs.base import (
@@ -320,7 +320,7 @@ def _feed_index(spectra: FeedSpectra, feed: float | None) -> int:
     if feed is None:
         return int(feeds.size - 1) // 2
     index = int(np.argmin(np.abs(feeds - feed)))
-    if abs(feeds[index] / feed - 1.0) > 0.02:
+    if abs(feeds[index] / feed - 1.0) > SAME_FEED:
         have = ", ".join(f"{f * 6e4:.6g}" for f in feeds)
         raise DataError(
             f"no runs at feed {feed * 6e4:.6g} mm/min; the set has {have} mm/min (feed is in m/s here)"

@@ -75,7 +75,7 @@ from metrosep.separation.runs.term_curves import check_lines, feed_curves, repor
 from metrosep.spectral.density import pooled_periodogram
 from metrosep.spectral.dft import fourier_basis
 
-__all__ = ["benjamini_hochberg", "separate_joint"]
+__all__ = ["DRIFT_SAID", "GAIN_SAID", "benjamini_hochberg", "separate_joint"]
 
 _SAMPLES_PER_WAVE = 2.5
 """Shortest wavelength that is considered, in pitches of the coarsest run."""
@@ -834,6 +834,10 @@ _SURE = 4.5
 model says, since the noise model is itself an estimate."""
 
 
+DRIFT_SAID, GAIN_SAID = "the residuals rise or fall in time", "the readings of probe"
+"""How the sentences about a drift and about the gain of a probe begin: `separate` looks for them."""
+
+
 def hint_options(
     solution: Solution, prepared: Sequence[PreparedRun], options: JointOptions
 ) -> list[str]:
@@ -863,7 +867,7 @@ def _drift_hint(solution: Solution, prepared: Sequence[PreparedRun]) -> list[str
         return []
     slopes = np.array([_rise(r.t, z) for r, z in zip(prepared, solution.residuals, strict=True)])
     sentence = (
-        f"the residuals rise or fall in time, by up to {np.abs(slopes).max() / _NM:.3g} nm in a run, "
+        f"{DRIFT_SAID}, by up to {np.abs(slopes).max() / _NM:.3g} nm in a run, "
         f"{math.sqrt(ratio):.2g} times what their noise explains (p = {max(p, 1e-99):.0e}): the sensor "
         "or the temperature drifts and the uncertainty is too small; drift=1 takes it out"
     )
@@ -888,7 +892,7 @@ def _rise(t: FloatArray, z: FloatArray) -> float:
 
 def _gain_hint(solution: Solution) -> list[str]:
     return [
-        f"the readings of probe {d.probe!r} differ by {100 * d.gain:+.2g} % (u {100 * d.sd:.1g} %) "
+        f"{GAIN_SAID} {d.probe!r} differ by {100 * d.gain:+.2g} % (u {100 * d.sd:.1g} %) "
         f"from those of {d.first!r}; probe_gain='fit' gives each probe its own sensitivity"
         for d in solution.probe_differences
         if abs(d.gain) > _SURE * d.sd

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError, TooFewSamplesError
-from metrosep.core.runset import Run, RunSet
+from metrosep.core.runset import SAME_FEED, Run, RunSet
 from metrosep.core.units import format_length
 from metrosep.separation.runs.displaced import (
     SURE,
@@ -262,7 +262,7 @@ def _odd_shape(
     feeds = np.array([runs[i].feed or 0.0 for i in table.members])
     others = table.reference.copy()
     others[row] = False
-    alike = others & (np.abs(feeds - feeds[row]) <= 0.02 * feeds[row])
+    alike = others & (np.abs(feeds - feeds[row]) <= SAME_FEED * feeds[row])
     if not others.any() or (not accused and (alike.sum() < 2 or coarse)):
         return ""
     # A vibration at a wavelength of the error is in all runs of a feedrate.
@@ -389,7 +389,7 @@ def _gains_and_shifts(
                 [
                     rests[j]
                     for j in rows
-                    if abs(feeds[j] - feeds[i]) <= 0.02 * feeds[i]
+                    if abs(feeds[j] - feeds[i]) <= SAME_FEED * feeds[i]
                     and (j == i or (table.reference[j] and table.reference[i]))
                 ]
             )
@@ -555,7 +555,7 @@ def _others(feeds: FloatArray, reference: NDArray[np.bool_], index: int) -> NDAr
     """
     others = reference.copy()
     others[index] = False
-    apart = others & (np.abs(feeds - feeds[index]) > 0.02 * feeds[index])
+    apart = others & (np.abs(feeds - feeds[index]) > SAME_FEED * feeds[index])
     if int(apart.sum()) >= 2:
         return np.asarray(apart, dtype=np.bool_)
     return others if bool(others.any()) else reference
@@ -565,7 +565,7 @@ def _share_of_others(feeds: FloatArray, reference: NDArray[np.bool_], index: int
     """Return the share of those a run is compared with in the mean of them and the run's like."""
     if not reference[index]:
         return 1.0
-    own = reference & (np.abs(feeds - feeds[index]) <= 0.02 * feeds[index])
+    own = reference & (np.abs(feeds - feeds[index]) <= SAME_FEED * feeds[index])
     n = int(reference.sum())
     if n - int(own.sum()) >= 2:
         return 1.0 - int(own.sum()) / n
@@ -639,7 +639,7 @@ def _suspects(runs: RunSet, table: RunTable, gain: FloatArray) -> dict[int, tupl
             continue  # of two runs nothing says which is right: the second is named
         a, u = float(gain[i, 0]), float(gain[i, 1])
         others = np.delete(off, i)
-        mates = (np.abs(feeds - feeds[i]) <= 0.02 * feeds[i]) & table.reference
+        mates = (np.abs(feeds - feeds[i]) <= SAME_FEED * feeds[i]) & table.reference
         mates[i] = False
         enough = needed(max(u, scatter_of(gain[mates, 0] - 1.0)), others[~np.isnan(others)])
         if a < -enough:

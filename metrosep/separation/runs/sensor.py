@@ -8,6 +8,7 @@ threshold would be in the estimate and not in its band. Equation numbers: separa
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ __all__ = [
     "LAG_CHI2",
     "LAG_PRIOR",
     "LagScore",
+    "Split",
     "averaged",
     "better_split",
     "lag_score",
@@ -50,7 +52,7 @@ class LagScore:
 
     score: FloatArray  # shape (2,)
     information: FloatArray  # shape (2, 2)
-    change: FloatArray  # shape (N, 2): minus the change of the solution with each
+    change: FloatArray  # shape (N,): minus the change of the solution with the lag
 
     @property
     def lag(self) -> float:
@@ -87,7 +89,7 @@ def lag_score(model: Model) -> LagScore | None:
         return None
     # The split into delay and time constant may not be seen at all.
     information[1, 1] = max(information[1, 1], 1e-12 * own[1, 1])
-    return LagScore(score, information, root @ held)
+    return LagScore(score, information, root @ held[:, 0])
 
 
 def lag_steps(model: Model, *, sure: bool = False) -> None:
@@ -162,13 +164,14 @@ def chance_of_lag(lag: float, u: float, gain: float | None = None) -> float:
 
 
 def averaged(
-    one: tuple[FloatArray, FloatArray], none: tuple[FloatArray, FloatArray], p: float
+    weights: Sequence[float], means: Sequence[FloatArray], covariances: Sequence[FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return mean and covariance of two solutions weighted by p and 1 - p (eq. 22)."""
-    apart = one[0] - none[0]
-    mean = none[0] + p * apart
-    covariance = p * one[1] + (1.0 - p) * none[1] + p * (1.0 - p) * np.outer(apart, apart)
-    return mean, covariance
+    """Return mean and covariance of solutions of some chances, their sum 1 (eq. 22)."""
+    w = np.asarray(weights)
+    mean = w @ np.asarray(means)
+    apart = (means - mean) * np.sqrt(w)[:, None]
+    within = sum(p * c for p, c in zip(weights, covariances, strict=True))
+    return mean, np.asarray(within + apart.T @ apart)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,7 +205,7 @@ def splits(model: Model) -> list[Split]:
         plain = model.covariance(post)
         covariance, u = plain, math.inf
         if at is not None:
-            covariance = plain + np.outer(at.change[:, 0], at.change[:, 0]) / at.information[0, 0]
+            covariance = plain + np.outer(at.change, at.change) / at.information[0, 0]
             u = at.u
         more = model.spread_of_spectrum(post)
         weight = model.log_evidence(post) + (math.log(u) if at is not None else 0.0)

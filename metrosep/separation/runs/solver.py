@@ -289,23 +289,21 @@ def _answer(model: Model) -> _Answer:
 def _answer_with_lag(model: Model) -> tuple[_Answer, float, float]:
     """Return the mean over the splits of a lag, with what the lag leaves open; the lag and its u."""
     parts = sensor_room.splits(model)
-    weights = np.array([p.weight for p in parts])
-
-    def mixed(
-        means: FloatArray, covariances: Sequence[FloatArray]
-    ) -> tuple[FloatArray, FloatArray]:
-        mean = weights @ means
-        apart = (means - mean) * np.sqrt(weights)[:, None]
-        within = sum(w * c for w, c in zip(weights, covariances, strict=True))
-        return mean, np.asarray(within + apart.T @ apart)
-
-    means = np.array([p.mean for p in parts])
-    mean, covariance = mixed(means, [p.covariance for p in parts])
-    _, plain = mixed(means, [p.plain for p in parts])
+    weights = [p.weight for p in parts]
     lags = np.array([p.lag for p in parts])
-    lag = float(weights @ lags)
-    u = math.sqrt(float(weights @ (np.array([p.u for p in parts]) ** 2 + (lags - lag) ** 2)))
-    return _Answer(mean, covariance, plain), lag, u
+    lag = float(np.dot(weights, lags))
+    squares = np.array([p.u for p in parts]) ** 2 + (lags - lag) ** 2
+    u = math.sqrt(float(np.dot(weights, squares)))
+    return _mean_answer(weights, parts), lag, u
+
+
+def _mean_answer(
+    weights: Sequence[float], answers: Sequence[_Answer | sensor_room.Split]
+) -> _Answer:
+    means = [a.mean for a in answers]
+    mean, covariance = sensor_room.averaged(weights, means, [a.covariance for a in answers])
+    _, plain = sensor_room.averaged(weights, means, [a.plain for a in answers])
+    return _Answer(mean, covariance, plain)
 
 
 _UNKNOWN_LAG = 2e-3
@@ -355,11 +353,7 @@ def _with_and_without_lag(
     if p < 0.5:  # residuals and noise are shown for the likelier of the two
         model.back_to(without)
         model.solve()
-    mean, covariance = sensor_room.averaged(
-        (one.mean, one.covariance), (none.mean, none.covariance), p
-    )
-    _, plain = sensor_room.averaged((one.mean, one.plain), (none.mean, none.plain), p)
-    return _Answer(mean, covariance, plain), test
+    return _mean_answer([p, 1.0 - p], [one, none]), test
 
 
 def make_solution(

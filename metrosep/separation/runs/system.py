@@ -15,6 +15,7 @@ import numpy as np
 
 from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import DegenerateFitError
+from metrosep.core.runset import SAME_FEED
 from metrosep.separation.runs._unknowns import Unknown
 from metrosep.separation.runs.design import PreparedRun
 from metrosep.separation.runs.geometry import LINE_SD, Extension, Sensor, filtered
@@ -370,10 +371,10 @@ def _bridged(draws: FloatArray, gaps: BoolArray) -> FloatArray:
 
 
 def feed_number(speed: float, speeds: Sequence[float]) -> int:
-    """Return the number of a feedrate; speeds within 2 % of the one below are one feedrate."""
+    """Return the number of a feedrate; those as near to the one below as `SAME_FEED` are one."""
     number, last = 0, speeds[0]
     for value in speeds:
-        if value > last * 1.02:
+        if value > last * (1.0 + SAME_FEED):
             number += 1
         last = value
         if value >= speed:

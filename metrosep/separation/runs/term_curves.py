@@ -10,7 +10,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import UnitError
-from metrosep.core.runset import RunSet
+from metrosep.core.runset import SAME_FEED, RunSet
 from metrosep.separation.runs._unknowns import Gain
 from metrosep.separation.runs.base import LINE_POINTS, FeedTerm, SampledCurve
 from metrosep.separation.runs.design import PreparedRun
@@ -249,7 +249,7 @@ def _lack_of_fit(speed: FloatArray, rest: FloatArray, n_parameters: int) -> dict
     order = np.argsort(speed)
     groups: list[list[int]] = []
     for i in order:
-        if groups and speed[i] <= speed[groups[-1][0]] * 1.02:
+        if groups and speed[i] <= speed[groups[-1][0]] * (1.0 + SAME_FEED):
             groups[-1].append(int(i))
         else:
             groups.append([int(i)])
