@@ -66,18 +66,20 @@ def left_out_plot(source: Any, *, direction: str | None = None) -> Figure:
     >>> len(figure.axes)
     9
     """
-    terms, table = _parts(source)
-    wanted = direction or ("forward" if "forward" in terms else "reverse")
-    left = (terms if "leave_one_out" in terms else terms.get(wanted) or {}).get("leave_one_out")
-    if not left:
+    found = run_rows(source)
+    rows = [r for r in found if r["strip_nm"] is not None]
+    if len({r["direction"] for r in found}) > 1:
+        predicted = {r["direction"] for r in rows}
+        wanted = direction or ("forward" if "forward" in predicted else "reverse")
+        rows = [r for r in rows if r["direction"] == wanted]
+    if not rows:
         raise DataError(
             "no run was predicted from the others: that needs method='joint', three runs of a "
             "direction, and a result of this version; run the separation again"
         )
-    rows = [_row(table, str(name), wanted, i) for i, name in enumerate(left["run"])]
-    names = short_names([str(name) for name in left["run"]])
-    strips = [values(rest) for rest in left["rest_nm"]]
-    x = values(left["x_mm"])
+    names = short_names([r["run"] for r in rows])
+    strips = [values(r["strip_nm"]) for r in rows]
+    x = values(rows[0]["x_mm"])
     scale, unit = length_scale(*strips)
     limit = 1.1 * max(
         (float(np.nanmax(np.abs(s))) for s in strips if np.isfinite(s).any()), default=1.0
@@ -87,7 +89,7 @@ def left_out_plot(source: Any, *, direction: str | None = None) -> Figure:
         panels = np.atleast_1d(figure.subplots(len(strips), 1, sharex=True, sharey=True))
         tick = _half_of(limit * scale)
         for axes, strip, row, name in zip(panels, strips, rows, names, strict=True):
-            odd = bool(row.get("finding"))
+            odd = bool(row["finding"])
             colour = COLOURS["after" if odd else "estimate"]
             axes.axhline(0.0, color=COLOURS["line"], linewidth=0.6)
             axes.plot(x, strip * scale, color=colour, linewidth=1.6 if odd else 1.0)
@@ -124,26 +126,13 @@ def _parts(source: Any) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     )
 
 
-def _row(table: Mapping[str, Any], name: str, way: str, place: int) -> dict[str, Any]:
-    """Return the row of a run in the table of run checks; the one at its place among equal names."""
-    sign = {"forward": 1, "reverse": -1}[way] if way in ("forward", "reverse") else 0
-    ways = table.get("direction") or []
-    used = table.get("used") or [True] * len(ways)
-    own = [i for i, d in enumerate(ways) if used[i] and d in (sign, way)]
-    if not own:  # one direction only: all that were used
-        own = [i for i, u in enumerate(used) if u]
-    named = [i for i in own if str(table["run"][i]) == name]
-    at = place if len(named) != 1 else own.index(named[0])
-    return {k: v[own[at]] for k, v in table.items()} if at < len(own) else {}
-
-
 def _caption(name: str, row: Mapping[str, Any]) -> str:
     parts = [f"run {name}"]
-    if row.get("feed_mm_min") is not None:
+    if row["feed_mm_min"] is not None:
         parts.append(f"{row['feed_mm_min']:.6g} mm/min")
-    if row.get("misfit") is not None:
+    if row["misfit"] is not None:
         parts.append(f"misfit {row['misfit']:.2f}")
-    said = str(row.get("finding") or "")
+    said = row["finding"]
     if len(said) > _LONGEST_FINDING:
         said = said[: _LONGEST_FINDING - 1].rstrip() + "…"
     return ", ".join(parts) + (f" {_MARK}{said}" if said else "")
