@@ -262,7 +262,7 @@ def _odd_shape(
     feeds = np.array([runs[i].feed or 0.0 for i in table.members])
     others = table.reference.copy()
     others[row] = False
-    alike = others & (np.abs(feeds - feeds[row]) <= SAME_FEED * feeds[row])
+    alike = others & _same_feed(feeds, row)
     if not others.any() or (not accused and (alike.sum() < 2 or coarse)):
         return ""
     # A vibration at a wavelength of the error is in all runs of a feedrate.
@@ -389,7 +389,7 @@ def _gains_and_shifts(
                 [
                     rests[j]
                     for j in rows
-                    if abs(feeds[j] - feeds[i]) <= SAME_FEED * feeds[i]
+                    if _same_feed(feeds, i)[j]
                     and (j == i or (table.reference[j] and table.reference[i]))
                 ]
             )
@@ -547,6 +547,11 @@ def _repeated_power(rows: FloatArray) -> float:
     return float(_repeating(rows) @ np.median(waves, axis=0) ** 2)
 
 
+def _same_feed(feeds: FloatArray, index: int) -> NDArray[np.bool_]:
+    """Return which runs have the feedrate of one, itself among them."""
+    return np.asarray(np.abs(feeds - feeds[index]) <= SAME_FEED * feeds[index])
+
+
 def _others(feeds: FloatArray, reference: NDArray[np.bool_], index: int) -> NDArray[np.bool_]:
     """Return the runs that one is compared with: of other feedrates where there are two.
 
@@ -555,7 +560,7 @@ def _others(feeds: FloatArray, reference: NDArray[np.bool_], index: int) -> NDAr
     """
     others = reference.copy()
     others[index] = False
-    apart = others & (np.abs(feeds - feeds[index]) > SAME_FEED * feeds[index])
+    apart = others & ~_same_feed(feeds, index)
     if int(apart.sum()) >= 2:
         return np.asarray(apart, dtype=np.bool_)
     return others if bool(others.any()) else reference
@@ -565,7 +570,7 @@ def _share_of_others(feeds: FloatArray, reference: NDArray[np.bool_], index: int
     """Return the share of those a run is compared with in the mean of them and the run's like."""
     if not reference[index]:
         return 1.0
-    own = reference & (np.abs(feeds - feeds[index]) <= SAME_FEED * feeds[index])
+    own = reference & _same_feed(feeds, index)
     n = int(reference.sum())
     if n - int(own.sum()) >= 2:
         return 1.0 - int(own.sum()) / n
@@ -634,20 +639,20 @@ def _suspects(runs: RunSet, table: RunTable, gain: FloatArray) -> dict[int, tupl
     off = np.where(table.reference, (gain[:, 0] - 1.0) / gain[:, 1], np.nan)
     bad: dict[int, tuple[str, bool]] = {}
     pair = np.flatnonzero(table.compared) if table.compared.sum() == 2 else None
-    for i in np.flatnonzero(table.compared & np.isfinite(gain).all(axis=1)):
+    for i in np.flatnonzero(table.compared & np.isfinite(gain).all(axis=1)).tolist():
         if pair is not None and i == pair[0]:
             continue  # of two runs nothing says which is right: the second is named
         a, u = float(gain[i, 0]), float(gain[i, 1])
         others = np.delete(off, i)
-        mates = (np.abs(feeds - feeds[i]) <= SAME_FEED * feeds[i]) & table.reference
+        mates = _same_feed(feeds, i) & table.reference
         mates[i] = False
         enough = needed(max(u, scatter_of(gain[mates, 0] - 1.0)), others[~np.isnan(others)])
         if a < -enough:
             what = f"has the opposite sign: gain {a:.2f} (u {u:.2g}) against "
-            bad[int(i)] = what, pair is not None
+            bad[i] = what, pair is not None
         elif abs(a - 1.0) > max(_GAIN, enough) and pair is None:
             what = f"has the gain {a:.2f} (u {u:.2g}) against "
-            bad[int(i)] = what, not 1.0 / _GAIN_REFUSED <= a <= _GAIN_REFUSED
+            bad[i] = what, not 1.0 / _GAIN_REFUSED <= a <= _GAIN_REFUSED
     return bad
 
 
