@@ -82,6 +82,7 @@ def run(
         context.obj["words"] = functools.partial(recipe_words, loaded)
     result = loaded.run(list(inputs) or None, out=out, progress=progress(context), overwrite=force)
     if loaded.is_method:
+        _print_tables(result, None, warnings_only=as_json)
         print_named(loaded, result, as_json=as_json)
     else:
         _print_result(result, as_json=as_json)
@@ -147,7 +148,9 @@ def separate(
     from metrosep.cli.shortcut import option_error, recipe_text
     from metrosep.core.errors import RecipeError
     from metrosep.core.methods import METHODS
+    from metrosep.core.options import options_of
     from metrosep.recipe.recipe import Recipe
+    from metrosep.separation.positions.expansion import Expansion
 
     if flexure:
         _as_flexure(context, options)
@@ -170,8 +173,8 @@ def separate(
     if table_ is not None and not path:
         raise click.UsageError("--table is written NAME=FILE, such as linuxcnc=x.comp")
     for name in (
-        "compensates", "reference", "table_direction", "cross_axis", "machine", "waive",
-        "sign_confirmed",
+        "compensates", "reference", "reference_direction", *options_of(Expansion),
+        "table_direction", "cross_axis", "machine", "waive", "sign_confirmed",
     ):  # fmt: skip
         if table_ is None and options.get(name):
             raise click.UsageError(f"--{name.replace('_', '-')} shapes a table: add --table")

@@ -11,6 +11,8 @@ import click
 from metrosep.core.text_options import TEXT_OPTIONS
 
 __all__ = [
+    "USUAL_SPACING",
+    "expansion_options",
     "file_options",
     "force_option",
     "json_option",
@@ -22,6 +24,9 @@ __all__ = [
     "say",
     "table_options",
 ]
+
+USUAL_SPACING = "1 mm"
+"""Between the entries of a table over runs or a map."""
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -165,6 +170,26 @@ def optional_read_options(command: F) -> F:
     return command
 
 
+def expansion_options() -> list[Callable[[F], F]]:
+    """Return the options of temperature and expansion, as `Expansion` declares them."""
+    from metrosep.core.options import KINDS, options_of
+    from metrosep.separation.positions.expansion import Expansion
+
+    made: list[Any] = []
+    for name, declared in options_of(Expansion).items():
+        words = f"{declared.help[0].upper()}{declared.help[1:]}."
+        if name == "expansion":
+            words = f"Coefficient of expansion {declared.help}."
+        elif name == "temperature":
+            words = f"Temperature {declared.help}."
+        flag = declared.kind == "flag"
+        more: dict[str, Any] = (
+            {"is_flag": True} if flag else {"metavar": f'"{KINDS[declared.kind].example}"'}
+        )
+        made.append(click.option(f"--{name.replace('_', '-')}", help=words, **more))
+    return made
+
+
 def table_options(command: F) -> F:
     """Add the options that shape a compensation table."""
     for option in reversed(
@@ -177,7 +202,8 @@ def table_options(command: F) -> F:
                 "(straightness).",
             ),
             click.option(
-                "--spacing", default="1 mm", show_default=True, help="Between the entries."
+                "--spacing",
+                help=f"Between the entries: {USUAL_SPACING} if left out; of a list its targets.",
             ),
             click.option(
                 "--cross-axis",
@@ -186,10 +212,23 @@ def table_options(command: F) -> F:
             ),
             click.option("--reference", metavar="LENGTH", help="Position of zero correction."),
             click.option(
+                "--reference-direction",
+                type=click.Choice(["forward", "reverse", "middle"]),
+                help="Direction in which the reference is reached; forward if left out.",
+            ),
+            *expansion_options(),
+            click.option(
                 "--table-direction",
                 type=click.Choice(["auto", "both", "split", "forward", "reverse"]),
                 help="Of the runs: both in one column (both), a column for each (split), or those of "
                 "one; auto splits where the error differs.",
+            ),
+            click.option(
+                "--active",
+                "--add-to",
+                metavar="FILE|none",
+                help="Table that was active during the measurement: the new file holds both. none: no "
+                "table was.",
             ),
             click.option(
                 "--machine",

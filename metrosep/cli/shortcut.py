@@ -21,8 +21,10 @@ _INPUT = ("x", "z", "feed", "run", "direction", "time", "sampling_rate", "scale"
 
 def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, report: bool) -> str:
     """Return the recipe of a call as TOML."""
-    from metrosep.cli.options import name_values
+    from metrosep.cli.options import USUAL_SPACING, name_values
+    from metrosep.core.options import options_of
     from metrosep.recipe.steps import STEPS
+    from metrosep.separation.positions.expansion import Expansion
 
     lines = ["metrosep = 1", "", "[input]"]
     lines += input_lines(options, _INPUT)
@@ -45,11 +47,16 @@ def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, repor
     if table is not None:
         lines += ["", "[[output]]", 'kind = "table"', f"controller = {quoted(table[0])}"]
         options = {**options, "axis": options.get("axis") or "X"}
-        lines += [
-            f"{k} = {quoted(options[k])}"
-            for k in ("axis", "compensates", "spacing", "reference")
-            if options.get(k) is not None
-        ]
+        options["spacing"] = options.get("spacing") or USUAL_SPACING
+        keys = (
+            "axis", "compensates", "spacing", "reference", "reference_direction",
+            "active",
+            *options_of(Expansion),
+        )  # fmt: skip
+        shape: dict[str, Any] = {
+            k: options[k] for k in keys if options.get(k) not in (None, False)
+        }
+        lines += [f"{k} = {'true' if v is True else quoted(v)}" for k, v in shape.items()]
         if options.get("table_direction") is not None:
             lines.append(f"direction = {quoted(options['table_direction'])}")
         lines.append(f"path = {quoted(table[1])}")

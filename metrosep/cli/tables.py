@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from metrosep.cli.options import (
+    USUAL_SPACING,
     file_options,
     force_option,
     json_option,
@@ -20,6 +21,13 @@ from metrosep.cli.options import (
     read_aloud,
     say,
     table_options,
+)
+from metrosep.cli.positioning import (
+    is_list,
+    list_options,
+    listed_cycles,
+    listed_document,
+    refuse_list_options,
 )
 
 if TYPE_CHECKING:
@@ -37,9 +45,10 @@ __all__ = [
 
 
 @click.command()
-@click.argument("result", metavar="RESULT")
+@click.argument("result", metavar="SOURCE")
 @click.option("--format", "format_", default="linuxcnc", show_default=True, help="Controller.")
 @click.option("-o", "--out", required=True, metavar="FILE", help="Table to write.")
+@list_options()
 @table_options
 @click.option("--over", metavar="AXIS,AXIS", help='Axes of a map, "X,Y".')
 @click.option("--poly", metavar="DEGREE", help="Degree of a polynomial: 2, or auto.")
@@ -56,11 +65,12 @@ def table(
     as_json: bool,
     **options: Any,
 ) -> int:
-    """Write a controller's file from RESULT, after a dry-run of its very bytes.
+    """Write a controller's file from SOURCE, after a dry-run of its very bytes.
 
-    RESULT is a result.json of 'separate' or 'run' (or its folder) for tables over one axis and
-    polynomials, or the measured map of an error for controllers that hold maps. 'metrosep
-    controllers NAME' tells what a controller needs (--machine NAME=VALUE).
+    SOURCE is a result.json of 'separate' or 'run' (or its folder) for tables over one axis and
+    polynomials; a list of a positioning test (laser, ISO 230-2) for the pitch error of an axis; or the
+    measured map of an error for controllers that hold maps. 'metrosep controllers NAME' tells what a
+    controller needs (--machine NAME=VALUE).
 
     Exit code 1: it makes the error larger, removes less than 30 % of it, exceeds a limit, or its sign
     is not confirmed. 3: the readings do not show whether it helps. Nothing is written then.
@@ -76,8 +86,13 @@ def table(
             "leave --poly out, or write --format plc-st"
         )
     if info.carries == "map":
+        refuse_list_options(options)
         made, against, folds = _map_of(result, options, reading), None, None
+    elif is_list(result, options):
+        document = listed_document(result, options, reading)
+        made, against, folds = _carried_of(document, info.id, options)
     else:
+        refuse_list_options(options)
         made, against, folds = _carried_of(load_document(result), info.id, options)
     if options["trial"] is not None:
         made, against, folds = _trial(made, options["trial"]), None, None
@@ -95,12 +110,20 @@ def _carried_of(
 ) -> tuple[Any, RunSet, Any]:
     """Return the table or polynomial of a result, the runs to dry-run it against, and its folds."""
     from metrosep.recipe.outputs import carried_of
+    from metrosep.recipe.result import is_positioning
 
-    return carried_of(document, {**_shape(options, controller), **_axes_of(document, options)})
+    shape = {**_shape(options, controller), **_axes_of(document, options)}
+    if not is_positioning(document):
+        shape.setdefault("spacing", USUAL_SPACING)
+    return carried_of(document, shape)
 
 
 def _axes_of(document: dict[str, Any], options: dict[str, Any]) -> dict[str, str]:
     """Return the axes of a result's own tables, where the user states none; refuse others."""
+    from metrosep.recipe.result import is_positioning
+
+    if is_positioning(document):
+        return _own_axis(options)
     tables = [t for t in (document.get("table"), *document.get("more_tables", ())) if t]
     known = [(str(t["axis"]), str(t["compensates"])) for t in tables if "axis" in t]
     if not known:
@@ -124,13 +147,30 @@ def _axes_of(document: dict[str, Any], options: dict[str, Any]) -> dict[str, str
     return {"axis": fits[0][0], "compensates": fits[0][1]}
 
 
+def _own_axis(options: dict[str, Any]) -> dict[str, str]:
+    """Return the axis of a positioning test, which is looked up and corrected."""
+    axis = options.get("axis") or options.get("compensates")
+    if axis is None:
+        raise click.UsageError(
+            "the list does not say which axis was measured: give --axis X; the table corrects that "
+            "axis along itself"
+        )
+    if options.get("compensates") not in (None, axis):
+        raise click.UsageError(
+            f"a positioning test is the error of {axis} along itself: --compensates {options['compensates']} "
+            "would write it onto another axis; leave it out"
+        )
+    return {"axis": axis, "compensates": axis}
+
+
 def _shape(options: dict[str, Any], controller: str) -> dict[str, Any]:
     """Return the options of a table as an output of a recipe has them."""
+    from metrosep.core.options import options_of
     from metrosep.core.units import parse_quantity
+    from metrosep.separation.positions.expansion import Expansion
 
-    shape = {
-        k: options[k] for k in ("spacing", "axis", "compensates") if options.get(k) is not None
-    }
+    stated = ("spacing", "axis", "compensates", "reference_direction", *options_of(Expansion))
+    shape = {k: options[k] for k in stated if options.get(k) is not None}
     shape.setdefault("axis", "X")
     if options.get("table_direction") is not None:
         shape["direction"] = options["table_direction"]
@@ -170,8 +210,8 @@ def _map_of(file: str, options: dict[str, Any], reading: dict[str, Any]) -> Any:
         reference = (parts[0], parts[1])
     return CompensationMap.from_error(
         error,
-        x=options["spacing"],
-        y=options["spacing"],
+        x=options["spacing"] or USUAL_SPACING,
+        y=options["spacing"] or USUAL_SPACING,
         axes=(axes[0], axes[1]),
         compensates=options.get("compensates") or "Z",
         reference=reference,
@@ -206,6 +246,7 @@ def write_arguments(options: dict[str, Any]) -> dict[str, Any]:
         machine["cross_axis"] = options["cross_axis"]
     return {
         **machine,
+        "active": options.get("active"),
         "waive": tuple(options.get("waive") or ()),
         "sign_confirmed": bool(options.get("sign_confirmed")),
     }
@@ -266,6 +307,8 @@ def write_table(
     help="What the runs cannot know: a constant (square or beam known), one for each direction (the "
     "sensor was set to zero between them), or constant and line (alignment).",
 )
+@click.option("--active", metavar="FILE", help="Table that was active while the runs were taken.")
+@list_options(with_direction=False)
 @optional_read_options
 @json_option
 def verify(
@@ -274,6 +317,7 @@ def verify(
     unknown: Any,
     format_: str | None,
     machine: tuple[str, ...],
+    active: str | None,
     as_json: bool,
     **options: Any,
 ) -> int:
@@ -287,6 +331,7 @@ def verify(
     """
     from metrosep import controllers
     from metrosep.cli.errors import exit_code_of
+    from metrosep.controllers.active import active_file
     from metrosep.controllers.base import load_sidecar
     from metrosep.controllers.files import dry_run_carried
     from metrosep.core.errors import TableError
@@ -310,13 +355,10 @@ def verify(
         given = {k: options[k] for k in ("unit", "lateral_step") if options.get(k)}
         measured: Any = _read_map(files[0], given)
     else:
-        for column in ("x", "z"):
-            if options.get(column) is None:
-                raise click.UsageError(
-                    f"--{column} names the column of the runs, such as --{column} {column}_mm"
-                )
-        measured = read_runs_of(files, options)
+        measured = _against(files, options)
         loaded, known_travel = _as_made(loaded, sidecar)
+        if active is not None:
+            lookup = active_file(active, loaded, name, known).increment(lookup)
         pairs = zip(stated, known_travel, strict=True)
         more = {"unknown": unknown, "travel": tuple(b if a is None else a for a, b in pairs)}
     result = dry_run_carried(loaded, lookup, measured, **more)
@@ -337,10 +379,28 @@ def verify(
     return 0
 
 
+def _against(files: tuple[str, ...], options: dict[str, Any]) -> RunSet:
+    """Return the readings to judge a table with: a list of targets, or runs."""
+    if is_list(files[0], options):
+        from metrosep.core.text_options import TEXT_OPTIONS
+
+        layout = {k: options[k] for k in TEXT_OPTIONS if options.get(k) is not None}
+        return listed_cycles(files, options, layout)
+    refuse_list_options({**options, "direction": None})
+    for column in ("x", "z"):
+        if options.get(column) is None:
+            raise click.UsageError(
+                f"--{column} names the column of the runs, such as --{column} {column}_mm (of a list "
+                "of targets: --target, --direction, --readings)"
+            )
+    return read_runs_of(files, options)
+
+
 def _as_made(loaded: Any, sidecar: dict[str, Any]) -> tuple[Any, tuple[Any, Any]]:
     """Return a table as its sidecar says that it was made, and the travel that was stated."""
     from metrosep.compensation.table import CompensationTable
     from metrosep.core.provenance import Step
+    from metrosep.separation.positions.expansion import Expansion
 
     told, limits = sidecar.get("table"), sidecar.get("limits") or {}
     travel = (limits.get("travel_low"), limits.get("travel_high"))
@@ -358,6 +418,9 @@ def _as_made(loaded: Any, sidecar: dict[str, Any]) -> tuple[Any, tuple[Any, Any]
         compensates=told["compensates"],
         reference=told["reference_m"],
         removed=told["not_in_table"],
+        reference_direction=told.get("reference_direction", "forward"),
+        heat=Expansion.of_options(told.get("heat") or {}) or Expansion(),
+        notes=tuple(told.get("notes", ())),
         made_over=None if over is None else tuple(over),
         source_sha256=tuple(told["source_sha256"]),
         history=history,

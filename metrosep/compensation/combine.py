@@ -59,7 +59,8 @@ def combine_tables(old: Table, new: Table) -> Table:
     old : CompensationTable or CompensationMap
         What was active in the controller during the measurement behind `new`.
     new : CompensationTable or CompensationMap
-        What that measurement gave, of the same kind, axes, reference and directions.
+        What that measurement gave, of the same kind, axes and reference. Where one has a column for each direction and the
+        other has not, that one acts alike in both.
 
     Returns
     -------
@@ -74,7 +75,7 @@ def combine_tables(old: Table, new: Table) -> Table:
     DataError
         If one is a table and the other a map, or either is something else.
     TableError
-        If axes, reference or directions differ, or nothing of the two overlaps.
+        If axes or reference differ, or nothing of the two overlaps.
 
     Notes
     -----
@@ -117,11 +118,7 @@ def _tables(old: CompensationTable, new: CompensationTable) -> CompensationTable
     _refuse_other_reference((old.axis,), (old.reference,), (new.reference,), _reach(old.positions))
     _refuse_apart(old.axis, old.span, new.span)
     if (old.reverse is None) != (new.reverse is None):
-        one, other = ("old", "new") if new.reverse is None else ("new", "old")
-        raise TableError(
-            f"the {one} table has a column of its own for the reverse direction, the {other} one has "
-            "not: measure both in both directions (direction='split'), or make both with one column"
-        )
+        old, new = _split(old), _split(new)
     positions = _union(old.positions, new.positions)
     at = 1.0 if old.is_on_axis else 0.0
 
@@ -147,6 +144,14 @@ def _tables(old: CompensationTable, new: CompensationTable) -> CompensationTable
         source=_source(old, new),
         **_common(old, new),
     )
+
+
+def _split(table: CompensationTable) -> CompensationTable:
+    """Return a table with a column for each direction, alike where it had one."""
+    if table.reverse is not None:
+        return table
+    same = {d: table.covariances[1] for d in (1, -1) if 1 in table.covariances}
+    return replace(table, reverse=table.forward, covariances=same)
 
 
 def _u_of_tables(

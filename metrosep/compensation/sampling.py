@@ -32,6 +32,8 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.profile import Profile
 from metrosep.core.units import parse_quantity
+from metrosep.separation.positions.expansion import Expansion
+from metrosep.separation.positions.pitch import PitchErrors
 from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = [
@@ -48,7 +50,7 @@ __all__ = [
 ]
 
 ErrorFunction = Callable[[FloatArray], FloatArray]
-ErrorSource = ErrorEstimate | Profile | ErrorFunction
+ErrorSource = ErrorEstimate | PitchErrors | Profile | ErrorFunction
 Direction = Literal["auto", "both", "split", "forward", "reverse"]
 
 _DENSE = 20
@@ -85,13 +87,18 @@ def sample_error(
     reverse: ErrorSource | None,
     *,
     direction: str,
-    positions: ArrayLike | str | int,
+    positions: ArrayLike | str | int | None,
     reference: float | None,
     axis: str = "X",
     on_axis: bool = False,
+    reference_direction: str = "forward",
+    heat: Expansion | None = None,
 ) -> SampledError:
     """Return an error as functions of position with its zero, checked for coverage."""
     forward, backward = _functions(error, reverse, direction, on_axis=on_axis)
+    if heat is not None:
+        forward = _cooled(forward, heat.slope)
+        backward = None if backward is None else _cooled(backward, heat.slope)
     p = _positions(positions, error, axis)
     for source in (error, reverse):
         if source is not None:
@@ -99,7 +106,9 @@ def sample_error(
     if p.size == 0:
         raise TableError("a table needs at least 2 positions, got 0")
     zero = _zero(p, reference, axis)
-    offset = float(forward(np.array([zero]))[0])
+    back_at = forward if backward is None else backward
+    at = {"forward": (forward,), "reverse": (back_at,), "middle": (forward, back_at)}
+    offset = float(np.mean([e(np.array([zero]))[0] for e in at[reference_direction]]))
     ahead = _held(_minus(forward, offset), p, _known(error))
     back = None
     if backward is not None:
@@ -110,9 +119,9 @@ def sample_error(
         reverse=back,
         reference=zero,
         offset=offset,
-        u=_uncertainty(error, reverse, direction, p, zero, on_axis=on_axis),
+        u=_uncertainty(error, reverse, direction, p, zero, on_axis=on_axis, heat=heat),
         interpolation_error=_interpolation_error([ahead, back], p),
-        covariances=_covariances(error, reverse, direction, p, zero, on_axis=on_axis),
+        covariances=_covariances(error, reverse, direction, p, zero, on_axis=on_axis, heat=heat),
     )
 
 
@@ -150,6 +159,8 @@ def _functions(
             raise DataError(f"direction={direction!r} contradicts reverse=; leave one of them out")
         return function(error, 1), function(reverse, -1)
     has_both = _is_split(error, "split")
+    if isinstance(error, PitchErrors):
+        return _columns(error, direction)
     if direction == "split" and not has_both:
         raise DataError(
             "direction='split' needs runs in both directions (or reverse=); this error has one "
@@ -165,8 +176,19 @@ def _functions(
     return function(error, sign), None
 
 
+def _columns(error: PitchErrors, direction: str) -> tuple[ErrorFunction, ErrorFunction | None]:
+    """Return the errors of a list of targets: two columns where the lost motion is significant."""
+    both = error.forward is not None and error.reverse is not None
+    if direction == "split" or (direction == "auto" and both and error.has_lost_motion):
+        return error.curve(1), error.curve(-1)
+    only = 0 if both else 1 if error.forward is not None else -1
+    return error.curve({"forward": 1, "reverse": -1}.get(direction, only)), None
+
+
 def significant_lost_motion(error: ErrorSource) -> float:
     """Return the lost motion that goes into a split table."""
+    if isinstance(error, PitchErrors):
+        return error.lost_motion if error.lost_motion and error.has_lost_motion else 0.0
     lost = error.lost_motion if isinstance(error, ErrorEstimate) else None
     if lost is None or lost.u is None or abs(lost.value) <= 2.0 * lost.u:
         return 0.0
@@ -179,6 +201,11 @@ def _is_split(error: ErrorSource, direction: str) -> bool:
         and error.directions == (-1, 1)
         and direction in ("auto", "split")
     )
+
+
+def _cooled(error: ErrorFunction, slope: float) -> ErrorFunction:
+    """Return an error without the slope that thermal expansion explains; its zero is taken off later."""
+    return lambda x: error(x) - slope * np.asarray(x)
 
 
 def _minus(error: ErrorFunction, offset: float) -> ErrorFunction:
@@ -200,13 +227,21 @@ def _range(error: ErrorSource) -> tuple[float, float] | None:
 def _known(error: ErrorSource) -> tuple[float, float] | None:
     if isinstance(error, ErrorEstimate):
         return error.fit_range
+    if isinstance(error, PitchErrors):
+        return float(error.positions[0]), float(error.positions[-1])
     if isinstance(error, Profile):
         valid = error.x[~np.isnan(error.z)]
         return float(valid[0]), float(valid[-1])
     return None
 
 
-def _positions(positions: ArrayLike | str | int, error: ErrorSource, axis: str) -> FloatArray:
+def _positions(
+    positions: ArrayLike | str | int | None, error: ErrorSource, axis: str
+) -> FloatArray:
+    if positions is None:
+        if isinstance(error, PitchErrors):
+            return error.positions
+        raise TableError("state the positions of the entries, or their spacing such as '1 mm'")
     if isinstance(positions, str):
         return _multiples(positions, _require_range(error), axis)
     if isinstance(positions, SupportsIndex) and np.ndim(positions) == 0:
@@ -306,7 +341,10 @@ def _uncertainty(
     zero: float,
     *,
     on_axis: bool,
+    heat: Expansion | None,
 ) -> FloatArray | None:
+    if isinstance(error, PitchErrors):
+        return _u_of_list(error, direction, p)
     sources = _sources(error, reverse, direction)
     bands = []
     for e, d in sources:
@@ -316,7 +354,8 @@ def _uncertainty(
         own = None if e is sources[0][0] and d == sources[0][1] else sources[0]
         bands.append(
             np.hypot(
-                _u_from_zero(e, d, p, zero, own), (p - zero) * (_u_slope(e) if on_axis else 0.0)
+                _u_from_zero(e, d, p, zero, own),
+                (p - zero) * (_u_slope(e, heat) if on_axis else 0.0),
             )
         )
     band = np.max(bands, axis=0)
@@ -342,6 +381,7 @@ def _covariances(
     zero: float,
     *,
     on_axis: bool,
+    heat: Expansion | None,
 ) -> dict[int, Covariance]:
     """Return the covariance of each column of a table; empty where one is not known."""
     sources = _sources(error, reverse, direction)
@@ -350,7 +390,7 @@ def _covariances(
         first = sources[0][0]
         if not (isinstance(e, ErrorEstimate) and isinstance(first, ErrorEstimate)):
             return {}
-        slope = _u_slope(e) if on_axis else 0.0
+        slope = _u_slope(e, heat) if on_axis else 0.0
         if not (e.has_covariance and first.has_covariance and math.isfinite(slope)):
             return {}
         own = way == 1
@@ -396,8 +436,18 @@ def _u_from_zero(
     return estimate.u_of_difference(p, zero, direction=direction)
 
 
-def _u_slope(estimate: ErrorEstimate) -> float:
-    return math.nan if estimate.slope.u is None else estimate.slope.u
+def _u_slope(estimate: ErrorEstimate, heat: Expansion | None) -> float:
+    """Return the standard uncertainty of the slope: scatter of the runs, and the temperature of all."""
+    if estimate.slope.u is None:
+        return math.nan
+    return math.hypot(estimate.slope.u, 0.0 if heat is None else heat.u_slope or 0.0)
+
+
+def _u_of_list(error: PitchErrors, direction: str, p: FloatArray) -> FloatArray | None:
+    """Return the standard uncertainty of a list's errors, of the less certain direction."""
+    way = {"forward": 1, "reverse": -1}.get(direction, 0)
+    u = error.u(way)
+    return None if u is None or not np.isfinite(u).all() else np.interp(p, error.positions, u)
 
 
 def _interpolation_error(errors: list[ErrorFunction | None], p: FloatArray) -> float:

@@ -14,7 +14,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.compensation.area_errors import column
+from metrosep.compensation.area_errors import column, is_rotary
 from metrosep.compensation.entry_covariance import Covariance
 from metrosep.compensation.folds import Folds, source_hashes
 from metrosep.compensation.limits import (
@@ -34,12 +34,19 @@ from metrosep.compensation.sampling import (
     significant_lost_motion,
 )
 from metrosep.compensation.verify import Against, Removed, Unknown, Verification, judged_table
-from metrosep.core._arrays import FloatArray
+from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import DataError, TableError
+from metrosep.core.numbers import choice
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, hash_bytes, history_as_dicts
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
+from metrosep.separation.positions.expansion import Expansion
+from metrosep.separation.positions.pitch import (
+    REFERENCE_DIRECTIONS,
+    PitchErrors,
+    pitch_errors_of,
+)
 from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = ["CompensationTable"]
@@ -91,6 +98,12 @@ class CompensationTable(Corrections):
         By direction, 1 and -1 (1 alone where there is one column): covariance, shape (n, n), of what
         the table adds at positions in m, shape (n,). Empty where it is not known; a file keeps `u`
         alone.
+    reference_direction : {"forward", "reverse", "middle"}
+        Direction in which the reference is reached: that column is zero there.
+    heat : Expansion
+        Temperatures of the readings; what they explain is not in the table.
+    notes : tuple of str
+        What to know wherever the table is judged or written.
 
     Raises
     ------
@@ -114,6 +127,9 @@ class CompensationTable(Corrections):
     source: RunSet | None = None
     made_over: tuple[float, float] | None = None
     covariances: Mapping[int, Covariance] = field(default_factory=dict)
+    reference_direction: str = "forward"
+    heat: Expansion = field(default_factory=Expansion)
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         positions = column(self.positions, "positions")
@@ -138,6 +154,7 @@ class CompensationTable(Corrections):
                         f"{name} has {checked.size} entries, there are {positions.size} positions"
                     )
                 object.__setattr__(self, name, checked)
+        choice(self.reference_direction, "reference_direction", REFERENCE_DIRECTIONS)
         for name in ("axis", "compensates"):
             text = str(getattr(self, name))
             if not text.strip() or not text.isprintable():
@@ -160,6 +177,13 @@ class CompensationTable(Corrections):
         return float(np.abs(both).max())
 
     @property
+    def at_reference(self) -> float:
+        """What the table adds at its reference, reached as it is reached, m; zero of a good one."""
+        values = {d: float(self.correction(self.reference, d)[0]) for d in (1, -1)}
+        ways = {"forward": (1,), "reverse": (-1,), "middle": (1, -1)}[self.reference_direction]
+        return sum(values[d] for d in ways) / len(ways)
+
+    @property
     def headline(self) -> str:
         """What is looked up and what is corrected, in one line."""
         what = "its own positioning" if self.is_on_axis else f"{self.compensates} over {self.axis}"
@@ -171,6 +195,7 @@ class CompensationTable(Corrections):
         return (
             f"{self.axis} -> {self.compensates} ({what}), {low:.6g} ... {high:.6g} mm, "
             f"{self.positions.size} entries, {line}, zero at {self.reference * 1e3:.6g} mm"
+            f"{'' if self.reference_direction == 'forward' else f' ({self.reference_direction})'}"
         )
 
     @classmethod
@@ -178,11 +203,13 @@ class CompensationTable(Corrections):
         cls,
         error: ErrorSource,
         *,
-        positions: ArrayLike | str | int,
+        positions: ArrayLike | str | int | None = None,
         axis: str,
         compensates: str | None = None,
         direction: Direction = "auto",
         reference: float | None = None,
+        reference_direction: str = "forward",
+        heat: Expansion | None = None,
         reverse: ErrorSource | None = None,
         exact: bool = True,
         source_sha256: tuple[str, ...] = (),
@@ -191,11 +218,12 @@ class CompensationTable(Corrections):
 
         Parameters
         ----------
-        error : ErrorEstimate, Profile or callable
-            Error e = actual - nominal in m over position in m.
-        positions : array_like, str or int
+        error : ErrorEstimate, PitchErrors, Profile or callable
+            Error e = actual - nominal in m over position in m. `PitchErrors` bring their reference
+            and temperatures with them.
+        positions : array_like, str or int, optional
             Positions in m; or the spacing as text, ``"1 mm"``; or their number. For the last two
-            the range is that of the estimate or profile.
+            the range is that of the estimate or profile. The targets of `PitchErrors` if omitted.
         axis : str
             Axis whose position is looked up.
         compensates : str, optional
@@ -205,6 +233,10 @@ class CompensationTable(Corrections):
             has both; "forward" and "reverse" use that direction's estimate for both.
         reference : float, m, optional
             Position of zero correction; 0 if it is in range, else the first position.
+        reference_direction : {"forward", "reverse", "middle"}, optional
+            Direction in which the reference is reached: that column is zero there.
+        heat : Expansion, optional
+            Temperatures of the readings of an axis along itself; what they explain is taken off.
         reverse : ErrorEstimate, Profile or callable, optional
             Error of the reverse direction where it comes from elsewhere.
         exact : bool, optional
@@ -223,9 +255,19 @@ class CompensationTable(Corrections):
             If the positions leave the measured range or lie in a gap of it, or the error is too
             steep to invert.
         DataError
-            If `direction` is unknown or asks for what the error does not have.
+            If `direction` is unknown or asks for what the error does not have, or a straightness is
+            said to expand.
         """
         target = compensates or axis
+        choice(reference_direction, "reference_direction", REFERENCE_DIRECTIONS)
+        if heat is not None and target != axis:
+            raise DataError(
+                f"temperatures belong to the error of an axis along itself; this table corrects "
+                f"{target} over {axis}: leave them out"
+            )
+        if isinstance(error, PitchErrors):
+            reference, reference_direction = _of_list(error, axis, target, reference, heat)
+            heat = None  # its slope is off already
         sampled = sample_error(
             error,
             reverse,
@@ -234,6 +276,8 @@ class CompensationTable(Corrections):
             reference=reference,
             axis=axis,
             on_axis=target == axis,
+            reference_direction=reference_direction,
+            heat=heat,
         )
         invert = exact and target == axis
         make = exact_correction if invert else (lambda e, x: -e(x))
@@ -242,9 +286,10 @@ class CompensationTable(Corrections):
         lost = {"lost_motion_m": significant_lost_motion(error)} if split else {}
         table = cls(
             positions=p,
-            # an exact zero at the reference, where rounding leaves 1e-23
-            forward=np.where(p == zero, 0.0, make(sampled.forward, p)),
-            reverse=None if sampled.reverse is None else make(sampled.reverse, p),
+            forward=_zeroed(make(sampled.forward, p), p == zero, reference_direction == "forward"),
+            reverse=None
+            if sampled.reverse is None
+            else _zeroed(make(sampled.reverse, p), p == zero, reference_direction == "reverse"),
             axis=axis,
             compensates=target,
             reference=zero,
@@ -255,6 +300,9 @@ class CompensationTable(Corrections):
             made_over=(error.start, error.stop) if isinstance(error, ErrorEstimate) else None,
             is_exact_inverse=invert,
             offset_removed=sampled.offset,
+            reference_direction=reference_direction,
+            heat=error.heat if isinstance(error, PitchErrors) else heat or Expansion(),
+            notes=_notes(error, heat, on_axis=target == axis, split=split),
             source_sha256=source_sha256 or source_hashes(getattr(error, "history", ())),
             history=(
                 *getattr(error, "history", ()),
@@ -266,6 +314,11 @@ class CompensationTable(Corrections):
                         "reference_m": zero,
                         "direction": direction if reverse is None else "two sources",
                         "exact": exact,
+                        **(
+                            {}
+                            if reference_direction == "forward"
+                            else {"reference_direction": reference_direction}
+                        ),
                         **lost,
                     },
                 ),
@@ -362,13 +415,13 @@ class CompensationTable(Corrections):
         """
         return require_findings(self.limits(limits))
 
-    def remade(self, error: ErrorEstimate) -> CompensationTable:
+    def remade(self, error: ErrorEstimate | RunSet) -> CompensationTable:
         """Return the table that the same settings make of another estimate.
 
         Parameters
         ----------
-        error : ErrorEstimate
-            Of other runs, or of fewer.
+        error : ErrorEstimate or RunSet
+            Of other runs, or of fewer; runs are the cycles of a list of targets.
 
         Returns
         -------
@@ -386,13 +439,26 @@ class CompensationTable(Corrections):
         stated = last.parameters
         if stated.get("entries_sha256") != self._digest():
             raise TableError("it was changed since it was made")
+        source: ErrorEstimate | PitchErrors
+        if isinstance(error, RunSet):
+            source = pitch_errors_of(
+                error,
+                reference=self.reference,
+                reference_direction=self.reference_direction,
+                unit="rad" if is_rotary(self.axis) else "m",
+                heat=self.heat,
+            )
+        else:
+            source = error
         return type(self).from_error(
-            error,
+            source,
             positions=self.positions,
             axis=self.axis,
             compensates=self.compensates,
             direction=stated["direction"],
             reference=self.reference,
+            reference_direction=self.reference_direction,
+            heat=self.heat if self.heat.is_stated and isinstance(error, ErrorEstimate) else None,
             exact=bool(stated["exact"]),
         )
 
@@ -404,6 +470,7 @@ class CompensationTable(Corrections):
         u_slope: float | None = None,
         folds: Folds | None = None,
         travel: tuple[float | None, float | None] = (None, None),
+        heat: Expansion | None = None,
     ) -> Verification:
         """Return the dry-run against a measured error, and refuse a table that makes it worse.
 
@@ -420,6 +487,8 @@ class CompensationTable(Corrections):
             Tables made without some of the runs, where the history does not say how to make them.
         travel : tuple of (float or None, float or None), m, optional
             Where the axis is used, if the runs reach beyond that and beyond the table.
+        heat : Expansion, optional
+            Temperatures of these readings; those of the table if omitted.
 
         Returns
         -------
@@ -441,6 +510,7 @@ class CompensationTable(Corrections):
             u_slope=u_slope,
             folds=folds,
             travel=travel,
+            heat=heat,
         )
         result.require(f"table {self.axis} -> {self.compensates}", only_refused=True)
         return result
@@ -470,6 +540,13 @@ class CompensationTable(Corrections):
             "exact_inverse": self.is_exact_inverse,
             "not_in_table": self.removed,
             "made_over_m": None if self.made_over is None else list(self.made_over),
+            **(
+                {}
+                if self.reference_direction == "forward"
+                else {"reference_direction": self.reference_direction}
+            ),
+            **({"heat": self.heat.to_dict()} if self.heat.is_stated else {}),
+            **({"notes": list(self.notes)} if self.notes else {}),
             "source_sha256": list(self.source_sha256),
             "history": history_as_dicts(self.history),
         }
@@ -496,6 +573,43 @@ class CompensationTable(Corrections):
                 "interpolation error": format_length(self.interpolation_error),
             },
         )
+
+
+def _notes(
+    error: ErrorSource, heat: Expansion | None, *, on_axis: bool, split: bool
+) -> tuple[str, ...]:
+    """Return what was assumed of temperatures, and the lost motion that is not in the table."""
+    if not isinstance(error, PitchErrors):
+        told = isinstance(error, ErrorEstimate) and on_axis
+        return (heat or Expansion()).messages if told else ()
+    if split or not error.has_lost_motion:
+        return error.messages
+    lost = format_length(-(error.lost_motion or 0.0))
+    return (
+        *error.messages,
+        f"lost motion (reverse - forward) of {lost} is not in the table: set it in the control",
+    )
+
+
+def _zeroed(values: FloatArray, at: BoolArray, is_zero: bool) -> FloatArray:
+    """Return a column with an exact zero at the reference, where rounding leaves 1e-23."""
+    return np.where(at, 0.0, values) if is_zero else values
+
+
+def _of_list(
+    error: PitchErrors, axis: str, target: str, reference: float | None, heat: Expansion | None
+) -> tuple[float, str]:
+    """Return reference and its direction of a list of targets, which its errors hold already."""
+    if target != axis:
+        raise DataError(
+            f"a list of targets is the error of {axis} along itself, and {target} is not {axis}: "
+            "say the axis that was measured"
+        )
+    if heat is not None or reference not in (None, error.reference):
+        raise DataError(
+            "reference and temperatures of a list of targets are stated to pitch_errors"
+        )
+    return error.reference, error.reference_direction
 
 
 def _source(sampled: SampledError) -> RunSet:

@@ -34,8 +34,9 @@ from metrosep.compensation.reversal import judge_lost_motion
 from metrosep.compensation.verification import DirectionResidual, Unknown, Verification
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TableError
-from metrosep.core.runset import RunSet
+from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
+from metrosep.separation.positions.expansion import Expansion
 
 __all__ = [
     "Against",
@@ -68,6 +69,7 @@ def dry_run(
     on_axis: bool,
     entries: FloatArray | None = None,
     reference: float | None = None,
+    reference_direction: str = "forward",
     unknown: Unknown | None = None,
     alignment_range: tuple[float, float] | None = None,
     made_it: bool = False,
@@ -93,7 +95,9 @@ def dry_run(
     entries : ndarray, m, optional
         Positions of the entries of the table.
     reference : float, m, optional
-        Where the forward correction must be zero; not judged if omitted.
+        Where the correction must be zero; not judged if omitted.
+    reference_direction : {"forward", "reverse", "middle"}, optional
+        Direction in which the reference is reached; the mean of both in the middle.
     unknown : {"offset", "offsets", "line"}, optional
         What the MEASUREMENT cannot know: one constant; one for each direction (the sensor was set to
         zero between them); a constant and the line. Of runs, if omitted: "offset" on-axis, where the
@@ -142,7 +146,8 @@ def dry_run(
     space = unknown or _unknown(measured, how, on_axis=on_axis)
     zero = 0.0
     if reference is not None:
-        zero = float(correction(np.array([reference]), 1)[0])
+        ways = {"forward": (1,), "reverse": (-1,), "middle": (1, -1)}[reference_direction]
+        zero = float(np.mean([correction(np.array([reference]), d)[0] for d in ways]))
     table = _Table(correction, folds, on_axis, 0.0 if abs(zero) < ROUNDING else zero)
     aligned = alignment_range or span
     grids = _positions(measured, first, last, entries)
@@ -198,9 +203,16 @@ def judged_table(
     u_slope: float | None = None,
     folds: Folds | None = None,
     travel: tuple[float | None, float | None] = (None, None),
+    heat: Expansion | None = None,
 ) -> Verification:
-    """Return the dry-run of a table or polynomial: the one way of every command and call."""
-    more: dict[str, Any] = {"unknown": unknown, "u_slope": u_slope, "travel": travel}
+    """Return the dry-run of a table or polynomial: the one way of every command and call.
+
+    Readings are compared at the temperature that the table holds at: with `heat`, else with what the
+    table took off the readings that made it.
+    """
+    heat = heat or getattr(carried, "heat", None) or Expansion()
+    more: dict[str, Any] = {"unknown": unknown, "travel": travel}
+    more["u_slope"] = heat.u_slope if u_slope is None else u_slope
     warning = ""
     if against is not None and against is getattr(carried, "source", None):
         estimated = carried.made_over is not None
@@ -209,7 +221,8 @@ def judged_table(
             more["sd"] = lambda x, _: np.interp(x, carried.positions, carried.u)
     elif isinstance(against, RunSet):
         own = own_runs(carried, against, lookup, folds)
-        against, warning = own.runs, own.warning
+        warning = own.warning
+        against = _cooled(own.runs, heat.slope, getattr(carried, "reference", 0.0))
         more |= {"made_it": own.made_it, "folds": own.folds, "why": own.why}
         if own.made_it and len(against) < _MANY and len(against.feeds) < 2:
             warning = (
@@ -227,12 +240,24 @@ def judged_table(
         on_axis=is_table and carried.is_on_axis,
         entries=positions,
         reference=carried.reference if is_table else None,
+        reference_direction=carried.reference_direction if is_table else "forward",
         alignment_range=carried.made_over,
         **more,
     )
-    if not warning:
-        return result
-    return replace(result, findings=(*result.findings, Finding("warning", warning, "", "dry-run")))
+    said = [*([warning] if warning else []), *getattr(carried, "notes", ())]
+    more_findings = (Finding("warning", text, "", "dry-run") for text in said)
+    return replace(result, findings=(*result.findings, *more_findings))
+
+
+def _cooled(runs: RunSet, slope: float, reference: float) -> RunSet:
+    """Return readings without the slope that thermal expansion explains."""
+    if slope == 0.0:
+        return runs
+    cooled = [
+        Run(r.x, r.z - slope * (r.x - reference), t=r.t, feed=r.feed, run_id=r.run_id)
+        for r in runs
+    ]
+    return RunSet(cooled, metadata=runs.metadata, history=runs.history)
 
 
 def _unknown(measured: Measured, how: str, *, on_axis: bool) -> Unknown:

@@ -22,6 +22,7 @@ from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.trial import TrialMap, TrialTable
 from metrosep.compensation.verify import Unknown, judged_table
 from metrosep.controllers._pairs import is_written, write_pair
+from metrosep.controllers.active import active_file
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -49,6 +50,9 @@ __all__ = ["dry_run_carried", "read", "simulate", "write"]
 PathLike = str | os.PathLike[str]
 
 _TYPES = {"table": CompensationTable, "map": CompensationMap, "polynomial": PolynomialFit}
+NONE = "none"
+"""What `active` says where no table was active."""
+
 _ENOUGH = 0.5
 """Share of a map's area that a dry-run should compare."""
 
@@ -71,6 +75,7 @@ def write(
     waive: Sequence[str] = (),
     folds: Folds | None = None,
     unknown: Unknown | None = None,
+    active: PathLike | None = None,
     **machine: Any,
 ) -> Any:
     """Write a table for a controller, after a dry-run of the very bytes that are written.
@@ -99,6 +104,9 @@ def write(
         in the sidecar.
     folds, unknown : optional
         As for `CompensationTable.verify`.
+    active : str or path, optional
+        File that was active in the controller while the readings were taken: what is written holds
+        both, to be loaded instead of it. "none" says that no table was active.
     **machine
         Options of the dialect, and limits of the machine (fields of
         `metrosep.compensation.Limits`); numbers in SI, or texts with units.
@@ -141,6 +149,7 @@ def write(
         overwrite=overwrite,
         folds=folds,
         unknown=unknown,
+        active=active,
         **machine,
     )
     prepared.write()
@@ -178,6 +187,7 @@ def prepare(
     overwrite: bool = False,
     folds: Folds | None = None,
     unknown: Unknown | None = None,
+    active: PathLike | None = None,
     **machine: Any,
 ) -> Prepared:
     """Return what `write` writes, after all of its checks; nothing is written."""
@@ -192,8 +202,10 @@ def prepare(
     waived = _names(waive, allow_unverified=False)
     limit_values = checked_limits(limit_values, controller)
     limits = dialect.limits(**limit_values)
+    was = None if active in (None, NONE) else active_file(active, table, controller, options)
+    increment, table = table, table if was is None else was.added(table)
     found = [*table_findings(table, limits, dialect.info)]
-    found += _iteration(table, target) if overwrite else []
+    found += _iteration(table, target) if overwrite and active is None else []
     judged(found, waived)
     encoded = dialect.encode(table, **options)
     written = table if encoded.carried is None else encoded.carried
@@ -207,16 +219,18 @@ def prepare(
     _require_read_back(written, parsed, encoded)
     verification = None
     if encoded.verification is None and not (verified_against is None and "dry-run" in waived):
-        lookup = dialect.lookup(encoded.data, nowhere, **known)
+        acts = dialect.lookup(encoded.data, nowhere, **known)
+        lookup = acts if was is None else was.increment(acts)
 
         def of(made: Any) -> Simulator:
             """Return what the controller does with the table made without some of the runs."""
-            data = dialect.encode(made, **options)
+            data = dialect.encode(made if was is None else was.added(made), **options)
             more = {k: v for k, v in options.items() if v is not None} | data.options
-            return dialect.lookup(data.data, nowhere, **more)
+            then = dialect.lookup(data.data, nowhere, **more)
+            return then if was is None else was.increment(then)
 
         verification = _verification(
-            table, lookup, verified_against, target, waived,
+            increment, lookup, verified_against, target, waived,
             of=of, folds=folds, unknown=unknown,
             travel=(limits.travel_low, limits.travel_high),
             free_zero="at_reference_m" in encoded.notes,
@@ -228,6 +242,9 @@ def prepare(
             *getattr(verification, "findings", ()),
             *(Finding("error", r.text, "", r.check) for r in getattr(verification, "reasons", ())),
         )
+    told = {} if was is None else was.described(verified_against)
+    if was is not None:
+        findings = (*findings, was.finding(told))
     sidecar = {
         "schema": "metrosep.table/1",
         "metrosep": __version__,
@@ -247,6 +264,7 @@ def prepare(
         "resampling_error_m": encoded.resampling_error,
         "findings": [_described_finding(f, waived) for f in findings],
         "waived": list(waived),
+        "active": NONE if active == NONE else told or None,
         "verification": encoded.verification
         or _described(verification, own=verified_against is None),
         "table": table.to_dict(),
@@ -349,7 +367,7 @@ def _iteration(carried: Any, target: Path) -> list[Finding]:
                 "warning",
                 f"{target} is replaced and nothing states what it held: if it was active while the "
                 "readings were taken, the new table is what is left and must be added to it",
-                "take the readings with the table off",
+                f"say active={str(target)!r}, or active={NONE!r} if no table was",
                 "active",
             )
         ]
@@ -363,7 +381,7 @@ def _iteration(carried: Any, target: Path) -> list[Finding]:
             "error",
             f"{target} holds a table made of other readings: if it was active while these were "
             "taken, the new table is what is left and must be added to it, not replace it",
-            "add them with metrosep.compensation.combine_tables, or take the readings with the table off",
+            f"say active={str(target)!r}, or active={NONE!r} if no table was",
             "active",
         )
     ]

@@ -188,7 +188,7 @@ def _reference(table: Any) -> list[Finding]:
         )
     low, high = table.span
     if low <= table.reference <= high:
-        there = float(table.correction(table.reference, 1)[0])
+        there = table.at_reference
         if abs(there) > _SAME:
             found.append(
                 Finding(

@@ -20,10 +20,24 @@ from metrosep.io.source import open_file
 from metrosep.recipe.characteristics import DECISION_RULE, judged
 from metrosep.recipe.describe.described import describe
 from metrosep.recipe.describe.description import Description
-from metrosep.recipe.outputs import staged, write_reports
+from metrosep.recipe.outputs import (
+    WrittenTable,
+    dry_runs,
+    staged,
+    table_names,
+    write_reports,
+    write_tables,
+)
 from metrosep.recipe.parts import input_records, named_files, write_parts
 from metrosep.recipe.preflight import RESULT_NAME
-from metrosep.recipe.result import SCHEMA, Result, clean, load_document, stored_estimate
+from metrosep.recipe.result import (
+    SCHEMA,
+    Result,
+    clean,
+    load_document,
+    run_records,
+    stored_estimate,
+)
 from metrosep.separation.contract import Separation
 from metrosep.separation.inputs import require_count
 
@@ -41,6 +55,7 @@ def run_method(
     tell: Callable[[str], None],
     with_result: bool = True,
     more: Mapping[str, Any] | None = None,
+    overwrite: bool = False,
 ) -> Result:
     """Read, separate, judge and write."""
     step = recipe.steps[0]
@@ -60,16 +75,27 @@ def run_method(
     known = {(i["name"], i["sha256"]) for i in records}
     records += [n for n in named if (n["name"], n["sha256"]) not in known]
     document = _document(recipe, produced, described, history, warnings, records)
+    cycles = getattr(produced, "cycles", None)
+    document |= {} if cycles is None else {"runs": run_records(cycles)}
     document |= more or {}
     if out is None:
-        return Result(document, produced)
-    with staged(out) as stage:
-        names = write_parts(recipe, described, stage, tell, document)
+        return Result({**document, **_described(dry_runs(recipe, document))}, produced)
+    with staged(out, tables=table_names(recipe)) as stage:
+        made = write_tables(recipe, document, out, stage, tell, overwrite=overwrite)
+        document |= _described(made)
+        names = [n for t in made for n in t.names]
+        names += write_parts(recipe, described, stage, tell, document)
         names += write_reports(recipe, document, stage, tell)
         if with_result:
             Result(document, produced).write(stage / RESULT_NAME)
             names.append(RESULT_NAME)
     return Result(document, produced, tuple(out / n for n in names))
+
+
+def _described(tables: Sequence[WrittenTable]) -> dict[str, Any]:
+    """Return what a document says of its tables; nothing where there are none."""
+    told = [t.description for t in tables]
+    return {"table": told[0], "more_tables": told[1:]} if told else {}
 
 
 _OF_ROLE = {"tolerance": "value", "u_reading": "reading"}

@@ -15,7 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep.compensation import CompensationTable, PolynomialFit, Verification
+from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.folds import Folds
+from metrosep.controllers.registry import find
 from metrosep.controllers.safety import waived_names
 from metrosep.core.errors import CorruptFileError, DataError, MetrosepError, TableError, WriteError
 from metrosep.core.methods import METHODS
@@ -24,8 +26,10 @@ from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length, parse_quantity
 from metrosep.recipe.pipeline import STEPS as MEASURING, checked_step
 from metrosep.recipe.preflight import RESULT_NAME, machine_limits, output_name, report_formats
-from metrosep.recipe.result import measured_runs, stored_estimate
+from metrosep.recipe.result import is_positioning, measured_runs, stored_estimate
 from metrosep.recipe.schema import Place
+from metrosep.separation.positions.expansion import Expansion
+from metrosep.separation.positions.pitch import pitch_errors_of
 from metrosep.separation.runs.base import ErrorEstimate
 
 if TYPE_CHECKING:
@@ -80,6 +84,33 @@ def make_table(estimate: ErrorEstimate, output: Mapping[str, Any]) -> Compensati
         compensates=output.get("compensates"),
         direction=output.get("direction", "auto"),
         reference=output.get("reference"),
+        reference_direction=output.get("reference_direction", "forward"),
+        heat=Expansion.of_options(output),
+    )
+
+
+def pitch_table(runs: RunSet, output: Mapping[str, Any]) -> CompensationTable:
+    """Return the table that an output describes of a list of targets: the axis along itself."""
+    axis = output["axis"]
+    info = find(output["controller"]).info
+    if info.carries != "table":
+        raise TableError(
+            f"{info.id} holds a {info.carries}; a list of targets gives a table over one axis"
+        )
+    errors = pitch_errors_of(
+        runs,
+        reference=output.get("reference") or 0.0,
+        reference_direction=output.get("reference_direction", "forward"),
+        unit="rad" if is_rotary(axis) else "m",
+        heat=Expansion.of_options(output),
+    )
+    direction = output.get("direction", "auto")
+    return CompensationTable.from_error(
+        errors,
+        positions=output.get("spacing"),
+        axis=axis,
+        compensates=output.get("compensates", axis),
+        direction="both" if direction == "auto" and info.directions == "one" else direction,
     )
 
 
@@ -87,8 +118,6 @@ def make_carried(
     estimate: ErrorEstimate, output: Mapping[str, Any], runs: RunSet, *, degree: Any = "aicc"
 ) -> Any:
     """Return what the controller of an output holds: a table, or a polynomial."""
-    from metrosep.controllers.registry import find
-
     carries = find(output["controller"]).info.carries
     if carries == "map":
         raise TableError(
@@ -118,6 +147,9 @@ def carried_of(
     document: Mapping[str, Any], output: Mapping[str, Any]
 ) -> tuple[Any, RunSet, Folds | None]:
     """Return what an output holds, the runs for its dry-run, and what it is without each of them."""
+    if is_positioning(document):
+        cycles = measured_runs(document)
+        return pitch_table(cycles, output), cycles, None
     estimate, runs = stored_estimate(document), measured_runs(document)
     degree = (document.get("polynomial") or {}).get("degree", "aicc")
     made = make_carried(estimate, output, runs, degree=degree)
@@ -187,6 +219,7 @@ def write_tables(
             waive=tuple(output.get("waive", ())),
             sign_confirmed=output.get("sign_confirmed", False),
             overwrite=overwrite,
+            active=_active(output, recipe),
             **machine_limits(output, place),
         )
         path = prepared.target
@@ -198,6 +231,13 @@ def write_tables(
         names = (path.name, sidecar_path(path).name)
         written.append(WrittenTable(description, prepared.verification, names))
     return written
+
+
+def _active(output: Mapping[str, Any], recipe: Recipe) -> str | None:
+    """Return the file that was active, which a recipe names from its own folder."""
+    name: str | None = output.get("active")
+    beside = recipe.folder / (name or "")
+    return str(beside) if name and beside.is_file() else name
 
 
 def table_names(recipe: Recipe) -> list[str]:

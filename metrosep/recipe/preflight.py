@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
 __all__ = [
+    "POSITIONING",
     "RESULT_NAME",
     "check_recipe",
     "guard_notes",
@@ -34,6 +35,8 @@ __all__ = [
 ]
 
 RESULT_NAME = "result.json"
+POSITIONING = "iso230_2"
+"""The method whose cycles are the errors of an axis along itself."""
 
 _OF_DRY_RUN = ("after_pv", "after_rms")
 
@@ -60,6 +63,7 @@ def check_recipe(recipe: Recipe) -> None:
         if op == "laser_setup" and seen:
             raise place.error("laser_setup corrects the readings: one step, before separate", "op")
         seen.add(op)
+    _check_tables(recipe)
     has_table = any(o["kind"] == "table" for o in recipe.outputs)
     for i, check in enumerate(recipe.checks):
         _check_limits(check, recipe.place("[[check]]", i), has_table=has_table)
@@ -72,6 +76,16 @@ def check_recipe(recipe: Recipe) -> None:
                     f"two outputs would be called {name!r}; give one another path", "path"
                 )
             taken.add(name.casefold())
+
+
+def _check_tables(recipe: Recipe) -> None:
+    """Refuse a table of a method that gives no error over the position of an axis."""
+    for i, output in enumerate(recipe.outputs if recipe.is_method else ()):
+        if output["kind"] == "table" and recipe.steps[0]["op"] != POSITIONING:
+            raise recipe.place("[[output]]", i).error(
+                f'a table is made by "separate" and "{POSITIONING}", not by "{recipe.steps[0]["op"]}"',
+                "kind",
+            )
 
 
 def _check_limits(check: Mapping[str, Any], place: Place, *, has_table: bool) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 
 from metrosep.core.atomic import MACHINE_BYTES, RECIPE_BYTES, read_plain_text, require_plain
 from metrosep.core.errors import RecipeError, UnsupportedFeatureError
-from metrosep.core.methods import METHODS, Method
+from metrosep.core.methods import METHODS
 from metrosep.core.provenance import freeze_mapping
 from metrosep.recipe.pipeline import measuring_steps
 from metrosep.recipe.preflight import check_recipe, require_limits
@@ -225,7 +225,8 @@ class Recipe:
                 "step",
             )
         if method is not None:
-            _require_files(method, steps, Path(folder), lambda i: place("[[step]]", i), admits)
+            files = [(s, method.fields) for s in steps]
+            _require_files(files, Path(folder), lambda i: place("[[step]]", i), admits)
         fields = INPUT if method is None else input_fields(method)
         if pipeline:
             fields = MEASURING_INPUT
@@ -258,6 +259,8 @@ class Recipe:
             batch_options=freeze_mapping(batch_table(data.get("batch", {}), place("[batch]"))),
             bases=bases,
         )
+        files = [(o, OUTPUTS[o["kind"]]) for o in recipe.outputs]
+        _require_files(files, Path(folder), lambda i: place("[[output]]", i), admits)
         check_recipe(recipe)
         return recipe
 
@@ -371,19 +374,18 @@ class Recipe:
 
 
 def _require_files(
-    method: type[Method],
-    steps: Sequence[Mapping[str, Any]],
+    tables: Sequence[tuple[Mapping[str, Any], Mapping[str, Field]]],
     folder: Path,
     place: Callable[[int], Place],
     admits: Admits | None,
 ) -> None:
     """Refuse a file that a key names and that is not a plain file, too large, or not to be read."""
-    for i, step in enumerate(steps):
-        for key, known in method.fields.items():
+    for i, (step, fields) in enumerate(tables):
+        for key, known in fields.items():
             if known.kind != "file" or key not in step:
                 continue
             name = step[key]
-            # a method looks beside the recipe, then where the process was started
+            # it is looked for beside the recipe, then where the process was started
             target = folder / name if (folder / name).exists() else Path(name)
             is_word = Path(name).name == name and not target.exists()  # such as a preset
             if (

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.atomic import atomic_write, read_plain
 from metrosep.core.errors import CorruptFileError, DataError, ReadError
+from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ __all__ = [
     "Result",
     "clean",
     "document_text",
+    "is_positioning",
     "load_document",
     "measured_runs",
     "plot_data",
@@ -312,6 +314,11 @@ def _cell_means(run: Run) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
     return means[0][there], means[1][there], n.astype(np.int64)[there]
 
 
+def is_positioning(document: Mapping[str, Any]) -> bool:
+    """Return whether a result holds the cycles of a positioning test, of which a table can be made."""
+    return document.get("estimate") is None and bool(document.get("runs"))
+
+
 def measured_runs(document: Mapping[str, Any]) -> RunSet:
     """Return the runs of a result as they were measured, to dry-run a table against."""
     if not document.get("runs"):
@@ -322,7 +329,9 @@ def measured_runs(document: Mapping[str, Any]) -> RunSet:
             hint="run the separation again with this version",
         )
     try:
-        return RunSet([_stored_run(entry) for entry in document["runs"]])
+        steps = document["provenance"] if is_positioning(document) else ()
+        history = [Step(s["step"], s["parameters"], s["version"]) for s in steps]
+        return RunSet([_stored_run(entry) for entry in document["runs"]], history=tuple(history))
     except (AttributeError, KeyError, TypeError, ValueError, DataError) as exc:
         raise _damaged("runs", exc) from None
 

@@ -77,7 +77,10 @@ def run_recipe(
     if recipe.is_method:
         from metrosep.recipe.method_run import run_method
 
-        return run_method(recipe, files, out=folder, tell=tell, with_result=with_result, more=more)
+        return run_method(
+            recipe, files, out=folder, tell=tell, with_result=with_result, more=more,
+            overwrite=overwrite,
+        )  # fmt: skip
     tell(f"reading {len(files)} file(s)")
     runs = read_inputs(recipe, files)
     if folder is None:

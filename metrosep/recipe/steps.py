@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from metrosep.core.methods import METHODS
+from metrosep.core.options import options_of
 from metrosep.recipe.methods.plan import PLAN
 from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.schema import LAYOUT, Field
+from metrosep.separation.positions.expansion import Expansion
 from metrosep.separation.positions.laser_options import SETUP
+from metrosep.separation.positions.pitch import REFERENCE_DIRECTIONS
 from metrosep.separation.runs.options import RUN_OPTIONS
 
 __all__ = [
@@ -145,6 +148,15 @@ OUTPUTS = {
         "spacing": Field("spacing", required=True),
         "direction": Field("text", choices=("auto", "both", "split", "forward", "reverse")),
         "reference": Field("length"),
+        "reference_direction": Field(
+            "text",
+            choices=REFERENCE_DIRECTIONS,
+            help="direction in which the reference is reached; forward if left out",
+        ),
+        **options_of(Expansion),
+        "active": Field(
+            "file", help="table that was active during the measurement, or none; both are written"
+        ),
         "path": Field("text", required=True),
         "machine": Field("table"),
         "degree": Field("integer"),
@@ -169,6 +181,7 @@ METHOD_CHECK = {
 }
 
 METHOD_OUTPUTS = {
+    "table": {**OUTPUTS["table"], "spacing": Field("spacing")},  # a list of targets has its own
     "parts": OUTPUTS["parts"],
     "report": OUTPUTS["report"],
 }

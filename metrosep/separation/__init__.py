@@ -180,6 +180,7 @@ if TYPE_CHECKING:
         Squareness as Squareness,
         squareness_from_diagonals as squareness_from_diagonals,
     )
+    from metrosep.separation.positions.expansion import Expansion as Expansion
     from metrosep.separation.positions.laser_setup import (
         LaserCorrections as LaserCorrections,
         LaserReadings as LaserReadings,

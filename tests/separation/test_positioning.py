@@ -581,5 +581,30 @@ def test_too_few_readings_left_and_bad_options():
         positions_from_columns([0, 1], ["fwd", "sideways"], [[0, 0], [1, 1]])
     with pytest.raises(InvalidSamplesError, match="equally many"):
         positions_from_columns([0, 1], ["fwd"], [[0, 0], [1, 1]])
-    with pytest.raises(InvalidSamplesError, match="twice in one direction"):
-        positions_from_columns([0, 0], ["fwd", "fwd"], [[0, 0], [1, 1]])
+    with pytest.raises(InvalidSamplesError, match="occurs 2 times in one direction, others 1"):
+        positions_from_columns([0, 0, 1], ["fwd"] * 3, [[0], [1], [1]])
+    with pytest.raises(InvalidSamplesError, match="target 0 occurs twice in cycle 1"):
+        positions_from_columns([0, 0, 1], ["fwd"] * 3, [[0], [1], [1]], [1, 1, 1])
+
+
+def test_rows_of_single_readings_are_the_cycles_in_their_order_or_by_their_label():
+    rows = [
+        (0, "fwd", 0.1),
+        (1, "fwd", 1.2),
+        (1, "bwd", 1.3),
+        (0, "bwd", 0.4),
+        (0, "fwd", 0.5),
+        (1, "fwd", 1.6),
+    ]
+    target, way, read = zip(*rows, strict=True)
+    goals, up, down = positions_from_columns(target, way, np.reshape(read, (-1, 1)))
+    assert goals.tolist() == [0, 1]
+    assert up.tolist() == [[0.1, 0.5], [1.2, 1.6]]
+    assert down.tolist() == [[0.4], [1.3]]
+
+    # the second cycle lacks the target 0: its label says so, the order alone could not
+    target, way, read = zip(*rows[:4], rows[5], strict=True)
+    _, up, _ = positions_from_columns(
+        target, way, np.reshape(read, (-1, 1)), ["a", "a", "a", "a", "b"]
+    )
+    np.testing.assert_array_equal(up, [[0.1, np.nan], [1.2, 1.6]])

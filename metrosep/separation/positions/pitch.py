@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,16 +12,14 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.core.numbers import choice, flag, not_negative, quantity
+from metrosep.core.numbers import choice, quantity
+from metrosep.core.provenance import Step
+from metrosep.core.runset import Run, RunSet
+from metrosep.separation.positions.expansion import Expansion
 
-__all__ = ["PitchErrors", "pitch_errors"]
+__all__ = ["REFERENCE_DIRECTIONS", "PitchErrors", "cycle_runs", "pitch_errors", "pitch_errors_of"]
 
-_STANDARD = 293.15
-"""Temperature at which lengths hold, K (ISO 1)."""
-_U_EXPANSION, _U_TEMPERATURE = 1e-6, 0.5
-"""Standard uncertainties where nobody states them, 1/K and K."""
-_TEMPERATURES, _EXPANSIONS = (273.15, 323.15), (-1e-6, 40e-6)
-"""Range of a workshop, K, and of materials, 1/K: beyond it a unit is mistaken."""
+REFERENCE_DIRECTIONS = ("forward", "reverse", "middle")
 _SPLIT = 2.0
 """Lost motion goes into the table if it exceeds so many standard uncertainties of its mean."""
 
@@ -40,15 +38,20 @@ class PitchErrors:
         Where the error of the reference direction is zero.
     zero_removed : float, m or rad
         What was taken off both directions for that.
-    expansion_removed : float
-        Slope taken off as expansion, m/m; 0 if none was stated.
-    u_slope : float or None
-        Standard uncertainty of that slope, m/m; None if no temperature was stated.
+    reference_direction : {"forward", "reverse", "middle"}
+        Direction in which the reference is reached.
+    heat : Expansion
+        Temperatures and coefficients that were stated; what they explain is not in the errors.
+    u_forward, u_reverse : ndarray or None, shape (m,), m or rad
+        Standard uncertainty, from the cycles, of the mean of a direction minus that of the
+        reference; None of one cycle.
     lost_motion, u_lost_motion : float or None, m or rad
         Mean of forward - reverse over the targets, and its standard uncertainty from the cycles;
         None in one direction, or of one cycle.
     messages : tuple of str
         What was assumed, and what is not known.
+    history : tuple of Step
+        From the file on.
     """
 
     positions: FloatArray
@@ -56,11 +59,24 @@ class PitchErrors:
     reverse: FloatArray | None
     reference: float
     zero_removed: float
-    expansion_removed: float = 0.0
-    u_slope: float | None = None
+    reference_direction: str = "forward"
+    heat: Expansion = field(default_factory=Expansion)
+    u_forward: FloatArray | None = None
+    u_reverse: FloatArray | None = None
     lost_motion: float | None = None
     u_lost_motion: float | None = None
     messages: tuple[str, ...] = ()
+    history: tuple[Step, ...] = ()
+
+    @property
+    def expansion_removed(self) -> float:
+        """Slope taken off as expansion, m/m; 0 if none was stated."""
+        return self.heat.slope
+
+    @property
+    def u_slope(self) -> float | None:
+        """Standard uncertainty of that slope, m/m; None if no temperature was stated."""
+        return self.heat.u_slope
 
     @property
     def has_lost_motion(self) -> bool:
@@ -109,21 +125,27 @@ class PitchErrors:
 
         return error
 
-    def u(self, u_shape: float = 0.0) -> FloatArray:
-        """Return the standard uncertainty at the targets, the unknown expansion included.
+    def u(self, direction: int = 1) -> FloatArray | None:
+        """Return the standard uncertainty of a direction at the targets, the expansion included.
 
         Parameters
         ----------
-        u_shape : float, m, optional
-            Of the readings themselves.
+        direction : {1, -1, 0}, optional
+            0 is the greater of both.
 
         Returns
         -------
-        ndarray, shape (m,), m
-            sqrt(u_shape^2 + (p - p_ref)^2 u(slope)^2).
+        ndarray, shape (m,), m or rad, or None
+            sqrt(u_cycles^2 + (p - p_ref)^2 u(slope)^2); None where one cycle shows no scatter and
+            no temperature is stated.
         """
+        columns = {1: [self.u_forward], -1: [self.u_reverse], 0: [self.u_forward, self.u_reverse]}
+        known = [v for v in columns[direction] if v is not None]
+        if not known and self.u_slope is None:
+            return None
+        shape = np.max(known, axis=0) if known else 0.0
         away = (self.positions - self.reference) * (self.u_slope or 0.0)
-        return np.asarray(np.hypot(u_shape, away))
+        return np.asarray(np.hypot(shape, away))
 
     def __repr__(self) -> str:
         ways = " and ".join(n for n in ("forward", "reverse") if getattr(self, n) is not None)
@@ -140,16 +162,8 @@ def pitch_errors(
     reference: float = 0.0,
     reference_direction: str = "forward",
     unit: str = "m",
-    expansion: float | str | None = None,
-    temperature: float | str | None = None,
-    instrument_expansion: float | str = 0.0,
-    instrument_temperature: float | str = _STANDARD,
-    u_expansion: float | str | None = None,
-    u_temperature: float | str | None = None,
-    temperature_use: float | str | None = None,
-    workpiece_expansion: float | str | None = None,
-    already_corrected: bool = False,
-    unusual: bool = False,
+    heat: Expansion | None = None,
+    **stated: Any,
 ) -> PitchErrors:
     """Return the errors of an axis along itself, as a pitch table needs them.
 
@@ -169,19 +183,10 @@ def pitch_errors(
         Direction in which the reference is reached.
     unit : {"m", "rad"}, optional
         Linear or rotary axis; a rotary axis takes no expansion.
-    expansion, temperature : float or str, 1/K and K, optional
-        Of the scale or of the part that holds the work, ``"11.5 ppm/K"``, ``"22.4 degC"``.
-    instrument_expansion, instrument_temperature : float or str, 1/K and K, optional
-        Of the instrument; a laser corrected for air has no expansion.
-    u_expansion, u_temperature : float or str, 1/K and K, optional
-        Standard uncertainties; 1e-6 / K and 0.5 K are assumed, and said, if omitted.
-    temperature_use, workpiece_expansion : float or str, K and 1/K, optional
-        Temperature at which the table will be used, and the expansion of what is made there; a
-        workpiece expansion of 0 means right in metres at that temperature.
-    already_corrected : bool, optional
-        The instrument has reduced its readings to 20 degC.
-    unusual : bool, optional
-        Take temperatures outside 0 to 50 degC and coefficients outside -1e-6 to 40e-6 / K.
+    heat : Expansion, optional
+        Temperatures and coefficients of axis and instrument.
+    **stated
+        Instead of `heat`, its fields: ``expansion="11.5 ppm/K", temperature="22.4 degC"``.
 
     Returns
     -------
@@ -191,20 +196,8 @@ def pitch_errors(
     Raises
     ------
     DataError
-        If targets or readings do not fit, the reference lies outside the targets, or what is
-        stated of the temperature is incomplete, contradictory or unusual.
-
-    Notes
-    -----
-    e_20 = e - [a_m (T_m - 20) - a_r (T_r - 20)] (p - p_ref); for use at another temperature
-    e_T = e_20 + (a_m - a_w)(T_use - 20)(p - p_ref); u(slope)^2 = (a_m u(T_m))^2 +
-    ((T_m - 20) u(a_m))^2, and the same of the instrument.
-
-    References
-    ----------
-    .. [1] ISO 230-2:2014; ISO 1:2022.
-    .. [2] D. A. Swyt, Uncertainties in dimensional measurements made at nonstandard temperatures,
-       J. Res. NIST 99 (1994) 31.
+        If targets or readings do not fit, the reference lies outside the targets, or a rotary axis
+        is said to expand.
 
     Examples
     --------
@@ -215,7 +208,7 @@ def pitch_errors(
     """
     choice(values, "values", ("reached", "deviation"))
     choice(deviation, "deviation", ("reached-minus-target", "target-minus-reached"))
-    choice(reference_direction, "reference_direction", ("forward", "reverse", "middle"))
+    choice(reference_direction, "reference_direction", REFERENCE_DIRECTIONS)
     choice(unit, "unit", ("m", "rad"))
     p = np.asarray(targets, dtype=np.float64)
     if p.ndim != 1 or p.size < 3 or not np.isfinite(p).all():
@@ -228,7 +221,7 @@ def pitch_errors(
     twice = np.flatnonzero(np.diff(p) == 0)
     if twice.size:
         raise DataError(
-            f"the target {p[twice[0]]:.9g} {unit} occurs more than once: give its readings as further "
+            f"the target {_shown(p[twice[0]], unit)} occurs more than once: give its readings as further "
             "columns (cycles) of one target"
         )
     sign = 1.0 if deviation == "reached-minus-target" or values == "reached" else -1.0
@@ -245,18 +238,17 @@ def pitch_errors(
                 f"the {name} readings all lie within 1 % of a step of 0: they are deviations, not "
                 'positions reached; say values="deviation"'
             )
-    stated = _Expansion.of(
-        unit, expansion, temperature, instrument_expansion, instrument_temperature, u_expansion,
-        u_temperature, temperature_use, workpiece_expansion, flag(already_corrected, "already_corrected"),
-        flag(unusual, "unusual"),
-    )  # fmt: skip
+    heat = heat or Expansion(**stated)
+    if heat.is_stated and unit == "rad":
+        raise DataError("a rotary axis has no expansion: leave temperatures and coefficients out")
     zero = quantity(reference, "reference", "length" if unit == "m" else "angle")
     if not p[0] <= zero <= p[-1]:
         raise DataError(
-            f"the reference {zero:.9g} {unit} lies outside the targets {p[0]:.9g} ... {p[-1]:.9g} "
-            f"{unit}: the error there is not known; state the home position, or measure there"
+            f"the reference {_shown(zero, unit)} lies outside the targets {_shown(p[0], unit)} ... "
+            f"{_shown(p[-1], unit)}: the error there is not known; state the home position, or measure "
+            "there"
         )
-    errors = {n: None if v is None else v - stated.slope * (p - zero) for n, v in means.items()}
+    errors = {n: None if v is None else v - heat.slope * (p - zero) for n, v in means.items()}
     wanted = ("forward", "reverse") if reference_direction == "middle" else (reference_direction,)
     if any(errors[n] is None for n in wanted):
         raise DataError(
@@ -264,18 +256,27 @@ def pitch_errors(
             "take the direction that was measured"
         )
     offset = float(np.mean([np.interp(zero, p, errors[n]) for n in wanted]))  # type: ignore[arg-type]
+    said = heat.messages if unit == "m" else ()
+    wanted_cycles = [cycles[n] for n in wanted]
     lost, u_lost, messages = _lost_motion(cycles["forward"], cycles["reverse"])
     return PitchErrors(
         p,
         *_zeroed(errors, offset),
         reference=zero,
         zero_removed=offset,
-        expansion_removed=stated.slope,
-        u_slope=stated.u,
+        reference_direction=reference_direction,
+        heat=heat,
+        u_forward=_scatter(cycles["forward"], wanted_cycles, p, zero),
+        u_reverse=_scatter(cycles["reverse"], wanted_cycles, p, zero),
         lost_motion=lost,
         u_lost_motion=u_lost,
-        messages=(*stated.messages, *messages),
+        messages=(*said, *messages),
     )
+
+
+def _shown(position: float, unit: str) -> str:
+    """Return a position as a person reads it."""
+    return f"{position * 1e3:.9g} mm" if unit == "m" else f"{math.degrees(position):.9g} deg"
 
 
 def _zeroed(
@@ -284,93 +285,6 @@ def _zeroed(
     """Return the errors of both directions less one zero."""
     up, down = errors["forward"], errors["reverse"]
     return None if up is None else up - offset, None if down is None else down - offset
-
-
-@dataclass(frozen=True)
-class _Expansion:
-    slope: float  # what (23) and (24) take off, m/m
-    u: float | None  # (25), m/m
-    messages: tuple[str, ...]
-
-    @classmethod
-    def of(
-        cls, unit: str, alpha: Any, warm: Any, alpha_r: Any, warm_r: Any, u_alpha: Any, u_warm: Any,
-        use: Any, alpha_w: Any, done: bool, unusual: bool,
-    ) -> _Expansion:  # fmt: skip
-        """Return the slope that expansion explains, refused where it is half stated or unusual."""
-        given = [v for v in (alpha, warm, use, alpha_w, u_alpha, u_warm) if v is not None]
-        if unit == "rad":
-            if given or done:
-                raise DataError(
-                    "a rotary axis has no expansion: leave temperatures and coefficients out"
-                )
-            return cls(0.0, None, ())
-        if done and given:
-            raise DataError(
-                "already_corrected says that the readings hold at 20 degC, and a temperature or "
-                "coefficient asks for the same correction again: give one of the two"
-            )
-        if done:
-            return cls(
-                0.0, None, ("the instrument has corrected the expansion; nothing more was",)
-            )
-        if not given:
-            return cls(0.0, None, ("no temperature is stated: 1 K is 11.5 um/m for steel",))
-        if alpha is None or warm is None:
-            raise DataError(
-                'expansion and temperature are needed together: state expansion="11.5 ppm/K" and '
-                'temperature="22.4 degC"'
-            )
-        if (use is None) != (alpha_w is None):
-            raise DataError(
-                "temperature_use and workpiece_expansion are needed together; a workpiece_expansion "
-                "of 0 means right in metres at that temperature"
-            )
-        a, a_r, a_w = (
-            _within(v, n, "coefficient of expansion", _EXPANSIONS, unusual)
-            for v, n in ((alpha, "expansion"), (alpha_r, "instrument_expansion"),
-                         (alpha_w or 0.0, "workpiece_expansion"))
-        )  # fmt: skip
-        t, t_r, t_use = (
-            _within(v, n, "temperature", _TEMPERATURES, unusual) - _STANDARD
-            for v, n in ((warm, "temperature"), (warm_r, "instrument_temperature"),
-                         (_STANDARD if use is None else use, "temperature_use"))
-        )  # fmt: skip
-        u_a = not_negative(
-            _U_EXPANSION if u_alpha is None else u_alpha,
-            "u_expansion",
-            dimension="coefficient of expansion",
-        )
-        u_t = not_negative(
-            _U_TEMPERATURE if u_warm is None else u_warm,
-            "u_temperature",
-            dimension="temperature difference",
-        )
-        told = [
-            f"{name} {value} is assumed"
-            for name, v, value in (
-                ("u_expansion", u_alpha, "1e-6 / K"),
-                ("u_temperature", u_warm, "0.5 K"),
-            )
-            if v is None
-        ]
-        slope = a * t - a_r * t_r - (a - a_w) * t_use
-        # an instrument without expansion (a laser corrected for air) has no thermal length of its own
-        other = (a_r * u_t, t_r * u_a) if a_r else ()
-        return cls(slope, math.hypot(a * u_t, t * u_a, *other), tuple(told))
-
-
-def _within(
-    value: Any, name: str, dimension: str, span: tuple[float, float], unusual: bool
-) -> float:
-    found = quantity(value, name, dimension)
-    if not unusual and not span[0] <= found <= span[1]:
-        shown = "0 ... 50 degC" if dimension == "temperature" else "-1e-6 ... 40e-6 / K"
-        raise DataError(
-            f"{name}={value!r} lies outside {shown}: check its unit (a number without one is in "
-            f"{'K' if dimension == 'temperature' else '1/K'}), or say that it is unusual"
-        )
-    return found
 
 
 def _readings(values: ArrayLike, name: str, m: int) -> FloatArray:
@@ -390,10 +304,29 @@ def _mean(cycles: FloatArray, p: FloatArray, name: str, unit: str) -> FloatArray
     empty = np.flatnonzero(np.isnan(cycles).all(axis=1))
     if empty.size:
         raise DataError(
-            f"the target {p[empty[0]]:.9g} {unit} has no {name} reading: leave the target out of both "
+            f"the target {_shown(p[empty[0]], unit)} has no {name} reading: leave the target out of both "
             "directions, or measure it"
         )
     return np.asarray(np.nanmean(cycles, axis=1))
+
+
+def _scatter(
+    cycles: FloatArray | None, zeros: list[FloatArray | None], p: FloatArray, zero: float
+) -> FloatArray | None:
+    """Return the standard uncertainty of the mean minus the zero of the same cycles; NaN: by the rest."""
+    n = min(0 if v is None else v.shape[1] for v in (cycles, *zeros))
+    if n < 2 or cycles is None:
+        return None
+    at_zero = np.mean(
+        [[np.interp(zero, p, column) for column in v[:, :n].T] for v in zeros if v is not None],
+        axis=0,
+    )
+    apart = cycles[:, :n] - at_zero
+    counts = (~np.isnan(apart)).sum(axis=1)
+    usual = float(np.sqrt(np.nanmean(np.nanvar(apart[counts > 1], axis=1, ddof=1))))
+    spread = np.full(p.size, usual)
+    spread[counts > 1] = np.nanstd(apart[counts > 1], axis=1, ddof=1)
+    return np.asarray(spread / np.sqrt(np.maximum(counts, 1)))
 
 
 def _lost_motion(
@@ -410,3 +343,81 @@ def _lost_motion(
     if each.size < 2:
         return lost, None, ("one cycle: whether the lost motion repeats is not known",)
     return lost, float(each.std(ddof=1) / math.sqrt(each.size)), ()
+
+
+# ---- the cycles of a positioning test as runs, which a result stores and a dry-run judges with --
+
+
+def cycle_runs(
+    targets: ArrayLike,
+    forward: ArrayLike | None,
+    reverse: ArrayLike | None = None,
+    *,
+    history: Sequence[Step] = (),
+) -> RunSet:
+    """Return the cycles of a positioning test as runs: one for each cycle and direction.
+
+    Parameters
+    ----------
+    targets : array_like, shape (m,), m or rad
+        Target positions.
+    forward, reverse : array_like, shape (m, n), m or rad, or None
+        Deviations actual - target, one column per cycle; NaN where not measured.
+    history : sequence of Step, optional
+        From the file on.
+
+    Returns
+    -------
+    RunSet
+        Positions are the targets, readings the deviations.
+    """
+    p = np.asarray(targets, dtype=np.float64)
+    order = np.argsort(p, kind="stable")
+    runs = []
+    for name, values, step in (("forward", forward, 1), ("reverse", reverse, -1)):
+        if values is None:
+            continue
+        cycles = _readings(values, name, p.size)[order]
+        runs += [
+            Run(p[order][::step], column[::step], run_id=f"{name} {k}")
+            for k, column in enumerate(cycles.T, start=1)
+            if not np.isnan(column).all()
+        ]
+    return RunSet(runs, history=tuple(history))
+
+
+def pitch_errors_of(runs: RunSet, **options: Any) -> PitchErrors:
+    """Return the errors of an axis along itself from cycles that are runs over the same targets.
+
+    Parameters
+    ----------
+    runs : RunSet
+        Positions are targets, readings deviations actual - target.
+    **options
+        Of `pitch_errors`: reference, reference_direction, unit, heat.
+
+    Returns
+    -------
+    PitchErrors
+        With the history of the runs.
+
+    Raises
+    ------
+    DataError
+        If the targets of two cycles differ, and as `pitch_errors`.
+    """
+    first = np.sort(runs[0].x)
+    near = 1e-9 * float(np.ptp(first))
+    columns: dict[int, list[FloatArray]] = {1: [], -1: []}
+    for run in runs:
+        order = np.argsort(run.x)
+        if run.x.size != first.size or float(np.abs(run.x[order] - first).max()) > near:
+            raise DataError(
+                f"{run.run_id or 'a cycle'} has other targets than {runs[0].run_id or 'the first'}: "
+                "give the cycles of one test"
+            )
+        columns[run.direction].append(run.z[order])
+    up, down = (np.column_stack(columns[d]) if columns[d] else None for d in (1, -1))
+    found = pitch_errors(first, up, down, values="deviation", **options)
+    made = {"runs_sha256": tuple(r.sha256 for r in runs), **found.heat.to_dict()}
+    return replace(found, history=(*runs.history, Step("pitch", made)))

@@ -240,9 +240,12 @@ _BACKWARD = frozenset(
 
 
 def positions_from_columns(
-    target: ArrayLike, direction: Sequence[Any] | NDArray[Any], readings: ArrayLike
+    target: ArrayLike,
+    direction: Sequence[Any] | NDArray[Any],
+    readings: ArrayLike,
+    cycle: Sequence[Any] | NDArray[Any] | None = None,
 ) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
-    """Return targets and positions of a table with one row per target and direction.
+    """Return targets and positions of a table with one row per target and direction, or per reading.
 
     Parameters
     ----------
@@ -253,17 +256,22 @@ def positions_from_columns(
         ``"-"``, -1 of each row.
     readings : array_like, shape (rows, n), m
         Positions reached, one column per run.
+    cycle : sequence, shape (rows,), optional
+        Number or name of the cycle of each row, where a target has a row for each cycle. If it is
+        omitted and every target of a direction occurs equally often, the occurrences are its
+        cycles, in the order of the rows.
 
     Returns
     -------
     tuple of (ndarray, ndarray or None, ndarray or None)
         targets (m,), forward and backward (m, n): the arguments of `iso230_2`. A target that one
-        direction lacks is NaN there.
+        direction or cycle lacks is NaN there.
 
     Raises
     ------
     InvalidSamplesError
-        If the columns differ in length, a direction is not known, a target is NaN or occurs twice.
+        If the columns differ in length, a direction is not known, a target is NaN, occurs twice in
+        a cycle, or its occurrences do not tell the cycles.
 
     Notes
     -----
@@ -306,14 +314,44 @@ def positions_from_columns(
             ways.append(None)
             continue
         at = np.abs(rows[mine][:, None] - goals).argmin(axis=1)
-        if np.unique(at).size < at.size:
-            raise InvalidSamplesError(
-                "a target occurs twice in one direction; put its runs in columns of one row"
-            )
-        table = np.full((goals.size, values.shape[1]), math.nan)
-        table[at] = values[mine]
+        turn = _turns(at, None if cycle is None else np.asarray(cycle)[mine], goals)
+        n = values.shape[1]
+        table = np.full((goals.size, (int(turn.max()) + 1) * n), math.nan)
+        for i in range(n):
+            table[at, turn * n + i] = values[mine, i]
         ways.append(table)
     return goals, ways[0], ways[1]
+
+
+def _turns(
+    at: NDArray[np.intp], cycle: NDArray[Any] | None, goals: FloatArray
+) -> NDArray[np.intp]:
+    """Return the number of the cycle of each row of a direction, from 0."""
+    if cycle is not None:
+        names = list(dict.fromkeys(str(c).strip() for c in cycle))
+        turn = np.array([names.index(str(c).strip()) for c in cycle], dtype=np.intp)
+        pairs = list(zip(at.tolist(), turn.tolist(), strict=True))
+        for i, pair in enumerate(pairs):
+            if pair in pairs[:i]:
+                raise InvalidSamplesError(
+                    f"the target {goals[pair[0]]:.9g} occurs twice in cycle {names[pair[1]]} of one "
+                    "direction: each reading is one row"
+                )
+        return turn
+    counts = np.bincount(at)
+    often = counts[counts > 0]
+    if often.min() < often.max():
+        raise InvalidSamplesError(
+            f"the target {goals[int(counts.argmax())]:.9g} occurs {often.max()} times in one "
+            f"direction, others {often.min()} times: name the column of the cycle, so that no reading "
+            "is taken for one of another cycle"
+        )
+    seen = np.zeros(goals.size, dtype=np.intp)
+    turn = np.empty(at.size, dtype=np.intp)
+    for i, place in enumerate(at):
+        turn[i] = seen[place]
+        seen[place] += 1
+    return turn
 
 
 # ---- `PositioningSheet`: the runs of an ISO 230-2 test separated into mean deviations and scatter ----
@@ -348,7 +386,7 @@ class PositioningOfAxis(NamedMethod):
     what: ClassVar[str] = "positioning accuracy and repeatability of an axis, ISO 230-2"
     reads: ClassVar = "table"
     roles: ClassVar[Mapping[str, str]] = {
-        "target": "position?", "direction": "label?", "readings": "position*?",
+        "target": "position?", "direction": "label?", "readings": "position*?", "cycle": "label?",
     }  # fmt: skip
     arguments: ClassVar[Mapping[str, Option]] = POSITION_OPTIONS
 
@@ -373,6 +411,7 @@ def reached(data: RoleColumns, rows: Any = slice(None)) -> tuple[Any, Any, Any]:
         values["target"][rows],
         [str(d) for d in values["direction"][rows]],
         values["readings"].T[rows],
+        None if values.get("cycle") is None else values["cycle"][rows],
     )
     return found
 

@@ -18,9 +18,11 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TooFewSamplesError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
+from metrosep.core.runset import RunSet
 from metrosep.core.units import format_engineering
 from metrosep.parameters.table import Context, ParameterTable
 from metrosep.separation._readings import reduced
+from metrosep.separation.positions.pitch import cycle_runs
 from metrosep.separation.positions.repeatability import (
     SpreadEstimate,
     bidirectional_estimate,
@@ -94,6 +96,11 @@ class PositioningTest(Mapping[str, Quantity]):
     spread: Mapping[str, SpreadEstimate] = field(default_factory=dict)
     audit: Mapping[str, Any] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
+
+    @property
+    def cycles(self) -> RunSet:
+        """The errors of each cycle as runs over the targets, of which a table can be made."""
+        return cycle_runs(self.targets, self.forward, self.backward)
 
     def __getitem__(self, symbol: str) -> Quantity:
         return self.table[symbol]

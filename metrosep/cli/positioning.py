@@ -1,0 +1,129 @@
+"""Lists of a positioning test for tables: targets, directions, readings of each cycle."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+if TYPE_CHECKING:
+    from metrosep.core.runset import RunSet
+
+__all__ = ["is_list", "list_options", "listed_cycles", "listed_document", "refuse_list_options"]
+
+F = TypeVar("F", bound=Callable[..., Any])
+_ROLES = ("target", "direction", "readings", "cycle")
+_SENSES = ("reached-minus-target", "target-minus-reached")
+_DEVIATIONS = 0.1
+"""Readings that span less of the targets are deviations: no axis is wrong by a tenth of its travel."""
+
+
+def list_options(*, with_direction: bool = True) -> Callable[[F], F]:
+    """Add the options that name the columns of a list of targets."""
+    options = [
+        click.option("--target", metavar="COLUMN", help="Of a list: target, target_mm."),
+        click.option(
+            "--readings", metavar="COLUMN,...", help="Of a list: readings, one column a cycle."
+        ),
+        click.option("--cycle", metavar="COLUMN", help="Of a list: cycle, where it is a column."),
+        click.option(
+            "--deviation",
+            type=click.Choice(_SENSES),
+            help="Of a list of deviations: their sense, never assumed.",
+        ),
+    ]
+    if with_direction:
+        options.insert(
+            1,
+            click.option("--direction", metavar="COLUMN", help="Of a list: column with fwd/bwd."),
+        )
+
+    def decorate(command: F) -> F:
+        return functools.reduce(lambda c, o: o(c), reversed(options), command)
+
+    return decorate
+
+
+def is_list(file: str, options: Mapping[str, Any]) -> bool:
+    """Return whether a file is a list of targets: its columns are named, or it is of that format."""
+    if options.get("target") or options.get("readings"):
+        return True
+    from metrosep.io.declared import Match
+    from metrosep.io.source import open_file
+    from metrosep.io.text.machine_tests import iso230_2_list
+
+    path = Path(file)
+    return path.is_file() and iso230_2_list.sniff(open_file(path)) is not Match.NO
+
+
+def refuse_list_options(options: Mapping[str, Any]) -> None:
+    """Refuse what belongs to a list of targets where something else is given."""
+    for name in (*_ROLES, "deviation"):
+        if options.get(name):
+            raise click.UsageError(
+                f"--{name} belongs to a list of targets: name --target and --readings too, or leave "
+                "it out"
+            )
+
+
+def listed_cycles(
+    files: Sequence[str], options: Mapping[str, Any], reading: Mapping[str, Any]
+) -> RunSet:
+    """Return the cycles of a list of targets as runs of deviations actual - target."""
+    from metrosep.core.methods import METHODS
+    from metrosep.recipe.method_run import load_inputs, sources
+    from metrosep.recipe.preflight import POSITIONING
+    from metrosep.separation.positions.pitch import cycle_runs
+    from metrosep.separation.positions.positioning import as_positions, reached
+
+    roles = {k: options[k] for k in _ROLES if options.get(k)}
+    if "readings" in roles:
+        roles["readings"] = [c.strip() for c in roles["readings"].split(",") if c.strip()]
+    data: Any = load_inputs(METHODS[POSITIONING], [Path(f) for f in files], {**roles, **reading})
+    are_deviations = _are_deviations(data)
+    sense = options.get("deviation")
+    if are_deviations and sense is None:
+        raise click.UsageError(
+            "the readings are deviations; say which: --deviation reached-minus-target (the axis went "
+            "too far where they are positive), or --deviation target-minus-reached; it is not assumed"
+        )
+    if not are_deviations and sense is not None:
+        raise click.UsageError(
+            "the readings are positions reached, not deviations: leave --deviation out"
+        )
+    target, up, down = reached(as_positions(data, "deviation" if are_deviations else "position"))
+    sign = -1.0 if sense == "target-minus-reached" else 1.0
+    ways = (None if v is None else sign * (v - target[:, None]) for v in (up, down))
+    history, _ = sources(data)
+    return cycle_runs(target, *ways, history=history)
+
+
+def _are_deviations(data: Any) -> bool:
+    """Return whether readings span far less than their targets."""
+    import numpy as np
+
+    values = data.values
+    found = [
+        v for v in (values.get(k) for k in ("readings", "forward", "backward")) if v is not None
+    ]
+    together = np.concatenate([np.ravel(v) for v in found])
+    return bool(np.ptp(together[np.isfinite(together)]) < _DEVIATIONS * np.ptp(values["target"]))
+
+
+def listed_document(
+    file: str, options: Mapping[str, Any], reading: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return a list of targets as a result holds it."""
+    from metrosep.core.provenance import history_as_dicts
+    from metrosep.recipe.result import SCHEMA, clean, run_records
+
+    runs = listed_cycles([file], options, reading)
+    return {
+        "schema": SCHEMA,
+        "estimate": None,
+        "runs": clean(run_records(runs)),
+        "provenance": history_as_dicts(runs.history),
+    }

@@ -1,0 +1,278 @@
+"""Pitch tables from lists of a positioning test, by the command line alone; the machine is numpy."""
+
+import json
+
+import numpy as np
+import pytest
+
+UM = 1e-3
+"""A micrometre in mm, the unit of the lists and of LinuxCNC's file."""
+
+TRAVEL = 400.0
+TARGETS = np.array(
+    [0, 13.7, 29, 51.3, 77, 96.1, 128, 155.9, 181, 214.6, 240, 271.2, 300, 333.3, 362, 400]
+)
+HOMED = 0.0001 * UM
+"""0.1 nm: the exact inverse looks the error up 1.4 um beside the reference, where it slopes."""
+
+LEFT = 0.03 * UM
+"""30 nm: what two iterations may leave, P-V at the targets."""
+
+
+def machine(position, direction):
+    """Error in mm of an axis that stretches by 30 um/m and loses 3 um at a reversal."""
+    straight = 30e-6 * position + 1.3 * UM * np.sin(2 * np.pi * position / 170 + 0.4)
+    return straight + (0.0 if direction > 0 else -3 * UM + 2e-6 * position)
+
+
+def trims(path):
+    """Return LinuxCNC's lookup of a .comp of type 0: trim = nominal - actual, linear, ends held."""
+    if path is None:
+        return lambda p, direction: 0.0
+    nominal, *actual = np.loadtxt(path, unpack=True)
+    return lambda p, direction: np.interp(p, nominal, nominal - actual[direction < 0])
+
+
+def reached(command, direction, comp):
+    motor = command + comp(command, direction)
+    return motor + machine(motor, direction)
+
+
+def laser_file(path, comp, *, seed, cycles=5, sense=1.0, noise=0.005 * UM, warm=0.0, scale=1.0):
+    """Write one row per reading, in the order in which the laser took them."""
+    rng = np.random.default_rng(seed)
+    lines = ["cycle;way;target_mm;deviation_um"]
+    for k in range(cycles):
+        for way, targets in (("up", TARGETS), ("down", TARGETS[::-1])):
+            for target in targets:
+                at = scale * (reached(target, 1 if way == "up" else -1, comp) - target)
+                at += warm * target + rng.normal(0, noise)
+                lines.append(f"{k + 1};{way};{target:.4f};{sense * at / UM:.5f}")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+NAMES = [
+    "--target",
+    "target_mm",
+    "--direction",
+    "way",
+    "--readings",
+    "deviation_um",
+    "--axis",
+    "X",
+]
+SENSE = ["--deviation", "reached-minus-target"]
+
+
+def left_over(comp):
+    """P-V in mm over both directions, of commands between the targets too."""
+    p = np.concatenate([TARGETS, np.linspace(0, TRAVEL, 4001)])
+    both = np.concatenate([reached(p, d, comp) - p for d in (1, -1)])
+    return np.ptp(both), np.ptp(both.reshape(2, -1)[:, : TARGETS.size])
+
+
+def test_two_iterations_close_the_axis_and_the_first_table_stays(tmp_path, metrosep):
+    first = laser_file(
+        tmp_path / "first.csv", trims(None), seed=1, scale=0.93
+    )  # a laser with dead path
+    out = tmp_path / "x.comp"
+    code, _, told = metrosep("table", first, *NAMES, *SENSE, "-o", out)
+    assert code == 0, told
+    assert "X -> X (its own positioning), 0 ... 400 mm, 16 entries, slope" in told
+    assert "no temperature is stated: 1 K is 11.5 um/m for steel" in told
+    before, after = left_over(trims(None))[1], left_over(trims(out))[1]
+    assert after < 0.1 * before
+
+    second = laser_file(tmp_path / "second.csv", trims(out), seed=2)
+    code, _, told = metrosep("table", second, *NAMES, *SENSE, "-o", out, "--force")
+    assert code == 1, told
+    assert f'--active "{out}"' in told
+    old = out.read_bytes()
+    add = ["--active", out, "-o", out, "--force"]
+    code, _, told = metrosep("table", second, *NAMES, *SENSE, *add)
+    assert code == 0, told
+    assert "x.comp was active: this file holds it and what it left" in told
+    assert (tmp_path / "x.comp.1").read_bytes() == old
+    assert left_over(trims(out))[1] < LEFT
+    sidecar = json.loads((tmp_path / "x.comp.json").read_text())
+    assert sidecar["active"]["with_it_rms_m"] < sidecar["active"]["without_any_table_rms_m"]
+
+
+def test_an_active_table_of_the_wrong_sign_is_named_and_overcome(tmp_path, metrosep):
+    good = tmp_path / "good.comp"
+    first = laser_file(tmp_path / "first.csv", trims(None), seed=3)
+    assert metrosep("table", first, *NAMES, *SENSE, "-o", good)[0] == 0
+    nominal, up, down = np.loadtxt(good, unpack=True)
+    wrong = tmp_path / "wrong.comp"  # somebody else's file: no sidecar, the sign turned
+    np.savetxt(wrong, np.c_[nominal, 2 * nominal - up, 2 * nominal - down], fmt="%.10f")
+    assert left_over(trims(wrong))[1] > 1.8 * left_over(trims(None))[1]
+
+    second = laser_file(tmp_path / "second.csv", trims(wrong), seed=4)
+    out = tmp_path / "x.comp"
+    code, _, told = metrosep("table", second, *NAMES, *SENSE, "--add-to", wrong, "-o", out)
+    assert code == 0, told
+    assert "wrong.comp made it worse, its sign or its axis is wrong" in told
+    assert left_over(trims(out))[1] < 2 * LEFT  # one step from an error twice as large
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_the_sense_of_deviations_is_asked_for_and_obeyed(tmp_path, metrosep, sense):
+    file = laser_file(tmp_path / "a.csv", trims(None), seed=5, sense=sense)
+    out = tmp_path / "x.comp"
+    code, _, told = metrosep("table", file, *NAMES, "-o", out)
+    assert code == 2
+    assert "it is not assumed" in told
+    assert not out.exists()
+    word = "reached-minus-target" if sense > 0 else "target-minus-reached"
+    assert metrosep("table", file, *NAMES, "--deviation", word, "-o", out)[0] == 0
+    assert left_over(trims(out))[1] < 0.1 * left_over(trims(None))[1]
+
+
+def test_a_warm_scale_is_corrected_to_20_degrees(tmp_path, metrosep):
+    file = laser_file(tmp_path / "a.csv", trims(None), seed=6, warm=10.6e-6 * 3.5)
+    out = tmp_path / "x.comp"
+    warm = ["--temperature", "23.5 degC", "--expansion", "10.6 ppm/K"]
+    known = ["--u-temperature", "0.05 K", "--u-expansion", "0.1 ppm/K"]
+    code, _, said = metrosep("table", file, *NAMES, *SENSE, *warm, *known, "-o", out)
+    assert code == 0, said
+    assert "37.1 um/m of the slope were taken off" in said
+    assert left_over(trims(out))[1] < LEFT
+    told = json.loads((tmp_path / "x.comp.json").read_text())["table"]["heat"]
+    assert told["temperature"] == pytest.approx(296.65, rel=1e-12, abs=0)
+
+    # the readings that made it are judged at 20 degC too, with or without saying it again
+    code, _, said = metrosep("verify", out, "--against", file, *NAMES[:6], *SENSE)
+    assert code == 0, said
+    assert "each left out once" in said
+    # five runs share one wrong temperature: no number of them shows it, so its u counts in full
+    vague = ["--u-temperature", "2 K", "-o", str(tmp_path / "y.comp")]
+    assert metrosep("table", file, *NAMES, *SENSE, *warm, *vague)[0] == 3
+
+
+@pytest.mark.parametrize("way", ["forward", "reverse", "middle"])
+def test_the_zero_is_where_and_how_the_axis_is_homed(tmp_path, metrosep, way):
+    file = laser_file(tmp_path / "a.csv", trims(None), seed=7)
+    out = tmp_path / "x.comp"
+    home = ["--reference", "128 mm", "--reference-direction", way]
+    assert metrosep("table", file, *NAMES, *SENSE, *home, "-o", out)[0] == 0
+    up, down = (float(trims(out)(128.0, d)) for d in (1, -1))
+    at = {"forward": up, "reverse": down, "middle": (up + down) / 2}[way]
+    assert abs(at) < HOMED
+    assert down - up == pytest.approx(3 * UM - 2e-6 * 128, rel=0.01, abs=0)
+
+
+REFUSED = [
+    (["--compensates", "Z"], "a positioning test is the error of X along itself", 2),
+    (["--reference", "500 mm"], "the reference 500 mm lies outside the targets", 2),
+    (["--temperature", "22 degC"], "expansion and temperature are needed together", 2),
+    (["--temperature", "22", "--expansion", "11.5 ppm/K"], "unit", 2),
+    (
+        ["--already-corrected", "--temperature", "22 degC", "--expansion", "11 ppm/K"],
+        "one of the two",
+        2,
+    ),
+    (["--cycle", "way"], "occurs twice in cycle up", 4),
+    (["--active", "nowhere.comp"], "cannot be read", 4),
+]
+
+
+@pytest.mark.parametrize(("more", "words", "code"), REFUSED)
+def test_what_contradicts_the_list_is_refused_and_nothing_is_written(
+    tmp_path, metrosep, more, words, code
+):
+    file = laser_file(tmp_path / "a.csv", trims(None), seed=8)
+    out = tmp_path / "x.comp"
+    found, _, told = metrosep("table", file, *NAMES, *SENSE, *more, "-o", out)
+    assert words in told
+    assert found == code, told
+    assert not out.exists()
+
+
+def test_a_result_a_recipe_and_the_list_itself_give_the_same_bytes(tmp_path, metrosep):
+    file = laser_file(tmp_path / "a.csv", trims(None), seed=9)
+    direct, later = tmp_path / "direct.comp", tmp_path / "later.comp"
+    warm = ["--temperature", "21 degC", "--expansion", "11 ppm/K", "--reference", "29 mm"]
+    assert metrosep("table", file, *NAMES, *SENSE, *warm, "-o", direct)[0] == 0
+    columns = ["--column", "target=target_mm", "--column", "direction=way"]
+    code, _, told = metrosep(
+        "separate", file, "--method", "iso230_2", *columns, "--readings", "deviation_um",
+        "--set", "values=deviation", "-o", tmp_path / "test",
+    )  # fmt: skip
+    assert code == 0, told
+    assert metrosep("table", tmp_path / "test", "--axis", "X", *warm, "-o", later)[0] == 0
+    assert later.read_bytes() == direct.read_bytes()
+
+    recipe = tmp_path / "pitch.toml"
+    recipe.write_text(
+        """metrosep = 1
+[input]
+target = "target_mm"
+direction = "way"
+readings = ["deviation_um"]
+[[step]]
+op = "iso230_2"
+values = "deviation"
+[[output]]
+kind = "table"
+controller = "linuxcnc"
+axis = "X"
+compensates = "X"
+reference = "29 mm"
+temperature = "21 degC"
+expansion = "11 ppm/K"
+path = "x.comp"
+"""
+    )
+    code, _, told = metrosep("run", recipe, file, "-o", tmp_path / "run")
+    assert code == 0, told
+    assert (tmp_path / "run" / "x.comp").read_bytes() == direct.read_bytes()
+    assert "accepted" in told
+
+    recipe.write_text(recipe.read_text().replace('compensates = "X"', 'compensates = "Z"'))
+    code, _, told = metrosep("run", recipe, file, "-o", tmp_path / "other")
+    assert code == 2
+    assert "error of X along itself" in told
+
+
+def test_verify_judges_the_new_file_by_readings_taken_with_the_old_one_active(tmp_path, metrosep):
+    first = laser_file(tmp_path / "first.csv", trims(None), seed=10, scale=0.8)
+    old, new = tmp_path / "old.comp", tmp_path / "new.comp"
+    assert metrosep("table", first, *NAMES, *SENSE, "-o", old)[0] == 0
+    second = laser_file(tmp_path / "second.csv", trims(old), seed=11)
+    assert metrosep("table", second, *NAMES, *SENSE, "--active", old, "-o", new)[0] == 0
+    third = laser_file(tmp_path / "third.csv", trims(old), seed=12)
+    against = ["--against", third, *NAMES[:6], *SENSE]
+    code, _, told = metrosep("verify", new, *against, "--active", old)
+    assert code == 0, told
+    # without --active the readings look like the error that the whole new table makes worse
+    code, _, told = metrosep("verify", new, *against)
+    assert code == 1, told
+
+
+def test_a_recipe_reads_no_active_table_outside_the_opened_folders(tmp_path):
+    from metrosep.core.errors import RecipeError
+    from metrosep.recipe import Recipe
+
+    inside, outside = tmp_path / "in", tmp_path / "out"
+    inside.mkdir()
+    outside.mkdir()
+    (outside / "x.comp").write_text("0 0 0\n1 1 1\n")
+    text = """metrosep = 1
+[input]
+x = "x_mm"
+z = "z_um"
+[[step]]
+op = "separate"
+[[output]]
+kind = "table"
+controller = "linuxcnc"
+axis = "X"
+compensates = "X"
+spacing = "1 mm"
+active = "../out/x.comp"
+path = "y.comp"
+"""
+    Recipe.parse(text, folder=inside)
+    with pytest.raises(RecipeError, match=r"outside the folders that were opened"):
+        Recipe.parse(text, folder=inside, admits=lambda path: inside in path.resolve().parents)
