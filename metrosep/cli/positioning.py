@@ -75,7 +75,7 @@ def listed_cycles(
     """Return the cycles of a list of targets as runs of deviations actual - target."""
     from metrosep.core.methods import METHODS
     from metrosep.recipe.method_run import load_inputs, sources
-    from metrosep.recipe.preflight import POSITIONING
+    from metrosep.recipe.result import POSITIONING
     from metrosep.separation.positions.pitch import cycle_runs
     from metrosep.separation.positions.positioning import as_positions, reached
 
@@ -118,12 +118,13 @@ def listed_document(
 ) -> dict[str, Any]:
     """Return a list of targets as a result holds it."""
     from metrosep.core.provenance import history_as_dicts
-    from metrosep.recipe.result import SCHEMA, clean, run_records
+    from metrosep.recipe.result import POSITIONING, SCHEMA, clean, run_records
 
     runs = listed_cycles([file], options, reading)
     return {
         "schema": SCHEMA,
         "estimate": None,
+        "separation": {"op": POSITIONING},
         "runs": clean(run_records(runs)),
         "provenance": history_as_dicts(runs.history),
     }

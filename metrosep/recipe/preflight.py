@@ -17,13 +17,13 @@ from metrosep.core.readable import typed_number
 from metrosep.parameters.decision import decide
 from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.pipeline_checks import known_unit, makes_metric
+from metrosep.recipe.result import POSITIONING
 from metrosep.recipe.schema import Place
 
 if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
 __all__ = [
-    "POSITIONING",
     "RESULT_NAME",
     "check_recipe",
     "guard_notes",
@@ -35,8 +35,6 @@ __all__ = [
 ]
 
 RESULT_NAME = "result.json"
-POSITIONING = "iso230_2"
-"""The method whose cycles are the errors of an axis along itself."""
 
 _OF_DRY_RUN = ("after_pv", "after_rms")
 

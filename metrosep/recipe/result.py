@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
 
 __all__ = [
+    "POSITIONING",
     "SCHEMA",
     "Result",
     "clean",
@@ -46,6 +47,8 @@ __all__ = [
 ]
 
 SCHEMA = "metrosep.result/1"
+POSITIONING = "iso230_2"
+"""The method whose cycles are the errors of an axis along itself."""
 _MM, _NM = 1e-3, 1e-9
 _CURVE_POINTS = 601
 _MAX_POINTS = 2000
@@ -316,7 +319,7 @@ def _cell_means(run: Run) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
 
 def is_positioning(document: Mapping[str, Any]) -> bool:
     """Return whether a result holds the cycles of a positioning test, of which a table can be made."""
-    return document.get("estimate") is None and bool(document.get("runs"))
+    return (document.get("separation") or {}).get("op") == POSITIONING
 
 
 def measured_runs(document: Mapping[str, Any]) -> RunSet:

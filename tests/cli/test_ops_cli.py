@@ -132,7 +132,7 @@ def test_a_folder_gets_table_report_and_result(metrosep, repository, tmp_path):
         ("--method three_flat --readings a", "--readings is not read by"),
         ("--method iso230_2 --unit mm", "--unit is not read by"),
         ("--method iso230_7 --readings a --z b", "--z belongs to repeated runs"),
-        ("--method iso230_2 --feed b", "--column (target, direction, readings)"),
+        ("--method iso230_2 --feed b", "--column (target, direction, readings, cycle)"),
         ("--method three_flat --drift 1", "--drift belongs to repeated runs"),
         ("--x a --z b --column c=d", "--column belongs to a named separation"),
         ("--x a --z b --drift 4", "--drift"),

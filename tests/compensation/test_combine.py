@@ -14,6 +14,10 @@ ROUND = 1e-18
 P = np.linspace(0.0, 100e-3, 401)
 
 
+ROUNDING = 1e-18
+"""Of sums of micrometres in m."""
+
+
 def error(x):
     """Steep on purpose, 120 um with slopes of 2 %, so that the place of the lookup shows."""
     x = np.asarray(x)
@@ -234,7 +238,6 @@ def table(**changes):
         ({"axis": "Y"}, "same axes"),
         ({"compensates": "X"}, "same axes"),
         ({"reference": 1.0, "forward": [1e-6, 0.0]}, "zero of the machine"),
-        ({"reverse": [0.0, 1e-6]}, "reverse direction"),
         ({"positions": [2.0, 3.0], "reference": 0.0}, "do not overlap"),
     ],
 )
@@ -243,6 +246,14 @@ def test_tables_that_do_not_fit_are_refused(changes, message):
         combine_tables(table(), table(**changes))
     with pytest.raises(TableError, match=message):
         combine_tables(table(**changes), table())
+
+
+def test_one_column_acts_alike_in_both_directions():
+    both = table(reverse=[2e-6, 5e-6])
+    for old, new in ((table(), both), (both, table())):
+        made = combine_tables(old, new)
+        np.testing.assert_allclose(made.forward, [0.0, 2e-6], rtol=0, atol=ROUNDING)
+        np.testing.assert_allclose(made.reverse, [2e-6, 6e-6], rtol=0, atol=ROUNDING)
 
 
 def test_maps_that_do_not_fit_are_refused():

@@ -164,7 +164,18 @@ class Expansion:
 
     @classmethod
     def of_options(cls, given: Mapping[str, Any]) -> Expansion | None:
-        """Return what the options of a table state of temperatures; None where they state nothing."""
+        """Return what the options of a table state of temperatures.
+
+        Parameters
+        ----------
+        given : mapping
+            Options; what is no field of `Expansion` is left alone.
+
+        Returns
+        -------
+        Expansion or None
+            None where they state nothing.
+        """
         known: dict[str, Any] = {f.name: given.get(f.name) for f in fields(cls)}
         known = {k: v for k, v in known.items() if v is not None and v is not False}
         return cls(**known) if known else None

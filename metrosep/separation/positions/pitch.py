@@ -20,6 +20,8 @@ from metrosep.separation.positions.expansion import Expansion
 __all__ = ["REFERENCE_DIRECTIONS", "PitchErrors", "cycle_runs", "pitch_errors", "pitch_errors_of"]
 
 REFERENCE_DIRECTIONS = ("forward", "reverse", "middle")
+_SAME_PLACE = 1e-9
+"""Of the range of the targets: a reference so near to one is that one."""
 _SPLIT = 2.0
 """Lost motion goes into the table if it exceeds so many standard uncertainties of its mean."""
 
@@ -242,6 +244,9 @@ def pitch_errors(
     if heat.is_stated and unit == "rad":
         raise DataError("a rotary axis has no expansion: leave temperatures and coefficients out")
     zero = quantity(reference, "reference", "length" if unit == "m" else "angle")
+    nearest = float(p[np.argmin(np.abs(p - zero))])
+    if abs(nearest - zero) <= _SAME_PLACE * (p[-1] - p[0]):  # 2.74 mm typed and 2.74 mm read
+        zero = nearest
     if not p[0] <= zero <= p[-1]:
         raise DataError(
             f"the reference {_shown(zero, unit)} lies outside the targets {_shown(p[0], unit)} ... "
@@ -407,7 +412,7 @@ def pitch_errors_of(runs: RunSet, **options: Any) -> PitchErrors:
         If the targets of two cycles differ, and as `pitch_errors`.
     """
     first = np.sort(runs[0].x)
-    near = 1e-9 * float(np.ptp(first))
+    near = _SAME_PLACE * float(np.ptp(first))
     columns: dict[int, list[FloatArray]] = {1: [], -1: []}
     for run in runs:
         order = np.argsort(run.x)
