@@ -32,7 +32,6 @@ __all__ = [
     "table",
     "verify",
     "write_arguments",
-    "write_table",
 ]
 
 
@@ -236,17 +235,6 @@ def _write(
     prepared.write()
     sidecar: dict[str, Any] = json.loads(prepared.sidecar)
     return sidecar
-
-
-def write_table(
-    document: dict[str, Any], path: str, controller: str, options: dict[str, Any], *, force: bool
-) -> tuple[list[str], dict[str, Any]]:
-    """Write the table of a result, as 'table RESULT' does."""
-    from metrosep.controllers.base import sidecar_path
-
-    made, against, folds = _carried_of(document, controller, options)
-    sidecar = _write(made, path, controller, options, against=against, folds=folds, force=force)
-    return [path, str(sidecar_path(Path(path)))], sidecar
 
 
 @click.command()

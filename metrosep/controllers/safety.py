@@ -60,12 +60,18 @@ def waived_names(waive: str | Sequence[str]) -> tuple[str, ...]:
     return tuple(name.strip() for text in texts for name in text.split(","))
 
 
-def judged(findings: Iterable[Finding], waive: Sequence[str]) -> tuple[Finding, ...]:
-    """Return the findings, and refuse if an error is among them that is not waived."""
+def checked_waivers(waive: str | Sequence[str]) -> tuple[str, ...]:
+    """Return the names of checks, refused where one is not a check."""
     names = waived_names(waive)
     unknown = [n for n in names if n not in CHECKS]
     if unknown:
         raise DataError(f"waive={unknown[0]!r} is not a check; there are {', '.join(CHECKS)}")
+    return names
+
+
+def judged(findings: Iterable[Finding], waive: Sequence[str]) -> tuple[Finding, ...]:
+    """Return the findings, and refuse if an error is among them that is not waived."""
+    names = checked_waivers(waive)
     found = tuple(findings)
     errors = [f for f in found if f.level == "error" and f.check not in names]
     if errors:

@@ -367,3 +367,120 @@ def test_a_degree_is_refused_where_the_controller_holds_a_table(metrosep, tmp_pa
     assert code == 2
     assert "csv holds a table" in err
     assert not (tmp_path / "x.csv").exists()
+
+
+# ---- several tables of one call, each with options of its own --------------------------------
+
+
+def test_several_tables_of_one_call_each_have_options_of_their_own(metrosep, tmp_path):
+    runs = write_runs(tmp_path / "runs.csv")
+    a, b, c = (tmp_path / name for name in ("x.comp", "x.csv", "fine.csv"))
+    call = ("separate", runs, *COLUMNS, "--method", "mean", "--axis", "X", "--spacing", "1.5 mm")
+
+    code, _, err = metrosep(
+        *call,
+        "--table", f"linuxcnc={a},compensates=Z,cross_axis=hal",
+        "--table", f"csv={b},compensates=X,spacing=2 mm,reference=20 mm,travel_high=60 mm",
+        "--table", f"csv={c},compensates=X,direction=both",
+    )  # fmt: skip
+
+    assert code == 0, err
+    # LinuxCNC itself corrects a joint over itself only: this file is fed to HAL
+    assert json.loads(a.with_name("x.comp.json").read_text())["table"]["compensates"] == "Z"
+    assert np.loadtxt(a)[:, 0].tolist() == pytest.approx(np.arange(0, 60.1, 1.5), abs=1e-9)
+    rows = np.genfromtxt(b, delimiter=",", comments="#", names=True)
+    x = rows["position_mm"]
+    assert x == pytest.approx(np.arange(0, 60.1, 2.0), abs=1e-9)
+    at = np.flatnonzero(np.abs(x - 20.0) < 1e-9)
+    assert rows["correction_forward_um"][at] == pytest.approx([0.0], abs=1e-9)
+    # positioning keeps the lost motion: reverse needs 1.37 um less
+    apart = rows["correction_reverse_um"] - rows["correction_forward_um"]
+    assert apart.mean() == pytest.approx(-LOST_UM, abs=0.02)  # noise of 12 runs, 31 entries
+    one = np.genfromtxt(c, delimiter=",", comments="#", names=True)
+    assert one.size == 41
+    assert "correction_reverse_um" not in one.dtype.names
+
+    # what is written alone, or from the result, is the same file
+    alone = tmp_path / "alone.csv"
+    code, _, err = metrosep(
+        *call, "--compensates", "X", "--reference", "20 mm", "--machine", "travel_high=60 mm",
+        "--spacing", "2 mm", "--table", f"csv={alone}",
+    )  # fmt: skip
+    assert code == 0, err
+    assert alone.read_bytes() == b.read_bytes()
+    beside = [f.with_name(f.name + ".json").read_bytes() for f in (alone, b)]
+    assert beside[0] == beside[1]
+    inside = ("--table", "csv=x.csv,compensates=X,spacing=2 mm,reference=20 mm,travel_high=60 mm")
+    code, _, err = metrosep(
+        *call, *inside, "--table", "linuxcnc=x.comp,compensates=X", "-o", tmp_path / "out"
+    )
+    assert code == 0, err
+    assert (tmp_path / "out" / "x.csv").read_bytes() == b.read_bytes()
+    assert (tmp_path / "out" / "x.comp").exists()
+
+
+@pytest.mark.parametrize(
+    ("spec", "said"),
+    [
+        ("csv={}/b.csv,spcing=2 mm", "there is no option 'spcing'"),
+        ("csv={}/b.csv,spacing=2 kg", "spacing"),
+        ("csv={}/b.csv,spacing=2", "spacing"),
+        ("csv={}/b.csv,reference=1 deg", "reference"),
+        ("csv={}/b.csv,stroke=3", "stroke"),
+        ("csv={}/b.csv,direction=up", "direction"),
+        ("csv={}/b.csv,degree=3", "degree"),
+        ("csv={}/b.csv,spacing=1 mm,spacing=2 mm", "twice"),
+        ("linuxcnc={}/b.comp,cross_axis=hl", "cross_axis"),
+        ("sinumerik-enc={}/b.ini", "machine_axis"),
+        ("aerotech={}/b.cal", "maps over two axes"),
+        ("nonesuch={}/b.csv", "unknown controller"),
+        ("csv={}/b.csv,waive=nothing", "nothing"),
+        ("csv={}/a.csv", "two outputs"),
+    ],
+)
+def test_options_of_every_table_are_checked_before_a_reading_is_opened(
+    metrosep, tmp_path, spec, said
+):
+    good = f"csv={tmp_path}/a.csv,spacing=2 mm"
+    call = ("separate", tmp_path / "not-there.csv", *COLUMNS, "--compensates", "X")
+    code, _, err = metrosep(*call, "--table", good, "--table", spec.format(tmp_path))
+
+    assert code == 2
+    assert said in err
+    assert f"--table {spec.format(tmp_path).split(',')[0]}" in err
+    assert err.count("error: ") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_table_without_its_corrected_axis_is_asked_for_by_name(metrosep, tmp_path):
+    call = ("separate", tmp_path / "not-there.csv", *COLUMNS)
+    tables = ("--table", "csv=a.csv,compensates=Z", "--table", "csv=b.csv")
+
+    code, _, err = metrosep(*call, *tables)
+
+    assert code == 2
+    assert "--table csv=b.csv" in err
+    assert "which axis" in err
+
+
+def test_a_table_in_the_way_is_refused_before_anything_is_separated(metrosep, tmp_path):
+    call = ("separate", *COLUMNS, "--method", "mean", "--compensates", "X", "--spacing", "2 mm")
+    runs = write_runs(tmp_path / "runs.csv")
+    other = write_runs(tmp_path / "other.csv", seed=8)
+    a, b = tmp_path / "a.csv", tmp_path / "b.csv"
+    tables = ("--table", f"csv={a}", "--table", f"csv={b}")
+    assert metrosep(*call, runs, *tables)[0] == 0
+    held = {f: f.read_bytes() for f in tmp_path.iterdir()}
+
+    for again in (
+        ("separate", *call[1:], other, *tables),  # other readings
+        ("separate", *call[1:], runs, "--table", f"csv={tmp_path}/c.csv", "--table", f"linuxcnc={a}"),
+    ):  # fmt: skip
+        code, _, err = metrosep(*again)
+        assert code == 2
+        assert f"{a}: exists already" in err
+        assert "--force" in err
+        assert "separating" not in err
+        assert {f: f.read_bytes() for f in tmp_path.iterdir()} == held
+    assert metrosep(*call, runs, *tables)[0] == 0  # the same bytes are left
+    assert {f: f.read_bytes() for f in tmp_path.iterdir()} == held
