@@ -170,9 +170,8 @@ class Prepared:
         """Write file and sidecar, into `stage` if given; replace other bytes only if that was said."""
         if self.require_free() and stage is None:
             return
-        write_pair(
-            self.target if stage is None else stage / self.target.name, self.data, self.sidecar
-        )
+        place = self.target if stage is None else stage / self.target.name
+        write_pair(place, self.data, self.sidecar, overwrite=self.overwrite)
 
 
 def prepare(

@@ -91,11 +91,6 @@ def make_carried(
     from metrosep.controllers.registry import find
 
     carries = find(output["controller"]).info.carries
-    if carries == "map":
-        raise TableError(
-            f"{output['controller']} holds maps over two axes, this is the error of one axis; use "
-            "'metrosep table MAP --format ...' with a measured map"
-        )
     if carries == "polynomial":
         return polynomial_of(
             estimate,

@@ -49,6 +49,7 @@ __all__ = [
     "run_recipe",
     "separate_inputs",
     "separated_result",
+    "table_basis",
 ]
 
 PathLike = str | os.PathLike[str]
@@ -70,7 +71,7 @@ def run_recipe(
     tell = progress or _silent
     folder = None if out is None else Path(out)
     places = [folder / n for n in table_names(recipe)] if folder else [Path(p) for p in beside]
-    if not overwrite:
+    if places and not overwrite:
         require_free(recipe, places)
     files = input_files(recipe, inputs)
     if recipe.is_pipeline:
@@ -85,20 +86,20 @@ def run_recipe(
         return run_method(recipe, files, out=folder, tell=tell, with_result=with_result, more=more)
     tell(f"reading {len(files)} file(s)")
     runs = read_inputs(recipe, files)
-    if not overwrite:
+    if places and not overwrite:
         require_free(recipe, places, source_hashes(runs.history))
     if folder is None and not places:
         alone = separated_result(recipe, runs, separate_inputs(recipe, runs, tell))
         return Result({**alone.document, **(more or {})}, alone.produced)
     if folder is None:
         estimate = separate_inputs(recipe, runs, tell)
-        basis = _basis(recipe, runs, estimate)
+        basis = table_basis(recipe, runs, estimate)
         tables = write_tables(recipe, basis, places, None, tell, overwrite=overwrite)
         document, _ = _document(recipe, runs, estimate, basis, tables)
         return Result(document, estimate, tuple(f for t in tables for f in t.files))
     with staged(folder, tables=table_names(recipe)) as stage:
         estimate = separate_inputs(recipe, runs, tell)
-        basis = _basis(recipe, runs, estimate)
+        basis = table_basis(recipe, runs, estimate)
         tables = write_tables(recipe, basis, places, stage, tell, overwrite=overwrite)
         document, names = _document(recipe, runs, estimate, basis, tables)
         document |= more or {}
@@ -113,12 +114,12 @@ def run_recipe(
 
 def separated_result(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> Result:
     """Return the result of runs that were separated already; nothing is written."""
-    basis = _basis(recipe, runs, estimate)
+    basis = table_basis(recipe, runs, estimate)
     document, _ = _document(recipe, runs, estimate, basis, dry_runs(recipe, basis))
     return Result(document, estimate)
 
 
-def _basis(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> dict[str, Any]:
+def table_basis(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> dict[str, Any]:
     """Return what tables are made of and judged by, as the document stores it."""
     runs = used_runs(estimate.history, runs)
     found = clean({"estimate": estimate.to_dict(), "runs": run_records(runs)})

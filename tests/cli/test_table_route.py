@@ -484,3 +484,135 @@ def test_a_table_in_the_way_is_refused_before_anything_is_separated(metrosep, tm
         assert {f: f.read_bytes() for f in tmp_path.iterdir()} == held
     assert metrosep(*call, runs, *tables)[0] == 0  # the same bytes are left
     assert {f: f.read_bytes() for f in tmp_path.iterdir()} == held
+
+
+# ---- one result document, one table: from every door the same bytes and the same sidecar ------
+
+SLOPE_UM_PER_MM = 0.043
+"""Of the scale of the axis below: 2.58 um over its travel of 60 mm."""
+
+
+@pytest.fixture(scope="module")
+def axis_runs(tmp_path_factory):
+    """Runs of an axis along itself with pitch, slope and lost motion; one run is off by 9 um."""
+    folder = tmp_path_factory.mktemp("axis")
+    rng = np.random.default_rng(11)
+    for name, samples, runs in (("few", 241, 5), ("many", 2501, 3)):
+        rows = ["x_mm,z_um,feed_mm_min,run"]
+        for run in range(2 * runs):
+            way = (1, -1)[run % 2]
+            x = np.linspace(0.0, 60.0, samples)[::way]
+            z = error_um(x) + SLOPE_UM_PER_MM * x + (LOST_UM if way < 0 else 0.0)
+            z += rng.normal(0, 0.02, x.size) + 9.0 * (run == 2 and name == "few") * np.sin(x)
+            rows += [f"{a:.6f},{b:.6f},{310 + run},{run}" for a, b in zip(x, z, strict=True)]
+        (folder / f"{name}.csv").write_text("\n".join(rows) + "\n")
+    return folder
+
+
+DOORS = {
+    "linuxcnc": ("few", "X", "linuxcnc", {"travel_high": "60 mm"}, "2 mm"),
+    "csv-many-samples": ("many", "X", "csv", {}, "2.5 mm"),
+    "pmac-cross": (
+        "few", "Z", "pmac",
+        {"count": "10 nm", "source_motor": "1", "target_motor": "3", "travel_low": "0 mm", "travel_high": "60 mm",
+         "direction": "both"},
+        "1.5 mm",
+    ),
+    "twincat": ("few", "X", "twincat", {"direction": "forward", "travel_high": "60 mm"}, "3 mm"),
+    "csv-cross": ("few", "Y", "csv", {"reference": "20 mm"}, "2 mm"),
+    "heidenhain": ("few", "X", "heidenhain", {"sign_confirmed": "true"}, "2 mm"),
+    "plc-polynomial": ("few", "X", "plc-st", {"degree": "9", "actuator_sign": "-1"}, "2 mm"),
+}  # fmt: skip
+
+
+_OF_TABLE = {
+    "direction": lambda v: ("--table-direction", v),
+    "reference": lambda v: ("--reference", v),
+    "degree": lambda v: ("--poly", v),
+    "sign_confirmed": lambda _: ("--sign-confirmed",),
+}
+"""What shapes a table, as options of the command ``table``; other facts are of the machine."""
+
+
+@pytest.mark.parametrize("case", DOORS)
+def test_every_door_gives_the_same_bytes_and_sidecar(metrosep, axis_runs, tmp_path, case):
+    from metrosep.app.documents import Places
+    from metrosep.app.server import Answers
+    from metrosep.app.sessions import Session
+
+    name, axis, dialect, facts, spacing = DOORS[case]
+    runs = tmp_path / "runs.csv"
+    runs.write_bytes((axis_runs / f"{name}.csv").read_bytes())
+    left_out = ("--exclude", "2") if name == "few" else ()
+    how = (*COLUMNS, "--method", "mean", *left_out)
+    machine = {k: v for k, v in facts.items() if k not in _OF_TABLE}
+    shape = {k: facts[k] for k in _OF_TABLE if k in facts}
+    waive = "inconclusive,pointless"
+
+    def written(folder, *call):
+        code, _, err = metrosep(*call)
+        assert code == 0, err
+        return (folder / "t.out").read_bytes(), json.loads((folder / "t.out.json").read_text())
+
+    folders = {k: tmp_path / k for k in ("beside", "inside", "result", "table", "recipe")}
+    folders["beside"].mkdir()
+    folders["table"].mkdir()
+    own = {"axis": "X", "compensates": axis, "spacing": spacing, **facts, "waive": waive}
+    words = "".join(f",{k}={v}" for k, v in own.items())
+    found = {}
+    target = folders["beside"] / "t.out"
+    found["beside"] = written(
+        target.parent, "separate", runs, *how, "--table", f"{dialect}={target}{words}"
+    )
+    found["inside"] = written(
+        folders["inside"], "separate", runs, *how, "-o", folders["inside"],
+        "--table", f"{dialect}=t.out{words}",
+    )  # fmt: skip
+    assert metrosep("separate", runs, *how, "-o", folders["result"])[0] == 0
+    found["table"] = written(
+        folders["table"], "table", folders["result"], "--format", dialect,
+        "-o", folders["table"] / "t.out", "--axis", "X", "--compensates", axis, "--spacing", spacing,
+        *(w for k, v in machine.items() for w in ("--machine", f"{k}={v}")),
+        *(w for k, v in shape.items() for w in _OF_TABLE[k](v)), "--waive", waive,
+    )  # fmt: skip
+    recipe = tmp_path / "recipe.toml"
+    text = ", ".join(f'{k} = "{v}"' for k, v in machine.items())
+    recipe.write_text(
+        'metrosep = 1\n[input]\nfiles = ["runs.csv"]\nx = "x_mm"\nz = "z_um"\nfeed = "feed_mm_min"\n'
+        'run = "run"\n[[step]]\nop = "separate"\nmethod = "mean"\n'
+        + ('exclude = ["2"]\n' if left_out else "")
+        + f'[[output]]\nkind = "table"\ncontroller = "{dialect}"\naxis = "X"\ncompensates = "{axis}"\n'
+        f'spacing = "{spacing}"\npath = "t.out"\nmachine = {{ {text} }}\nwaive = ["{waive}"]\n'
+        + "".join(
+            f"{k} = {repr(v) if k in ('direction', 'reference') else v}\n"
+            for k, v in shape.items()
+        )
+    )
+    found["recipe"] = written(folders["recipe"], "run", recipe, "-o", folders["recipe"])
+    session = Session(Places([tmp_path]))
+    session.open(str(recipe))
+    ask = Answers(session).answer
+    ask({"k": "table", "write": "t.out"})
+    found["workbench"] = (
+        (tmp_path / "t.out").read_bytes(),
+        json.loads((tmp_path / "t.out.json").read_text()),
+    )
+
+    data, sidecar = found["beside"]
+    for door, (other, beside) in found.items():
+        assert other == data, door
+        assert beside == sidecar, door
+    assert bool(sidecar["table"].get("reverse_m")) == (
+        dialect in ("linuxcnc", "csv", "heidenhain")
+    )
+    if (
+        case == "csv-many-samples"
+    ):  # the slope of the scale is in the table, and the right way round
+        rows = np.genfromtxt(tmp_path / "t.out", delimiter=",", comments="#", names=True)
+        x = rows["position_mm"]
+        wanted = -(error_um(x) + SLOPE_UM_PER_MM * x - error_um(0.0))
+        assert (
+            np.abs(rows["correction_forward_um"] - wanted).max() < 0.06
+        )  # mean of 3 runs of 20 nm
+        gap = rows["correction_reverse_um"] - rows["correction_forward_um"]
+        assert gap == pytest.approx(-LOST_UM, abs=0.09)
