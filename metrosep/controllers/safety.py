@@ -7,7 +7,7 @@ Source: controllers notes, section 8. Sign and reading back are checked in
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ __all__ = [
     "carried_findings",
     "file_findings",
     "judged",
+    "sidecar_warnings",
     "table_findings",
     "waived_names",
 ]
@@ -67,6 +68,24 @@ def checked_waivers(waive: str | Sequence[str]) -> tuple[str, ...]:
     if unknown:
         raise DataError(f"waive={unknown[0]!r} is not a check; there are {', '.join(CHECKS)}")
     return names
+
+
+def sidecar_warnings(made: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return what a sidecar warns of: its findings, directions without a run, a dry-run that is missing."""
+    found = [{"waived": False, **f} for f in made.get("findings") or ()]
+    verification = made.get("verification")
+    said = []
+    if isinstance(verification, str):
+        said = [f"there was no dry-run: {verification}"]
+    elif verification:
+        said = [
+            f"no run went {name}, so the {name} column is not verified; measure that direction"
+            for name in verification.get("not_verified", ())
+        ]
+    more = [
+        {"level": "warning", "problem": t, "fix": "", "check": "", "waived": False} for t in said
+    ]
+    return [*found, *more]
 
 
 def judged(findings: Iterable[Finding], waive: Sequence[str]) -> tuple[Finding, ...]:
