@@ -23,7 +23,7 @@ from metrosep.core.units import format_engineering
 from metrosep.recipe.pipeline import CancelledError
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.result import Result
-from metrosep.recipe.run import read_inputs, separate_inputs, separated_result
+from metrosep.recipe.run import read_inputs, separate_inputs, separated_result, table_basis
 from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = ["MethodResults", "Separations", "described_controllers", "machine_facts", "sign_words"]
@@ -67,6 +67,7 @@ class Separations:
         self.files = list(files)
         self._read = read
         self._runs, self._estimates, self._results = _Latest(), _Latest(), _Latest()
+        self._bases = _Latest()
 
     def runs(self, recipe: Recipe) -> RunSet:
         """Return the readings."""
@@ -83,6 +84,14 @@ class Separations:
         found: ErrorEstimate = self._estimates.of(
             key, lambda: separate_inputs(recipe, runs), cancel
         )
+        return found
+
+    def basis(self, recipe: Recipe, cancel: Cancel | None = None) -> dict[str, Any]:
+        """Return what tables are made of and judged by, as a result stores it."""
+        estimate, runs = self.estimate(recipe, cancel), self.runs(recipe)
+        of_tables = [dict(o) for o in recipe.outputs if o["kind"] == "table"]  # for on_axis
+        key = _input_key(recipe) + text_key(recipe.steps) + text_key(of_tables)
+        found: dict[str, Any] = self._bases.of(key, lambda: table_basis(recipe, runs, estimate))
         return found
 
     def result(self, recipe: Recipe, cancel: Cancel | None = None) -> Result:

@@ -19,6 +19,7 @@ from metrosep.app.opening import Opened
 from metrosep.app.separations import Separations, described_controllers, machine_facts, sign_words
 from metrosep.app.sessions import Session, mark_of
 from metrosep.app.wire import Answer, Arrays, Cancel, Message, Tell, plain
+from metrosep.compensation.folds import Folds
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.trial import TrialTable, trial_table
 from metrosep.compensation.verify import Verification
@@ -39,11 +40,10 @@ from metrosep.core.errors import (
 )
 from metrosep.core.runset import RunSet
 from metrosep.core.units import parse_quantity
-from metrosep.recipe.outputs import make_carried
+from metrosep.recipe.outputs import active_of, carried_of
 from metrosep.recipe.pipeline import CancelledError
 from metrosep.recipe.preflight import machine_limits, output_name
 from metrosep.recipe.recipe import Recipe
-from metrosep.recipe.result import as_stored
 from metrosep.separation.runs.base import ErrorEstimate
 
 __all__ = ["controllers", "table"]
@@ -82,19 +82,20 @@ def table(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Ans
         return {"n_tables": len(found), "refused": refused}, {}
     wanted = _wanted(recipe, _number(message, len(_tables(recipe))))
     tell({"k": "progress", "text": "separating"})
-    estimate, runs = material.estimate(stored, cancel), material.runs(stored)
+    estimate = material.estimate(stored, cancel)
     if cancel():
         raise CancelledError("stopped before the table was made")
+    basis = material.basis(recipe, cancel)
     if message.get("write") is not None:
         if isinstance(draft, Mapping):
             raise DataError("a draft is not written; put it into the recipe first")
-        return _written(session, message, wanted, estimate, runs), {}
-    view = view_table(wanted, estimate, runs)
+        return _written(session, message, wanted, basis), {}
+    view = view_table(wanted, estimate, basis)
     header = {
         "n_tables": len(found),
         "name": wanted.output["path"],
         **view.header,
-        **_trial_texts(message, wanted, estimate, runs),
+        **_trial_texts(message, wanted, basis),
     }
     return header, view.arrays
 
@@ -161,10 +162,10 @@ def _missing(draft: Mapping[str, Any]) -> str | None:
 def _wanted(recipe: Recipe, number: int) -> Wanted:
     at = _tables(recipe)[number]
     output, place = recipe.outputs[at], recipe.place("[[output]]", at)
-    steps = (s for s in recipe.steps if s["op"] == "polynomial")
-    degree = next((s.get("degree", "aicc") for s in steps), "aicc")
     name = output_name(output["path"], place)
-    return Wanted({**output, "path": name}, machine_limits(output, place), degree)
+    return Wanted(
+        {**output, "path": name}, machine_limits(output, place), active_of(output, recipe)
+    )
 
 
 # ---- a table to begin with -------------------------------------------------------------------
@@ -213,14 +214,12 @@ def _near(length: float) -> str:
 # ---- files -----------------------------------------------------------------------------------
 
 
-def _trial_texts(
-    message: Message, wanted: Wanted, estimate: ErrorEstimate, runs: RunSet
-) -> dict[str, Any]:
+def _trial_texts(message: Message, wanted: Wanted, basis: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a trial with a bump of a height would tell to do; nothing is written."""
     if message.get("trial") is None:
         return {}
     try:
-        return {"trial": trial_words(make_trial(wanted, estimate, runs, message["trial"]))}
+        return {"trial": trial_words(make_trial(wanted, basis, message["trial"]))}
     except MetrosepError as exc:
         return {"trial": {"refused": str(exc)}}
 
@@ -229,8 +228,7 @@ def _written(
     session: Session,
     message: Message,
     wanted: Wanted,
-    estimate: ErrorEstimate,
-    runs: RunSet,
+    basis: Mapping[str, Any],
 ) -> dict[str, Any]:
     given = message["write"]
     if not isinstance(given, str):
@@ -238,9 +236,9 @@ def _written(
     target: Path = session.target(given)
     overwrite = message.get("overwrite") is True
     if message.get("trial") is not None:
-        trial = make_trial(wanted, estimate, runs, message["trial"])
+        trial = make_trial(wanted, basis, message["trial"])
         return write_trial(wanted, trial, target, overwrite=overwrite)
-    return write_file(wanted, estimate, runs, target, overwrite=overwrite)
+    return write_file(wanted, basis, target, overwrite=overwrite)
 
 
 # ---- what a recipe's table would be: its very bytes, what the controller makes of them, the dry-run ----
@@ -266,7 +264,7 @@ class TableView:
     arrays: Arrays = field(default_factory=dict)  # of ndarray: curves, in m
 
 
-def view_table(wanted: Wanted, estimate: ErrorEstimate, runs: RunSet) -> TableView:
+def view_table(wanted: Wanted, estimate: ErrorEstimate, basis: Mapping[str, Any]) -> TableView:
     """Return everything about a table before it is written; nothing stays on the disk.
 
     Notes
@@ -278,7 +276,7 @@ def view_table(wanted: Wanted, estimate: ErrorEstimate, runs: RunSet) -> TableVi
     view.header["sign"] = _sign(wanted)
     _add_error(view, estimate)
     try:
-        carried = wanted.carried(estimate, runs)
+        carried, *against = wanted.carried(basis)
     except MetrosepError as exc:
         view.header["refused"] = _refusal(exc, wanted, [])
         return view
@@ -286,14 +284,16 @@ def view_table(wanted: Wanted, estimate: ErrorEstimate, runs: RunSet) -> TableVi
     with _temporary() as folder:
         path = Path(folder) / name
         try:
-            wanted.write(carried, path, runs)
+            wanted.write(carried, path, against)
         except MetrosepError as exc:
             refused = exc
         else:
             _add_file(view, path, wanted, estimate)
             _add_preview(view, path)
             return view
-        _add_all_the_same(view, Path(folder) / f"waived-{name}", wanted, (estimate, carried, runs))
+        _add_all_the_same(
+            view, Path(folder) / f"waived-{name}", wanted, estimate, (carried, against)
+        )
         said = view.header.get("findings", [])
         view.header["refused"] = _refusal(refused, wanted, said, folder)
     return view
@@ -352,12 +352,12 @@ def _said(words: str, check: str, *, waivable: bool, option: str | None = None) 
 
 
 def _add_all_the_same(
-    view: TableView, path: Path, wanted: Wanted, of: tuple[ErrorEstimate, Any, RunSet]
+    view: TableView, path: Path, wanted: Wanted, estimate: ErrorEstimate, of: tuple[Any, list[Any]]
 ) -> None:
     """Add what can be known of a table that is refused."""
-    estimate, carried, runs = of
+    carried, against = of
     try:
-        wanted.write(carried, path, runs, waive=tuple(CHECKS), sign_confirmed=True)
+        wanted.write(carried, path, against, waive=tuple(CHECKS), sign_confirmed=True)
     except MetrosepError as exc:
         is_dry_run = isinstance(exc, SignCheckFailedError)
         words = str(exc).replace(f"{path.parent}{os.sep}waived-", "")
@@ -365,16 +365,18 @@ def _add_all_the_same(
         found = {"level": "error", "problem": words, "fix": "", "check": check}
         view.header["findings"] = [_finding(found, wanted)]
         if is_dry_run:
-            _add_bytes(view, wanted, of)
+            _add_bytes(view, wanted, estimate, of)
         else:
             _add_entries(view, carried, estimate)
     else:
         _add_file(view, path, wanted, estimate)
 
 
-def _add_bytes(view: TableView, wanted: Wanted, of: tuple[ErrorEstimate, Any, RunSet]) -> None:
+def _add_bytes(
+    view: TableView, wanted: Wanted, estimate: ErrorEstimate, of: tuple[Any, list[Any]]
+) -> None:
     """Add curves and dry-run of bytes that no file may hold: they do not shrink the error."""
-    estimate, carried, runs = of
+    carried, (runs, folds) = of
     dialect = find(wanted.controller)
     given, _ = split_machine(wanted.machine, dialect.options, wanted.controller)
     options = checked_options(given, dialect.options, wanted.controller)
@@ -384,7 +386,7 @@ def _add_bytes(view: TableView, wanted: Wanted, of: tuple[ErrorEstimate, Any, Ru
     held = dialect.decode(encoded.data, nowhere, **known)
     lookup = dialect.lookup(encoded.data, nowhere, **known)
     _add_curves(view, held, lookup, estimate)
-    verification = dry_run_carried(carried, lookup, runs)
+    verification = dry_run_carried(carried, lookup, runs, folds=folds)
     if isinstance(verification, Verification):
         _add_verification(view, verification.to_dict())
 
@@ -510,28 +512,21 @@ _SCHEMA = "metrosep.table/1"
 
 
 def write_file(
-    wanted: Wanted,
-    estimate: ErrorEstimate,
-    runs: RunSet,
-    target: Path,
-    *,
-    overwrite: bool,
+    wanted: Wanted, basis: Mapping[str, Any], target: Path, *, overwrite: bool
 ) -> dict[str, Any]:
     """Write a table and its sidecar, as a run of the recipe does."""
-    replaces = _replaces(target, overwrite=overwrite)
-    verification = wanted.write(wanted.carried(estimate, runs), target, runs, overwrite=replaces)
+    carried, *against = wanted.carried(basis)
+    verification = _put(wanted, carried, target, against, overwrite=overwrite)
     said = None if verification is None else verification.to_dict()
     return {**_files(target), "verification": plain(said)}
 
 
-def make_trial(
-    wanted: Wanted, estimate: ErrorEstimate, runs: RunSet, height: object
-) -> TrialTable:
+def make_trial(wanted: Wanted, basis: Mapping[str, Any], height: object) -> TrialTable:
     """Return one bump that tells the sign on the machine, as ``metrosep table --trial`` has it."""
     if not isinstance(height, str):
         raise DataError(f"trial is a height with its unit, such as 2 um; got {height!r}")
     size = parse_quantity(height, dimension="length", name="trial")
-    made = wanted.carried(estimate, runs)
+    made, _, _ = wanted.carried(basis)
     if not isinstance(made, CompensationTable):
         raise DataError("a trial has no meaning for a polynomial: its sign is stated")
     return trial_table(made, size)
@@ -550,13 +545,24 @@ def write_trial(
     wanted: Wanted, trial: TrialTable, target: Path, *, overwrite: bool
 ) -> dict[str, Any]:
     """Write a trial of the sign."""
-    replaces = _replaces(target, overwrite=overwrite)
-    wanted.write(trial, target, None, overwrite=replaces)
+    _put(wanted, trial, target, None, overwrite=overwrite)
     return {**_files(target), "trial": trial_words(trial)}
 
 
+def _put(
+    wanted: Wanted, carried: Any, target: Path, against: list[Any] | None, *, overwrite: bool
+) -> Any:
+    """Write a table; other bytes of metrosep are replaced if that was said, the same ones stay."""
+    replaces = _replaces(target, overwrite=overwrite)
+    try:
+        return wanted.write(carried, target, against, overwrite=replaces)
+    except WriteError as exc:
+        exc.args = (str(exc).replace("or say overwrite", "or overwrite it"),)
+        raise
+
+
 def _replaces(target: Path, *, overwrite: bool) -> bool:
-    """Return whether a table of metrosep is to be replaced; refuse any other file."""
+    """Return whether a table of metrosep may be replaced; refuse any other file."""
     if not target.exists():
         return False
     if target.is_dir():
@@ -566,12 +572,7 @@ def _replaces(target: Path, *, overwrite: bool) -> bool:
             f"{target}: exists already, not written by metrosep or changed since, and a machine may be "
             "using it; choose another name"
         )
-    if not overwrite:
-        raise DataError(
-            f"{target.name}: exists already and a machine may be using it; choose another name or "
-            "overwrite it"
-        )
-    return True
+    return overwrite
 
 
 def _is_ours(target: Path) -> bool:
@@ -601,7 +602,7 @@ class Wanted:
     output: Mapping[str, Any]  # mapping: as the recipe has it, checked
     # mapping: options and limits in SI, for `metrosep.controllers.write`
     machine: Mapping[str, Any]
-    degree: Any = "aicc"  # of a polynomial where the output states none
+    active: str | None = None  # file that was active during the measurement
 
     @property
     def controller(self) -> str:
@@ -613,18 +614,25 @@ class Wanted:
         """Checks whose refusal the recipe accepts."""
         return tuple(self.output.get("waive", ()))
 
-    def carried(self, estimate: ErrorEstimate, runs: RunSet) -> Any:
-        """Return what the controller will hold."""
-        return make_carried(estimate, self.output, as_stored(runs), degree=self.degree)
+    def carried(self, basis: Mapping[str, Any]) -> tuple[Any, RunSet, Folds | None]:
+        """Return what the controller will hold, the runs for its dry-run, and what it is without each."""
+        return carried_of(basis, self.output)
 
-    def write(self, carried: Any, path: Path, against: RunSet | None, **more: Any) -> Any:
-        """Write it as a run of the recipe does."""
+    def write(self, carried: Any, path: Path, against: list[Any] | None, **more: Any) -> Any:
+        """Write it as a run of the recipe does, after a dry-run against runs and folds."""
         said: dict[str, Any] = {
             "waive": self.waive,
             "sign_confirmed": bool(self.output.get("sign_confirmed", False)),
+            "active": self.active,
             **more,
         }
-        stored = None if against is None else as_stored(against)
+        runs, folds = (None, None) if against is None else against
         return write(
-            carried, path, self.controller, verified_against=stored, **said, **self.machine
+            carried,
+            path,
+            self.controller,
+            verified_against=runs,
+            folds=folds,
+            **said,
+            **self.machine,
         )

@@ -20,7 +20,7 @@ from metrosep.cli.options import (
     say,
     table_options,
 )
-from metrosep.cli.tables import print_table, write_table
+from metrosep.cli.tables import print_table
 from metrosep.core.errors import ReadError
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def run(
         context.obj["words"] = functools.partial(recipe_words, loaded)
     result = loaded.run(list(inputs) or None, out=out, progress=progress(context), overwrite=force)
     if loaded.is_method:
-        _print_tables(result, None, warnings_only=as_json)
+        _print_tables(result, warnings_only=as_json)
         print_named(loaded, result, as_json=as_json)
     else:
         _print_result(result, as_json=as_json)
@@ -116,7 +116,14 @@ def run(
 @click.option(
     "--robust", is_flag=True, default=None, help="Spikes lose their weight (joint, mean)."
 )
-@click.option("--table", "table_", metavar="NAME=FILE", help="Write a table: linuxcnc=x.comp.")
+@click.option(
+    "--table",
+    "table_",
+    multiple=True,
+    metavar="FORMAT=FILE,...",
+    help='Write a table: linuxcnc=x.comp; NAME=VALUE behind it is for this one: csv=x.csv,spacing="2 '
+    'mm". May be repeated.',
+)
 @table_options
 @click.option("--poly", metavar="DEGREE", help="Fit a polynomial: 2, or auto.")
 @click.option("-o", "--out", metavar="DIR", help="Folder for report, table and result.json.")
@@ -128,7 +135,7 @@ def separate(
     context: click.Context,
     /,
     runs: tuple[str, ...],
-    table_: str | None,
+    table_: tuple[str, ...],
     out: str | None,
     force: bool,
     print_recipe: bool,
@@ -145,17 +152,19 @@ def separate(
     table helps. 4: runs that cannot be read or separated.
     """
     from metrosep.cli.named import named_recipe, require_columns
-    from metrosep.cli.shortcut import option_error, recipe_text
+    from metrosep.cli.shortcut import named_tables, option_error, recipe_text
     from metrosep.core.errors import RecipeError
     from metrosep.core.methods import METHODS
     from metrosep.core.options import options_of
+    from metrosep.recipe.preflight import require_limits
     from metrosep.recipe.recipe import Recipe
+    from metrosep.recipe.run import run_recipe
     from metrosep.separation.positions.expansion import Expansion
 
     if flexure:
         _as_flexure(context, options)
     if options["method"] in METHODS:
-        given = {**options, "table_": table_}
+        given = {**options, "table_": table_ or None}
         text = named_recipe(options["method"], given, report=out is not None)
         return _separate_named(
             context,
@@ -169,23 +178,14 @@ def separate(
             as_json=as_json,
         )
     require_columns(options)
-    controller, _, path = (table_ or "").partition("=")
-    if table_ is not None and not path:
-        raise click.UsageError("--table is written NAME=FILE, such as linuxcnc=x.comp")
     for name in (
-        "compensates", "reference", "reference_direction", *options_of(Expansion),
+        "compensates", "reference", "reference_direction", "active", *options_of(Expansion),
         "table_direction", "cross_axis", "machine", "waive", "sign_confirmed",
     ):  # fmt: skip
-        if table_ is None and options.get(name):
+        if not table_ and options.get(name):
             raise click.UsageError(f"--{name.replace('_', '-')} shapes a table: add --table")
-    if table_ is not None and options.get("compensates") is None:
-        from metrosep.recipe.preflight import which_axis
-
-        raise click.UsageError(which_axis(options.get("axis") or "X", "--compensates "))
-    inside = table_ is not None and out is not None
-    text = recipe_text(
-        options, table=(controller, path) if inside else None, report=out is not None
-    )
+    tables = named_tables(table_, options, inside=out is not None)
+    text = recipe_text(options, tables=tables, report=out is not None)
     if print_recipe:
         click.echo(text, nl=False)
         return 0
@@ -193,15 +193,14 @@ def separate(
         recipe = Recipe.parse(text, name="command line")
     except RecipeError as exc:
         settings = [name for name, _ in name_values(options["settings"], "--set")]
-        raise click.UsageError(option_error(exc, settings=settings), ctx=context) from None
-    result = recipe.run(list(runs), out=out, progress=progress(context), overwrite=force)
-    written: list[str] = [str(f) for f in result.files]
-    beside = None
-    if table_ is not None and not inside:
-        files, beside = write_table(dict(result.document), path, controller, options, force=force)
-        written += files
-        beside["path"] = path
-    _print_result(result, as_json=as_json, written=written, beside=beside)
+        said = option_error(exc, settings=settings, text=text, tables=tables)
+        raise click.UsageError(said, ctx=context) from None
+    beside = [] if out is not None else [made["target"] for made in tables]
+    require_limits(recipe)
+    result = run_recipe(
+        recipe, runs, out=out, progress=progress(context), overwrite=force, beside=beside
+    )
+    _print_result(result, as_json=as_json)
     return 0
 
 
@@ -253,17 +252,11 @@ def _separate_named(
     return 0
 
 
-def _print_result(
-    result: Result,
-    *,
-    as_json: bool,
-    written: list[str] | None = None,
-    beside: dict[str, Any] | None = None,
-) -> None:
-    """Print a result; `beside` is the sidecar of a table that is not in its document."""
-    files = [str(f) for f in result.files] if written is None else written
+def _print_result(result: Result, *, as_json: bool) -> None:
+    """Print a result and its tables."""
+    files = [str(f) for f in result.files]
     if as_json:
-        _print_tables(result, beside, warnings_only=True)
+        _print_tables(result, warnings_only=True)
         click.echo(json.dumps(_summary(result, files), sort_keys=True, allow_nan=False))
         return
     estimate = result.estimate
@@ -272,7 +265,7 @@ def _print_result(
         say(f"next: {number} run(s) at {feed:.6g} mm/min")
     for message in result.document["messages"]:
         say(f"note: {message}")
-    _print_tables(result, beside)
+    _print_tables(result)
     if result.document["polynomial"] is not None:
         say(result.document["polynomial"]["horner"])
         _print_polynomial_u(result.document["polynomial"])
@@ -299,10 +292,8 @@ def _print_polynomial_u(polynomial: dict[str, Any]) -> None:
     )
 
 
-def _print_tables(
-    result: Result, beside: dict[str, Any] | None, *, warnings_only: bool = False
-) -> None:
-    for made in (result.document["table"], *result.document["more_tables"], beside):
+def _print_tables(result: Result, *, warnings_only: bool = False) -> None:
+    for made in (result.document["table"], *result.document["more_tables"]):
         if made is not None:
             print_table(str(made.get("path", "table")), made, warnings_only=warnings_only)
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -14,17 +16,152 @@ if TYPE_CHECKING:
     from metrosep.core.errors import RecipeError
     from metrosep.core.options import Option
 
-__all__ = ["input_lines", "listed", "option_error", "quoted", "recipe_text", "typed"]
+__all__ = [
+    "input_lines",
+    "listed",
+    "named_tables",
+    "option_error",
+    "quoted",
+    "recipe_text",
+    "typed",
+]
 
 _INPUT = ("x", "z", "feed", "run", "direction", "time", "sampling_rate", "scale", *TEXT_OPTIONS)
 
 
-def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, report: bool) -> str:
-    """Return the recipe of a call as TOML."""
-    from metrosep.cli.options import USUAL_SPACING, name_values
+def _of_table() -> dict[str, str]:
+    """Return the options of a table by the names behind ``--table``; others are facts of its machine."""
     from metrosep.core.options import options_of
-    from metrosep.recipe.steps import STEPS
     from metrosep.separation.positions.expansion import Expansion
+
+    return {**_OF_TABLE, **{k: k for k in options_of(Expansion)}}
+
+
+_OF_TABLE = {
+    "axis": "axis",
+    "compensates": "compensates",
+    "spacing": "spacing",
+    "reference": "reference",
+    "reference_direction": "reference_direction",
+    "active": "active",
+    "direction": "table_direction",
+    "table_direction": "table_direction",
+    "degree": "degree",
+    "waive": "waive",
+    "sign_confirmed": "sign_confirmed",
+}
+"""Those that do not come from `Expansion`."""
+
+
+def named_tables(
+    texts: Iterable[str], options: Mapping[str, Any], *, inside: bool
+) -> list[dict[str, Any]]:
+    """Return the options of each ``--table FORMAT=FILE,NAME=VALUE,...``: its own, then those of the call."""
+    found: list[dict[str, Any]] = []
+    for text in texts:
+        first, *own = re.split(r",(?=\s*[A-Za-z][\w.-]*\s*=)", text)
+        controller, _, path = (part.strip() for part in first.partition("="))
+        if not controller or not path:
+            raise click.UsageError(
+                f"--table is written FORMAT=FILE or FORMAT=FILE,NAME=VALUE,..., found {text!r}: such as "
+                'linuxcnc=x.comp,spacing="2 mm"'
+            )
+        made = _with_own(f"--table {controller}={path}", controller, own, options)
+        name = Path(path).name
+        if any(o["path"] == name and o["target"] != path for o in found):
+            name = f"{len(found) + 1}-{name}"  # in another folder
+        found.append({**made, "target": path, "path": path if inside else name})
+    return found
+
+
+def _with_own(
+    label: str, controller: str, texts: Iterable[str], options: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the options of one table."""
+    from metrosep.cli.options import USUAL_SPACING, name_values
+    from metrosep.controllers.registry import find, names
+    from metrosep.recipe.preflight import which_axis
+
+    of_table = _of_table()
+    made: dict[str, Any] = {k: options.get(k) for k in dict.fromkeys(of_table.values())}
+    made["spacing"] = made["spacing"] or USUAL_SPACING
+    machine = dict(name_values(tuple(options.get("machine") or ()), "--machine"))
+    if options.get("cross_axis") is not None:
+        machine["cross_axis"] = options["cross_axis"]
+    machine = {k.replace("-", "_"): v for k, v in machine.items()}
+    waive = [*(options.get("waive") or ())]
+    facts = known_facts(find(controller)) if controller in names() else None
+    stated: list[str] = []
+    for text in texts:
+        name, _, value = (part.strip() for part in text.partition("="))
+        key = name.replace("-", "_")
+        fact = key.removeprefix("machine.")
+        if not value:
+            raise click.UsageError(f"{label}: {name} has no value")
+        if key in stated and key != "waive":
+            raise click.UsageError(f"{label}: {name} is given twice")
+        if facts is not None and key not in of_table and fact not in facts:
+            near = difflib.get_close_matches(key, [*of_table, *facts], n=1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            raise click.UsageError(
+                f"{label}: there is no option {name!r}{hint} A table has {', '.join(of_table)}; "
+                f"{controller} {', '.join(facts)}"
+            )
+        stated.append(key)
+        if key == "waive":
+            waive.append(value)
+        elif key in of_table:
+            made[of_table[key]] = value
+        else:
+            machine[fact] = value
+    if made["compensates"] is None:
+        raise click.UsageError(f"{label}: {which_axis(made['axis'] or 'X', '--compensates ')}")
+    return {
+        **made, "label": label, "controller": controller, "machine": machine, "waive": waive,
+        "own": stated,
+    }  # fmt: skip
+
+
+def known_facts(dialect: Any) -> tuple[str, ...]:
+    """Return the names of the options and limits that a dialect takes."""
+    from metrosep.controllers.options import LIMIT_NAMES
+
+    own = tuple(o.name for o in dialect.options)
+    return (*own, *(n for n in LIMIT_NAMES if n not in own))
+
+
+def _table_lines(made: Mapping[str, Any]) -> list[str]:
+    """Return a table as an output of a recipe."""
+    lines = ["", "[[output]]", 'kind = "table"', f"controller = {quoted(made['controller'])}"]
+    lines.append(f"axis = {quoted(made['axis'] or 'X')}")
+    written = ("axis", "degree", "waive", "sign_confirmed", "table_direction")
+    keys = {k: v for k, v in _of_table().items() if k not in written}
+    for key, name in keys.items():
+        value = made.get(name)
+        if value not in (None, False):
+            lines.append(f"{key} = {'true' if value in (True, 'true') else quoted(value)}")
+    if made.get("degree") not in (None, "auto"):
+        degree = str(made["degree"])
+        lines.append(f"degree = {degree if degree.isdecimal() else quoted(degree)}")
+    lines.append(f"path = {quoted(made['path'])}")
+    if made["machine"]:
+        pairs = ", ".join(f"{name} = {quoted(value)}" for name, value in made["machine"].items())
+        lines.append(f"machine = {{ {pairs} }}")
+    if made["waive"]:
+        lines.append(f"waive = [{', '.join(map(quoted, made['waive']))}]")
+    confirmed = made.get("sign_confirmed")
+    if confirmed:
+        word = "true" if confirmed is True else confirmed
+        lines.append(f"sign_confirmed = {word if word in ('true', 'false') else quoted(word)}")
+    return lines
+
+
+def recipe_text(
+    options: dict[str, Any], *, tables: Iterable[Mapping[str, Any]], report: bool
+) -> str:
+    """Return the recipe of a call as TOML."""
+    from metrosep.cli.options import name_values
+    from metrosep.recipe.steps import STEPS
 
     lines = ["metrosep = 1", "", "[input]"]
     lines += input_lines(options, _INPUT)
@@ -44,23 +181,8 @@ def recipe_text(options: dict[str, Any], *, table: tuple[str, str] | None, repor
         degree = str(options["poly"])
         lines += ["", "[[step]]", 'op = "polynomial"', 'quantity = "error"']
         lines.append(f"degree = {degree if degree.isdecimal() else quoted(degree)}")
-    if table is not None:
-        lines += ["", "[[output]]", 'kind = "table"', f"controller = {quoted(table[0])}"]
-        options = {**options, "axis": options.get("axis") or "X"}
-        options["spacing"] = options.get("spacing") or USUAL_SPACING
-        keys = (
-            "axis", "compensates", "spacing", "reference", "reference_direction",
-            "active",
-            *options_of(Expansion),
-        )  # fmt: skip
-        shape: dict[str, Any] = {
-            k: options[k] for k in keys if options.get(k) not in (None, False)
-        }
-        lines += [f"{k} = {'true' if v is True else quoted(v)}" for k, v in shape.items()]
-        if options.get("table_direction") is not None:
-            lines.append(f"direction = {quoted(options['table_direction'])}")
-        lines.append(f"path = {quoted(table[1])}")
-        lines += _machine_lines(options)
+    for made in tables:
+        lines += _table_lines(made)
     if report:
         lines += ["", "[[output]]", 'kind = "report"', 'formats = ["html"]']
     return "\n".join(lines) + "\n"
@@ -75,28 +197,30 @@ def input_lines(given: Mapping[str, Any], keys: Iterable[str]) -> list[str]:
     ]
 
 
-def _machine_lines(options: dict[str, Any]) -> list[str]:
-    """Return the keys of a table that are facts about the machine, and what was waived."""
-    from metrosep.cli.options import name_values
-
-    given = name_values(tuple(options.get("machine") or ()), "--machine")
-    if options.get("cross_axis") is not None:
-        given.append(("cross_axis", options["cross_axis"]))
-    lines = []
-    if given:
-        pairs = ", ".join(f"{name.replace('-', '_')} = {quoted(value)}" for name, value in given)
-        lines.append(f"machine = {{ {pairs} }}")
-    if options.get("waive"):
-        lines.append(f"waive = [{', '.join(map(quoted, options['waive']))}]")
-    if options.get("sign_confirmed"):
-        lines.append("sign_confirmed = true")
-    return lines
-
-
 def option_error(
-    error: RecipeError, *, settings: Collection[str] = (), columns: Collection[str] = ()
+    error: RecipeError,
+    *,
+    settings: Collection[str] = (),
+    columns: Collection[str] = (),
+    text: str = "",
+    tables: Sequence[Mapping[str, Any]] = (),
 ) -> str:
-    """Return the message of an error in the recipe of a call, in terms of the options given."""
+    """Return the message of an error in the recipe of a call, in terms of the options given.
+
+    Of an output that is one of `tables`, in the `text` of the recipe, it names the table.
+    """
+    number = text.splitlines()[: error.line or 0].count("[[output]]") - 1
+    if 0 <= number < len(tables):
+        made = tables[number]
+        said = option_error(error)
+        if error.key in (*made["own"], "controller", "path", "machine"):
+            said = re.sub(r"^--[\w-]+: |^--(?=[\w-]+ )", "", said)
+        said = re.sub(
+            r": write machine = .*",
+            "; add NAME=VALUE behind the file, or --machine NAME=VALUE",
+            said,
+        )
+        return f"{made['label']}: {said}"
     message = re.sub(r"^command line(:\d+)?: ", "", str(error))
     key = error.key or ""
     options = {"degree": "poly", "controller": "table", "path": "table", "machine": "machine"}

@@ -40,7 +40,6 @@ __all__ = [
     "table",
     "verify",
     "write_arguments",
-    "write_table",
 ]
 
 
@@ -279,17 +278,6 @@ def _write(
     return sidecar
 
 
-def write_table(
-    document: dict[str, Any], path: str, controller: str, options: dict[str, Any], *, force: bool
-) -> tuple[list[str], dict[str, Any]]:
-    """Write the table of a result, as 'table RESULT' does."""
-    from metrosep.controllers.base import sidecar_path
-
-    made, against, folds = _carried_of(document, controller, options)
-    sidecar = _write(made, path, controller, options, against=against, folds=folds, force=force)
-    return [path, str(sidecar_path(Path(path)))], sidecar
-
-
 @click.command()
 @click.argument("table_file", metavar="TABLE")
 @click.option(
@@ -468,6 +456,8 @@ def read_runs_of(files: Sequence[str], options: dict[str, Any]) -> RunSet:
 
 def print_table(path: str, made: dict[str, Any], *, warnings_only: bool = False) -> None:
     """Print the dry-run of a table and every warning that its sidecar holds."""
+    from metrosep.controllers.safety import sidecar_warnings
+
     verification = made.get("verification")
     numbers = verification if isinstance(verification, dict) and not warnings_only else {}
     if {"residuals", "before_pv_m"} & numbers.keys():
@@ -475,26 +465,10 @@ def print_table(path: str, made: dict[str, Any], *, warnings_only: bool = False)
         if headline:
             say(f"table {headline}")
         print_verification(numbers)
-    for text in _warnings_of(made):
-        say(f"warning: {path}: {text}")
-
-
-def _warnings_of(made: dict[str, Any]) -> list[str]:
-    """Return what a sidecar warns of: findings, directions without a run, a dry-run that is missing."""
-    found = [
-        f"{f['problem']}{' (accepted with --waive ' + f['check'] + ')' if f.get('waived') else ''}"
-        f"{'; ' + f['fix'] if f['fix'] else ''}"
-        for f in made.get("findings", ())
-    ]
-    verification = made.get("verification")
-    if isinstance(verification, str):
-        found.append(f"there was no dry-run: {verification}")
-    elif verification:
-        found += [
-            f"no run went {name}, so the {name} column is not verified; measure that direction"
-            for name in verification.get("not_verified", ())
-        ]
-    return found
+    for found in sidecar_warnings(made):
+        waived = f" (accepted with --waive {found['check']})" if found["waived"] else ""
+        way = f"; {found['fix']}" if found["fix"] else ""
+        say(f"warning: {path}: {found['problem']}{waived}{way}")
 
 
 def print_verification(verification: dict[str, Any]) -> None:

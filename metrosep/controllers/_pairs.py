@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import filecmp
 import os
 import shutil
 from collections.abc import Callable, Iterator
@@ -71,10 +72,12 @@ def keep_old(target: Path) -> list[Path]:
 
 
 @contextlib.contextmanager
-def paired_stream(end: Path, text: Callable[[Path], str]) -> Iterator[BinaryIO]:
+def paired_stream(
+    end: Path, text: Callable[[Path], str], *, overwrite: bool
+) -> Iterator[BinaryIO]:
     """Give a binary file to write into; file and sidecar appear together or not at all.
 
-    A pair that is replaced stays under another name (`keep_old`).
+    The same bytes stay; others are refused, or with `overwrite` kept under another name (`keep_old`).
 
     Notes
     -----
@@ -89,6 +92,10 @@ def paired_stream(end: Path, text: Callable[[Path], str]) -> Iterator[BinaryIO]:
     def check(written: Path) -> None:
         nonlocal wrote
         said = text(written)
+        if _is_same(end, written) and before == said.encode("utf-8"):
+            return
+        if not overwrite:
+            refuse_existing(end)
         kept.extend(keep_old(end))
         wrote = True
         atomic_write(beside, said.encode("utf-8"))
@@ -108,7 +115,13 @@ def paired_stream(end: Path, text: Callable[[Path], str]) -> Iterator[BinaryIO]:
         raise
 
 
-def write_pair(target: Path, data: bytes, sidecar: bytes) -> None:
+def _is_same(one: Path, other: Path) -> bool:
+    """Return whether two files are there and hold the same bytes."""
+    return one.is_file() and filecmp.cmp(one, other, shallow=False)
+
+
+def write_pair(target: Path, data: bytes, sidecar: bytes, *, overwrite: bool) -> None:
     """Write a file and its sidecar; both appear, or what was there before stays."""
-    with paired_stream(target, lambda _written: sidecar.decode("utf-8")) as out:
+    said = sidecar.decode("utf-8")
+    with paired_stream(target, lambda _written: said, overwrite=overwrite) as out:
         out.write(data)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.trial import TrialMap, TrialTable
 from metrosep.compensation.verify import Unknown, judged_table
-from metrosep.controllers._pairs import is_written, write_pair
+from metrosep.controllers._pairs import is_written, refuse_existing, write_pair
 from metrosep.controllers.active import active_file
 from metrosep.controllers.base import (
     Dialect,
@@ -43,7 +43,12 @@ from metrosep.controllers.safety import (
     table_findings,
     waived_names,
 )
-from metrosep.core.errors import SignCheckFailedError, SignNotConfirmedError, TableError
+from metrosep.core.errors import (
+    MetrosepError,
+    SignCheckFailedError,
+    SignNotConfirmedError,
+    TableError,
+)
 
 __all__ = ["dry_run_carried", "read", "simulate", "write"]
 
@@ -166,14 +171,16 @@ class Prepared:
     verification: Any
     overwrite: bool
 
+    def require_free(self) -> bool:
+        """Return whether these bytes are there; refuse other ones that may not be replaced."""
+        return is_written(self.target, self.data, self.sidecar, overwrite=self.overwrite)
+
     def write(self, stage: Path | None = None) -> None:
         """Write file and sidecar, into `stage` if given; replace other bytes only if that was said."""
-        there = is_written(self.target, self.data, self.sidecar, overwrite=self.overwrite)
-        if there and stage is None:
+        if self.require_free() and stage is None:
             return
-        write_pair(
-            self.target if stage is None else stage / self.target.name, self.data, self.sidecar
-        )
+        place = self.target if stage is None else stage / self.target.name
+        write_pair(place, self.data, self.sidecar, overwrite=self.overwrite)
 
 
 def prepare(
@@ -273,6 +280,25 @@ def prepare(
     text = json.dumps(sidecar, indent=1, sort_keys=True, allow_nan=False, default=str)
     sidecar_bytes = (text + "\n").encode("utf-8")
     return Prepared(target, encoded.data, sidecar_bytes, verification, overwrite)
+
+
+def refuse_other(target: Path, controller: str, sources: Collection[str] | None = None) -> None:
+    """Refuse a target that is not the table of this controller and version, made of these sources.
+
+    Such a file cannot have the bytes that will be made, so nothing needs to be computed to know it.
+    """
+    try:
+        beside = load_sidecar(target) if target.is_file() else {}
+        same = (beside.get("schema"), beside.get("metrosep"), beside.get("controller")) == (
+            "metrosep.table/1", __version__, controller,
+        )  # fmt: skip
+        same = same and beside["file_sha256"] == hashlib.sha256(load_bytes(target)).hexdigest()
+        if same and sources is not None:
+            same = set(beside["table"]["source_sha256"]) <= set(sources)
+    except (MetrosepError, OSError, KeyError, TypeError):  # damaged, or of another program
+        same = False
+    if not same:
+        refuse_existing(target)
 
 
 def _names(waive: Sequence[str], *, allow_unverified: bool) -> tuple[str, ...]:

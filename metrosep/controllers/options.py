@@ -15,13 +15,14 @@ __all__ = [
     "INCREMENT",
     "INTERVAL",
     "LIMIT_DIMENSIONS",
+    "LIMIT_NAMES",
     "Option",
     "checked_limits",
     "checked_options",
     "split_machine",
 ]
 
-_LIMIT_NAMES = tuple(f.name for f in fields(Limits))
+LIMIT_NAMES = tuple(f.name for f in fields(Limits))
 
 LIMIT_DIMENSIONS = {
     "stroke": "length",
@@ -156,12 +157,12 @@ def split_machine(
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return what of a machine is for the dialect, and what is a limit."""
     own = {o.name for o in known}
-    limits = {k: v for k, v in machine.items() if k in _LIMIT_NAMES and k not in own}
+    limits = {k: v for k, v in machine.items() if k in LIMIT_NAMES and k not in own}
     options = {k: v for k, v in machine.items() if k in own}
     unknown = [k for k in machine if k not in own and k not in limits]
     if unknown:
         raise DataError(
-            f"unknown machine limit {unknown[0]!r}; known: {', '.join(_LIMIT_NAMES)}; options of "
+            f"unknown machine limit {unknown[0]!r}; known: {', '.join(LIMIT_NAMES)}; options of "
             f"{controller}: {', '.join(sorted(own)) or 'none'}"
         )
     return options, limits

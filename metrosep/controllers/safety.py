@@ -7,7 +7,7 @@ Source: controllers notes, section 8. Sign and reading back are checked in
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ __all__ = [
     "carried_findings",
     "file_findings",
     "judged",
+    "sidecar_warnings",
     "table_findings",
     "waived_names",
 ]
@@ -60,12 +61,36 @@ def waived_names(waive: str | Sequence[str]) -> tuple[str, ...]:
     return tuple(name.strip() for text in texts for name in text.split(","))
 
 
-def judged(findings: Iterable[Finding], waive: Sequence[str]) -> tuple[Finding, ...]:
-    """Return the findings, and refuse if an error is among them that is not waived."""
+def checked_waivers(waive: str | Sequence[str]) -> tuple[str, ...]:
+    """Return the names of checks, refused where one is not a check."""
     names = waived_names(waive)
     unknown = [n for n in names if n not in CHECKS]
     if unknown:
         raise DataError(f"waive={unknown[0]!r} is not a check; there are {', '.join(CHECKS)}")
+    return names
+
+
+def sidecar_warnings(made: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return what a sidecar warns of: its findings, directions without a run, a dry-run that is missing."""
+    found = [{"waived": False, **f} for f in made.get("findings") or ()]
+    verification = made.get("verification")
+    said = []
+    if isinstance(verification, str):
+        said = [f"there was no dry-run: {verification}"]
+    elif verification:
+        said = [
+            f"no run went {name}, so the {name} column is not verified; measure that direction"
+            for name in verification.get("not_verified", ())
+        ]
+    more = [
+        {"level": "warning", "problem": t, "fix": "", "check": "", "waived": False} for t in said
+    ]
+    return [*found, *more]
+
+
+def judged(findings: Iterable[Finding], waive: Sequence[str]) -> tuple[Finding, ...]:
+    """Return the findings, and refuse if an error is among them that is not waived."""
+    names = checked_waivers(waive)
     found = tuple(findings)
     errors = [f for f in found if f.level == "error" and f.check not in names]
     if errors:

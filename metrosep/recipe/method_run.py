@@ -81,9 +81,16 @@ def run_method(
     if out is None:
         return Result({**document, **_described(dry_runs(recipe, document))}, produced)
     with staged(out, tables=table_names(recipe)) as stage:
-        made = write_tables(recipe, document, out, stage, tell, overwrite=overwrite)
+        made = write_tables(
+            recipe,
+            document,
+            [out / n for n in table_names(recipe)],
+            stage,
+            tell,
+            overwrite=overwrite,
+        )
         document |= _described(made)
-        names = [n for t in made for n in t.names]
+        names = [f.name for t in made for f in t.files]
         names += write_parts(recipe, described, stage, tell, document)
         names += write_reports(recipe, document, stage, tell)
         if with_result:

@@ -8,7 +8,7 @@ import json
 import os
 import secrets
 import shutil
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,12 +37,14 @@ if TYPE_CHECKING:
 
 __all__ = [
     "WrittenTable",
+    "active_of",
     "carried_of",
     "dry_runs",
     "make_carried",
     "make_table",
     "polynomial_of",
     "recipe_hash",
+    "require_free",
     "staged",
     "write_reports",
     "write_tables",
@@ -60,7 +62,7 @@ class WrittenTable:
 
     description: dict[str, Any]  # for the result document
     verification: Verification  # its dry-run
-    names: tuple[str, ...] = ()  # files that hold it
+    files: tuple[Path, ...] = ()  # that hold it
 
 
 def make_table(estimate: ErrorEstimate, output: Mapping[str, Any]) -> CompensationTable:
@@ -119,11 +121,6 @@ def make_carried(
 ) -> Any:
     """Return what the controller of an output holds: a table, or a polynomial."""
     carries = find(output["controller"]).info.carries
-    if carries == "map":
-        raise TableError(
-            f"{output['controller']} holds maps over two axes, this is the error of one axis; use "
-            "'metrosep table MAP --format ...' with a measured map"
-        )
     if carries == "polynomial":
         return polynomial_of(
             estimate,
@@ -196,44 +193,47 @@ def dry_runs(recipe: Recipe, document: Mapping[str, Any]) -> list[WrittenTable]:
 def write_tables(
     recipe: Recipe,
     document: Mapping[str, Any],
-    folder: Path,
-    stage: Path,
+    targets: Sequence[Path],
+    stage: Path | None,
     tell: Progress,
     *,
     overwrite: bool = False,
 ) -> list[WrittenTable]:
-    """Write the tables of a recipe, each after a dry-run of its very bytes."""
+    """Write the tables of a recipe (into `stage`, if given) after dry-runs of the very bytes of all."""
     from metrosep.controllers.base import sidecar_path
     from metrosep.controllers.files import prepare
 
-    written = []
-    for output, place in _tables_of(recipe):
+    ready, written = [], []
+    for (output, place), target in zip(_tables_of(recipe), targets, strict=True):
         tell(f"dry-running and writing {output['path']}")
         made, runs, folds = carried_of(document, output)
         prepared = prepare(
             made,
-            folder / output_name(output["path"], place),
+            target,
             output["controller"],
             verified_against=runs,
             folds=folds,
             waive=tuple(output.get("waive", ())),
             sign_confirmed=output.get("sign_confirmed", False),
             overwrite=overwrite,
-            active=_active(output, recipe),
+            active=active_of(output, recipe),
             **machine_limits(output, place),
         )
         path = prepared.target
         if prepared.verification is None:
             raise TableError(f"{path}: the table was written without a dry-run")
-        prepared.write(stage)
+        prepared.require_free()
+        ready.append(prepared)
         sidecar = json.loads(prepared.sidecar)
         description = {**sidecar.pop("table"), **sidecar, "path": path.name}
-        names = (path.name, sidecar_path(path).name)
-        written.append(WrittenTable(description, prepared.verification, names))
+        files = (path, sidecar_path(path))
+        written.append(WrittenTable(description, prepared.verification, files))
+    for prepared in ready:
+        prepared.write(stage)
     return written
 
 
-def _active(output: Mapping[str, Any], recipe: Recipe) -> str | None:
+def active_of(output: Mapping[str, Any], recipe: Recipe) -> str | None:
     """Return the file that was active, which a recipe names from its own folder."""
     name: str | None = output.get("active")
     beside = recipe.folder / (name or "")
@@ -243,6 +243,16 @@ def _active(output: Mapping[str, Any], recipe: Recipe) -> str | None:
 def table_names(recipe: Recipe) -> list[str]:
     """Return the names of the tables of a recipe."""
     return [output_name(output["path"], place) for output, place in _tables_of(recipe)]
+
+
+def require_free(
+    recipe: Recipe, targets: Sequence[Path], sources: Collection[str] | None = None
+) -> None:
+    """Refuse, before anything is computed, tables in the way that cannot be those of a recipe."""
+    from metrosep.controllers.files import refuse_other
+
+    for (output, _), target in zip(_tables_of(recipe), targets, strict=True):
+        refuse_other(target, output["controller"], sources)
 
 
 def _dry_run(made: Any, runs: RunSet, *, waived: tuple[str, ...], **more: Any) -> Verification:

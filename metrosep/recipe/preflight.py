@@ -180,6 +180,7 @@ def _names(output: Mapping[str, Any], place: Place) -> list[str]:
                 f"unknown controller {output['controller']!r}; there are {', '.join(names())}",
                 "controller",
             )
+        _require_carrier(output, place)
         if "compensates" not in output:
             raise place.error(which_axis(output["axis"], "compensates = "), "compensates")
         machine_limits(output, place)
@@ -196,6 +197,30 @@ def _names(output: Mapping[str, Any], place: Place) -> list[str]:
                 "formats",
             )
     return [output_name(output.get("path", f"report.{name}"), place) for name in formats]
+
+
+def _require_carrier(output: Mapping[str, Any], place: Place) -> None:
+    """Refuse a controller that holds no errors of one axis, and keys of a table that it has no use for."""
+    from metrosep.controllers.registry import find
+    from metrosep.controllers.safety import checked_waivers
+
+    name = output["controller"]
+    carries = find(name).info.carries
+    if carries == "map":
+        raise place.error(
+            f"{name} holds maps over two axes, this is the error of one axis; use 'metrosep table MAP "
+            "--format ...' with a measured map",
+            "controller",
+        )
+    if "degree" in output and carries != "polynomial":
+        raise place.error(
+            f"degree is for controllers that hold a polynomial, and {name} holds a {carries}; leave it out",
+            "degree",
+        )
+    try:
+        checked_waivers(output.get("waive", ()))
+    except DataError as exc:
+        raise place.error(str(exc), "waive") from None
 
 
 def _parts_name(name: str, place: Place) -> str:

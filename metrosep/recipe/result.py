@@ -277,11 +277,6 @@ def run_records(runs: RunSet) -> list[dict[str, Any]]:
     return [_run_record(r) for r in runs]
 
 
-def as_stored(runs: RunSet) -> RunSet:
-    """Return runs as `measured_runs` gives them back from a result."""
-    return measured_runs({"runs": run_records(runs)})
-
-
 def _run_record(run: Run) -> dict[str, Any]:
     x, z, counts = run.x, run.z, None
     if x.size > _CELLS:

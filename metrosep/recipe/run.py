@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep._version import __version__
-from metrosep.compensation.folds import fold_estimates, used_runs
+from metrosep.compensation.folds import fold_estimates, source_hashes, used_runs
 from metrosep.core._arrays import by_number
 from metrosep.core.errors import MetrosepError, ReadError, RecipeError
 from metrosep.core.provenance import Step, history_as_dicts
@@ -20,6 +20,7 @@ from metrosep.recipe.outputs import (
     WrittenTable,
     dry_runs,
     polynomial_of,
+    require_free,
     staged,
     table_names,
     write_reports,
@@ -48,6 +49,7 @@ __all__ = [
     "run_recipe",
     "separate_inputs",
     "separated_result",
+    "table_basis",
 ]
 
 PathLike = str | os.PathLike[str]
@@ -63,10 +65,14 @@ def run_recipe(
     with_result: bool = True,
     more: Mapping[str, Any] | None = None,
     overwrite: bool = False,
+    beside: Sequence[PathLike] = (),
 ) -> Result:
-    """Carry out a recipe; see `Recipe.run`."""
+    """Carry out a recipe; see `Recipe.run`. Without `out` its tables may have places of their own."""
     tell = progress or _silent
     folder = None if out is None else Path(out)
+    places = [folder / n for n in table_names(recipe)] if folder else [Path(p) for p in beside]
+    if places and not overwrite:
+        require_free(recipe, places)
     files = input_files(recipe, inputs)
     if recipe.is_pipeline:
         from metrosep.recipe.pipeline_run import run_pipeline
@@ -83,13 +89,21 @@ def run_recipe(
         )  # fmt: skip
     tell(f"reading {len(files)} file(s)")
     runs = read_inputs(recipe, files)
-    if folder is None:
+    if places and not overwrite:
+        require_free(recipe, places, source_hashes(runs.history))
+    if folder is None and not places:
         alone = separated_result(recipe, runs, separate_inputs(recipe, runs, tell))
         return Result({**alone.document, **(more or {})}, alone.produced)
+    if folder is None:
+        estimate = separate_inputs(recipe, runs, tell)
+        basis = table_basis(recipe, runs, estimate)
+        tables = write_tables(recipe, basis, places, None, tell, overwrite=overwrite)
+        document, _ = _document(recipe, runs, estimate, basis, tables)
+        return Result(document, estimate, tuple(f for t in tables for f in t.files))
     with staged(folder, tables=table_names(recipe)) as stage:
         estimate = separate_inputs(recipe, runs, tell)
-        basis = _basis(recipe, runs, estimate)
-        tables = write_tables(recipe, basis, folder, stage, tell, overwrite=overwrite)
+        basis = table_basis(recipe, runs, estimate)
+        tables = write_tables(recipe, basis, places, stage, tell, overwrite=overwrite)
         document, names = _document(recipe, runs, estimate, basis, tables)
         document |= more or {}
         result = Result(document, estimate)
@@ -103,12 +117,12 @@ def run_recipe(
 
 def separated_result(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> Result:
     """Return the result of runs that were separated already; nothing is written."""
-    basis = _basis(recipe, runs, estimate)
+    basis = table_basis(recipe, runs, estimate)
     document, _ = _document(recipe, runs, estimate, basis, dry_runs(recipe, basis))
     return Result(document, estimate)
 
 
-def _basis(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> dict[str, Any]:
+def table_basis(recipe: Recipe, runs: RunSet, estimate: ErrorEstimate) -> dict[str, Any]:
     """Return what tables are made of and judged by, as the document stores it."""
     runs = used_runs(estimate.history, runs)
     found = clean({"estimate": estimate.to_dict(), "runs": run_records(runs)})
@@ -173,7 +187,7 @@ def _document(
     content["characteristics"] += runs.metadata.get("laser", [])
     if plan is not None:
         content["plan"] = plan
-    return {**clean(content), **basis}, [name for t in tables for name in t.names]
+    return {**clean(content), **basis}, [f.name for t in tables for f in t.files]
 
 
 def _about_tables(described: list[dict[str, Any]]) -> list[str]:

@@ -67,7 +67,7 @@ def view(document: Document) -> dict[str, Any]:
         "messages": _messages(document, estimate),
         "runs": _run_rows(document),
         "wavelengths": _wavelengths(estimate.get("spectrum") or {}),
-        "table": _table(document.get("table")),
+        "table": _table(document.get("table"), document.get("more_tables") or ()),
         "polynomial": _polynomial(document.get("polynomial")),
         "settings": _settings(
             estimate.get("audit") or separation_audit(separation),
@@ -244,7 +244,10 @@ def _wavelengths(spectrum: Document) -> list[dict[str, str]]:
     ]
 
 
-def _table(table: Document | None) -> dict[str, Any] | None:
+def _table(table: Document | None, others: Sequence[Document] = ()) -> dict[str, Any] | None:
+    """Return what is shown of the first table, with the warnings of all of them."""
+    from metrosep.controllers.safety import sidecar_warnings
+
     if not table:
         return None
     check = table.get("verification")
@@ -277,10 +280,14 @@ def _table(table: Document | None) -> dict[str, Any] | None:
         "findings": [
             {
                 "level": f.get("level") or "note",
-                "problem": _sentence(f.get("problem")),
-                "fix": _sentence(f.get("fix")),
+                "problem": _sentence(
+                    (f"{t.get('path') or 'table'}: " if others else "") + f["problem"]
+                ),
+                "fix": _sentence(f.get("fix"))
+                + (f" Accepted: {f['check']} was waived." if f["waived"] else ""),
             }
-            for f in table.get("findings") or []
+            for t in (table, *others)
+            for f in sidecar_warnings(t)
         ],
         "verification": _verification(check) if isinstance(check, Mapping) else None,
         "waived": check if isinstance(check, str) else ("not done" if check is None else ""),

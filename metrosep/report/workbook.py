@@ -159,6 +159,9 @@ def _summary(book: Workbook, document: Mapping[str, Any], shown: Mapping[str, An
     for name, value in facts:
         sheet.write_string(row, 0, one_line(name))
         row = write_text(sheet, row, 1, value, wrapped)
+    for found in (shown["table"] or {}).get("findings") or []:
+        sheet.write_string(row, 0, one_line(f"Table, {found['level']}"), soft)
+        row = write_text(sheet, row, 1, f"{found['problem']} {found['fix']}", wrapped)
     for message in shown["messages"]:
         sheet.write_string(row, 0, "Note", soft)
         row = write_text(sheet, row, 1, message, wrapped)

@@ -406,7 +406,10 @@ def test_what_else_is_wrong_is_said_beside_an_unknown_sign(work):
 
 
 def test_a_map_controller_is_refused(work):
-    header, _ = work(controller="klipper")()
+    ask = work()
+    stored = ask.session.state()["outputs"][0]
+
+    header, _ = ask(draft={**stored, "controller": "klipper"})
 
     assert "holds maps over two axes" in refused(header)["message"]
 
@@ -605,13 +608,19 @@ def test_an_own_file_is_replaced_only_when_told(work):
     ask = work()
     ask(write="z.txt")
     before = (ask.folder / "z.txt").read_bytes()
+    beside = (ask.folder / "z.txt.json").read_bytes()
+    ask(write="z.txt")  # the same bytes: nothing is replaced
     ask.session.edit([Edit(("output", 0, "spacing"), "0.5 mm", "1 mm")])
-    with pytest.raises(DataError, match="exists already"):
+    with pytest.raises(WriteError, match="exists already"):
         ask(write="z.txt")
     assert (ask.folder / "z.txt").read_bytes() == before
+    assert (ask.folder / "z.txt.json").read_bytes() == beside
+    assert not list(ask.folder.glob("z.txt.1*"))
     ask(write="z.txt", overwrite=True)
     now = (ask.folder / "z.txt").read_bytes()
     assert len(now) < len(before)
+    assert (ask.folder / "z.txt.1").read_bytes() == before
+    assert (ask.folder / "z.txt.1.json").read_bytes() == beside
     (ask.folder / "z.txt").write_bytes(now + b"# edited\n")
     with pytest.raises(WriteError, match="changed since"):
         ask(write="z.txt", overwrite=True)

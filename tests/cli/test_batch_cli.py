@@ -96,6 +96,68 @@ def test_fresh_and_resume(home, capsys):
     assert "done before" not in capsys.readouterr().err
 
 
+TABLE = """metrosep = 1
+[input]
+files = ["*.csv"]
+x = "x_mm"
+z = "z_um"
+run = "run"
+[[step]]
+op = "separate"
+method = "mean"
+[[output]]
+kind = "table"
+controller = "csv"
+axis = "X"
+compensates = "Z"
+spacing = "{spacing}"
+path = "z.txt"
+waive = ["active"]
+"""
+
+
+def test_a_table_of_a_batch_is_replaced_by_fresh_alone(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "in").mkdir()
+    rng = np.random.default_rng(3)
+    rows = ["run,x_mm,z_um"]
+    for run in range(4):
+        x = np.linspace(0.0, 50.0, 201)
+        z = np.sin(x / 4.0) + 2e-3 * rng.standard_normal(x.size)
+        rows += [f"{run},{a:.4f},{b:.6f}" for a, b in zip(x, z, strict=True)]
+    (tmp_path / "in" / "one.csv").write_text("\n".join(rows) + "\n")
+
+    def batch(spacing, *words):
+        (tmp_path / "r.toml").write_text(TABLE.format(spacing=spacing))
+        with pytest.raises(SystemExit) as end:
+            main(["batch", "r.toml", "in", "-o", "qa", "--scheduler", "serial", *words])
+        return end.value.code, capsys.readouterr().err
+
+    assert batch("1 mm")[0] == 0
+    (table,) = (tmp_path / "qa").rglob("z.txt")
+    beside = table.with_name("z.txt.json")
+    held = table.read_bytes(), beside.read_bytes()
+
+    assert batch("2 mm")[0] == 0  # what is made otherwise lies in another folder
+    assert (table.read_bytes(), beside.read_bytes()) == held
+    assert len(list((tmp_path / "qa").rglob("z.txt"))) == 2
+
+    table.write_bytes(held[0] + b"# tried on the machine\n")
+    held = table.read_bytes(), beside.read_bytes()
+    (table.parent / "result.json").unlink()
+    code, err = batch("1 mm")
+    assert code != 0
+    assert (table.read_bytes(), beside.read_bytes()) == held
+    assert not list(table.parent.glob("z.txt.1*"))
+    assert "--fresh" in err + (tmp_path / "qa" / "index.csv").read_text()
+
+    code, err = batch("1 mm", "--fresh")
+    assert code == 0, err
+    assert table.read_bytes() != held[0]
+    kept = table.with_name("z.txt.1"), table.with_name("z.txt.1.json")
+    assert tuple(f.read_bytes() for f in kept) == held
+
+
 def test_dry_run_lists(home, capsys):
     assert call(home, "--dry-run") == 0
     err = capsys.readouterr().err

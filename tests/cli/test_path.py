@@ -141,6 +141,35 @@ def test_splitting_and_limits(call):
     assert call(*words, "--force")[0] == 0
 
 
+def test_a_corrected_program_in_the_way_stays_unless_force_is_said(call, tmp_path):
+    words = (
+        "in.nc",
+        "--error",
+        "error.x3p",
+        "-o",
+        "out.nc",
+        "--c-sense",
+        "+1",
+        "--centre",
+        "middle",
+    )
+    assert call(*words)[0] == 0
+    names = ("out.nc", "out.nc.json")
+    first = [(tmp_path / n).read_bytes() for n in names]
+
+    assert call(*words)[0] == 0  # the same bytes
+    for other in (("--resolution", "10 nm"), ("--c-zero", "90 deg")):
+        code, _, err = call(*words, *other)
+        assert code == 2
+        assert "--force" in err
+        assert [(tmp_path / n).read_bytes() for n in names] == first
+        assert not list(tmp_path.glob("out.nc.1*"))
+
+    assert call(*words, "--c-zero", "90 deg", "--force")[0] == 0
+    assert (tmp_path / "out.nc").read_bytes() != first[0]
+    assert [(tmp_path / n).read_bytes() for n in ("out.nc.1", "out.nc.1.json")] == first
+
+
 @pytest.mark.parametrize(
     ("program", "options", "code", "part"),
     [

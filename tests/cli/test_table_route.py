@@ -4,6 +4,7 @@ The readings are written here as text, from a formula; what the file does is loo
 controller's manual says, without our simulator.
 """
 
+import html
 import json
 import re
 import shutil
@@ -228,16 +229,12 @@ def test_a_pmac_file_is_saved_by_hand_after_the_trial(tmp_path, dialect):
 
 @pytest.fixture(scope="module")
 def sources(tmp_path_factory):
-    """A result of an axis, and a map, from which every dialect can write."""
-    from metrosep import Recipe, Surface, write
+    """Runs of an axis, and a map, from which every dialect can write."""
+    from metrosep import Surface, write
 
     folder = tmp_path_factory.mktemp("sources")
     for name, ways in {"forward": (1, 1), "both": (1, -1)}.items():
-        runs = write_runs(folder / f"{name}.csv", samples=301, lost=0.4, ways=ways)
-        Recipe.parse(
-            'metrosep = 1\n[input]\nx = "x_mm"\nz = "z_um"\nfeed = "feed_mm_min"\nrun = "run"\n'
-            '[[step]]\nop = "separate"\n'
-        ).run(runs, out=folder / name)
+        write_runs(folder / f"{name}.csv", samples=121, lost=0.4, ways=ways)
     y, x = np.mgrid[0.0:40e-3:21j, 0.0:50e-3:26j]
     write(
         Surface(3e-6 * np.cos(x / 9e-3) * (1 + y / 0.05) + 1e-4 * y, 2e-3, 2e-3),
@@ -252,35 +249,100 @@ def _dialects():
     return [info.id for info in controllers.describe()]
 
 
+OF_ITS_OWN = {"nv200": "rate=1200", "rrf": "max_nodes=961", "plc-pmac": "digits=5"}
+"""What a dialect needs beside its example to hold the errors of these sources."""
+
+PLANTED = {"plc-st": "coverage", "plc-pmac": "coverage"}
+"""The finding that is planted: corrections above a stroke of 1 nm, or a travel beyond the runs where a
+stroke shapes the file itself."""
+
+
 @pytest.mark.parametrize("dialect", _dialects())
-def test_every_warning_of_a_sidecar_is_on_the_terminal(metrosep, sources, tmp_path, dialect):
+def test_every_warning_of_a_sidecar_is_on_the_terminal_and_in_the_report(
+    metrosep, sources, tmp_path, dialect
+):
     from metrosep.controllers.registry import find
     from metrosep.controllers.safety import CHECKS
 
     info = find(dialect).info
-    out = tmp_path / f"table{info.suffix}"
-    machine = [w for k, v in info.example.items() for w in ("--machine", f"{k}={v}")]
+    planted = PLANTED.get(dialect, "stroke")
+    fact = {"stroke": "stroke=1 nm", "coverage": "travel_high=99 mm"}[planted]
+    example = [
+        f"{k}={v}" for k, v in info.example.items() if k not in ("stroke", "rate", "digits")
+    ]
+    example += [OF_ITS_OWN[dialect]] if dialect in OF_ITS_OWN else []
     waive = [w for check in CHECKS for w in ("--waive", check)]
-    own, cross = (("--compensates", axis) for axis in "XZ")
-    tries = [(sources / n, *a) for a in (own, cross) for n in ("forward", "both")]
+    name = f"table{info.suffix}"
     if info.carries == "map":
-        tries = [(sources / "map.x3p", "--spacing", "2 mm")]
-    shapes = ((), ("--poly", "9"), ("--spacing", "15 mm"))
-    refused = []
-    for words in (t + s for t in tries for s in shapes):
-        call = ("table", *words, "--format", dialect, *machine, *waive, "--sign-confirmed")
-        code, _, err = metrosep(*call, "-o", out)
+        machine = [w for v in (*example, fact) for w in ("--machine", v)]
+        calls = [
+            ("table", sources / "map.x3p", "--spacing", "2 mm", "--format", dialect, *machine, *waive,
+             "--sign-confirmed", "-o", tmp_path / name)
+        ]  # fmt: skip
+    else:
+        calls = [
+            ("separate", sources / f"{runs}.csv", *COLUMNS, "--method", "mean", *waive,
+             "--sign-confirmed", "-o", tmp_path, "--table",
+             ",".join([f"{dialect}={name}", f"compensates={axis}", *shape, *example, fact]))
+            for axis in "XZ"
+            for runs in ("forward", "both")
+            for shape in (["degree=9"] if info.carries == "polynomial" else ["spacing=1 mm"],)
+        ]  # fmt: skip
+    said = []
+    for call in calls:
+        code, _, err = metrosep(*call)
+        said.append(err)
         if code == 0:
             break
-        refused.append(err)
-    else:
-        pytest.skip(refused[0])
+    assert code == 0, "\n".join(said)
 
-    findings = json.loads(out.with_name(out.name + ".json").read_text())["findings"]
+    findings = json.loads((tmp_path / f"{name}.json").read_text())["findings"]
+    assert planted in [f["check"] for f in findings]
     for found in findings:
-        assert found["problem"] in err
+        assert (
+            f"warning: {tmp_path / name if info.carries == 'map' else name}: {found['problem']}"
+            in err
+        )
         assert found["fix"] in err
-        assert err.count("warning: ") >= len(findings)
+    if info.carries != "map":
+        report = html.unescape(re.sub(r"<[^>]*>", "", (tmp_path / "report.html").read_text()))
+        for found in findings:
+            for text in (found["problem"], found["fix"]):
+                assert text[1:] in report  # a sentence of its own begins with a capital
+
+
+def test_warnings_of_every_table_of_a_result_are_in_its_report(metrosep, tmp_path):
+    """The first table covers the travel, the second does not; no reading went backwards."""
+    runs = write_runs(tmp_path / "runs.csv", ways=(1, 1))
+    out = tmp_path / "out"
+    call = (
+        "separate",
+        runs,
+        *COLUMNS,
+        "--method",
+        "mean",
+        "--compensates",
+        "X",
+        "--spacing",
+        "2 mm",
+    )
+    tables = ("--table", "csv=a.csv", "--table", "csv=b.csv,travel_high=99 mm,waive=coverage")
+
+    code, printed, err = metrosep(*call, *tables, "-o", out, "--json")
+    assert code == 0, err
+    assert json.loads(printed)["files"]
+    report = html.unescape(re.sub(r"<[^>]*>", "", (out / "report.html").read_text()))
+    for name in ("a.csv", "b.csv"):
+        sidecar = json.loads((out / f"{name}.json").read_text())
+        checks = [f["check"] for f in sidecar["findings"]]
+        assert ("coverage" in checks) == (name == "b.csv")
+        for found in sidecar["findings"]:
+            assert f"warning: {name}: {found['problem']}" in err
+            assert (
+                f"{name}: {found['problem']}".capitalize()[:1] + f"{name}: {found['problem']}"[1:]
+                in report
+            )
+    assert "--waive coverage" in err
 
 
 def test_a_hint_about_directions_works_in_the_command_that_prints_it(metrosep, tmp_path):
@@ -367,3 +429,252 @@ def test_a_degree_is_refused_where_the_controller_holds_a_table(metrosep, tmp_pa
     assert code == 2
     assert "csv holds a table" in err
     assert not (tmp_path / "x.csv").exists()
+
+
+# ---- several tables of one call, each with options of its own --------------------------------
+
+
+def test_several_tables_of_one_call_each_have_options_of_their_own(metrosep, tmp_path):
+    runs = write_runs(tmp_path / "runs.csv")
+    a, b, c = (tmp_path / name for name in ("x.comp", "x.csv", "fine.csv"))
+    call = ("separate", runs, *COLUMNS, "--method", "mean", "--axis", "X", "--spacing", "1.5 mm")
+
+    code, _, err = metrosep(
+        *call,
+        "--table", f"linuxcnc={a},compensates=Z,cross_axis=hal",
+        "--table", f"csv={b},compensates=X,spacing=2 mm,reference=20 mm,travel_high=60 mm",
+        "--table", f"csv={c},compensates=X,direction=both",
+    )  # fmt: skip
+
+    assert code == 0, err
+    # LinuxCNC itself corrects a joint over itself only: this file is fed to HAL
+    assert json.loads(a.with_name("x.comp.json").read_text())["table"]["compensates"] == "Z"
+    assert np.loadtxt(a)[:, 0].tolist() == pytest.approx(np.arange(0, 60.1, 1.5), abs=1e-9)
+    rows = np.genfromtxt(b, delimiter=",", comments="#", names=True)
+    x = rows["position_mm"]
+    assert x == pytest.approx(np.arange(0, 60.1, 2.0), abs=1e-9)
+    at = np.flatnonzero(np.abs(x - 20.0) < 1e-9)
+    assert rows["correction_forward_um"][at] == pytest.approx([0.0], abs=1e-9)
+    # positioning keeps the lost motion: reverse needs 1.37 um less
+    apart = rows["correction_reverse_um"] - rows["correction_forward_um"]
+    assert apart.mean() == pytest.approx(-LOST_UM, abs=0.02)  # noise of 12 runs, 31 entries
+    one = np.genfromtxt(c, delimiter=",", comments="#", names=True)
+    assert one.size == 41
+    assert "correction_reverse_um" not in one.dtype.names
+
+    # what is written alone, or from the result, is the same file
+    alone = tmp_path / "alone.csv"
+    code, _, err = metrosep(
+        *call, "--compensates", "X", "--reference", "20 mm", "--machine", "travel_high=60 mm",
+        "--spacing", "2 mm", "--table", f"csv={alone}",
+    )  # fmt: skip
+    assert code == 0, err
+    assert alone.read_bytes() == b.read_bytes()
+    beside = [f.with_name(f.name + ".json").read_bytes() for f in (alone, b)]
+    assert beside[0] == beside[1]
+    inside = ("--table", "csv=x.csv,compensates=X,spacing=2 mm,reference=20 mm,travel_high=60 mm")
+    code, _, err = metrosep(
+        *call, *inside, "--table", "linuxcnc=x.comp,compensates=X", "-o", tmp_path / "out"
+    )
+    assert code == 0, err
+    assert (tmp_path / "out" / "x.csv").read_bytes() == b.read_bytes()
+    assert (tmp_path / "out" / "x.comp").exists()
+
+
+@pytest.mark.parametrize(
+    ("spec", "said"),
+    [
+        ("csv={}/b.csv,spcing=2 mm", "there is no option 'spcing'"),
+        ("csv={}/b.csv,spacing=2 kg", "spacing"),
+        ("csv={}/b.csv,spacing=2", "spacing"),
+        ("csv={}/b.csv,reference=1 deg", "reference"),
+        ("csv={}/b.csv,stroke=3", "stroke"),
+        ("csv={}/b.csv,direction=up", "direction"),
+        ("csv={}/b.csv,degree=3", "degree"),
+        ("csv={}/b.csv,spacing=1 mm,spacing=2 mm", "twice"),
+        ("linuxcnc={}/b.comp,cross_axis=hl", "cross_axis"),
+        ("sinumerik-enc={}/b.ini", "machine_axis"),
+        ("aerotech={}/b.cal", "maps over two axes"),
+        ("nonesuch={}/b.csv", "unknown controller"),
+        ("csv={}/b.csv,waive=nothing", "nothing"),
+        ("csv={}/a.csv", "two outputs"),
+    ],
+)
+def test_options_of_every_table_are_checked_before_a_reading_is_opened(
+    metrosep, tmp_path, spec, said
+):
+    good = f"csv={tmp_path}/a.csv,spacing=2 mm"
+    call = ("separate", tmp_path / "not-there.csv", *COLUMNS, "--compensates", "X")
+    code, _, err = metrosep(*call, "--table", good, "--table", spec.format(tmp_path))
+
+    assert code == 2
+    assert said in err
+    assert f"--table {spec.format(tmp_path).split(',')[0]}" in err
+    assert err.count("error: ") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_table_without_its_corrected_axis_is_asked_for_by_name(metrosep, tmp_path):
+    call = ("separate", tmp_path / "not-there.csv", *COLUMNS)
+    tables = ("--table", "csv=a.csv,compensates=Z", "--table", "csv=b.csv")
+
+    code, _, err = metrosep(*call, *tables)
+
+    assert code == 2
+    assert "--table csv=b.csv" in err
+    assert "which axis" in err
+
+
+def test_a_table_in_the_way_is_refused_before_anything_is_separated(metrosep, tmp_path):
+    call = ("separate", *COLUMNS, "--method", "mean", "--compensates", "X", "--spacing", "2 mm")
+    runs = write_runs(tmp_path / "runs.csv")
+    other = write_runs(tmp_path / "other.csv", seed=8)
+    a, b = tmp_path / "a.csv", tmp_path / "b.csv"
+    tables = ("--table", f"csv={a}", "--table", f"csv={b}")
+    assert metrosep(*call, runs, *tables)[0] == 0
+    held = {f: f.read_bytes() for f in tmp_path.iterdir()}
+
+    for again in (
+        ("separate", *call[1:], other, *tables),  # other readings
+        ("separate", *call[1:], runs, "--table", f"csv={tmp_path}/c.csv", "--table", f"linuxcnc={a}"),
+    ):  # fmt: skip
+        code, _, err = metrosep(*again)
+        assert code == 2
+        assert f"{a}: exists already" in err
+        assert "--force" in err
+        assert "separating" not in err
+        assert {f: f.read_bytes() for f in tmp_path.iterdir()} == held
+    assert metrosep(*call, runs, *tables)[0] == 0  # the same bytes are left
+    assert {f: f.read_bytes() for f in tmp_path.iterdir()} == held
+
+
+# ---- one result document, one table: from every door the same bytes and the same sidecar ------
+
+SLOPE_UM_PER_MM = 0.043
+"""Of the scale of the axis below: 2.58 um over its travel of 60 mm."""
+
+
+@pytest.fixture(scope="module")
+def axis_runs(tmp_path_factory):
+    """Runs of an axis along itself with pitch, slope and lost motion; one run is off by 9 um."""
+    folder = tmp_path_factory.mktemp("axis")
+    rng = np.random.default_rng(11)
+    for name, samples, runs in (("few", 241, 5), ("many", 2501, 3)):
+        rows = ["x_mm,z_um,feed_mm_min,run"]
+        for run in range(2 * runs):
+            way = (1, -1)[run % 2]
+            x = np.linspace(0.0, 60.0, samples)[::way]
+            z = error_um(x) + SLOPE_UM_PER_MM * x + (LOST_UM if way < 0 else 0.0)
+            z += rng.normal(0, 0.02, x.size) + 9.0 * (run == 2 and name == "few") * np.sin(x)
+            rows += [f"{a:.6f},{b:.6f},{310 + run},{run}" for a, b in zip(x, z, strict=True)]
+        (folder / f"{name}.csv").write_text("\n".join(rows) + "\n")
+    return folder
+
+
+DOORS = {
+    "linuxcnc": ("few", "X", "linuxcnc", {"travel_high": "60 mm"}, "2 mm"),
+    "csv-many-samples": ("many", "X", "csv", {}, "2.5 mm"),
+    "pmac-cross": (
+        "few", "Z", "pmac",
+        {"count": "10 nm", "source_motor": "1", "target_motor": "3", "travel_low": "0 mm", "travel_high": "60 mm",
+         "direction": "both"},
+        "1.5 mm",
+    ),
+    "twincat": ("few", "X", "twincat", {"direction": "forward", "travel_high": "60 mm"}, "3 mm"),
+    "csv-cross": ("few", "Y", "csv", {"reference": "20 mm"}, "2 mm"),
+    "heidenhain": ("few", "X", "heidenhain", {"sign_confirmed": "true"}, "2 mm"),
+    "plc-polynomial": ("few", "X", "plc-st", {"degree": "9", "actuator_sign": "-1"}, "2 mm"),
+}  # fmt: skip
+
+
+_OF_TABLE = {
+    "direction": lambda v: ("--table-direction", v),
+    "reference": lambda v: ("--reference", v),
+    "degree": lambda v: ("--poly", v),
+    "sign_confirmed": lambda _: ("--sign-confirmed",),
+}
+"""What shapes a table, as options of the command ``table``; other facts are of the machine."""
+
+
+@pytest.mark.parametrize("case", DOORS)
+def test_every_door_gives_the_same_bytes_and_sidecar(metrosep, axis_runs, tmp_path, case):
+    from metrosep.app.documents import Places
+    from metrosep.app.server import Answers
+    from metrosep.app.sessions import Session
+
+    name, axis, dialect, facts, spacing = DOORS[case]
+    runs = tmp_path / "runs.csv"
+    runs.write_bytes((axis_runs / f"{name}.csv").read_bytes())
+    left_out = ("--exclude", "2") if name == "few" else ()
+    how = (*COLUMNS, "--method", "mean", *left_out)
+    machine = {k: v for k, v in facts.items() if k not in _OF_TABLE}
+    shape = {k: facts[k] for k in _OF_TABLE if k in facts}
+    waive = "inconclusive,pointless"
+
+    def written(folder, *call):
+        code, _, err = metrosep(*call)
+        assert code == 0, err
+        return (folder / "t.out").read_bytes(), json.loads((folder / "t.out.json").read_text())
+
+    folders = {k: tmp_path / k for k in ("beside", "inside", "result", "table", "recipe")}
+    folders["beside"].mkdir()
+    folders["table"].mkdir()
+    own = {"axis": "X", "compensates": axis, "spacing": spacing, **facts, "waive": waive}
+    words = "".join(f",{k}={v}" for k, v in own.items())
+    found = {}
+    target = folders["beside"] / "t.out"
+    found["beside"] = written(
+        target.parent, "separate", runs, *how, "--table", f"{dialect}={target}{words}"
+    )
+    found["inside"] = written(
+        folders["inside"], "separate", runs, *how, "-o", folders["inside"],
+        "--table", f"{dialect}=t.out{words}",
+    )  # fmt: skip
+    assert metrosep("separate", runs, *how, "-o", folders["result"])[0] == 0
+    found["table"] = written(
+        folders["table"], "table", folders["result"], "--format", dialect,
+        "-o", folders["table"] / "t.out", "--axis", "X", "--compensates", axis, "--spacing", spacing,
+        *(w for k, v in machine.items() for w in ("--machine", f"{k}={v}")),
+        *(w for k, v in shape.items() for w in _OF_TABLE[k](v)), "--waive", waive,
+    )  # fmt: skip
+    recipe = tmp_path / "recipe.toml"
+    text = ", ".join(f'{k} = "{v}"' for k, v in machine.items())
+    recipe.write_text(
+        'metrosep = 1\n[input]\nfiles = ["runs.csv"]\nx = "x_mm"\nz = "z_um"\nfeed = "feed_mm_min"\n'
+        'run = "run"\n[[step]]\nop = "separate"\nmethod = "mean"\n'
+        + ('exclude = ["2"]\n' if left_out else "")
+        + f'[[output]]\nkind = "table"\ncontroller = "{dialect}"\naxis = "X"\ncompensates = "{axis}"\n'
+        f'spacing = "{spacing}"\npath = "t.out"\nmachine = {{ {text} }}\nwaive = ["{waive}"]\n'
+        + "".join(
+            f"{k} = {repr(v) if k in ('direction', 'reference') else v}\n"
+            for k, v in shape.items()
+        )
+    )
+    found["recipe"] = written(folders["recipe"], "run", recipe, "-o", folders["recipe"])
+    session = Session(Places([tmp_path]))
+    session.open(str(recipe))
+    ask = Answers(session).answer
+    ask({"k": "table", "write": "t.out"})
+    found["workbench"] = (
+        (tmp_path / "t.out").read_bytes(),
+        json.loads((tmp_path / "t.out.json").read_text()),
+    )
+
+    data, sidecar = found["beside"]
+    for door, (other, beside) in found.items():
+        assert other == data, door
+        assert beside == sidecar, door
+    assert bool(sidecar["table"].get("reverse_m")) == (
+        dialect in ("linuxcnc", "csv", "heidenhain")
+    )
+    if (
+        case == "csv-many-samples"
+    ):  # the slope of the scale is in the table, and the right way round
+        rows = np.genfromtxt(tmp_path / "t.out", delimiter=",", comments="#", names=True)
+        x = rows["position_mm"]
+        wanted = -(error_um(x) + SLOPE_UM_PER_MM * x - error_um(0.0))
+        assert (
+            np.abs(rows["correction_forward_um"] - wanted).max() < 0.06
+        )  # mean of 3 runs of 20 nm
+        gap = rows["correction_reverse_um"] - rows["correction_forward_um"]
+        assert gap == pytest.approx(-LOST_UM, abs=0.09)

@@ -167,6 +167,29 @@ def test_existing_file_is_refused_and_overwritten_on_demand(tmp_path, table, con
 
     controllers.write(table, path, controller, allow_unverified=True, overwrite=True)
     assert controllers.read(path, controller).positions.size == 101
+    assert (tmp_path / "x.tab.1").read_text() == "mine"
+    assert not (tmp_path / "x.tab.1.json").exists()
+
+
+@BOTH
+def test_the_same_bytes_are_left_and_others_keep_the_old_pair(tmp_path, table, controller):
+    path, beside = tmp_path / "x.tab", tmp_path / "x.tab.json"
+    controllers.write(table, path, controller, allow_unverified=True)
+    first = path.read_bytes(), beside.read_bytes()
+    stamp = path.stat().st_mtime_ns
+
+    controllers.write(table, path, controller, allow_unverified=True)
+    assert path.stat().st_mtime_ns == stamp
+    other = table.negated()
+    with pytest.raises(WriteError, match="exists already"):
+        controllers.write(other, path, controller, allow_unverified=True)
+    assert (path.read_bytes(), beside.read_bytes()) == first
+    assert names_in(tmp_path) == ["x.tab", "x.tab.json"]
+
+    controllers.write(other, path, controller, allow_unverified=True, overwrite=True)
+    kept = tmp_path / "x.tab.1", tmp_path / "x.tab.1.json"
+    assert tuple(f.read_bytes() for f in kept) == first
+    assert path.read_bytes() != first[0]
 
 
 def test_foreign_file_at_the_place_of_the_sidecar_is_kept(tmp_path, table):

@@ -242,8 +242,12 @@ def test_sidecar_and_existing_files(tmp_path):
     assert json.loads((tmp_path / "out.csv.json").read_text()) == result.audit
     assert result.audit["sign"].startswith("correction c = -e")
 
+    first = [(tmp_path / n).read_bytes() for n in ("out.csv", "out.csv.json")]
+    rewritten(tmp_path, HEAD + "1,2,3\n", lambda x, c: 1e-6 + 0 * x)  # the same bytes
     with pytest.raises(WriteError, match="exists already"):
         rewritten(tmp_path, HEAD + "1,2,3\n", lambda x, c: 0 * x)
+    rewritten(tmp_path, HEAD + "1,2,3\n", lambda x, c: 2e-6 + 0 * x, overwrite=True)
+    assert [(tmp_path / n).read_bytes() for n in ("out.csv.1", "out.csv.1.json")] == first
     with pytest.raises(WriteError, match="the source itself"):
         rewrite_points(
             tmp_path / "in.csv", tmp_path / "in.csv", lambda x, c: 0 * x, overwrite=True

@@ -20,8 +20,9 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep._version import __version__
 from metrosep.controllers._pairs import refuse_existing
-from metrosep.controllers.base import load_bytes, sidecar_path
+from metrosep.controllers.base import load_bytes, load_sidecar, sidecar_path
 from metrosep.controllers.gcode.corrections import MAX_LOOKS, MAX_PARTS
 from metrosep.controllers.gcode.state import ModalState
 from metrosep.controllers.gcode.words import Token, decimals_of, refuse_block, shape_of, tokenize
@@ -448,7 +449,7 @@ _LARGEST_SIDECAR = 10**6
 
 
 def check_files(start: Path, end: Path, *, overwrite: bool) -> None:
-    """Refuse a target that is the source, or exists."""
+    """Refuse a target that is the source, or in the way and not made of this source."""
     try:
         same = end.exists() and start.exists() and end.samefile(start)
     except OSError as exc:
@@ -459,8 +460,24 @@ def check_files(start: Path, end: Path, *, overwrite: bool) -> None:
         raise WriteError(
             f"{end}: is the source itself; a correction must not be added twice, so give another name"
         )
-    if not overwrite:
+    if not overwrite and not _is_of(start, end):
         refuse_existing(end)
+
+
+def _is_of(start: Path, end: Path) -> bool:
+    """Return whether a file was made of a source by this version, so that it may be the same bytes."""
+    try:
+        said = load_sidecar(end) if end.is_file() and start.is_file() else {}
+        known = [said.get("source_sha256"), said.get("file_sha256"), said.get("metrosep")]
+        return known == [*map(_sha256, (start, end)), __version__]
+    except (CorruptFileError, OSError):
+        return False
+
+
+def _sha256(path: Path) -> str:
+    """Return the hash of a file of any size."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def mark_text(axes: Sequence[str], audit: Mapping[str, Any]) -> str:

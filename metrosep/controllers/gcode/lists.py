@@ -254,6 +254,7 @@ def rewrite_points(
         (source_hash, data),
         (dz, changed, step, float(left.max())),
         diameter=diameter,
+        overwrite=overwrite,
         mark=mark if len(final) > len(rows.lines) else None,
     )
 
@@ -503,6 +504,7 @@ def _finish(
     numbers: tuple[FloatArray, int, float, float],
     *,
     diameter: bool,
+    overwrite: bool,
     mark: str | None,
 ) -> PointResult:
     start, end = files
@@ -540,7 +542,7 @@ def _finish(
         require_hash(written, str(audit["file_sha256"]))
         return text
 
-    with paired_stream(end, said) as out:
+    with paired_stream(end, said, overwrite=overwrite) as out:
         out.write(content[1])
     return PointResult(
         target=end,

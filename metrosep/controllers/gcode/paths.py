@@ -264,11 +264,18 @@ def rewrite_path(
         require_uncorrected(start)
     rewriter = Rewriter(made, settings, state)
     with open_program(start) as stream:
-        return _stream(rewriter, stream, start, end, made, again=again)
+        return _stream(rewriter, stream, start, end, made, again=again, overwrite=overwrite)
 
 
 def _stream(
-    rewriter: Rewriter, stream: Any, start: Path, end: Path, made: PathCorrection, *, again: bool
+    rewriter: Rewriter,
+    stream: Any,
+    start: Path,
+    end: Path,
+    made: PathCorrection,
+    *,
+    again: bool,
+    overwrite: bool,
 ) -> PathResult:
     """Rewrite piece by piece; the sidecar is written when the program lies whole on the disk."""
     hashes = [hashlib.sha256(), hashlib.sha256()]
@@ -282,7 +289,7 @@ def _stream(
         return json.dumps(found.audit, indent=1, sort_keys=True, allow_nan=False) + "\n"
 
     try:
-        with paired_stream(end, text) as out:
+        with paired_stream(end, text, overwrite=overwrite) as out:
             for lines in pieces(stream, start):
                 hashes[0].update("".join(lines).encode("latin-1"))
                 if not again:
