@@ -127,11 +127,15 @@ class Improvement:
     u: float
     t: float
     strict: float
+    # of one run of positioning whose u(slope) is not stated: what is left of D without its slope
+    shape: float | None = None
 
     @property
     def is_worse(self) -> bool:
         """Whether the machine is worse with the table, with 99 % confidence."""
-        return self.value + self.t * self.u < 0.0
+        # the slope of one run may be that of its temperature: it alone refuses nothing
+        most = self.value if self.shape is None else max(self.value, self.shape)
+        return most + self.t * self.u < 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +226,7 @@ def _improvement(stack: Stack, where: BoolArray) -> Improvement:
         strict = float(_quantile(_STATED_FREEDOM, _STRICT))
         return Improvement(value, 2.0 * (stack.u_known or 0.0), t, strict)
     scatter = (a - a.mean(axis=0)) * math.sqrt(n / (n - 1)) if n > 1 else _rest_of_one(stack)
-    mean_c, u_slope, u_common = c.mean(axis=0), 0.0, 0.0
+    mean_c, u_slope, u_common, shape = c.mean(axis=0), 0.0, 0.0, None
     if stack.has_slope:
         # Runs of one axis differ first of all by a slope (temperature): it is judged apart (14b).
         # A temperature or scale that is wrong is wrong in every run: no number of them shows it.
@@ -235,6 +239,9 @@ def _improvement(stack: Stack, where: BoolArray) -> Improvement:
             v - np.multiply.outer((v * line).mean(axis=-1), line) for v in (a, c, mean_c, scatter)
         )
     products = (a[:, where] * c[:, where]).mean(axis=1)
+    changes = -2.0 * products - (c[:, where] ** 2).mean(axis=1)
+    if stack.has_slope and n == 1 and stack.u_slope is None:
+        shape = float(changes[0]) - stack.zero**2
     inside = _inside(scatter, mean_c, stack.way, where)
     between = float(products.var(ddof=1)) if n > 1 else 0.0
     few = min(int((where & (stack.way == d)).sum()) for d in np.unique(stack.way[where]))
@@ -245,13 +252,12 @@ def _improvement(stack: Stack, where: BoolArray) -> Improvement:
         freedom = n - 1 + _PRIOR
     u = 2.0 * math.sqrt(variance / n)
     if stack.is_left_out:
-        changes = -2.0 * products - (c[:, where] ** 2).mean(axis=1)
         u = math.sqrt(2.0) * max(u, float(changes.std(ddof=1)) / math.sqrt(n))
         u_slope *= math.sqrt(2.0)
         freedom = n - 1
     t = float(_quantile(freedom, _CONFIDENCE))
     u += (_slope_quantile(n) * u_slope + _NORMAL * u_common) / t
-    return Improvement(value, u, t, float(_quantile(freedom, _STRICT)))
+    return Improvement(value, u, t, float(_quantile(freedom, _STRICT)), shape)
 
 
 def _quantile(freedom: float, probability: float) -> float:

@@ -14,9 +14,6 @@ __all__ = ["DIRECTION_NAMES", "DirectionResidual", "Unknown", "Verification"]
 
 Unknown = Literal["offset", "offsets", "line"]
 
-_SOME = 0.2
-"""Gain below which a shape is called foreign, in the text only."""
-
 DIRECTION_NAMES = {1: "forward", -1: "reverse"}
 _UNKNOWN = {
     "offset": "one constant",
@@ -88,7 +85,10 @@ class Verification(Judged):
     left_out : int
         Tables that were made without some of the runs; 0 where the runs did not make it.
     is_reversed : bool
-        Whether the readings show that the sign is wrong.
+        Whether the readings show that the sign is wrong: the negated bytes would be accepted, with
+        at most half of the RMS left.
+    diagnosis : str
+        What is probably wrong with a table that is refused or pointless; it never changes the grade.
     lost_motion : LostMotion or None
         Offset between the directions before and after; None where it was not measured.
     unproven : tuple of int
@@ -104,6 +104,7 @@ class Verification(Judged):
     n_runs: int = 0
     left_out: int = 0
     is_reversed: bool = False
+    diagnosis: str = ""
     lost_motion: LostMotion | None = None
     unproven: tuple[int, ...] = ()
 
@@ -200,6 +201,7 @@ class Verification(Judged):
             "gain": self.gain,
             "u_gain": _finite(self.u_gain),
             "rest": _finite(self.rest),
+            "diagnosis": self.diagnosis,
             "repeats_m2": j.energy,
             "before_pv_m": j.pv_before,
             "after_pv_m": j.pv_after_plain,
@@ -226,31 +228,13 @@ class Verification(Judged):
     def _refusal(self, grade: str, left: list[Reason]) -> str:
         mine = [r for r in left if r.grade == grade]
         text = "; ".join(r.text for r in mine)
-        hint = f"; {self.diagnosis}" if grade == "refused" and mine[0].check == "dry-run" else ""
+        worse = grade == "refused" and mine[0].check == "dry-run"
+        hint = f"; {self.diagnosis}" if self.diagnosis and (worse or grade == "pointless") else ""
         checks = [r.check for r in left if r.check != "dry-run"]
         waive = f" (to write it all the same, say waive={', '.join(dict.fromkeys(checks))!r})"
         can = bool(checks) and all(r.check != "dry-run" for r in left)
-        how = "the dry-run does not shrink the error: " if hint else ""
+        how = "the dry-run does not shrink the error: " if worse else ""
         return f"{grade}: {how}{text}{hint}; nothing was written{waive if can else ''}"
-
-    @property
-    def diagnosis(self) -> str:
-        """What is probably wrong with a table that is refused; it never changes the grade."""
-        if self.is_reversed:
-            return "the reversed sign would shrink it: the sign of the readings or of the table is wrong"
-        if self.gain > 0.5:
-            return "its shape helps, its zero or a part of it does not"
-        if self.gain > _SOME:
-            return (
-                f"the readings confirm {self.gain:.2g} of it: it is too large (unit, diameter), tilted, "
-                "shifted, or belongs to another state"
-            )
-        if self.gain < -_SOME:
-            return (
-                f"the readings run against it (gain {self.gain:.2g}): its sign is wrong, or it belongs "
-                "to another axis, travel or state"
-            )
-        return "neither sign shrinks it: the table belongs to another axis, travel or state"
 
 
 def _finite(value: float) -> float | None:

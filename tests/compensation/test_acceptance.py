@@ -3,13 +3,16 @@
 They were computed by other code, and again by an independent check; lengths in m.
 """
 
+import math
+import re
+
 import numpy as np
 import pytest
 from scipy.special import stdtrit
 
 from metrosep import Run, RunSet
 from metrosep.compensation import CompensationTable
-from metrosep.errors import SignCheckFailedError
+from metrosep.errors import SignCheckFailedError, TableError
 
 K = 121
 X = np.linspace(0.0, 0.18, K)
@@ -237,3 +240,162 @@ def test_a_temperature_that_is_wrong_in_every_run_is_in_the_margin():
     assert stated.u_improvement - plain.u_improvement == pytest.approx(more / t, rel=0.03, abs=0.0)
     assert stated.grade == "inconclusive"
     assert table.verify(runs(rows), unknown="offset", u_slope=0.3e-6).grade == "accepted"
+
+
+# ---- what is probably wrong ------------------------------------------------------------------------
+
+CALLED_WRONG = re.compile(r"(wrong|reversed) sign|sign\b.*\bwrong")
+
+
+def refusal(table, rows):
+    """The words of a table that is not accepted, against runs that did not make it."""
+    found = table.verify(runs(rows)) if isinstance(table, CompensationTable) else table
+    with pytest.raises(TableError) as caught:
+        found.require("table")
+    return str(caught.value)
+
+
+def words_of(table, rows):
+    try:
+        return refusal(table, rows)
+    except SignCheckFailedError as exc:
+        return str(exc)
+
+
+SPOILT = {
+    "mm for um": ({"factor": 1e-3}, r"1000 times too small \(a unit"),
+    "um for mm": ({"factor": 1e3}, r"1000 times too large \(a unit"),
+    "inch": ({"factor": 1 / 25.4}, r"25.4 times too small \(inch"),
+    "not inch": ({"factor": 25.4}, r"25.4 times too large \(inch"),
+    "diameter": ({"factor": 2.12}, r"2 times too large \(diameter"),
+    "radian": ({"factor": np.pi / 180}, r"57.3 times too small \(degree"),
+    "degree": ({"factor": 180 / np.pi}, r"57.3 times too large \(degree"),
+    "sign": ({"factor": -1.0}, "the reversed sign would shrink it"),
+    "tilt": ({"more": 80e-6 * ENTRIES}, r"slope does not: the table has 63.* um/m, the readings ask for -17"),
+    "zero": ({"more": 8e-6}, "but for its zero, which moves the machine by 8 um"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", SPOILT)
+def test_probable_mistake_is_named(case):
+    made, expected = SPOILT[case]
+
+    assert re.search(expected, words_of(correction(PITCH, **made), readings(PITCH)))
+
+
+def test_table_that_lacks_its_line_is_told_both_slopes():
+    text = words_of(correction(without_line(PITCH)), readings(PITCH))
+
+    # 17 um/m, and what the wave of 24 mm adds to the line over 180 mm
+    needed = np.polyfit(X, PITCH, 1)[0] * 1e6
+    found = re.search(r"the table has (\S+) um/m, the readings ask for (\S+) um/m", text)
+    assert float(found[1]) == pytest.approx(0.0, abs=0.1)
+    assert float(found[2]) == pytest.approx(-needed, abs=0.1)
+
+
+def hump(x):
+    """A shape that neither mirror nor shift nor sign leaves as it is."""
+    return 1e-6 * np.exp(-(((x - 0.05) / 0.012) ** 2)) - 0.5e-6 * np.exp(
+        -(((x - 0.09) / 0.01) ** 2)
+    )
+
+
+@pytest.mark.parametrize("late", [31e-3, -22e-3])
+def test_table_that_is_read_elsewhere_is_moved_back(late):
+    p = np.linspace(0.0, 0.18, 361)
+    table = CompensationTable(p, -hump(p - late), None, "X", "X", 0.0)
+
+    text = words_of(table, readings(hump(X)))
+
+    assert float(re.search(r"moved by (\S+) mm", text)[1]) == pytest.approx(-late * 1e3, abs=0.6)
+
+
+def test_mirrored_table_is_called_that():
+    p = np.linspace(0.0, 0.18, 361)
+    table = CompensationTable(p, -hump(0.18 - p), None, "X", "X", 0.0)
+
+    assert "would fit mirrored" in words_of(table, readings(hump(X)))
+
+
+def test_exchanged_columns_are_called_that():
+    back = hump(X) - 0.9e-6 + 0.5e-6 * np.sin(W / 0.03)
+    rows = readings(hump(X)), readings(back)
+    both = RunSet(
+        [
+            r
+            for f, b in zip(*rows, strict=True)
+            for r in (
+                Run(X, f, feed=0.1),
+                Run(X[::-1], (b - b[0] + f[0] + back[0])[::-1], feed=0.1),
+            )
+        ]
+    )
+    right = CompensationTable(X, -hump(X) + hump(0.0), -back + hump(0.0), "X", "X", 0.0)
+    wrong = CompensationTable(
+        X, right.reverse - right.reverse[0], right.forward - right.reverse[0], "X", "X", 0.0
+    )
+
+    assert right.verify(both).passed
+    with pytest.raises(SignCheckFailedError, match="forward and reverse columns exchanged"):
+        wrong.verify(both)
+
+
+def test_foreign_table_may_have_been_active():
+    text = words_of(correction(3e-6 * np.sin(W / 0.05)), readings(PITCH))
+
+    assert "another axis, place or state, or was active" in text
+
+
+# Reversed, each of these would still not be accepted, or would leave more than half of the RMS.
+RUN_AGAINST = {
+    "a third of it": {"factor": -1 / 3},
+    "three times": {"factor": -3.0},
+    "with a moved zero": {"factor": -1.0, "more": 3e-6},
+    "tilted": {"factor": -1.0, "more": 40e-6 * ENTRIES},
+}
+
+
+@pytest.mark.parametrize("case", RUN_AGAINST)
+def test_sign_is_accused_only_if_the_reversed_bytes_would_be_accepted(case):
+    wrong, rows = correction(PITCH, **RUN_AGAINST[case]), readings(PITCH)
+
+    found = judged(wrong, rows)
+    mirror = judged(wrong.negated(), rows)
+
+    assert found.grade == "refused"
+    assert not (mirror.grade == "accepted" and mirror.rest <= 0.5)
+    assert not found.is_reversed
+    assert not CALLED_WRONG.search(words_of(wrong, rows))
+
+
+def test_sign_is_not_accused_where_half_of_the_table_was_measured():
+    """Reversed, the bytes would be refused as well: by coverage."""
+    half = X <= 0.09
+    wrong = correction(PITCH, factor=-1.0)
+    short = RunSet([Run(X[half], z[half]) for z in readings(PITCH)])
+
+    with pytest.raises(SignCheckFailedError) as caught:
+        wrong.verify(short)
+
+    assert "measure the whole table" in str(caught.value)
+    assert not CALLED_WRONG.search(str(caught.value))
+
+
+def test_inconclusive_table_is_told_how_many_runs_it_needs():
+    found = judged(correction(PITCH), readings(PITCH, 1e-6))
+
+    d, margin = found.improvement, float(stdtrit(4 + 3, 0.99)) * found.u_improvement
+    assert found.grade == "inconclusive"
+    assert f"about {math.ceil(4 * (margin / d) ** 2)} runs would show it" in found.sentences[-1]
+    assert found.diagnosis == ""
+
+
+def test_noise_that_hides_all_is_told_as_a_length():
+    """The table is foreign and small, so D < 0, and not significantly so."""
+    found = judged(correction(0.2e-6 * np.sin(W / 0.05)), readings(PITCH * 0.1, 1e-6))
+
+    hidden = math.sqrt(float(stdtrit(4 + 3, 0.99)) * found.u_improvement)
+    assert found.improvement < 0.0
+    assert found.grade == "inconclusive"
+    said = re.search(r"noise hides errors below (\S+) nm", found.sentences[-1])[1]
+    assert float(said) == pytest.approx(hidden * 1e9, rel=1e-3, abs=0.0)
