@@ -14,7 +14,7 @@ table. Equations of the specification of tables, section 1, with R runs m_k on K
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -67,6 +67,9 @@ _FEWEST_RUNS = 3
 ROUNDING = 1e-12
 """A picometre: a step of the table at a reversal below it is that of binary positions."""
 
+_UNCHANGED = 1e-9
+"""Change of a stated mean square, over it, that is rounding."""
+
 _WINDOWS = 8
 _FEWEST_LAGS = 4
 """Positions of a direction below which the scatter inside a run shows no correlation."""
@@ -94,6 +97,10 @@ class Stack:
     is_stated: bool = False
     u_known: float | None = None  # m^2: u of <a c~> of a stated error, where it has one
     u_slope: float | None = None  # rad: common to all runs of positioning
+    # of a map, which is one run over an area: the compared nodes, shape (m, n), and what takes off
+    # what its measurement cannot know
+    nodes: BoolArray | None = None
+    level: Callable[[FloatArray], FloatArray] | None = None
 
     @property
     def n_runs(self) -> int:
@@ -187,7 +194,7 @@ def judge(stack: Stack) -> Judgement:
     return Judgement(
         improved, gain, u_gain, energy, rest,
         pv.before, pv.after, pv.plain, pv.noise, tuple(reasons),
-        () if improved.is_worse else tuple(_regions(stack)),
+        () if improved.is_worse or stack.nodes is not None else tuple(_regions(stack)),
     )  # fmt: skip
 
 
@@ -208,6 +215,8 @@ def _rest_of_one(stack: Stack, gain: float | None = None) -> FloatArray:
         size = float((c**2).mean())
         gain = -float((a * c).mean()) / size if size > 0.0 else 0.0
     rest = a + gain * c
+    if stack.level is not None:
+        return stack.level(rest)[None]
     if not stack.has_slope and not stack.is_stated:
         line = stack.line
         rest = rest - line * float((rest * line).mean())
@@ -222,6 +231,7 @@ def _improvement(stack: Stack, where: BoolArray) -> Improvement:
         - stack.zero**2
     )
     if stack.is_stated:
+        value = 0.0 if abs(value) <= _UNCHANGED * float((a**2).mean()) else value
         t = float(_quantile(_STATED_FREEDOM, _CONFIDENCE))
         strict = float(_quantile(_STATED_FREEDOM, _STRICT))
         return Improvement(value, 2.0 * (stack.u_known or 0.0), t, strict)
@@ -242,7 +252,10 @@ def _improvement(stack: Stack, where: BoolArray) -> Improvement:
     changes = -2.0 * products - (c[:, where] ** 2).mean(axis=1)
     if stack.has_slope and n == 1 and stack.u_slope is None:
         shape = float(changes[0]) - stack.zero**2
-    inside = _inside(scatter, mean_c, stack.way, where)
+    if stack.nodes is None:
+        inside = _inside(scatter, mean_c, stack.way, where)
+    else:
+        inside = _inside_area(scatter[0], mean_c, stack.nodes)
     between = float(products.var(ddof=1)) if n > 1 else 0.0
     few = min(int((where & (stack.way == d)).sum()) for d in np.unique(stack.way[where]))
     if few < _FEWEST_LAGS and n >= _FEWEST_RUNS:
@@ -284,6 +297,24 @@ def _inside(scatter: FloatArray, c: FloatArray, way: FloatArray, where: BoolArra
         first = float(covariance[0] * products[0])
         total += max(first + 2.0 * float((covariance[1:] * products[1:]).sum()), first)
     return total / int(where.sum()) ** 2
+
+
+def _inside_area(scatter: FloatArray, c: FloatArray, nodes: BoolArray) -> float:
+    """Return (12) of a map: lags along both axes, to a quarter of the nodes of each."""
+    size = [1 << (2 * n - 1).bit_length() for n in nodes.shape]
+
+    def lagged(values: FloatArray) -> FloatArray:
+        grid = np.zeros(nodes.shape)
+        grid[nodes] = values
+        return np.asarray(np.fft.irfft2(np.abs(np.fft.rfft2(grid, size)) ** 2, size))
+
+    fading = []
+    for n, long in zip(nodes.shape, size, strict=True):
+        lag = np.minimum(np.arange(long), long - np.arange(long))  # negative lags stand at the end
+        fading.append(np.maximum(1.0 - lag / max(2, n // 4), 0.0))
+    products = lagged(scatter) / c.size * lagged(c)
+    total = float((products * np.multiply.outer(*fading)).sum())
+    return max(total, float(products[0, 0])) / c.size**2
 
 
 def _lagged(values: FloatArray) -> FloatArray:
@@ -360,7 +391,9 @@ def _noise(stack: Stack) -> tuple[FloatArray, float]:
 def _contrast(stack: Stack) -> float:
     """Return (16): the median P-V of Helmert contrasts of the runs, each of the noise of one run."""
     z, s = _noise(stack)
-    z, n = np.clip(z, -4.0 * s, 4.0 * s), stack.n_runs
+    n = stack.n_runs
+    if stack.made_it:  # a spike of these runs stands in the table: it must not raise the floor too
+        z = np.clip(z, -4.0 * s, 4.0 * s)
     found = []
     for j in range(1, n):
         h = np.r_[np.ones(j), -float(j), np.zeros(n - j - 1)] / math.sqrt(j * (j + 1))
@@ -483,7 +516,7 @@ def _uncertain(
         )
     if energy == 0.0 or not stack.applied.any():
         return [Reason("inconclusive", check, text) for check, text in found]
-    if d - margin <= 0.0:
+    if d - margin <= 0.0 and not (stack.is_stated and d == margin == 0.0):
         way = (
             f"about {math.ceil(n * (margin / d) ** 2)} runs would show it"
             if d > 0.0
@@ -498,7 +531,10 @@ def _uncertain(
         whole = float((stack.known**2).mean())
         cautious = math.sqrt(max(1.0 - d / whole, 0.0)) if whole > 0.0 else math.inf
         if rest <= ENOUGH < cautious:
-            add("one run does not show whether what stays is noise or error: measure more runs")
+            what = "run" if stack.nodes is None else "map"
+            add(
+                f"one {what} does not show whether what stays is noise or error: measure more {what}s"
+            )
         if stack.has_slope and stack.u_slope is None:
             add(
                 "one run of positioning does not show its slope, and its uncertainty is not stated: "
@@ -585,6 +621,11 @@ class Judged(Stated):
         """Return grade and reasons as plain values."""
         reasons = [{"grade": r.grade, "check": r.check, "text": r.text} for r in self.reasons]
         return {"grade": self.grade, "passed": self.passed, "reasons": reasons}
+
+    def _graded_text(self) -> str:
+        """Return the grade with its reasons."""
+        why = "; ".join(r.text for r in self.reasons if r.grade == self.grade)
+        return f"{self.grade}: {why}" if why else self.grade
 
     def require(
         self, what: str, *, waived: Collection[str] = (), only_refused: bool = False
