@@ -257,8 +257,7 @@ def _improvement(stack: Stack, where: BoolArray) -> Improvement:
     else:
         inside = _inside_area(scatter[0], mean_c, stack.nodes)
     between = float(products.var(ddof=1)) if n > 1 else 0.0
-    few = min(int((where & (stack.way == d)).sum()) for d in np.unique(stack.way[where]))
-    if few < _FEWEST_LAGS and n >= _FEWEST_RUNS:
+    if _fewest(stack, where) < _FEWEST_LAGS and n >= _FEWEST_RUNS:
         variance, freedom = between, n - 1
     else:
         variance = (_PRIOR * inside + (n - 1) * between) / (n - 1 + _PRIOR)
@@ -271,6 +270,11 @@ def _improvement(stack: Stack, where: BoolArray) -> Improvement:
     t = float(_quantile(freedom, _CONFIDENCE))
     u += (_slope_quantile(n) * u_slope + _NORMAL * u_common) / t
     return Improvement(value, u, t, float(_quantile(freedom, _STRICT)), shape)
+
+
+def _fewest(stack: Stack, where: BoolArray) -> int:
+    """Return the compared positions of the direction that has fewest."""
+    return min(int((where & (stack.way == d)).sum()) for d in np.unique(stack.way[where]))
 
 
 def _quantile(freedom: float, probability: float) -> float:
@@ -516,6 +520,12 @@ def _uncertain(
         )
     if energy == 0.0 or not stack.applied.any():
         return [Reason("inconclusive", check, text) for check, text in found]
+    positions = _fewest(stack, np.ones(stack.x.size, dtype=bool))
+    if positions < _FEWEST_LAGS and n < _FEWEST_RUNS and not stack.is_stated:
+        add(
+            f"{positions} positions show no scatter inside a run: compare at {_FEWEST_LAGS} or more, or "
+            f"measure {_FEWEST_RUNS} runs"
+        )
     if d - margin <= 0.0 and not (stack.is_stated and d == margin == 0.0):
         way = (
             f"about {math.ceil(n * (margin / d) ** 2)} runs would show it"

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -35,6 +35,7 @@ from metrosep.compensation.reversal import judge_lost_motion
 from metrosep.compensation.verification import DirectionResidual, Unknown, Verification
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TableError
+from metrosep.core.numbers import choice, not_negative
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
 
@@ -126,10 +127,14 @@ def dry_run(
     Raises
     ------
     TableError
-        If span and measurement do not overlap.
+        If span and measurement do not overlap, or a run has fewer than three readings there.
     DataError
-        If there is no valid sample, or `against` is something else.
+        If there is no valid sample, or `against` is something else, the runs do not overlap,
+        `unknown` is not one of the three, or `u_slope` is no number from zero on.
     """
+    if unknown is not None:
+        choice(unknown, "unknown", get_args(Unknown))
+    u_slope = None if u_slope is None else not_negative(u_slope, "u_slope")
     measured = measured_error(against, span, with_slope=on_axis)
     how = kind or measured.kind
     low, high = measured.span
@@ -140,6 +145,7 @@ def dry_run(
             f"{format_length(low)} ... {format_length(high)}: they do not overlap; check the units and "
             "the origin of the positions"
         )
+    _require_readings(measured, first, last)
     space = unknown or _unknown(measured, how, on_axis=on_axis)
     zero = 0.0
     if reference is not None:
@@ -193,6 +199,19 @@ def dry_run(
         lost_motion=lost,
         unproven=missing,
     )  # fmt: skip
+
+
+def _require_readings(measured: Measured, first: float, last: float) -> None:
+    """Refuse a comparison at fewer than three readings of a run: a constant and a slope take two."""
+    for row in measured.rows:
+        for x in row.places.values():
+            n = int(((x >= first) & (x <= last)).sum())
+            if n < _FEWEST:
+                raise TableError(
+                    f"run {row.name} has {n} of its {x.size} readings between {format_length(first)} and "
+                    f"{format_length(last)}, where the table is: {_FEWEST} are needed; check the units "
+                    "and the origin of the positions, or measure more of them"
+                )
 
 
 def judged_table(
