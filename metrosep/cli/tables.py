@@ -350,7 +350,10 @@ def verify(
         pairs = zip(stated, known_travel, strict=True)
         more = {"unknown": unknown, "travel": tuple(b if a is None else a for a, b in pairs)}
     result = dry_run_carried(loaded, lookup, measured, **more)
-    found = result.to_dict()
+    found = result.to_dict() | {
+        "headline": getattr(loaded, "headline", None),
+        "warnings": [f.problem for f in getattr(result, "findings", ())],
+    }
     if as_json:
         click.echo(json.dumps(found, sort_keys=True))
     else:
@@ -473,11 +476,11 @@ def print_table(path: str, made: dict[str, Any], *, warnings_only: bool = False)
 
 def print_verification(verification: dict[str, Any]) -> None:
     """Print a dry-run for the person."""
-    if "sentences" not in verification:
+    for text in verification.get("sentences", ()):
+        say(text)
+    if "residuals" not in verification:
         _print_line("dry-run", verification)
         return
-    for text in verification["sentences"]:
-        say(text)
     low, high = (v * 1e3 for v in verification["span_m"])
     for r in verification["residuals"]:
         _print_line(f"dry-run {r['direction']}, {low:.6g} ... {high:.6g} mm", r)

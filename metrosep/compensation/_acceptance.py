@@ -14,7 +14,7 @@ table. Equations of the specification of tables, section 1, with R runs m_k on K
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -67,6 +67,9 @@ _FEWEST_RUNS = 3
 ROUNDING = 1e-12
 """A picometre: a step of the table at a reversal below it is that of binary positions."""
 
+_UNCHANGED = 1e-9
+"""Change of a stated mean square, over it, that is rounding."""
+
 _WINDOWS = 8
 _FEWEST_LAGS = 4
 """Positions of a direction below which the scatter inside a run shows no correlation."""
@@ -94,6 +97,10 @@ class Stack:
     is_stated: bool = False
     u_known: float | None = None  # m^2: u of <a c~> of a stated error, where it has one
     u_slope: float | None = None  # rad: common to all runs of positioning
+    # of a map, which is one run over an area: the compared nodes, shape (m, n), and what takes off
+    # what its measurement cannot know
+    nodes: BoolArray | None = None
+    level: Callable[[FloatArray], FloatArray] | None = None
 
     @property
     def n_runs(self) -> int:
@@ -127,11 +134,15 @@ class Improvement:
     u: float
     t: float
     strict: float
+    # of one run of positioning whose u(slope) is not stated: what is left of D without its slope
+    shape: float | None = None
 
     @property
     def is_worse(self) -> bool:
         """Whether the machine is worse with the table, with 99 % confidence."""
-        return self.value + self.t * self.u < 0.0
+        # the slope of one run may be that of its temperature: it alone refuses nothing
+        most = self.value if self.shape is None else max(self.value, self.shape)
+        return most + self.t * self.u < 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +194,7 @@ def judge(stack: Stack) -> Judgement:
     return Judgement(
         improved, gain, u_gain, energy, rest,
         pv.before, pv.after, pv.plain, pv.noise, tuple(reasons),
-        () if improved.is_worse else tuple(_regions(stack)),
+        () if improved.is_worse or stack.nodes is not None else tuple(_regions(stack)),
     )  # fmt: skip
 
 
@@ -204,6 +215,8 @@ def _rest_of_one(stack: Stack, gain: float | None = None) -> FloatArray:
         size = float((c**2).mean())
         gain = -float((a * c).mean()) / size if size > 0.0 else 0.0
     rest = a + gain * c
+    if stack.level is not None:
+        return stack.level(rest)[None]
     if not stack.has_slope and not stack.is_stated:
         line = stack.line
         rest = rest - line * float((rest * line).mean())
@@ -218,11 +231,12 @@ def _improvement(stack: Stack, where: BoolArray) -> Improvement:
         - stack.zero**2
     )
     if stack.is_stated:
+        value = 0.0 if abs(value) <= _UNCHANGED * float((a**2).mean()) else value
         t = float(_quantile(_STATED_FREEDOM, _CONFIDENCE))
         strict = float(_quantile(_STATED_FREEDOM, _STRICT))
         return Improvement(value, 2.0 * (stack.u_known or 0.0), t, strict)
     scatter = (a - a.mean(axis=0)) * math.sqrt(n / (n - 1)) if n > 1 else _rest_of_one(stack)
-    mean_c, u_slope, u_common = c.mean(axis=0), 0.0, 0.0
+    mean_c, u_slope, u_common, shape = c.mean(axis=0), 0.0, 0.0, None
     if stack.has_slope:
         # Runs of one axis differ first of all by a slope (temperature): it is judged apart (14b).
         # A temperature or scale that is wrong is wrong in every run: no number of them shows it.
@@ -235,23 +249,32 @@ def _improvement(stack: Stack, where: BoolArray) -> Improvement:
             v - np.multiply.outer((v * line).mean(axis=-1), line) for v in (a, c, mean_c, scatter)
         )
     products = (a[:, where] * c[:, where]).mean(axis=1)
-    inside = _inside(scatter, mean_c, stack.way, where)
+    changes = -2.0 * products - (c[:, where] ** 2).mean(axis=1)
+    if stack.has_slope and n == 1 and stack.u_slope is None:
+        shape = float(changes[0]) - stack.zero**2
+    if stack.nodes is None:
+        inside = _inside(scatter, mean_c, stack.way, where)
+    else:
+        inside = _inside_area(scatter[0], mean_c, stack.nodes)
     between = float(products.var(ddof=1)) if n > 1 else 0.0
-    few = min(int((where & (stack.way == d)).sum()) for d in np.unique(stack.way[where]))
-    if few < _FEWEST_LAGS and n >= _FEWEST_RUNS:
+    if _fewest(stack, where) < _FEWEST_LAGS and n >= _FEWEST_RUNS:
         variance, freedom = between, n - 1
     else:
         variance = (_PRIOR * inside + (n - 1) * between) / (n - 1 + _PRIOR)
         freedom = n - 1 + _PRIOR
     u = 2.0 * math.sqrt(variance / n)
     if stack.is_left_out:
-        changes = -2.0 * products - (c[:, where] ** 2).mean(axis=1)
         u = math.sqrt(2.0) * max(u, float(changes.std(ddof=1)) / math.sqrt(n))
         u_slope *= math.sqrt(2.0)
         freedom = n - 1
     t = float(_quantile(freedom, _CONFIDENCE))
     u += (_slope_quantile(n) * u_slope + _NORMAL * u_common) / t
-    return Improvement(value, u, t, float(_quantile(freedom, _STRICT)))
+    return Improvement(value, u, t, float(_quantile(freedom, _STRICT)), shape)
+
+
+def _fewest(stack: Stack, where: BoolArray) -> int:
+    """Return the compared positions of the direction that has fewest."""
+    return min(int((where & (stack.way == d)).sum()) for d in np.unique(stack.way[where]))
 
 
 def _quantile(freedom: float, probability: float) -> float:
@@ -278,6 +301,24 @@ def _inside(scatter: FloatArray, c: FloatArray, way: FloatArray, where: BoolArra
         first = float(covariance[0] * products[0])
         total += max(first + 2.0 * float((covariance[1:] * products[1:]).sum()), first)
     return total / int(where.sum()) ** 2
+
+
+def _inside_area(scatter: FloatArray, c: FloatArray, nodes: BoolArray) -> float:
+    """Return (12) of a map: lags along both axes, to a quarter of the nodes of each."""
+    size = [1 << (2 * n - 1).bit_length() for n in nodes.shape]
+
+    def lagged(values: FloatArray) -> FloatArray:
+        grid = np.zeros(nodes.shape)
+        grid[nodes] = values
+        return np.asarray(np.fft.irfft2(np.abs(np.fft.rfft2(grid, size)) ** 2, size))
+
+    fading = []
+    for n, long in zip(nodes.shape, size, strict=True):
+        lag = np.minimum(np.arange(long), long - np.arange(long))  # negative lags stand at the end
+        fading.append(np.maximum(1.0 - lag / max(2, n // 4), 0.0))
+    products = lagged(scatter) / c.size * lagged(c)
+    total = float((products * np.multiply.outer(*fading)).sum())
+    return max(total, float(products[0, 0])) / c.size**2
 
 
 def _lagged(values: FloatArray) -> FloatArray:
@@ -354,7 +395,9 @@ def _noise(stack: Stack) -> tuple[FloatArray, float]:
 def _contrast(stack: Stack) -> float:
     """Return (16): the median P-V of Helmert contrasts of the runs, each of the noise of one run."""
     z, s = _noise(stack)
-    z, n = np.clip(z, -4.0 * s, 4.0 * s), stack.n_runs
+    n = stack.n_runs
+    if stack.made_it:  # a spike of these runs stands in the table: it must not raise the floor too
+        z = np.clip(z, -4.0 * s, 4.0 * s)
     found = []
     for j in range(1, n):
         h = np.r_[np.ones(j), -float(j), np.zeros(n - j - 1)] / math.sqrt(j * (j + 1))
@@ -477,7 +520,13 @@ def _uncertain(
         )
     if energy == 0.0 or not stack.applied.any():
         return [Reason("inconclusive", check, text) for check, text in found]
-    if d - margin <= 0.0:
+    positions = _fewest(stack, np.ones(stack.x.size, dtype=bool))
+    if positions < _FEWEST_LAGS and n < _FEWEST_RUNS and not stack.is_stated:
+        add(
+            f"{positions} positions show no scatter inside a run: compare at {_FEWEST_LAGS} or more, or "
+            f"measure {_FEWEST_RUNS} runs"
+        )
+    if d - margin <= 0.0 and not (stack.is_stated and d == margin == 0.0):
         way = (
             f"about {math.ceil(n * (margin / d) ** 2)} runs would show it"
             if d > 0.0
@@ -492,7 +541,10 @@ def _uncertain(
         whole = float((stack.known**2).mean())
         cautious = math.sqrt(max(1.0 - d / whole, 0.0)) if whole > 0.0 else math.inf
         if rest <= ENOUGH < cautious:
-            add("one run does not show whether what stays is noise or error: measure more runs")
+            what = "run" if stack.nodes is None else "map"
+            add(
+                f"one {what} does not show whether what stays is noise or error: measure more {what}s"
+            )
         if stack.has_slope and stack.u_slope is None:
             add(
                 "one run of positioning does not show its slope, and its uncertainty is not stated: "
@@ -579,6 +631,11 @@ class Judged(Stated):
         """Return grade and reasons as plain values."""
         reasons = [{"grade": r.grade, "check": r.check, "text": r.text} for r in self.reasons]
         return {"grade": self.grade, "passed": self.passed, "reasons": reasons}
+
+    def _graded_text(self) -> str:
+        """Return the grade with its reasons."""
+        why = "; ".join(r.text for r in self.reasons if r.grade == self.grade)
+        return f"{self.grade}: {why}" if why else self.grade
 
     def require(
         self, what: str, *, waived: Collection[str] = (), only_refused: bool = False

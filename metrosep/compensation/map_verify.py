@@ -4,12 +4,12 @@ The corrections are applied as the controller applies them: looked up at the com
 added to the command. A measured map has no absolute zero, so its mean is taken off the MEASUREMENT;
 its plane, too, where its alignment is not known. Off the map of corrections nothing is taken but its
 mean, and what it adds at its reference counts as error: a map may not move the zero of the machine.
-What was not measured is not compared, and counted.
+What was not measured is not compared, and counted. The statistic is that of tables: the map that made
+the corrections is a stated error, with u = 0; a second one is one run over an area.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -17,24 +17,30 @@ from typing import Any, Literal
 import numpy as np
 
 from metrosep.compensation._acceptance import (
-    ENOUGH,
     ROUNDING,
     Judged,
+    Judgement,
     Reason,
+    Stack,
+    graded,
+    judge,
     pv_with_zero,
-    rising,
 )
 from metrosep.compensation._coverage import COVERED
 from metrosep.compensation.area_errors import AreaFunction, ErrorMap, area_error, format_position
+from metrosep.compensation.folds import source_hashes
 from metrosep.compensation.limits import Finding
+from metrosep.compensation.verification import judgement_dict, numbers_text
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TableError
+from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 
-__all__ = ["MapRemoved", "MapVerification", "dry_run_map"]
+__all__ = ["MapKind", "MapRemoved", "MapVerification", "dry_run_map", "judged_map"]
 
 MapCorrection = Callable[[FloatArray, FloatArray], FloatArray]
 MapRemoved = Literal["offset", "plane"]
+MapKind = Literal["stated", "made", "map"]
 Span = tuple[float, float]
 
 _GRID_POINTS = 201
@@ -45,6 +51,27 @@ _PLANE_POINTS = 4
 
 _UNCHANGED = 1e-9
 """Change of the RMS, over it, that is rounding."""
+
+_UNKNOWN = {"offset": "one constant", "plane": "one constant and the plane (alignment)"}
+_AGAINST = {
+    "stated": "judged against the stated error",
+    "made": "judged against the map that made it",
+    "map": "judged against a second map",
+}
+_ONLY = {
+    "stated": Finding(
+        "warning",
+        "stated, not measured: the bytes are right if the error that was stated is",
+        "verify against a measured map",
+        "single",
+    ),
+    "made": Finding(
+        "warning",
+        "one map: what repeats is not known",
+        "verify against a second map",
+        "single",
+    ),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,12 +93,19 @@ class MapVerification(Judged):
     n_compared, n_not_measured : int
         Places with and without an error.
     coverage : float, dimensionless, 0 to 1
-        Area that was compared over the area of the map.
+        Area that was compared over the area of the map; places without an error lower it.
+    judgement : Judgement
+        Improvement, gain, rest and P-V.
     zero : float, m
         Correction at the reference.
-    reach : float, dimensionless, 0 to 1
-        Rectangle of the measurement inside the map over that of the map; places without an error
-        (a round part) count.
+    kind : {"stated", "made", "map"}
+        What it was judged against: an error that somebody states, the map that made it, or a second
+        map.
+    spacing : float, dimensionless, 0 to 1
+        Share of the area that a row or column of what was measured has, their mean; less than that
+        without an error is no warning.
+    is_reversed : bool
+        Whether the sign is wrong: the negated map would be accepted, with at most half of the RMS left.
     """
 
     before_pv: float
@@ -86,50 +120,61 @@ class MapVerification(Judged):
     n_compared: int
     n_not_measured: int
     coverage: float
+    judgement: Judgement
     zero: float = 0.0
-    reach: float = 1.0
+    kind: MapKind = "map"
+    spacing: float = 0.0
+    is_reversed: bool = False
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
         """Why the map is not accepted; empty if it is."""
-        found = []
-        if self.after_rms > self.before_rms * (1.0 + _UNCHANGED):
-            found.append(Reason("refused", "dry-run", "the error is larger with the map"))
-        if rising(self.before_pv, self.after_pv):
-            found.append(Reason("refused", "dry-run", "the P-V rises"))
-        if not found and self.rest > ENOUGH:
-            share = f"{100.0 * min(self.rest, 9.99):.3g} % of the RMS would stay"
-            found.append(Reason("pointless", "pointless", f"{share}: less than 30 % goes"))
-        if self.reach < COVERED:
-            text = (
-                f"the measurement spans {100.0 * self.reach:.3g} % of the map: measure the whole map, "
-                "or make it smaller"
-            )
-            found.append(Reason("refused", "coverage", text))
-        return tuple(found)
+        return (*self.judgement.reasons, *_uncovered(self.coverage))
 
     @property
     def rest(self) -> float:
-        """RMS that stays over RMS that was; infinite where there was no error."""
-        return self.after_rms / self.before_rms if self.before_rms > 0.0 else math.inf
+        """RMS that stays over RMS that was, of what repeats; infinite where there was no error."""
+        return self.judgement.rest
+
+    @property
+    def gain(self) -> float:
+        """Share of the map that the measurement confirms."""
+        return self.judgement.gain
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What one map cannot show."""
+        """What one map cannot show, and what it did not measure."""
+        found = [_ONLY[self.kind]] if self.kind in _ONLY else []
+        if COVERED <= self.coverage < 1.0 - self.spacing * (1.0 + 1e-9):
+            share = (
+                f"{100.0 * (1.0 - self.coverage):.3g} % of the area of the map was not measured"
+            )
+            found.append(
+                Finding("warning", f"{share}: the rest is not proven", "measure it", "coverage")
+            )
+        return tuple(found)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What a person should read: what was judged on what, the numbers, the grade and why."""
+        where = ", ".join(
+            f"{format_position(a, low)} ... {format_position(a, high)}"
+            for a, (low, high) in zip(self.axes, self.span, strict=True)
+        )
         return (
-            Finding(
-                "warning",
-                "one map: what repeats is not known",
-                "verify against a second map",
-                "single",
-            ),
+            f"{_AGAINST[self.kind]}, {where}; off the readings: {_UNKNOWN[self.removed]}",
+            numbers_text(self.judgement),
+            self._graded_text(),
         )
 
     def to_dict(self) -> dict[str, Any]:
         return {
             **self._verdict(),
+            "sentences": list(self.sentences),
+            **judgement_dict(self.judgement),
             "zero_m": self.zero,
             "removed": self.removed,
+            "against_kind": self.kind,
             "axes": list(self.axes),
             "span_si": [list(s) for s in self.span],
             "definition": (
@@ -145,7 +190,6 @@ class MapVerification(Judged):
             "n_compared": self.n_compared,
             "n_not_measured": self.n_not_measured,
             "coverage": self.coverage,
-            "reach": self.reach,
         }
 
     def _refusal(self, grade: str, left: list[Reason]) -> str:
@@ -155,7 +199,13 @@ class MapVerification(Judged):
                 f"refused: {text}; nothing was written (to write it all the same, say "
                 f"waive={checks!r})"
             )
-        if self.wrong_sign_rms < self.before_rms and self.wrong_sign_rms < self.after_rms:
+        text = "; ".join(r.text for r in left if r.grade == grade)
+        if grade == "inconclusive":
+            return (
+                f"inconclusive: {text}; nothing was written (to write it all the same, say "
+                "waive='inconclusive')"
+            )
+        if self.is_reversed:
             hint = "the reversed sign would shrink it: the sign of the measurement or of the map is wrong"
         elif self.after_rms < self.before_rms:
             hint = (
@@ -175,7 +225,7 @@ class MapVerification(Judged):
             )
         waive = "" if grade == "refused" else " (to write it all the same, say waive='pointless')"
         return (
-            f"{grade} by the dry-run, it does not shrink the error: P-V {format_length(self.before_pv)} -> "
+            f"{grade} by the dry-run, it does not shrink the error: {text}; P-V {format_length(self.before_pv)} -> "
             f"{format_length(self.after_pv)}, RMS {format_length(self.before_rms)} -> "
             f"{format_length(self.after_rms)}, with the reversed sign P-V "
             f"{format_length(self.wrong_sign_pv)}, RMS {format_length(self.wrong_sign_rms)}; {hint}; "
@@ -192,6 +242,7 @@ def dry_run_map(
     compensates: str,
     removed: MapRemoved = "offset",
     reference: tuple[float, float] | None = None,
+    kind: MapKind | None = None,
 ) -> MapVerification:
     """Apply the corrections of a map to a measured error as a controller would.
 
@@ -211,11 +262,14 @@ def dry_run_map(
         What the measurement cannot know, and is taken off it.
     reference : tuple of (float, float), m or rad, optional
         Where the correction must be zero; not judged if omitted.
+    kind : {"stated", "made", "map"}, optional
+        A function is a stated error, a measured one a second map, if omitted; "made" is the map that
+        made the corrections.
 
     Returns
     -------
     MapVerification
-        Before, after and with the sign reversed.
+        Grade and gain; before, after and with the sign reversed.
 
     Raises
     ------
@@ -227,7 +281,8 @@ def dry_run_map(
     Notes
     -----
     A measured error is compared at its own places, a function at 201 x 201. NaN is compared
-    nowhere; places with NaN are counted.
+    nowhere; places with NaN are counted. The uncertainty of one map comes from what correlates in it
+    beside the corrections, over a quarter of its rows and columns.
 
     Examples
     --------
@@ -253,16 +308,31 @@ def dry_run_map(
         )
     grid = (x[valid], y[valid])
     off = _unknown(e[valid], grid, removed)
-    here = c[valid]
-    applied = here - here.mean()
+    applied = c[valid] - c[valid].mean()
     zero = 0.0
     if reference is not None:
         zero = float(np.asarray(correction(*(np.array([[p]]) for p in reference))).item())
         zero = 0.0 if abs(zero) < ROUNDING else zero
     before = e[valid] - off
     after, wrong = shifted[valid] - off + applied, flipped[valid] - off - applied
+    how = kind or ("map" if isinstance(error, ErrorMap) else "stated")
+    stack = Stack(
+        grid[0], np.ones(n), before[None], after[None], wrong[None], applied[None], zero,
+        np.zeros(1), ("map",),
+        has_slope=False,
+        is_stated=how != "map",
+        nodes=valid,
+        level=lambda values: values - _unknown(values, grid, removed),
+    )  # fmt: skip
+    result = judge(stack)
     whole = [high - low for low, high in span]
     reach = (first[1] - first[0]) * (last[1] - last[0]) / (whole[0] * whole[1])
+    coverage = n / e.size * reach
+    is_reversed = False
+    if result.is_reversed:
+        other = judge(stack.negated())
+        both = (*other.reasons, *_uncovered(coverage))
+        is_reversed = graded(both) == "accepted" and other.rest <= 0.5
     return MapVerification(
         before_pv=float(np.ptp(before)),
         after_pv=pv_with_zero(after, zero),
@@ -275,10 +345,46 @@ def dry_run_map(
         span=(first, last),
         n_compared=n,
         n_not_measured=int(e.size - n),
-        coverage=n / e.size * reach,
+        coverage=coverage,
+        judgement=result,
         zero=zero,
-        reach=reach,
+        kind=how,
+        spacing=0.5 / px.size + 0.5 / py.size,
+        is_reversed=is_reversed,
     )
+
+
+def judged_map(
+    carried: Any, against: Any, *, applied: MapCorrection | None = None, free_zero: bool = False
+) -> MapVerification:
+    """Return the dry-run of a map, by what its file adds if `applied`: the one way of every call."""
+    kind: MapKind | None = None
+    if against is carried.source:
+        kind = "made"
+    elif isinstance(against, Surface | ErrorMap):
+        hashes = set(source_hashes(against.history))
+        kind = "made" if hashes and hashes <= set(carried.source_sha256) else "map"
+    return dry_run_map(
+        applied or carried.correction,
+        against,
+        span=carried.inner_span,
+        axes=carried.axes,
+        compensates=carried.compensates,
+        removed=carried.removed,
+        reference=None if free_zero else carried.reference,
+        kind=kind,
+    )
+
+
+def _uncovered(coverage: float) -> list[Reason]:
+    """Return 1.9 by area: a map that was measured in part."""
+    if coverage >= COVERED:
+        return []
+    text = (
+        f"the measurement covers {100.0 * coverage:.3g} % of the area of the map: measure the whole "
+        "map, or make it smaller"
+    )
+    return [Reason("refused", "coverage", text)]
 
 
 def _overlap(

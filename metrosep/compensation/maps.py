@@ -32,7 +32,7 @@ from metrosep.compensation.limits import (
     slope_finding,
     stroke_finding,
 )
-from metrosep.compensation.map_verify import MapRemoved, MapVerification, dry_run_map
+from metrosep.compensation.map_verify import MapRemoved, MapVerification, judged_map
 from metrosep.compensation.sampling import inverse_along, sample_area
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.docs import described_by
@@ -169,6 +169,20 @@ class CompensationMap(Corrections):
         k = 0 if self.border is None else 1
         x, y = self.x[k : self.x.size - k], self.y[k : self.y.size - k]
         return (float(x[0]), float(x[-1])), (float(y[0]), float(y[-1]))
+
+    @property
+    def headline(self) -> str:
+        """What is looked up and what is corrected, in one line."""
+        spans = " x ".join(
+            f"{format_position(a, low)} ... {format_position(a, high)}"
+            for a, (low, high) in zip(self.axes, self.span, strict=True)
+        )
+        plane = "plane kept" if self.removed == "offset" else "the plane is left out (alignment)"
+        own = " (its own positioning)" if self.is_on_axis else ""
+        return (
+            f"{self.axes[0]}, {self.axes[1]} -> {self.compensates}{own}, {spans}, {self.x.size} x "
+            f"{self.y.size} entries, {plane}, zero at {self._reference_text()}"
+        )
 
     @property
     def stroke(self) -> float:
@@ -396,7 +410,7 @@ class CompensationMap(Corrections):
     def verify(
         self, against: AreaSource | None = None, *, free_zero: bool = False
     ) -> MapVerification:
-        """Return the dry-run against a measured error, and refuse if it does not shrink.
+        """Return the dry-run against a measured error, and refuse what makes the machine worse.
 
         Parameters
         ----------
@@ -408,12 +422,12 @@ class CompensationMap(Corrections):
         Returns
         -------
         MapVerification
-            P-V and RMS before, after and with the sign reversed.
+            Grade and gain; P-V and RMS before, after and with the sign reversed.
 
         Raises
         ------
         SignCheckFailedError
-            If P-V or RMS does not shrink.
+            If the grade is "refused"; the other grades are returned.
         TableError
             If map and measurement do not overlap, or there is nothing to verify against.
         DataError
@@ -427,15 +441,7 @@ class CompensationMap(Corrections):
         chosen = self.source if against is None else against
         if chosen is None:
             raise TableError("this map has no source of its own: give the measured error")
-        result = dry_run_map(
-            self.correction,
-            chosen,
-            span=self.inner_span,
-            axes=self.axes,
-            compensates=self.compensates,
-            removed=self.removed,
-            reference=None if free_zero else self.reference,
-        )
+        result = judged_map(self, chosen, free_zero=free_zero)
         result.require(
             f"map {self.axes[0]}, {self.axes[1]} -> {self.compensates}", only_refused=True
         )
@@ -449,6 +455,7 @@ class CompensationMap(Corrections):
             "axes": list(self.axes),
             "axis_units": ["rad" if is_rotary(a) else "m" for a in self.axes],
             "compensates": self.compensates,
+            "headline": self.headline,
             "sign": "correction c = -e is added to the command; e = actual - nominal",
             "n_points": int(self.values.size),
             "x_si": self.x.tolist(),

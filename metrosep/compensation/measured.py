@@ -13,6 +13,7 @@ from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
+from metrosep.core.units import format_length
 
 __all__ = ["Against", "Curve", "Measured", "Row", "estimate_slope", "measured_error", "paired"]
 
@@ -115,10 +116,18 @@ def _of_runs(runs: RunSet) -> Measured:
             places[runs[i].direction], curves[runs[i].direction] = _interpolated(runs[i])
         name = " and ".join(_name(runs[i], i) for i in members)
         rows.append(Row(name, members, curves, places))
+    names = [row.name for row in rows for _ in row.places]
     ends = np.array([(x[0], x[-1]) for row in rows for x in row.places.values()])
+    low, high = float(ends[:, 0].max()), float(ends[:, 1].min())
+    if not high > low:
+        raise DataError(
+            f"the runs do not overlap: run {names[int(ends[:, 0].argmax())]} begins at "
+            f"{format_length(low)}, run {names[int(ends[:, 1].argmin())]} ends at "
+            f"{format_length(high)}; leave out the runs of another part of the travel"
+        )
     return Measured(
         tuple(rows),
-        (float(ends[:, 0].max()), float(ends[:, 1].min())),
+        (low, high),
         "runs",
         knows_lost_motion=len(runs.directions) > 1,
         unpaired=tuple(_name(runs[i], i) for i in left),

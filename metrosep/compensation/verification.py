@@ -10,12 +10,16 @@ from metrosep.compensation._acceptance import Judged, Judgement, Reason, length_
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.reversal import LostMotion
 
-__all__ = ["DIRECTION_NAMES", "DirectionResidual", "Unknown", "Verification"]
+__all__ = [
+    "DIRECTION_NAMES",
+    "DirectionResidual",
+    "Unknown",
+    "Verification",
+    "judgement_dict",
+    "numbers_text",
+]
 
 Unknown = Literal["offset", "offsets", "line"]
-
-_SOME = 0.2
-"""Gain below which a shape is called foreign, in the text only."""
 
 DIRECTION_NAMES = {1: "forward", -1: "reverse"}
 _UNKNOWN = {
@@ -88,7 +92,10 @@ class Verification(Judged):
     left_out : int
         Tables that were made without some of the runs; 0 where the runs did not make it.
     is_reversed : bool
-        Whether the readings show that the sign is wrong.
+        Whether the readings show that the sign is wrong: the negated bytes would be accepted, with
+        at most half of the RMS left.
+    diagnosis : str
+        What is probably wrong with a table that is refused or pointless; it never changes the grade.
     lost_motion : LostMotion or None
         Offset between the directions before and after; None where it was not measured.
     unproven : tuple of int
@@ -104,6 +111,7 @@ class Verification(Judged):
     n_runs: int = 0
     left_out: int = 0
     is_reversed: bool = False
+    diagnosis: str = ""
     lost_motion: LostMotion | None = None
     unproven: tuple[int, ...] = ()
 
@@ -170,24 +178,13 @@ class Verification(Judged):
         elif self.left_out:
             judged += f", left out in {self.left_out} groups"
         low, high = (v * 1e3 for v in self.span)
-        j = self.judgement
-        rms = math.sqrt(j.energy), math.sqrt(max(j.energy - self.improvement, 0.0))
-        gain = f"gain {self.gain:.4g}"
-        if 0.0 < self.u_gain < math.inf:
-            gain += f" +- {self.u_gain:.2g}"
-        lines = [
+        return (
             f"{judged}, {low:.6g} ... {high:.6g} mm; off the readings: {_UNKNOWN[self.unknown]}",
-            (
-                f"RMS that repeats {length_text(rms[0])} -> {length_text(rms[1])}, P-V {length_text(j.pv_before)} -> "
-                f"{length_text(j.pv_after_plain)} (noise alone {length_text(j.pv_noise)}), {gain}"
-            ),
-        ]
-        why = "; ".join(r.text for r in self.reasons if r.grade == self.grade)
-        lines.append(f"{self.grade}: {why}" if why else self.grade)
-        return tuple(lines)
+            numbers_text(self.judgement),
+            self._graded_text(),
+        )
 
     def to_dict(self) -> dict[str, Any]:
-        j = self.judgement
         return {
             **self._verdict(),
             "sentences": list(self.sentences),
@@ -195,16 +192,9 @@ class Verification(Judged):
             "unknown_text": _UNKNOWN[self.unknown],
             "n_runs": self.n_runs,
             "left_out": self.left_out,
-            "improvement_m2": self.improvement,
-            "u_improvement_m2": self.u_improvement,
-            "gain": self.gain,
-            "u_gain": _finite(self.u_gain),
-            "rest": _finite(self.rest),
-            "repeats_m2": j.energy,
-            "before_pv_m": j.pv_before,
-            "after_pv_m": j.pv_after_plain,
-            "after_pv_without_chance_slope_m": j.pv_after,
-            "noise_pv_m": j.pv_noise,
+            **judgement_dict(self.judgement),
+            "after_pv_without_chance_slope_m": self.judgement.pv_after,
+            "diagnosis": self.diagnosis,
             "span_m": list(self.span),
             "definition": (
                 "error as the controller would apply the table (linear between entries, constant "
@@ -226,31 +216,39 @@ class Verification(Judged):
     def _refusal(self, grade: str, left: list[Reason]) -> str:
         mine = [r for r in left if r.grade == grade]
         text = "; ".join(r.text for r in mine)
-        hint = f"; {self.diagnosis}" if grade == "refused" and mine[0].check == "dry-run" else ""
+        worse = grade == "refused" and mine[0].check == "dry-run"
+        hint = f"; {self.diagnosis}" if self.diagnosis and (worse or grade == "pointless") else ""
         checks = [r.check for r in left if r.check != "dry-run"]
         waive = f" (to write it all the same, say waive={', '.join(dict.fromkeys(checks))!r})"
         can = bool(checks) and all(r.check != "dry-run" for r in left)
-        how = "the dry-run does not shrink the error: " if hint else ""
+        how = "the dry-run does not shrink the error: " if worse else ""
         return f"{grade}: {how}{text}{hint}; nothing was written{waive if can else ''}"
 
-    @property
-    def diagnosis(self) -> str:
-        """What is probably wrong with a table that is refused; it never changes the grade."""
-        if self.is_reversed:
-            return "the reversed sign would shrink it: the sign of the readings or of the table is wrong"
-        if self.gain > 0.5:
-            return "its shape helps, its zero or a part of it does not"
-        if self.gain > _SOME:
-            return (
-                f"the readings confirm {self.gain:.2g} of it: it is too large (unit, diameter), tilted, "
-                "shifted, or belongs to another state"
-            )
-        if self.gain < -_SOME:
-            return (
-                f"the readings run against it (gain {self.gain:.2g}): its sign is wrong, or it belongs "
-                "to another axis, travel or state"
-            )
-        return "neither sign shrinks it: the table belongs to another axis, travel or state"
+
+def numbers_text(j: Judgement) -> str:
+    """Return RMS and P-V before and after, and the gain, in one line."""
+    after = math.sqrt(max(j.energy - j.improvement.value, 0.0))
+    u = f" +- {j.u_gain:.2g}" if 0.0 < j.u_gain < math.inf else ""
+    return (
+        f"RMS that repeats {length_text(math.sqrt(j.energy))} -> {length_text(after)}, P-V "
+        f"{length_text(j.pv_before)} -> {length_text(j.pv_after_plain)} (noise alone "
+        f"{length_text(j.pv_noise)}), gain {j.gain:.4g}{u}"
+    )
+
+
+def judgement_dict(j: Judgement) -> dict[str, Any]:
+    """Return the numbers of a judgement as plain values."""
+    return {
+        "improvement_m2": j.improvement.value,
+        "u_improvement_m2": j.improvement.u,
+        "gain": j.gain,
+        "u_gain": _finite(j.u_gain),
+        "rest": _finite(j.rest),
+        "repeats_m2": j.energy,
+        "before_pv_m": j.pv_before,
+        "after_pv_m": j.pv_after_plain,
+        "noise_pv_m": j.pv_noise,
+    }
 
 
 def _finite(value: float) -> float | None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from metrosep.compensation._acceptance import (
     outside_is_worse,
 )
 from metrosep.compensation._coverage import alignment, coverage
+from metrosep.compensation._diagnosis import diagnosis
 from metrosep.compensation.folds import Folds, own_runs
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.measured import Against, Measured, Row, measured_error
@@ -34,6 +35,7 @@ from metrosep.compensation.reversal import judge_lost_motion
 from metrosep.compensation.verification import DirectionResidual, Unknown, Verification
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TableError
+from metrosep.core.numbers import choice, not_negative
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
 from metrosep.separation.positions.expansion import Expansion
@@ -129,10 +131,14 @@ def dry_run(
     Raises
     ------
     TableError
-        If span and measurement do not overlap.
+        If span and measurement do not overlap, or a run has fewer than three readings there.
     DataError
-        If there is no valid sample, or `against` is something else.
+        If there is no valid sample, or `against` is something else, the runs do not overlap,
+        `unknown` is not one of the three, or `u_slope` is no number from zero on.
     """
+    if unknown is not None:
+        choice(unknown, "unknown", get_args(Unknown))
+    u_slope = None if u_slope is None else not_negative(u_slope, "u_slope")
     measured = measured_error(against, span, with_slope=on_axis)
     how = kind or measured.kind
     low, high = measured.span
@@ -143,6 +149,7 @@ def dry_run(
             f"{format_length(low)} ... {format_length(high)}: they do not overlap; check the units and "
             "the origin of the positions"
         )
+    _require_readings(measured, first, last)
     space = unknown or _unknown(measured, how, on_axis=on_axis)
     zero = 0.0
     if reference is not None:
@@ -162,13 +169,14 @@ def dry_run(
         said = {r.text for r in reasons}
         reasons += [r for r in whole.reasons if r.grade == "refused" and r.text not in said]
     covered, warnings = coverage(measured, span, (first, last), entries, how)
-    reasons += covered
-    beyond, more = _outside(shape, stack, grids, span, travel)
-    reasons += beyond
+    there = _outside(shape, stack, grids, span, travel)
+    beyond, more = _beyond(there)
     warnings += more
-    reasons += alignment(measured, space, aligned)
+    # what is true of the negated table too
+    both = [*covered, *alignment(measured, space, aligned)]
     predicted, more = _predicted(stack, how, sd or measured.sd)
-    reasons += predicted
+    both += predicted
+    reasons += [*beyond, *both]
     warnings += [*more, *result.warnings]
     if measured.unpaired:
         warnings.append(
@@ -181,16 +189,34 @@ def dry_run(
     known = measured.knows_lost_motion and space != "offsets"
     lost = judge_lost_motion(stack) if known else None
     rank = {"refused": 0, "inconclusive": 1, "pointless": 2}
+    is_reversed = _is_reversed(stack, result, there, both)
+    why_not = ""
+    if graded(reasons) in ("refused", "pointless"):
+        why_not = diagnosis(stack, result, is_reversed=is_reversed)
     return Verification(
         residuals, space, (first, last), result,
         reasons=tuple(sorted(reasons, key=lambda r: rank[r.grade])),
         findings=tuple(Finding("warning", w, "", "dry-run") for w in warnings),
         n_runs=stack.n_runs if how == "runs" else 0,
         left_out=len(folds or ()),
-        is_reversed=_is_reversed(stack, result),
+        is_reversed=is_reversed,
+        diagnosis=why_not,
         lost_motion=lost,
         unproven=missing,
     )  # fmt: skip
+
+
+def _require_readings(measured: Measured, first: float, last: float) -> None:
+    """Refuse a comparison at fewer than three readings of a run: a constant and a slope take two."""
+    for row in measured.rows:
+        for x in row.places.values():
+            n = int(((x >= first) & (x <= last)).sum())
+            if n < _FEWEST:
+                raise TableError(
+                    f"run {row.name} has {n} of its {x.size} readings between {format_length(first)} and "
+                    f"{format_length(last)}, where the table is: {_FEWEST} are needed; check the units "
+                    "and the origin of the positions, or measure more of them"
+                )
 
 
 def judged_table(
@@ -411,14 +437,23 @@ def _slope(shape: _Shape, row: Row, x: FloatArray) -> float:
     return float((away * z).sum() / (away**2).sum())
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _There:
+    """Where the runs reach beyond a table, m, and what they read there."""
+
+    low: float
+    high: float
+    stack: Stack
+
+
 def _outside(
     shape: _Shape,
     inside: Stack,
     grids: tuple[FloatArray, ...],
     span: tuple[float, float],
     travel: tuple[float | None, float | None],
-) -> tuple[list[Reason], list[str]]:
-    """Return whether the runs beyond the table get worse by what the controller does there."""
+) -> _There | None:
+    """Return the runs beyond the table with what the controller does there; None if none reach."""
     measured = shape.measured
     low = max(measured.span[0], -math.inf if travel[0] is None else travel[0])
     high = min(measured.span[1], math.inf if travel[1] is None else travel[1])
@@ -427,7 +462,7 @@ def _outside(
         [np.arange(span[0] - step, low, -step)[::-1], np.arange(span[1] + step, high, step)]
     )
     if shape.how != "runs" or not _FEWEST <= beyond.size <= _MOST_POINTS:
-        return [], []
+        return None
     ways = measured.directions
     # what was taken off inside, a constant or a line for each direction, goes on outside
     off, mean, start = [], np.zeros((len(measured.rows), 1)), 0
@@ -439,15 +474,20 @@ def _outside(
         slope = (taken[:, -1] - taken[:, 0]) / (g[-1] - g[0])
         off.append(taken[:, :1] + slope[:, None] * (beyond - g[0]))
         start += g.size
-    there = _stack(shape, (beyond,) * len(ways), levels=(np.concatenate(off, axis=1), mean))
-    worse, much = outside_is_worse(there)
-    if not worse:
+    levels = (np.concatenate(off, axis=1), mean)
+    return _There(low, high, _stack(shape, (beyond,) * len(ways), levels=levels))
+
+
+def _beyond(there: _There | None) -> tuple[list[Reason], list[str]]:
+    """Return whether the runs beyond the table get worse by what the controller does there."""
+    worse, much = ("", False) if there is None else outside_is_worse(there.stack)
+    if there is None or not worse:
         return [], []
     text = (
-        f"the runs reach from {format_length(low)} to {format_length(high)}, beyond the table, and "
-        f"what the controller does there makes it worse: {worse}; make the table as long as the "
-        "travel, or state the travel that is used with travel_low= and travel_high= (command line: "
-        "--machine travel_low=, --machine travel_high=)"
+        f"the runs reach from {format_length(there.low)} to {format_length(there.high)}, beyond the "
+        f"table, and what the controller does there makes it worse: {worse}; make the table as long "
+        "as the travel, or state the travel that is used with travel_low= and travel_high= (command "
+        "line: --machine travel_low=, --machine travel_high=)"
     )
     return ([Reason("refused", "coverage", text)], []) if much else ([], [text])
 
@@ -477,12 +517,15 @@ def _predicted(
     ], []
 
 
-def _is_reversed(stack: Stack, result: Judgement) -> bool:
-    """Return whether the negated table would be accepted with at most half of the RMS left."""
+def _is_reversed(
+    stack: Stack, result: Judgement, there: _There | None, both: list[Reason]
+) -> bool:
+    """Return whether the negated bytes would be accepted with at most half of the RMS left (1.8)."""
     if not result.is_reversed:
         return False
     flipped = judge(stack.negated())
-    return graded(flipped.reasons) == "accepted" and flipped.rest <= 0.5
+    beyond = [] if there is None else _beyond(replace(there, stack=there.stack.negated()))[0]
+    return graded([*flipped.reasons, *beyond, *both]) == "accepted" and flipped.rest <= 0.5
 
 
 def _residual(direction: int, stack: Stack) -> DirectionResidual:

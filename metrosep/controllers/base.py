@@ -311,6 +311,7 @@ def map_identity(
         "reference": (float(place[0]), float(place[1])),
         "removed": "plane" if known.get("not_in_map") == "plane" else "offset",
         "border": "zero" if known.get("border") == "zero" else None,
+        "source_sha256": tuple(map(str, known.get("source_sha256") or ())),
     }
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from metrosep._version import __version__
 from metrosep.compensation.folds import Folds
 from metrosep.compensation.limits import Finding, Limits
-from metrosep.compensation.map_verify import dry_run_map
+from metrosep.compensation.map_verify import judged_map
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.compensation.table import CompensationTable
@@ -57,9 +57,6 @@ PathLike = str | os.PathLike[str]
 _TYPES = {"table": CompensationTable, "map": CompensationMap, "polynomial": PolynomialFit}
 NONE = "none"
 """What `active` says where no table was active."""
-
-_ENOUGH = 0.5
-"""Share of a map's area that a dry-run should compare."""
 
 _KINDS = {
     "table": "a CompensationTable (corrections over one axis)",
@@ -245,7 +242,6 @@ def prepare(
         waived = tuple(w for w in waived if w != "dry-run")
         findings = (
             *findings,
-            *_small_part(verification),
             *getattr(verification, "findings", ()),
             *(Finding("error", r.text, "", r.check) for r in getattr(verification, "reasons", ())),
         )
@@ -365,20 +361,6 @@ def _of_what_is_written(
         return []
     known = {(f.check, f.problem) for f in found}
     return [f for f in table_findings(written, limits, info) if (f.check, f.problem) not in known]
-
-
-def _small_part(verification: Any) -> list[Finding]:
-    coverage = getattr(verification, "coverage", 1.0)
-    if coverage >= _ENOUGH:
-        return []
-    return [
-        Finding(
-            "warning",
-            f"the dry-run compared {100 * coverage:.3g} % of the area of the map; the rest is not proven",
-            "verify against a measurement of the whole area",
-            "coverage",
-        )
-    ]
 
 
 def _iteration(carried: Any, target: Path) -> list[Finding]:
@@ -501,15 +483,7 @@ def dry_run_carried(
         If nothing was measured there.
     """
     if isinstance(carried, CompensationMap):
-        return dry_run_map(
-            lookup,
-            measured,
-            span=carried.inner_span,
-            axes=carried.axes,
-            compensates=carried.compensates,
-            removed=carried.removed,
-            reference=None if free_zero else carried.reference,
-        )
+        return judged_map(carried, measured, applied=lookup, free_zero=free_zero)
     return judged_table(
         carried,
         of or table_lookup,

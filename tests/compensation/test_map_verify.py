@@ -125,13 +125,13 @@ def test_a_map_of_which_a_part_was_measured_is_refused_until_that_is_waived():
     part = np.linspace(0.5, 1.5, 11)
     x, y = np.meshgrid(part, grid)
     measured = ErrorMap(part, grid, twisted(x, y))
-    with pytest.raises(SignCheckFailedError, match=r"spans 50 % of the map"):
+    with pytest.raises(SignCheckFailedError, match=r"covers 50 % of the area"):
         table.verify(measured)
     result = verified(1.0, against=measured)
     assert result.span == ((0.5, 1.0), (0.0, 1.0))
     assert result.coverage == pytest.approx(0.5, abs=1e-12)
     assert result.grade == "refused"
-    with pytest.raises(SignCheckFailedError, match=r"spans 50 % of the map.*waive='coverage'"):
+    with pytest.raises(SignCheckFailedError, match=r"covers 50 % of the area.*waive='coverage'"):
         result.require("map")
     result.require("map", waived=("coverage",))
 
@@ -189,3 +189,137 @@ def test_a_map_that_is_askew_is_refused_though_the_measurement_does_not_know_its
     assert right.verify(error).passed
     with pytest.raises(SignCheckFailedError, match="does not shrink"):
         tilted.verify(error)
+
+
+# ---- one map, and a second one ---------------------------------------------------------------------
+
+NODES = np.linspace(0.0, 0.2, 31)
+
+
+def bed(x, y):
+    """A shape that no mirror, exchange or sign leaves as it is; P-V about 4 um."""
+    return 2e-6 * np.sin(x / 0.05) * (0.4 + y / 0.2) ** 2 - 1e-6 * np.cos(y / 0.03)
+
+
+def measured_map(rng, noise=5e-8, error=bed):
+    x, y = np.meshgrid(NODES, NODES)
+    return ErrorMap(NODES, NODES, error(x, y) + rng.normal(0.0, noise, x.shape) + 3e-6)
+
+
+def problems(result):
+    return [f.problem for f in result.findings]
+
+
+def test_map_that_made_the_corrections_is_told_from_a_second_one():
+    rng = np.random.default_rng(2)
+    first, second = measured_map(rng), measured_map(rng)
+    table = CompensationMap.from_error(first, x=NODES, y=NODES)
+
+    own, other = table.verify(), table.verify(second)
+
+    assert own.grade == other.grade == "accepted"
+    assert problems(own) == ["one map: what repeats is not known"]
+    assert problems(other) == []
+    assert own.judgement.improvement.u == 0.0
+    assert other.judgement.improvement.u > 0.0
+    assert "judged against the map that made it" in own.sentences[0]
+    assert "judged against a second map" in other.sentences[0]
+
+
+def test_numbers_of_a_second_map_are_those_of_one_run_over_an_area():
+    """D, g, E and q by their definition, with the plane off the measurement only."""
+    rng = np.random.default_rng(3)
+    table = CompensationMap.from_error(measured_map(rng), x=NODES, y=NODES, removed="plane")
+    second = measured_map(rng, error=lambda x, y: bed(x, y) + 4e-5 * x - 3e-5 * y)
+
+    found = table.verify(second)
+
+    x, y = (v.ravel() for v in np.meshgrid(NODES, NODES))
+    basis = np.linalg.qr(np.stack([np.ones_like(x), x, y], axis=-1))[0]
+    a = second.values.ravel() - basis @ (basis.T @ second.values.ravel())
+    c = table.values.ravel() - table.values.mean()
+    gain = -np.mean(a * c) / np.mean(c**2)
+    improvement = np.mean(a**2) - np.mean((a + c) ** 2) - table.correction(0.0, 0.0).item() ** 2
+    left = a + gain * c
+    left = left - basis @ (basis.T @ left)
+    energy = np.mean(a**2) - np.mean(left**2)
+    assert found.judgement.improvement.value == pytest.approx(improvement, rel=1e-9, abs=0.0)
+    assert found.gain == pytest.approx(gain, rel=1e-9, abs=0.0)
+    assert found.judgement.energy == pytest.approx(energy, rel=1e-9, abs=0.0)
+    expected = np.sqrt(max(energy - improvement, 0.0) / energy)
+    assert found.rest == pytest.approx(expected, rel=1e-6, abs=0.0)
+
+
+@pytest.mark.parametrize("smooth", [0, 3])
+def test_uncertainty_of_a_map_agrees_with_repeating_the_measurement(smooth):
+    """D of 300 second maps scatters as each of them says, also where its noise is correlated."""
+    from scipy.ndimage import uniform_filter
+
+    rng = np.random.default_rng(4)
+    table = CompensationMap.from_error(bed, x=NODES, y=NODES)
+    x, y = np.meshgrid(NODES, NODES)
+    values, told = [], []
+    for _ in range(300):
+        noise = rng.normal(0.0, 4e-7, x.shape)
+        if smooth:
+            noise = smooth * uniform_filter(noise, smooth, mode="wrap")
+        found = table.verify(ErrorMap(NODES, NODES, bed(x, y) + noise)).judgement.improvement
+        values.append(found.value)
+        told.append(found.u)
+
+    # lags fade over a quarter of the nodes, so what correlates over some of them is told too small
+    assert np.sqrt(np.mean(np.square(told))) == pytest.approx(np.std(values), rel=0.25, abs=0.0)
+
+
+def test_noise_of_one_map_is_no_table():
+    """A map of noise alone, and a second one that shares nothing with it."""
+    rng = np.random.default_rng(6)
+    table = CompensationMap.from_error(
+        measured_map(rng, 1e-6, lambda x, y: 0.0 * x * y), x=NODES, y=NODES
+    )
+
+    assert table.verify().passed  # one map cannot know, and says so
+    with pytest.raises(SignCheckFailedError, match="the error is larger"):
+        table.verify(measured_map(rng, 1e-6, lambda x, y: 0.0 * x * y))
+
+
+@pytest.mark.parametrize("share", [-1.0, -0.3])
+def test_sign_of_a_map_is_accused_only_if_the_negated_map_would_be_accepted(share):
+    rng = np.random.default_rng(7)
+    table = CompensationMap.from_error(bed, x=NODES, y=NODES)
+    wrong = dataclasses.replace(table, values=share * table.values)
+
+    with pytest.raises(SignCheckFailedError) as caught:
+        wrong.verify(measured_map(rng))
+
+    assert ("the sign of the measurement or of the map is wrong" in str(caught.value)) == (
+        share == -1.0
+    )
+
+
+def test_round_part_of_a_second_map_is_a_part_of_the_area():
+    rng = np.random.default_rng(8)
+    table = CompensationMap.from_error(bed, x=NODES, y=NODES)
+    second = measured_map(rng)
+    x, y = np.meshgrid(NODES, NODES)
+    values = np.where(np.hypot(x - 0.1, y - 0.1) <= 0.1, second.values, np.nan)
+
+    with pytest.raises(SignCheckFailedError, match=r"covers 7\d(\.\d)? % of the area"):
+        table.verify(ErrorMap(NODES, NODES, values))
+
+
+@pytest.mark.parametrize(("missing", "warned"), [(0, False), (2, True)])
+def test_missing_rows_of_a_second_map_are_a_warning_below_a_twentieth(missing, warned):
+    fine = np.linspace(0.0, 0.2, 61)
+    table = CompensationMap.from_error(bed, x=fine, y=fine)
+    values = bed(*np.meshgrid(fine, fine))
+    values[:missing, :] = np.nan
+    values[30, 1] = np.nan
+
+    found = table.verify(ErrorMap(fine, fine, values))
+
+    lost = 61 * missing + 1
+    assert found.grade == "accepted"
+    assert found.n_not_measured == lost
+    assert found.coverage == pytest.approx(1 - lost / 61**2, abs=1e-12)
+    assert any("not proven" in p for p in problems(found)) == warned

@@ -218,3 +218,37 @@ def test_the_constant_turns_over_with_the_map(turned, k):
     one, two = rank_one(made(error)), rank_one(made(lambda x, y: -error(x, y)))
     assert one.constant == pytest.approx(-two.constant, abs=1e-14)
     assert one.residual_rms == pytest.approx(two.residual_rms, abs=1e-14)
+
+
+def left_by_two_tables(m, k):
+    """RMS of all but the first singular pair of the map plus a constant."""
+    return np.sqrt((np.linalg.svd(m + k, compute_uv=False)[1:] ** 2).sum() / m.size)
+
+
+def test_constant_of_a_noisy_product_leaves_the_noise():
+    """Section 5 of the specification of tables: with 5 nm of noise 4.8 nm stay."""
+    x, y = np.meshgrid(np.linspace(-30e-3, 50e-3, 41), np.linspace(-20e-3, 40e-3, 31))
+    f = 2e-6 * np.cos(2 * np.pi * (x - 0.007) / 0.11)
+    g = 0.6 + y / 0.05 + (y / 0.06) ** 2
+    noise = np.random.default_rng(12).normal(0.0, 5e-9, x.shape)
+    tables = rank_one(CompensationMap(x[0], y[:, 0], noise - f * g))
+
+    # (m - 1)(n - 1) - 1 of the m n values are left
+    assert tables.residual_rms == pytest.approx(4.8e-9, abs=0.15e-9)
+
+
+def test_additive_map_runs_to_the_limit_of_the_constant():
+    """phi falls for ever there: 45.1, 19.5 and 5.05 nm stay within 2, 5 and 20 A; a sum is exact."""
+    x, y = np.meshgrid(np.linspace(-30e-3, 50e-3, 41), np.linspace(-20e-3, 40e-3, 31))
+    m = 1e-6 * (np.sin(x / 0.02) + (y / 0.04) ** 2)
+    a = np.abs(m).max()
+    for most, stays in ((2, 45.1e-9), (5, 19.5e-9), (20, 5.05e-9)):
+        rest = min(left_by_two_tables(m, k) for k in most * a * np.array([-1.0, 1.0]))
+        assert rest == pytest.approx(stays, rel=2e-3, abs=0.0)
+    corrections = CompensationMap(x[0], y[:, 0], m)
+
+    tables = rank_one(corrections)
+
+    assert abs(tables.constant) == pytest.approx(20 * a, rel=1e-9, abs=0.0)
+    assert tables.residual_rms == pytest.approx(5.05e-9, abs=0.01e-9)
+    assert rank_one(corrections, form="sum").residual_rms < ROUND

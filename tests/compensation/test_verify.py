@@ -142,7 +142,7 @@ def test_table_of_the_mirrored_axis_is_refused(lopsided):
     x = np.linspace(0.0, 50e-3, 2001)
     mirrored = CompensationTable(x, -lopsided(x[::-1]), None, "X", "Z", 0.0)
 
-    with pytest.raises(SignCheckFailedError, match="neither sign"):
+    with pytest.raises(SignCheckFailedError, match="would fit mirrored"):
         mirrored.verify(Profile(x, lopsided(x)))
 
 

@@ -377,6 +377,15 @@ def test_map_that_is_no_product_is_refused_unless_waived(bump):
     assert any("stay" in f.problem for f in encoded.findings)
 
 
+def test_sum_of_two_tables_is_not_written_as_a_product_that_digits_spoil():
+    """Its constant is 20 times the largest correction, and every digit of a table counts as often."""
+    x, y = np.meshgrid(np.linspace(-30e-3, 50e-3, 41), np.linspace(-20e-3, 40e-3, 31))
+    sum_map = CompensationMap(x[0], y[:, 0], 1e-6 * (np.sin(x / 0.02) + (y / 0.04) ** 2))
+
+    with pytest.raises(LimitError, match=r"constant.*rather a sum of two tables.*keep_zero"):
+        SinumerikCecProduct().encode(sum_map, **OVER, decimals=6)
+
+
 def test_product_of_other_axes_is_refused(twisted):
     with pytest.raises(DataError, match="X, Y -> Z"):
         SinumerikCecProduct().encode(twisted, **{**OVER, "output_axis": "AX1"})
