@@ -23,6 +23,7 @@ __all__ = [
     "read_aloud",
     "say",
     "table_options",
+    "with_expansion",
 ]
 
 USUAL_SPACING = "1 mm"
@@ -188,6 +189,11 @@ def expansion_options() -> list[Callable[[F], F]]:
         )
         made.append(click.option(f"--{name.replace('_', '-')}", help=words, **more))
     return made
+
+
+def with_expansion(command: F) -> F:
+    """Add the options of temperature and expansion."""
+    return functools.reduce(lambda c, o: o(c), reversed(expansion_options()), command)
 
 
 def table_options(command: F) -> F:

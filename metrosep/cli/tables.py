@@ -21,6 +21,7 @@ from metrosep.cli.options import (
     read_aloud,
     say,
     table_options,
+    with_expansion,
 )
 from metrosep.cli.positioning import (
     is_list,
@@ -297,6 +298,7 @@ def _write(
 )
 @click.option("--active", metavar="FILE", help="Table that was active while the runs were taken.")
 @list_options(with_direction=False)
+@with_expansion
 @optional_read_options
 @json_option
 def verify(
@@ -324,6 +326,7 @@ def verify(
     from metrosep.controllers.files import dry_run_carried
     from metrosep.core.errors import TableError
     from metrosep.core.units import parse_quantity
+    from metrosep.separation.positions.expansion import Expansion
 
     path = Path(table_file)
     sidecar = load_sidecar(path)
@@ -348,7 +351,12 @@ def verify(
         if active is not None:
             lookup = active_file(active, loaded, name, known).increment(lookup)
         pairs = zip(stated, known_travel, strict=True)
-        more = {"unknown": unknown, "travel": tuple(b if a is None else a for a, b in pairs)}
+        heat = Expansion.of_options(options)
+        more = {
+            "heat": heat,
+            "unknown": unknown,
+            "travel": tuple(b if a is None else a for a, b in pairs),
+        }
     result = dry_run_carried(loaded, lookup, measured, **more)
     found = result.to_dict() | {
         "headline": getattr(loaded, "headline", None),

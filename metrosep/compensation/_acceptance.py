@@ -136,6 +136,7 @@ class Improvement:
     strict: float
     # of one run of positioning whose u(slope) is not stated: what is left of D without its slope
     shape: float | None = None
+    shared: float = 0.0  # m^2: share of t u that all runs have in common (temperature, scale)
 
     @property
     def is_worse(self) -> bool:
@@ -269,7 +270,8 @@ def _improvement(stack: Stack, where: BoolArray) -> Improvement:
         freedom = n - 1
     t = float(_quantile(freedom, _CONFIDENCE))
     u += (_slope_quantile(n) * u_slope + _NORMAL * u_common) / t
-    return Improvement(value, u, t, float(_quantile(freedom, _STRICT)), shape)
+    strict = float(_quantile(freedom, _STRICT))
+    return Improvement(value, u, t, strict, shape, _NORMAL * u_common)
 
 
 def _fewest(stack: Stack, where: BoolArray) -> int:
@@ -528,8 +530,12 @@ def _uncertain(
         )
     if d - margin <= 0.0 and not (stack.is_stated and d == margin == 0.0):
         way = (
-            f"about {math.ceil(n * (margin / d) ** 2)} runs would show it"
-            if d > 0.0
+            "its slope may be that of the temperature, which is not known well enough, and more runs do "
+            "not show it: measure the temperature better (u_temperature, u_expansion)"
+            if 0.0 < d <= improved.shared
+            else f"about {math.ceil(n * ((margin - improved.shared) / (d - improved.shared)) ** 2)} runs "
+            "would show it"
+            if d > improved.shared
             else f"noise hides errors below {_rms(margin)}"
         )
         add(f"the readings do not show that the table helps: {way}")

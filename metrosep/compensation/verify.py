@@ -34,7 +34,7 @@ from metrosep.compensation.measured import Against, Measured, Row, measured_erro
 from metrosep.compensation.reversal import judge_lost_motion
 from metrosep.compensation.verification import DirectionResidual, Unknown, Verification
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import TableError
+from metrosep.core.errors import DataError, TableError
 from metrosep.core.numbers import choice, not_negative
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
@@ -233,12 +233,11 @@ def judged_table(
 ) -> Verification:
     """Return the dry-run of a table or polynomial: the one way of every command and call.
 
-    Readings are compared at the temperature that the table holds at: with `heat`, else with what the
-    table took off the readings that made it.
+    Readings are compared at the temperature that the table holds at: with `heat`, which those that
+    made it need not say again.
     """
-    heat = heat or getattr(carried, "heat", None) or Expansion()
+    taken = getattr(carried, "heat", None) or Expansion()
     more: dict[str, Any] = {"unknown": unknown, "travel": travel}
-    more["u_slope"] = heat.u_slope if u_slope is None else u_slope
     warning = ""
     if against is not None and against is getattr(carried, "source", None):
         estimated = carried.made_over is not None
@@ -248,13 +247,19 @@ def judged_table(
     elif isinstance(against, RunSet):
         own = own_runs(carried, against, lookup, folds)
         warning = own.warning
-        against = _cooled(own.runs, heat.slope, getattr(carried, "reference", 0.0))
+        if taken.is_stated and heat is None and not own.made_it:
+            raise DataError(
+                "the table holds without thermal expansion, and the temperature of these readings is "
+                'not stated: say temperature="22.4 degC" and expansion="11.5 ppm/K", or already_corrected'
+            )
+        against = _cooled(own.runs, (heat or taken).slope, getattr(carried, "reference", 0.0))
         more |= {"made_it": own.made_it, "folds": own.folds, "why": own.why}
         if own.made_it and len(against) < _MANY and len(against.feeds) < 2:
             warning = (
                 f"{len(against)} runs at one feed: a disturbance of fixed wavelength cannot be "
                 "distinguished from geometry; take 5 runs or more, or another feedrate"
             )
+    more["u_slope"] = (heat or taken).u_slope if u_slope is None else u_slope
     positions = getattr(carried, "positions", None)
     is_table = positions is not None
     if not is_table:  # a polynomial is fitted to the runs as they are, with their line

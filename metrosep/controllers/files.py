@@ -49,6 +49,7 @@ from metrosep.core.errors import (
     SignNotConfirmedError,
     TableError,
 )
+from metrosep.separation.positions.expansion import Expansion
 
 __all__ = ["dry_run_carried", "read", "simulate", "write"]
 
@@ -77,6 +78,7 @@ def write(
     waive: Sequence[str] = (),
     folds: Folds | None = None,
     unknown: Unknown | None = None,
+    heat: Expansion | None = None,
     active: PathLike | None = None,
     **machine: Any,
 ) -> Any:
@@ -104,7 +106,7 @@ def write(
     waive : sequence of str, optional
         Names of checks whose refusal you accept (`metrosep.controllers.safety.CHECKS`); recorded
         in the sidecar.
-    folds, unknown : optional
+    folds, unknown, heat : optional
         As for `CompensationTable.verify`.
     active : str or path, optional
         File that was active in the controller while the readings were taken: what is written holds
@@ -151,6 +153,7 @@ def write(
         overwrite=overwrite,
         folds=folds,
         unknown=unknown,
+        heat=heat,
         active=active,
         **machine,
     )
@@ -191,6 +194,7 @@ def prepare(
     overwrite: bool = False,
     folds: Folds | None = None,
     unknown: Unknown | None = None,
+    heat: Expansion | None = None,
     active: PathLike | None = None,
     **machine: Any,
 ) -> Prepared:
@@ -235,7 +239,7 @@ def prepare(
 
         verification = _verification(
             increment, lookup, verified_against, target, waived,
-            of=of, folds=folds, unknown=unknown,
+            of=of, folds=folds, unknown=unknown, heat=heat,
             travel=(limits.travel_low, limits.travel_high),
             free_zero="at_reference_m" in encoded.notes,
         )  # fmt: skip
@@ -450,6 +454,7 @@ def dry_run_carried(
     unknown: Unknown | None = None,
     travel: tuple[float | None, float | None] = (None, None),
     free_zero: bool = False,
+    heat: Expansion | None = None,
 ) -> Any:
     """Return the dry-run of what a file carries, through the controller's lookup.
 
@@ -464,7 +469,7 @@ def dry_run_carried(
     of : callable, optional
         Returns the controller's lookup of a table made without some of the runs; what that table
         holds itself if omitted.
-    folds, unknown, travel : optional
+    folds, unknown, travel, heat : optional
         As for `CompensationTable.verify`.
     free_zero : bool, optional
         Whether the file cannot be zero at the reference of a map (a product of two tables), so that
@@ -492,6 +497,7 @@ def dry_run_carried(
         folds=folds,
         unknown=unknown,
         travel=travel,
+        heat=heat,
     )
 
 

@@ -147,7 +147,18 @@ def test_a_warm_scale_is_corrected_to_20_degrees(tmp_path, metrosep):
     assert "each left out once" in said
     # five runs share one wrong temperature: no number of them shows it, so its u counts in full
     vague = ["--u-temperature", "2 K", "-o", str(tmp_path / "y.comp")]
-    assert metrosep("table", file, *NAMES, *SENSE, *warm, *vague)[0] == 3
+    code, _, said = metrosep("table", file, *NAMES, *SENSE, *warm, *vague)
+    assert code == 3
+    assert "more runs do not show it: measure the temperature better" in said
+
+    # other readings, of a cooler day: their own temperature is asked for
+    cool = laser_file(tmp_path / "b.csv", trims(None), seed=13, warm=-10.6e-6 * 1.5)
+    against = ["verify", out, "--against", cool, *NAMES[:6], *SENSE]
+    code, _, said = metrosep(*against)
+    assert code == 2
+    assert "the temperature of these readings is not stated" in said
+    assert metrosep(*against, "--temperature", "18.5 degC", *warm[2:], *known)[0] == 0
+    assert metrosep(*against, *warm, *known)[0] == 1  # not what it was: 53 um/m apart
 
 
 @pytest.mark.parametrize("way", ["forward", "reverse", "middle"])
