@@ -72,6 +72,11 @@ class Option:
             return self._in_range(_integer(value, what), what)
         return self._in_range(_number(value, self.kind, what), what)
 
+    def in_axis(self, value: Any, axes: Mapping[str, str]) -> Any:
+        """Return a checked value, which does not depend on the axes of the table."""
+        del axes
+        return value
+
     def _in_range(self, value: Any, what: str) -> Any:
         if self.positive and not value > 0:
             raise DataError(f"{what} must be above zero ({self.help})")

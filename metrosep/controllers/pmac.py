@@ -472,7 +472,8 @@ def filled(
         x, span=given["span"], spacing=given["spacing"], count=own, axis=table.axis
     )
     require_short_span(grid.counts, given["long_span"], table.axis)
-    values = rolled_values(grid, x, y[::s], tolerance * count / SCALE)
+    axes = table.axis, table.compensates
+    values = rolled_values(grid, x, y[::s], tolerance * count / SCALE, axes)
     at = zero + s * grid.positions
     entries = rounded_entries(values, count, lambda k: format_length(float(at[k])))
     j = enclosing_nodes(grid.step, float(x[0]), float(x[-1]))

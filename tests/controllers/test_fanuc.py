@@ -330,11 +330,6 @@ def test_facts_of_the_dialect():
     assert info.page == "fanuc"
 
 
-def test_axis_that_turns_is_refused():
-    with pytest.raises(TableError, match="axis C turns"):
-        encode(CompensationTable([0.0, 1e-3], [0, 0], None, "C", "C", 0.0))
-
-
 def test_table_of_another_axis_is_refused(tmp_path):
     """Pitch error shifts the axis it looks up: X -> Z would shift X by what Z needs."""
     cross = CompensationTable([0.0, 1e-3], [0, 1e-6], None, "X", "Z", 0.0)

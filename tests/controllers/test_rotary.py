@@ -1,0 +1,177 @@
+"""Axes that turn: files of each dialect through a parser of its documents, over three turns and both directions."""
+
+import json
+
+import numpy as np
+import pytest
+from controllers.turning import ARCSEC, error, over_three_turns, table
+
+from metrosep import controllers
+from metrosep.compensation import CompensationTable
+from metrosep.errors import MetrosepError, TableError
+
+HALF = 0.5 * (1 + 1e-6)
+"""Half an entry, and the rounding of doubles."""
+
+
+def made_of(forward, positions, axis="C", reverse=None):
+    return CompensationTable(positions, forward, reverse, axis, axis, 0.0, is_exact_inverse=True)
+
+
+def net_step(made, radians_a_radian=1e-5):
+    """Return a table whose error does not come back after a turn."""
+    return made_of(made.forward + made.positions * radians_a_radian, made.positions)
+
+
+def write(made, path, name, **options):
+    controllers.write(
+        made, path, name, sign_confirmed=True, **{"verified_against": error, **options}
+    )
+    return path
+
+
+# ---- Fanuc: 3620 to 3625, increments that add up to 0 over a turn ------------------------------------
+
+DETECTION = np.deg2rad(1e-4)
+FANUC = {"detection_unit": "0.0001 deg", "largest": 127}
+
+
+def fanuc_words(text):
+    """Return parameters and points of a file, by number; points from 10000 on."""
+    pairs = (line[1:].split("P") for line in text.splitlines() if line.startswith("N"))
+    return {int(n.split("A")[0]): int(v) for n, v in pairs}
+
+
+def fanuc_added(words, degrees, direction=1, increment=1e-3):
+    """Return pulses (detection units) output from the reference at 0 on: those of 3620 + 1 ... + n, repeated."""
+    step, n0 = words[3624] * increment, words[3620]
+    back = direction < 0 and 3626 in words
+    start = words[3626] + 1 if back else n0 + 1
+    pulses = words[3627] if back else 0.0
+    inside = degrees % 360.0
+    for k in range(words[3622] - n0):
+        share = min(max(inside / step - k, 0.0), 1.0)
+        pulses += words[3623] * words[10000 + start + k] * share
+    return pulses
+
+
+def test_fanuc_integers_are_those_of_the_specification(tmp_path):
+    """A turn of 360 deg, intervals of 45 deg, point 60 at the reference: values at 61 to 68, sum 0."""
+    path = write(table(step=45), tmp_path / "c.txt", "fanuc", reference_number=60, **FANUC)
+
+    words = fanuc_words(path.read_text())
+    assert [words[p] for p in range(3620, 3626)] == [60, 60, 68, 1, 45000, 360000]
+    assert [words[10000 + p] for p in range(61, 69)] == [-2, 11, 3, 8, 24, 11, -25, -30]
+    assert words[10060] == words[10068]
+    assert "DETECTION UNIT 0.0001 DEG" in path.read_text()
+
+
+@pytest.mark.parametrize("magnification", [1, 3])
+def test_fanuc_round_trip_over_three_turns(tmp_path, magnification):
+    made = table(step=10)
+    path = write(
+        made, tmp_path / "c.txt", "fanuc", magnification=magnification, increment="0.001 deg", **FANUC
+    )  # fmt: skip
+    words, lookup = fanuc_words(path.read_text()), controllers.simulate(path, "fanuc")
+    unit = DETECTION * magnification
+
+    parsed = lambda degrees, direction: fanuc_added(words, degrees, direction) * DETECTION  # noqa: E731
+    assert over_three_turns(parsed, made, unit) < HALF
+    ours = lambda degrees, direction: lookup(np.deg2rad(degrees), direction)  # noqa: E731
+    assert over_three_turns(ours, made, unit) < HALF
+    assert sum(words[10000 + p] for p in range(1, 37)) == 0
+
+
+def test_fanuc_takes_an_interval_in_degrees_and_no_length(tmp_path):
+    path = write(table(step=10), tmp_path / "c.txt", "fanuc", interval="20 deg", **FANUC)
+    assert fanuc_words(path.read_text())[3624] == 20000
+    sidecar = json.loads((tmp_path / "c.txt.json").read_text())["options"]
+    assert sidecar["interval"] == pytest.approx(np.deg2rad(20), rel=1e-12, abs=1e-15)
+
+    bad = tmp_path / "bad.txt"
+    with pytest.raises(MetrosepError, match=r"interval='5 mm'.*C turns"):
+        write(table(step=10), bad, "fanuc", interval="5 mm", **FANUC)
+    with pytest.raises(MetrosepError, match=r"detection_unit='100 nm'.*C turns"):
+        write(table(), bad, "fanuc", detection_unit="100 nm", largest=127)
+    with pytest.raises(MetrosepError, match=r"one turn is 2.11764706 intervals of 170 deg"):
+        write(table(step=10), bad, "fanuc", interval="170 deg", **FANUC)
+    straight = CompensationTable([0.0, 0.1, 0.2], [0.0, 1e-6, 0.0], None, "X", "X", 0.0)
+    with pytest.raises(MetrosepError, match=r"detection_unit='0.0001 deg'.*X does not turn"):
+        write(straight, bad, "fanuc", **FANUC)
+    assert not bad.exists()
+
+
+def test_fanuc_refuses_what_adds_up_or_begins_elsewhere(tmp_path):
+    made, bad = table(), tmp_path / "bad.txt"
+    with pytest.raises(TableError, match=r"differs by 12\.96 arcsec"):
+        write(net_step(made), bad, "fanuc", **FANUC)
+    later = made_of(-error(made.positions + np.pi), made.positions + np.pi)
+    with pytest.raises(TableError, match=r"must begin at 0 deg here and begins at 180 deg"):
+        write(later, bad, "fanuc", **FANUC)
+    assert not bad.exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("N10003P", "N10003P1", "sum 0"),
+        ("N3625A1P360000", "N3625A1P180000", "not the travel of one turn"),
+        ("N3624A1P30000", "N3624A1P20000", "do not fit"),
+        ("N3625A1P360000\n", "", "do not fit|points|reference"),
+    ],
+)
+def test_fanuc_refuses_a_damaged_turn(tmp_path, old, new, words):
+    path = write(table(), tmp_path / "c.txt", "fanuc", **FANUC)
+    text = path.read_text()
+    assert old in text
+    (tmp_path / "c.txt.json").unlink()
+    path.write_text(text.replace(old, new, 1))
+    if new:
+        with pytest.raises(MetrosepError, match=words):
+            controllers.read(path, "fanuc")
+    else:  # without 3625 it is the table of part of a turn, whose first point is another one
+        found = controllers.read(path, "fanuc")
+        assert found.positions[0] == pytest.approx(-np.deg2rad(30), rel=0, abs=1e-9)
+
+
+def test_fanuc_part_of_a_turn_is_an_ordinary_table(tmp_path):
+    angles = np.deg2rad(np.linspace(-90, 90, 19))
+    made = made_of(-error(angles), angles, "B")
+    path = write(made, tmp_path / "b.txt", "fanuc", **FANUC)
+    words = fanuc_words(path.read_text())
+
+    assert 3625 not in words
+    lookup = controllers.simulate(path, "fanuc")
+    for degrees in np.linspace(-180, 180, 61):
+        step, pulses = words[3624] * 1e-3, 0.0
+        for point in range(words[3621], words[3622] + 1):
+            low = (point - words[3620] - 1) * step
+            share = min(max((degrees - low) / step, 0.0), 1.0)
+            pulses += words[10000 + point] * (share if low > -1e-9 else share - 1.0)
+        wanted = made.correction(np.deg2rad(degrees))[0]
+        assert abs(pulses * DETECTION - wanted) < HALF * DETECTION
+        assert abs(float(lookup(np.deg2rad(degrees))) - wanted) < HALF * DETECTION
+    findings = json.loads((tmp_path / "b.txt.json").read_text())["findings"]
+    assert any("part of a turn" in f["problem"] for f in findings)
+
+
+def test_fanuc_wrong_sign_is_refused_by_runs_over_angle(tmp_path):
+    made = made_of(-table().forward, table().positions)
+    with pytest.raises(MetrosepError, match=r"larger"):
+        write(made, tmp_path / "c.txt", "fanuc", **FANUC)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_fanuc_table_without_a_sidecar_says_that_it_turns(tmp_path):
+    path = write(table(), tmp_path / "c.txt", "fanuc", **FANUC)
+    (tmp_path / "c.txt.json").unlink()
+    back = controllers.read(path, "fanuc")
+    assert (back.axis, back.compensates) == ("C", "C")
+    assert float(np.abs(back.forward - table().forward).max()) < HALF * DETECTION
+    # the comment lost too: units are asked for, and an angle says that the axis turns
+    path.write_text("%\n" + path.read_text().split("\n", 1)[1])
+    with pytest.raises(MetrosepError, match=r"detection_unit"):
+        controllers.read(path, "fanuc")
+    told = {"increment": "0.001 deg", "reference_position": "0 deg", "entry_sign": -1}
+    again = controllers.read(path, "fanuc", detection_unit="0.0001 deg", **told)
+    assert float(np.abs(again.forward - back.forward).max()) < 1e-12 * ARCSEC
