@@ -82,6 +82,27 @@ def test_fanuc_round_trip_over_three_turns(tmp_path, magnification):
     assert sum(words[10000 + p] for p in range(1, 37)) == 0
 
 
+def test_fanuc_lists_of_both_directions_over_three_turns(tmp_path):
+    made = table(lag=2.3, step=15)
+    path = write(
+        made,
+        tmp_path / "c.txt",
+        "fanuc",
+        bidirectional=True,
+        verified_against=None,
+        allow_unverified=True,
+        **FANUC,
+    )
+    words, lookup = fanuc_words(path.read_text()), controllers.simulate(path, "fanuc")
+
+    # 2.3" ahead = 6.389 units of 0.0001 deg; the lists are points 0 to 24 and 25 to 49
+    assert (words[3626], words[3627]) == (25, -6)
+    parsed = lambda degrees, way: fanuc_added(words, degrees, way) * DETECTION  # noqa: E731
+    assert over_three_turns(parsed, made, DETECTION) < HALF
+    ours = lambda degrees, way: lookup(np.deg2rad(degrees), way)  # noqa: E731
+    assert over_three_turns(ours, made, DETECTION) < HALF
+
+
 def test_fanuc_takes_an_interval_in_degrees_and_no_length(tmp_path):
     path = write(table(step=10), tmp_path / "c.txt", "fanuc", interval="20 deg", **FANUC)
     assert fanuc_words(path.read_text())[3624] == 20000
