@@ -1,6 +1,7 @@
 """Axes that turn: files of each dialect through a parser of its documents, over three turns and both directions."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -196,3 +197,130 @@ def test_fanuc_table_without_a_sidecar_says_that_it_turns(tmp_path):
     told = {"increment": "0.001 deg", "reference_position": "0 deg", "entry_sign": -1}
     again = controllers.read(path, "fanuc", detection_unit="0.0001 deg", **told)
     assert float(np.abs(again.forward - back.forward).max()) < 1e-12 * ARCSEC
+
+
+# ---- TwinCAT Tc2_MC2: degrees, Modulo from 0 to 360, a structure for each direction -------------------
+
+NINTH = np.deg2rad(1e-9)
+"""The ninth decimal of a degree."""
+
+
+def st_tables(text):
+    """Return positions, corrections (deg), direction and modulo of each table, as an ST reader sees them."""
+    found = {}
+    for name, body in re.findall(
+        r"(\w+) : ARRAY\[1\.\.\d+\] OF \w+ := \[(.*?)\];", text, re.DOTALL
+    ):
+        rows = re.findall(r"Position := (\S+), Compensation := (\S+)\)", body)
+        head = re.search(rf"{name}Parameter : \w+ := \((.*?)\);", text)[1]
+        facts = dict(re.findall(r"(\w+) := ([\w.-]+)", head))
+        assert int(facts["NoOfTableElements"]) == len(rows)
+        p, c = np.array(rows, dtype=float).T
+        assert (p[0], p[-1]) == (float(facts["MinPosition"]), float(facts["MaxPosition"]))
+        way = facts.get("Direction", "WorkDirectionBoth")
+        found[way] = (p, c, facts.get("Modulo") == "TRUE")
+    return found
+
+
+def st_added(tables, degrees, direction=1):
+    """Return what is added in that direction of work, in rad."""
+    names = {"WorkDirectionBoth", f"WorkDirection{'Positive' if direction > 0 else 'Negative'}"}
+    total = 0.0
+    for way, (p, c, modulo) in tables.items():
+        if way in names:
+            total += np.deg2rad(np.interp(degrees % 360.0 if modulo else degrees, p, c))
+    return total
+
+
+@pytest.mark.parametrize(("lag", "more"), [(0.0, {}), (2.3, {"bidirectional": True})])
+def test_twincat_over_three_turns(tmp_path, lag, more):
+    made = table(lag=lag)
+    path = tmp_path / "c.txt"
+    controllers.write(made, path, "twincat", modulo=True, allow_unverified=True, **more)
+    tables, lookup = st_tables(path.read_text()), controllers.simulate(path, "twincat")
+
+    assert all(modulo for _, _, modulo in tables.values())
+    assert all((p[0], p[-1]) == (0.0, 360.0) for p, _, _ in tables.values())
+    parsed = lambda degrees, way: st_added(tables, degrees, way)  # noqa: E731
+    assert over_three_turns(parsed, made, NINTH) < HALF + 1e-3
+    ours = lambda degrees, way: lookup(np.deg2rad(degrees), way)  # noqa: E731
+    assert over_three_turns(ours, made, NINTH) < HALF + 1e-3
+
+
+def test_twincat_is_judged_by_runs_over_angle(tmp_path):
+    done = controllers.write(
+        table(step=5), tmp_path / "c.txt", "twincat", modulo=True, verified_against=error
+    )
+    assert done.passed
+    assert done.after_pv < 0.01 * done.before_pv < 0.01 * done.wrong_sign_pv
+    wrong = made_of(-table().forward, table().positions)
+    with pytest.raises(MetrosepError, match=r"larger"):
+        controllers.write(wrong, tmp_path / "w.txt", "twincat", verified_against=error)
+
+
+def test_twincat_part_of_a_turn_holds_its_ends(tmp_path):
+    angles = np.deg2rad(np.linspace(-90, 90, 19))
+    made = made_of(-error(angles), angles, "B")
+    path = tmp_path / "b.txt"
+    controllers.write(made, path, "twincat", allow_unverified=True)
+    tables, lookup = st_tables(path.read_text()), controllers.simulate(path, "twincat")
+
+    assert not any(modulo for _, _, modulo in tables.values())
+    for degrees in np.linspace(-180, 180, 61):
+        wanted = made.correction(np.deg2rad(degrees))[0]
+        assert abs(st_added(tables, degrees) - wanted) < HALF * NINTH * 1.01
+        assert abs(float(lookup(np.deg2rad(degrees))) - wanted) < HALF * NINTH * 1.01
+
+
+def test_twincat_refuses_what_does_not_close(tmp_path):
+    made, bad = table(), tmp_path / "bad.txt"
+    with pytest.raises(TableError, match=r"differs by 12\.96 arcsec"):
+        controllers.write(net_step(made), bad, "twincat", modulo=True)
+    later = made_of(-error(made.positions + np.pi), made.positions - np.pi)
+    with pytest.raises(TableError, match=r"must begin at 0 deg here and begins at -180 deg"):
+        controllers.write(later, bad, "twincat", modulo=True)
+    with pytest.raises(MetrosepError, match=r"interval='5 mm'.*C turns"):
+        controllers.write(made, bad, "twincat", modulo=True, interval="5 mm")
+    straight = CompensationTable([0.0, 0.1, 0.2], [0.0, 1e-6, 0.0], None, "X", "X", 0.0)
+    with pytest.raises(TableError, match=r"X is linear"):
+        controllers.write(straight, bad, "twincat", modulo=True)
+    assert not bad.exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("Position := 360.000000000, Compensation := 0.", "Position := 360.000000000, Compensation := 1.",
+         "first value equal"),
+        ("WorkDirectionNegative", "WorkDirectionPositive", "both directions"),
+        ("in deg,", "in mm,", "modulo table|sidecar"),
+    ],
+)  # fmt: skip
+def test_twincat_refuses_a_damaged_turn(tmp_path, old, new, words):
+    path = tmp_path / "c.txt"
+    options = {"modulo": True, "bidirectional": True, "allow_unverified": True}
+    controllers.write(table(lag=2.3), path, "twincat", **options)
+    text = path.read_text()
+    assert old in text
+    (tmp_path / "c.txt.json").unlink()
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(MetrosepError, match=words):
+        controllers.read(path, "twincat")
+
+
+def test_twincat_tables_of_a_linear_axis_for_each_direction(tmp_path):
+    x = np.linspace(0, 0.05, 11)
+    ahead = 2e-6 * np.sin(x / 0.011)
+    made = CompensationTable(x, ahead, ahead + 0.7e-6, "X", "X", 0.0, is_exact_inverse=True)
+    with pytest.raises(TableError, match=r"bidirectional=True"):
+        controllers.write(made, tmp_path / "x.txt", "twincat")
+    path = tmp_path / "x.txt"
+    controllers.write(made, path, "twincat", bidirectional=True, allow_unverified=True)
+    tables = st_tables(path.read_text())
+    assert {*tables} == {"WorkDirectionPositive", "WorkDirectionNegative"}
+    p, c, modulo = tables["WorkDirectionNegative"]
+    assert not modulo
+    assert float(np.abs(c * 1e-3 - made.reverse).max()) < 0.51e-12
+    back = controllers.read(path, "twincat")
+    assert float(np.abs(back.reverse - made.reverse).max()) < 0.51e-12
+    assert float(np.abs(p * 1e-3 - x).max()) < 0.51e-12
