@@ -211,7 +211,8 @@ def letter_in_file(
 
 # ---- tables of one turn ----
 
-_TURN = 2.0 * math.pi
+TURN = 2.0 * math.pi
+"""One turn, rad."""
 _CLOSED = math.radians(1e-6)
 """Deviation from one turn that decimals of degrees explain."""
 
@@ -219,7 +220,7 @@ _CLOSED = math.radians(1e-6)
 def is_one_turn(table: CompensationTable) -> bool:
     """Return whether a table of an axis that turns covers one turn."""
     low, high = table.span
-    return is_rotary(table.axis) and abs(high - low - _TURN) <= _CLOSED
+    return is_rotary(table.axis) and abs(high - low - TURN) <= _CLOSED
 
 
 def require_turn(
@@ -254,8 +255,13 @@ def closed(table: CompensationTable, step: float) -> CompensationTable:
         u = 0.0 if table.u is None else float(table.u[-1])
         net = abs(float(column[-1] - column[0]))
         if round(column[0] / step) != round(column[-1] / step) or net > max(2.0 * u, step):
+            amount = (
+                f"{math.degrees(net) * 3600:.4g} arcsec"
+                if is_rotary(table.compensates)
+                else format_length(net)
+            )
             raise TableError(
-                f"the {way} correction differs by {math.degrees(net) * 3600:.4g} arcsec between the "
+                f"the {way} correction differs by {amount} between the "
                 "first position and one turn later: the step would act at every turn; the values at "
                 "0 and 360 deg must be the same"
             )
@@ -271,7 +277,7 @@ def require_whole_turn(interval: float | None, title: str) -> None:
     """Refuse an interval that does not divide a turn."""
     if interval is None:
         return
-    parts = _TURN / interval
+    parts = TURN / interval
     if abs(parts - round(parts)) > 1e-6 or round(parts) < 1:
         raise LimitError(
             f"{title}: one turn is {parts:.9g} intervals of {math.degrees(interval):.9g} deg; a table of "

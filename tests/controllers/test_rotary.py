@@ -8,7 +8,7 @@ import pytest
 from controllers.turning import ARCSEC, error, over_three_turns, table
 
 from metrosep import controllers
-from metrosep.compensation import CompensationTable
+from metrosep.compensation import CompensationMap, CompensationTable
 from metrosep.errors import MetrosepError, TableError
 
 HALF = 0.5 * (1 + 1e-6)
@@ -324,3 +324,172 @@ def test_twincat_tables_of_a_linear_axis_for_each_direction(tmp_path):
     back = controllers.read(path, "twincat")
     assert float(np.abs(back.reverse - made.reverse).max()) < 0.51e-12
     assert float(np.abs(p * 1e-3 - x).max()) < 0.51e-12
+
+
+# ---- Turbo PMAC: counts, span of one turn, the last entry 0, rolled over -----------------------------
+
+COUNT = np.deg2rad(1e-4)
+SIXTEENTH = COUNT / 16
+
+
+def pmac_numbers(text):
+    """Return the words of the DEFINE line and the entries: comments are stripped, as a sender does."""
+    plain = " ".join(line.partition(";")[0] for line in text.splitlines())
+    found = re.search(r"DEFINE (?:BL)?COMP (\S+) ([-\d ]+?) I", plain)
+    return found[1].split(","), [int(v) for v in found[2].split()]
+
+
+def pmac_added(define, entries, degrees, count_deg=1e-4):
+    """Return sixteenths of a count at a position: taken modulo the span, linear, 0 at zero."""
+    span, n = int(define[-1]), len(entries)
+    assert int(define[0]) == n
+    at = (degrees / count_deg) % span / (span / n)
+    return float(np.interp(at, np.arange(n + 1), [0, *entries]))
+
+
+def test_pmac_integers_are_those_of_the_specification(tmp_path):
+    path = tmp_path / "c.pmc"
+    controllers.write(
+        table(), path, "pmac", count="0.0001 deg", source_motor=4, verified_against=error
+    )
+    define, entries = pmac_numbers(path.read_text())
+
+    assert define == ["12", "#4D", "#4", "3600000"]
+    assert entries == [-74, 26, 144, 182, 196, 313, 565, 820, 880, 664, 294, 0]
+    assert "; count = 0.0001 deg" in path.read_text()
+    findings = json.loads((tmp_path / "c.pmc.json").read_text())["findings"]
+    assert any("3600000 counts" in f["problem"] and "Ixx27" in f["fix"] for f in findings)
+
+
+@pytest.mark.parametrize(("sign", "zero"), [(1, "0 deg"), (-1, "0 deg"), (1, "30 deg")])
+def test_pmac_over_three_turns(tmp_path, sign, zero):
+    made = table(step=10)
+    home = np.deg2rad(float(zero.split()[0]))
+    if home:  # zero where the motor reads zero, over the turn from there
+        angles = made.positions + home
+        made = made_of(-(error(angles) - error(home)), angles)
+    path = tmp_path / "c.pmc"
+    controllers.write(
+        made, path, "pmac", count="0.0001 deg", source_motor=4, source_sign=sign, motor_zero=zero,
+        allow_unverified=True,
+    )  # fmt: skip
+    define, entries = pmac_numbers(path.read_text())
+    lookup = controllers.simulate(path, "pmac")
+
+    for degrees in np.linspace(-360, 720, 433):
+        place = (degrees - np.degrees(home)) % 360.0 + np.degrees(home)
+        wanted = made.correction(np.deg2rad(place))[0]
+        motor = sign * (degrees - np.degrees(home))
+        parsed = sign * pmac_added(define, entries, motor) * SIXTEENTH
+        assert abs(parsed - wanted) < HALF * SIXTEENTH
+        for way in (1, -1):
+            assert abs(float(lookup(np.deg2rad(degrees), way)) - wanted) < HALF * SIXTEENTH
+
+
+def test_pmac_without_sidecar_or_comments_is_read_by_the_units_that_are_typed(tmp_path):
+    path = tmp_path / "c.pmc"
+    controllers.write(table(), path, "pmac", count="0.0001 deg", allow_unverified=True)
+    (tmp_path / "c.pmc.json").unlink()
+    back = controllers.read(path, "pmac")
+    assert (back.axis, back.compensates) == ("C", "C")
+    assert float(np.abs(back.forward - table().forward).max()) < HALF * SIXTEENTH
+    code = "\n".join(r for r in path.read_text().splitlines() if not r.startswith(";"))
+    path.write_text(code + "\n")
+    told = {"source_sign": 1, "motor_zero": "0 deg", "count": "0.0001 deg"}
+    again = controllers.read(path, "pmac", **told)
+    assert again.axis == "C"
+    assert float(np.abs(again.positions - back.positions).max()) < 1e-12
+    assert float(np.abs(again.forward - back.forward).max()) < 1e-12 * ARCSEC
+
+
+def test_pmac_refuses_what_does_not_close_or_is_of_the_other_kind(tmp_path):
+    made, bad = table(), tmp_path / "bad.pmc"
+    with pytest.raises(TableError, match=r"differs by 12\.96 arcsec"):
+        controllers.write(net_step(made), bad, "pmac", count="0.0001 deg")
+    with pytest.raises(MetrosepError, match=r"span='40 mm'.*C turns"):
+        controllers.write(made, bad, "pmac", count="0.0001 deg", span="40 mm")
+    with pytest.raises(TableError, match=r"one turn of C is 1090909\.09 counts"):
+        controllers.write(made, bad, "pmac", count="0.00033 deg")
+    assert not bad.exists()
+
+
+def test_pmac_table_over_an_axis_that_turns_of_one_that_does_not(tmp_path):
+    """Wobble of a table: X over C, counts of 0.0001 deg and of 10 nm."""
+    angles = np.deg2rad(np.arange(0, 361, 20))
+    values = 2e-6 * (np.sin(angles) + 0.4 * np.sin(2 * angles))
+    values[-1] = values[0]
+    made = CompensationTable(angles, values, None, "C", "X", 0.0)
+    path = tmp_path / "c.pmc"
+    options = {
+        "count": "10 nm",
+        "source_count": "0.0001 deg",
+        "source_motor": 4,
+        "target_motor": 1,
+    }
+    controllers.write(made, path, "pmac", allow_unverified=True, **options)
+    define, entries = pmac_numbers(path.read_text())
+    lookup, unit = controllers.simulate(path, "pmac"), 1e-8 / 16
+
+    assert define == ["18", "#4D", "#1", "3600000"]
+    assert "; count = 10 nm" in path.read_text()
+    for degrees in np.linspace(-360, 720, 433):
+        wanted = made.correction(np.deg2rad(degrees % 360.0))[0]
+        assert abs(pmac_added(define, entries, degrees) * unit - wanted) < HALF * unit
+        assert abs(float(lookup(np.deg2rad(degrees))) - wanted) < HALF * unit
+    (tmp_path / "c.pmc.json").unlink()
+    back = controllers.read(path, "pmac")
+    assert (back.axis, back.compensates) == ("C", "X")
+    assert back.positions[-1] == pytest.approx(2 * np.pi, rel=0, abs=1e-9)
+
+
+def test_pmac_lost_motion_of_an_axis_that_turns(tmp_path):
+    angles = np.deg2rad(np.arange(0, 361, 15))
+    lost = ARCSEC * (5 + 2 * np.sin(angles))
+    lost[-1] = lost[0]
+    made = made_of(0 * angles, angles, "C", reverse=-lost)
+    path = tmp_path / "c.pmc"
+    controllers.write(
+        made, path, "pmac-backlash", count="0.0001 deg", motor=4, allow_unverified=True
+    )
+    define, entries = pmac_numbers(path.read_text())
+    base = int(re.search(r"I486=(\d+)", path.read_text())[1])
+    lookup = controllers.simulate(path, "pmac-backlash")
+    for degrees in np.linspace(-360, 720, 217):
+        wanted = -np.interp(degrees % 360.0, np.degrees(angles), lost)
+        taken = -(base + pmac_added(define, entries, degrees)) * SIXTEENTH
+        assert abs(taken - wanted) < 1.01 * SIXTEENTH  # base and entry are rounded apart
+        assert abs(float(lookup(np.deg2rad(degrees), -1)) - wanted) < 1.01 * SIXTEENTH
+        assert float(lookup(np.deg2rad(degrees), 1)) == 0.0
+
+
+def test_pmac_plane_over_an_axis_that_turns(tmp_path):
+    x, c = np.arange(0, 0.101, 0.02), np.deg2rad(np.arange(0, 361, 30))
+    values = 2e-6 * np.outer(np.sin(c) + 0.3 * (1 - np.cos(2 * c)), 1 + 3 * x)
+    values[-1] = values[0]
+    made = CompensationMap(x, c, values, ("X", "C"), "Z", (0.0, 0.0))
+    path = tmp_path / "m.pmc"
+    options = {"count": "10 nm", "x_count": "20 nm", "y_count": "0.0001 deg", "x_span": "120 mm"}
+    controllers.write(
+        made, path, "pmac-plane", allow_unverified=True, x_motor=1, y_motor=4, target_motor=3,
+        **options,
+    )  # fmt: skip
+    define, entries = pmac_numbers(path.read_text())
+    assert define == ["12.6", "#1D", "#4D", "#3", "6000000", "3600000"]
+    grid = np.reshape([0, *entries], (13, 7))
+    lookup, unit = controllers.simulate(path, "pmac-plane"), 1e-8 / 16
+    for degrees in np.linspace(-360, 720, 109):
+        for along in (0.0, 0.011, 0.064, 0.1):
+            wanted = float(made.correction(along, np.deg2rad(degrees % 360.0))[0])
+            rows = [np.interp(along / 0.02, np.arange(7), row) for row in grid]
+            seen = float(np.interp(degrees % 360.0 / 30, np.arange(13), rows)) * unit
+            assert abs(seen - wanted) < HALF * unit
+            assert abs(float(lookup(along, np.deg2rad(degrees))) - wanted) < HALF * unit
+    (tmp_path / "m.pmc.json").unlink()
+    back = controllers.read(path, "pmac-plane")
+    assert back.axes == ("X", "C")
+    assert back.y[-1] == pytest.approx(2 * np.pi, rel=0, abs=1e-9)
+    open_map = CompensationMap(x, c, values + 1e-7 * c[:, None], ("X", "C"), "Z", (0.0, 0.0))
+    with pytest.raises(
+        TableError, match=r"fills the span of 360 deg.*differ there by 628.*the same"
+    ):
+        controllers.write(open_map, path, "pmac-plane", overwrite=True, **options)
