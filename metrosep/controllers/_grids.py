@@ -377,7 +377,9 @@ def uniform_positions(
         interval = max(float(np.diff(table.positions).min()), span / max(max_points - spare, 1))
         interval = span / math.ceil(span / interval) if not quantum else interval
         interval = math.ceil(interval / quantum - 1e-6) * quantum if quantum else interval
-    if quantum and abs(interval / quantum - round(interval / quantum)) > 1e-6:
+    steps = interval / quantum if quantum else 1.0
+    # a multiple but for the rounding of decimals, and of doubles where a step has many units
+    if abs(steps - round(steps)) > 1e-6 + 1e-15 * steps:
         raise TableError(
             f"{title}: the spacing {format_along(table.axis, interval, digits=9)} is not a multiple of "
             f"{format_along(table.axis, quantum)}; give interval= a multiple of it"

@@ -493,3 +493,102 @@ def test_pmac_plane_over_an_axis_that_turns(tmp_path):
         TableError, match=r"fills the span of 360 deg.*differ there by 628.*the same"
     ):
         controllers.write(open_map, path, "pmac-plane", overwrite=True, **options)
+
+
+# ---- HEIDENHAIN: degrees, entries from 0 to 360 only ------------------------------------------------
+
+LAST = np.deg2rad(1e-4)
+"""The fourth decimal of a degree."""
+
+
+def com_rows(text):
+    """Return name, columns and rows of numbers of a table, by the widths 6, 16, 16, 16 ..."""
+    lines = text.split("\r\n")
+    cut = lambda line: [line[:6], *(line[i : i + 16] for i in range(6, max(len(line), 54), 16))]  # noqa: E731
+    cells = [[c.strip() for c in cut(line)] for line in lines[1:-2]]
+    rows = [[float(c) if c else None for c in row] for row in cells[1:]]
+    return lines[0].split()[1], cells[0], rows
+
+
+def com_added(rows, degrees, direction=1, column=3):
+    """Return minus the error of the table: straight between lines, the turn repeated."""
+    at = [r[1] for r in rows]
+    back = direction < 0 and rows[0][2] is not None
+    values = [r[2] if back else r[column] for r in rows]
+    turn = at[-1] - at[0] == 360.0
+    return -float(np.interp(degrees % 360.0 if turn else degrees, at, values))
+
+
+@pytest.mark.parametrize("lag", [0.0, 2.3])
+def test_heidenhain_over_three_turns(tmp_path, lag):
+    made = table(lag=lag, step=10)
+    path = tmp_path / "c.com"
+    controllers.write(made, path, "heidenhain", sign_confirmed=True, allow_unverified=True)
+    name, titles, rows = com_rows(path.read_bytes().decode())
+    lookup = controllers.simulate(path, "heidenhain")
+
+    assert (name, titles[3]) == ("C_C.COM", "C")
+    assert [r[1] for r in rows] == list(range(0, 361, 10))
+    parsed = lambda degrees, way: np.deg2rad(com_added(rows, degrees, way))  # noqa: E731
+    assert over_three_turns(parsed, made, LAST) < HALF
+    ours = lambda degrees, way: lookup(np.deg2rad(degrees), way)  # noqa: E731
+    assert over_three_turns(ours, made, LAST) < HALF
+
+
+def test_heidenhain_is_judged_by_runs_over_angle(tmp_path):
+    options = {"resolution": "0.00001 deg", "sign_confirmed": True, "verified_against": error}
+    done = controllers.write(table(step=5), tmp_path / "c.com", "heidenhain", **options)
+    assert done.passed
+    wrong = made_of(-table().forward, table().positions)
+    with pytest.raises(MetrosepError, match=r"larger"):
+        controllers.write(wrong, tmp_path / "w.com", "heidenhain", **options)
+
+
+def test_heidenhain_part_of_a_turn_and_a_linear_column_over_it(tmp_path):
+    """C over its own angle and the wobble of X over C: one file, degrees and millimetres."""
+    angles = np.deg2rad(np.arange(20, 201, 20))
+    own = made_of(-(error(angles) - error(angles[0])), angles)
+    own = CompensationTable(angles, own.forward, None, "C", "C", float(angles[0]))
+    wobble = 2e-6 * np.sin(angles - angles[0])
+    across = CompensationTable(angles, wobble, None, "C", "X", float(angles[0]))
+    path = tmp_path / "c.com"
+    controllers.write(
+        [own, across], path, "heidenhain", sign_confirmed=True, allow_unverified=True
+    )
+    _, titles, rows = com_rows(path.read_bytes().decode())
+    assert titles == ["NR", "AXISPOS", "BACKLASH", "C", "X"]
+    for column, made, unit in ((3, own, np.deg2rad(1)), (4, across, 1e-3)):
+        lookup = controllers.simulate(path, "heidenhain", column=made.compensates)
+        for degrees in np.linspace(-30, 400, 87):
+            wanted = float(made.correction(np.deg2rad(degrees))[0])
+            seen = com_added(rows, degrees, 1, column) * unit
+            assert abs(seen - wanted) < HALF * unit * 1e-4
+            assert abs(float(lookup(np.deg2rad(degrees))) - wanted) < HALF * unit * 1e-4
+
+
+def test_heidenhain_refuses_positions_beyond_a_turn_and_what_does_not_close(tmp_path):
+    made, bad = table(), tmp_path / "bad.com"
+    options = {"sign_confirmed": True}
+    below = made_of(made.forward, made.positions - np.pi)
+    with pytest.raises(
+        TableError, match=r"lie from 0 to 360 deg, this table covers -180 \.\.\. 180"
+    ):
+        controllers.write(below, bad, "heidenhain", **options)
+    with pytest.raises(TableError, match=r"differs by 12\.96 arcsec"):
+        controllers.write(net_step(made), bad, "heidenhain", **options)
+    with pytest.raises(MetrosepError, match=r"resolution='10 nm'.*C turns"):
+        controllers.write(made, bad, "heidenhain", resolution="10 nm", **options)
+    assert not bad.exists()
+    path = tmp_path / "c.com"
+    controllers.write(made, path, "heidenhain", allow_unverified=True, **options)
+    text = path.read_bytes().decode()
+    (tmp_path / "c.com.json").unlink()
+    last = text.split("\r\n")[-3]
+    path.write_bytes(text.replace(last, last.removesuffix("0.0000") + "0.0007").encode())
+    with pytest.raises(MetrosepError, match=r"0 and 360 deg differ"):
+        controllers.read(path, "heidenhain", entry_sign=1)
+    head = text.split("\r\n")[:2]
+    rows = [f"{i:<6}{at:<32}{0.001 * i:.4f}" for i, at in enumerate(("-30.0000", "0.0000"))]
+    path.write_bytes("\r\n".join([*head, *rows, "[END]", ""]).encode())
+    with pytest.raises(MetrosepError, match=r"lie from 0 to 360"):
+        controllers.read(path, "heidenhain", entry_sign=1)
