@@ -148,6 +148,11 @@ class Dialect(ABC):
     def require_target(self, path: Path) -> None:  # noqa: B027
         """Refuse a name that a table of this controller must not have."""
 
+    def doubts(self, table: Any, limits: Limits) -> list[Finding]:
+        """Return what is wrong or doubtful about a table on this machine, besides what all are asked."""
+        del table, limits
+        return []
+
     def in_columns(self, parts: list[bytes]) -> bytes:
         """Return several tables over one axis as columns of one file."""
         raise TableError(f"{self.info.id} holds one table in a file; write {len(parts)} files")

@@ -211,9 +211,10 @@ def prepare(
     options = checked_options(given, dialect.options, controller)
     _require_sign(dialect.info, sign_confirmed or trial is not None)
     waived = _names(waive, allow_unverified=False)
-    limit_values = checked_limits(limit_values, controller)
+    axes = (getattr(table, "axis", "X"), getattr(table, "compensates", "X"))
+    limit_values = checked_limits(limit_values, controller, axes)
     limits = dialect.limits(**limit_values)
-    found = [*table_findings(table, limits, dialect.info)]
+    found = [*table_findings(table, limits, dialect.info), *dialect.doubts(table, limits)]
     found += _iteration(table, target) if overwrite else []
     judged(found, waived)
     encoded = dialect.encode(table, **options)

@@ -592,3 +592,123 @@ def test_heidenhain_refuses_positions_beyond_a_turn_and_what_does_not_close(tmp_
     path.write_bytes("\r\n".join([*head, *rows, "[END]", ""]).encode())
     with pytest.raises(MetrosepError, match=r"lie from 0 to 360"):
         controllers.read(path, "heidenhain", entry_sign=1)
+
+
+# ---- Aerotech: only if the unit is stated; Mitsubishi: not at all ------------------------------------
+
+AEROTECH = {
+    "row_axis": 2,
+    "column_axis": 4,
+    "corrected_axis": 4,
+    "column_sign": 1,
+    "corrected_sign": 1,
+}
+
+
+def cal(text):
+    """Return first line, keys and rows of numbers of a 2-D table, comments left out."""
+    lines = [line.partition(";")[0].split() for line in text.splitlines()]
+    lines = [line for line in lines if line]
+    keys = dict(word.split("=") for word in lines[1][1:])
+    return lines[0][1:], keys, np.array(lines[2:-1], dtype=float)
+
+
+def test_aerotech_asks_for_the_unit_and_keeps_it(tmp_path):
+    made = table(step=10)
+    path = tmp_path / "c.cal"
+    with pytest.raises(TableError, match=r"C turns, and no document.*position_unit=deg"):
+        controllers.write(made, path, "aerotech-line", **AEROTECH)
+    assert not path.exists()
+    options = {**AEROTECH, "position_unit": "deg", "decimals": 6}
+    controllers.write(made, path, "aerotech-line", verified_against=error, **options)
+
+    head, keys, rows = cal(path.read_text())
+    assert (keys["POSUNIT"], keys["CORUNIT"]) == ("PRIMARY", "PRIMARY/1000")
+    assert [float(head[5]), int(head[6])] == [10.0, 37]
+    column = rows[0][0::2]  # the axis is that of the columns: its value is the first of each pair
+    lookup = controllers.simulate(path, "aerotech-line")
+    unit = np.deg2rad(1e-9)
+    for degrees in np.linspace(0, 360, 145):  # beyond the ends the value of the nearest one holds
+        wanted = made.correction(np.deg2rad(degrees))[0]
+        seen = np.deg2rad(1e-3 * np.interp(degrees, np.arange(0, 361, 10), column))
+        assert abs(seen - wanted) < HALF * unit * 1.01
+        assert abs(float(lookup(np.deg2rad(degrees), -1)) - wanted) < HALF * unit * 1.01
+    assert json.loads((tmp_path / "c.cal.json").read_text())["options"]["position_unit"] == "deg"
+    (tmp_path / "c.cal.json").unlink()
+    back = controllers.read(path, "aerotech-line")
+    assert (back.axis, back.compensates) == ("C", "C")
+
+
+def test_aerotech_of_a_linear_axis_over_one_that_turns_and_the_other_way(tmp_path):
+    angles = np.deg2rad(np.arange(0, 181, 20))
+    wobble = CompensationTable(angles, 2e-6 * np.sin(angles), None, "C", "X", 0.0)
+    path = tmp_path / "c.cal"
+    options = {**AEROTECH, "corrected_axis": 1, "position_unit": "deg", "allow_unverified": True}
+    controllers.write(wobble, path, "aerotech-line", **options)
+    _, keys, rows = cal(path.read_text())
+    assert (keys["POSUNIT"], keys["CORUNIT"]) == ("PRIMARY", "METRIC/1000")
+    assert float(np.abs(rows[0].reshape(-1, 3)[:, 2] * 1e-6 - wobble.forward).max()) < 0.51e-10
+    assert (
+        float(np.abs(controllers.read(path, "aerotech-line").forward - wobble.forward).max())
+        < 1e-10
+    )
+    straight = CompensationTable([0.0, 0.1, 0.2], [0.0, 1e-6, 0.0], None, "X", "X", 0.0)
+    with pytest.raises(MetrosepError, match=r"position_unit=deg is for axes that turn"):
+        controllers.write(straight, path, "aerotech-line", **{**AEROTECH, "position_unit": "deg"})
+    mixed = CompensationMap([0.0, 0.1], [0.0, 1.0], np.zeros((2, 2)), ("X", "C"), "Z")
+    numbers = {
+        "row_axis": 2,
+        "column_axis": 1,
+        "corrected_axis": 3,
+        "row_sign": 1,
+        "column_sign": 1,
+    }
+    with pytest.raises(TableError, match=r"one of X and C turns"):
+        controllers.write(
+            mixed, path, "aerotech", corrected_sign=1, position_unit="deg", **numbers
+        )
+
+
+def test_mitsubishi_says_that_its_rotary_rule_was_not_found(tmp_path):
+    with pytest.raises(
+        TableError, match=r"C turns, and the rotary rule was not found in public pages"
+    ):
+        controllers.write(table(), tmp_path / "c.txt", "mitsubishi", output_unit="100 nm")
+    assert list(tmp_path.iterdir()) == []
+
+
+# ---- LinuxCNC: no modulo; the joint counts on beyond 360 deg -----------------------------------------
+
+
+def test_linuxcnc_asks_for_the_travel_of_an_axis_that_may_turn_on(tmp_path):
+    made, path = table(step=10), tmp_path / "c.comp"
+    options = {"joint_type": "angular", "allow_unverified": True}
+    with pytest.raises(MetrosepError, match=r"no modulo.*travel_low= and travel_high="):
+        controllers.write(made, path, "linuxcnc", **options)
+    with pytest.raises(
+        MetrosepError, match=r"cover 0 deg \.\.\. 360 deg, the travel is 0 deg \.\.\. 720 deg"
+    ):
+        controllers.write(
+            made, path, "linuxcnc", travel_low="0 deg", travel_high="720 deg", **options
+        )
+    with pytest.raises(MetrosepError, match=r"travel_high.*angle"):
+        controllers.write(
+            made, path, "linuxcnc", travel_low="0 deg", travel_high="300 mm", **options
+        )
+    assert not path.exists()
+    controllers.write(made, path, "linuxcnc", travel_low="0 deg", travel_high="360 deg", **options)
+    lookup = controllers.simulate(path, "linuxcnc")
+    rows = np.array([line.split() for line in path.read_text().splitlines()], dtype=float)
+    for degrees in np.linspace(-360, 720, 217):  # the ends hold
+        wanted = made.correction(np.deg2rad(degrees))[0]
+        seen = np.deg2rad(np.interp(degrees, rows[:, 0], rows[:, 0] - rows[:, 1]))
+        assert abs(seen - wanted) < np.deg2rad(1e-10)
+        assert abs(float(lookup(np.deg2rad(degrees))) - wanted) < np.deg2rad(1e-10)
+
+
+def test_linuxcnc_part_of_a_turn_needs_no_travel(tmp_path):
+    angles = np.deg2rad(np.linspace(-90, 90, 19))
+    made = made_of(-error(angles), angles, "B")
+    path = tmp_path / "b.comp"
+    controllers.write(made, path, "linuxcnc", joint_type="angular", allow_unverified=True)
+    assert controllers.read(path, "linuxcnc").axis == "B"
