@@ -14,12 +14,33 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.area_errors import format_along, format_amount, format_span, is_rotary
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers.base import identity, load_sidecar
 from metrosep.controllers.options import Option
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError, UnitError
 from metrosep.core.units import format_length, parse_quantity
+
+__all__ = [
+    "INCREMENT",
+    "INTERVAL",
+    "TURN",
+    "AlongOption",
+    "along_axis",
+    "axes_of",
+    "chosen",
+    "closed",
+    "format_along",
+    "format_amount",
+    "format_span",
+    "in_axes",
+    "is_angle",
+    "is_one_turn",
+    "letter_in_file",
+    "require_turn",
+    "require_whole_turn",
+    "unit_along",
+]
 
 # ---- lengths along an axis, as an option that a person types and as text ----
 
@@ -107,58 +128,6 @@ def along_axis(value: Any, axis: str, name: str, *, positive: bool = True) -> fl
             f"{name}={str(value)[:40]!r} must be {'above zero' if positive else 'a position'}"
         )
     return number
-
-
-def format_span(axis: str, value: float, *, digits: int = 4) -> str:
-    """Return a distance along an axis as text with its unit.
-
-    Examples
-    --------
-    >>> format_span("X", 5e-4), format_span("C", 0.03490658503988659)
-    ('0.5 mm', '2 deg')
-    """
-    if is_rotary(axis):
-        return f"{math.degrees(value):.{digits}g} deg"
-    return f"{value * 1e3:.{digits}g} mm"
-
-
-def format_amount(axis: str, value: float, *, digits: int = 4) -> str:
-    """Return a small amount of an axis as text with its unit.
-
-    Examples
-    --------
-    >>> format_amount("X", 2.5e-7), format_amount("C", 2.5e-7)
-    ('250 nm', '0.25 urad')
-    """
-    if is_rotary(axis):
-        return f"{value * 1e6:.{digits}g} urad"
-    return format_length(value, digits=digits)
-
-
-def scaled_table(table: CompensationTable, by: float) -> CompensationTable:
-    """Return a table with positions and corrections in another unit."""
-    return replace(
-        table,
-        positions=table.positions * by,
-        forward=table.forward * by,
-        reverse=None if table.reverse is None else table.reverse * by,
-        u=None if table.u is None else table.u * by,
-        reference=table.reference * by,
-        source=None,
-    )
-
-
-def format_along(axis: str, value: float, *, digits: int = 4) -> str:
-    """Return a place or step along an axis as text, in degrees where it turns.
-
-    Examples
-    --------
-    >>> format_along("X", 2.5e-7), format_along("C", 0.03490658503988659)
-    ('250 nm', '2 deg')
-    """
-    if is_rotary(axis):
-        return format_span(axis, value, digits=digits)
-    return format_length(value, digits=digits)
 
 
 def axes_of(table: Any) -> dict[str, str]:

@@ -8,7 +8,7 @@ import pytest
 from controllers.turning import ARCSEC, error, over_three_turns, table
 
 from metrosep import controllers
-from metrosep.compensation import CompensationMap, CompensationTable
+from metrosep.compensation import CompensationMap, CompensationTable, trial_table
 from metrosep.errors import MetrosepError, TableError
 
 HALF = 0.5 * (1 + 1e-6)
@@ -102,6 +102,25 @@ def test_fanuc_lists_of_both_directions_over_three_turns(tmp_path):
     assert over_three_turns(parsed, made, DETECTION) < HALF
     ours = lambda degrees, way: lookup(np.deg2rad(degrees), way)  # noqa: E731
     assert over_three_turns(ours, made, DETECTION) < HALF
+
+
+def test_trial_of_an_axis_that_turns_is_told_in_angles(tmp_path):
+    trial = trial_table(table(lag=2.3, step=10), "20 arcsec")
+    path = tmp_path / "t.txt"
+    controllers.write(trial, path, "fanuc", bidirectional=True, **FANUC)
+    words = fanuc_words(path.read_text())
+    peak = np.degrees(trial.position)
+
+    assert "from 0 to 360 deg, once without and once with the trial table" in trial.instruction
+    assert f"at {peak:.6g} deg" in trial.instruction
+    assert "+96.96 urad" in trial.if_right  # 20"
+    for way, height in ((1, 20.0), (-1, 6.0)):  # 0.3 as high in - direction
+        seen = fanuc_added(words, peak, way) * DETECTION / ARCSEC
+        assert seen == pytest.approx(height, rel=0, abs=0.2)
+    assert trial.judge("20 arcsec") == "right"
+    assert trial.judge("-20 arcsec") == "wrong"
+    with pytest.raises(MetrosepError, match=r"an angle is needed"):
+        trial_table(table(), "5 um")
 
 
 def test_fanuc_takes_an_interval_in_degrees_and_no_length(tmp_path):
