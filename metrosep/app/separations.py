@@ -142,7 +142,7 @@ _SIGN = {
 }
 _UNITS = {
     "length": ("m", "10 um"),
-    "length or angle": ("m", "1 mm"),
+    "length or angle": ("m", "10 um"),
     "angle": ("rad", "90 deg"),
     "speed": ("m/s", "60 mm/min"),
     "acceleration": ("m/s^2", "0.1 m/s^2"),

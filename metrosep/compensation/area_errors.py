@@ -18,6 +18,7 @@ from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
 
 __all__ = [
     "AreaFunction",
@@ -26,7 +27,10 @@ __all__ = [
     "area_error",
     "bilinear",
     "column",
+    "format_along",
+    "format_amount",
     "format_position",
+    "format_span",
     "is_rotary",
     "rising",
 ]
@@ -241,3 +245,42 @@ def format_position(axis: str, value: float) -> str:
     if is_rotary(axis):
         return f"{axis} = {math.degrees(value):.9g} deg"
     return f"{axis} = {value * 1e3:.9g} mm"
+
+
+def format_span(axis: str, value: float, *, digits: int = 4) -> str:
+    """Return a distance along an axis as text with its unit.
+
+    Examples
+    --------
+    >>> format_span("X", 5e-4), format_span("C", 0.03490658503988659)
+    ('0.5 mm', '2 deg')
+    """
+    if is_rotary(axis):
+        return f"{math.degrees(value):.{digits}g} deg"
+    return f"{value * 1e3:.{digits}g} mm"
+
+
+def format_amount(axis: str, value: float, *, digits: int = 4) -> str:
+    """Return a small amount of an axis as text with its unit.
+
+    Examples
+    --------
+    >>> format_amount("X", 2.5e-7), format_amount("C", 2.5e-7)
+    ('250 nm', '0.25 urad')
+    """
+    if is_rotary(axis):
+        return f"{value * 1e6:.{digits}g} urad"
+    return format_length(value, digits=digits)
+
+
+def format_along(axis: str, value: float, *, digits: int = 4) -> str:
+    """Return a place or step along an axis as text, in degrees where it turns.
+
+    Examples
+    --------
+    >>> format_along("X", 2.5e-7), format_along("C", 0.03490658503988659)
+    ('250 nm', '2 deg')
+    """
+    if is_rotary(axis):
+        return format_span(axis, value, digits=digits)
+    return format_length(value, digits=digits)

@@ -14,7 +14,13 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.compensation.area_errors import column, is_rotary
+from metrosep.compensation.area_errors import (
+    column,
+    format_along,
+    format_amount,
+    format_span,
+    is_rotary,
+)
 from metrosep.compensation.entry_covariance import Covariance
 from metrosep.compensation.folds import Folds, source_hashes
 from metrosep.compensation.limits import (
@@ -40,7 +46,6 @@ from metrosep.core.numbers import choice
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, hash_bytes, history_as_dicts
 from metrosep.core.runset import Run, RunSet
-from metrosep.core.units import format_length
 from metrosep.separation.positions.expansion import Expansion
 from metrosep.separation.positions.pitch import (
     REFERENCE_DIRECTIONS,
@@ -187,14 +192,17 @@ class CompensationTable(Corrections):
     def headline(self) -> str:
         """What is looked up and what is corrected, in one line."""
         what = "its own positioning" if self.is_on_axis else f"{self.compensates} over {self.axis}"
-        low, high = (v * 1e3 for v in self.span)
+        low, high = (format_span(self.axis, v, digits=6) for v in self.span)
         line = "the line is left out (alignment)"
         if self.removed == "offset":
             slope = float(np.polyfit(self.positions - self.positions.mean(), self.forward, 1)[0])
-            line = f"slope {slope * 1e6:.4g} um/m kept"
+            units = ["urad" if is_rotary(self.compensates) else "um"]
+            units.append("rad" if is_rotary(self.axis) else "m")
+            line = f"slope {slope * 1e6:.4g} {'/'.join(units)} kept"
         return (
-            f"{self.axis} -> {self.compensates} ({what}), {low:.6g} ... {high:.6g} mm, "
-            f"{self.positions.size} entries, {line}, zero at {self.reference * 1e3:.6g} mm"
+            f"{self.axis} -> {self.compensates} ({what}), {low.partition(' ')[0]} ... {high}, "
+            f"{self.positions.size} entries, {line}, "
+            f"zero at {format_span(self.axis, self.reference, digits=6)}"
             f"{'' if self.reference_direction == 'forward' else f' ({self.reference_direction})'}"
         )
 
@@ -302,7 +310,7 @@ class CompensationTable(Corrections):
             offset_removed=sampled.offset,
             reference_direction=reference_direction,
             heat=error.heat if isinstance(error, PitchErrors) else heat or Expansion(),
-            notes=_notes(error, heat, on_axis=target == axis, split=split),
+            notes=_notes(error, heat, axis, on_axis=target == axis, split=split),
             source_sha256=source_sha256 or source_hashes(getattr(error, "history", ())),
             history=(
                 *getattr(error, "history", ()),
@@ -555,8 +563,9 @@ class CompensationTable(Corrections):
         ways = "both directions alike" if self.reverse is None else "forward and reverse"
         return (
             f"CompensationTable({self.axis} -> {self.compensates}, {self.positions.size} points, "
-            f"{format_length(self.span[0])} ... {format_length(self.span[1])}, {ways}, stroke "
-            f"{format_length(self.stroke)}, zero at {format_length(self.reference)})"
+            f"{format_along(self.axis, self.span[0])} ... {format_along(self.axis, self.span[1])}, {ways}, "
+            f"stroke {format_amount(self.compensates, self.stroke)}, "
+            f"zero at {format_along(self.axis, self.reference)})"
         )
 
     def _repr_html_(self) -> str:
@@ -566,25 +575,27 @@ class CompensationTable(Corrections):
             {
                 "axis → corrected axis": f"{self.axis} → {self.compensates}",
                 "points": str(self.positions.size),
-                "span": f"{format_length(self.span[0])} … {format_length(self.span[1])}",
+                "span": " … ".join(format_along(self.axis, v) for v in self.span),
                 "entries": "correction c = −e, added to the command",
-                "stroke": format_length(self.stroke),
-                "zero at": format_length(self.reference),
-                "interpolation error": format_length(self.interpolation_error),
+                "stroke": format_amount(self.compensates, self.stroke),
+                "zero at": format_along(self.axis, self.reference),
+                "interpolation error": "not known"
+                if self.interpolation_error is None
+                else format_amount(self.compensates, self.interpolation_error),
             },
         )
 
 
 def _notes(
-    error: ErrorSource, heat: Expansion | None, *, on_axis: bool, split: bool
+    error: ErrorSource, heat: Expansion | None, axis: str, *, on_axis: bool, split: bool
 ) -> tuple[str, ...]:
     """Return what was assumed of temperatures, and the lost motion that is not in the table."""
     if not isinstance(error, PitchErrors):
-        told = isinstance(error, ErrorEstimate) and on_axis
+        told = isinstance(error, ErrorEstimate) and on_axis and not is_rotary(axis)
         return (heat or Expansion()).messages if told else ()
     if split or not error.has_lost_motion:
         return error.messages
-    lost = format_length(-(error.lost_motion or 0.0))
+    lost = format_amount(axis, -(error.lost_motion or 0.0))
     return (
         *error.messages,
         f"lost motion (reverse - forward) of {lost} is not in the table: set it in the control",

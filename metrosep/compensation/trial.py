@@ -11,7 +11,14 @@ from typing import Literal
 
 import numpy as np
 
-from metrosep.compensation.area_errors import ErrorMap, format_position
+from metrosep.compensation.area_errors import (
+    ErrorMap,
+    format_along,
+    format_amount,
+    format_position,
+    format_span,
+    is_rotary,
+)
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
 from metrosep.core import numbers
@@ -115,19 +122,23 @@ class TrialTable:
         Clear is a reading within a fifth of the amplitude of one of the two, widened by nothing: two
         standard uncertainties must fit into that fifth.
         """
-        change = numbers.quantity(change, "change", "length")
-        u = numbers.not_negative(u, "u", dimension="length")
+        axis, corrected = self.table.axis, self.table.compensates
+        kind = _kind(corrected)
+        change = numbers.quantity(change, "change", kind)
+        u = numbers.not_negative(u, "u", dimension=kind)
         if at_mirror is not None:
-            at_mirror = numbers.quantity(at_mirror, "at_mirror", "length")
+            at_mirror = numbers.quantity(at_mirror, "at_mirror", kind)
         room = _CLEAR * abs(self.amplitude) - 2.0 * u
         if room <= 0.0:
             raise DataError(
-                f"u = {format_length(u)} is too large for a bump of {format_length(self.amplitude)}: "
+                f"u = {format_amount(corrected, u)} is too large for a bump of "
+                f"{format_amount(corrected, self.amplitude)}: "
                 "average more readings or use a larger bump"
             )
         if at_mirror is not None and abs(at_mirror) > room:
             raise DataError(
-                f"the indicator changed by {format_length(at_mirror)} at {self.mirror * 1e3:.6g} mm, where "
+                f"the indicator changed by {format_amount(corrected, at_mirror)} at "
+                f"{format_span(axis, self.mirror, digits=6)}, where "
                 "nothing was expected: the positions of the table are mirrored or shifted"
             )
         if abs(change - self.amplitude) <= room:
@@ -135,8 +146,9 @@ class TrialTable:
         if abs(change + self.amplitude) <= room:
             return "wrong"
         raise DataError(
-            f"the indicator changed by {format_length(change)}, expected was "
-            f"{format_length(self.amplitude)} (right) or {format_length(-self.amplitude)} (wrong): "
+            f"the indicator changed by {format_amount(corrected, change)}, expected was "
+            f"{format_amount(corrected, self.amplitude)} (right) or "
+            f"{format_amount(corrected, -self.amplitude)} (wrong): "
             + self._clue(change / self.amplitude)
         )
 
@@ -145,7 +157,7 @@ class TrialTable:
         if abs(share) <= 0.1:
             return (
                 "the table is not active, or its positions are mirrored or shifted (look at "
-                f"{self.mirror * 1e3:.6g} mm)"
+                f"{format_span(self.table.axis, self.mirror, digits=6)})"
             )
         for height, words in _CLUES:
             swapped = height != _REVERSE or self.amplitude_reverse != self.amplitude
@@ -204,12 +216,12 @@ def trial_table(
     >>> round(trial.position * 1e3, 6), int((trial.table.forward != 0.0).sum())
     (45.0, 3)
     """
-    amplitude = _amplitude(amplitude)
+    amplitude = _amplitude(amplitude, _kind(table.compensates))
     numbers.positive(slope_max, "slope_max")
     p = table.positions
     first, last, share = _part(table, third)
     shape, peak = _bump(p, first, last, share)
-    _check_slope(p, shape, amplitude, slope_max)
+    _check_slope(table, shape, amplitude, slope_max)
     forward = amplitude * shape
     split = table.reverse is not None
     reverse = _REVERSE * forward if split else None
@@ -233,11 +245,18 @@ def trial_table(
     return _described(bumped, float(p[peak]), amplitude)
 
 
-def _amplitude(value: float | str) -> float:
-    """Return the height of a bump in m."""
-    amplitude = numbers.quantity(value, "the amplitude", "length")
+def _kind(axis: str) -> str:
+    """Return what corrections of an axis are: lengths, or angles where it turns."""
+    return "angle" if is_rotary(axis) else "length"
+
+
+def _amplitude(value: float | str, kind: str = "length") -> float:
+    """Return the height of a bump in m or rad."""
+    amplitude = numbers.quantity(value, "the amplitude", kind)
     if amplitude == 0.0:
-        raise DataError("the amplitude must be a length other than zero")
+        raise DataError(
+            f"the amplitude must be {'an' if kind == 'angle' else 'a'} {kind} other than zero"
+        )
     return amplitude
 
 
@@ -255,12 +274,12 @@ def _part(table: CompensationTable, third: str) -> tuple[float, float, float]:
     if third == "auto" or free:
         raise TableError(
             f"no entry lies {'within a third' if third == 'auto' else 'in the ' + third + ' third'} of the "
-            f"travel, {format_length(low)} to {format_length(high)}, away from its ends, its middle and the "
+            f"travel, {format_along(table.axis, low)} to {format_along(table.axis, high)}, away from its ends, its middle and the "
             "reference: use a table with more entries"
             + ("" if third == "auto" else ", or another third")
         )
     raise TableError(
-        f"the reference {format_length(zero)} lies in the {third} third, where the correction "
+        f"the reference {format_along(table.axis, zero)} lies in the {third} third, where the correction "
         "must stay zero: take another third"
     )
 
@@ -277,13 +296,17 @@ def _bump(p: FloatArray, first: float, last: float, share: float) -> tuple[Float
     return shape, peak
 
 
-def _check_slope(p: FloatArray, shape: FloatArray, amplitude: float, slope_max: float) -> None:
-    steepest = float(np.abs(np.diff(shape) / np.diff(p)).max())
+def _check_slope(
+    table: CompensationTable, shape: FloatArray, amplitude: float, slope_max: float
+) -> None:
+    steepest = float(np.abs(np.diff(shape) / np.diff(table.positions)).max())
     if abs(amplitude) * steepest > slope_max * (1.0 + 1e-9):
         raise TableError(
-            f"a bump of {format_length(amplitude)} slopes {abs(amplitude) * steepest:.3g} m per m "
+            f"a bump of {format_amount(table.compensates, amplitude)} slopes "
+            f"{abs(amplitude) * steepest:.3g} {'rad' if is_rotary(table.compensates) else 'm'} per "
+            f"{'rad' if is_rotary(table.axis) else 'm'} "
             f"between the entries, allowed are {slope_max:.3g}: use at most "
-            f"{format_length(slope_max / steepest)}"
+            f"{format_amount(table.compensates, slope_max / steepest)}"
         )
 
 
@@ -299,11 +322,14 @@ def _cancelled(table: CompensationTable) -> RunSet:
 def _described(table: CompensationTable, position: float, amplitude: float) -> TrialTable:
     back = amplitude if table.reverse is None else _REVERSE * amplitude
     low, high = table.span
-    where = f"{position * 1e3:.6g} mm"
-    seen, flipped = _signed(amplitude), _signed(-amplitude)
+    where = format_span(table.axis, position, digits=6)
+    seen, flipped, backwards = (
+        _signed(table.compensates, v) for v in (amplitude, -amplitude, back)
+    )
     mirror = low + high - position
-    mirrored = f"{mirror * 1e3:.6g} mm"
-    both = "" if back == amplitude else f"; in - direction {_REVERSE:g} of it, {_signed(back)}"
+    mirrored = format_span(table.axis, mirror, digits=6)
+    first, last = (format_span(table.axis, p, digits=6) for p in (low, high))
+    both = "" if back == amplitude else f"; in - direction {_REVERSE:g} of it, {backwards}"
     return TrialTable(
         table=table,
         position=position,
@@ -313,7 +339,7 @@ def _described(table: CompensationTable, position: float, amplitude: float) -> T
         instruction=(
             f"Without tool and part, set an indicator on axis {table.compensates}, + for places "
             f"further in +{table.compensates}. Drive {table.axis} in + direction from "
-            f"{low * 1e3:.6g} to {high * 1e3:.6g} mm, once without and once with the trial table, "
+            f"{first.partition(' ')[0]} to {last}, once without and once with the trial table, "
             f"and take the difference (with minus without) at {where} and at {mirrored}."
         ),
         if_right=f"Sign right: the indicator shows {seen} at {where} and 0 elsewhere{both}.",
@@ -324,8 +350,8 @@ def _described(table: CompensationTable, position: float, amplitude: float) -> T
     )
 
 
-def _signed(value: float) -> str:
-    return ("+" if value > 0 else "") + format_length(value)
+def _signed(axis: str, value: float) -> str:
+    return ("+" if value > 0 else "") + format_amount(axis, value)
 
 
 # ---- A map with one bump to try on the machine, where the sign of a controller is not documented ----

@@ -37,10 +37,12 @@ def settled(
     file: Mapping[str, Any] | None = None,
     needed: Sequence[str] = (),
     partial: bool = False,
+    axes: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
     """Return the options that file, sidecar and user state, each once; with defaults unless `partial`.
 
-    Those of `needed` are never guessed; a text in `file` is checked as the option would be.
+    Those of `needed` are never guessed; a text in `file` is checked as the option would be. Lengths
+    along an axis are angles where that of `axes` turns.
     """
     options = {o.name: o for o in known}
     beside = sidecar_options(path, tuple(options.values()))
@@ -51,6 +53,8 @@ def settled(
             "its sidecar": None if option.kind == "object" else beside.get(name),
             "you": given.get(name),
         }
+        if axes is not None:
+            sources = {who: option.in_axis(v, axes) for who, v in sources.items()}
         value = agreed(path, name, sources)
         if value is None and (name in needed or (option.required and not partial)):
             forms = " or ".join(f"{name}={c}" for c in option.choices) or f"{name}="

@@ -11,6 +11,7 @@ with file, line, what was expected and what was found.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -93,6 +94,22 @@ def mm_value(text: str) -> float:
     return unscaled(text, 3)
 
 
+def deg_text(value: float) -> str:
+    """Return an angle in degrees, without exponent, to twelve digits.
+
+    Examples
+    --------
+    >>> deg_text(math.radians(1e-4)), deg_text(math.tau)
+    ('0.0001', '360')
+    """
+    return decimal(math.degrees(value), 12)
+
+
+def deg_value(text: str) -> float:
+    """Return an angle that is printed in degrees."""
+    return math.radians(float(text))
+
+
 # ---- lines --------------------------------------------------------------------------------------
 
 
@@ -110,6 +127,7 @@ INTEGER = Word(r"-?\d{1,9}", int)
 NUMBER = Word(r"-?\d+(?:\.\d+)?", float)
 REAL = Word(r"[+-]?(?:\d+\.?\d*|\.\d+)", float)
 MM = Word(r"-?\d+\.?\d*", mm_value, mm_text)
+DEG = Word(r"-?\d+\.?\d*", deg_value, deg_text)
 SIGN = Word(r"[+-]", lambda w: 1 if w == "+" else -1, lambda v: "+" if v > 0 else "-")
 AXIS = Word(r"[A-Z]\d?")
 

@@ -1,4 +1,4 @@
-"""Positions of a file: uniform grids, grids that roll over, sections, and lengths along an axis."""
+"""Positions of a file: uniform grids, grids that roll over, and sections."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.rounding import Rounded, round_increments
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import is_uniform, resample_uniform, resampling_error
+from metrosep.controllers._turns import format_along, format_amount, format_span
 from metrosep.controllers.base import Dialect, Simulator, sidecar_options, table_lookup
-from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, LimitError, TableError, UnitError
-from metrosep.core.units import format_length, parse_quantity
+from metrosep.core.errors import LimitError, TableError
+from metrosep.core.units import format_length
 
 _WHOLE = 1e-6
 """Distance from a whole number of steps that rounding of decimals explains."""
@@ -132,7 +132,7 @@ def rolling_grid(
     step = natural_spacing(positions, finest) if spacing is None else spacing
     if max(travel, span or 0.0) / step > _MOST:
         raise LimitError(
-            f"{axis}: a spacing of {format_length(step)} over {format_length(max(travel, span or 0.0))} "
+            f"{axis}: a spacing of {format_along(axis, step)} over {format_along(axis, max(travel, span or 0.0))} "
             f"makes more than {_MOST} entries; give a wider spacing="
         )
     if span is None:
@@ -141,34 +141,41 @@ def rolling_grid(
         span = n * step
     elif spacing is not None and not is_whole(span / step):
         raise TableError(
-            f"{axis}: the span {format_length(span)} is not a multiple of the spacing "
-            f"{format_length(step)}; entries stand at equal steps over it"
+            f"{axis}: the span {format_along(axis, span)} is not a multiple of the spacing "
+            f"{format_along(axis, step)}; entries stand at equal steps over it"
         )
     else:
         n = max(1, round(span / step))
     if span < travel - max(0.5 * count, _NEAR * step):
         raise TableError(
-            f"{axis}: the span {format_length(span)} is shorter than the travel "
-            f"{format_length(low)} ... {format_length(high)} (zero included): positions would roll "
-            f"over inside it; give span= of at least {format_length(travel)}"
+            f"{axis}: the span {format_along(axis, span)} is shorter than the travel "
+            f"{format_along(axis, low)} ... {format_along(axis, high)} (zero included): positions would roll "
+            f"over inside it; give span= of at least {format_along(axis, travel)}"
         )
     counts = round(span / count)
     if counts < n:
         raise LimitError(
-            f"{axis}: {n} entries over {format_length(span)} ({counts} counts) stand closer than a "
+            f"{axis}: {n} entries over {format_along(axis, span)} ({counts} counts) stand closer than a "
             "count: give a wider spacing=, and check the units of count="
         )
     return RollingGrid(n, counts * count / n, low, high, counts)
 
 
-def rolled_values(grid: RollingGrid, x: FloatArray, y: FloatArray, tolerance: float) -> FloatArray:
+def rolled_values(
+    grid: RollingGrid,
+    x: FloatArray,
+    y: FloatArray,
+    tolerance: float,
+    axes: tuple[str, str],
+) -> FloatArray:
     """Return a broken line at the nodes 0 ... n - 1 of a grid, zero at zero."""
+    axis, corrected = axes
     if holds_zero(x):
         there = float(np.interp(0.0, x, y))
         if abs(there) > tolerance:
             raise TableError(
                 f"the value at the zero of the motor must be 0 by definition of the format, the "
-                f"table has {format_length(there)}; make the table with its reference there "
+                f"table has {format_amount(corrected, there)}; make the table with its reference there "
                 "(CompensationTable.from_error(reference=...)), or state where the zero of the motor "
                 "lies (motor_zero=)"
             )
@@ -181,9 +188,9 @@ def rolled_values(grid: RollingGrid, x: FloatArray, y: FloatArray, tolerance: fl
         x, y = np.append(x, end), np.append(y, y[0])
     elif abs(float(y[-1] - y[0])) > tolerance:
         raise TableError(
-            f"the travel fills the span of {format_length(grid.span)}, so its ends are one place, but "
-            f"the corrections there are {format_length(float(y[0]))} and "
-            f"{format_length(float(y[-1]))}; give a longer span="
+            f"the travel fills the span of {format_along(axis, grid.span)}, so its ends are one place, but "
+            f"the corrections there are {format_amount(corrected, float(y[0]))} and "
+            f"{format_amount(corrected, float(y[-1]))}; give a longer span="
         )
     values = np.interp(grid.positions, x, y)
     values[0] = 0.0
@@ -204,87 +211,6 @@ def rolled_weights(grid: RollingGrid, x: FloatArray) -> FloatArray:
     weights[rows, right] += share
     weights[:, 0] += weights[:, -1]
     return weights[:, :-1]
-
-
-# ---- lengths along an axis: an angle where it turns, as an option that a person types and as text ----
-
-_FARTHEST = 1e6
-"""No axis is as long, in m or rad."""
-
-
-@dataclass(frozen=True, slots=True)
-class AlongOption(Option):
-    """A length, or an angle of an axis that turns; which one is known only with the table."""
-
-    def checked(self, value: Any, controller: str) -> Any:
-        """Return the value as it is, if it is a number or a text with a unit of either kind."""
-        if value is None:
-            return None
-        what = f"{controller}: {self.name}"
-        try:
-            along_axis(value, "X", what, positive=self.positive)
-        except DataError:
-            try:
-                along_axis(value, "C", what, positive=self.positive)
-            except DataError:
-                raise DataError(
-                    f"{what}={str(value)[:40]!r} must be a length such as '2 mm', or an angle such as "
-                    f"'2 deg' of an axis that turns{', above zero' if self.positive else ''}"
-                ) from None
-        return value
-
-
-def along_axis(value: Any, axis: str, name: str, *, positive: bool = True) -> float | None:
-    """Return an option that is a length along an axis, or an angle where the axis turns.
-
-    Examples
-    --------
-    >>> along_axis("20 mm", "X", "spacing"), round(along_axis("2 deg", "C", "spacing"), 6)
-    (0.02, 0.034907)
-    """
-    if value is None:
-        return None
-    dimension = "angle" if is_rotary(axis) else "length"
-    if isinstance(value, bool) or not isinstance(value, str | int | float | np.number):
-        raise DataError(f"{name}={value!r} is not {dimension} along {axis}")
-    try:
-        number = parse_quantity(
-            value if isinstance(value, str) else float(value), dimension=dimension, name=name
-        )
-    except (UnitError, OverflowError) as exc:
-        turns = f"{axis} turns" if is_rotary(axis) else f"{axis} does not turn"
-        raise DataError(f"{name}={str(value)[:40]!r}: {exc} ({turns})") from None
-    if not abs(number) < _FARTHEST or (positive and not number > 0.0):
-        raise DataError(
-            f"{name}={str(value)[:40]!r} must be {'above zero' if positive else 'a position'}"
-        )
-    return number
-
-
-def format_span(axis: str, value: float, *, digits: int = 4) -> str:
-    """Return a distance along an axis as text with its unit.
-
-    Examples
-    --------
-    >>> format_span("X", 5e-4), format_span("C", 0.03490658503988659)
-    ('0.5 mm', '2 deg')
-    """
-    if is_rotary(axis):
-        return f"{math.degrees(value):.{digits}g} deg"
-    return f"{value * 1e3:.{digits}g} mm"
-
-
-def format_amount(axis: str, value: float, *, digits: int = 4) -> str:
-    """Return a small amount of an axis as text with its unit.
-
-    Examples
-    --------
-    >>> format_amount("X", 2.5e-7), format_amount("C", 2.5e-7)
-    ('250 nm', '0.25 urad')
-    """
-    if is_rotary(axis):
-        return f"{value * 1e6:.{digits}g} urad"
-    return format_length(value, digits=digits)
 
 
 # ---- even positions for formats that hold a first position and a step, and a map's sidecar -----
@@ -451,29 +377,32 @@ def uniform_positions(
         interval = max(float(np.diff(table.positions).min()), span / max(max_points - spare, 1))
         interval = span / math.ceil(span / interval) if not quantum else interval
         interval = math.ceil(interval / quantum - 1e-6) * quantum if quantum else interval
-    if quantum and abs(interval / quantum - round(interval / quantum)) > 1e-6:
+    steps = interval / quantum if quantum else 1.0
+    # a multiple but for the rounding of decimals, and of doubles where a step has many units
+    if abs(steps - round(steps)) > 1e-6 + 1e-15 * steps:
         raise TableError(
-            f"{title}: the spacing {format_length(interval, digits=9)} is not a multiple of "
-            f"{format_length(quantum)}; give interval= a multiple of it"
+            f"{title}: the spacing {format_along(table.axis, interval, digits=9)} is not a multiple of "
+            f"{format_along(table.axis, quantum)}; give interval= a multiple of it"
         )
-    require_interval(interval, span, title)
+    require_interval(interval, span, title, table.axis)
     below = math.ceil((anchor - low) / interval - 1e-6)
     above = math.ceil((high - anchor) / interval - 1e-6)
     below, above = max(below, 0), max(above, 0)
     if below + above + 1 > max_points:
         raise LimitError(
-            f"{below + above + 1} points at {format_length(interval, digits=6)}, {title} takes "
-            f"{max_points}; give interval= at least {span / max(max_points - 3, 1) * 1e3:.4g} mm"
+            f"{below + above + 1} points at {format_along(table.axis, interval, digits=6)}, {title} takes "
+            f"{max_points}; give interval= at least "
+            f"{format_span(table.axis, span / max(max_points - 3, 1))}"
         )
     return np.asarray(anchor + interval * np.arange(-below, above + 1, dtype=np.float64))
 
 
-def require_interval(interval: float, span: float, title: str) -> None:
+def require_interval(interval: float, span: float, title: str, axis: str) -> None:
     """Refuse a spacing that is larger than the table."""
     if interval > span * (1.0 + 1e-9):
         raise LimitError(
-            f"{title}: interval={format_length(interval, digits=9)} is larger than the table, which "
-            f"spans {format_length(span, digits=9)}; check the units of interval="
+            f"{title}: interval={format_along(axis, interval, digits=9)} is larger than the table, which "
+            f"spans {format_along(axis, span, digits=9)}; check the units of interval="
         )
 
 
@@ -483,15 +412,15 @@ def require_sizes(
     """Refuse positions and corrections that no number of the format holds."""
     p = table.positions
     columns = [table.forward] if table.reverse is None else [table.forward, table.reverse]
-    for what, values, most in (
-        ("position", p, farthest),
-        *(("correction", c, largest) for c in columns),
+    for what, values, most, axis in (
+        ("position", p, farthest, table.axis),
+        *(("correction", c, largest, table.compensates) for c in columns),
     ):
         worst = int(np.abs(values).argmax())
         if abs(float(values[worst])) > most:
             raise LimitError(
-                f"{title}: the {what} {format_length(float(values[worst]))} of entry {worst} exceeds "
-                f"{format_length(most)}; check the units of the table"
+                f"{title}: the {what} {format_along(axis, float(values[worst]))} of entry {worst} "
+                f"exceeds {format_along(axis, most)}; check the units of the table"
             )
 
 
@@ -560,14 +489,7 @@ def sections(
     )
     carried = carry(table, positions)
     rounded = round_increments(carried.table.forward, unit, limits=None)
-    bad = np.flatnonzero((rounded.entries < limits[0]) | (rounded.entries > limits[1]))
-    if bad.size:
-        i = int(bad[0])
-        raise LimitError(
-            f"the increment {int(rounded.entries[i])} between {positions[i] * 1e3:.9g} and "
-            f"{positions[i + 1] * 1e3:.9g} mm leaves {limits[0]} ... {limits[1]} units of "
-            f"{format_length(unit)}; use a smaller interval or a larger {larger}"
-        )
+    require_increments(rounded.entries, positions, limits, unit, table.axis, larger)
     below = int(np.abs(positions - zero).argmin())
     number = options["reference_number"]
     number = max(numbers[0] + below - 1, numbers[0]) if number is None else number
@@ -579,6 +501,26 @@ def sections(
         )
     interval = float(positions[-1] - positions[0]) / (positions.size - 1)
     return Sections(carried, rounded, zero, interval, number, first, last)
+
+
+def require_increments(
+    entries: NDArray[np.int64],
+    positions: FloatArray,
+    limits: tuple[int, int],
+    unit: float,
+    axis: str,
+    larger: str,
+) -> None:
+    """Refuse an increment out of range, with its section."""
+    bad = np.flatnonzero((entries < limits[0]) | (entries > limits[1]))
+    if bad.size:
+        i = int(bad[0])
+        low, high = (format_span(axis, float(p), digits=9) for p in positions[i : i + 2])
+        raise LimitError(
+            f"the increment {int(entries[i])} between {low.split()[0]} and {high} leaves {limits[0]} ... "
+            f"{limits[1]} units of {format_amount(axis, unit)}; use a smaller interval or a larger "
+            f"{larger}"
+        )
 
 
 def walked(
@@ -626,52 +568,8 @@ def require_zero(table: CompensationTable, reference: float, title: str) -> None
     there = float(table.correction(reference, 1)[0])
     if abs(there) > _SAME:
         raise TableError(
-            f"{title} counts from the reference position {format_length(reference)}, where the "
-            f"correction must be exactly 0 and is {format_length(there)}; make the reference "
+            f"{title} counts from the reference position {format_along(table.axis, reference)}, where the "
+            f"correction must be exactly 0 and is {format_amount(table.axis, there)}; make the reference "
             f"one of the positions: CompensationTable.from_error(..., positions=[..., "
             f"{reference:.9g}, ...], reference={reference:.9g})"
         )
-
-
-def scaled_table(table: CompensationTable, by: float) -> CompensationTable:
-    """Return a table with positions and corrections in another unit."""
-    return replace(
-        table,
-        positions=table.positions * by,
-        forward=table.forward * by,
-        reverse=None if table.reverse is None else table.reverse * by,
-        u=None if table.u is None else table.u * by,
-        reference=table.reference * by,
-        source=None,
-    )
-
-
-def require_turn(table: CompensationTable, options: Mapping[str, Any], step: float) -> None:
-    """Refuse lengths for an angle, and a modulo table that is not closed over one turn."""
-    if not is_rotary(table.axis):
-        raise TableError(f"modulo=True is for an axis that turns; {table.axis} is linear")
-    if options["interval"] is not None:
-        raise TableError(
-            f"interval= is a length, and {table.axis} turns: make the table with the spacing it shall "
-            "have, in degrees, and leave interval= out"
-        )
-    if not options["modulo"]:
-        return
-    low, high = table.span
-    if abs(high - low - 2.0 * math.pi) > math.radians(1e-6):
-        raise TableError(
-            f"modulo=True needs a table over one turn, this one covers {math.degrees(low):.9g} ... "
-            f"{math.degrees(high):.9g} deg; append the position 360 deg after the first one, with the "
-            "first one's correction"
-        )
-    for way, column in (("forward", table.forward), ("reverse", table.reverse)):
-        if column is None:
-            continue
-        u = 0.0 if table.u is None else float(table.u[-1])
-        net = abs(float(column[-1] - column[0]))
-        if round(column[0] / step) != round(column[-1] / step) or net > max(2.0 * u, step):
-            raise TableError(
-                f"the {way} correction differs by {math.degrees(net) * 3600:.4g} arcsec between the "
-                "first position and one turn later: the step would act at every turn; the values at "
-                "0 and 360 deg must be the same"
-            )

@@ -25,7 +25,10 @@ from metrosep.controllers._grammar import (
     joined,
     short,
 )
-from metrosep.controllers._grids import format_amount, format_span
+from metrosep.controllers._turns import (
+    format_amount,
+    format_span,
+)
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (

@@ -3,7 +3,9 @@
 Rows run along one axis, columns along another; a grid point holds one value for each output axis.
 The value is added to the corrected axis as its ENCODER counts, so the entry for an error e is
 ``-s e`` with s = +1 where the encoder counts up in the axis's + direction, else -1; sample distances
-carry the encoder's sign too. Those signs are facts of the machine and have no default.
+carry the encoder's sign too. Those signs are facts of the machine and have no default. What a file of
+an axis that turns looks like was not seen: such a table is written only if the user states that the
+unit of that axis is the degree, as PRIMARY, the unit of the axis.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
@@ -31,7 +34,8 @@ from metrosep.controllers._grammar import (
     is_real,
     short,
 )
-from metrosep.controllers._grids import even_map, even_table, require_linear, require_one_direction
+from metrosep.controllers._grids import even_map, even_table, require_one_direction
+from metrosep.controllers._turns import AlongOption, axes_of, chosen, in_axes
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -42,11 +46,10 @@ from metrosep.controllers.base import (
 )
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, DataError, UnsupportedFeatureError
+from metrosep.core.errors import CorruptFileError, DataError, TableError, UnsupportedFeatureError
 
 __all__ = ["Aerotech", "AerotechLine"]
 
-_TITLE = "Aerotech calibration (the unit of angles is not documented)"
 _SIGN = "direction in which the encoder of the {} counts, moving the axis in +: 1 or -1"
 
 _OPTIONS = (
@@ -69,7 +72,21 @@ _COMMON = (
     Option(
         "primary_unit", "length of a primary unit, to read PRIMARY files", "length", positive=True
     ),
-    Option("decimals", "of an entry in um", "integer", default=4, lowest=0, highest=9),
+    Option(
+        "position_unit",
+        "unit of the axes that turn, which no document states: say deg if theirs is the degree; positions "
+        "are then PRIMARY, entries of a corrected axis that turns PRIMARY/1000",
+        "choice",
+        choices=("deg",),
+    ),
+    Option(
+        "decimals",
+        "of an entry in um, or in 0.001 deg of a corrected axis that turns",
+        "integer",
+        default=4,
+        lowest=0,
+        highest=9,
+    ),
     Option(
         "names",
         "names of the looked-up axes and the corrected one, 'X, Y, Z' (of a line 'X, Z'), to read "
@@ -93,7 +110,8 @@ class Aerotech(Dialect):
         id="aerotech",
         title="Aerotech A3200 / Automation1 2-D calibration (.cal)",
         entry="-s*e, added to the corrected axis; s = 1 where its encoder counts with the axis, else -1",
-        units="mm for positions, um for entries (POSUNIT=METRIC CORUNIT=METRIC/1000)",
+        units="mm for positions, um for entries (POSUNIT=METRIC CORUNIT=METRIC/1000); with "
+        "position_unit=deg degrees and 0.001 deg (PRIMARY, PRIMARY/1000) of axes that turn",
         outside="value of the nearest edge",
         sign_status="documented to follow the encoder, whose direction you state; not run",
         activation=_ACTIVATION,
@@ -123,30 +141,42 @@ class Aerotech(Dialect):
         Option(
             "subtract_corner", "make the entry of the first corner zero", "flag", default=False
         ),
-        Option(
-            "row_spacing", "spacing along the rows' axis, to resample", "length", positive=True
+        AlongOption(
+            "row_spacing",
+            "spacing along the rows' axis, to resample",
+            "length or angle",
+            positive=True,
+            of="y",
         ),
-        Option("column_spacing", "spacing along the columns' axis", "length", positive=True),
+        AlongOption(
+            "column_spacing",
+            "spacing along the columns' axis",
+            "length or angle",
+            positive=True,
+            of="x",
+        ),
     )
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
-        require_linear((*table.axes, table.compensates), _TITLE)
-        o = {**{x.name: x.default for x in self.options}, **options}
+        axes = {"x": table.axes[0], "y": table.axes[1], "compensates": table.compensates}
+        o = in_axes(self.options, {**{x.name: x.default for x in self.options}, **options}, axes)
+        units = _units(table.axes, table.compensates, o)
         _check_numbers(o)
         _check_names(o, (*table.axes, table.compensates))
         _check_axes(o, table)
         carried, error = _prepared(table, o)
         grid = _grid(carried.x, carried.y, carried.values, o)
         wanted = o["corrected_sign"] * carried.values
-        text, printed = write_grid(grid, o, (*carried.axes, carried.compensates))
+        text, printed = write_grid(grid, o, (*carried.axes, carried.compensates), units)
         return Encoded(
             data=text.encode("utf-8"),
             quantisation=float(np.abs(printed - wanted).max()),
             notes={"encoder_sign": o["corrected_sign"]},
-            step=10.0 ** -o["decimals"] * 1e-6,
+            step=10.0 ** -o["decimals"] * units[1],
             carried=carried,
             resampling_error=error,
             findings=_offset_findings(grid),
+            options=chosen(self.options, o),
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
@@ -154,7 +184,8 @@ class Aerotech(Dialect):
         _require_offset_rule(grid, known, path, ("column", "row"))
         values = known["corrected_sign"] * grid.values
         x, y = _positions(grid, known, path)
-        names = _stated_names(known, path, 3) or ("X", "Y", "")
+        usual = ("A", "C", "") if known.get("position_unit") == "deg" else ("X", "Y", "")
+        names = _stated_names(known, path, 3) or usual
         own = {grid.column_axis: names[0], grid.row_axis: names[1]}
         fields = map_identity(
             path,
@@ -175,7 +206,8 @@ class AerotechLine(Dialect):
         id="aerotech-line",
         title="Aerotech A3200 / Automation1 calibration of one axis, as a 2-D table of two equal rows",
         entry="-s*e, added to the corrected axis; s = 1 where its encoder counts with the axis, else -1",
-        units="mm for positions, um for entries (POSUNIT=METRIC CORUNIT=METRIC/1000)",
+        units="mm for positions, um for entries (POSUNIT=METRIC CORUNIT=METRIC/1000); with "
+        "position_unit=deg degrees and 0.001 deg (PRIMARY, PRIMARY/1000) of axes that turn",
         outside="value of the nearest end",
         sign_status="documented to follow the encoder, whose direction you state; not run",
         activation=_ACTIVATION,
@@ -196,15 +228,18 @@ class AerotechLine(Dialect):
         ),
         *(replace(o, required=True) for o in (_OPTIONS[1], _OPTIONS[2], _OPTIONS[4], _OPTIONS[5])),
         *_COMMON,
-        Option("spacing", "spacing of the entries, to resample", "length", positive=True),
+        AlongOption(
+            "spacing", "spacing of the entries, to resample", "length or angle", positive=True
+        ),
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        require_linear((table.axis, table.compensates), _TITLE)
         table = require_one_direction(
             table, "an Aerotech calibration", "into the backlash parameter"
         )
         o = {**{x.name: x.default for x in self.options}, **options, "row_sign": 1}
+        o = in_axes(self.options, o, axes_of(table))
+        units = _units((table.axis,), table.compensates, o)
         if o["row_axis"] == o["corrected_axis"]:
             o["row_sign"] = o["corrected_sign"]
         _check_names(o, (table.axis, table.compensates))
@@ -218,16 +253,17 @@ class AerotechLine(Dialect):
         p = carried.positions
         rows = np.array([0.0, p[-1] - p[0]])
         grid = _grid(p, rows, np.vstack([carried.forward] * 2), o)
-        text, printed = write_grid(grid, o, (table.axis, "any", table.compensates))
+        text, printed = write_grid(grid, o, (table.axis, "any", table.compensates), units)
         wanted = o["corrected_sign"] * carried.forward
         return Encoded(
             data=text.encode("utf-8"),
             quantisation=float(np.abs(printed[0] - wanted).max()),
             notes={"encoder_sign": o["corrected_sign"]},
-            step=10.0 ** -o["decimals"] * 1e-6,
+            step=10.0 ** -o["decimals"] * units[1],
             carried=carried,
             resampling_error=error,
             findings=_offset_findings(grid),
+            options=chosen(self.options, o),
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
@@ -248,10 +284,32 @@ class AerotechLine(Dialect):
                     f"{path}: axis {grid.output} is corrected over axis {grid.column_axis}, and nothing "
                     "states which axes these are; give names='X, Z', the looked-up one first"
                 )
-            fields["axis"], fields["compensates"] = names or ("X", "X")
+            usual = "C" if known.get("position_unit") == "deg" else "X"
+            fields["axis"], fields["compensates"] = names or (usual, usual)
         _require_output(grid, {grid.column_axis: fields["axis"]}, fields["compensates"], path)
         forward = known["corrected_sign"] * grid.values[0]
         return CompensationTable(x, forward, None, is_exact_inverse=True, **fields)
+
+
+def _units(axes: tuple[str, ...], corrected: str, o: dict[str, Any]) -> tuple[float, float]:
+    """Return what 1 is of a position and of an entry in the file, in m or rad; angles only if stated."""
+    turning = [a for a in (*axes, corrected) if is_rotary(a)]
+    if not turning and o["position_unit"] is not None:
+        raise DataError(
+            f"position_unit=deg is for axes that turn; {', '.join(axes)} and {corrected} do not: leave it out"
+        )
+    if turning and o["position_unit"] is None:
+        raise TableError(
+            f"axis {turning[0]} turns, and no document that was found states the unit of such an axis in a "
+            "calibration file; if its unit on your controller is the degree, say position_unit=deg (it is "
+            "kept in the sidecar), or write controller='csv'"
+        )
+    if len({is_rotary(a) for a in axes}) > 1:
+        raise TableError(
+            f"one of {' and '.join(axes)} turns and the other does not, but a file has one unit for both "
+            "positions; write controller='csv'"
+        )
+    return _DEG if is_rotary(axes[0]) else _MM, (_DEG if is_rotary(corrected) else _MM) / 1000
 
 
 def _check_numbers(o: dict[str, Any]) -> None:
@@ -409,15 +467,15 @@ def _offset_findings(grid: Grid) -> tuple[Finding, ...]:
 
 # ---- the text of an Aerotech 2-D table: written and read strictly, lengths along the encoders ----
 
-_MM = 1e-3
+_MM, _DEG = 1e-3, math.radians(1.0)
 
 
-def _mm(value: float) -> str:
-    """Return a length in mm, with three decimals or as many as it takes."""
-    return short(value / _MM + 0.0, 12, at_least=3)
+def _plain(value: float) -> str:
+    """Return a number with three decimals or as many as it takes."""
+    return short(value + 0.0, 12, at_least=3)
 
 
-_REAL = replace(REAL, write=_mm)
+_REAL = replace(REAL, write=_plain)
 _AXIS = Word(r"0{0,8}[1-9]\d{0,8}", int, "{:<3}".format)
 _START = ":START2D"
 _HEAD = Line(
@@ -448,12 +506,16 @@ class Grid:
     values: FloatArray  # shape (rows, columns), m: entries along the encoder of the corrected axis
 
 
-def write_grid(grid: Grid, o: dict[str, Any], names: tuple[str, ...]) -> tuple[str, FloatArray]:
-    """Return the file, and its entries as printed, in m."""
+def write_grid(
+    grid: Grid, o: dict[str, Any], names: tuple[str, ...], units: tuple[float, float]
+) -> tuple[str, FloatArray]:
+    """Return the file, and its entries as printed, in m or rad; units of positions and of entries."""
+    along, across = units
     first = grid.output == grid.column_axis
     third = grid.output not in (grid.row_axis, grid.column_axis)
-    um = grid.values * 1e6
-    words = [[fixed(v, o["decimals"]) for v in row] for row in um]
+    # in um the product with 1e6 is exact where the quotient is not
+    numbers = np.degrees(grid.values) * 1e3 if across != _MM / 1000 else grid.values * 1e6
+    words = [[fixed(v, o["decimals"]) for v in row] for row in numbers]
     cell = "0 0 {}" if third else ("{} 0" if first else "0 {}")
     width = max(
         len(cell) - 2 + o["decimals"] + 3, *(len(cell.format(w)) for r in words for w in r)
@@ -464,16 +526,20 @@ def write_grid(grid: Grid, o: dict[str, Any], names: tuple[str, ...]) -> tuple[s
         "corrected_axis": grid.output,
         "rows": len(words),
     }
+    if o["position_unit"] is not None:
+        facts["position_unit"] = o["position_unit"]
     if all(n.isascii() and n.isalnum() for n in names):
         facts |= {"axes": f"{names[0]},{names[1]}", "corrects": names[2]}
     head = {
         "row": grid.row_axis, "column": grid.column_axis, "out1": grid.column_axis,
-        "out2": grid.row_axis, "row_step": grid.row_step, "column_step": grid.column_step,
-        "columns": um.shape[1],
+        "out2": grid.row_axis, "row_step": grid.row_step / along,
+        "column_step": grid.column_step / along, "columns": numbers.shape[1],
     }  # fmt: skip
     keys = {
-        **({"OUTAXIS3": grid.output} if third else {}), "POSUNIT": "METRIC",
-        "CORUNIT": "METRIC/1000", "OFFSETROW": grid.row_offset, "OFFSETCOL": grid.column_offset,
+        **({"OUTAXIS3": grid.output} if third else {}),
+        "POSUNIT": "METRIC" if along == _MM else "PRIMARY",
+        "CORUNIT": "METRIC/1000" if across == _MM / 1000 else "PRIMARY/1000",
+        "OFFSETROW": grid.row_offset / along, "OFFSETCOL": grid.column_offset / along,
     }  # fmt: skip
     lines = [
         _HEAD.write(**head),
@@ -482,7 +548,8 @@ def write_grid(grid: Grid, o: dict[str, Any], names: tuple[str, ...]) -> tuple[s
         ":END",
     ]
     lines[:0] = [f"; {note(facts, lines)}", ";       row col out1 out2 dRow  dCol  nCols"]
-    return "\n".join(lines) + "\n", np.array(words, dtype=np.float64) * 1e-6
+    back = np.array(words, dtype=np.float64)
+    return "\n".join(lines) + "\n", back * (1e-6 if across == _MM / 1000 else across)
 
 
 def read_grid(
@@ -525,7 +592,11 @@ def _parsed(lines: list[tuple[int, str]], path: Path, facts: dict[str, Any]) -> 
     head, words = _header(lines[0], path), _keys(lines[1], path)
     columns = head["columns"]
     outputs = [head["out1"], head["out2"], *([words["OUTAXIS3"]] if "OUTAXIS3" in words else [])]
-    unit, cell = (_unit(words[k], lines[1][0], path, facts) for k in ("POSUNIT", "CORUNIT"))
+    turns = facts.get("position_unit") == "deg"
+    unit = _unit(words["POSUNIT"], lines[1][0], path, facts, turns=turns)
+    # of a linear axis that is corrected over one that turns, PRIMARY is a length
+    corrected = facts.get("corrects") or _split(facts.get("names") or "C")[-1]
+    cell = _unit(words["CORUNIT"], lines[1][0], path, facts, turns=turns and is_rotary(corrected))
     rows = [_row(line, columns * len(outputs), path) for line in lines[2:-1]]
     if len(rows) < 2:
         raise CorruptFileError(path, "a table needs at least 2 rows", found=len(rows))
@@ -594,18 +665,18 @@ def _keys(line: tuple[int, str], path: Path) -> dict[str, Any]:
     return {k: _KEYS[k].read(v) for k, v in words.items()}
 
 
-def _unit(text: str, number: int, path: Path, facts: dict[str, Any]) -> float:
+def _unit(text: str, number: int, path: Path, facts: dict[str, Any], *, turns: bool) -> float:
     kind, _, parts = text.partition("/")
     if not re.fullmatch(_UNIT.pattern, text, re.ASCII) or (parts and not int(parts)):
         raise UnsupportedFeatureError(
             f"{path}: line {number}: unit {text[:40]!r}; metrosep reads METRIC and PRIMARY, also divided "
             "as in METRIC/1000"
         )
-    whole = _MM if kind == "METRIC" else facts.get("primary_unit")
+    whole = _MM if kind == "METRIC" else (_DEG if turns else facts.get("primary_unit"))
     if whole is None:
         raise DataError(
             f"{path}: line {number}: the unit is PRIMARY, that of the axis; say how long it is, "
-            "primary_unit='1 mm'"
+            "primary_unit='1 mm', or position_unit=deg where it turns and its unit is the degree"
         )
     return float(whole) / int(parts or 1)
 

@@ -22,7 +22,7 @@ from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, DataError, ReadError
+from metrosep.core.errors import CorruptFileError, DataError, ReadError, TableError
 
 __all__ = [
     "Dialect",
@@ -32,8 +32,12 @@ __all__ = [
     "load_bytes",
     "load_sidecar",
     "sidecar_path",
+    "stored_table",
     "table_lookup",
 ]
+
+ALONE = "alone"
+"""Check of a finding that holds only where a table is the only one in its file."""
 
 _FARTHEST = 1e6
 """No axis is as long, in m."""
@@ -140,6 +144,18 @@ class Dialect(ABC):
     @abstractmethod
     def decode(self, data: bytes, path: Path, **options: Any) -> Any:
         """Return what the bytes hold, strict: corrections c = -e; the path is for messages and the sidecar."""
+
+    def require_target(self, path: Path) -> None:  # noqa: B027
+        """Refuse a name that a table of this controller must not have."""
+
+    def doubts(self, table: Any, limits: Limits) -> list[Finding]:
+        """Return what is wrong or doubtful about a table on this machine, besides what all are asked."""
+        del table, limits
+        return []
+
+    def in_columns(self, parts: list[bytes]) -> bytes:
+        """Return several tables over one axis as columns of one file."""
+        raise TableError(f"{self.info.id} holds one table in a file; write {len(parts)} files")
 
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
         """Return what the controller adds, in m: ``(position, direction=1)``, of a map ``(x, y, direction=1)``.
@@ -258,12 +274,20 @@ def require_unchanged(path: Path, data: bytes) -> None:
         )
 
 
-def identity(path: Path, *, first: float) -> dict[str, Any]:
-    """Return what a table's file cannot hold: axes, reference (m, else `first`), what is not in it."""
-    beside = load_sidecar(path)
-    table = beside.get("table", {})
+def stored_table(path: Path, column: str | None = None) -> dict[str, Any]:
+    """Return the table of a sidecar, of a file of several columns that of one of them; empty if unknown."""
+    beside: Any = load_sidecar(path)
+    if column is not None and isinstance(beside.get("columns"), dict):
+        beside = beside["columns"].get(column, {})
+    table = beside.get("table", {}) if isinstance(beside, dict) else beside
     if not isinstance(table, dict):
         raise _not_ours(path, "table", "an object", table)
+    return table
+
+
+def identity(path: Path, *, first: float, column: str | None = None) -> dict[str, Any]:
+    """Return what a table's file cannot hold: axes, reference (m, else `first`), what is not in it."""
+    table = stored_table(path, column)
     axis = table.get("axis", "X")
     reference = table.get("reference_m", first)
     if not isinstance(axis, str):

@@ -24,6 +24,7 @@ from metrosep.compensation.verify import Unknown, judged_table
 from metrosep.controllers._pairs import is_written, refuse_existing, write_pair
 from metrosep.controllers.active import active_file
 from metrosep.controllers.base import (
+    ALONE,
     Dialect,
     DialectInfo,
     Encoded,
@@ -44,6 +45,7 @@ from metrosep.controllers.safety import (
     waived_names,
 )
 from metrosep.core.errors import (
+    DataError,
     MetrosepError,
     SignCheckFailedError,
     SignNotConfirmedError,
@@ -86,9 +88,12 @@ def write(
 
     Parameters
     ----------
-    table : CompensationTable, CompensationMap or PolynomialFit
+    table : CompensationTable, CompensationMap or PolynomialFit, or list of CompensationTable
         Corrections; which of them a controller takes is in `describe`. A `TrialTable` or
         `TrialMap` is written as what it holds, without a confirmed sign, and marked in the sidecar.
+        Several tables over one axis, of different corrected axes and with the same positions, are
+        the columns of one file where the controller has them (``heidenhain``); each is checked as if
+        it were alone.
     path : str or path
         File to write; a sidecar ``<name>.json`` appears beside it.
     controller : str, optional
@@ -96,7 +101,7 @@ def write(
     verified_against : RunSet, Profile, Surface, ErrorEstimate or callable, optional
         Measured error for the dry-run. Without it the error that the table was made of serves,
         which proves sign, quantisation and interpolation, but not the separation; the sidecar
-        says which it was.
+        says which it was. For a list of tables a list of as many.
     allow_unverified : bool, optional
         Write without a dry-run; recorded in the sidecar. The same as ``waive=("dry-run",)``.
     overwrite : bool, optional
@@ -118,7 +123,7 @@ def write(
     Returns
     -------
     Verification or None
-        The dry-run, if there was one.
+        The dry-run, if there was one; of a list of tables a list of them.
 
     Raises
     ------
@@ -200,6 +205,23 @@ def prepare(
 ) -> Prepared:
     """Return what `write` writes, after all of its checks; nothing is written."""
     dialect = find(controller)
+    dialect.require_target(Path(path))
+    if isinstance(table, list | tuple):
+        if active not in (None, NONE):
+            raise DataError(
+                "active= is for one table: add each with metrosep.compensation.combine_tables, then "
+                "write them together"
+            )
+        against = _one_for_each(verified_against, len(table), "verified_against")
+        judged_by = _one_for_each(folds, len(table), "folds")
+        parts = [
+            prepare(
+                t, path, controller, verified_against=a, sign_confirmed=sign_confirmed, waive=waive,
+                overwrite=overwrite, folds=f, unknown=unknown, heat=heat, active=active, **machine,
+            )
+            for t, a, f in zip(table, against, judged_by, strict=True)
+        ]  # fmt: skip
+        return _in_columns(dialect, parts)
     trial = table if isinstance(table, TrialTable | TrialMap) else None
     table = table if trial is None else trial.table
     _require_kind(table, dialect.info)
@@ -208,11 +230,12 @@ def prepare(
     options = checked_options(given, dialect.options, controller)
     _require_sign(dialect.info, sign_confirmed or trial is not None)
     waived = _names(waive, allow_unverified=False)
-    limit_values = checked_limits(limit_values, controller)
+    axes = (getattr(table, "axis", "X"), getattr(table, "compensates", "X"))
+    limit_values = checked_limits(limit_values, controller, axes)
     limits = dialect.limits(**limit_values)
     was = None if active in (None, NONE) else active_file(active, table, controller, options)
     increment, table = table, table if was is None else was.added(table)
-    found = [*table_findings(table, limits, dialect.info)]
+    found = [*table_findings(table, limits, dialect.info), *dialect.doubts(table, limits)]
     found += _iteration(table, target) if overwrite and active is None else []
     judged(found, waived)
     encoded = dialect.encode(table, **options)
@@ -301,6 +324,51 @@ def refuse_other(target: Path, controller: str, sources: Collection[str] | None 
         refuse_existing(target)
 
 
+def _one_for_each(given: Any, n: int, name: str) -> list[Any]:
+    """Return a list of as many as there are tables."""
+    if given is None:
+        return [None] * n
+    if not isinstance(given, list | tuple) or len(given) != n:
+        raise DataError(f"{name}= must be a list of {n}, one for each table")
+    return list(given)
+
+
+_OF_A_FILE = (
+    "schema", "metrosep", "controller", "entry", "units", "outside", "sign_status",
+    "sign_confirmed_by_user", "activation", "waived",
+)  # fmt: skip
+"""What the sidecars of all columns of a file have in common."""
+
+
+def _in_columns(dialect: Dialect, parts: list[Prepared]) -> Prepared:
+    """Return several tables, each checked alone, as one file that reads back as each of them."""
+    if not parts:
+        raise TableError("there is no table in the list")
+    nowhere = Path(os.devnull)
+    data = dialect.in_columns([p.data for p in parts])
+    sidecars = [json.loads(p.sidecar) for p in parts]
+    columns = {}
+    for part, beside in zip(parts, sidecars, strict=True):
+        name, options = beside["table"]["compensates"], beside["options"]
+        alone = dialect.decode(part.data, nowhere, **options)
+        found = dialect.decode(data, nowhere, **{**options, "column": name})
+        # the same digits, read from two files
+        exact = Encoded(part.data, 0.0)
+        _require_read_back(alone, found, exact)
+        beside["findings"] = [f for f in beside["findings"] if f["check"] != ALONE]
+        columns[name] = beside
+    shared = sidecars[0]["options"].items()
+    sidecar = {
+        **{key: sidecars[0][key] for key in _OF_A_FILE},
+        "options": {k: v for k, v in shared if all(s["options"].get(k) == v for s in sidecars)},
+        "file_sha256": hashlib.sha256(data).hexdigest(),
+        "columns": columns,
+    }
+    text = json.dumps(sidecar, indent=1, sort_keys=True, allow_nan=False) + "\n"
+    judged_by = [p.verification for p in parts]
+    return Prepared(parts[0].target, data, text.encode("utf-8"), judged_by, parts[0].overwrite)
+
+
 def _names(waive: Sequence[str], *, allow_unverified: bool) -> tuple[str, ...]:
     return tuple(
         dict.fromkeys((*waived_names(waive), *(("dry-run",) if allow_unverified else ())))
@@ -372,7 +440,7 @@ def _iteration(carried: Any, target: Path) -> list[Finding]:
     if not target.is_file() or not hasattr(carried, "source_sha256"):
         return []
     beside = load_sidecar(target)
-    before = beside.get("table")
+    held = [beside, *beside.get("columns", {}).values()]
     if not beside:
         return [
             Finding(
@@ -383,8 +451,9 @@ def _iteration(carried: Any, target: Path) -> list[Finding]:
                 "active",
             )
         ]
-    sources = before.get("source_sha256") if isinstance(before, dict) else None
-    if not sources or not carried.source_sha256 or set(sources) <= set(carried.source_sha256):
+    tables = [b["table"] for b in held if isinstance(b, dict) and isinstance(b.get("table"), dict)]
+    sources = {h for t in tables for h in t.get("source_sha256", ())}
+    if not sources or not carried.source_sha256 or sources <= set(carried.source_sha256):
         return []
     if any(step.name == "combine" for step in carried.history):
         return []

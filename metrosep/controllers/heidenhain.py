@@ -1,20 +1,24 @@
 """HEIDENHAIN value table (.COM) of iTNC 530, TNC 6xx and MANUALplus: nonlinear axis errors.
 
-Entry: the error +e in mm, by analogy with MP720 (positive if the travel is too long); for .COM
-itself the sign is not documented. BACKLASH holds the values measured in the negative direction.
-Positions refer to the machine datum and are equally spaced; no comment is possible in the file.
+Entry: the error +e in mm, of an axis that turns in degrees, by analogy with MP720 (positive if the
+travel is too long); for .COM itself the sign is not documented. BACKLASH holds the values measured in
+the negative direction. Positions refer to the machine datum and are equally spaced, those of an axis
+that turns lie from 0 to 360; no comment is possible in the file. Several dependent axes are columns of
+one file.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.rounding import round_entries
 from metrosep.compensation.table import CompensationTable
@@ -25,23 +29,37 @@ from metrosep.controllers._grammar import (
     Word,
     ascii_lines,
     damaged,
+    deg_value,
     fixed,
     joined,
     mm_value,
 )
 from metrosep.controllers._grids import (
+    Repeating,
     Resampling,
     carry,
-    require_linear,
     require_names,
     require_sizes,
     uniform_positions,
 )
-from metrosep.controllers.base import DialectInfo, Encoded, identity, load_sidecar
-from metrosep.controllers.options import INTERVAL, Option
+from metrosep.controllers._turns import (
+    INTERVAL,
+    TURN,
+    AlongOption,
+    axes_of,
+    chosen,
+    closed,
+    format_along,
+    format_amount,
+    format_span,
+    in_axes,
+    is_one_turn,
+    require_whole_turn,
+)
+from metrosep.controllers.base import ALONE, DialectInfo, Encoded, identity, stored_table
+from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
-from metrosep.core.units import format_length
 
 __all__ = ["Heidenhain"]
 
@@ -50,29 +68,33 @@ _TITLE = "HEIDENHAIN compensation value table (.COM)"
 _CAPACITY = 256
 _STEEPEST = 1.0 / 64.0
 """Largest difference of neighbours over their spacing in the 64-point form of older controls."""
-_DIGIT = 1e-7
-"""Positions have four decimals of a mm at least, m."""
+_FEWEST, _MOST = 3, 9
+"""Decimals of an entry; positions have four at least."""
+_USUAL = 4
 _FARTHEST, _LARGEST = 1e3, 9.0
-"""Largest position and entry that fit their columns, m."""
+"""Largest position and entry that fit their columns, m or rad."""
 
 _COLUMNS = (6, 16, 16, 16)
-"""Width of the columns NR, AXISPOS, BACKLASH and that of the dependent axis."""
+"""Width of the columns NR, AXISPOS, BACKLASH and that of each dependent axis."""
 _BEGIN = Line("BEGIN {name}.COM MM", name=Word(r"\w{1,16}"))
-_NAME = Line("{axis}_{target}", axis=AXIS, target=AXIS)
+_NAME = Line("{axis}_{targets}", axis=AXIS, targets=Word(r"[A-Z]\d?(?:_[A-Z]\d?)*"))
+_LONGEST = 16
+"""Characters of the name of a table."""
 _TITLES = ("NR", "AXISPOS", "BACKLASH")
 _VALUE = re.compile(r"[+-]?\d{1,6}\.\d{1,9}")
 
 
-class Heidenhain(Resampling):
+class Heidenhain(Repeating, Resampling):
     """Writer and reader of .COM tables; see the module."""
 
     info = DialectInfo(
         id="heidenhain",
         title=_TITLE,
         entry="error +e of the dependent axis",
-        units="mm",
+        units="mm; of an axis that turns degrees, positions from 0 to 360",
         max_points=_CAPACITY,
-        outside="not documented; taken as constant beyond both ends: cover the whole travel",
+        outside="not documented; taken as constant beyond both ends: cover the whole travel; 0 to 360 deg "
+        "is taken to repeat",
         sign_status="+e by analogy with MP720 (error positive if the travel is too long); for .COM "
         "not documented: dry-run first",
         activation=(
@@ -81,7 +103,7 @@ class Heidenhain(Resampling):
             "mark that line as active (column ACTIVE, soft key, or PLC module 9095)",
             (
                 "one table for each axis that is looked up is active: X -> X and X -> Z in two files "
-                "exclude each other; put them as two columns into one file on the control"
+                "exclude each other; write them as columns of one file (a list of tables)"
             ),
             (
                 "iTNC 530: set the bit of the axis in MP730 to nonlinear; MP4070 limits the change of a "
@@ -89,6 +111,7 @@ class Heidenhain(Resampling):
             ),
             "traverse the axis with a laser or gauge: the error must shrink, else entry_sign=-1",
             "take MP750 / MP_backLash out where BACKLASH holds the reverse values",
+            "of an axis that turns the linear compensation (MP720) is off: this table is all there is",
         ),
         sign="unconfirmed",
         spacing="uniform",
@@ -101,29 +124,41 @@ class Heidenhain(Resampling):
 
     options = (
         INTERVAL,
-        Option(
+        AlongOption(
             "resolution",
-            "last digit of an entry, a power of ten of mm",
-            "length",
-            default=1e-7,
-            lowest=1e-12,
-            highest=1e-6,
+            "last digit of an entry, a power of ten of mm or deg, from 0.001 to 1e-9; 0.0001 if omitted",
+            "length or angle",
+            positive=True,
+            of="compensates",
         ),
         Option("entry_sign", "k in entry = k e", "choice", default=1, choices=(-1, 1)),
         Option(
             "looked_up_axis", "axis that is looked up, to read tables that do not name it", "text"
         ),
+        Option("column", "dependent axis, to read one of several columns", "text"),
     )
 
+    def require_target(self, path: Path) -> None:
+        """Refuse to write over the file that assigns the tables to axes."""
+        if path.suffix.lower() == ".cma":
+            raise TableError(
+                f"{path}: a .CMA assigns tables to axes and is the control's own; write a .COM, and enter "
+                "its name there by hand"
+            )
+
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        require_linear((table.axis, table.compensates), _TITLE)
-        _require_axes(table, options["looked_up_axis"])
+        _require_axes(table, options)
+        o = in_axes(self.options, options, axes_of(table))
+        along, across = _unit(table.axis), _unit(table.compensates)
+        decimals = _decimals(o["resolution"], across)
+        unit = across / 10.0**decimals
+        if is_rotary(table.axis):
+            table = _turned(table, o, unit)
         require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
-        unit = options["resolution"]
-        decimals = _decimals(unit)
-        digit = min(unit, _DIGIT)
+        digits = max(decimals, _USUAL)
+        digit = along / 10.0**digits
         positions = uniform_positions(
-            table, interval=options["interval"], quantum=digit, max_points=_CAPACITY, title=_TITLE
+            table, interval=o["interval"], quantum=digit, max_points=_CAPACITY, title=_TITLE
         )
         positions = np.rint(positions / digit) * digit
         carried = carry(table, positions)
@@ -132,80 +167,192 @@ class Heidenhain(Resampling):
         forward = round_entries(k * made.forward, unit)
         reverse = None if made.reverse is None else round_entries(k * made.reverse, unit)
         rounded = [forward] if reverse is None else [forward, reverse]
-        texts = [[fixed(float(v) * 1e3, decimals) for v in r.values] for r in rounded]
-        places = [fixed(float(p) * 1e3, max(decimals, 4)) for p in positions]
+        texts = [[fixed(float(v) / across, decimals) for v in r.values] for r in rounded]
+        places = [fixed(float(p) / along, digits) for p in positions]
         _require_width([*places, *(t for c in texts for t in c)])
         backlash = [""] * len(places) if reverse is None else texts[1]
-        lines = [
-            _BEGIN.write(name=_NAME.write(axis=table.axis, target=table.compensates)),
-            _line(*_TITLES, table.compensates),
-            *(
-                _line(str(i), p, b, v)
-                for i, (p, b, v) in enumerate(zip(places, backlash, texts[0], strict=True))
-            ),
-            "[END]",
-        ]
+        name = _NAME.write(axis=table.axis, targets=table.compensates)
         return Encoded(
-            joined(lines, "\r\n"),
+            _file(name, [table.compensates], zip(places, backlash, texts[0], strict=True)),
             max(r.error for r in rounded),
+            notes={"cma": _assignment(table.axis)},
             step=unit,
             carried=made,
             resampling_error=carried.error,
             findings=(*_steep(made), *_alone(table)),
+            options=chosen(self.options, o),
         )
 
-    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        lines = ascii_lines(data, path, "HEIDENHAIN table")
-        if len(lines) < 3 or lines[-1] != "[END]":
-            raise damaged(path, "the table does not end with [END]: it was cut short")
-        begin = _BEGIN.read(lines[0])
-        if begin is None:
-            raise CorruptFileError(
-                path,
-                f"the first line is not 'BEGIN name.COM MM' but {lines[0][:60]!r}",
-                hint="only tables in mm are read",
+    def in_columns(self, parts: list[bytes]) -> bytes:
+        """Return tables over one axis as columns of one file; the positions are the same digits."""
+        read = [_opened(data, Path(f"table {i}")) for i, data in enumerate(parts, start=1)]
+        axes = {(_NAME.read(t.name) or {})["axis"] for t in read}
+        targets = [t.targets[0] for t in read]
+        if len(axes) > 1:
+            raise TableError(
+                f"the tables are looked up over {', '.join(sorted(axes))}: one file is of one such axis"
             )
-        needed = ("entry_sign",)
-        sign = settled(self.options, options, path, needed=needed, partial=True)["entry_sign"]
-        target = _target(lines[1], path)
-        rows = [_row(line, i, path) for i, line in enumerate(lines[2:-1])]
-        if len(rows) > _CAPACITY:
-            raise LimitError(f"{path}: {len(rows)} lines, the control takes {_CAPACITY}")
-        p = np.array([r[0] for r in rows])
-        _require_even(p, path)
-        forward = -sign * np.array([r[2] for r in rows]) + 0.0
-        filled = [r[1] is not None for r in rows]
+        twice = sorted({t for t in targets if targets.count(t) > 1})
+        if twice:
+            raise TableError(
+                f"two tables correct {twice[0]}: a file has one column for each dependent axis; add them up "
+                "first (metrosep.compensation.combine_tables)"
+            )
+        for other, target in zip(read[1:], targets[1:], strict=True):
+            if [r[0] for r in other.rows] != [r[0] for r in read[0].rows]:
+                raise TableError(
+                    f"the positions for {targets[0]} and {target} are not the same: all columns of a file "
+                    "stand at one list of positions; make the tables with the same positions="
+                )
+        name = _NAME.write(axis=axes.pop(), targets="_".join(targets))
+        if len(name) > _LONGEST:
+            raise LimitError(
+                f"{len(targets)} columns make a name of more than {_LONGEST} characters"
+            )
+        backlash = [
+            next(filter(None, (t.rows[i][1] for t in read)), "") for i in range(len(read[0].rows))
+        ]
+        rows = [
+            (read[0].rows[i][0], b, *(t.rows[i][2] for t in read)) for i, b in enumerate(backlash)
+        ]
+        return _file(name, targets, rows)
+
+    def _read(
+        self, data: bytes, path: Path, options: Mapping[str, Any]
+    ) -> tuple[CompensationTable, bool]:
+        """Return one column of a table, and whether it repeats."""
+        file = _opened(data, path)
+        target = _chosen(file, options.get("column"), path)
+        filled = [r[1] != "" for r in file.rows]
         if any(filled) and not all(filled):
             raise CorruptFileError(
                 path,
                 f"line {filled.index(False)}: BACKLASH is empty here and filled elsewhere",
                 hint="fill the whole column or none of it",
             )
-        reverse = -sign * np.array([r[1] for r in rows]) + 0.0 if all(filled) else None
-        fields = {**identity(path, first=float(p[0])), "compensates": target}
-        fields["axis"] = _looked_up(begin["name"], target, options, path, both=reverse is not None)
+        axis = _looked_up(file, target, options, path, both=all(filled))
+        known = settled(
+            self.options, options, path, needed=("entry_sign",), partial=True,
+            axes={"axis": axis, "compensates": target},
+        )  # fmt: skip
+        place, value = (deg_value if is_rotary(a) else mm_value for a in (axis, target))
+        p = np.array([place(r[0]) for r in file.rows])
+        _require_even(p, path, axis)
+        k, column = -known["entry_sign"], 2 + file.targets.index(target)
+        forward = k * np.array([value(r[column]) for r in file.rows]) + 0.0
+        reverse = None
+        if all(filled) and target == axis:
+            reverse = k * np.array([value(r[1]) for r in file.rows]) + 0.0
+        fields = {**identity(path, first=float(p[0]), column=target), "compensates": target}
         made = CompensationTable(
-            positions=p, forward=forward, reverse=reverse, is_exact_inverse=True, **fields
+            positions=p,
+            forward=forward,
+            reverse=reverse,
+            is_exact_inverse=True,
+            **{**fields, "axis": axis},
         )
         _require_sign(made, path)
-        return made
+        repeats = is_one_turn(made)
+        if repeats and any(c is not None and c[0] != c[-1] for c in (forward, reverse)):
+            raise CorruptFileError(
+                path,
+                "the values at 0 and 360 deg differ: the axis would jump there",
+                hint="enter the value of 0 again at 360",
+            )
+        return made, repeats
+
+
+@dataclass(frozen=True, slots=True)
+class _File:
+    """A table, read: texts of AXISPOS, BACKLASH (may be empty) and of each dependent axis."""
+
+    name: str
+    targets: list[str]
+    rows: list[tuple[str, ...]]
+
+
+def _opened(data: bytes, path: Path) -> _File:
+    """Return the cells of a table."""
+    lines = ascii_lines(data, path, "HEIDENHAIN table")
+    if len(lines) < 3 or lines[-1] != "[END]":
+        raise damaged(path, "the table does not end with [END]: it was cut short")
+    begin = _BEGIN.read(lines[0])
+    if begin is None:
+        raise CorruptFileError(
+            path,
+            f"the first line is not 'BEGIN name.COM MM' but {lines[0][:60]!r}",
+            hint="only tables in mm are read",
+        )
+    targets = _targets(lines[1], path)
+    rows = [_row(line, i, len(targets), path) for i, line in enumerate(lines[2:-1])]
+    if len(rows) > _CAPACITY:
+        raise LimitError(f"{path}: {len(rows)} lines, the control takes {_CAPACITY}")
+    return _File(begin["name"], targets, rows)
+
+
+def _file(name: str, targets: list[str], rows: Iterable[tuple[str, ...]]) -> bytes:
+    """Return a table of rows: position, reverse value or nothing, a value for each dependent axis."""
+    lines = [
+        _BEGIN.write(name=name),
+        _line(*_TITLES, *targets),
+        *(_line(str(i), *row) for i, row in enumerate(rows)),
+        "[END]",
+    ]
+    return joined(lines, "\r\n")
+
+
+def _assignment(axis: str) -> str:
+    """Return what to enter in the file that assigns tables to axes."""
+    return (
+        f"in the .CMA file of the control (config.cma), which metrosep never writes: the name of this .COM "
+        f"in the column {axis}, and * in ACTIVE of that line; only one line is active"
+    )
+
+
+def _unit(axis: str) -> float:
+    """Return the unit of an axis in the file, m or rad."""
+    return math.radians(1.0) if is_rotary(axis) else 1e-3
+
+
+def _turned(table: CompensationTable, o: Mapping[str, Any], step: float) -> CompensationTable:
+    """Return a table of an axis that turns, closed over one turn, and refuse positions beyond 0 to 360."""
+    low, high = table.span
+    if low < -1e-9 or high > TURN + 1e-9:
+        raise TableError(
+            f"{_TITLE}: positions of an axis that turns lie from 0 to 360 deg, this table covers "
+            f"{math.degrees(low):.9g} ... {math.degrees(high):.9g} deg; make it with positions in that range"
+        )
+    if not is_one_turn(table):
+        return table
+    require_whole_turn(o["interval"], _TITLE)
+    return closed(table, step)
+
+
+def _chosen(file: _File, wanted: str | None, path: Path) -> str:
+    """Return the dependent axis whose column is read."""
+    if wanted in file.targets or (wanted is None and len(file.targets) == 1):
+        return wanted or file.targets[0]
+    names = ", ".join(file.targets)
+    if wanted is None:
+        raise DataError(f"{path}: it has a column for each of {names}; choose one with column=")
+    raise DataError(f"{path}: it has no column {wanted!r}; there are {names}")
 
 
 def _looked_up(
-    name: str, target: str, options: Mapping[str, Any], path: Path, *, both: bool
+    file: _File, target: str, options: Mapping[str, Any], path: Path, *, both: bool
 ) -> str:
     """Return the axis that is looked up: of the name of the table, the sidecar, BACKLASH or user."""
-    named = _NAME.read(name) or {"axis": None, "target": target}
-    if named["target"] != target:
+    columns = "_".join(file.targets)
+    named = _NAME.read(file.name) or {"axis": None, "targets": columns}
+    if named["targets"] != columns:
         raise damaged(
-            path, "name and column say another axis", expected=named["target"], found=target
+            path, "name and column say another axis", expected=named["targets"], found=columns
         )
-    beside: Any = load_sidecar(path).get("table")
-    beside = beside if isinstance(beside, dict) else {}
+    name, beside = file.name, stored_table(path, target)
     stated = {
         "the file": named["axis"],
         "its sidecar": beside.get("axis"),
-        "its column BACKLASH": target if both else None,
+        "its column BACKLASH": target if both and len(file.targets) == 1 else None,
         "you": options.get("looked_up_axis"),
     }
     axis = agreed(path, "the axis that is looked up", stated)
@@ -221,9 +368,7 @@ def _looked_up(
 
 def _require_sign(made: CompensationTable, path: Path) -> None:
     """Refuse a sidecar whose sign contradicts the corrections that it holds itself."""
-    stored: Any = load_sidecar(path).get("table")
-    if not isinstance(stored, dict):
-        return
+    stored = stored_table(path, made.compensates)
     both = made.reverse is not None and stored.get("reverse_m") is not None
     columns = [("forward_m", made.forward), ("reverse_m", made.reverse)][: 2 if both else 1]
     agreement = 0.0
@@ -262,15 +407,18 @@ def _alone(table: CompensationTable) -> tuple[Finding, ...]:
             "warning",
             f"one table over {table.axis} is active at a time: this one, {table.axis} -> "
             f"{table.compensates}, switches off a table {table.axis} -> {table.axis}",
-            "if there is one, put both as two columns into one file on the control",
-            "active",
+            "if there is one, write both as columns of one file: a list of tables",
+            ALONE,
         ),
     )
 
 
-def _require_axes(table: CompensationTable, said: str | None) -> None:
-    if said not in (None, table.axis):
-        raise TableError(f"looked_up_axis={said!r}, but the table is looked up over {table.axis}")
+def _require_axes(table: CompensationTable, options: Mapping[str, Any]) -> None:
+    for name, axis in (("looked_up_axis", table.axis), ("column", table.compensates)):
+        if options[name] not in (None, axis):
+            raise TableError(
+                f"{name}={options[name]!r}, but the table is {table.axis} -> {table.compensates}"
+            )
     require_names(table, "HEIDENHAIN")
     if not table.is_on_axis and table.reverse is not None:
         raise TableError(
@@ -279,11 +427,19 @@ def _require_axes(table: CompensationTable, said: str | None) -> None:
         )
 
 
-def _decimals(unit: float) -> int:
-    decimals = round(-math.log10(unit / 1e-3))
-    if abs(unit * 10.0**decimals / 1e-3 - 1.0) > 1e-9:
+def _decimals(resolution: float | None, unit: float) -> int:
+    """Return the decimals of an entry in its unit, mm or deg."""
+    if resolution is None:
+        return _USUAL
+    decimals = round(-math.log10(resolution / unit))
+    if abs(resolution * 10.0**decimals / unit - 1.0) > 1e-9:
         raise DataError(
-            f"resolution={unit!r} m is not a power of ten of a millimetre; use such as '100 nm' or '10 nm'"
+            f"resolution={resolution!r} (SI units) is not a power of ten of a millimetre, or of a degree "
+            "where the corrected axis turns; use such as '100 nm', '10 nm' or '0.0001 deg'"
+        )
+    if not _FEWEST <= decimals <= _MOST:
+        raise DataError(
+            f"resolution= gives {decimals} decimals, the file has {_FEWEST} to {_MOST}"
         )
     return decimals
 
@@ -292,13 +448,14 @@ def _steep(table: CompensationTable) -> tuple[Finding, ...]:
     columns = [table.forward] if table.reverse is None else [table.forward, table.reverse]
     step = float(np.diff(table.positions)[0])
     worst = max(float(np.abs(np.diff(c)).max()) for c in columns)
-    if worst <= _STEEPEST * step:
+    turns = [is_rotary(a) for a in (table.axis, table.compensates)]
+    if worst <= _STEEPEST * step or turns[0] != turns[1]:
         return ()
     return (
         Finding(
             "warning",
-            f"neighbours differ by {format_length(worst)}, more than 1/64 of their spacing "
-            f"{format_length(step)}: older controls (TNC 407) refuse that",
+            f"neighbours differ by {format_amount(table.compensates, worst)}, more than 1/64 of their "
+            f"spacing {format_along(table.axis, step)}: older controls (TNC 407) refuse that",
             "check the units of the table",
             "coarse",
         ),
@@ -306,44 +463,55 @@ def _steep(table: CompensationTable) -> tuple[Finding, ...]:
 
 
 def _line(*cells: str) -> str:
-    return "".join(c.ljust(w) for c, w in zip(cells, _COLUMNS, strict=True)).rstrip()
+    widths = (*_COLUMNS, *(_COLUMNS[-1:] * (len(cells) - len(_COLUMNS))))
+    return "".join(c.ljust(w) for c, w in zip(cells, widths, strict=True)).rstrip()
 
 
-def _cells(line: str) -> list[str]:
+def _cells(line: str, n: int) -> list[str]:
+    """Return the cells of a line with n dependent axes, and what stands behind them."""
     cells, start = [], 0
-    for width in _COLUMNS:
+    for width in (*_COLUMNS[:-1], *(_COLUMNS[-1:] * n)):
         cells.append(line[start : start + width].strip())
         start += width
     return [*cells, line[start:].strip()]
 
 
-def _target(line: str, path: Path) -> str:
-    cells = _cells(line)
-    if cells[:3] != [*_TITLES] or cells[4] or not re.fullmatch(AXIS.pattern, cells[3], re.ASCII):
+def _targets(line: str, path: Path) -> list[str]:
+    """Return the dependent axes of the line of titles."""
+    n = max(math.ceil((len(line) - sum(_COLUMNS[:-1])) / _COLUMNS[-1]), 1)
+    cells = _cells(line, n)
+    targets = cells[3:-1]
+    good = all(re.fullmatch(AXIS.pattern, t, re.ASCII) for t in targets)
+    if cells[:3] != [*_TITLES] or cells[-1] or not good:
         raise CorruptFileError(
             path,
-            f"the columns are not NR, AXISPOS, BACKLASH and one axis but {line[:60]!r}",
-            hint="tables with several dependent axes are not read: keep one of their columns (on the "
-            "control all stay in one file, only one table over an axis is active)",
+            f"the columns are not NR, AXISPOS, BACKLASH and one for each dependent axis but {line[:60]!r}",
+            hint="names of axes are a capital and perhaps a digit; write the table again",
         )
-    return cells[3]
+    if len({*targets}) < n:
+        raise CorruptFileError(
+            path,
+            f"two columns have the same name: {', '.join(targets)}",
+            hint="a dependent axis has one column: write the table again",
+        )
+    return targets
 
 
-def _row(line: str, number: int, path: Path) -> tuple[float, float | None, float]:
-    cells = _cells(line)
-    good = cells[0] == str(number) and not cells[4]
-    good = good and all(_VALUE.fullmatch(c) for c in (cells[1], cells[3]))
+def _row(line: str, number: int, n: int, path: Path) -> tuple[str, ...]:
+    """Return the texts of a line: position, reverse value or nothing, values."""
+    cells = _cells(line, n)
+    good = cells[0] == str(number) and not cells[-1]
+    good = good and all(_VALUE.fullmatch(c) for c in (cells[1], *cells[3:-1]))
     if not good or not (cells[2] == "" or _VALUE.fullmatch(cells[2])):
         raise CorruptFileError(
             path,
             f"line {number} of the table cannot be read: {line[:70]!r}",
             hint="number, position, reverse value or nothing, value: write the table again",
         )
-    reverse = None if cells[2] == "" else mm_value(cells[2])
-    return mm_value(cells[1]), reverse, mm_value(cells[3])
+    return tuple(cells[1:-1])
 
 
-def _require_even(p: FloatArray, path: Path) -> None:
+def _require_even(p: FloatArray, path: Path, axis: str) -> None:
     if p.size < 2:
         raise CorruptFileError(path, "a table needs at least 2 lines", found=p.size)
     even = np.linspace(p[0], p[-1], p.size)
@@ -352,6 +520,13 @@ def _require_even(p: FloatArray, path: Path) -> None:
         raise CorruptFileError(
             path,
             f"line {int(off.argmax())}: the positions are not equally spaced and rising",
-            found=f"{p[int(off.argmax())] * 1e3:.9g} mm",
+            found=format_span(axis, float(p[int(off.argmax())]), digits=9),
             hint="the control needs equal steps",
+        )
+    if is_rotary(axis) and (p[0] < -1e-9 or p[-1] > TURN + 1e-9):
+        raise CorruptFileError(
+            path,
+            "positions of an axis that turns lie from 0 to 360",
+            found=f"{format_span(axis, float(p[0]), digits=9)} ... {format_span(axis, float(p[-1]), digits=9)}",
+            hint="write the table again",
         )

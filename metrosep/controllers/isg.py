@@ -1,10 +1,11 @@
 """TwinCAT CNC / ISG kernel: compensation value lists (achskw*.lis), ``key value`` lines in 0.1 um (0.0001 deg).
 
+Setpoints are in the unit of the axis that is looked up, values in that of the corrected one.
+
 `IsgAxis`: leadscrew errors `kw.ssfk`, two columns; the documents calculate the entry as actual minus
 setpoint, so k = +1 in entry = k e. `IsgCross`: `kw.crosscomp`, one column at free setpoints of a
-master axis; "relative compensation values", so k = -1. `IsgPlane`: `kw.crosscomp2`, one axis over two
-others, one interval for both; `table[j][i].correction`, j counting the second master axis (rows, y), i the
-first (columns, x), k = -1. All signs must be tried on the machine.
+master axis; "relative compensation values", so k = -1. Both signs must be tried on the machine. The map
+over two axes is in `metrosep.controllers.isg_plane`.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ import numpy as np
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.knots import choose_knots
-from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._facts import agreed, named_axes, settled
 from metrosep.controllers._grammar import (
@@ -39,42 +39,44 @@ from metrosep.controllers._grids import (
     Repeating,
     Resampling,
     carry,
-    map_at,
-    require_interval,
-    require_linear,
     require_one_direction,
     require_sizes,
-    require_turn,
-    scaled_table,
     uniform_positions,
+)
+from metrosep.controllers._turns import (
+    INTERVAL,
+    axes_of,
+    chosen,
+    format_along,
+    format_span,
+    in_axes,
+    require_turn,
+    require_whole_turn,
 )
 from metrosep.controllers.base import (
     DialectInfo,
     Encoded,
     identity,
     load_sidecar,
-    map_identity,
-    nearest_zero,
 )
-from metrosep.controllers.options import INTERVAL, Option
+from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
-from metrosep.core.units import format_length
 
-__all__ = ["IsgAxis", "IsgCross", "IsgPlane"]
+__all__ = ["IsgAxis", "IsgCross"]
 
 UNIT = 1e-7
 """Length of 1 in a list with unit 1, m."""
 _DECIMALS = 6
 """Decimals of a REAL64 entry: 0.1 pm."""
 _SGN32 = 2**31 - 1
-_FARTHEST = 214.0
-"""What 32 bits of 0.1 um hold, m."""
+MOST = 2.14e9
+"""Units that 32 bits hold: 214 m or 214000 deg."""
 
 _ENTRY = Line("{key} {value}", key=Word(r"[a-z]\w*(?:\.\w+(?:\[\d{1,7}\])*)+"), value=Word(r"\S+"))
 _NAME = Word(r"[A-Za-z]\w{0,15}")
-_COUNT = Word(r"\d{1,7}", int)
-_REAL = Word(r"-?\d{1,10}(?:\.\d{1,12})?", float)
+COUNT = Word(r"\d{1,7}", int)
+REAL64 = Word(r"-?\d{1,10}(?:\.\d{1,12})?", float)
 _COMMENT = re.compile(r"#|/\*")
 _SIGN = Line(
     f"# metrosep: entry = {{entry_sign}}e in {{unit}}, {DRY_RUN}",
@@ -86,11 +88,6 @@ _AXIS_POINTS = 1499
 """Default of kw.ssfk.max_points less one: kw_nr_max must be smaller."""
 _CROSS_POINTS = 1001
 """Default of kw.crosscomp.max_points: last_index must be smaller."""
-_POINTS, _PER_AXIS = 10201, 101
-"""Room where max_points is not given: both last indices up to 100."""
-_SAME = 1e-6
-"""Share of the interval within which a position lies on the grid."""
-
 AXIS_NUMBER = Option(
     "axis_number",
     "logical number of the corrected axis",
@@ -108,13 +105,18 @@ NUMBER_TYPE = Option(
 )
 
 
-_RAD = math.radians(1e-4) / UNIT
-"""Angle in rad of what a list of lengths would take as one metre: a step is 0.0001 deg instead of 0.1 um."""
+_ANGLE = math.radians(1e-4)
+"""Angle of 1 in a list with unit 1, rad."""
 _TURN = 3_600_000
 """Steps of one turn."""
 
 
-class _List(Resampling):
+def unit_of(axis: str) -> float:
+    """Return what 1 in a list is along an axis, in m or rad."""
+    return _ANGLE if is_rotary(axis) else UNIT
+
+
+class CompensationList(Resampling):
     """A list: a head, settings in an order that the class declares, and cells of a table."""
 
     structure: ClassVar[str]
@@ -151,16 +153,18 @@ class _List(Resampling):
             ),
             *(f"{key}.table{place} {value}" for place, value in cells),
         ]
+        unit = unit_of(name)
         off = max(
-            float(np.abs(np.array([float(v) for v in column]) * UNIT - w).max())
+            float(np.abs(np.array([float(v) for v in column]) * unit - w).max())
             for column, w in wanted
         )
         return Encoded(
             joined(lines),
             off,
-            step=UNIT if options["number_type"] == "integer" else 0.0,
+            step=unit if options["number_type"] == "integer" else 0.0,
             carried=carried.table,
             resampling_error=carried.error,
+            options=chosen(self.options, options),
         )
 
     def _opened(
@@ -170,7 +174,7 @@ class _List(Resampling):
         entries, comment = _entries(data, path, options.get("number_type") == "integer")
         cells = _Cells(entries, f"kw.{self.structure}", path)
         found = {
-            "axis_number": cells.take("kopf.achs_nr", _COUNT),
+            "axis_number": cells.take("kopf.achs_nr", COUNT),
             "name": cells.take("kopf.log_achs_name", _NAME),
         }
         for setting, word in self.settings.items():
@@ -178,7 +182,7 @@ class _List(Resampling):
             if setting in ("max_points", "modulo") and key not in entries:
                 found[setting] = 0
                 continue
-            found[setting] = cells.take(key, _COUNT if isinstance(word, str) else word)
+            found[setting] = cells.take(key, COUNT if isinstance(word, str) else word)
             if isinstance(word, str) and str(found[setting]) != word:
                 raise CorruptFileError(
                     path,
@@ -200,7 +204,7 @@ class _List(Resampling):
         known = [o for o in self.options if o.name in ("entry_sign", "cycles")]
         needed = ("entry_sign",)
         sign = settled(known, options, path, file={**comment, **cycles}, needed=needed)
-        return cells, {**found, "sign": -sign["entry_sign"] * UNIT}
+        return cells, {**found, "scale": -sign["entry_sign"] * unit_of(found["name"])}
 
     def _numbers(self, found: Mapping[str, Any]) -> dict[str, int]:
         """Return the numbers of axes in a list, by the options that state them."""
@@ -214,7 +218,7 @@ class _List(Resampling):
             )
 
 
-class IsgAxis(Repeating, _List):
+class IsgAxis(Repeating, CompensationList):
     """Writer and reader of `kw.ssfk`; see the module."""
 
     info = DialectInfo(
@@ -267,8 +271,8 @@ class IsgAxis(Repeating, _List):
 
     structure = "ssfk"
     settings: ClassVar[Mapping[str, Word | str]] = {
-        "max_points": _COUNT, "interval": _REAL, "kw_startpos": _REAL, "kw_nr_max": _COUNT,
-        "unit": "1", "bilateral": "1", "modulo": _COUNT,
+        "max_points": COUNT, "interval": REAL64, "kw_startpos": REAL64, "kw_nr_max": COUNT,
+        "unit": "1", "bilateral": "1", "modulo": COUNT,
     }  # fmt: skip
     parameter = "kw.ssfk.max_points (P-COMP-00059) less one"
 
@@ -279,17 +283,17 @@ class IsgAxis(Repeating, _List):
                 f"kw.ssfk corrects the axis itself, this table is {table.axis} -> "
                 f"{table.compensates}; write controller='isg-cross'"
             )
-        turns = is_rotary(table.axis)
-        if turns or options["modulo"]:
-            require_turn(table, options, UNIT * _RAD)
-        if turns:
-            table = scaled_table(table, 1.0 / _RAD)
-        require_sizes(table, "kw.ssfk", farthest=_FARTHEST, largest=_FARTHEST)
+        options = in_axes(self.options, options, axes_of(table))
+        unit = unit_of(table.axis)
+        if options["modulo"]:
+            table = require_turn(table, unit)
+            require_whole_turn(options["interval"], "kw.ssfk")
+        require_sizes(table, "kw.ssfk", farthest=MOST * unit, largest=MOST * unit)
         carried = placed(table, options, "kw.ssfk")
         made, kind, k = carried.table, options["number_type"], -options["entry_sign"]
-        p = to_units(made.positions, kind)
+        p = to_units(made.positions, kind, unit)
         wanted = [k * made.forward, k * (made.forward if made.reverse is None else made.reverse)]
-        columns = [to_units(w, kind) for w in wanted]
+        columns = [to_units(w, kind, unit) for w in wanted]
         step = _spacing(p, kind)
         more = options["capacity"] > _AXIS_POINTS
         settings = {
@@ -303,16 +307,7 @@ class IsgAxis(Repeating, _List):
             if field != "setpoint" or step == "0"
         ]
         pairs = zip(columns, wanted, strict=True)
-        made_of = self._encoded(carried, table.axis, options, settings, cells, pairs)
-        if not turns:
-            return made_of
-        return replace(
-            made_of,
-            quantisation=made_of.quantisation * _RAD,
-            step=made_of.step * _RAD,
-            carried=scaled_table(carried.table, _RAD),
-            resampling_error=carried.error * _RAD,
-        )
+        return self._encoded(carried, table.axis, options, settings, cells, pairs)
 
     def _read(
         self, data: bytes, path: Path, options: Mapping[str, Any]
@@ -326,7 +321,7 @@ class IsgAxis(Repeating, _List):
             p = cells.column("setpoint", n)
         else:
             p = np.asarray(found["kw_startpos"] + step * np.arange(n), dtype=np.float64)
-        forward, reverse = (found["sign"] * cells.column(c, n) + 0.0 for c in ("pos", "neg"))
+        forward, reverse = (found["scale"] * cells.column(c, n) + 0.0 for c in ("pos", "neg"))
         cells.end()
         _require_rising(p, path)
         turns = is_rotary(found["name"])
@@ -346,25 +341,26 @@ class IsgAxis(Repeating, _List):
                 "equal to the last",
                 hint="enter the value of 0 again at 360 deg",
             )
-        unit, scale = (UNIT * _RAD, _RAD) if turns else (UNIT, 1.0)
+        unit = unit_of(found["name"])
         table = CompensationTable(
             p * unit,
-            forward * scale,
-            None if np.array_equal(forward, reverse) else reverse * scale,
+            forward,
+            None if np.array_equal(forward, reverse) else reverse,
             is_exact_inverse=True,
             **named_axes(identity(path, first=float(p[0] * unit)), (found["name"],) * 2, path),
         )
         return table, modulo
 
 
-class IsgCross(_List):
+class IsgCross(CompensationList):
     """Writer and reader of `kw.crosscomp`; see the module."""
 
     info = DialectInfo(
         id="isg-cross",
         title="TwinCAT CNC / ISG cross compensation (kw.crosscomp)",
-        entry="correction -e of the slave axis in 0.1 um at a setpoint of the master axis",
-        units="0.1 um; whole numbers before V3.1.3132 / V4.29, decimals from there on",
+        entry="correction -e of the slave axis at a setpoint of the master axis, each in 0.1 um or, "
+        "where that axis turns, in 0.0001 deg",
+        units="0.1 um or 0.0001 deg; whole numbers before V3.1.3132 / V4.29, decimals from there on",
         max_points=_CROSS_POINTS,
         outside="not documented; taken as the value of the end, as for kw.ssfk",
         sign_status="not documented (relative compensation values): dry-run first",
@@ -398,7 +394,11 @@ class IsgCross(_List):
             lowest=1,
             highest=999,
         ),
-        Option("master_name", "name of that axis, to read a list without a sidecar", "text"),
+        Option(
+            "master_name",
+            "name of that axis, to read a list without a sidecar; A, B, C turn",
+            "text",
+        ),
         NUMBER_TYPE,
         Option(
             "capacity",
@@ -415,8 +415,8 @@ class IsgCross(_List):
 
     structure = "crosscomp"
     settings: ClassVar[Mapping[str, Word | str]] = {
-        "max_points": _COUNT, "unit": "1", "last_index": _COUNT, "master_ax_nr": _COUNT,
-        "n_cycles": _COUNT,
+        "max_points": COUNT, "unit": "1", "last_index": COUNT, "master_ax_nr": COUNT,
+        "n_cycles": COUNT,
     }  # fmt: skip
     parameter = "kw.crosscomp.max_points (P-COMP-00060)"
 
@@ -425,16 +425,18 @@ class IsgCross(_List):
         return {"axis_number": found["axis_number"], "master_number": found["master_ax_nr"]}
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        require_linear((table.axis, table.compensates), "kw.crosscomp")
+        options = in_axes(self.options, options, axes_of(table))
         table = require_one_direction(
             table, "kw.crosscomp", "as backlash of the slave or into kw.ssfk"
         )
-        require_sizes(table, "kw.crosscomp", farthest=_FARTHEST, largest=_FARTHEST)
+        units = unit_of(table.axis), unit_of(table.compensates)
+        require_sizes(table, "kw.crosscomp", farthest=MOST * units[0], largest=MOST * units[1])
         _require_two_axes(table, options)
         carried = placed(table, options, "kw.crosscomp")
         kind, room = options["number_type"], options["capacity"]
         wanted = -options["entry_sign"] * carried.table.forward
-        p, c = to_units(carried.table.positions, kind), to_units(wanted, kind)
+        p = to_units(carried.table.positions, kind, units[0])
+        c = to_units(wanted, kind, units[1])
         settings = {
             "max_points": room if room > _CROSS_POINTS else 0, "last_index": str(len(p) - 1),
             "master_ax_nr": options["master_number"], "n_cycles": str(options["cycles"]),
@@ -444,7 +446,8 @@ class IsgCross(_List):
             for i, pair in enumerate(zip(p, c, strict=True))
             for field, v in zip(("setpoint", "correction"), pair, strict=True)
         ]
-        return self._encoded(carried, table.compensates, options, settings, cells, [(c, wanted)])
+        made = self._encoded(carried, table.compensates, options, settings, cells, [(c, wanted)])
+        return replace(made, options={**made.options, "master_name": table.axis})
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
         cells, found = self._opened(data, path, options)
@@ -460,149 +463,14 @@ class IsgCross(_List):
         p, c = (cells.column(field, n) for field in ("setpoint", "correction"))
         cells.end()
         _require_rising(p, path)
-        fields = _fields(path, float(p[0] * UNIT), found["name"], options)
+        fields = _fields(path, float(p[0]), found["name"], options)
         return CompensationTable(
-            p * UNIT, found["sign"] * c + 0.0, None, is_exact_inverse=True, **fields
+            p * unit_of(fields["axis"]),
+            found["scale"] * c + 0.0,
+            None,
+            is_exact_inverse=True,
+            **fields,
         )
-
-
-class IsgPlane(_List):
-    """Writer and reader of `kw.crosscomp2`; see the module."""
-
-    info = DialectInfo(
-        id="isg-plane",
-        title="TwinCAT CNC / ISG plane compensation (kw.crosscomp2)",
-        entry="correction -e of the slave axis in 0.1 um over two master axes",
-        units="0.1 um; whole numbers before V3.1.3132 / V4.29, decimals from there on",
-        max_points=_POINTS,
-        outside="value of the edge: the last one stays valid",
-        sign_status="not documented (relative compensation values): dry-run first",
-        activation=(
-            "put the list (achskw*.lis) of the slave axis into the start-up file or load it again",
-            "set lr_param.crosscomp2 1 (P-AXIS-00174) in the list of the slave axis, home both masters",
-            "switch on with the slave at rest (automatically, or X[COMP ON PLANE] in the program)",
-            (
-                "move to the bump of a trial map and gauge the slave: where it moves the wrong way, say "
-                "entry_sign=1; go to two corners too, the indices must not be swapped"
-            ),
-            (
-                "70182 and 70183 stop the axis (no such master, no list), 70184 is a master that is "
-                "not linear: the compensation is off in all three"
-            ),
-            "where the list has max_points: restart the controller, it is read at start-up only",
-        ),
-        sign="unconfirmed",
-        carries="map",
-        spacing="uniform",
-        directions="one",
-        resolution="0.1 um, or 0.1 pm with REAL64",
-        reference_rule="none; both masters must be referenced",
-        suffix=".lis",
-        example={"axis_number": 3, "master1_number": 1, "master2_number": 2},
-        page="twincat",
-    )
-
-    options = (
-        AXIS_NUMBER,
-        *(
-            Option(
-                f"master{i}_number",
-                f"logical number of the {which} axis that is looked up",
-                "integer",
-                required=True,
-                lowest=1,
-                highest=999,
-            )
-            for i, which in ((1, "first (columns)"), (2, "second (rows)"))
-        ),
-        NUMBER_TYPE,
-        Option(
-            "capacity",
-            "room for points, written as kw.crosscomp2.max_points (P-COMP-00061, builds from "
-            "V3.1.3079.06 on); without it 101 along each axis",
-            "integer",
-            lowest=4,
-            highest=9_999_999,
-        ),
-        Option(
-            "interval",
-            "spacing of both axes; the finest if omitted",
-            "length",
-            positive=True,
-            highest=100.0,
-        ),
-        Option("cycles", "n_cycles of smooth switching", "integer", 10, lowest=0, highest=1000),
-        Option("entry_sign", "k in entry = k e", "choice", default=-1, choices=(-1, 1)),
-    )
-
-    structure = "crosscomp2"
-    settings: ClassVar[Mapping[str, Word | str]] = {
-        "max_points": _COUNT, "unit": "1", "interval": _REAL, "last_index_master1": _COUNT,
-        "last_index_master2": _COUNT, "start_position_master1": _REAL,
-        "start_position_master2": _REAL, "master1_ax_nr": _COUNT, "master2_ax_nr": _COUNT,
-        "n_cycles": _COUNT,
-    }  # fmt: skip
-    parameter = "kw.crosscomp2.max_points (P-COMP-00061)"
-
-    def _numbers(self, found: Mapping[str, Any]) -> dict[str, int]:
-        """Return the numbers of slave and masters."""
-        masters = {f"master{i}_number": found[f"master{i}_ax_nr"] for i in (1, 2)}
-        return {"axis_number": found["axis_number"], **masters}
-
-    def encode(self, table: CompensationMap, **options: Any) -> Encoded:
-        _require_axes(table, options)
-        kind = options["number_type"]
-        quantum = UNIT if kind == "integer" else UNIT * 1e-6
-        step = _interval(table, options["interval"], quantum)
-        x, y = (_grid(p, step, quantum) for p in (table.x, table.y))
-        reserved = _reserved(x.size, y.size, step, options["capacity"])
-        same = x.size == table.x.size and y.size == table.y.size
-        if same and max(np.abs(x - table.x).max(), np.abs(y - table.y).max()) <= 1e-12:
-            carried = Carried(table, 0.0, False)
-        else:
-            carried = Carried(*map_at(table, x, y), True)
-        wanted = (-options["entry_sign"] * carried.table.values).ravel()
-        entries = to_units(wanted, kind)
-        settings = {
-            "max_points": reserved, "interval": to_units(np.array([step]), kind)[0],
-            "last_index_master1": x.size - 1, "last_index_master2": y.size - 1,
-            "start_position_master1": to_units(x, kind)[0],
-            "start_position_master2": to_units(y, kind)[0],
-            "master1_ax_nr": options["master1_number"], "master2_ax_nr": options["master2_number"],
-            "n_cycles": str(options["cycles"]),
-        }  # fmt: skip
-        cells = [(f"[{n // x.size}][{n % x.size}].correction", v) for n, v in enumerate(entries)]
-        columns = [(entries, wanted)]
-        return self._encoded(carried, table.compensates, options, settings, cells, columns)
-
-    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
-        cells, found = self._opened(data, path, options)
-        step, name = found["interval"], found["name"]
-        n, m = (found[f"last_index_master{i}"] + 1 for i in (1, 2))
-        room = found["max_points"] or options.get("capacity") or 0
-        self._require_room(n * m, room or _POINTS, path)
-        if not room:
-            self._require_room(max(n, m), _PER_AXIS, path, "along an axis without max_points")
-        if step <= 0.0 or n < 2 or m < 2 or n * m > len(cells.entries):
-            raise damaged(
-                path, f"{m} x {n} points every {step:g} are announced, the list does not hold them"
-            )
-        values = np.array([cells.column("correction", n, f"[{j}]") for j in range(m)])
-        cells.end()
-        x, y = (
-            np.asarray(
-                (found[f"start_position_master{i}"] + step * np.arange(k)) * UNIT, dtype=np.float64
-            )
-            for i, k in ((1, n), (2, m))
-        )
-        fields = map_identity(
-            path, axes=("X", "Y"), compensates=name, first=nearest_zero(x, y), turns=(False, False)
-        )
-        sources = {"the file": name, "its sidecar": fields["compensates"]}
-        agreed(path, "the corrected axis", sources)
-        masters = [found[f"master{i}_ax_nr"] for i in (1, 2)]
-        _require_numbers(path, fields["axes"], name, masters, found["axis_number"])
-        return CompensationMap(x, y, found["sign"] * values + 0.0, is_exact_inverse=True, **fields)
 
 
 # ---- what is written ------------------------------------------------------------------------------
@@ -623,13 +491,15 @@ def placed(table: CompensationTable, options: Mapping[str, Any], title: str) -> 
         positions, values = knots.positions, knots.values
     else:
         positions = np.linspace(*table.span, capacity)
-    quantum = UNIT if options["number_type"] == "integer" else UNIT * 10.0**-_DECIMALS
+    unit = unit_of(table.axis)
+    quantum = unit if options["number_type"] == "integer" else unit * 10.0**-_DECIMALS
     at = np.rint(positions / quantum) * quantum
     if (np.diff(at) <= 0).any():
         i = int(np.flatnonzero(np.diff(at) <= 0)[0])
         raise TableError(
-            f"{title}: the positions {positions[i] * 1e3:.9g} and {positions[i + 1] * 1e3:.9g} mm fall "
-            f"together at steps of {format_length(quantum)}; use a wider spacing"
+            f"{title}: the positions {format_span(table.axis, positions[i], digits=9)} and "
+            f"{format_span(table.axis, positions[i + 1], digits=9)} fall together at steps of "
+            f"{format_along(table.axis, quantum)}; use a wider spacing"
         )
     if values is None:
         return carry(table, at)
@@ -639,13 +509,13 @@ def placed(table: CompensationTable, options: Mapping[str, Any], title: str) -> 
     return Carried(made, float(error), True)
 
 
-def to_units(values: FloatArray, kind: str) -> list[str]:
-    """Return lengths as numbers of a list."""
-    counts = np.asarray(values) / UNIT
-    if float(np.abs(counts).max()) > _SGN32:
-        worst = float(np.asarray(values)[int(np.abs(counts).argmax())])
+def to_units(values: FloatArray, kind: str, unit: float) -> list[str]:
+    """Return lengths or angles as numbers of a list."""
+    counts = np.asarray(values) / unit
+    worst = float(counts[int(np.abs(counts).argmax())])
+    if abs(worst) > _SGN32:
         raise LimitError(
-            f"{format_length(worst)} is beyond the 32 bits of a list in 0.1 um (214 m); check the "
+            f"{worst:.6g} is beyond the 32 bits of a list in 0.1 um (214 m) or 0.0001 deg; check the "
             "units of the table"
         )
     return [_printed(float(c), kind) for c in counts]
@@ -680,60 +550,6 @@ def _require_two_axes(table: CompensationTable, options: Mapping[str, Any]) -> N
         )
 
 
-def _require_axes(table: CompensationMap, options: Mapping[str, Any]) -> None:
-    require_linear((*table.axes, table.compensates), "kw.crosscomp2")
-    farthest = max(float(np.abs(v).max()) for v in (table.x, table.y, table.values))
-    if farthest > _FARTHEST:
-        raise LimitError(
-            f"kw.crosscomp2: {format_length(farthest)} is beyond the 32 bits of a list in 0.1 um "
-            "(214 m); check the units of the map"
-        )
-    numbers = [options[n] for n in ("axis_number", "master1_number", "master2_number")]
-    if numbers[1] == numbers[2]:
-        raise TableError(f"both master axes have the number {numbers[1]}; give those of two axes")
-    for i, name in enumerate(table.axes, start=1):
-        if (numbers[0] == numbers[i]) != (name == table.compensates):
-            raise TableError(
-                f"the map is {table.axes[0]}, {table.axes[1]} -> {table.compensates}, the numbers "
-                f"{numbers[1]}, {numbers[2]} -> {numbers[0]} do not say the same"
-            )
-
-
-def _reserved(n: int, m: int, step: float, capacity: int | None) -> int:
-    """Return max_points of the list, 0 if what every kernel has is enough."""
-    if n * m > (capacity or _POINTS) or (capacity is None and max(n, m) > _PER_AXIS):
-        room = str(capacity or f"{_PER_AXIS} along each axis as it comes")
-        raise LimitError(
-            f"{n} x {m} points at {format_length(step)}, kw.crosscomp2 takes {room}; give a larger "
-            f"interval= (one for both axes), or, from V3.1.3079.06 on, say capacity={n * m}: it is "
-            "written as max_points (P-COMP-00061)"
-        )
-    needed = capacity is not None and (capacity > _POINTS or max(n, m) > _PER_AXIS)
-    return capacity or 0 if needed else 0
-
-
-def _interval(table: CompensationMap, wanted: float | None, quantum: float) -> float:
-    step = min(float(np.diff(p).min()) for p in (table.x, table.y)) if wanted is None else wanted
-    counts = round(step / quantum)
-    if counts < 1 or (wanted is not None and abs(wanted / quantum - counts) > _SAME):
-        raise TableError(
-            f"the interval {format_length(step, digits=9)} is not a multiple of {format_length(quantum)}, "
-            "the step of a position in the list; give interval= a multiple of it"
-        )
-    for p in (table.x, table.y):
-        require_interval(counts * quantum, float(p[-1] - p[0]), "kw.crosscomp2")
-    return counts * quantum
-
-
-def _grid(positions: FloatArray, step: float, quantum: float) -> FloatArray:
-    """Return positions from the first on that cover all of them."""
-    start = math.floor(float(positions[0]) / quantum + _SAME) * quantum
-    n = math.ceil((float(positions[-1]) - start) / step - _SAME) + 1
-    if n > 10_000_000:
-        raise LimitError(f"{n} points at {format_length(step)}; give a larger interval=")
-    return np.asarray(start + step * np.arange(max(n, 2)), dtype=np.float64)
-
-
 # ---- what is read ---------------------------------------------------------------------------------
 
 
@@ -765,7 +581,7 @@ class _Cells:
         if n < 2 or n > len(self.entries):
             raise damaged(self.path, f"{n} points are announced, the list does not hold them")
         table = f"{self.key}.table{row}"
-        return np.array([self.take(f"{table}[{i}].{field}", _REAL) for i in range(n)])
+        return np.array([self.take(f"{table}[{i}].{field}", REAL64) for i in range(n)])
 
     def end(self) -> None:
         """Refuse entries that nobody asked for."""
@@ -842,10 +658,14 @@ def _without_comments(text: str, path: Path) -> tuple[str, list[str]]:
 
 
 def _fields(path: Path, first: float, slave: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what the list cannot hold: the name of the master is that of sidecar or user."""
-    fields = identity(path, first=first)
+    """Return what the list cannot hold: the name of the master is that of sidecar or user.
+
+    `first` is the first setpoint in units of the list.
+    """
+    fields = identity(path, first=0.0)
     master = options.get("master_name")
-    if load_sidecar(path):
+    beside = load_sidecar(path)
+    if beside:
         agreed(path, "master_name", {"its sidecar": fields["axis"], "you": master})
         sources = {"the file": slave, "its sidecar": fields["compensates"]}
         agreed(path, "the corrected axis", sources)
@@ -855,21 +675,9 @@ def _fields(path: Path, first: float, slave: str, options: Mapping[str, Any]) ->
             f"{path}: the list corrects {slave} over another axis, and nothing states its name; give "
             "master_name="
         )
+    if not beside:
+        fields["reference"] = first * unit_of(master)
     return {**fields, "axis": master, "compensates": slave}
-
-
-def _require_numbers(
-    path: Path, axes: tuple[str, str], name: str, masters: list[int], number: int
-) -> None:
-    if masters[0] == masters[1] or any(
-        (a == name) != (m == number) for a, m in zip(axes, masters, strict=True)
-    ):
-        raise CorruptFileError(
-            path,
-            f"numbers and names of the axes do not fit: {masters[0]}, {masters[1]} -> {number} and "
-            f"{axes[0]}, {axes[1]} -> {name}",
-            hint="an axis has one number: write the table again",
-        )
 
 
 def _require_rising(positions: FloatArray, path: Path) -> None:

@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 
 from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._grammar import Line, Word, decoded, joined
+from metrosep.controllers._turns import TURN, format_along
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -162,6 +164,24 @@ class LinuxCNC(Dialect):
             },
         )
 
+    def doubts(self, table: CompensationTable, limits: Limits) -> list[Finding]:
+        """Return that a table of one turn or more holds its ends, unless the travel is stated."""
+        low, high = table.span
+        stated = limits.travel_low is not None and limits.travel_high is not None
+        if not is_rotary(table.axis) or high - low < TURN - 1e-9 or stated:
+            return []
+        return [
+            Finding(
+                "error",
+                f"the table covers {format_along(table.axis, low)} ... {format_along(table.axis, high)}, and "
+                "LinuxCNC knows no modulo: the joint of a wrapped axis counts on, and beyond its ends the "
+                "table holds their values",
+                "state the travel within the table (travel_low= and travel_high=, such as '0 deg' and "
+                "'360 deg'), where the joint cannot leave it",
+                "coverage",
+            )
+        ]
+
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
         """Return the table, refusing whatever LinuxCNC would silently drop."""
         rows = [
@@ -191,6 +211,16 @@ class LinuxCNC(Dialect):
             **options,
         }
         joint_type = known["joint_type"]
+        if (
+            joint_type == "linear"
+            and "linear_units" not in options
+            and not sidecar_path(path).is_file()
+        ):
+            raise DataError(
+                f"{path}: the file has no sidecar, and its numbers no unit; give linear_units=mm or "
+                "linear_units=inch, [TRAJ]LINEAR_UNITS of the INI file (joint_type=angular for an axis that "
+                "turns) as a keyword, or --machine linear_units=mm on the command line"
+            )
         unit, _ = _unit(joint_type, known["linear_units"], known["angular_units"])
         forward, reverse = (table[:, 0] - table[:, 1]) * unit, (table[:, 0] - table[:, 2]) * unit
         return CompensationTable(

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._facts import named_axes, settled
 from metrosep.controllers._grammar import (
@@ -34,7 +35,6 @@ from metrosep.controllers._grammar import (
 )
 from metrosep.controllers._grids import (
     Resampling,
-    require_linear,
     require_names,
     require_one_direction,
     require_sizes,
@@ -120,7 +120,7 @@ class Mitsubishi(Resampling):
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         """Return parameters and numbers."""
-        require_linear((table.axis, table.compensates), _TITLE)
+        _require_linear(table)
         table = require_one_direction(table, _TITLE, "into #2011 and #2012 (backlash)")
         _require_axes(table, options["cross_axis"])
         require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
@@ -200,6 +200,17 @@ class Mitsubishi(Resampling):
         positions, forward = walked(entries, number + 1 - first, zero, interval, unit)
         fields = {**named_axes(identity(path, first=zero), axes, path), "reference": zero}
         return CompensationTable(positions, forward, None, is_exact_inverse=True, **fields)
+
+
+def _require_linear(table: CompensationTable) -> None:
+    """Refuse axes that turn: what the control makes of them was not found."""
+    for axis in (table.axis, table.compensates):
+        if is_rotary(axis):
+            raise TableError(
+                f"{_TITLE}: axis {axis} turns, and the rotary rule was not found in public pages (unit of "
+                "the interval, points of one turn, what happens after it); write controller='csv' and "
+                "enter it after your manual"
+            )
 
 
 def _require_axes(table: CompensationTable, cross_axis: str) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
+from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Limits
 from metrosep.core import numbers
 from metrosep.core.errors import DataError, UnitError
@@ -72,6 +74,11 @@ class Option:
         if self.kind == "integer":
             return self._in_range(_integer(value, what), what)
         return self._in_range(_number(value, self.kind, what), what)
+
+    def in_axis(self, value: Any, axes: Mapping[str, str]) -> Any:
+        """Return a checked value, which does not depend on the axes of the table."""
+        del axes
+        return value
 
     def _in_range(self, value: Any, what: str) -> Any:
         if self.positive and not value > 0:
@@ -191,10 +198,33 @@ def checked_options(
     return result
 
 
-def checked_limits(given: Mapping[str, Any], controller: str) -> dict[str, Any]:
-    """Return limits of a machine in SI."""
+_LOOKED_UP = ("travel_low", "travel_high", "soft_low", "soft_high")
+_CORRECTED = ("stroke", "reversal_jump")
+"""Limits along the looked-up and along the corrected axis: angles where it turns."""
+
+
+def _is_angle(value: Any) -> bool:
+    try:
+        return isinstance(value, str) and math.isfinite(numbers.quantity(value, "limit", "angle"))
+    except UnitError:
+        return False
+
+
+def checked_limits(
+    given: Mapping[str, Any], controller: str, axes: tuple[str, str] | None = None
+) -> dict[str, Any]:
+    """Return limits of a machine in SI, for a table over one axis that corrects another or itself.
+
+    Without axes an angle stays a text, for it is not known whether the axis turns.
+    """
     result = {}
     for name, value in given.items():
         kind = LIMIT_DIMENSIONS.get(name, "integer")
+        which = 0 if name in _LOOKED_UP else 1 if name in _CORRECTED else None
+        if which is not None and axes is None and _is_angle(value):
+            result[name] = value
+            continue
+        if which is not None and axes is not None and is_rotary(axes[which]):
+            kind = "angle"
         result[name] = Option(name, "limit of the machine", kind).checked(value, controller)
     return result

@@ -26,8 +26,29 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
 from metrosep.controllers._facts import agreed, facts_of, printable, settled
-from metrosep.controllers._grammar import Line, Word, code_rows, damaged, decoded, joined, scaled
+from metrosep.controllers._grammar import (
+    Line,
+    Word,
+    code_rows,
+    damaged,
+    decoded,
+    deg_text,
+    joined,
+    scaled,
+)
 from metrosep.controllers._grids import RollingGrid, enclosing_nodes, rolled_values, rolling_grid
+from metrosep.controllers._turns import (
+    TURN,
+    AlongOption,
+    axes_of,
+    chosen,
+    closed,
+    format_along,
+    format_amount,
+    in_axes,
+    is_angle,
+    is_one_turn,
+)
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -40,7 +61,6 @@ from metrosep.controllers.base import (
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
-from metrosep.core.units import format_length
 
 __all__ = ["PMAC"]
 
@@ -235,12 +255,12 @@ def rolled_size(program: Program, path: Path) -> tuple[int, int]:
     return n, counts
 
 
-def refuse_ends(given: Mapping[str, Any], span: Mapping[str, float]) -> None:
+def refuse_ends(given: Mapping[str, Any], span: Mapping[str, float], axis: str) -> None:
     """Refuse options for reading that contradict the ends of what is written."""
     for name, end in span.items():
         if given[name] not in (None, end):
             raise TableError(
-                f"{name}= is for reading; what is written ends at {format_length(end)}"
+                f"{name}= is for reading; what is written ends at {format_along(axis, end)}"
             )
 
 
@@ -253,15 +273,15 @@ def entry_lines(entries: Iterable[int]) -> list[str]:
 
 
 def rounded_entries(
-    values: FloatArray, count: float, place: Callable[[int], str]
+    values: FloatArray, count: float, place: Callable[[int], str], axis: str
 ) -> NDArray[np.int64]:
     """Return corrections in 1/16 count."""
     scaled_values = np.rint(SCALE * values / count)
     worst = int(np.abs(scaled_values).argmax())
     if abs(scaled_values[worst]) > LARGEST:
         raise LimitError(
-            f"the correction {format_length(float(values[worst]))} at {place(worst)} is "
-            f"{scaled_values[worst]:.0f} sixteenths of a count of {format_length(count)}; 24 bits "
+            f"the correction {format_amount(axis, float(values[worst]))} at {place(worst)} is "
+            f"{scaled_values[worst]:.0f} sixteenths of a count of {format_amount(axis, count)}; 24 bits "
             f"hold {LARGEST}: check the units of the error and of count="
         )
     return np.asarray(scaled_values, dtype=np.int64)
@@ -291,18 +311,22 @@ LONG_SPAN = Option(
 )
 _READING = "for reading a file that does not say: {} position of its travel"
 GRID = (
-    Option(
+    AlongOption(
         "span",
-        "length after which positions roll over; chosen with a margin if omitted",
-        "length",
+        "length after which positions roll over; chosen with a margin if omitted, one turn of an axis "
+        "that turns",
+        "length or angle",
         positive=True,
     ),
-    Option(
-        "spacing", "distance of the entries; that of the table if omitted", "length", positive=True
+    AlongOption(
+        "spacing",
+        "distance of the entries; that of the table if omitted",
+        "length or angle",
+        positive=True,
     ),
     LONG_SPAN,
-    Option("first", _READING.format("lowest"), "length"),
-    Option("last", _READING.format("highest"), "length"),
+    AlongOption("first", _READING.format("lowest"), "length or angle"),
+    AlongOption("last", _READING.format("highest"), "length or angle"),
 )
 """Options of a table over one motor."""
 
@@ -315,15 +339,24 @@ def program_text(
     words: Mapping[str, Any],
     rows: Iterable[Iterable[int]],
     *,
+    turning: Iterable[str] = (),
     sets: Mapping[int, int | None] | None = None,
 ) -> bytes:
-    """Return a file: its facts as comments, DELETE lines, the DEFINE line, entries and settings."""
+    """Return a file: its facts as comments, DELETE lines, the DEFINE line, entries and settings.
+
+    `turning` names the facts that are angles.
+    """
+    angles = {*turning}
     kind = "BLCOMP" if "BL" in define.template else "COMP"
     return joined(
         [
             f"; metrosep: {title}",
             *(f"; {n} = {axis}" for n, axis in names.items()),
-            *(f"; {n} = {_fact(n, v)}" for n, v in facts.items() if v is not None),
+            *(
+                f"; {n} = {_fact(n, v, turns=n in angles)}"
+                for n, v in facts.items()
+                if v is not None
+            ),
             _GATHER.write(),
             _DELETE.write(motor=words["owner"], kind=kind),
             define.write(**words),
@@ -334,10 +367,12 @@ def program_text(
     )
 
 
-def _fact(name: str, value: Any) -> str:
-    """Return a motor or a sign as it is, a length in mm or, of a count, in nm."""
+def _fact(name: str, value: Any, *, turns: bool) -> str:
+    """Return a motor or a sign as it is, an angle in deg, a length in mm or, of a count, in nm."""
     if not isinstance(value, float):
         return str(value)
+    if turns:
+        return f"{deg_text(value)} deg"
     if "count" in name:
         return f"{scaled(value, 9)} nm"
     return f"{scaled(round(value, _FEMTOMETRE), 3)} mm"
@@ -354,19 +389,59 @@ def motors_of(stated: Mapping[str, int], known: dict[str, Any], path: Path) -> d
     return {**known, **checked}
 
 
-def refuse_turning(*axes: str) -> None:
-    """Refuse axes that turn."""
-    for axis in axes:
-        if is_rotary(axis):
-            raise TableError(
-                f"the axis {axis} turns; tables of PMAC are written for linear axes here, because counts "
-                "and spans are lengths: take another controller, or play the turn as a wave (pi-gcs, "
-                "nv200, voltage with motion='turn')"
-            )
+def turning_names(known: Iterable[Option], axes: Mapping[str, str]) -> list[str]:
+    """Return the options that are angles for a table of these axes."""
+    return [o.name for o in known if isinstance(o, AlongOption) and is_rotary(axes[o.of])]
 
 
-def named_axes(path: Path, program: Program, first: float) -> dict[str, Any]:
-    """Return what a table's file cannot hold: of the sidecar, else of the comments."""
+def axes_in_file(
+    path: Path, facts: Mapping[str, str], options: Mapping[str, Any], *, same: bool
+) -> dict[str, str]:
+    """Return the axes of comments or sidecar, else letters that turn where an option is an angle.
+
+    `same` says that one motor is source and target.
+    """
+    if "axis" in facts and "compensates" in facts:
+        return {"axis": facts["axis"], "compensates": facts["compensates"]}
+    if load_sidecar(path).get("table"):
+        known = identity(path, first=0.0)
+        return {"axis": known["axis"], "compensates": known["compensates"]}
+    axis = "C" if any(is_angle(v) for n, v in options.items() if same or n != "count") else "X"
+    corrected = "C" if is_angle(options.get("count")) else "Z"
+    return {"axis": axis, "compensates": axis if same else corrected}
+
+
+def turn_of(axis: str, span: float | None, travel: float, count: float) -> float | None:
+    """Return the span of a table: that of the user, else one turn where the axis turns."""
+    if span is not None or not is_rotary(axis) or travel > TURN * (1.0 + 1e-9):
+        return span
+    counts = TURN / count
+    if abs(counts - round(counts)) > 1e-9 * counts + 1e-6:
+        raise TableError(
+            f"one turn of {axis} is {counts:.9g} counts; a table that repeats with the turn needs a "
+            "whole number: check count=, or state span="
+        )
+    return TURN
+
+
+def rolls_over(axes: Iterable[tuple[str, int]]) -> tuple[Finding, ...]:
+    """Return what the motors of axes that turn must agree with."""
+    return tuple(
+        Finding(
+            "warning",
+            f"the table over {axis} rolls over after {counts} counts",
+            "Ixx27 of its motor, if it is set, must be that number",
+            "coverage",
+        )
+        for axis, counts in axes
+        if is_rotary(axis)
+    )
+
+
+def named_axes(
+    path: Path, program: Program, first: float, letters: Mapping[str, str]
+) -> dict[str, Any]:
+    """Return what a table's file cannot hold: of the sidecar, else of the comments, else these letters."""
     facts, owner = program.facts, program.define["owner"]
     source, target = (program.define.get(k) or owner for k in ("source", "target"))
     same_motor = source == target
@@ -381,7 +456,7 @@ def named_axes(path: Path, program: Program, first: float) -> dict[str, Any]:
         )
     told = (facts["axis"], facts["compensates"]) if "axis" in facts else None
     if not load_sidecar(path):
-        pair = told or (pair[0], pair[0] if same_motor else "Z")
+        pair = told or (letters["axis"], letters["axis" if same_motor else "compensates"])
         found["reference"] = 0.0
     if (told is not None and pair != told) or (pair[0] == pair[1]) != same_motor:
         raise damaged(
@@ -432,7 +507,9 @@ def require_one_way(table: CompensationTable) -> None:
         )
 
 
-def motor_range(options: Mapping[str, Any], n: int, step: float, path: Path) -> tuple[int, int]:
+def motor_range(
+    options: Mapping[str, Any], n: int, step: float, path: Path, axis: str
+) -> tuple[int, int]:
     """Return the first and last node that a file speaks of, negative below the zero of the motor."""
     first, last = options["first"], options["last"]
     if first is None or last is None:
@@ -443,8 +520,8 @@ def motor_range(options: Mapping[str, Any], n: int, step: float, path: Path) -> 
             path,
             "the positions it is made for do not fit its span",
             field="first, last",
-            expected=f"at most {format_length(n * step)} with the zero of the motor",
-            found=f"{format_length(first)} ... {format_length(last)}",
+            expected=f"at most {format_along(axis, n * step)} with the zero of the motor",
+            found=f"{format_along(axis, first)} ... {format_along(axis, last)}",
         )
     nodes = enclosing_nodes(step, ends[0], ends[1])
     return int(nodes[0]), int(nodes[-1])
@@ -468,13 +545,16 @@ def filled(
     s, count, zero = given["source_sign"], given["count"], given["motor_zero"]
     x = (s * (table.positions - zero))[::s]
     own = given.get("source_count", count)
-    grid = rolling_grid(
-        x, span=given["span"], spacing=given["spacing"], count=own, axis=table.axis
-    )
+    travel = max(float(x[-1]), 0.0) - min(float(x[0]), 0.0)
+    span = turn_of(table.axis, given["span"], travel, own)
+    grid = rolling_grid(x, span=span, spacing=given["spacing"], count=own, axis=table.axis)
     require_short_span(grid.counts, given["long_span"], table.axis)
-    values = rolled_values(grid, x, y[::s], tolerance * count / SCALE)
+    axes = table.axis, table.compensates
+    values = rolled_values(grid, x, y[::s], tolerance * count / SCALE, axes)
     at = zero + s * grid.positions
-    entries = rounded_entries(values, count, lambda k: format_length(float(at[k])))
+    entries = rounded_entries(
+        values, count, lambda k: format_along(table.axis, float(at[k])), table.compensates
+    )
     j = enclosing_nodes(grid.step, float(x[0]), float(x[-1]))
     rounding = float(np.abs(entries * count / SCALE - values).max())
     return Filled(grid, np.roll(entries, -1).tolist(), rounding, j * grid.step, values[j % grid.n])
@@ -499,10 +579,10 @@ class OneMotor(Dialect):
         """Return the table over the travel it was made for."""
         nodes, step, known, program = self._read(data, path, options)
         n = nodes.size - 1
-        low, high = motor_range(known, n, step, path)
+        low, high = motor_range(known, n, step, path, known["axes"]["axis"])
         j = np.arange(low, high + 1)
         columns = self._in_axis(j * step, nodes[j % n], known)
-        axes = named_axes(path, program, float(columns["positions"][0]))
+        axes = named_axes(path, program, float(columns["positions"][0]), known["axes"])
         return CompensationTable(**columns, is_exact_inverse=True, **axes)
 
 
@@ -527,17 +607,18 @@ class PMAC(OneMotor):
     )
 
     options = (
-        Option(
+        AlongOption(
             "count",
-            "length of one count of the target motor",
-            "length",
+            "length of one count of the target motor, or its angle",
+            "length or angle",
             required=True,
             positive=True,
+            of="compensates",
         ),
-        Option(
+        AlongOption(
             "source_count",
-            "length of one count of the source motor; as count if omitted",
-            "length",
+            "length of one count of the source motor, or its angle; as count if omitted",
+            "length or angle",
             positive=True,
         ),
         motor("source_motor", "number of the motor whose position is looked up; 1 if omitted"),
@@ -558,10 +639,10 @@ class PMAC(OneMotor):
             "choice",
             choices=(1, -1),
         ),
-        Option(
+        AlongOption(
             "motor_zero",
             "position of the axis where the source motor reads zero",
-            "length",
+            "length or angle",
             default=0.0,
         ),
         *GRID,
@@ -569,9 +650,11 @@ class PMAC(OneMotor):
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         """Return DELETE lines, the DEFINE line, entries and I51=1; SAVE comes after the trial."""
-        refuse_turning(table.axis, table.compensates)
         require_one_way(table)
-        given = _checked_motors(table, options)
+        axes = axes_of(table)
+        given = _checked_motors(table, in_axes(self.options, options, axes))
+        if is_one_turn(table):
+            table = closed(table, given["count"] / SCALE)
         made = filled(table, given["target_sign"] * table.forward, given, tolerance=0.5)
         columns = self._in_axis(made.motor, made.values, given)
         carried = replace(table, **columns, u=None)
@@ -589,6 +672,7 @@ class PMAC(OneMotor):
                 "span": made.grid.counts,
             },
             [made.entries],
+            turning=turning_names(self.options, axes),
         )  # fmt: skip
         return Encoded(
             data=data,
@@ -596,7 +680,8 @@ class PMAC(OneMotor):
             step=given["count"] / SCALE,
             carried=carried,
             resampling_error=resampling_error(table, carried),
-            findings=_warnings(options, given),
+            findings=(*_warnings(options, given), *rolls_over([(table.axis, made.grid.counts)])),
+            options=chosen(self.options, given),
             notes={
                 "span_counts": made.grid.counts,
                 "entries": made.grid.n,
@@ -619,7 +704,7 @@ class PMAC(OneMotor):
     def facts(self, data: bytes, path: Path, **options: Any) -> dict[str, Any]:
         """Return what a file says of its machine."""
         _, _, known, program = self._read(data, path, options)
-        return {**known, **named_axes(path, program, 0.0)}
+        return {**known, **named_axes(path, program, 0.0, known["axes"])}
 
     def _read(
         self, data: bytes, path: Path, options: Mapping[str, Any]
@@ -630,11 +715,13 @@ class PMAC(OneMotor):
         motors = {k: define[k] or owner for k in ("source", "target")}
         same = motors["source"] == motors["target"]
         told = _TOLD if same else (*_TOLD, "source_count", "target_sign")
+        axes = axes_in_file(path, program.facts, options, same=same)
         known = motors_of(
             {**{f"{k}_motor": v for k, v in motors.items()}, "owner": owner},
-            settled(self.options, options, path, file=program.facts, needed=told),
+            settled(self.options, options, path, file=program.facts, needed=told, axes=axes),
             path,
         )
+        known["axes"] = axes
         if same:
             for name, own in (("source_count", "count"), ("target_sign", "source_sign")):
                 sources = {f"{own} of the one motor": known[own], "the file or user": known[name]}
@@ -673,6 +760,12 @@ def _checked_motors(table: CompensationTable, options: Mapping[str, Any]) -> dic
             f"this table corrects {table.compensates} over {table.axis}, but the source is motor "
             f"#{given['source_motor']} and the target #{given['target_motor']}; a motor moves one axis"
         )
+    if given["source_count"] is None and is_rotary(table.axis) != is_rotary(table.compensates):
+        raise TableError(
+            f"one of {table.axis} and {table.compensates} turns and the other does not: state "
+            f"source_count= too, the {'angle' if is_rotary(table.axis) else 'length'} of one count of the "
+            f"motor of {table.axis}"
+        )
     given["source_count"] = given["source_count"] or given["count"]
     if given["target_sign"] is None:
         given["target_sign"] = given["source_sign"] if same else 1
@@ -683,7 +776,7 @@ def _checked_motors(table: CompensationTable, options: Mapping[str, Any]) -> dic
             f"source and target are both motor #{given['source_motor']}: its count and its sign are "
             "one; leave source_count and target_sign away"
         )
-    refuse_ends(given, dict(zip(("first", "last"), table.span, strict=True)))
+    refuse_ends(given, dict(zip(("first", "last"), table.span, strict=True)), table.axis)
     return given
 
 

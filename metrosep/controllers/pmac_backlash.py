@@ -29,6 +29,15 @@ from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
 from metrosep.controllers._facts import is_same, printable, settled
 from metrosep.controllers._grammar import damaged
+from metrosep.controllers._turns import (
+    AlongOption,
+    axes_of,
+    chosen,
+    closed,
+    format_amount,
+    in_axes,
+    is_one_turn,
+)
 from metrosep.controllers.base import (
     DialectInfo,
     Encoded,
@@ -47,6 +56,7 @@ from metrosep.controllers.pmac import (
     SCALE,
     OneMotor,
     Program,
+    axes_in_file,
     define_line,
     filled,
     motor,
@@ -55,13 +65,13 @@ from metrosep.controllers.pmac import (
     program_text,
     read_program,
     refuse_ends,
-    refuse_turning,
     rolled_size,
+    rolls_over,
     signed,
+    turning_names,
 )
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError, SignCheckFailedError, TableError
-from metrosep.core.units import format_length
 
 __all__ = ["PMACBacklash"]
 
@@ -115,13 +125,20 @@ class PMACBacklash(OneMotor):
     )
 
     options = (
-        Option(
-            "count", "length of one count of the motor", "length", required=True, positive=True
+        AlongOption(
+            "count",
+            "length of one count of the motor, or its angle",
+            "length or angle",
+            required=True,
+            positive=True,
         ),
         motor("motor", "number of the motor; 1 if omitted"),
         signed("source_sign", "the"),
-        Option(
-            "motor_zero", "position of the axis where the motor reads zero", "length", default=0.0
+        AlongOption(
+            "motor_zero",
+            "position of the axis where the motor reads zero",
+            "length or angle",
+            default=0.0,
         ),
         Option(
             "comp",
@@ -148,8 +165,10 @@ class PMACBacklash(OneMotor):
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         """Return DELETE lines, the DEFINE line, entries, Ixx86 and I51=1; SAVE comes after the trial."""
-        refuse_turning(table.axis, table.compensates)
+        options = in_axes(self.options, options, axes_of(table))
         _check(table, options)
+        if is_one_turn(table):
+            table = closed(table, options["count"] / SCALE)
         count, owner = float(options["count"]), options["motor"] or 1
         lost = _lost_motion(table)
         x, y = (v[:: options["source_sign"]] for v in (table.positions, lost))
@@ -157,7 +176,8 @@ class PMACBacklash(OneMotor):
         base = round(SCALE * float(np.interp(0.0, x, y)) / count)
         if not 0 <= base <= LARGEST:
             raise LimitError(
-                f"e_rev - e_fwd at the zero of the motor is {format_length(base * count / SCALE)}; "
+                "e_rev - e_fwd at the zero of the motor is "
+                f"{format_amount(table.axis, base * count / SCALE)}; "
                 f"Ixx86 holds 0 ... {LARGEST} sixteenths of a count: a lost motion is positive, so "
                 "check which runs are forward, and whether one is compensated already"
             )
@@ -179,6 +199,7 @@ class PMACBacklash(OneMotor):
             _DEFINE,
             {"owner": owner, "entries": made.grid.n, "span": made.grid.counts},
             [made.entries],
+            turning=turning_names(self.options, axes_of(table)),
             sets={size: base, rate: options["rate"]},
         )
         return Encoded(
@@ -187,7 +208,11 @@ class PMACBacklash(OneMotor):
             step=count / SCALE,
             carried=carried,
             resampling_error=resampling_error(alone, carried),
-            findings=_warnings(table, options, lost),
+            findings=(
+                *_warnings(table, options, lost),
+                *rolls_over([(table.axis, made.grid.counts)]),
+            ),
+            options=chosen(self.options, options),
             notes={
                 "span_counts": made.grid.counts,
                 "entries": made.grid.n,
@@ -210,9 +235,9 @@ class PMACBacklash(OneMotor):
         sizes = [float(np.abs(before + sign * added).max()) for sign in (0, 1, -1)]
         if not sizes[1] < sizes[0]:
             raise SignCheckFailedError(
-                f"the dry-run does not shrink the lost motion: {format_length(sizes[0])} -> "
-                f"{format_length(sizes[1])}, with the reversed sign {format_length(sizes[2])}; nothing "
-                "was written"
+                "the dry-run does not shrink the lost motion: "
+                f"{format_amount(table.axis, sizes[0])} -> {format_amount(table.axis, sizes[1])}, with the "
+                f"reversed sign {format_amount(table.axis, sizes[2])}; nothing was written"
             )
         names = ("before_m", "after_m", "wrong_sign_m")
         return {
@@ -224,7 +249,7 @@ class PMACBacklash(OneMotor):
         """Return what PMAC adds in each direction, with the table besides if `comp` names one."""
         nodes, step, known, program = self._read(data, path, options)
         n = nodes.size - 1
-        axis = named_axes(path, program, 0.0)["axis"]
+        axis = named_axes(path, program, 0.0, known["axes"])["axis"]
         besides = None
         if known.get("comp") is not None:
             besides = _besides(known["comp"], {**known, "axis": axis}, _hash_of_comp(path))
@@ -249,11 +274,13 @@ class PMACBacklash(OneMotor):
         )  # fmt: skip
         owner = program.define["owner"]
         size, rate = 100 * owner + _SIZE, 100 * owner + _RATE
+        axes = axes_in_file(path, program.facts, options, same=True)
         known = motors_of(
             {"motor": owner},
-            settled(self.options, options, path, file=program.facts, needed=_STATED),
+            settled(self.options, options, path, file=program.facts, needed=_STATED, axes=axes),
             path,
         )
+        known["axes"] = axes
         n, counts = rolled_size(program, path)
         if program.settings.get(size, -1) not in range(LARGEST + 1):
             raise CorruptFileError(
@@ -321,7 +348,7 @@ def _check(table: CompensationTable, options: Mapping[str, Any]) -> None:
             "forward_active= says that the forward corrections acted while the runs were measured, "
             "comp= names forward corrections that are new: say one of them"
         )
-    refuse_ends(options, dict(zip(("first", "last"), table.span, strict=True)))
+    refuse_ends(options, dict(zip(("first", "last"), table.span, strict=True)), table.axis)
 
 
 def _besides(name: str, known: Mapping[str, Any], written_with: object = None) -> Simulator:
@@ -388,7 +415,7 @@ def _warnings(
                 Finding(
                     "warning",
                     f"the table in comp= differs from the corrections of the direction in which the "
-                    f"motor moves positive by up to {format_length(apart, digits=3)}",
+                    f"motor moves positive by up to {format_amount(table.axis, apart, digits=3)}",
                     "make that table with direction='forward' ('reverse' where source_sign is -1)",
                     "comp",
                 )
@@ -397,7 +424,7 @@ def _warnings(
         found.append(
             Finding(
                 "warning",
-                f"e_rev - e_fwd falls to {format_length(float(lost.min()), digits=3)}: a lost motion is "
+                f"e_rev - e_fwd falls to {format_amount(table.axis, float(lost.min()), digits=3)}: a lost motion is "
                 "not negative",
                 "check which runs are forward, and whether backlash is compensated already",
                 "comp",

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.compensation.area_errors import bilinear
+from metrosep.compensation.area_errors import bilinear, is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers._facts import printable, settled
@@ -31,6 +31,14 @@ from metrosep.controllers._grids import (
     holds_zero,
     rolled_weights,
     rolling_grid,
+)
+from metrosep.controllers._turns import (
+    AlongOption,
+    chosen,
+    format_along,
+    format_amount,
+    in_axes,
+    is_angle,
 )
 from metrosep.controllers.base import (
     Dialect,
@@ -53,14 +61,15 @@ from metrosep.controllers.pmac import (
     program_text,
     read_program,
     refuse_ends,
-    refuse_turning,
     require_short_span,
+    rolls_over,
     rounded_entries,
     signed,
+    turn_of,
+    turning_names,
 )
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TableError
-from metrosep.core.units import format_length
 
 __all__ = ["PMACPlane"]
 
@@ -101,23 +110,24 @@ class _Side:
 def _side_options(name: str, which: str, number: int) -> tuple[Option, ...]:
     return (
         motor(f"{name}_motor", f"motor of the {which} axis of the map; {number} if omitted"),
-        Option(
-            f"{name}_count",
-            f"length of one count of the {which} axis; as count if omitted",
-            "length",
-            positive=True,
+        _along(
+            name,
+            "count",
+            f"length of one count of the {which} axis, or its angle; as count if omitted",
         ),
         signed(f"{name}_sign", f"the {which}"),
-        Option(
-            f"{name}_zero", f"where the {which} axis's motor reads zero", "length", default=0.0
-        ),
-        Option(f"{name}_span", f"roll-over length of the {which} axis", "length", positive=True),
-        Option(
-            f"{name}_spacing", f"distance of nodes of the {which} axis", "length", positive=True
-        ),
-        Option(f"{name}_first", f"for reading: lowest position of the {which} axis", "length"),
-        Option(f"{name}_last", f"for reading: highest position of the {which} axis", "length"),
+        replace(_along(name, "zero", f"where the {which} axis's motor reads zero"), default=0.0),
+        _along(name, "span", f"roll-over length of the {which} axis; one turn if it turns"),
+        _along(name, "spacing", f"distance of nodes of the {which} axis"),
+        _along(name, "first", f"for reading: lowest position of the {which} axis"),
+        _along(name, "last", f"for reading: highest position of the {which} axis"),
     )
+
+
+def _along(name: str, what: str, text: str) -> AlongOption:
+    """Return an option along one of the two axes that are looked up."""
+    positive = what in ("count", "span", "spacing")
+    return AlongOption(f"{name}_{what}", text, "length or angle", positive=positive, of=name)
 
 
 class PMACPlane(Dialect):
@@ -142,9 +152,9 @@ class PMACPlane(Dialect):
     )
 
     options = (
-        Option(
-            "count", "length of one count of the target motor", "length", required=True,
-            positive=True,
+        AlongOption(
+            "count", "length of one count of the target motor, or its angle", "length or angle",
+            required=True, positive=True, of="compensates",
         ),
         motor("target_motor", "motor that is corrected; 3 if omitted, or the source that it is"),
         motor("owner", "motor the table belongs to; the target if omitted"),
@@ -160,36 +170,48 @@ class PMACPlane(Dialect):
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
         """Return DELETE lines, the DEFINE line, the entries row by row and I51=1; SAVE comes after the trial."""
-        given = _checked(table, options)
+        letters = _letters(table.axes, table.compensates)
+        given = _checked(table, in_axes(self.options, options, letters))
         count, sign = given["count"], given["target_sign"]
         sides = _sides(table.axes, given)
         x, y, values = _in_motors(table, sides, sign)
         grids = tuple(
             rolling_grid(
-                knots, span=given[f"{n}_span"], spacing=given[f"{n}_spacing"], count=side.count, finest=_FINEST,
-                axis=side.axis,
+                knots, span=turn_of(side.axis, given[f"{n}_span"], float(np.ptp([*knots, 0.0])), side.count),
+                spacing=given[f"{n}_spacing"], count=side.count, finest=_FINEST, axis=side.axis,
             )
             for n, side, knots in zip("xy", sides, (x, y), strict=True)
         )  # fmt: skip
         for grid, side in zip(grids, sides, strict=True):
             require_short_span(grid.counts, given["long_span"], side.axis)
-        nodes = _node_values(grids, x, y, values, 0.5 * count / SCALE)
+        nodes = _node_values(
+            grids, x, y, values, 0.5 * count / SCALE, (*table.axes, table.compensates)
+        )
         at = [s.to_axis(g.positions) for s, g in zip(sides, grids, strict=True)]
 
         def place(k: int) -> str:
             row, column = divmod(k, grids[0].n)
-            here = format_length(float(at[0][column])), format_length(float(at[1][row]))
+            here = [
+                format_along(axis, float(p[i]))
+                for axis, p, i in zip(table.axes, at, (column, row), strict=True)
+            ]
             return f"{table.axes[0]} {here[0]}, {table.axes[1]} {here[1]}"
 
-        entries = rounded_entries(nodes.ravel(), count, place).reshape(nodes.shape)
+        entries = rounded_entries(nodes.ravel(), count, place, table.compensates).reshape(
+            nodes.shape
+        )
         carried = _carried(table, grids, sides, nodes, (x, y), sign)
         return Encoded(
-            data=_text(table, given, sides, grids, entries),
+            data=_text(table, given, sides, grids, entries, turning_names(self.options, letters)),
             quantisation=float(np.abs(entries * count / SCALE - nodes).max()),
             step=count / SCALE,
             carried=carried,
             resampling_error=_difference(table, carried),
-            findings=_warnings(options),
+            findings=(
+                *_warnings(options),
+                *rolls_over(zip(table.axes, (g.counts for g in grids), strict=True)),
+            ),
+            options=chosen(self.options, given),
             notes={
                 "span_counts": [g.counts for g in grids],
                 "columns": grids[0].n,
@@ -200,7 +222,7 @@ class PMACPlane(Dialect):
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
         """Return the map over the travel it was made for."""
         nodes, steps, known, program = self._read(data, path, options)
-        axes = _named(path, program.facts)
+        axes = _named(path, program.facts, _letters_in_file(path, program.facts, options))
         sides = _sides(axes["axes"], known)
         positions, picked = [], []
         for name, side, step, n in zip("xy", sides, steps, nodes.shape[::-1], strict=True):
@@ -210,7 +232,7 @@ class PMACPlane(Dialect):
                 "source_sign": side.sign,
                 "motor_zero": side.zero,
             }
-            low, high = motor_range(ends, n - 1, step, path)
+            low, high = motor_range(ends, n - 1, step, path, side.axis)
             j = np.arange(low, high + 1)[:: side.sign]
             positions.append(side.to_axis(j * step))
             picked.append(j % (n - 1))
@@ -244,7 +266,8 @@ class PMACPlane(Dialect):
         define = program.define
         lines = {f"{k}_motor": define[k] or define["owner"] for k in ("x", "y", "target")}
         lines["owner"] = define["owner"]
-        given = settled(self.options, options, path, file=program.facts, needed=_STATED)
+        axes = _letters_in_file(path, program.facts, options)
+        given = settled(self.options, options, path, file=program.facts, needed=_STATED, axes=axes)
         known = _filled(motors_of(lines, given, path))
         rows, columns = define["rows"], define["columns"]
         spans = define["row_span"], define["column_span"]
@@ -276,6 +299,7 @@ def _text(
     sides: tuple[_Side, ...],
     grids: tuple[RollingGrid, ...],
     entries: NDArray[np.int64],
+    turning: list[str],
 ) -> bytes:
     axes = [printable(a, "axis") for a in (*table.axes, table.compensates)]
     names = dict(zip(("x_axis", "y_axis", "compensates"), axes, strict=True))
@@ -295,26 +319,34 @@ def _text(
         _DEFINE,
         {"owner": given["owner"], **motors, **sizes, **spans, **desired},
         [closed[0, 1:], *closed[1:]],
+        turning=turning,
     )
 
 
 def _node_values(
-    grids: tuple[RollingGrid, ...], x: FloatArray, y: FloatArray, values: FloatArray, step: float
+    grids: tuple[RollingGrid, ...],
+    x: FloatArray,
+    y: FloatArray,
+    values: FloatArray,
+    step: float,
+    axes: tuple[str, str, str],
 ) -> FloatArray:
     """Return the map of the motors at the nodes, rows 0 ... r - 1, columns 0 ... c - 1."""
-    for grid, knots, lines in ((grids[0], x, values.T), (grids[1], y, values)):
+    for axis, grid, knots, lines in zip(axes, grids, (x, y), (values.T, values), strict=False):
         closed = knots[0] + grid.span <= knots[-1] + 1e-6 * grid.step
-        if closed and float(np.abs(lines[-1] - lines[0]).max()) > step:
+        net = float(np.abs(lines[-1] - lines[0]).max())
+        if closed and net > step:
             raise TableError(
-                f"the travel fills the span of {format_length(grid.span)}, so its ends are one place, "
-                "but the corrections differ there; give a longer span"
+                f"the travel fills the span of {format_along(axis, grid.span)}, so its ends are one place, "
+                f"but the corrections differ there by {format_amount(axes[2], net)}; "
+                + ("make them the same" if is_rotary(axis) else "give a longer span")
             )
     if holds_zero(x) and holds_zero(y):
         there = float(np.ravel(bilinear(x, y, values, 0.0, 0.0))[0])
         if abs(there) > step:
             raise TableError(
                 f"where both motors read zero the value must be 0 by definition of the format, the "
-                f"map has {format_length(there)}; make it with its reference there "
+                f"map has {format_amount(axes[2], there)}; make it with its reference there "
                 "(CompensationMap.from_error(reference=...)), or state where the motors read zero "
                 "(x_zero=, y_zero=)"
             )
@@ -383,7 +415,12 @@ def _filled(options: Mapping[str, Any]) -> dict[str, Any]:
 
 def _checked(table: CompensationMap, options: Mapping[str, Any]) -> dict[str, Any]:
     """Return the options with what follows from axes and others filled in; refuse contradictions."""
-    refuse_turning(*table.axes, table.compensates)
+    for name, axis in zip("xy", table.axes, strict=True):
+        if options[f"{name}_count"] is None and is_rotary(axis) != is_rotary(table.compensates):
+            raise TableError(
+                f"one of {axis} and {table.compensates} turns and the other does not: state {name}_count= "
+                f"too, the {'angle' if is_rotary(axis) else 'length'} of one count of the motor of {axis}"
+            )
     own = {table.axes[0]: "x", table.axes[1]: "y"}.get(table.compensates)
     motors = {"x": options["x_motor"] or 1, "y": options["y_motor"] or 2}
     expected = 3 if own is None else motors[own]
@@ -408,7 +445,8 @@ def _checked(table: CompensationMap, options: Mapping[str, Any]) -> dict[str, An
         )
     given["owner"] = given["owner"] or given["target_motor"]
     for name, span in zip("xy", table.span, strict=True):
-        refuse_ends(given, dict(zip((f"{name}_first", f"{name}_last"), span, strict=True)))
+        ends = dict(zip((f"{name}_first", f"{name}_last"), span, strict=True))
+        refuse_ends(given, ends, table.axes["xy".index(name)])
     return given
 
 
@@ -424,14 +462,42 @@ def _warnings(options: Mapping[str, Any]) -> tuple[Finding, ...]:
     )  # fmt: skip
 
 
-def _named(path: Path, facts: Mapping[str, str]) -> dict[str, Any]:
+def _letters(axes: tuple[str, str], compensates: str) -> dict[str, str]:
+    """Return the axes of a map by the names that options use."""
+    return {"x": axes[0], "y": axes[1], "compensates": compensates}
+
+
+def _letters_in_file(
+    path: Path, facts: Mapping[str, str], options: Mapping[str, Any]
+) -> dict[str, str]:
+    """Return the axes of comments or sidecar, else letters that turn where an option is an angle."""
+    if {*_NAMES} <= {*facts}:
+        return _letters((facts["x_axis"], facts["y_axis"]), facts["compensates"])
+    found = {}
+    for name, linear, turning in (("x", "X", "A"), ("y", "Y", "B"), ("compensates", "Z", "C")):
+        mine = (
+            ("count",)
+            if name == "compensates"
+            else [k for k in options if k.startswith(f"{name}_")]
+        )
+        found[name] = turning if any(is_angle(options.get(k)) for k in mine) else linear
+    known = map_identity(
+        path, axes=(found["x"], found["y"]), compensates=found["compensates"], first=(0.0, 0.0)
+    )
+    return _letters(known["axes"], known["compensates"])
+
+
+_NAMES = ("x_axis", "y_axis", "compensates")
+"""Comments that name the axes."""
+
+
+def _named(path: Path, facts: Mapping[str, str], letters: Mapping[str, str]) -> dict[str, Any]:
     """Return axes, compensated axis, reference and what is not in the map."""
-    names = ("x_axis", "y_axis", "compensates")
-    stated = {n: facts[n] for n in names if n in facts}
-    if stated and len(stated) < len(names):
-        missing = next(n for n in names if n not in stated)
+    stated = {n: facts[n] for n in _NAMES if n in facts}
+    if stated and len(stated) < len(_NAMES):
+        missing = next(n for n in _NAMES if n not in stated)
         raise damaged(path, f"the comment that names {missing} is missing")
-    x, y, compensates = (facts.get(n, usual) for n, usual in zip(names, "XYZ", strict=True))
+    x, y, compensates = letters.values()
     known = map_identity(path, axes=(x, y), compensates=compensates, first=(0.0, 0.0))
     found = (*known["axes"], known["compensates"])
     if stated and found != (x, y, compensates):

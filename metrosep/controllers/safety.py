@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from metrosep.compensation.limits import Finding, Limits
+from metrosep.controllers._turns import format_along, format_amount
 from metrosep.controllers.base import DialectInfo, Encoded
 from metrosep.core.errors import DataError, LimitError
-from metrosep.core.units import format_length
 
 __all__ = [
     "CHECKS",
@@ -111,7 +111,7 @@ def table_findings(carried: Any, limits: Limits, info: DialectInfo) -> list[Find
         return [*found, *_coverage(carried.domain, limits, info)]
     return [
         *found,
-        *_coverage(carried.span, limits, info),
+        *_coverage(carried.span, limits, info, carried.axis),
         *_soft_limits(carried, limits),
         *_reference(carried),
         *_uncertainty(carried),
@@ -139,9 +139,9 @@ def carried_findings(carried: Any, table: Any, limits: Limits, info: DialectInfo
         found.append(
             Finding(
                 "error",
-                f"the file holds {format_length(carried.span[0])} ... "
-                f"{format_length(carried.span[1])} of a table over {format_length(low)} ... "
-                f"{format_length(high)}",
+                f"the file holds {format_along(table.axis, carried.span[0])} ... "
+                f"{format_along(table.axis, carried.span[1])} of a table over "
+                f"{format_along(table.axis, low)} ... {format_along(table.axis, high)}",
                 "state where it shall begin and end, or cut the table",
                 "coverage",
             )
@@ -159,7 +159,9 @@ def carried_findings(carried: Any, table: Any, limits: Limits, info: DialectInfo
     return found
 
 
-def _coverage(covered: tuple[float, float], limits: Limits, info: DialectInfo) -> list[Finding]:
+def _coverage(
+    covered: tuple[float, float], limits: Limits, info: DialectInfo, axis: str = "X"
+) -> list[Finding]:
     low, high = covered
     wanted_low = low if limits.travel_low is None else limits.travel_low
     wanted_high = high if limits.travel_high is None else limits.travel_high
@@ -169,8 +171,8 @@ def _coverage(covered: tuple[float, float], limits: Limits, info: DialectInfo) -
     return [
         Finding(
             "error",
-            f"the corrections cover {format_length(low)} ... {format_length(high)}, the travel is "
-            f"{format_length(wanted_low)} ... {format_length(wanted_high)}; outside the controller "
+            f"the corrections cover {format_along(axis, low)} ... {format_along(axis, high)}, the travel is "
+            f"{format_along(axis, wanted_low)} ... {format_along(axis, wanted_high)}; outside the controller "
             f"does this: {info.outside}",
             "measure the whole travel, or narrow it",
             "coverage",
@@ -191,8 +193,8 @@ def _soft_limits(table: Any, limits: Limits) -> list[Finding]:
     return [
         Finding(
             "error",
-            f"the travel {format_length(low)} ... {format_length(high)} with corrections up to "
-            f"{format_length(table.stroke)} leaves the software limits",
+            f"the travel {format_along(table.axis, low)} ... {format_along(table.axis, high)} with "
+            f"corrections up to {format_amount(table.compensates, table.stroke)} leaves the software limits",
             "keep the largest correction as a margin to them",
             "soft-limits",
         )
@@ -205,8 +207,8 @@ def _reference(table: Any) -> list[Finding]:
         found.append(
             Finding(
                 "warning",
-                f"{format_length(table.offset_removed)} was subtracted so that the correction is zero "
-                f"at the reference {format_length(table.reference)}",
+                f"{format_amount(table.compensates, table.offset_removed)} was subtracted so that the "
+                f"correction is zero at the reference {format_along(table.axis, table.reference)}",
                 "set the reference to where the axis is homed or zeroed",
                 "reference",
             )
@@ -218,8 +220,8 @@ def _reference(table: Any) -> list[Finding]:
             found.append(
                 Finding(
                     "warning",
-                    f"the correction at the reference {format_length(table.reference)} is "
-                    f"{format_length(there)}, not zero: the zero of the machine moves by it",
+                    f"the correction at the reference {format_along(table.axis, table.reference)} is "
+                    f"{format_amount(table.compensates, there)}, not zero: the zero of the machine moves by it",
                     "subtract it from all entries, or state another reference",
                     "reference",
                 )
@@ -238,7 +240,7 @@ def _uncertainty(table: Any) -> list[Finding]:
         return []
     text = (
         f"{below} of {n} entries are not larger than their expanded uncertainty (k = 2, up to "
-        f"{format_length(2.0 * float(table.u.max()), digits=2)})"
+        f"{format_amount(table.compensates, 2.0 * float(table.u.max()), digits=2)})"
     )
     if below == n:
         return [Finding("error", text, "measure more runs: this is noise", "uncertainty")]
@@ -264,14 +266,15 @@ def file_findings(carried: Any, encoded: Encoded) -> list[Finding]:
     """Return what is wrong or doubtful about the bytes."""
     found = list(encoded.findings)
     span = _span(carried)
+    axis = getattr(carried, "compensates", "X")
     if span is None or span == 0.0:
         return found
     if encoded.step > _COARSEST * span:
         found.append(
             Finding(
                 "error",
-                f"an entry has steps of {format_length(encoded.step, digits=3)}, the corrections span "
-                f"{format_length(span, digits=3)}: rounding would dominate",
+                f"an entry has steps of {format_amount(axis, encoded.step, digits=3)}, the corrections span "
+                f"{format_amount(axis, span, digits=3)}: rounding would dominate",
                 "use a controller or a count of finer steps",
                 "quantisation",
             )
@@ -281,8 +284,8 @@ def file_findings(carried: Any, encoded: Encoded) -> list[Finding]:
             Finding(
                 "error",
                 f"between its entries the file misses the table by up to "
-                f"{format_length(encoded.resampling_error, digits=3)}, the corrections span "
-                f"{format_length(span, digits=3)}",
+                f"{format_amount(axis, encoded.resampling_error, digits=3)}, the corrections span "
+                f"{format_amount(axis, span, digits=3)}",
                 "use a finer spacing of the file, or a coarser error",
                 "resampling",
             )

@@ -21,14 +21,10 @@ from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._facts import agreed, settled
 from metrosep.controllers._grammar import short
 from metrosep.controllers._grids import (
-    AlongOption,
     Repeating,
-    along_axis,
     even_map,
     even_table,
     folded,
-    format_amount,
-    format_span,
     require_one_direction,
 )
 from metrosep.controllers._sinumerik_file import (
@@ -51,6 +47,12 @@ from metrosep.controllers._sinumerik_file import (
     turning,
     units,
     write_program,
+)
+from metrosep.controllers._turns import (
+    AlongOption,
+    along_axis,
+    format_amount,
+    format_span,
 )
 from metrosep.controllers.base import (
     Dialect,

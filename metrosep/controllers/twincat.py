@@ -1,18 +1,23 @@
 """TwinCAT Tc2_MC2: table of MC_TableBasedPositionCompensation as a global variable list (ST text).
 
 Entry: Compensation is additive to the uncorrected set position, so it is the correction -e, in mm
-as the positions. Positions are equidistant and rise. The parameter structure also has a direction
-and a modulo field, which belong into the program that calls the function block.
+as the positions, or in degrees for an axis that turns. Positions are equidistant and rise. Of the
+parameter structure Modulo and Direction are written where they are not FALSE and both: a modulo
+table covers 0 to 360 deg, and a table for each direction is a variable and a structure of its own.
 """
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._facts import own_axis
 from metrosep.controllers._grammar import (
@@ -21,18 +26,28 @@ from metrosep.controllers._grammar import (
     Word,
     ascii_lines,
     damaged,
+    deg_value,
     fixed,
     joined,
     mm_value,
 )
 from metrosep.controllers._grids import (
+    Repeating,
     Resampling,
     carry,
-    require_linear,
     require_on_axis,
     require_one_direction,
     require_sizes,
     uniform_positions,
+)
+from metrosep.controllers._turns import (
+    INTERVAL,
+    axes_of,
+    chosen,
+    in_axes,
+    letter_in_file,
+    require_turn,
+    require_whole_turn,
 )
 from metrosep.controllers.base import DialectInfo, Encoded, identity
 from metrosep.controllers.options import Option
@@ -48,9 +63,9 @@ _CAPACITY = 100_000
 _FARTHEST, _LARGEST = 1e3, 1.0
 """Position and correction beyond which units are mistaken, m."""
 _DECIMALS = 9
-"""Decimals of a mm: 1 pm; LREAL holds them."""
+"""Decimals of a mm, 1 pm, or of a degree; LREAL holds them."""
 _UNIFORM = 1e-8
-"""Deviation of printed positions from equal spacing in mm: rounding of the last decimal."""
+"""Deviation of printed positions from equal spacing in mm or mrad: rounding of the last decimal."""
 
 _NAME = re.compile(r"[A-Za-z]\w{0,59}", re.ASCII)
 _KEYWORDS = (
@@ -68,36 +83,61 @@ _KEYWORDS = (
     "VAR_INST VAR_IN_OUT VAR_OUTPUT VAR_STAT VAR_TEMP WCHAR WHILE WITH WORD WSTRING XOR "
 )
 """Words of ST (IEC 61131-3 with the additions of TwinCAT); capitals do not matter."""
-_MM = Word(r"-?\d{1,9}\.\d{1,12}", mm_value)
 _IDENTIFIER = Word(r"\w+")
 _TYPE = "ST_PositionCompensationTableElement"
-_LAYOUT = {
-    "begin": Line("VAR_GLOBAL"),
-    "open": Line(f"{{name}} : ARRAY[1..{{size}}] OF {_TYPE} := [", name=_IDENTIFIER),
-    "row": Line(
-        "(Position := {p}, Compensation := {c}){comma}", p=_MM, c=_MM, comma=Word(",?")
-    ),
-    "close": Line("];"),
-    "parameter": Line(
-        "{name}Parameter : ST_PositionCompensationTableParameter := (MinPosition := {low}, "
-        "MaxPosition := {high}, NoOfTableElements := {size});",
-        name=_IDENTIFIER, low=_MM, high=_MM,
-    ),
-    "end": Line("END_VAR"),
-}  # fmt: skip
-"""Lines of the list, without their indents."""
+_WAYS = {0: "", 1: "WorkDirectionPositive", -1: "WorkDirectionNegative"}
+"""Values of E_WorkDirection; without one it is WorkDirectionBoth."""
+_DIRECTION = Word(
+    r"(?:, Direction := WorkDirection(?:Both|Positive|Negative))?",
+    lambda text: {"": 0, "Both": 0, "Positive": 1, "Negative": -1}[
+        text.partition("WorkDirection")[2]
+    ],
+    lambda way: f", Direction := {_WAYS[way]}" if way else "",
+)
+_MODULO = Word(
+    r"(?:, Modulo := (?:TRUE|FALSE))?",
+    lambda text: text.endswith("TRUE"),
+    lambda modulo: ", Modulo := TRUE" if modulo else "",
+)
+
+
+def _layout(read: Callable[[str], float]) -> dict[str, Line]:
+    """Return the lines of a list, without their indents, for a unit of positions and corrections."""
+    number = Word(r"-?\d{1,9}\.\d{1,12}", read)
+    return {
+        "begin": Line("VAR_GLOBAL"),
+        "open": Line(f"{{name}} : ARRAY[1..{{size}}] OF {_TYPE} := [", name=_IDENTIFIER),
+        "row": Line(
+            "(Position := {p}, Compensation := {c}){comma}", p=number, c=number, comma=Word(",?")
+        ),
+        "close": Line("];"),
+        "parameter": Line(
+            "{name}Parameter : ST_PositionCompensationTableParameter := (MinPosition := {low}, "
+            "MaxPosition := {high}, NoOfTableElements := {size}{direction}{modulo});",
+            name=_IDENTIFIER, low=number, high=number, direction=_DIRECTION, modulo=_MODULO,
+        ),
+        "end": Line("END_VAR"),
+    }  # fmt: skip
+
+
+_LAYOUTS = {False: _layout(mm_value), True: _layout(deg_value)}
+"""By whether the axis turns."""
+_NOTE = "(* metrosep: correction -e in {unit}, additive to the set position *)"
+_REVERSE = "Reverse"
+"""What is appended to the name of the variable for travel in - direction."""
 _COMMENT = re.compile(r"\(\* [^*()]* \*\)")
 
 
-class TwinCAT(Resampling):
+class TwinCAT(Repeating, Resampling):
     """Writer and reader of the ST table; see the module."""
 
     info = DialectInfo(
         id="twincat",
         title=_TITLE,
         entry="correction -e, additive to the uncorrected set position",
-        units="mm (position unit of the axis)",
-        outside="not documented; taken as constant beyond both ends: cover the whole travel",
+        units="mm, of an axis that turns deg (position unit of the axis)",
+        outside="not documented; taken as constant beyond both ends: cover the whole travel; with "
+        "Modulo := TRUE it repeats",
         sign_status="documented: the compensation is additive to the uncorrected set position",
         activation=(
             "import the text as a global variable list (GVL) of the PLC project, build, download",
@@ -106,103 +146,201 @@ class TwinCAT(Resampling):
                 "SIZEOF(table) and the parameter structure of the list"
             ),
             (
-                "set Direction to both directions and Modulo FALSE in that structure, Ramp to a speed "
-                "the axis can follow, home the axis, then Enable"
+                "set Ramp to a speed the axis can follow, home the axis, then Enable; Direction and Modulo "
+                "are as the structure says, both directions and FALSE where it does not"
             ),
             "compare CurrentCorrection with the table at some positions in both directions",
-            "write one table for each direction if lost motion matters, or use the backlash setting",
+            (
+                "a table for each direction (bidirectional=True) is one call for each; whether two may be "
+                "enabled on one axis is not documented: see that both show in CurrentCorrection"
+            ),
         ),
         spacing="uniform",
         directions="one",
-        resolution="1 pm",
+        resolution="1 pm, or 1e-9 deg",
         suffix=".TcGVL.txt",
         page="twincat",
     )
 
     options = (
+        replace(INTERVAL, help="spacing; that of the table if omitted"),
         Option(
-            "interval",
-            "spacing; that of the table if omitted",
-            "length",
-            positive=True,
-            highest=100.0,
+            "modulo",
+            "Modulo := TRUE: the table of 0 to 360 deg repeats, for an axis that turns on",
+            "flag",
+            default=False,
+        ),
+        Option(
+            "bidirectional",
+            "write a table for each direction (Direction of the parameter structure)",
+            "flag",
+            default=False,
         ),
         Option("name", "name of the variable", "text", default="CompTable"),
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         """Return the declarations of table and parameters."""
-        require_linear((table.axis, table.compensates), _TITLE)
         require_on_axis(
             table, _TITLE, "'isg-cross' (TwinCAT CNC), or 'csv' for a program of your own"
         )
-        table = require_one_direction(
-            table, _TITLE, "as backlash of the axis, or write a table for each direction"
-        )
+        o = in_axes(self.options, options, axes_of(table))
+        if not o["bidirectional"]:
+            table = require_one_direction(
+                table,
+                _TITLE,
+                "as backlash of the axis, or say bidirectional=True for a table for each direction",
+            )
+        turns = is_rotary(table.axis)
+        layout = _LAYOUTS[turns]
+        unit = math.radians(1.0) if turns else 1e-3
+        if o["modulo"]:
+            table = require_turn(table, unit * 10.0**-_DECIMALS, first=0.0)
+            require_whole_turn(o["interval"], _TITLE)
         require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
-        name = options["name"]
-        _require_name(name)
+        _require_name(o["name"])
         positions = uniform_positions(
-            table, interval=options["interval"], max_points=_CAPACITY, title=_TITLE
+            table, interval=o["interval"], max_points=_CAPACITY, title=_TITLE
         )
         carried = carry(table, positions)
-        rows = [
-            (fixed(p * 1e3, _DECIMALS), fixed(c * 1e3, _DECIMALS))
-            for p, c in zip(positions, carried.table.forward, strict=True)
-        ]
-        back = np.array([[mm_value(v) for v in row] for row in rows])
-        if (np.diff(back[:, 0]) <= 0).any():
-            raise TableError(f"positions closer than 1e-{_DECIMALS} mm cannot be written")
-        n, ends = len(rows), {"low": rows[0][0], "high": rows[-1][0]}
-        lines = [
-            "(* metrosep: correction -e in mm, additive to the set position *)",
-            _LAYOUT["begin"].write(),
-            "  " + _LAYOUT["open"].write(name=name, size=n),
-            *(
-                "    " + _LAYOUT["row"].write(p=p, c=c, comma="," if i < n else "")
-                for i, (p, c) in enumerate(rows, start=1)
-            ),
-            "  " + _LAYOUT["close"].write(),
-            "  " + _LAYOUT["parameter"].write(name=name, size=n, **ends),
-            _LAYOUT["end"].write(),
-        ]
+        made = carried.table
+        ways = {0: made.forward} if made.reverse is None else {1: made.forward, -1: made.reverse}
+        places = _texts(positions, turns=turns)
+        back = np.array([layout["row"].words["p"].read(v) for v in places])
+        if (np.diff(back) <= 0).any():
+            raise TableError(
+                f"positions closer than 1e-{_DECIMALS} {'deg' if turns else 'mm'} cannot be written"
+            )
+        lines, off = [], 0.0
+        for way, column in ways.items():
+            values = _texts(column, turns=turns)
+            read = np.array([layout["row"].words["c"].read(v) for v in values])
+            off = max(off, float(np.abs(read - column).max()))
+            name = o["name"] + (_REVERSE if way < 0 else "")
+            lines += _declared(layout, name, places, values, way, modulo=o["modulo"])
+        note = _NOTE.format(unit="deg" if turns else "mm")
         return Encoded(
-            joined(lines),
-            float(np.abs(back[:, 1] - carried.table.forward).max()),
-            carried=carried.table,
+            joined([note, layout["begin"].write(), *lines, layout["end"].write()]),
+            off,
+            carried=made,
             resampling_error=carried.error,
+            options=chosen(self.options, o),
         )
 
-    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
+    def _read(
+        self, data: bytes, path: Path, options: dict[str, Any]
+    ) -> tuple[CompensationTable, bool]:
+        """Return the table of one or of both directions, and whether it repeats."""
         lines = enumerate(ascii_lines(data, path, "ST table of TwinCAT"), start=1)
         rows = [(i, line.strip()) for i, line in lines]
+        notes = [row[1] for row in rows if _COMMENT.fullmatch(row[1])]
         rows = [row for row in rows if row[1] and not _COMMENT.fullmatch(row[1])]
         text = Text(path, rows, "ST table of TwinCAT")
-        text.take(_LAYOUT["begin"])
-        opened = text.take(_LAYOUT["open"])
-        wanted = options.get("name") or opened["name"]
-        found = text.many(_LAYOUT["row"])
-        text.take(_LAYOUT["close"])
-        closed = text.take(_LAYOUT["parameter"])
-        text.take(_LAYOUT["end"])
+        turns = _turns(notes, [row[1] for row in rows])
+        letter = letter_in_file(path, turns, options)
+        layout = _LAYOUTS[is_rotary(letter)]
+        text.take(layout["begin"])
+        one = _take(text, layout, path, options.get("name"))
+        ways = {one.way: one}
+        if one.way:
+            two = _take(text, layout, path, one.name + _REVERSE)
+            ways[two.way] = two
+            if {*ways} != {1, -1} or two.modulo != one.modulo or (two.p != one.p).any():
+                raise damaged(
+                    path,
+                    "two tables of one axis must be those of both directions, at the same positions",
+                )
+        text.take(layout["end"])
         text.end()
-        if opened["name"] != wanted or closed["name"] != wanted:
+        if one.modulo:
+            _require_turn(ways.values(), letter, path)
+        fields = own_axis(identity(path, first=float(one.p[0])), path)
+        table = CompensationTable(
+            one.p,
+            ways[1].c if one.way else one.c,
+            ways[-1].c if one.way else None,
+            is_exact_inverse=True,
+            **{**fields, "axis": letter, "compensates": letter},
+        )
+        return table, one.modulo
+
+
+@dataclass(frozen=True, slots=True)
+class _Declared:
+    """One table of a list, read."""
+
+    name: str
+    p: FloatArray  # m or rad, rising
+    c: FloatArray
+    way: int  # 1, -1, or 0 for both directions
+    modulo: bool
+
+
+def _texts(values: FloatArray, *, turns: bool) -> list[str]:
+    """Return numbers of the file: mm or degrees."""
+    scaled = np.degrees(values) if turns else np.asarray(values) * 1e3
+    return [fixed(float(v), _DECIMALS) for v in scaled]
+
+
+def _declared(
+    layout: dict[str, Line], name: str, p: list[str], c: list[str], way: int, *, modulo: bool
+) -> list[str]:
+    """Return the declarations of one table and its parameters."""
+    n = len(p)
+    rows = enumerate(zip(p, c, strict=True), start=1)
+    parameter = layout["parameter"].write(
+        name=name, size=n, low=p[0], high=p[-1], direction=way, modulo=modulo
+    )
+    return [
+        "  " + layout["open"].write(name=name, size=n),
+        *(
+            "    " + layout["row"].write(p=at, c=value, comma="," if i < n else "")
+            for i, (at, value) in rows
+        ),
+        "  " + layout["close"].write(),
+        "  " + parameter,
+    ]
+
+
+def _take(text: Text, layout: dict[str, Line], path: Path, wanted: str | None) -> _Declared:
+    """Return the next table of a list."""
+    opened = text.take(layout["open"])
+    wanted = wanted or opened["name"]
+    found = text.many(layout["row"])
+    text.take(layout["close"])
+    closed = text.take(layout["parameter"])
+    if opened["name"] != wanted or closed["name"] != wanted:
+        raise CorruptFileError(
+            path,
+            "another variable",
+            expected=wanted,
+            found=f"{opened['name']}, {closed['name']}Parameter",
+            hint="give name= of the variable, or write the table again",
+        )
+    table = np.array([(row["p"], row["c"]) for row in found]).reshape(-1, 2)
+    _require_frame(table, [row["comma"] for row in found], opened["size"], closed, path)
+    return _Declared(wanted, table[:, 0], table[:, 1], closed["direction"], closed["modulo"])
+
+
+def _turns(notes: list[str], rows: list[str]) -> bool | None:
+    """Return whether a list is in degrees, as its comment or Modulo says; None if nothing does."""
+    for turns, unit in ((False, "mm"), (True, "deg")):
+        if _NOTE.format(unit=unit) in notes:
+            return turns
+    return True if any("Modulo := TRUE" in row for row in rows) else None
+
+
+def _require_turn(tables: Iterable[_Declared], axis: str, path: Path) -> None:
+    """Refuse a modulo table that is not one from 0 to 360 deg with the first value equal to the last."""
+    for t in tables:
+        off = max(abs(float(t.p[0])), abs(float(t.p[-1]) - 2.0 * math.pi))
+        if not is_rotary(axis) or off > 1e-9 or t.c[0] != t.c[-1]:
             raise CorruptFileError(
                 path,
-                "another variable",
-                expected=wanted,
-                found=f"{opened['name']}, {closed['name']}Parameter",
-                hint="give name= of the variable, or write the table again",
+                "a modulo table must cover 0 to 360 deg of an axis that turns, with the first value equal "
+                "to the last",
+                hint="enter the value of 0 again at 360 deg",
             )
-        table = np.array([(row["p"], row["c"]) for row in found]).reshape(-1, 2)
-        _require_frame(table, [row["comma"] for row in found], opened["size"], closed, path)
-        return CompensationTable(
-            table[:, 0],
-            table[:, 1],
-            None,
-            is_exact_inverse=True,
-            **own_axis(identity(path, first=float(table[0, 0])), path),
-        )
 
 
 def _require_name(name: str) -> None:
@@ -229,14 +367,14 @@ def _require_frame(
         )
     if commas != [","] * (n - 1) + [""]:
         raise damaged(path, "a comma is missing or too many")
-    p = table[:, 0] * 1e3
+    p = table[:, 0]
     even = p[0] + (p[-1] - p[0]) / (n - 1) * np.arange(n)
-    if (np.diff(p) <= 0).any() or np.abs(p - even).max() > _UNIFORM:
+    if (np.diff(p) <= 0).any() or np.abs(p - even).max() > _UNIFORM * 1e-3:
         i = int(np.abs(p - even).argmax())
         raise CorruptFileError(
             path,
             f"element {i + 1}: the positions are not equidistant and rising",
-            found=f"{p[i]:.9g} mm",
+            found=f"{p[i] * 1e3:.9g} mm",
             hint="TwinCAT needs equal steps: write the table again",
         )
     if (closed["low"], closed["high"]) != (table[0, 0], table[-1, 0]):

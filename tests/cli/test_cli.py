@@ -126,6 +126,8 @@ def test_verify_rejects_a_flipped_table_with_code_1(metrosep, runs_csv, tmp_path
         runs_csv,
         *COLUMNS,
         "--machine",
+        "linear_units=mm",
+        "--machine",
         "travel_low=0 mm",
         "--machine",
         "travel_high=30 mm",

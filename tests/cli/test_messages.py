@@ -246,7 +246,17 @@ def test_the_span_of_a_dry_run_is_told(capsys, runs_csv, result_folder, tmp_path
     ends = [float(rows[i].split()[0]) for i in (0, 14)]
 
     with pytest.raises(SystemExit):
-        main(["verify", str(short), "--against", str(runs_csv), *COLUMNS])
+        main(
+            [
+                "verify",
+                str(short),
+                "--against",
+                str(runs_csv),
+                *COLUMNS,
+                "--machine",
+                "linear_units=mm",
+            ]
+        )
 
     assert f"dry-run forward, {ends[0]:g} ... {ends[1]:g} mm: P-V" in capsys.readouterr().err
 

@@ -50,6 +50,10 @@ def added_um(file, x_mm):
     return 1e3 * np.interp(x_mm, nominal, nominal - column)
 
 
+MM = ("--machine", "linear_units=mm")
+"""A compensation file of LinuxCNC has no unit."""
+
+
 def comp(path, correction_um, places=None):
     """A file as the manual of LinuxCNC describes it, written by hand."""
     p = np.arange(0.0, LENGTH + 0.1, 2.0) if places is None else places
@@ -179,7 +183,7 @@ def test_file_from_elsewhere_passes_only_if_the_machine_is_better_with_it(
     runs = readings(tmp_path / "runs.csv", seed=11)
     file = comp(tmp_path / "x.comp", spoilt(kind))
 
-    code, out, err = metrosep("verify", file, "--against", runs, *COLUMNS, "--json")
+    code, out, err = metrosep("verify", file, "--against", runs, *COLUMNS, *MM, "--json")
 
     assert code == expected, err
     found = json.loads(out)
@@ -201,7 +205,7 @@ def test_table_that_was_not_measured_along_its_length_is_refused(metrosep, tmp_p
     runs = readings(tmp_path / "runs.csv", x=np.linspace(*part, 301))
     file = comp(tmp_path / "x.comp", spoilt("right"))
 
-    code, _, err = metrosep("verify", file, "--against", runs, *COLUMNS)
+    code, _, err = metrosep("verify", file, "--against", runs, *COLUMNS, *MM)
 
     assert code == 1
     assert "measure the whole table" in err
@@ -217,7 +221,7 @@ def test_table_shorter_than_the_travel_is_refused_where_it_is_held(metrosep, tmp
     places = np.arange(0.0, 66.0, 5.0)
     file = comp(tmp_path / "x.comp", lambda p: -error(p), places)
 
-    code, _, err = metrosep("verify", file, "--against", runs, *COLUMNS)
+    code, _, err = metrosep("verify", file, "--against", runs, *COLUMNS, *MM)
 
     assert code == 1
     assert "beyond the table" in err

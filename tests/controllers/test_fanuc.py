@@ -9,14 +9,15 @@ import pytest
 from contracts.dialect import DialectContract
 from hypothesis import given, settings, strategies as st
 
-from metrosep import controllers
-from metrosep.compensation import CompensationTable
+from metrosep import Run, RunSet, controllers
+from metrosep.compensation import CompensationTable, trial_table
 from metrosep.controllers.fanuc import Fanuc
 from metrosep.controllers.options import checked_options
 from metrosep.errors import (
     CorruptFileError,
     DataError,
     LimitError,
+    SignCheckFailedError,
     SignNotConfirmedError,
     TableError,
 )
@@ -330,11 +331,6 @@ def test_facts_of_the_dialect():
     assert info.page == "fanuc"
 
 
-def test_axis_that_turns_is_refused():
-    with pytest.raises(TableError, match="axis C turns"):
-        encode(CompensationTable([0.0, 1e-3], [0, 0], None, "C", "C", 0.0))
-
-
 def test_table_of_another_axis_is_refused(tmp_path):
     """Pitch error shifts the axis it looks up: X -> Z would shift X by what Z needs."""
     cross = CompensationTable([0.0, 1e-3], [0, 1e-6], None, "X", "Z", 0.0)
@@ -420,6 +416,153 @@ def test_file_on_the_page_is_whole(repository):
     table = CompensationTable(x, np.array([1, 0, -2, 0]) * 1e-6, None, "X", "X", 0.0)
 
     assert encode(table).data.decode() == block
+
+
+# ---- both directions: 3605 bit 0, 3626, 3627 (report A-77810E) --------------------------------------
+
+
+def walk_back(data, position_mm, *, unit_um, detection_um):
+    """Output (um) for travel in - direction: 3627 at the reference, then the second list, - side to + side.
+
+    Point 3626 is the most distant one on the - side, as 3621 is of the first list; increments of both
+    lists belong to the section below their point and are seen walking up.
+    """
+    word = {}
+    for line in data.decode().splitlines()[1:-1]:
+        name, value = line.split("P")
+        word[int(name[1:].split("A")[0])] = int(value)
+    step = word[3624] * 1e-3
+    output = word[3627] * detection_um
+    for i in range(word[3622] - word[3621] + 1):
+        above = word[3621] + i - word[3620]  # number of the section above the reference
+        low, high = (above - 1) * step, above * step
+        pulses = word[10000 + word[3626] + i] * word[3623] * unit_um
+        if above >= 1:
+            output += pulses * min(max((position_mm - low) / step, 0.0), 1.0)
+        else:
+            output -= pulses * min(max((high - position_mm) / step, 0.0), 1.0)
+    return output
+
+
+def both_ways():
+    x = np.arange(-40, 61, 10) * 1e-3
+    forward = 6e-6 * np.sin(x / 23e-3) + 2e-6 * (1 - np.cos(x / 15e-3))
+    reverse = forward - 1.37e-6 + 8e-6 * x / 0.06 * np.cos(x / 31e-3)
+    return CompensationTable(x, forward, reverse, "X", "X", 0.0, is_exact_inverse=True)
+
+
+@pytest.mark.parametrize(("magnification", "extra"), [(1, {}), (2, {"reverse_number": 900})])
+def test_lists_of_both_directions_over_the_whole_travel(tmp_path, magnification, extra):
+    made, path = both_ways(), tmp_path / "x.txt"
+    options = {"detection_unit": "100 nm", "largest": 127, "magnification": magnification, **extra}
+    controllers.write(
+        made, path, "fanuc", bidirectional=True, sign_confirmed=True, allow_unverified=True,
+        reference_number=20, increment="1 um", **options,
+    )  # fmt: skip
+    unit = 1e-7 * magnification
+    data, lookup = path.read_bytes(), controllers.simulate(path, "fanuc")
+
+    for mm in np.linspace(-55, 75, 131):
+        ahead, back = (made.correction(mm * 1e-3, d)[0] for d in (1, -1))
+        seen = walk(data, mm, unit_um=0.1) * 1e-6
+        seen_back = 1e-6 * walk_back(data, mm, unit_um=0.1, detection_um=0.1)
+        half = 0.5 * unit * (1 + 1e-6)
+        assert abs(seen - ahead) <= half
+        assert abs(seen_back - back) <= half
+        assert abs(float(lookup(mm * 1e-3, 1)) - ahead) <= half
+        assert abs(float(lookup(mm * 1e-3, -1)) - back) <= half
+
+
+def bidirectional(**given):
+    return encode(both_ways(), bidirectional=True, detection_unit=1e-7, largest=127, **given)
+
+
+def test_lost_motion_at_the_reference_stands_in_3627_with_its_sign():
+    """c_rev - c_fwd = -1.37 um there: -14 units of 0.1 um, of the correction (k = -1)."""
+    text = bidirectional(reference_number=20).data.decode()
+    assert "N3627A1P-14\n" in text
+    assert "N3626A1P27\n" in text  # points 17 to 26 are those of the first list
+    other = bidirectional(reference_number=20, entry_sign=1).data.decode()
+    assert "N3627A1P14\n" in other
+    assert "N3605" not in text  # its other bits belong to the machine
+
+
+def test_what_the_file_cannot_set_is_a_reminder():
+    text = " ".join(f"{f.problem} {f.fix}" for f in bidirectional().findings)
+    assert "bit 0 of 3605" in text
+    assert "1851 to 0" in text
+    assert "trial table in both directions" in text
+
+
+def test_two_directions_need_points_of_their_own():
+    with pytest.raises(LimitError, match=r"overlap: points 17 to 26 and 26 to 35"):
+        bidirectional(reference_number=20, reverse_number=26)
+    with pytest.raises(LimitError, match=r"points 1020 to 1029 leave 0 to 1023"):
+        bidirectional(reverse_number=1020)
+    with pytest.raises(TableError, match="bidirectional=True"):
+        encode(both_ways(), detection_unit=1e-7)
+    with pytest.raises(TableError, match="reverse_number= is for"):
+        encode(manual_table(), reverse_number=900)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("N3626A1P27", "N3626A1P26", "as many from 26"),
+        ("N3627A1P", "N3628A1P", "one N...P... a line"),
+        ("N3626A1P27\n", "", "parameter 3626 is missing"),
+        ("N10036P", "N10037P", "each number once|do not run"),
+    ],
+)
+def test_damaged_lists_of_both_directions_are_refused(old, new, words):
+    text = bidirectional(reference_number=20).data.decode()
+    assert old in text
+    with pytest.raises(CorruptFileError, match=words):
+        decode(text.replace(old, new, 1).encode())
+
+
+def test_a_trial_shows_both_directions(tmp_path):
+    """The bump is 0.3 as high in - direction: swapped lists are seen on the machine."""
+    trial = trial_table(both_ways(), 5e-6)
+    path = tmp_path / "t.txt"
+    controllers.write(
+        trial, path, "fanuc", bidirectional=True, detection_unit="100 nm", largest=127
+    )
+    peak = trial.position * 1e3
+    assert walk(path.read_bytes(), peak, unit_um=0.1) == pytest.approx(5.0, rel=0, abs=0.05)
+    back = walk_back(path.read_bytes(), peak, unit_um=0.1, detection_um=0.1)
+    assert back == pytest.approx(1.5, rel=0, abs=0.05)
+    assert json.loads((tmp_path / "t.txt.json").read_text())["trial"] is not None
+
+
+def test_wrong_sign_of_the_second_list_is_refused(tmp_path):
+    """A table whose lost motion has the wrong sign makes the - direction worse."""
+    right = both_ways()
+    mirrored = CompensationTable(
+        right.positions, right.forward, 2 * right.forward - right.reverse, "X", "X", 0.0
+    )
+    x = np.linspace(-40e-3, 60e-3, 401)
+    runs = RunSet(
+        [
+            Run(
+                x if d > 0 else x[::-1],
+                -right.correction(x if d > 0 else x[::-1], d),
+                run_id=str(d),
+            )
+            for d in (1, -1)
+        ]
+    )
+    options = {"bidirectional": True, "detection_unit": "100 nm", "largest": 127}
+    with pytest.raises(SignCheckFailedError):
+        controllers.write(
+            mirrored,
+            tmp_path / "x.txt",
+            "fanuc",
+            verified_against=runs,
+            sign_confirmed=True,
+            **options,
+        )
+    assert list(tmp_path.iterdir()) == []
 
 
 class TestFanuc(DialectContract):

@@ -1,5 +1,7 @@
 """HEIDENHAIN value tables: a hand-written one, a small reader of its own, what is refused."""
 
+import hashlib
+import json
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from metrosep.errors import (
     CorruptFileError,
     DataError,
     LimitError,
+    SignCheckFailedError,
     SignNotConfirmedError,
     TableError,
     WriteError,
@@ -187,8 +190,6 @@ def test_points_are_limited_to_256():
 
 def test_what_cannot_be_carried_is_refused(table):
     x = [0.0, 1e-3]
-    with pytest.raises(TableError, match="turns"):
-        encode(CompensationTable(x, [0, 0], None, "B", "B", 0.0))
     with pytest.raises(TableError, match="not a HEIDENHAIN axis"):
         encode(CompensationTable(x, [0, 0], None, "slide", "slide", 0.0))
     with pytest.raises(TableError, match=r"BACKLASH belongs to X.*X -> Z"):
@@ -260,7 +261,7 @@ def test_table_of_another_axis_warns_that_only_one_is_active():
     (finding,) = encode(sag).findings
     assert "switches off a table X -> X" in finding.problem
     assert any("exclude each other" in step for step in Heidenhain.info.activation)
-    with pytest.raises(CorruptFileError, match="only one table over an axis is active"):
+    with pytest.raises(CorruptFileError, match="cannot be read"):
         decode(HAND.replace("        Y\r", "        Y               Z\r").encode())
 
 
@@ -279,6 +280,133 @@ def test_columns_that_would_touch_are_refused():
         encode(far, resolution=1e-12)
     with pytest.raises(LimitError, match="of entry 1 exceeds"):
         encode(CompensationTable([0.0, 1e6], [0, 1e-6], None, "X", "X", 0.0))
+
+
+# ---- several dependent axes over one axis are columns of one file ------------------------------------
+
+COLUMNS = (
+    "BEGIN Y_Y_Z.COM MM\r\n"
+    "NR    AXISPOS         BACKLASH        Y               Z\r\n"
+    "0     -90.0000        0.0005          0.0000          0.0000\r\n"
+    "1     -85.0000        0.0035          0.0030          -0.0020\r\n"
+    "2     -80.0000        -0.0005         -0.0010         0.0040\r\n"
+    "[END]\r\n"
+)
+"""The axis of HAND, and Z 2 um too low at -85 mm, 4 um too high at -80 mm."""
+
+
+def own_and_sag(sag_error=(0.0, -2e-6, 4e-6), at=(-90, -85, -80)):
+    x = np.array([-90, -85, -80]) * 1e-3
+    e, r = np.array([0, 3e-6, -1e-6]), np.array([0.5e-6, 3.5e-6, -0.5e-6])
+    own = CompensationTable(x, -e, -r, "Y", "Y", -0.09, is_exact_inverse=True)
+    sag = CompensationTable(
+        np.array(at) * 1e-3, -np.array(sag_error), None, "Y", "Z", at[0] * 1e-3
+    )
+    return own, sag
+
+
+def write_columns(tables, path, **options):
+    more = {"sign_confirmed": True, "allow_unverified": True, **options}
+    return controllers.write(tables, path, "heidenhain", **more)
+
+
+def test_columns_of_one_file_byte_for_byte_and_back(tmp_path):
+    path = tmp_path / "y.com"
+    write_columns([*own_and_sag()], path)
+
+    assert path.read_bytes().decode() == COLUMNS
+    for made in own_and_sag():
+        back = controllers.read(path, "heidenhain", column=made.compensates)
+        assert (back.axis, back.compensates, back.reference) == ("Y", made.compensates, -0.09)
+        assert float(np.abs(back.forward - made.forward).max()) < ROUNDING
+        lookup = controllers.simulate(path, "heidenhain", column=made.compensates)
+        for mm in (-99.0, -88.0, -85.0, -81.0, 0.0):
+            for way in (1, -1):
+                wanted = float(made.correction(mm * 1e-3, way)[0])
+                assert float(lookup(mm * 1e-3, way)) == pytest.approx(wanted, rel=0, abs=ROUNDING)
+    with pytest.raises(DataError, match=r"a column for each of Y, Z; choose one with column="):
+        controllers.read(path, "heidenhain")
+    with pytest.raises(DataError, match=r"no column 'X'"):
+        controllers.read(path, "heidenhain", column="X")
+
+
+def test_columns_without_a_sidecar_read_by_their_name(tmp_path):
+    path = tmp_path / "y.com"
+    path.write_bytes(COLUMNS.encode())
+    sag = controllers.read(path, "heidenhain", column="Z", entry_sign=1)
+    assert (sag.axis, sag.compensates, sag.reverse) == ("Y", "Z", None)
+    own = controllers.read(path, "heidenhain", column="Y", entry_sign=1)
+    assert own.reverse[1] == pytest.approx(-3.5e-6, rel=0, abs=ROUNDING)
+
+
+def test_columns_are_judged_one_by_one_and_the_sidecar_keeps_each(tmp_path):
+    x = np.linspace(0.0, 50e-3, 51)
+    own = lambda p: 3e-6 * np.sin(p / 9e-3)  # noqa: E731
+    sag = lambda p: 2e-6 * (1 - np.cos(p / 6e-3))  # noqa: E731
+    tables = [
+        CompensationTable.from_error(own, positions=x, axis="X"),
+        CompensationTable.from_error(sag, positions=x, axis="X", compensates="Z"),
+    ]
+    path = tmp_path / "x.com"
+    options = {"resolution": "10 nm", "sign_confirmed": True}
+    done = controllers.write(tables, path, "heidenhain", verified_against=[own, sag], **options)
+
+    assert [d.passed for d in done] == [True, True]
+    beside = json.loads((tmp_path / "x.com.json").read_text())
+    assert [*beside["columns"]] == ["X", "Z"]
+    assert beside["columns"]["Z"]["table"]["compensates"] == "Z"
+    assert beside["file_sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert "never writes" in beside["columns"]["X"]["cma"]
+    problems = [f["problem"] for part in beside["columns"].values() for f in part["findings"]]
+    assert not any("switches off" in p for p in problems)
+    with pytest.raises(SignCheckFailedError):  # one bad column stops the file
+        controllers.write(
+            [tables[0], tables[1].negated()], tmp_path / "y.com", "heidenhain",
+            verified_against=[own, sag], **options,
+        )  # fmt: skip
+    with pytest.raises(DataError, match="a list of 2"):
+        controllers.write(tables, path, "heidenhain", verified_against=own, **options)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["x.com", "x.com.json"]
+
+
+def test_columns_that_do_not_belong_together_are_refused(tmp_path):
+    own, sag = own_and_sag()
+    path = tmp_path / "y.com"
+    with pytest.raises(TableError, match=r"positions for Y and Z are not the same"):
+        write_columns([own, own_and_sag(at=(-90, -80, -70))[1]], path)
+    with pytest.raises(TableError, match=r"two tables correct Z"):
+        write_columns([sag, sag], path)
+    other = CompensationTable(own.positions, sag.forward, None, "X", "Z", -0.09)
+    with pytest.raises(TableError, match=r"looked up over X, Y"):
+        write_columns([own, other], path)
+    with pytest.raises(TableError, match=r"linuxcnc holds one table in a file; write 2 files"):
+        controllers.write([own, own], path, "linuxcnc", allow_unverified=True)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("        Y               Z\r", "        Z               Z\r", "the same name: Z, Z"),
+        ("BEGIN Y_Y_Z", "BEGIN Y_Z_Y", "name and column"),
+        ("-0.0020", "", "cannot be read"),
+        ("0.0035 ", "       ", "BACKLASH is empty here"),
+    ],
+)
+def test_damaged_columns_are_refused(old, new, words):
+    assert old in COLUMNS
+    with pytest.raises(CorruptFileError, match=words):
+        decode(COLUMNS.replace(old, new, 1).encode(), column="Y")
+
+
+def test_the_file_of_assignments_is_never_written(tmp_path):
+    config = tmp_path / "config.CMA"
+    config.write_text("of the control")
+    with pytest.raises(TableError, match=r"\.CMA assigns tables to axes"):
+        write_columns([*own_and_sag()], config, overwrite=True)
+    with pytest.raises(TableError, match=r"\.CMA assigns tables to axes"):
+        write_columns(own_and_sag()[0], config, overwrite=True)
+    assert config.read_text() == "of the control"
 
 
 class TestHeidenhain(DialectContract):

@@ -339,8 +339,6 @@ def test_what_cannot_be_carried_is_refused(table):
         cross(CompensationTable(x, [0, 0], None, "X", "Z", 0.0), master_number=3)
     with pytest.raises(TableError, match="not a name for a list"):
         axis(CompensationTable(x, [0, 0], None, "slide 1", "slide 1", 0.0))
-    with pytest.raises(TableError, match="turns"):
-        cross(CompensationTable(x, [0, 0], None, "C", "Z", 0.0))  # kw.ssfk takes axes that turn
     with pytest.raises(TableError, match="fall together"):
         cross(CompensationTable([0.0, 2e-8], [0, 0], None, "X", "Z", 0.0))
     with pytest.raises(LimitError, match="position 300 m of entry 1 exceeds 214 m"):

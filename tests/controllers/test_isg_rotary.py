@@ -4,31 +4,17 @@ import re
 
 import numpy as np
 import pytest
+from controllers.turning import error, table
 
 from metrosep import controllers
-from metrosep.compensation import CompensationTable
+from metrosep.compensation import CompensationMap, CompensationTable
 from metrosep.errors import MetrosepError, TableError
 
-ARCSEC = np.pi / 180 / 3600
 UNIT = np.deg2rad(1e-4)
 HALF = 0.5 * UNIT * (1 + 1e-6)
 """Half an entry, and the rounding of doubles."""
 EXACT = UNIT * 1e-4
 """REAL64 lists print 0.1 pm of 0.1 um: six decimals of a step; a hundred times that."""
-
-
-def error(angle):
-    """Return 9" sin(a + 23 deg) + 4" cos 2a, zero at 0: the example of the specification."""
-    shape = lambda a: 9 * np.sin(a + np.deg2rad(23)) + 4 * np.cos(2 * a)  # noqa: E731
-    return (shape(angle) - shape(0.0)) * ARCSEC
-
-
-def table(lag=0.0, step=30):
-    angles = np.deg2rad(np.arange(0, 361, step))
-    ahead = -error(angles)
-    ahead[-1] = ahead[0]
-    reverse = ahead - lag * ARCSEC if lag else None
-    return CompensationTable(angles, ahead, reverse, "C", "C", 0.0, is_exact_inverse=True)
 
 
 def settings(text):
@@ -122,9 +108,9 @@ def test_what_does_not_close_or_is_of_the_other_kind_is_refused(tmp_path):
         written(tmp_path, net, modulo=True)
     with pytest.raises(TableError, match=r"one turn, this one covers 0 \.\.\. 330 deg"):
         written(tmp_path, short, modulo=True)
-    with pytest.raises(TableError, match="X is linear"):
+    with pytest.raises(TableError, match=r"X is linear"):
         written(tmp_path, straight, modulo=True)
-    with pytest.raises(MetrosepError, match="interval= is a length"):
+    with pytest.raises(MetrosepError, match=r"interval='5 mm'.*C turns"):
         written(tmp_path, made, modulo=True, interval="5 mm")
     assert list(tmp_path.iterdir()) == []
 
@@ -134,5 +120,96 @@ def test_damaged_ring_is_refused(tmp_path):
     text = path.read_text()
     path.with_suffix(".lis.json").unlink()
     path.write_text(text.replace("table[12].pos 0", "table[12].pos 7"))
-    with pytest.raises(MetrosepError, match="first value equal to the last"):
+    with pytest.raises(MetrosepError, match=r"first value equal to the last"):
         controllers.read(path, "isg-axis")
+
+
+def test_interval_is_an_angle_that_divides_the_turn(tmp_path):
+    path = written(tmp_path, table(step=10), number_type="integer", modulo=True, interval="40 deg")
+    found = settings(path.read_text())
+    assert found["kw.ssfk.interval"] == "400000"
+    assert found["kw.ssfk.kw_nr_max"] == "10"
+    coarse = np.round(-table(step=40).forward / UNIT)
+    entries = [int(found[f"kw.ssfk.table[{i}].pos"]) for i in range(10)]
+    assert entries == coarse.astype(int).tolist()
+    with pytest.raises(MetrosepError, match=r"one turn is 5\.14285714 intervals of 70 deg"):
+        written(tmp_path, table(step=10), modulo=True, interval="70 deg", overwrite=True)
+
+
+def cross_written(tmp_path, made, **options):
+    path = tmp_path / "x.lis"
+    more = {"axis_number": 3, "master_number": 1, "number_type": "integer", **options}
+    controllers.write(made, path, "isg-cross", sign_confirmed=True, allow_unverified=True, **more)
+    return path
+
+
+def cross_added(found, setpoint):
+    """Return the correction of the slave at a setpoint of the master, each in 0.0001 of its unit."""
+    n = int(found["kw.crosscomp.last_index"]) + 1
+    p = [float(found[f"kw.crosscomp.table[{i}].setpoint"]) for i in range(n)]
+    c = [float(found[f"kw.crosscomp.table[{i}].correction"]) for i in range(n)]
+    return float(np.interp(setpoint, p, c))
+
+
+STEP = 1e-7
+"""0.1 um in m."""
+
+
+@pytest.mark.parametrize(
+    ("axis", "slave", "at", "size", "along", "entry"),
+    [
+        ("C", "X", np.deg2rad(np.arange(0, 271, 15)), 2e-6, UNIT, STEP),  # wobble of a table
+        ("X", "C", np.arange(0, 0.181, 0.01), 40 * UNIT, STEP, UNIT),  # yaw put into the table
+        ("A", "C", np.deg2rad(np.arange(-90, 91, 15)), 40 * UNIT, UNIT, UNIT),
+    ],
+)
+def test_mixed_pairs_each_in_its_own_unit(tmp_path, axis, slave, at, size, along, entry):
+    values = size * np.sin(3 * at / np.ptp(at)) * (at != 0)
+    made = CompensationTable(at, values, None, axis, slave, 0.0, is_exact_inverse=True)
+    path = cross_written(tmp_path, made)
+    found, lookup = settings(path.read_text()), controllers.simulate(path, "isg-cross")
+
+    assert f"in {'0.0001 deg' if entry == UNIT else '0.1 um'}," in path.read_text()
+    for place in np.linspace(at[0] - 0.1, at[-1] + 0.1, 67):
+        wanted = made.correction(place)[0]
+        for sign in (1, -1):
+            bound = 0.5 * entry * (1 + 1e-6)
+            assert abs(cross_added(found, place / along) * entry - wanted) < bound
+            assert abs(float(lookup(place, sign)) - wanted) < bound
+    (tmp_path / "x.lis.json").unlink()
+    back = controllers.read(path, "isg-cross", master_name=axis, entry_sign=-1)
+    assert float(np.abs(back.positions - at).max()) < 0.5 * along
+    assert float(np.abs(back.forward - values).max()) <= 0.5 * entry * (1 + 1e-6)
+    assert (back.axis, back.compensates) == (axis, slave)
+
+
+def test_interval_of_a_pair_is_along_the_master(tmp_path):
+    at = np.deg2rad(np.arange(0, 271, 15))
+    made = CompensationTable(at, 2e-6 * np.sin(at), None, "C", "X", 0.0, is_exact_inverse=True)
+    path = cross_written(tmp_path, made, interval="45 deg")
+    assert settings(path.read_text())["kw.crosscomp.table[1].setpoint"] == "450000"
+    with pytest.raises(MetrosepError, match=r"interval='5 mm'.*C turns"):
+        cross_written(tmp_path, made, interval="5 mm", overwrite=True)
+
+
+def test_plane_of_a_slave_that_turns(tmp_path):
+    x, y = np.arange(0, 0.031, 0.01), np.arange(0, 0.041, 0.02)
+    values = 30 * UNIT * np.outer(1 + y / 0.03, np.sin(x / 0.02))
+    made = CompensationMap(x, y, values, ("X", "Y"), "C", (0.0, 0.0), is_exact_inverse=True)
+    path = tmp_path / "p.lis"
+    numbers = {"axis_number": 3, "master1_number": 1, "master2_number": 2}
+    controllers.write(
+        made, path, "isg-plane", sign_confirmed=True, allow_unverified=True, **numbers
+    )
+    found, lookup = settings(path.read_text()), controllers.simulate(path, "isg-plane")
+    assert found["kw.crosscomp2.interval"] == "100000"
+    for row, place in enumerate(np.arange(0, 0.041, 0.01)):
+        for column, along in enumerate(x):
+            entry = int(found[f"kw.crosscomp2.table[{row}][{column}].correction"])
+            wanted = float(made.correction(along, place)[0])
+            assert abs(entry * UNIT - wanted) < HALF
+            assert abs(float(lookup(along, place)) - wanted) < HALF
+    assert controllers.read(path, "isg-plane").compensates == "C"
+    turned = CompensationMap(x, y, values, ("X", "C"), "Z", (0.0, 0.0))
+    with pytest.raises(TableError, match=r"C turns.*70184"):
+        controllers.write(turned, tmp_path / "q.lis", "isg-plane", sign_confirmed=True, **numbers)

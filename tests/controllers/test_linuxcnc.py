@@ -50,7 +50,7 @@ def hand(tmp_path):
 
 @pytest.mark.parametrize(("target", "direction", "offset"), SEEN_UM)
 def test_simulator_does_what_the_controller_did(hand, target, direction, offset):
-    lookup = controllers.simulate(hand)
+    lookup = controllers.simulate(hand, linear_units="mm")
 
     assert lookup(target * 1e-3, direction) == pytest.approx(offset * 1e-6, abs=ROUNDING)
 
@@ -58,13 +58,13 @@ def test_simulator_does_what_the_controller_did(hand, target, direction, offset)
 def test_simulator_takes_arrays(hand):
     target, direction, offset = np.array(SEEN_UM).T
 
-    seen = controllers.simulate(hand)(target * 1e-3, direction.astype(int))
+    seen = controllers.simulate(hand, linear_units="mm")(target * 1e-3, direction.astype(int))
 
     np.testing.assert_allclose(seen, offset * 1e-6, atol=ROUNDING, rtol=0)
 
 
 def test_hand_made_file_reads_as_corrections(hand):
-    table = controllers.read(hand)
+    table = controllers.read(hand, linear_units="mm")
 
     np.testing.assert_allclose(table.positions, [-10e-3, 0, 10e-3, 20e-3], atol=0, rtol=1e-12)
     np.testing.assert_allclose(table.forward, [-2e-6, 0, 3e-6, -4e-6], atol=ROUNDING, rtol=0)
@@ -77,7 +77,7 @@ def test_equal_columns_read_as_one(tmp_path):
     path = tmp_path / "x.comp"
     path.write_text("0 0.001 0.001\n10 10 10\n")
 
-    assert controllers.read(path).reverse is None
+    assert controllers.read(path, linear_units="mm").reverse is None
 
 
 def test_entry_is_the_position_that_is_reached(tmp_path):
@@ -96,7 +96,7 @@ def test_carriage_returns_are_accepted(tmp_path):
     path = tmp_path / "x.comp"
     path.write_bytes(HAND.replace("\n", "\r\n").encode())
 
-    assert controllers.read(path).positions.size == 4
+    assert controllers.read(path, linear_units="mm").positions.size == 4
 
 
 @given(
@@ -121,7 +121,7 @@ def test_round_trip_is_within_the_quantisation(start, steps, seed, size, split):
     dialect = LinuxCNC()
 
     encoded = dialect.encode(table)
-    back = dialect.decode(encoded.data, Path("x.comp"))
+    back = dialect.decode(encoded.data, Path("x.comp"), linear_units="mm")
 
     assert encoded.quantisation <= QUANTUM * 1.01 + np.spacing(4 * np.abs(p).max())
     np.testing.assert_allclose(back.positions, p, atol=QUANTUM, rtol=0)
@@ -312,7 +312,12 @@ def test_degrees_without_a_sidecar_are_read_by_the_option(tmp_path):
     assert back.axis == "C"
     assert back.positions[1] == pytest.approx(np.pi, abs=1e-15)
     assert back.forward[1] == pytest.approx(-0.002 * np.pi / 180, abs=ROUNDING)
-    assert controllers.read(path, "linuxcnc").positions[1] == 0.18  # mm, where nothing tells
+    with pytest.raises(DataError, match=r"no sidecar.*give linear_units=mm or linear_units=inch"):
+        controllers.read(path, "linuxcnc")  # mm, inch or degrees: nothing tells
+    assert controllers.read(path, "linuxcnc", linear_units="mm").positions[1] == 0.18
+    assert controllers.read(path, linear_units="inch").positions[1] == pytest.approx(
+        180 * 25.4e-3, rel=1e-15, abs=0
+    )
 
 
 def test_type_of_the_joint_must_fit_the_axis(tmp_path):

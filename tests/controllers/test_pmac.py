@@ -397,14 +397,21 @@ def test_unlike_counts_of_source_and_target():
     assert "#2 DEFINE COMP 8,#1D,#2,2000000\n-8000 -12800" in without_comments(data)
 
 
-@pytest.mark.parametrize(("axis", "other"), [("C", "Z"), ("X", "A"), ("C", "C")])
-def test_axis_that_turns_is_refused(axis, other):
+@pytest.mark.parametrize(
+    ("axis", "other", "words"),
+    [
+        ("C", "Z", "state source_count= too, the angle"),
+        ("X", "A", "count='1 um'.*A turns"),
+        ("C", "C", "count='1 um'.*C turns"),
+    ],
+)
+def test_a_count_that_is_a_length_is_not_taken_for_an_angle(axis, other, words):
     """A count of 1 um was taken as 1 urad: 4.4 um of a spindle became 5.5 um."""
     angle = np.linspace(0.0, 2.0 * np.pi, 73)
     table = CompensationTable(angle, 2e-6 * np.sin(angle), None, axis, other, 0.0)
     target = 1 if axis == other else 2
 
-    with pytest.raises(TableError, match=r"turns.*motion='turn'"):
+    with pytest.raises((TableError, DataError), match=words):
         encode(table, count="1 um", target_motor=target)
 
 

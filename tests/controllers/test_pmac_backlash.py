@@ -298,11 +298,11 @@ def test_table_besides_that_was_edited_or_exchanged_is_refused(tmp_path, bump):
         controllers.simulate(back, "pmac-backlash")
 
 
-def test_axis_that_turns_is_refused():
+def test_a_count_that_is_a_length_is_not_taken_for_an_angle():
     angle = np.linspace(0.0, 6.0, 7)
     table = CompensationTable(angle, 0 * angle, 0 * angle - 1e-6, "C", "C", 0.0)
 
-    with pytest.raises(TableError, match="C turns"):
+    with pytest.raises(DataError, match=r"count='1 um'.*C turns"):
         encode(table, count="1 um")
 
 

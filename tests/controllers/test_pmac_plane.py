@@ -259,12 +259,19 @@ def test_bad_options(options, kind, text):
         encode(hand_map(), **{"count": COUNT, **options})
 
 
-@pytest.mark.parametrize(("axes", "other"), [(("X", "C"), "Z"), (("X", "Y"), "C")])
-def test_axis_that_turns_is_refused(axes, other):
+@pytest.mark.parametrize(
+    ("axes", "other", "options", "words"),
+    [
+        (("X", "C"), "Z", {"count": COUNT}, "state y_count= too, the angle"),
+        (("X", "Y"), "C", {"count": "0.0001 deg"}, "state x_count= too, the length"),
+        (("X", "C"), "Z", {"count": "10 nm", "y_count": "10 nm"}, "y_count='10 nm'.*C turns"),
+    ],
+)
+def test_a_count_is_not_taken_for_the_other_kind(axes, other, options, words):
     turning = CompensationMap([0.0, 1.0], [0.0, 1.0], np.zeros((2, 2)), axes, other)
 
-    with pytest.raises(TableError, match="C turns"):
-        encode(turning, count=COUNT)
+    with pytest.raises((TableError, DataError), match=words):
+        encode(turning, **options)
 
 
 def opposed():

@@ -220,11 +220,6 @@ def test_binary_is_refused():
             decode(content)
 
 
-def test_axis_that_turns_is_refused():
-    with pytest.raises(TableError, match="axis C1 turns"):
-        encode(CompensationTable([0.0, 1e-3], [0, 0], None, "C1", "X", 0.0))
-
-
 def test_table_of_another_axis_is_refused(tmp_path):
     """The function block takes one Axis: X -> Z would shift X by what Z needs."""
     cross = CompensationTable([0.0, 1e-3], [0, 1e-6], None, "X", "Z", 0.0)

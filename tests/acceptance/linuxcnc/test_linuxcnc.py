@@ -322,7 +322,7 @@ def lost_motion(tmp_path_factory: pytest.TempPathFactory):
         ]
         path.write_text("".join(lines))
         result = visit(path, [10, 5, -5])
-        return controllers.read(path, controller="linuxcnc"), offsets_mm(result) / UM
+        return controllers.read(path, "linuxcnc", linear_units="mm"), offsets_mm(result) / UM
 
     return tried
 

@@ -98,7 +98,9 @@ def test_table_of_c_is_applied_in_degrees(tmp_path):
         reference=0.0,
     )
     path = tmp_path / "c.comp"
-    controllers.write(table, path, "linuxcnc", joint_type="angular")
+    controllers.write(
+        table, path, "linuxcnc", joint_type="angular", travel_low="0 deg", travel_high="360 deg"
+    )
     knots = [10, 40, 90, 130, 220, 350]
     way = np.array([*knots, *knots[-2::-1]])
 
