@@ -98,7 +98,12 @@ def listed_cycles(
     sign = -1.0 if sense == "target-minus-reached" else 1.0
     ways = (None if v is None else sign * (v - target[:, None]) for v in (up, down))
     history, _ = sources(data)
-    return cycle_runs(target, *ways, history=history)
+    units = getattr(data, "units", {})
+    if units.get("readings", "m") != units.get("target", "m"):
+        raise click.UsageError(
+            "targets and readings must both be lengths, or both angles: look at the units of their columns"
+        )
+    return cycle_runs(target, *ways, unit=units.get("target", "m"), history=history)
 
 
 def _are_deviations(data: Any) -> bool:

@@ -321,12 +321,14 @@ def verify(
     """
     from metrosep import controllers
     from metrosep.cli.errors import exit_code_of
+    from metrosep.compensation.area_errors import is_rotary
     from metrosep.controllers.active import active_file
     from metrosep.controllers.base import load_sidecar
     from metrosep.controllers.files import dry_run_carried
     from metrosep.core.errors import TableError
     from metrosep.core.units import parse_quantity
     from metrosep.separation.positions.expansion import Expansion
+    from metrosep.separation.positions.pitch import require_unit
 
     path = Path(table_file)
     sidecar = load_sidecar(path)
@@ -351,6 +353,7 @@ def verify(
         if active is not None:
             lookup = active_file(active, loaded, name, known).increment(lookup)
         pairs = zip(stated, known_travel, strict=True)
+        require_unit(measured, "rad" if is_rotary(getattr(loaded, "axis", "X")) else "m")
         heat = Expansion.of_options(options)
         more = {
             "heat": heat,

@@ -76,7 +76,8 @@ def run_method(
     records += [n for n in named if (n["name"], n["sha256"]) not in known]
     document = _document(recipe, produced, described, history, warnings, records)
     cycles = getattr(produced, "cycles", None)
-    document |= {} if cycles is None else {"runs": run_records(cycles)}
+    if cycles is not None:
+        document["runs"] = run_records(cycles)
     document |= more or {}
     if out is None:
         return Result({**document, **_described(dry_runs(recipe, document))}, produced)

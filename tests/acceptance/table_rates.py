@@ -222,11 +222,11 @@ class Said:
 
 def judge_file(path, machine):
     """Return what is said of a file against runs that did not make it."""
-    table = controllers.read(path, "linuxcnc")
+    table = controllers.read(path, "linuxcnc", linear_units="mm")
     if not machine.on_axis:
         table = dataclasses.replace(table, compensates="Z", removed="line")
     found = controllers.dry_run_carried(
-        table, controllers.simulate(path, "linuxcnc"), machine.runs
+        table, controllers.simulate(path, "linuxcnc", linear_units="mm"), machine.runs
     )
     text = " ".join((*found.sentences, found.diagnosis, *(f.problem for f in found.findings)))
     return Said(found.grade, text, found.is_reversed)

@@ -287,3 +287,47 @@ path = "y.comp"
     Recipe.parse(text, folder=inside)
     with pytest.raises(RecipeError, match=r"outside the folders that were opened"):
         Recipe.parse(text, folder=inside, admits=lambda path: inside in path.resolve().parents)
+
+
+def turn_file(path, unit="deg"):
+    """A table of 9 arcsec that turns, once around, both ways."""
+    rng = np.random.default_rng(21)
+    targets = np.arange(0, 361, 30)
+    lines = [f"target_{unit},way,run,deviation_arcsec"]
+    for run in range(5):
+        for way, places in (("+", targets), ("-", targets[::-1])):
+            for t in places:
+                e = 9 * np.sin(np.radians(t + 23)) + (1.5 if way == "-" else 0.0)
+                lines.append(f"{t},{way},{run},{e + rng.normal(0, 0.05):.4f}")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def test_an_axis_that_turns_is_not_taken_for_one_that_moves_along(tmp_path, metrosep):
+    names = [
+        "--direction", "way", "--cycle", "run", "--readings", "deviation_arcsec", *SENSE,
+        "--target",
+    ]  # fmt: skip
+    turned, out = turn_file(tmp_path / "c.csv"), tmp_path / "c.comp"
+    there = ["--machine", "travel_low=0 deg", "--machine", "travel_high=360 deg"]
+    angular = [*there, "--machine", "joint_type=angular", "-o", out]
+    code, _, told = metrosep("table", turned, *names, "target_deg", "--axis", "X", "-o", out)
+    assert code == 2, told
+    assert "the readings are angles, and the axis moves along" in told
+    mixed = turn_file(tmp_path / "m.csv", unit="mm")
+    code, _, told = metrosep("table", mixed, *names, "target_mm", "--axis", "C", *angular)
+    assert code == 2, told
+    assert "both be lengths, or both angles" in told
+    assert not out.exists()
+
+    code, _, told = metrosep("table", turned, *names, "target_deg", "--axis", "C", *angular)
+    assert code == 0, told
+    assert "0 ... 360 deg" in told
+    nominal, up, down = np.loadtxt(out, unpack=True)  # degrees
+    wanted = 9 * (np.sin(np.radians(nominal + 23)) - np.sin(np.radians(23)))
+    scatter = 0.2  # arcsec: four times the noise of five readings, twice for the zero
+    assert np.abs((up - nominal) * 3600 - wanted).max() < scatter
+    assert np.abs((down - nominal) * 3600 - wanted - 1.5).max() < scatter
+    again = ["--against", turned, *names, "target_deg"]
+    code, _, told = metrosep("verify", out, *again)
+    assert code == 0, told

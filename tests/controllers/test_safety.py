@@ -84,7 +84,7 @@ def test_a_second_iteration_does_not_replace_the_first(tmp_path, table):
     write(table, path)
     second = dataclasses.replace(table, source_sha256=("cd" * 32,))
 
-    with pytest.raises(LimitError, match=r"made of other readings.*combine"):
+    with pytest.raises(LimitError, match=r"made of other readings.*active='none'"):
         write(second, path, overwrite=True)
     write(table, path, overwrite=True)  # the same readings: the same table, perhaps finer
     write(second, path, overwrite=True, waive=("active",))

@@ -17,7 +17,14 @@ from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
 from metrosep.separation.positions.expansion import Expansion
 
-__all__ = ["REFERENCE_DIRECTIONS", "PitchErrors", "cycle_runs", "pitch_errors", "pitch_errors_of"]
+__all__ = [
+    "REFERENCE_DIRECTIONS",
+    "PitchErrors",
+    "cycle_runs",
+    "pitch_errors",
+    "pitch_errors_of",
+    "require_unit",
+]
 
 REFERENCE_DIRECTIONS = ("forward", "reverse", "middle")
 _SAME_PLACE = 1e-9
@@ -358,6 +365,7 @@ def cycle_runs(
     forward: ArrayLike | None,
     reverse: ArrayLike | None = None,
     *,
+    unit: str = "m",
     history: Sequence[Step] = (),
 ) -> RunSet:
     """Return the cycles of a positioning test as runs: one for each cycle and direction.
@@ -368,6 +376,8 @@ def cycle_runs(
         Target positions.
     forward, reverse : array_like, shape (m, n), m or rad, or None
         Deviations actual - target, one column per cycle; NaN where not measured.
+    unit : {"m", "rad"}, optional
+        Of both; it stays in the metadata of the runs.
     history : sequence of Step, optional
         From the file on.
 
@@ -388,7 +398,18 @@ def cycle_runs(
             for k, column in enumerate(cycles.T, start=1)
             if not np.isnan(column).all()
         ]
-    return RunSet(runs, history=tuple(history))
+    return RunSet(runs, metadata={"unit": unit}, history=tuple(history))
+
+
+def require_unit(runs: RunSet, unit: str) -> None:
+    """Refuse readings of an axis that turns for one that does not, and the other way round."""
+    found = runs.metadata.get("unit", unit)
+    if found != unit:
+        has, asks = ("angles", "moves along") if found == "rad" else ("lengths", "turns")
+        raise DataError(
+            f"the readings are {has}, and the axis {asks}: name the axis that was measured (X, Y, Z, U, "
+            "V, W move along, A, B, C turn)"
+        )
 
 
 def pitch_errors_of(runs: RunSet, **options: Any) -> PitchErrors:
@@ -397,7 +418,7 @@ def pitch_errors_of(runs: RunSet, **options: Any) -> PitchErrors:
     Parameters
     ----------
     runs : RunSet
-        Positions are targets, readings deviations actual - target.
+        Positions are targets, readings deviations actual - target; their metadata may name the unit.
     **options
         Of `pitch_errors`: reference, reference_direction, unit, heat.
 
@@ -409,8 +430,10 @@ def pitch_errors_of(runs: RunSet, **options: Any) -> PitchErrors:
     Raises
     ------
     DataError
-        If the targets of two cycles differ, and as `pitch_errors`.
+        If the targets of two cycles differ, or they are lengths where the axis turns, and as
+        `pitch_errors`.
     """
+    require_unit(runs, options.get("unit", "m"))
     first = np.sort(runs[0].x)
     near = _SAME_PLACE * float(np.ptp(first))
     columns: dict[int, list[FloatArray]] = {1: [], -1: []}

@@ -100,7 +100,7 @@ class PositioningTest(Mapping[str, Quantity]):
     @property
     def cycles(self) -> RunSet:
         """The errors of each cycle as runs over the targets, of which a table can be made."""
-        return cycle_runs(self.targets, self.forward, self.backward)
+        return cycle_runs(self.targets, self.forward, self.backward, unit=self.audit["unit"])
 
     def __getitem__(self, symbol: str) -> Quantity:
         return self.table[symbol]
