@@ -12,7 +12,14 @@ import click
 if TYPE_CHECKING:
     from metrosep.core.runset import RunSet
 
-__all__ = ["is_list", "list_options", "listed_cycles", "listed_document", "refuse_list_options"]
+__all__ = [
+    "is_list",
+    "list_options",
+    "listed_cycles",
+    "listed_document",
+    "refuse_columns",
+    "refuse_list_options",
+]
 
 F = TypeVar("F", bound=Callable[..., Any])
 _ROLES = ("target", "direction", "readings", "cycle")
@@ -21,8 +28,8 @@ _DEVIATIONS = 0.1
 """Readings that span less of the targets are deviations: no axis is wrong by a tenth of its travel."""
 
 
-def list_options(*, with_direction: bool = True) -> Callable[[F], F]:
-    """Add the options that name the columns of a list of targets."""
+def list_options() -> Callable[[F], F]:
+    """Add the options that name the columns of a list of targets, beside --direction."""
     options = [
         click.option("--target", metavar="COLUMN", help="Of a list: target, target_mm."),
         click.option(
@@ -35,11 +42,6 @@ def list_options(*, with_direction: bool = True) -> Callable[[F], F]:
             help="Of a list of deviations: their sense, never assumed.",
         ),
     ]
-    if with_direction:
-        options.insert(
-            1,
-            click.option("--direction", metavar="COLUMN", help="Of a list: column with fwd/bwd."),
-        )
 
     def decorate(command: F) -> F:
         return functools.reduce(lambda c, o: o(c), reversed(options), command)
@@ -69,16 +71,36 @@ def refuse_list_options(options: Mapping[str, Any]) -> None:
             )
 
 
+def refuse_columns(options: Mapping[str, Any]) -> None:
+    """Refuse what names columns or describes a text where a result or a map is given."""
+    from metrosep.cli.shortcut import RUN_INPUT
+
+    refuse_list_options(options)
+    for name in (*RUN_INPUT, "method"):
+        if options.get(name):
+            raise click.UsageError(
+                f"--{name.replace('_', '-')} belongs to runs, with --x and --z: leave it out"
+            )
+
+
 def listed_cycles(
     files: Sequence[str], options: Mapping[str, Any], reading: Mapping[str, Any]
 ) -> RunSet:
     """Return the cycles of a list of targets as runs of deviations actual - target."""
     from metrosep.core.methods import METHODS
+    from metrosep.core.text_options import TEXT_OPTIONS
     from metrosep.recipe.method_run import load_inputs, sources
     from metrosep.recipe.result import POSITIONING
     from metrosep.separation.positions.pitch import cycle_runs
     from metrosep.separation.positions.positioning import as_positions, reached
 
+    for name in ("feed", "run", "time", "sampling_rate", "scale", "method"):
+        if options.get(name):
+            raise click.UsageError(
+                f"--{name.replace('_', '-')} belongs to runs; a list of targets has --target, "
+                "--direction, --readings, --cycle"
+            )
+    reading = {**reading, **{k: options[k] for k in TEXT_OPTIONS if options.get(k) is not None}}
     roles = {k: options[k] for k in _ROLES if options.get(k)}
     if "readings" in roles:
         roles["readings"] = [c.strip() for c in roles["readings"].split(",") if c.strip()]

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from metrosep.core.options import Option
 
 __all__ = [
+    "RUN_INPUT",
     "input_lines",
     "listed",
     "named_tables",
@@ -26,7 +27,7 @@ __all__ = [
     "typed",
 ]
 
-_INPUT = ("x", "z", "feed", "run", "direction", "time", "sampling_rate", "scale", *TEXT_OPTIONS)
+RUN_INPUT = ("x", "z", "feed", "run", "direction", "time", "sampling_rate", "scale", *TEXT_OPTIONS)
 
 
 def _of_table() -> dict[str, str]:
@@ -164,10 +165,10 @@ def recipe_text(
     from metrosep.recipe.steps import STEPS
 
     lines = ["metrosep = 1", "", "[input]"]
-    lines += input_lines(options, _INPUT)
+    lines += input_lines(options, RUN_INPUT)
     lines += ["", "[[step]]", 'op = "separate"']
     fields = STEPS["separate"]
-    own = {k: options.get(k) for k in fields if k not in _INPUT}  # --feed names a column
+    own = {k: options.get(k) for k in fields if k not in RUN_INPUT}  # --feed names a column
     stated = {k: v for k, v in own.items() if v is not None and v is not False}
     given = {k: "true" if v is True else str(v) for k, v in stated.items()}
     for key, value in name_values(tuple(options.get("settings") or ()), "--set"):

@@ -28,6 +28,7 @@ from metrosep.cli.positioning import (
     list_options,
     listed_cycles,
     listed_document,
+    refuse_columns,
     refuse_list_options,
 )
 
@@ -45,10 +46,16 @@ __all__ = [
 
 
 @click.command()
-@click.argument("result", metavar="SOURCE")
+@click.argument("sources", nargs=-1, required=True, metavar="SOURCE")
 @click.option("--format", "format_", default="linuxcnc", show_default=True, help="Controller.")
 @click.option("-o", "--out", required=True, metavar="FILE", help="Table to write.")
 @list_options()
+@optional_read_options
+@click.option(
+    "--method",
+    type=click.Choice(["joint", "kono", "mean"]),
+    help="Of runs: how they are separated; joint if left out, as by 'separate'.",
+)
 @table_options
 @click.option("--over", metavar="AXIS,AXIS", help='Axes of a map, "X,Y".')
 @click.option("--poly", metavar="DEGREE", help="Degree of a polynomial: 2, or auto.")
@@ -57,7 +64,7 @@ __all__ = [
 @file_options
 @json_option
 def table(
-    result: str,
+    sources: tuple[str, ...],
     format_: str,
     out: str,
     force: bool,
@@ -68,9 +75,9 @@ def table(
     """Write a controller's file from SOURCE, after a dry-run of its very bytes.
 
     SOURCE is a result.json of 'separate' or 'run' (or its folder) for tables over one axis and
-    polynomials; a list of a positioning test (laser, ISO 230-2) for the pitch error of an axis; or the
-    measured map of an error for controllers that hold maps. 'metrosep controllers NAME' tells what a
-    controller needs (--machine NAME=VALUE).
+    polynomials; a list of a positioning test (laser, ISO 230-2) for the pitch error of an axis; runs,
+    which are separated first (--x, --z); or the measured map of an error for controllers that hold
+    maps. 'metrosep controllers NAME' tells what a controller needs (--machine NAME=VALUE).
 
     Exit code 1: it makes the error larger, removes less than 30 % of it, exceeds a limit, or its sign
     is not confirmed. 3: the readings do not show whether it helps. Nothing is written then.
@@ -85,15 +92,23 @@ def table(
             f"--poly is for controllers that hold a polynomial, and {info.id} holds a {info.carries}: "
             "leave --poly out, or write --format plc-st"
         )
+    of_runs = any(options.get(k) for k in ("x", "z"))
+    if len(sources) > 1 and not of_runs:
+        raise click.UsageError(
+            f"one file gives one table, got {len(sources)}; several files of runs need --x and --z"
+        )
     if info.carries == "map":
-        refuse_list_options(options)
-        made, against, folds = _map_of(result, options, reading), None, None
-    elif is_list(result, options):
-        document = listed_document(result, options, reading)
-        made, against, folds = _carried_of(document, info.id, options)
+        refuse_columns(options)
+        made, against, folds = _map_of(sources[0], options, reading), None, None
     else:
-        refuse_list_options(options)
-        made, against, folds = _carried_of(load_document(result), info.id, options)
+        if of_runs:
+            document = _separated(sources, options, reading)
+        elif is_list(sources[0], options):
+            document = listed_document(sources[0], options, reading)
+        else:
+            refuse_columns(options)
+            document = load_document(sources[0])
+        made, against, folds = _carried_of(document, info.id, options)
     if options["trial"] is not None:
         made, against, folds = _trial(made, options["trial"]), None, None
     sidecar = _write(made, out, format_, options, against=against, folds=folds, force=force)
@@ -103,6 +118,33 @@ def table(
     for file in (out, str(sidecar_path(Path(out)))):
         say(f"wrote {file}")
     return 0
+
+
+def _separated(
+    files: tuple[str, ...], options: dict[str, Any], reading: dict[str, Any]
+) -> dict[str, Any]:
+    """Return the result of runs, as 'separate' makes it of the same options."""
+    from metrosep.cli.named import require_columns
+    from metrosep.cli.shortcut import RUN_INPUT, option_error, recipe_text
+    from metrosep.core.errors import RecipeError
+    from metrosep.recipe.recipe import Recipe
+
+    given = {k: options.get(k) for k in RUN_INPUT} | {"method": options["method"] or "joint"}
+    require_columns({**given, "readings": options.get("readings")})
+    refuse_list_options({**options, "direction": None})
+    for name in reading:
+        raise click.UsageError(
+            f"--{name.replace('_', '-')} is not an option of runs: leave it out"
+        )
+    text = recipe_text(given, tables=(), report=False)
+    try:
+        recipe = Recipe.parse(text, name="command line")
+    except RecipeError as exc:
+        raise click.UsageError(option_error(exc)) from None
+    document = dict(recipe.run(list(files)).document)
+    for message in document["messages"]:
+        say(f"note: {message}")
+    return document
 
 
 def _carried_of(
@@ -297,7 +339,7 @@ def _write(
     "sensor was set to zero between them), or constant and line (alignment).",
 )
 @click.option("--active", metavar="FILE", help="Table that was active while the runs were taken.")
-@list_options(with_direction=False)
+@list_options()
 @with_expansion
 @optional_read_options
 @json_option
@@ -384,10 +426,7 @@ def verify(
 def _against(files: tuple[str, ...], options: dict[str, Any]) -> RunSet:
     """Return the readings to judge a table with: a list of targets, or runs."""
     if is_list(files[0], options):
-        from metrosep.core.text_options import TEXT_OPTIONS
-
-        layout = {k: options[k] for k in TEXT_OPTIONS if options.get(k) is not None}
-        return listed_cycles(files, options, layout)
+        return listed_cycles(files, options, {})
     refuse_list_options({**options, "direction": None})
     for column in ("x", "z"):
         if options.get(column) is None:

@@ -331,3 +331,50 @@ def test_an_axis_that_turns_is_not_taken_for_one_that_moves_along(tmp_path, metr
     again = ["--against", turned, *names, "target_deg"]
     code, _, told = metrosep("verify", out, *again)
     assert code == 0, told
+
+
+def test_runs_go_straight_into_a_table_by_the_same_way_as_through_a_result(tmp_path, metrosep):
+    rng = np.random.default_rng(31)
+    x = np.linspace(0, 250, 401)
+    rows = ["x_mm;z_um;run;way"]
+    for run in range(6):
+        step = 1 if run % 2 == 0 else -1
+        z = (machine(x, step) / UM + rng.normal(0, 0.01, x.size))[::step]
+        rows += [f"{a:.4f};{b:.5f};{run};{step}" for a, b in zip(x[::step], z, strict=True)]
+    file = tmp_path / "runs.csv"
+    file.write_text("\n".join(rows) + "\n")
+    how = [
+        "--x",
+        "x_mm",
+        "--z",
+        "z_um",
+        "--run",
+        "run",
+        "--method",
+        "mean",
+        "--separator",
+        "semicolon",
+    ]
+    table = ["--axis", "X", "--compensates", "X", "--spacing", "5 mm"]
+    direct, later = tmp_path / "direct.comp", tmp_path / "later.comp"
+    code, _, told = metrosep("table", file, *how, *table, "-o", direct)
+    assert code == 0, told
+    assert metrosep("separate", file, *how, "-o", tmp_path / "result")[0] == 0
+    assert metrosep("table", tmp_path / "result", *table, "-o", later)[0] == 0
+    assert direct.read_bytes() == later.read_bytes()
+    nominal, up, down = np.loadtxt(direct, unpack=True)
+    at_zero = float(machine(0.0, 1))
+    assert np.abs(up - nominal - machine(up, 1) + at_zero).max() < 0.1 * UM
+    assert np.abs(down - nominal - machine(down, -1) + at_zero).max() < 0.1 * UM
+
+
+@pytest.mark.parametrize(
+    "more", [["--x", "x_mm"], ["--method", "mean"], ["--separator", "comma"], ["--cycle", "run"]]
+)
+def test_options_of_readings_do_not_vanish_beside_a_result(tmp_path, metrosep, more):
+    (tmp_path / "result.json").write_text('{"schema": "metrosep.result/1"}')
+    code, _, told = metrosep(
+        "table", tmp_path / "result.json", "--axis", "X", *more, "-o", tmp_path / "x.comp"
+    )
+    assert code == 2, told
+    assert more[0] in told or "--z" in told
