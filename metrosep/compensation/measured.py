@@ -142,13 +142,14 @@ def _of_estimate(estimate: _Evaluates, *, with_slope: bool) -> Measured:
     lost: Quantity | None = getattr(estimate, "lost_motion", None)
     known = lost is not None and bool(np.isfinite(lost.value))
     offset = lost.value if lost is not None and known else 0.0
-    slope = estimate_slope(estimate) if with_slope else 0.0
+    slopes = {d: estimate_slope(estimate, d) if with_slope else 0.0 for d in (1, -1)}
     middle = 0.5 * (estimate.start + estimate.stop)
 
     def curve(direction: int) -> Curve:
         def at(x: FloatArray) -> FloatArray:
             inside = np.clip(x, estimate.start, estimate.stop)
-            shape = estimate.evaluate(inside, direction=direction) + slope * (inside - middle)
+            line = slopes[direction] * (inside - middle)
+            shape = estimate.evaluate(inside, direction=direction) + line
             return shape + offset if direction < 0 else shape
 
         return at
@@ -160,9 +161,10 @@ def _of_estimate(estimate: _Evaluates, *, with_slope: bool) -> Measured:
     return Measured((row,), (estimate.start, estimate.stop), "estimate", known, sd)
 
 
-def estimate_slope(estimate: Any) -> float:
+def estimate_slope(estimate: Any, direction: int | None = None) -> float:
     """Return the slope that an estimate has removed; it is part of the error of an axis along itself."""
-    slope: Quantity | None = getattr(estimate, "slope", None)
+    own = getattr(estimate, "slope_of", None)
+    slope: Quantity | None = getattr(estimate, "slope", None) if own is None else own(direction)
     if slope is None or not np.isfinite(slope.value):
         raise DataError(
             "the estimate does not state the slope that it removed, which is part of the error of an "

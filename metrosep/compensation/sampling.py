@@ -130,7 +130,7 @@ def _function(
 ) -> ErrorFunction:
     if isinstance(error, ErrorEstimate):
         # e(x) = evaluate(x) + slope (x - x_m), x_m the middle of the evaluation range
-        slope = estimate_slope(error) if on_axis else 0.0
+        slope = estimate_slope(error, direction) if on_axis else 0.0
         middle = 0.5 * (error.start + error.stop)
         return lambda x: error.evaluate(x, direction=direction) + slope * (x - middle)
     if isinstance(error, Profile):
@@ -355,7 +355,7 @@ def _uncertainty(
         bands.append(
             np.hypot(
                 _u_from_zero(e, d, p, zero, own),
-                (p - zero) * (_u_slope(e, heat) if on_axis else 0.0),
+                (p - zero) * (_u_slope(e, d, heat) if on_axis else 0.0),
             )
         )
     band = np.max(bands, axis=0)
@@ -390,7 +390,7 @@ def _covariances(
         first = sources[0][0]
         if not (isinstance(e, ErrorEstimate) and isinstance(first, ErrorEstimate)):
             return {}
-        slope = _u_slope(e, heat) if on_axis else 0.0
+        slope = _u_slope(e, d, heat) if on_axis else 0.0
         if not (e.has_covariance and first.has_covariance and math.isfinite(slope)):
             return {}
         own = way == 1
@@ -436,11 +436,12 @@ def _u_from_zero(
     return estimate.u_of_difference(p, zero, direction=direction)
 
 
-def _u_slope(estimate: ErrorEstimate, heat: Expansion | None) -> float:
+def _u_slope(estimate: ErrorEstimate, direction: int | None, heat: Expansion | None) -> float:
     """Return the standard uncertainty of the slope: scatter of the runs, and the temperature of all."""
-    if estimate.slope.u is None:
+    u = estimate.slope_of(direction).u
+    if u is None:
         return math.nan
-    return math.hypot(estimate.slope.u, 0.0 if heat is None else heat.u_slope or 0.0)
+    return math.hypot(u, 0.0 if heat is None else heat.u_slope or 0.0)
 
 
 def _u_of_list(error: PitchErrors, direction: str, p: FloatArray) -> FloatArray | None:

@@ -114,6 +114,22 @@ class ErrorEstimate:
         """Directions that were estimated apart: (-1, 1), (1,), (-1,)."""
         return tuple(sorted(d for d in self.directions_data if d != 0)) or (0,)
 
+    def slope_of(self, direction: int | None = None) -> Quantity:
+        """Return the slope that was removed from a direction.
+
+        Parameters
+        ----------
+        direction : {1, -1, None}, optional
+            The mean of both if omitted, or where they were not estimated apart.
+
+        Returns
+        -------
+        Quantity, rad
+            `slope` where there is one for all.
+        """
+        part = self.directions_data.get(direction or 0)
+        return self.slope if part is None or part.slope is None else part.slope
+
     def _chosen(self, direction: int | None) -> list[DirectionEstimate]:
         if direction is not None and direction not in (-1, 1):
             raise DataError(f"direction is +1 (forward), -1 (reverse) or None, got {direction!r}")
@@ -487,6 +503,7 @@ def estimate_as_dict(estimate: ErrorEstimate) -> dict[str, Any]:
                 "uncertainty": p.uncertainty.to_dict(),
                 **({} if p.feed_term is None else {"feed_term": p.feed_term.to_dict()}),
                 **({} if p.modes is None else {"covariance": p.modes.to_dict()}),
+                **({} if p.slope is None else {"slope": p.slope.to_dict()}),
             }
             for d, p in estimate.directions_data.items()
         },
@@ -521,6 +538,7 @@ def estimate_from_dict(cls: type[ErrorEstimate], data: Mapping[str, Any]) -> Err
                     _sampled(curve_from_dict(p["uncertainty"])),
                     FeedTerm.from_dict(p["feed_term"]) if "feed_term" in p else None,
                     CovarianceModes.from_dict(p["covariance"]) if "covariance" in p else None,
+                    _quantity(p["slope"]) if "slope" in p else None,
                 )
                 for d, p in data["directions"].items()
             },
@@ -605,12 +623,16 @@ class DirectionEstimate:
         How the error changes with the feedrate, where that was estimated.
     modes : CovarianceModes or None
         What the errors at different positions have in common; None where it is not known.
+    slope : Quantity or None
+        Slope of this direction, rad, where both were estimated: they differ where the lost motion
+        changes along the axis.
     """
 
     error: Curve
     uncertainty: SampledCurve
     feed_term: FeedTerm | None = None
     modes: CovarianceModes | None = None
+    slope: Quantity | None = None
 
     def covariance(self, x: FloatArray) -> FloatArray:
         """Return the covariance at positions.

@@ -421,7 +421,10 @@ def _renamed(
             max(p.fit_range[0] for p in parts.values()),
             min(p.fit_range[1] for p in parts.values()),
         ),
-        directions_data={d: p.directions_data[0] for d, p in parts.items()},
+        directions_data={
+            d: replace(p.directions_data[0], slope=p.slope if len(parts) > 1 else None)
+            for d, p in parts.items()
+        },
         slope=_mean_slope(parts),
         lost_motion=_lost_motion(runs, parts, probes) if len(parts) > 1 else None,
         spectrum_data=_joined(parts, "spectrum_data"),
