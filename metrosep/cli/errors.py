@@ -80,13 +80,14 @@ def as_options(message: str, names: Collection[str]) -> str:
             return f'--set "{found.group(1)}={value or "..."}"'
         if found.group(1) not in names:
             return found.group()
-        if value and not re.fullmatch(r"[\w.+-]+", value):
+        if value and not re.fullmatch(r"[\w.+:-]+", value):
             value = f'"{value}"'
         name = found.group(1).replace("_", "-")
         return f"--{name} {value}" if value and value != "True" else f"--{name}"
 
+    if "x" in names or "settings" in names:
+        message = re.sub(r"\b([a-z]+)=\('([^']*)', '([^']*)'\)", r"\1='\2:\3'", message)
     if "x" in names:
-        message = re.sub(r"\b([a-z]+)=\('([^']*)', '([^']*)'\)", r"--\1 \2:\3", message)
         message = re.sub(r" or unit=(?!\S)", "", message)
     if names:
         overwrite = " or give --force" if "force" in names else ""

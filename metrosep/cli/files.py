@@ -110,6 +110,7 @@ def _names_of(command: click.Command) -> set[str]:
 
 
 def _print_description(name: str, found: dict[str, Any]) -> None:
+    from metrosep.cli.errors import as_options
     from metrosep.core.units import format_length
 
     click.echo(f"{name}")
@@ -138,7 +139,7 @@ def _print_description(name: str, found: dict[str, Any]) -> None:
 
         click.echo(f"  columns   {shown_columns(tuple(_column_text(c) for c in columns))}")
     for warning in found["metadata"].get("warnings") or ():
-        click.echo(f"  warning   {warning}")
+        click.echo(f"  warning   {as_options(warning, _names_of(info))}")
     click.echo(f"  sha256    {found['sha256']}")
 
 

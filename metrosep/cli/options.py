@@ -259,11 +259,13 @@ def table_options(command: F) -> F:
 
 def read_aloud(file: str, reading: Mapping[str, Any]) -> Any:
     """Read a file for a command and print what its reader warns of, on standard error."""
+    from metrosep.cli.errors import as_options
     from metrosep.io.read import read
 
     obj = read(file, **reading)
+    names = {p.name for p in click.get_current_context().command.params if p.name}
     for warning in getattr(obj, "metadata", {}).get("warnings") or ():
-        say(f"warning: {file}: {warning.removeprefix(f'{file}: ')}")
+        say(f"warning: {file}: {as_options(warning.removeprefix(f'{file}: '), names)}")
     return obj
 
 

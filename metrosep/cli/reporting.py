@@ -413,10 +413,11 @@ def _below(folder: Path, name: str) -> list[Path]:
 
 
 def _bytes(path: Path) -> bytes:
+    from metrosep.core.atomic import RECIPE_BYTES, read_plain
     from metrosep.core.errors import ReadError
 
     try:
-        return path.read_bytes()
+        return read_plain(path, RECIPE_BYTES)
     except OSError as exc:
         raise ReadError(
             f"{path}: cannot be read ({exc.strerror or exc}); check the name"

@@ -22,7 +22,14 @@ from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, DataError, ReadError, TableError
+from metrosep.core.atomic import require_plain
+from metrosep.core.errors import (
+    CorruptFileError,
+    DataError,
+    FileMissingError,
+    ReadError,
+    TableError,
+)
 
 __all__ = [
     "Dialect",
@@ -204,10 +211,15 @@ def load_bytes(path: Path, *, max_bytes: int = 50_000_000) -> bytes:
     try:
         if path.is_dir():
             raise ReadError(f"{path}: is a folder, a table file is needed")
+        require_plain(path)
         size = path.stat().st_size
         if size > max_bytes:
             raise ReadError(f"{path}: {size} bytes is too large for a compensation table")
         data = path.read_bytes()
+    except FileNotFoundError:
+        raise FileMissingError(
+            f"{path}: no such file; check the name and the folder", str(path)
+        ) from None
     except OSError as exc:
         raise ReadError(
             f"{path}: cannot be read ({exc.strerror or exc}); check the name and the permissions"

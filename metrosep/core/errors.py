@@ -30,6 +30,7 @@
     |   |-- PointlessTableError       it removes less than 30 % of the error
     |   `-- SignNotConfirmedError     nobody knows the controller's sign yet
     `-- RecipeError                   key and line of a recipe
+        `-- RecipeMissingError (FileNotFoundError)
 """
 
 from __future__ import annotations
@@ -58,6 +59,7 @@ __all__ = [
     "ReadError",
     "ReadOptionError",
     "RecipeError",
+    "RecipeMissingError",
     "SeparationError",
     "SignCheckFailedError",
     "SignNotConfirmedError",
@@ -281,3 +283,20 @@ class RecipeError(MetrosepError):
         self.key = key
         self.line = line
         super().__init__(message)
+
+
+class RecipeMissingError(RecipeError, FileNotFoundError):
+    """There is no such recipe.
+
+    Parameters
+    ----------
+    message : str
+        What is missing and what to do.
+    filename : str, optional
+        The file, as for FileNotFoundError.
+    """
+
+    def __init__(self, message: str, filename: str | None = None) -> None:
+        super().__init__(message)
+        self.errno = errno.ENOENT
+        self.filename = filename

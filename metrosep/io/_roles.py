@@ -17,7 +17,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.table import Column, Table
 
-__all__ = ["BLOCKS", "FoundRuns", "Role", "jumps_back", "role_of", "runs_in"]
+__all__ = ["BLOCKS", "FoundRuns", "Role", "is_read_too", "jumps_back", "role_of", "runs_in"]
 
 BLOCKS = "blocks"
 """What ``run=`` takes where no column numbers the runs: they begin where the position jumps back."""
@@ -70,6 +70,20 @@ def role_of(name: str) -> Role | None:
     words = [w for w in re.split(r"[\s_.\-]+", bare) if len(_plain(w)) > 1]
     found = {role for w in words if (role := _ROLES.get(_plain(w))) is not None}
     return found.pop() if len(found) == 1 else None
+
+
+_SENSED: Final = (
+    "displacement distance travel déplacement spostamento distanza desplazamiento distancia "
+    "位移 距离 変位量 距離 移動量"
+)
+_READ_TOO: Final = frozenset(map(_plain, _SENSED.split()))
+"""Words of a position that a sensor of displacement gives its reading too."""
+
+
+def is_read_too(name: str) -> bool:
+    """Return whether the name of a position is one that a reading may have beside a plainer one."""
+    bare = header_unit(name)[0]
+    return any(_plain(w) in _READ_TOO for w in (bare, *re.split(r"[\s_.\-]+", bare)))
 
 
 _JUMP = 10.0

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, ReadError
+from metrosep.core.atomic import require_plain
+from metrosep.core.errors import CorruptFileError, FileMissingError, ReadError
 from metrosep.core.units import parse_unit
 
 __all__ = ["parse_stl", "read_stl"]
@@ -32,7 +33,10 @@ _SOLID = re.compile(rb"\s*solid\b", re.IGNORECASE)
 def read_stl(path: str | PathLike[str], *, unit: str) -> FloatArray:
     """Return the corners of all triangles of an STL file."""
     try:
+        require_plain(Path(path))
         data = Path(path).read_bytes()
+    except FileNotFoundError:
+        raise FileMissingError(f"{path}: no such file; check the name and the folder") from None
     except OSError as error:
         raise ReadError(f"{path}: {error.strerror or error}; check the name") from None
     return parse_stl(data, unit=unit, name=str(path))

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from metrosep.core.atomic import MACHINE_BYTES, RECIPE_BYTES, read_plain_text, require_plain
-from metrosep.core.errors import RecipeError, UnsupportedFeatureError
+from metrosep.core.errors import RecipeError, RecipeMissingError, UnsupportedFeatureError
 from metrosep.core.methods import METHODS
 from metrosep.core.provenance import freeze_mapping
 from metrosep.recipe.pipeline import measuring_steps
@@ -149,6 +149,9 @@ class Recipe:
         target = Path(path)
         try:
             text = read_plain_text(target, RECIPE_BYTES)
+        except FileNotFoundError:
+            message = f"{target}: no such recipe; check the name and the folder"
+            raise RecipeMissingError(message, str(target)) from None
         except (OSError, UnicodeDecodeError) as exc:
             reason = getattr(exc, "strerror", None) or exc
             raise RecipeError(f"{target}: the recipe cannot be read ({reason})") from None

@@ -2,6 +2,9 @@
 
 import hashlib
 import json
+import os
+import subprocess
+import sys
 
 import pytest
 
@@ -116,6 +119,23 @@ def test_what_is_no_result_gives_4(run, pair, tmp_path, content):
 
     assert code == 4
     assert err.startswith("error: ")
+
+
+@pytest.mark.parametrize("command", ["diff {0} {0}", "verify {0} --format csv --against {1}"])
+def test_a_pipe_is_refused_and_not_waited_for(run, pair, tmp_path, command):
+    pipe = tmp_path / "p.csv"
+    os.mkfifo(pipe)
+    words = command.format(pipe, pair[0]).split()
+    if words[0] == "verify":
+        words += ["--x", "x_mm", "--z", "z_um"]
+
+    done = subprocess.run(
+        [sys.executable, "-m", "metrosep", *words],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+
+    assert done.returncode == 4
+    assert "it is a device or a pipe, not a file" in done.stderr
 
 
 @pytest.mark.parametrize("name", ["absent", "absent.json", "absent.toml"])

@@ -24,6 +24,7 @@ WANTED = {
     "WriteOptionError": 2,
     "ReadError": 4,
     "FileMissingError": 4,
+    "RecipeMissingError": 2,
     "UnknownFormatError": 4,
     "AmbiguousFormatError": 4,
     "FormatMismatchError": 4,

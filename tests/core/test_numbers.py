@@ -138,6 +138,21 @@ def test_a_missing_file_is_a_file_not_found_error(tmp_path):
             assert error.filename == str(tmp_path / name)
 
 
+@pytest.mark.parametrize(
+    "door",
+    [
+        ms.Recipe.load,
+        lambda path: ms.controllers.read(path, controller="csv"),
+        ms.machine.Chain.from_toml,
+        lambda path: ms.read_runs(path, x="x_mm", z="z_um"),
+    ],
+    ids=["recipe", "table", "machine", "runs"],
+)
+def test_what_is_not_there_is_a_file_not_found_error_at_every_door(tmp_path, door):
+    with pytest.raises(FileNotFoundError, match=r"absent\.txt"):
+        door(tmp_path / "absent.txt")
+
+
 def test_a_wrong_keyword_is_a_type_error(tmp_path):
     path = tmp_path / "line.csv"
     path.write_text("x_mm,z_um\n0,0\n1,1\n2,1\n3,3\n")

@@ -62,6 +62,17 @@ def test_columns_without_telling_names_by_what_is_monotonic(put):
     assert "'p_mm' was taken as the position" in profile.metadata["warnings"][0]
 
 
+@pytest.mark.parametrize("reading", ["displacement_um", "distance_um", "travel_um"])
+def test_a_reading_called_displacement_is_no_position_beside_one_that_is_called_so(put, reading):
+    """A sensor that rises all the way (100 um per mm) names its reading as a position may be named."""
+    rows = [f"{100 * 0.5 * i:.3f},{0.5 * i:.1f}" for i in range(40)]
+
+    found = ms.read(put(table(f"{reading},position_mm", *rows)))
+
+    assert found.x.tolist() == pytest.approx([0.5e-3 * i for i in range(40)], rel=1e-12, abs=1e-15)
+    assert float(np.ptp(found.z)) == pytest.approx(1950 * UM, rel=1e-12, abs=1e-15)
+
+
 def test_two_columns_that_both_rise_are_said_to_be_assumed(put):
     profile = ms.read(put(table("q_um,p_mm", *(f"{i},{2 * i}" for i in range(9)))))
 
@@ -215,6 +226,24 @@ def test_any_value_that_repeats_far_away_is_reported(put):
     found = check_file(put(table("x_mm,z_um", *lines)))
 
     assert any("holds 700.25 in 10 row(s)" in f.problem for f in found)
+
+
+@pytest.mark.parametrize("command", ["measure {} --params Pa", "info {}", "check {}"])
+def test_a_value_that_stands_twice_far_away_is_reported_with_a_hint_that_works(
+    put, capsys, command
+):
+    """-999.25, the null of well logs: 40 um and +-2 um of signal otherwise."""
+    lines = [f"{0.5 * i:.1f},{40 + 2 * np.sin(0.1 * i):.4f}" for i in range(120)]
+    lines[7], lines[90] = "3.5,-999.25", "45.0,-999.25"
+    path = put(table("x_mm,z_um", *lines))
+    typed = command.format(path).split()
+
+    assert code_of(*typed) == 0
+    said = "".join(capsys.readouterr())
+    assert "holds -999.25 in 2 row(s) (first: line 9)" in said
+    (hint, _) = re.findall(r'--set "(missing=[^"]+)"', said)
+    assert code_of(*typed, "--set", hint) == 0
+    assert "-999.25" not in "".join(capsys.readouterr()).replace(hint, "")
 
 
 @pytest.mark.parametrize("kind", range(8))
@@ -468,3 +497,39 @@ def test_rows_without_a_position_are_named_so_that_one_call_leaves_all_of_them_o
 
     given = re.search(r"skip_lines='(.*?)'", str(told.value))[1]
     assert len(ms.read(tmp_path / "a.csv", skip_lines=given)) == 27
+
+
+@pytest.mark.parametrize("command", ["check {}", "measure {} --params Pa", "convert {} {}.h5"])
+def test_a_unit_that_no_column_declares_is_given_as_the_hints_say(put, capsys, command):
+    """Two columns without names: one hint after the other names a column and its unit."""
+    path = put(table(*(f"{a:.1f} {b}" for a, b in wave())))
+    typed = shlex.split(command.format(path, path))
+    for _ in range(2):
+        assert code_of(*typed) in (2, 4)
+        said = "".join(capsys.readouterr())
+        typed += shlex.split(re.search(r'--set "[xz]=column\d:um"', said).group())
+
+    assert code_of(*typed) == 0
+
+
+def test_capitals_in_a_row_of_units_are_told_as_those_in_a_header_are(put):
+    path = put(table("x,z", "MM,UM", *(f"{a:.1f},{b}" for a, b in wave())))
+
+    warnings = ms.read(path).metadata["warnings"]
+
+    assert [w.partition(";")[0] for w in warnings] == [
+        "column 'x': MM was read as mm",
+        "column 'z': UM was read as um",
+    ]
+
+
+def test_a_long_file_that_ends_within_a_row_says_so_in_chunks_too(tmp_path):
+    path = tmp_path / "log.csv"
+    rows = "".join(f"{0.001 * i:.3f},{np.sin(0.01 * i):.6f}\n" for i in range(3000))
+    path.write_text("t_s,gap_um\n" + rows + "3.000,-0.98", "ascii")
+
+    with open_stream(path) as stream:
+        n = sum(chunk["gap_um"].size for chunk in stream.chunks(700))
+
+    assert n == 3001
+    assert "line 3002, the last one, has no line end" in stream.warnings[-1]

@@ -385,6 +385,38 @@ def test_robust_mean_keeps_what_all_runs_show_at_one_place():
     assert float(estimate.evaluate([30e-3])[0] - axis.truth(30.0) * NM) > 2_500 * NM
 
 
+@pytest.mark.parametrize(("run", "by"), [(8, 2.4), (6, 1.6)])
+def test_a_displaced_run_whose_waves_look_like_a_vibration_of_its_feedrate_is_named(run, by):
+    """Waves of 23.7 and 5.3 mm: at one feedrate a displaced run has lines at two frequencies."""
+    rng, x = np.random.default_rng(20), np.arange(0.0, 80.05, 0.2)
+
+    def error(at):
+        return 1.7 * np.sin(2 * np.pi * at / 23.7) + 0.4 * np.cos(2 * np.pi * at / 5.3 + 1.0)
+
+    def reading(number):
+        speed = (15.0, 40.0, 305.0 / 3.0)[number % 3]  # mm/s
+        ring = 0.05 * np.sin(2 * np.pi * 9.3 * x / speed + rng.uniform(0.0, 2 * np.pi))
+        z = error(x - by * (number == run)) + ring + 0.012 * rng.standard_normal(x.size)
+        return Run(x * 1e-3, z * 1e-6, feed=speed * 1e-3, run_id=f"{number + 1}")
+
+    found = separate(RunSet(reading(i) for i in range(9)), method="joint").runs["finding"]
+
+    size = re.search(r"is displaced by ([\d.]+) mm", found[run])
+    assert float(size[1]) == pytest.approx(by, rel=0.0, abs=0.05)
+    assert [i for i, text in enumerate(found) if text] == [run]
+
+
+@pytest.mark.parametrize("offset", [0.0, 317.25])
+def test_a_run_given_twice_is_named_although_its_zero_was_set_anew(offset):
+    def copied(axis):
+        x, z, t, v = axis.runs[2]
+        axis.runs.append([x.copy(), z + offset, t.copy(), v])
+
+    with pytest.raises(InvalidSamplesError, match=r"run r10 is identical to run r3") as caught:
+        separate(spoilt(copied), method="mean")
+    assert ("but for its zero" in str(caught.value)) == (offset != 0.0)
+
+
 def test_a_sensor_that_is_not_connected_is_said_and_a_factor_of_100_is_written_so():
     def dead(axis):
         for run in range(9):

@@ -489,8 +489,8 @@ _BEYOND = 1e20
 _FAR = 5.0
 """A value of marker shape further away than so many times the spread of the others is refused."""
 _VERY_FAR = 20.0
-"""Any value that repeats exactly and is further away than that is reported."""
-_REPEATED = 3
+"""Any value that repeats exactly, so at least twice, and is further away than that is reported."""
+_REPEATED = 2
 _NEAR = 0.5
 """A value of marker shape that repeats is reported from so many spreads on: numbers of a measurement
 leave no gap of half their spread below an extreme that two of them share to the last digit."""

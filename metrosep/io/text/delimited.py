@@ -41,7 +41,14 @@ from metrosep.io.text.dialect import (
 )
 from metrosep.io.text.logger import first_lines
 from metrosep.io.text.measurement import measurement
-from metrosep.io.text.table import Column, ColumnSpec, TableHead, read_table, refuse_markers
+from metrosep.io.text.table import (
+    Column,
+    ColumnSpec,
+    TableHead,
+    cut_off,
+    read_table,
+    refuse_markers,
+)
 
 __all__ = ["channels", "read", "sniff"]
 
@@ -235,6 +242,7 @@ class TextSource:
         body = table.body()
         mark = _end_of(self._file.head[:_HEAD])
         line, left, n_rows = 1, b"", 0
+        end_of_text, last_line = "", 0
         while True:
             data = self._handle.read(_BLOCK)
             raw = left + data
@@ -250,7 +258,9 @@ class TextSource:
             if text:
                 block = body.take(text, max(line, table.first_line), last=not data)
                 n_rows += len(block.lines)
+                end_of_text = text
                 if len(block.lines):
+                    last_line = int(block.lines[-1])
                     yield block
             line += n_lines
             if not data:
@@ -261,6 +271,13 @@ class TextSource:
                 )
         body.finish(line - 1)
         self.warnings = (*table.warnings(n_rows), *body.warnings)
+        if (
+            body.last_row
+            and not end_of_text.endswith("\n")
+            and end_of_text.endswith(body.last_row)
+        ):
+            found = cut_off(self._file, end_of_text, body.last_row, last_line)
+            self.warnings = (*self.warnings, *found)
         self.lines = table.ledger.to_dict()
 
     def _decoded(self, raw: bytes, line: int) -> str:

@@ -18,7 +18,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, likely_meaning, parse_unit
-from metrosep.io._roles import role_of, runs_in
+from metrosep.io._roles import is_read_too, role_of, runs_in
 from metrosep.io.objects import ROW_ORDERS, SI_NAMES, make_surface, scaled, to_grid
 from metrosep.io.own_notes import header_notes
 from metrosep.io.source import RawFile, lateral_steps, rate_of, refuse_options
@@ -299,6 +299,11 @@ class _Made:
         self.used["channels"] = tuple(values)
         return Recording(t, values, units=units, **self.described())
 
+    def other(self, spec: ColumnSpec, role: str) -> str:
+        """Return the name of the column of numbers beside the one that was named."""
+        named = pick(self.file, self.table, spec, role=role)[0].name
+        return next((c.name for c in self.table.numbers if c.name != named), named)
+
     def profile(
         self, x: ColumnSpec | None, z: ColumnSpec | None, steps: tuple[float, float] | None
     ) -> Profile:
@@ -313,6 +318,9 @@ class _Made:
                 self.table = replace(table, warnings=(*table.warnings, *assumed))
             else:
                 raise _cannot_tell(file, table)
+        if len(numbers) == 2 and steps is None:
+            x = self.other(z, "z") if x is None and z is not None else x
+            z = self.other(x, "x") if z is None and x is not None else z
         if z is None or (x is None and steps is None):
             raise self.mismatch(
                 "a profile needs x= and z=, or z= and lateral_step=; the columns are "
@@ -350,6 +358,9 @@ def position_and_height(file: RawFile, table: Table) -> tuple[str, str, tuple[st
     """
     first, second = table.numbers
     roles = [_profile_role(c) for c in (first, second)]
+    either = [is_read_too(c.name) for c in (first, second)]
+    if roles == ["position", "position"] and either.count(True) == 1:
+        roles = ["height" if e else "position" for e in either]
     rises = [_is_monotonic(c) for c in (first, second)]
     calls = [f"x={a.name!r}, z={b.name!r}" for a, b in ((first, second), (second, first))]
     named = [r == "position" for r in roles], [r == "height" for r in roles]

@@ -46,6 +46,7 @@ __all__ = [
     "ColumnSpec",
     "Table",
     "TableHead",
+    "cut_off",
     "interruption",
     "pick",
     "read_table",
@@ -125,7 +126,7 @@ def read_table(file: RawFile, **text: Any) -> Table:
     warnings = [*head.warnings(len(lines)), *body.warnings]
     warnings += refuse_markers(file, columns, lines, options)
     if not whole and body.last_row and content.endswith(body.last_row):
-        warnings += _cut_off(file, content, body.last_row, int(lines[-1]))
+        warnings += cut_off(file, content, body.last_row, int(lines[-1]))
     header = {**head.facts, "comments": (*head.comments, *body.comments)}
     return Table(tuple(columns), lines, header, tuple(warnings), head.ledger.to_dict())
 
@@ -172,7 +173,7 @@ def interruption(table: Table) -> tuple[str, ...]:
     )
 
 
-def _cut_off(file: RawFile, content: str, row: str, line: int) -> list[str]:
+def cut_off(file: RawFile, content: str, row: str, line: int) -> list[str]:
     """Return the warning about a last row without a line end; one that is visibly cut is refused."""
     lengths = [len(text) for text in content[-_TAIL:].split("\n")[1:-1] if text.strip()]
     if lengths and 2 * len(row.strip()) < float(np.median(lengths)):
@@ -286,6 +287,7 @@ class _Preamble:
         self.rows: list[list[str]] = []
         self._names: list[str] | None = None
         self._units: list[Unit | None] | None = None
+        self._as_written: list[str] = []  # the row of units
         self._count: int | None = None
         self._named_at = (0, "")
         self._refused: list[tuple[int, str]] = []
@@ -304,6 +306,7 @@ class _Preamble:
         known = all(u is not None or e for u, e in zip(units, empty, strict=True))
         if (shared or len(fields) == self._n) and known and not all(empty):
             self._units = units * self._n if shared else units
+            self._as_written = fields * self._n if shared else fields
             self.rows.append(fields)
             return "units"
         names = self._names_of(line)
@@ -394,9 +397,12 @@ class _Preamble:
             found.append(f"the file declares {self._count} rows and holds {n_rows}")
         if odd := encoding_hint(self.columns()[0]):
             found.append(odd)
-        for name, unit in zip(*self.columns(), strict=True):
+        names, units = self.columns()
+        written = self._as_written or [""] * len(names)
+        for name, below, unit in zip(names, written, units, strict=True):
             capital = "" if unit is None else unit.name.upper()
-            if unit is not None and unit.name not in name and unit.name != capital in name:
+            text = name if capital in name else below
+            if unit is not None and unit.name not in text and unit.name != capital in text:
                 found.append(f"column {name!r}: {capital} was read as {unit.name}")
         return tuple(found)
 

@@ -19,7 +19,10 @@ from metrosep.core.runset import SAME_FEED
 from metrosep.core.units import format_length
 from metrosep.separation.runs.sensor import LAG_PRIOR
 
-__all__ = ["SURE", "Displaced", "find_displaced", "needed", "scatter_of"]
+__all__ = ["DISPLACED", "SURE", "Displaced", "find_displaced", "needed", "scatter_of"]
+
+DISPLACED = "is displaced by"
+"""How a finding of a displaced run begins."""
 
 SURE = 5.0
 """Standard uncertainties beyond which gain or shift differ from those of the other runs."""
@@ -129,7 +132,7 @@ def find_displaced(
             continue
         sd = math.hypot(u[j], _u_line(v, u, others, v[j])) if n_feeds > 1 else float(u[j])
         found.runs[int(j)] = (
-            f"is displaced by {format_length(float(rest[j]))} (u {format_length(sd, digits=2)}) against "
+            f"{DISPLACED} {format_length(float(rest[j]))} (u {format_length(sd, digits=2)}) against "
         )
     if v.size == 2:  # nothing says which of two is right: the second is named
         found.runs = dict(list(found.runs.items())[-1:])

@@ -26,6 +26,7 @@ from metrosep.separation.runs.base import (
     SampledCurve,
 )
 from metrosep.separation.runs.design import evaluation_range, probe_names
+from metrosep.separation.runs.displaced import DISPLACED
 from metrosep.separation.runs.forensics import Named, RunChecks, check_runs
 from metrosep.separation.runs.fourier import separate_kono
 from metrosep.separation.runs.joint import DRIFT_SAID, GAIN_SAID, separate_joint
@@ -243,6 +244,11 @@ def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> Er
     # Steps of the readings are no noise that a prediction knows, and displaced feedrates no run's fault.
     if checks.step > 0.0 or checks.apart:
         scores.pop("against_others", None)
+    # A displaced run that is known of has its share in what is predicted of the others.
+    known = zip(checks.columns["finding"], checks.columns["used"], strict=True)
+    if "against_others" in scores and any(DISPLACED in text and use for text, use in known):
+        said = scores["against_others"]
+        scores["against_others"] = ["" if text.startswith(DISPLACED) else text for text in said]
     columns = _with_scores(checks.columns, scores, rows)
     messages = list(checks.messages)
     messages += [

@@ -44,6 +44,9 @@ Named = str | Sequence[str]
 _STREAK, _STILL = 20, 10
 """Equal readings in a row that noise never makes: of two runs, one given twice; of one, standing still."""
 
+_SAME = 1e-13
+"""m; rises from sample to sample that agree so closely are the same ones."""
+
 _LIMIT_SHARE, _LIMIT_PEAK = 0.01, 6.0
 """Share of readings at the extreme, and how much more often it comes than the values next to it
 (a sine in steps has up to 3.4 times as many at its top)."""
@@ -78,6 +81,11 @@ _SHOWN, _ALIKE = 3.0, 1.5
 """Standard uncertainties of gain and shift, and chi-square per degree of freedom, below which the
 prediction of a run from the others shows no fault."""
 
+_WELL_SEEN = 0.05
+"""Standard uncertainty of the predicted gain up to which the prediction may withdraw a finding: it is
+0.02 to 0.04 where a vibration looks like a displacement, 0.1 and more where a displaced run's waves
+were taken for a vibration at its feedrate."""
+
 _MOST_NAMED = 4
 """Runs whose faults an error message spells out."""
 
@@ -109,6 +117,8 @@ class RunChecks:
             kind, text = self.unsure.get(row, ("", ""))
             if not kind or not scores["misfit"][at] < _ALIKE:
                 continue  # what the others predict does not hold either
+            if not scores["u_predicted_gain"][at] < _WELL_SEEN:
+                continue  # the fit took what is odd for noise of this run, so it does not see its error
             alike = kind == "shape"
             for name, column, sound in (("shift", "shift_mm", 0.0), ("gain", "gain", 1.0)):
                 value, u = scores[f"predicted_{column}"][at], scores[f"u_predicted_{column}"][at]
@@ -432,17 +442,20 @@ def _check_twice(runs: RunSet, members: Sequence[int], steps: FloatArray, found:
         run = runs[i]
         if np.ptp(run.z[~np.isnan(run.z)]) == 0.0:
             continue
-        key = run.z.tobytes()
+        rises = np.round(np.diff(run.z) / _SAME) + 0.0  # the same for a copy with another zero
+        key = rises.tobytes()
         twin = seen.get(key)
         if twin is None:
             seen[key] = i
             noisy = steps[i] == 0.0 and _is_noisy(run.z)
-            twin = _copied(run.z, where, i) if noisy else None
+            twin = _copied(rises, where, i) if noisy else None
             if twin is None:
                 continue
             text = f"holds readings of run {found.labels[twin]}"
         else:
             text = f"is identical to run {found.labels[twin]}"
+            if not np.array_equal(run.z, runs[twin].z, equal_nan=True):
+                text += " but for its zero"
         if _is_noisy(run.z) and steps[i] == 0.0:
             found.say(i, f"{text}: the same readings are not a second measurement", refused=True)
         else:
@@ -453,21 +466,23 @@ def _check_twice(runs: RunSet, members: Sequence[int], steps: FloatArray, found:
 
 
 def _copied(
-    z: FloatArray, where: dict[tuple[float, ...], tuple[int, int]], index: int
+    rises: FloatArray, where: dict[tuple[float, ...], tuple[int, int]], index: int
 ) -> int | None:
-    """Return the earlier run that shares 20 readings in a row; remember those of this one."""
+    """Return the earlier run that shares 20 rises in a row; remember those of this one."""
     # Each block of 20 of an earlier run is remembered, every start of this one is looked up: a
     # copy of 39 readings or more is found wherever it begins.
     twin = None
     if where:
         firsts = {block[0] for block in where}
-        for at in np.flatnonzero(np.isin(z[: z.size - _STREAK + 1], list(firsts))).tolist():
-            hit = where.get(tuple(z[at : at + _STREAK].tolist()))
+        for at in np.flatnonzero(
+            np.isin(rises[: rises.size - _STREAK + 1], list(firsts))
+        ).tolist():
+            hit = where.get(tuple(rises[at : at + _STREAK].tolist()))
             if hit is not None:
                 twin = hit[0]
                 break
-    for at in range(0, z.size - _STREAK + 1, _STREAK):
-        block = z[at : at + _STREAK]
+    for at in range(0, rises.size - _STREAK + 1, _STREAK):
+        block = rises[at : at + _STREAK]
         if not np.isnan(block).any() and np.ptp(block) > 0.0:
             where.setdefault(tuple(block.tolist()), (index, at))
     return twin

@@ -14,6 +14,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.units import format_length
+from metrosep.separation.runs.displaced import DISPLACED
 from metrosep.separation.runs.geometry import filtered
 from metrosep.separation.runs.posterior import Model, Posterior, RunEquations
 from metrosep.separation.runs.sensor import LAG_CHI2, lag_score, lag_steps
@@ -125,7 +126,7 @@ def suspicion(scores: Sequence[RunScore]) -> tuple[int, str] | None:
                 text = f"has the opposite sign: gain {s.gain:.2f} (u {s.u_gain:.2g})"
             found.append((gain, i, text))
         if seen and shift > 1.0 and abs(s.shift) < _FAR:
-            text = f"is displaced by {format_length(s.shift)} (u {format_length(s.u_shift, digits=2)})"
+            text = f"{DISPLACED} {format_length(s.shift)} (u {format_length(s.u_shift, digits=2)})"
             found.append((shift, i, text))
         chance = float(chi2.sf(s.chi2 / typical * s.degrees, s.degrees)) * len(scores)
         if s.chi2 > _MISFIT * typical and chance < _RARE:
