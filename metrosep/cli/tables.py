@@ -316,7 +316,10 @@ def verify(
                     f"--{column} names the column of the runs, such as --{column} {column}_mm"
                 )
         measured = read_runs_of(files, options)
-        loaded, known_travel = _as_made(loaded, sidecar)
+        columns = sidecar.get("columns", {})  # of a file that holds several tables
+        loaded, known_travel = _as_made(
+            loaded, columns.get(getattr(loaded, "compensates", ""), sidecar)
+        )
         pairs = zip(stated, known_travel, strict=True)
         more = {"unknown": unknown, "travel": tuple(b if a is None else a for a, b in pairs)}
     result = dry_run_carried(loaded, lookup, measured, **more)
