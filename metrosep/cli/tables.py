@@ -391,7 +391,10 @@ def verify(
         measured: Any = _read_map(files[0], given)
     else:
         measured = _against(files, options)
-        loaded, known_travel = _as_made(loaded, sidecar)
+        columns = sidecar.get("columns", {})  # of a file that holds several tables
+        loaded, known_travel = _as_made(
+            loaded, columns.get(getattr(loaded, "compensates", ""), sidecar)
+        )
         if active is not None:
             lookup = active_file(active, loaded, name, known).increment(lookup)
         pairs = zip(stated, known_travel, strict=True)

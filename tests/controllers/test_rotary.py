@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from controllers.turning import ARCSEC, error, over_three_turns, table
 
-from metrosep import controllers
+from metrosep import Run, RunSet, controllers
 from metrosep.compensation import CompensationMap, CompensationTable, trial_table
-from metrosep.errors import MetrosepError, TableError
+from metrosep.errors import MetrosepError, SignCheckFailedError, TableError
 
 HALF = 0.5 * (1 + 1e-6)
 """Half an entry, and the rounding of doubles."""
@@ -731,3 +731,74 @@ def test_linuxcnc_part_of_a_turn_needs_no_travel(tmp_path):
     path = tmp_path / "b.comp"
     controllers.write(made, path, "linuxcnc", joint_type="angular", allow_unverified=True)
     assert controllers.read(path, "linuxcnc").axis == "B"
+
+
+# ---- the dry-run: runs over angle, beyond one turn ----------------------------------------------------
+
+MODULO = {
+    "fanuc": ("c.txt", {**FANUC, "interval": "5 deg"}),
+    "twincat": ("c.txt", {"modulo": True}),
+    "isg-axis": ("c.lis", {"axis_number": 4, "modulo": True}),
+    "pmac": ("c.pmc", {"count": "0.0001 deg"}),
+    "heidenhain": ("c.com", {"resolution": "0.00001 deg"}),
+    "sinumerik-enc": ("c.INI", {"machine_axis": "C1", "turns": True, "modulo": True}),
+}
+
+
+def runs_over_angle(first, last, n=5):
+    """Return runs in both directions with noise of 0.05 arcsec, and a drift of each of 0.1 arcsec."""
+    rng, angles = np.random.default_rng(7), np.deg2rad(np.arange(first, last + 0.5, 2.0))
+    runs = []
+    for k in range(n):
+        for way in (1, -1):
+            at = angles[::way]
+            noise = rng.normal(0.0, 0.05, at.size) + 0.1 * rng.normal()
+            runs.append(Run(at, error(at) + noise * ARCSEC, run_id=f"{k}{way:+d}"))
+    return RunSet(runs)
+
+
+@pytest.mark.parametrize("name", MODULO)
+def test_dry_run_over_one_turn_and_beyond_the_table(tmp_path, name):
+    """Runs from -90 to 450 deg: beyond the table the file repeats, so the error shrinks there too."""
+    file, options = MODULO[name]
+    path, runs = tmp_path / file, runs_over_angle(-90, 450)
+    done = controllers.write(
+        table(step=5), path, name, verified_against=runs, sign_confirmed=True, **options
+    )
+    assert done.passed
+    assert done.after_pv < 0.1 * done.before_pv
+    wrong = made_of(-table(step=5).forward, table(step=5).positions)
+    with pytest.raises(SignCheckFailedError):
+        controllers.write(
+            wrong,
+            tmp_path / f"w{file}",
+            name,
+            verified_against=runs,
+            sign_confirmed=True,
+            **options,
+        )
+    assert not (tmp_path / f"w{file}").exists()
+
+
+def enc_words(text):
+    """Return entries (deg), first, last and modulo of an ENC_COMP table; an entry is the error."""
+    found = dict(re.findall(r"\$AA_ENC_COMP(\w*\[[^\]]+\])=(\S+)", text))
+    entries = [float(v) for k, v in found.items() if k.startswith("[")]
+    facts = {k.split("[")[0]: float(v) for k, v in found.items() if not k.startswith("[")}
+    return entries, facts["_MIN"], facts["_MAX"], facts["_IS_MODULO"] == 1
+
+
+def test_sinumerik_over_three_turns(tmp_path):
+    made, path = table(step=10), tmp_path / "c.INI"
+    options = {"machine_axis": "C1", "turns": True, "modulo": True}
+    controllers.write(made, path, "sinumerik-enc", allow_unverified=True, **options)
+    entries, low, high, modulo = enc_words(path.read_text())
+    lookup = controllers.simulate(path, "sinumerik-enc")
+
+    assert (low, high, modulo, len(entries)) == (0.0, 360.0, True, 37)
+    assert entries[0] == entries[-1]
+    at = np.linspace(low, high, len(entries))
+    parsed = lambda degrees, _: -np.deg2rad(np.interp(degrees % 360.0, at, entries))  # noqa: E731
+    assert over_three_turns(parsed, made, NINTH) < HALF + 1e-3
+    ours = lambda degrees, way: lookup(np.deg2rad(degrees), way)  # noqa: E731
+    assert over_three_turns(ours, made, NINTH) < HALF + 1e-3
