@@ -27,6 +27,7 @@ __all__ = [
     "bilinear",
     "column",
     "format_position",
+    "format_range",
     "is_rotary",
     "rising",
 ]
@@ -241,3 +242,8 @@ def format_position(axis: str, value: float) -> str:
     if is_rotary(axis):
         return f"{axis} = {math.degrees(value):.9g} deg"
     return f"{axis} = {value * 1e3:.9g} mm"
+
+
+def format_range(axis: str, low: float, high: float) -> str:
+    """Return a range of an axis, such as "X = 0 mm ... 80 mm"."""
+    return f"{format_position(axis, low)} ... {format_position(axis, high).split(' = ', 1)[1]}"
