@@ -286,7 +286,9 @@ def test_a_run_that_was_left_out_makes_no_table_and_judges_none(metrosep, tmp_pa
 def test_terminal_and_json_name_axes_span_entries_slope_and_zero(metrosep, tmp_path):
     """1.12 of the specification, for a table that is written and for the file that is verified."""
     runs, file = readings(tmp_path / "runs.csv", n=4), tmp_path / "x.comp"
-    slope = np.polyfit(np.arange(0.0, 131.0, 2.0), -pitch_um(np.arange(0.0, 131.0, 2.0)), 1)[0] * 1e3
+    slope = (
+        np.polyfit(np.arange(0.0, 131.0, 2.0), -pitch_um(np.arange(0.0, 131.0, 2.0)), 1)[0] * 1e3
+    )
 
     made = metrosep(
         "separate", runs, *COLUMNS, *MEAN, "--compensates", "X", "--table", f"linuxcnc={file}"
@@ -402,7 +404,10 @@ def test_map_is_judged_by_the_map_that_made_it_and_by_a_second_one(metrosep, tmp
     ids=["same", "sign", "mirrored", "exchanged", "a fifth", "nothing left"],
 )
 def test_map_passes_only_if_a_second_one_shows_that_it_helps(metrosep, tmp_path, error_um, code):
-    first, second = written_map(tmp_path / "1.x3p", 1), written_map(tmp_path / "2.x3p", 2, error_um)
+    first, second = (
+        written_map(tmp_path / "1.x3p", 1),
+        written_map(tmp_path / "2.x3p", 2, error_um),
+    )
     file = tmp_path / "bed.csv"
     assert metrosep("table", first, "--format", "csv-map", "--spacing", "2 mm", "-o", file)[0] == 0
 

@@ -127,6 +127,7 @@ def test_tables_made_of_runs_do_not_harm():
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
     ("geometry", "seed"),
     [(SPEC, 62_000), (Geometry(0.9, 46), 63_000), (Geometry(0.03, 301), 64_000)],
