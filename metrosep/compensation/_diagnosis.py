@@ -35,6 +35,9 @@ _SOME = 0.2
 _SHIFTS, _FARTHEST = 200, 0.9
 """Shifts that are tried to each side, up to this share of the travel."""
 
+_AT_ONCE = 1_000_000
+"""Corrections that are looked up at a time, 8 MB."""
+
 REVERSED = "the reversed sign would shrink it: the sign of the readings or of the table is wrong"
 
 
@@ -69,7 +72,7 @@ class _Paper:
         return [i[np.argsort(x[i])] for i in found if i.size]
 
     def moved(self, place: FloatArray) -> FloatArray:
-        """Return corrections looked up elsewhere, `place` of shape (n, K); zero where it was zero."""
+        """Return corrections looked up elsewhere, `place` of shape (n, K)."""
         c = np.empty(place.shape)
         for i in self.ways():
             c[:, i] = np.interp(place[:, i], self.stack.x[i], self.c[i])
@@ -132,7 +135,9 @@ def _shift(paper: _Paper) -> float:
     most = _FARTHEST * float(np.ptp(x))
 
     def best(tried: FloatArray) -> float:
-        return float(tried[int(np.argmin(paper.rests(paper.moved(x + tried[:, None]), 0.0)))])
+        parts = np.array_split(tried, 1 + tried.size * x.size // _AT_ONCE)
+        rests = [paper.rests(paper.moved(x + part[:, None]), 0.0) for part in parts]
+        return float(tried[int(np.argmin(np.concatenate(rests)))])
 
     coarse = best(np.linspace(-most, most, 2 * _SHIFTS + 1))
     return best(coarse + np.linspace(-1.0, 1.0, 21) * most / _SHIFTS)

@@ -31,6 +31,7 @@ __all__ = [
     "format_amount",
     "format_position",
     "format_span",
+    "format_range",
     "is_rotary",
     "rising",
 ]
@@ -284,3 +285,8 @@ def format_along(axis: str, value: float, *, digits: int = 4) -> str:
     if is_rotary(axis):
         return format_span(axis, value, digits=digits)
     return format_length(value, digits=digits)
+
+
+def format_range(axis: str, low: float, high: float) -> str:
+    """Return a range of an axis, such as "X = 0 mm ... 80 mm"."""
+    return f"{format_position(axis, low)} ... {format_position(axis, high).split(' = ', 1)[1]}"

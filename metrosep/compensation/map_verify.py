@@ -27,7 +27,13 @@ from metrosep.compensation._acceptance import (
     pv_with_zero,
 )
 from metrosep.compensation._coverage import COVERED
-from metrosep.compensation.area_errors import AreaFunction, ErrorMap, area_error, format_position
+from metrosep.compensation.area_errors import (
+    AreaFunction,
+    ErrorMap,
+    area_error,
+    format_position,
+    format_range,
+)
 from metrosep.compensation.folds import source_hashes
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.verification import judgement_dict, numbers_text
@@ -158,8 +164,7 @@ class MapVerification(Judged):
     def sentences(self) -> tuple[str, ...]:
         """What a person should read: what was judged on what, the numbers, the grade and why."""
         where = ", ".join(
-            f"{format_position(a, low)} ... {format_position(a, high)}"
-            for a, (low, high) in zip(self.axes, self.span, strict=True)
+            format_range(a, low, high) for a, (low, high) in zip(self.axes, self.span, strict=True)
         )
         return (
             f"{_AGAINST[self.kind]}, {where}; off the readings: {_UNKNOWN[self.removed]}",

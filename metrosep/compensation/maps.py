@@ -19,6 +19,7 @@ from metrosep.compensation.area_errors import (
     ErrorMap,
     bilinear,
     format_position,
+    format_range,
     is_rotary,
     rising,
 )
@@ -174,8 +175,7 @@ class CompensationMap(Corrections):
     def headline(self) -> str:
         """What is looked up and what is corrected, in one line."""
         spans = " x ".join(
-            f"{format_position(a, low)} ... {format_position(a, high)}"
-            for a, (low, high) in zip(self.axes, self.span, strict=True)
+            format_range(a, low, high) for a, (low, high) in zip(self.axes, self.span, strict=True)
         )
         plane = "plane kept" if self.removed == "offset" else "the plane is left out (alignment)"
         own = " (its own positioning)" if self.is_on_axis else ""

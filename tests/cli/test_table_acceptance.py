@@ -285,3 +285,138 @@ def test_a_run_that_was_left_out_makes_no_table_and_judges_none(metrosep, tmp_pa
     assert code == 0, err
     assert "judged on 5 runs, each left out once" in err
     assert pv(machine_um(file)) < 0.12 * pv(pitch_um(X))
+
+
+def test_terminal_and_json_name_axes_span_entries_slope_and_zero(metrosep, tmp_path):
+    """1.12 of the specification, for a table that is written and for the file that is verified."""
+    runs, file = readings(tmp_path / "runs.csv", n=4), tmp_path / "x.comp"
+    slope = (
+        np.polyfit(np.arange(0.0, 131.0, 2.0), -pitch_um(np.arange(0.0, 131.0, 2.0)), 1)[0] * 1e3
+    )
+
+    made = metrosep(
+        "separate", runs, *COLUMNS, *MEAN, "--compensates", "X", "--table", f"linuxcnc={file}"
+    )
+    text = metrosep("verify", file, "--against", runs, *COLUMNS)
+    document = metrosep("verify", file, "--against", runs, *COLUMNS, "--json")
+
+    assert made[0] == text[0] == document[0] == 0, made[2]
+    found = json.loads(document[1])
+    sidecar = json.loads((tmp_path / "x.comp.json").read_text())
+    for headline in (
+        next(line for line in made[2].splitlines() if "X -> X" in line).removeprefix("table "),
+        next(line for line in text[2].splitlines() if "X -> X" in line).removeprefix("table "),
+        found["headline"],
+        sidecar["table"]["headline"],
+    ):
+        said = re.fullmatch(
+            r"X -> X \(its own positioning\), 0 \.\.\. 130 mm, 66 entries, slope (\S+) um/m kept, zero at "
+            r"0 mm",
+            headline,
+        )
+        # slopes of four runs scatter by 0.4 um/m: their mean by 0.2
+        assert float(said[1]) == pytest.approx(slope, abs=0.8)
+    for sentence in found["sentences"]:
+        assert sentence in text[2]
+        assert sentence in made[2]
+    assert found["sentences"] == sidecar["verification"]["sentences"]
+    assert re.search(
+        r"judged on 4 runs, each left out once, 0 \.\.\. 130 mm; off the readings: one constant",
+        found["sentences"][0],
+    )
+    assert re.search(
+        r"RMS that repeats \S+ [nu]m -> \S+ [nu]m, P-V .* \(noise alone .*\), gain 1\.?\d* \+- ",
+        found["sentences"][1],
+    )
+    # four runs at one feed
+    assert any("disturbance of fixed wavelength" in w for w in found["warnings"])
+    for warning in found["warnings"]:
+        assert f"warning: {file}: {warning}" in text[2]
+
+
+def test_mistake_is_named_at_the_terminal_and_in_json(metrosep, tmp_path):
+    runs = readings(tmp_path / "runs.csv", seed=11)
+    file = comp(tmp_path / "x.comp", spoilt("1000 times too small"))
+
+    code, out, err = metrosep("verify", file, "--against", runs, *COLUMNS, "--json")
+
+    assert code == 1
+    said = "it is 1000 times too small (a unit: mm and um, or um and nm)"
+    assert said in err
+    assert json.loads(out)["diagnosis"] == said
+
+
+def test_one_run_that_did_not_make_a_table_is_judged_in_full(metrosep, tmp_path):
+    """1.10; one run of pitch does not show its slope, one of straightness needs none."""
+    runs = readings(tmp_path / "runs.csv", n=1)
+    right, wrong = (comp(tmp_path / f"{k[:5]}.comp", spoilt(k)) for k in ("right", "wrong sign"))
+
+    code, _, err = metrosep("verify", right, "--against", runs, *COLUMNS)
+    assert code == 3
+    assert "one run of positioning does not show its slope" in err
+    assert metrosep("verify", wrong, "--against", runs, *COLUMNS)[0] == 1
+
+
+def bed_um(x_mm, y_mm):
+    return 2.0 * np.sin(x_mm / 20.0) * (0.5 + y_mm / 60.0) ** 2
+
+
+def written_map(path, seed, error_um=bed_um, noise_um=0.05):
+    """A measured map of 41 x 31 nodes every 2 mm, with a zero of its own."""
+    import metrosep as ms
+
+    x, y = np.meshgrid(2.0 * np.arange(41), 2.0 * np.arange(31))
+    z = error_um(x, y) + np.random.default_rng(seed).normal(0.0, noise_um, x.shape) + seed
+    ms.write(ms.Surface(1e-6 * z, dx=2e-3, dy=2e-3), path)
+    return path
+
+
+def test_map_is_judged_by_the_map_that_made_it_and_by_a_second_one(metrosep, tmp_path):
+    first, second = (written_map(tmp_path / f"{k}.x3p", k) for k in (1, 2))
+    file = tmp_path / "bed.csv"
+
+    made = metrosep("table", first, "--format", "csv-map", "--spacing", "2 mm", "-o", file)
+    own = metrosep("verify", file, "--format", "csv-map", "--against", first, "--json")
+    other = metrosep("verify", file, "--format", "csv-map", "--against", second)
+
+    assert made[0] == own[0] == other[0] == 0, made[2] + own[2] + other[2]
+    headline = (
+        "X, Y -> Z, X = 0 mm ... 80 mm x Y = 0 mm ... 60 mm, 41 x 31 entries, plane kept, zero at X = 0 mm, "
+        "Y = 0 mm"
+    )
+    assert f"table {headline}" in made[2]
+    assert f"table {headline}" in other[2]
+    assert "one map: what repeats is not known" in made[2]
+    assert "judged against a second map, " in other[2]
+    assert "one map" not in other[2]
+    found = json.loads(own[1])
+    assert found["headline"] == headline
+    assert found["warnings"] == ["one map: what repeats is not known"]
+    assert found["against_kind"] == "made"
+
+
+@pytest.mark.parametrize(
+    ("error_um", "code"),
+    [
+        (bed_um, 0),
+        (lambda x, y: -bed_um(x, y), 1),
+        (lambda x, y: bed_um(80.0 - x, y), 3),  # a third of it is right, by chance
+        (lambda x, y: bed_um(4 * y / 3, 0.75 * x), 1),
+        (lambda x, y: 5.0 * bed_um(x, y), 1),
+        (lambda x, y: 0.0 * x, 1),
+    ],
+    ids=["same", "sign", "mirrored", "exchanged", "a fifth", "nothing left"],
+)
+def test_map_passes_only_if_a_second_one_shows_that_it_helps(metrosep, tmp_path, error_um, code):
+    first, second = (
+        written_map(tmp_path / "1.x3p", 1),
+        written_map(tmp_path / "2.x3p", 2, error_um),
+    )
+    file = tmp_path / "bed.csv"
+    assert metrosep("table", first, "--format", "csv-map", "--spacing", "2 mm", "-o", file)[0] == 0
+
+    found = metrosep("verify", file, "--format", "csv-map", "--against", second)
+
+    assert found[0] == code, found[2]
+    accused = "the sign of the measurement or of the map is wrong" in found[2]
+    assert accused == (error_um(20.0, 60.0) == -bed_um(20.0, 60.0))

@@ -326,6 +326,16 @@ def test_table_that_is_read_elsewhere_is_moved_back(late):
     assert float(re.search(r"moved by (\S+) mm", text)[1]) == pytest.approx(-late * 1e3, abs=0.6)
 
 
+def test_shift_of_a_table_of_many_entries_is_found():
+    """More compared positions than are looked up at once."""
+    p = np.linspace(0.0, 0.18, 2001)
+    table = CompensationTable(p, -hump(p - 31e-3), None, "X", "X", 0.0)
+
+    text = words_of(table, readings(hump(X)))
+
+    assert float(re.search(r"moved by (\S+) mm", text)[1]) == pytest.approx(-31.0, abs=0.3)
+
+
 def test_mirrored_table_is_called_that():
     p = np.linspace(0.0, 0.18, 361)
     table = CompensationTable(p, -hump(0.18 - p), None, "X", "X", 0.0)
