@@ -252,6 +252,10 @@ def _dialects():
 OF_ITS_OWN = {"nv200": "rate=1200", "rrf": "max_nodes=961", "plc-pmac": "digits=5"}
 """What a dialect needs beside its example to hold the errors of these sources."""
 
+WITHOUT_COMMENTS = {"linuxcnc", "csv", "csv-map", "heidenhain", "voltage", "pi-gcs", "nv200"}
+"""Numbers or commands only: a comment of a .comp ends the table there, other readers take no lines but
+theirs."""
+
 PLANTED = {"plc-st": "coverage", "plc-pmac": "coverage"}
 """The finding that is planted: corrections above a stroke of 1 nm, or a travel beyond the runs where a
 stroke shapes the file itself."""
@@ -296,6 +300,9 @@ def test_every_warning_of_a_sidecar_is_on_the_terminal_and_in_the_report(
             break
     assert code == 0, "\n".join(said)
 
+    # a file whose format has comments says by what it was made, wherever it is copied to
+    data = (tmp_path / name).read_bytes().lower()
+    assert (b"metrosep" in data) == (dialect not in WITHOUT_COMMENTS)
     findings = json.loads((tmp_path / f"{name}.json").read_text())["findings"]
     assert planted in [f["check"] for f in findings]
     for found in findings:
