@@ -488,6 +488,39 @@ def test_several_tables_of_one_call_each_have_options_of_their_own(metrosep, tmp
     assert (tmp_path / "out" / "x.comp").exists()
 
 
+def test_a_result_with_tables_of_two_axes_is_asked_which_one(metrosep, tmp_path):
+    runs = write_runs(tmp_path / "runs.csv", ways=(1, 1))
+    call = (
+        "separate",
+        runs,
+        *COLUMNS,
+        "--method",
+        "mean",
+        "--spacing",
+        "2 mm",
+        "-o",
+        tmp_path / "out",
+    )
+    tables = ("--table", "csv=a.csv,compensates=X", "--table", "csv=b.csv,compensates=Z")
+    assert metrosep(*call, *tables)[0] == 0
+    again = (
+        "table",
+        tmp_path / "out",
+        "--format",
+        "csv",
+        "--spacing",
+        "2 mm",
+        "-o",
+        tmp_path / "c.csv",
+    )
+
+    code, _, err = metrosep(*again)
+    assert code == 2
+    assert "X over X and Z over X" in err
+    assert metrosep(*again, "--compensates", "Z")[0] == 0
+    assert (tmp_path / "c.csv").read_bytes() == (tmp_path / "out" / "b.csv").read_bytes()
+
+
 @pytest.mark.parametrize(
     ("spec", "said"),
     [
