@@ -16,7 +16,7 @@ __all__ = ["cli", "main"]
 
 _HOMES = {
     "demo": "jobs", "info": "files", "check": "files", "convert": "files", "measure": "measuring",
-    "form": "measuring", "separate": "jobs", "table": "tables", "path": "paths",
+    "form": "measuring", "separate": "jobs", "table": "tables", "machine-tables": "machine_tables", "path": "paths",
     "report": "reporting", "diff": "reporting", "verify": "tables",
     "verify-softgauge": "measuring", "run": "jobs", "batch": "batches", "plan": "planning",
     "air": "modelling", "rank": "modelling", "predict": "modelling", "formats": "files", "controllers": "files",

@@ -186,6 +186,11 @@ def _axes_of(document: dict[str, Any], options: dict[str, Any]) -> dict[str, str
             f"the result is the error of {words}; --axis and --compensates say otherwise: separate "
             "again with the axes that were measured"
         )
+    if len(set(fits)) > 1:
+        words = " and ".join(f"{c} over {a}" for a, c in dict.fromkeys(fits))
+        raise click.UsageError(
+            f"the result has tables of {words}: say which one with --axis and --compensates"
+        )
     return {"axis": fits[0][0], "compensates": fits[0][1]}
 
 

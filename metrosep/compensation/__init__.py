@@ -21,6 +21,10 @@ if TYPE_CHECKING:
         MachineTables as MachineTables,
         tables_from_machine as tables_from_machine,
     )
+    from metrosep.compensation.from_volume import (
+        MachineVolume as MachineVolume,
+        volume_from_machine as volume_from_machine,
+    )
     from metrosep.compensation.knots import (
         Knots as Knots,
         choose_knots as choose_knots,

@@ -30,8 +30,8 @@ __all__ = [
     "format_along",
     "format_amount",
     "format_position",
-    "format_span",
     "format_range",
+    "format_span",
     "is_rotary",
     "rising",
 ]

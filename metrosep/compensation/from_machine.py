@@ -12,7 +12,7 @@ and is reported. J does not depend on where the linear axes are, so this holds e
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -43,7 +43,7 @@ _TOLERANCE = 1e-13
 
 _MAX_STEPS = 60
 
-_ZERO = 1e-12
+ZERO = 1e-12
 """Below a picometre the correction at the reference counts as zero."""
 
 _NOTHING = 1e-15
@@ -98,10 +98,16 @@ class MachineTables(Mapping[str, Table]):
     def __repr__(self) -> str:
         return (
             f"MachineTables({', '.join(self.over)} -> {', '.join(self.tables)}, error "
-            f"{format_length(_rms(self.error))} RMS, left {format_length(_rms(self.left))})"
+            f"{format_length(rms_of_vectors(self.error))} RMS, left {format_length(rms_of_vectors(self.left))})"
         )
 
-    def residual(self, positions: Mapping[str, ArrayLike], *, sign: int = 1) -> FloatArray:
+    def residual(
+        self,
+        positions: Mapping[str, ArrayLike],
+        *,
+        sign: int = 1,
+        corrections: Mapping[str, Callable[..., FloatArray]] | None = None,
+    ) -> FloatArray:
         """Return the error of the tool point with the tables active, anywhere.
 
         Parameters
@@ -110,6 +116,9 @@ class MachineTables(Mapping[str, Table]):
             Commands of the looked-up axes, and of others that do not stand where `at` says.
         sign : {1, 0, -1}, optional
             1 as the tables are, 0 without them, -1 with the sign reversed.
+        corrections : mapping of str to callable, optional
+            What a controller adds, by corrected axis (`metrosep.controllers.simulate`), in place of
+            what these tables hold.
 
         Returns
         -------
@@ -133,7 +142,11 @@ class MachineTables(Mapping[str, Table]):
         if missing:
             raise DataError(f"positions lack the looked-up axis {missing[0]!r}")
         looked = [np.asarray(positions[a], dtype=np.float64) for a in self.over]
-        c = {a: sign * _looked_up(t, looked) for a, t in self.tables.items()}
+        read = corrections or {}
+        c = {
+            a: sign * (read[a](*looked) if a in read else _looked_up(t, looked))
+            for a, t in self.tables.items()
+        }
         full = {a: v - self.tables[a].offset_removed for a, v in c.items()}
         return self.source.remaining(q, c, full)
 
@@ -158,10 +171,10 @@ class MachineTables(Mapping[str, Table]):
         DataError
             A position is missing, an axis unknown, or a term is not known there.
         """
-        where = self._between() if positions is None else positions
+        where = self.between() if positions is None else positions
         before, after, wrong = (self.residual(where, sign=s) for s in (0, 1, -1))
         # the offset at the reference is the same in all three: it is no matter of the tables
-        sizes = [_rms(v) for v in (before, after, wrong)]
+        sizes = [rms_of_vectors(v) for v in (before, after, wrong)]
         result = {
             "passed": sizes[1] < sizes[0],
             **dict(zip(("before_rms_m", "after_rms_m", "wrong_sign_rms_m"), sizes, strict=True)),
@@ -187,7 +200,14 @@ class MachineTables(Mapping[str, Table]):
         turned = {a: t.negated() for a, t in self.tables.items()}
         return replace(self, tables=freeze_mapping(turned))
 
-    def _between(self) -> dict[str, FloatArray]:
+    def between(self) -> dict[str, FloatArray]:
+        """Return positions at the nodes and between them, which broadcast.
+
+        Returns
+        -------
+        dict of str to ndarray, m or rad
+            Of each looked-up axis; of two axes the second stands in columns.
+        """
         table = next(iter(self.tables.values()))
         if isinstance(table, CompensationMap):
             return {self.over[0]: _finer(table.x), self.over[1]: _finer(table.y)[:, None]}
@@ -278,15 +298,15 @@ def tables_from_machine(
         raise DataError(f"a machine is a Chain, got {type(chain).__name__}")
     axes = (over,) if isinstance(over, str) else tuple(over)
     grid = positions_to_axes(axes, positions, chain)
-    stand = _standing(at, axes)
+    stand = standing(at, axes)
     q = _mesh(axes, grid, stand)
     source = volumetric_source(
         chain, errors, axes=axes, grid=grid, at=stand, corrects=corrects, tool=tool, exact=exact
     )
-    zero = _references(axes, grid, reference)
+    zero = references(axes, grid, reference)
     place = {**stand, **dict(zip(axes, zero, strict=True))}
     offset = source.in_axes(place)
-    c = _solved(source, q, offset)
+    c = solved(source, q, offset)
     rest = source.remaining(q, c, {a: v - offset[a] for a, v in c.items()})
     tables = _tables(source, axes, grid, zero, c, offset, q)
     before = source.remaining(q, {}, {a: -offset[a] + np.zeros(()) for a in c})
@@ -305,7 +325,8 @@ def tables_from_machine(
     )
 
 
-def _standing(at: Mapping[str, float] | None, axes: tuple[str, ...]) -> dict[str, float]:
+def standing(at: Mapping[str, float] | None, axes: tuple[str, ...]) -> dict[str, float]:
+    """Return where the other axes stand, checked."""
     stand: dict[str, float] = {}
     if not isinstance(at, Mapping | None):
         raise DataError(f"at maps axis names to positions, got {type(at).__name__}")
@@ -330,9 +351,10 @@ def _mesh(
     return {**stand, axes[0]: x, axes[1]: y}
 
 
-def _references(
+def references(
     axes: tuple[str, ...], grid: tuple[FloatArray, ...], reference: float | Sequence[float] | None
 ) -> tuple[float, ...]:
+    """Return the place of zero correction of each axis."""
     given: list[float | None] = [None] * len(axes)
     if reference is not None:
         try:
@@ -354,7 +376,7 @@ def _references(
     return tuple(zero)
 
 
-def _solved(
+def solved(
     source: VolumetricError, q: Mapping[str, Any], offset: Mapping[str, FloatArray]
 ) -> dict[str, FloatArray]:
     """Return c with ``c(q) = -(e(q + c(q)) - e(reference))`` by fixed point."""
@@ -403,7 +425,7 @@ def _tables(
 ) -> dict[str, Table]:
     sd = source.sd_in_axes(q)
     fine = tuple(_finer(p) for p in grid)
-    between = _solved(source, _mesh(axes, fine, source.at), offset)
+    between = solved(source, _mesh(axes, fine, source.at), offset)
     step = Step(
         "from_machine",
         {"chain": source.chain.name, "over": list(axes), "at_si": dict(source.at), **source.facts},
@@ -475,7 +497,7 @@ def _zero_moves(tables: Mapping[str, Table]) -> tuple[str, ...]:
         zero = table.reference
         places = zero if isinstance(zero, tuple) else (zero,)
         there = float(_looked_up(table, [np.array([p]) for p in places])[0])
-        if abs(there) > _ZERO:
+        if abs(there) > ZERO:
             over = table.axes if isinstance(table, CompensationMap) else (table.axis,)
             where = ", ".join(format_position(a, p) for a, p in zip(over, places, strict=True))
             found.append(
@@ -513,7 +535,7 @@ def _finer(positions: FloatArray) -> FloatArray:
     return np.append(inner.ravel(), positions[-1])
 
 
-def _rms(vectors: FloatArray) -> float:
+def rms_of_vectors(vectors: FloatArray) -> float:
     """Return the RMS length of error vectors, of the components that were measured."""
     valid = ~np.isnan(vectors).all(axis=tuple(range(vectors.ndim - 1)))
     return float(np.sqrt(np.mean(np.sum(vectors[..., valid] ** 2, axis=-1))))

@@ -117,7 +117,9 @@ _ENTRY = Line("N{number}P{value}", value=INTEGER)
 
 def _file(head: Line, stated: Mapping[str, Any], lines: list[str]) -> bytes:
     """Return a file of parameters; the control skips the comment behind the first %."""
-    return joined([head.write(**stated, remark=DRY_RUN.upper()), *lines, "%"])
+    return joined(
+        [head.write(**stated, remark=f"{DRY_RUN.upper()} - MADE BY METROSEP"), *lines, "%"]
+    )
 
 
 def _opened(data: bytes, path: Path, *heads: Line) -> tuple[Text, dict[str, Any], Line | None]:

@@ -56,9 +56,10 @@ _CAPACITY = _LAST - _FIRST + 1
 
 _HEAD = Line(
     "; MITSUBISHI MACHINE ERROR COMPENSATION, INCREMENTAL, OUTPUT UNIT {output_unit} MM, REFERENCE "
-    "{reference_position} MM",
+    "{reference_position} MM{by}",
     output_unit=MM,
     reference_position=MM,
+    by=Word("(?:, MADE BY METROSEP)?"),  # lists of earlier versions do not say it
 )
 _LINE = Line("#{number} {value}", value=Word(r"\S+"))
 _SETTINGS = (AXIS, AXIS, *4 * (INTEGER,), Word(r"\d{1,6}\.?\d{0,12}", mm_value, mm_text))
@@ -142,7 +143,11 @@ class Mitsubishi(Resampling):
         )  # fmt: skip
         base = 4000 + 10 * (options["set_number"] - 1)
         lines = [
-            _HEAD.write(output_unit=options["output_unit"], reference_position=made.zero),
+            _HEAD.write(
+                output_unit=options["output_unit"],
+                reference_position=made.zero,
+                by=", MADE BY METROSEP",
+            ),
             *(
                 _LINE.write(number=base + i, value=word.write(v))
                 for i, (word, v) in enumerate(zip(_SETTINGS, values, strict=True), start=1)

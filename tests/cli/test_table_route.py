@@ -252,6 +252,10 @@ def _dialects():
 OF_ITS_OWN = {"nv200": "rate=1200", "rrf": "max_nodes=961", "plc-pmac": "digits=5"}
 """What a dialect needs beside its example to hold the errors of these sources."""
 
+WITHOUT_COMMENTS = {"linuxcnc", "csv", "csv-map", "heidenhain", "voltage", "pi-gcs", "nv200"}
+"""Numbers or commands only: a comment of a .comp ends the table there, other readers take no lines but
+theirs."""
+
 PLANTED = {"plc-st": "coverage", "plc-pmac": "coverage"}
 """The finding that is planted: corrections above a stroke of 1 nm, or a travel beyond the runs where a
 stroke shapes the file itself."""
@@ -296,6 +300,9 @@ def test_every_warning_of_a_sidecar_is_on_the_terminal_and_in_the_report(
             break
     assert code == 0, "\n".join(said)
 
+    # a file whose format has comments says by what it was made, wherever it is copied to
+    data = (tmp_path / name).read_bytes().lower()
+    assert (b"metrosep" in data) == (dialect not in WITHOUT_COMMENTS)
     findings = json.loads((tmp_path / f"{name}.json").read_text())["findings"]
     assert planted in [f["check"] for f in findings]
     for found in findings:
@@ -479,6 +486,39 @@ def test_several_tables_of_one_call_each_have_options_of_their_own(metrosep, tmp
     assert code == 0, err
     assert (tmp_path / "out" / "x.csv").read_bytes() == b.read_bytes()
     assert (tmp_path / "out" / "x.comp").exists()
+
+
+def test_a_result_with_tables_of_two_axes_is_asked_which_one(metrosep, tmp_path):
+    runs = write_runs(tmp_path / "runs.csv", ways=(1, 1))
+    call = (
+        "separate",
+        runs,
+        *COLUMNS,
+        "--method",
+        "mean",
+        "--spacing",
+        "2 mm",
+        "-o",
+        tmp_path / "out",
+    )
+    tables = ("--table", "csv=a.csv,compensates=X", "--table", "csv=b.csv,compensates=Z")
+    assert metrosep(*call, *tables)[0] == 0
+    again = (
+        "table",
+        tmp_path / "out",
+        "--format",
+        "csv",
+        "--spacing",
+        "2 mm",
+        "-o",
+        tmp_path / "c.csv",
+    )
+
+    code, _, err = metrosep(*again)
+    assert code == 2
+    assert "X over X and Z over X" in err
+    assert metrosep(*again, "--compensates", "Z")[0] == 0
+    assert (tmp_path / "c.csv").read_bytes() == (tmp_path / "out" / "b.csv").read_bytes()
 
 
 @pytest.mark.parametrize(

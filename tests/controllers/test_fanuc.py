@@ -32,7 +32,7 @@ MANUAL_CURVE = [0, 2, 3, 4, 2, 2, 1, 1, 0, 2, 3, 3, 2, 1, -1, -1, 0]
 
 HEAD = (
     "%(FANUC PITCH ERROR, DETECTION UNIT 0.001 MM, INCREMENT 0.001 MM, REFERENCE 0 MM, "
-    "ENTRY = -E, SIGN NOT DOCUMENTED: DRY-RUN ON THE MACHINE FIRST)\n"
+    "ENTRY = -E, SIGN NOT DOCUMENTED: DRY-RUN ON THE MACHINE FIRST - MADE BY METROSEP)\n"
 )
 HAND = (
     HEAD
@@ -407,6 +407,12 @@ def test_numbers_that_no_word_holds_are_refused_with_their_entry(x, c):
 def test_detection_unit_that_no_machine_has_is_refused(unit):
     with pytest.raises(DataError, match="detection_unit"):
         encode(manual_table(), detection_unit=unit)
+
+
+def test_files_of_earlier_versions_are_read():
+    old = HAND.replace(" - MADE BY METROSEP", "")
+    assert old != HAND
+    assert np.array_equal(decode(old.encode()).forward, decode(HAND.encode()).forward)
 
 
 def test_file_on_the_page_is_whole(repository):

@@ -23,7 +23,7 @@ ROUNDING = 1e-15
 """Sums of 128 doubles of 10 um."""
 
 HAND = """\
-; MITSUBISHI MACHINE ERROR COMPENSATION, INCREMENTAL, OUTPUT UNIT 0.001 MM, REFERENCE 0 MM
+; MITSUBISHI MACHINE ERROR COMPENSATION, INCREMENTAL, OUTPUT UNIT 0.001 MM, REFERENCE 0 MM, MADE BY METROSEP
 #4001 X
 #4002 X
 #4003 4102
@@ -89,6 +89,12 @@ def one_way(measured):
 
 def test_manual_formulas_by_hand_byte_for_byte():
     assert encode(error_table()).data.decode() == HAND
+
+
+def test_lists_of_earlier_versions_are_read():
+    old = HAND.replace(", MADE BY METROSEP", "")
+    assert old != HAND
+    assert np.array_equal(decode(old.encode()).forward, decode(HAND.encode()).forward)
 
 
 def test_hand_made_list_reads_as_corrections():

@@ -1,0 +1,601 @@
+"""The command that makes tables of the errors of a whole machine: machine-tables."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from metrosep.cli.options import force_option, json_option, name_values, say
+
+if TYPE_CHECKING:
+    from metrosep.compensation.from_machine import MachineTables
+    from metrosep.compensation.from_volume import MachineVolume
+    from metrosep.controllers.files import Prepared
+    from metrosep.machine.chains import Chain
+
+__all__ = ["machine_tables"]
+
+_MOST_BYTES = 2**26
+_VOLUME = (
+    "no controller here holds corrections over three axes: take --format of one that holds tables of one "
+    "axis, where the control adds them up (one file for each looked-up and corrected axis), or --format "
+    "grid for a neutral list (x, y, z, cx, cy, cz)"
+)
+
+
+@click.command("machine-tables")
+@click.argument("machine")
+@click.argument("errors", nargs=-1, required=True, metavar="ERRORS...")
+@click.option(
+    "--over", required=True, metavar="AXIS,...", help='Looked-up axes: "X", "X,Y", "X,Y,Z".'
+)
+@click.option(
+    "--at",
+    "places",
+    multiple=True,
+    metavar="AXIS=PLACE",
+    help='Where another axis stands: "Z=0 mm".',
+)
+@click.option(
+    "--span",
+    "spans",
+    multiple=True,
+    metavar="AXIS=A..B",
+    help='Travel of a looked-up axis, "X=0 mm..400 mm"; as far as its errors are known if omitted.',
+)
+@click.option(
+    "--spacing",
+    required=True,
+    metavar="LENGTH",
+    help='Between the entries, "10 mm"; or "X=10 mm,Y=5 mm".',
+)
+@click.option(
+    "--corrects", metavar="AXIS,...", help="Axes to correct; all linear ones if omitted."
+)
+@click.option(
+    "--reference", metavar="PLACE,...", help="Place of zero correction, of each axis in --over."
+)
+@click.option(
+    "--tool",
+    metavar="X,Y,Z",
+    help='Tool point in the frame of the last element: "0 mm,0 mm,-80 mm".',
+)
+@click.option("--radius", metavar="LENGTH", help="Of the part, for the preset fts_lathe.")
+@click.option(
+    "--format",
+    "format_",
+    default=None,
+    metavar="NAME",
+    help="Controller, or grid; csv or csv-map if omitted.",
+)
+@click.option(
+    "--machine",
+    "facts",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Fact or limit of the machine; of one file alone: x-z.NAME=VALUE. May be repeated.",
+)
+@click.option(
+    "--waive",
+    multiple=True,
+    metavar="CHECK",
+    help="Accept the refusal of a check, by name; recorded.",
+)
+@click.option("--sign-confirmed", is_flag=True, help="The sign was tried on this machine.")
+@click.option("-o", "--out", required=True, metavar="FOLDER", help="Folder for the files.")
+@force_option
+@json_option
+def machine_tables(
+    machine: str, errors: tuple[str, ...], out: str, force: bool, as_json: bool, **options: Any
+) -> int:
+    """Write the tables that cancel the ERRORS of MACHINE at the tool point, one file for each axis.
+
+    MACHINE is a preset or a TOML file, as for 'rank'. ERRORS are CSV files with a position and the terms
+    of one axis (x_mm,EXX_um,EBX_urad), and TOML files with constants (B0Z = "2 urad") or results of
+    'separate' (EZX = "folder/result.json"). Every file is judged by itself and all of them together, by
+    the error of the tool point with what their controllers add. Three axes: one table for each looked-up
+    and corrected axis, for controls that add tables up, or --format grid.
+
+    Exit code 1: the error of the tool point does not shrink, or a table is refused. Nothing is written
+    then.
+    """
+    from metrosep.controllers.registry import find
+    from metrosep.core.errors import DataError
+    from metrosep.recipe.methods.ops_machine import machine_of
+
+    chain = machine_of({"machine": machine}, _size(options["radius"]))
+    over = _names(options["over"], "--over", 3)
+    holds = {1: "table", 2: "map", 3: "table"}[len(over)]
+    name = options["format_"] or {1: "csv", 2: "csv-map", 3: "csv"}[len(over)]
+    grid = name == "grid"
+    if grid and len(over) != 3:
+        raise click.UsageError(
+            f"--format grid holds three axes, --over names {len(over)}: take csv or csv-map"
+        )
+    if not grid and find(name).info.carries != holds:
+        what = "a table of one axis" if holds == "table" else "a map over two axes"
+        raise click.UsageError(
+            f"--format {name} holds a {find(name).info.carries}, and {what} is needed over {', '.join(over)}"
+            + (f"; {_VOLUME}" if len(over) == 3 else "")
+        )
+    kinds = {e.name: "angle" if e.kind == "rotary" else "length" for e in chain.elements}
+    terms, known = _terms(errors, kinds)
+    common: dict[str, Any] = {
+        "over": over,
+        "positions": _positions(over, kinds, known, options),
+        "at": _places(options["places"], kinds),
+        "corrects": None
+        if options["corrects"] is None
+        else _names(options["corrects"], "--corrects", None),
+        "reference": _reference(options["reference"], over, kinds),
+    }
+    if options["tool"] is not None:
+        common["tool"] = _point(options["tool"])
+    folder = Path(out)
+    carry_out = _volume if len(over) == 3 else _tables
+    try:
+        found = carry_out(chain, terms, common, name, folder, options, force=force)
+    except DataError as exc:
+        if "is missing; q holds" not in str(exc):
+            raise
+        raise click.UsageError(
+            f'{exc}: say where that axis stands, such as --at "Z=0 mm"'
+        ) from None
+    if as_json:
+        click.echo(json.dumps(found, sort_keys=True, allow_nan=False))
+    return 0
+
+
+# ---- one or two axes ----------------------------------------------------------------------------
+
+
+def _tables(
+    chain: Chain, terms: Any, common: dict[str, Any], name: str, folder: Path, options: dict[str, Any],
+    *, force: bool,
+) -> dict[str, Any]:  # fmt: skip
+    """Make, judge and write a table or map for each corrected axis."""
+    from metrosep.compensation.from_machine import rms_of_vectors, tables_from_machine
+
+    made = tables_from_machine(chain, terms, **common)
+    wanted = {(made.over, axis): (table, _own_error(made, axis)) for axis, table in made.items()}
+    ready, lookups = _prepared(wanted, name, folder, options, force=force)
+    where = made.between()
+    before, after = (
+        rms_of_vectors(
+            made.residual(where, sign=sign, corrections={a: f for (_, a), f in lookups.items()})
+        )
+        for sign in (0, 1)
+    )
+    return _written(ready, before, after, made.messages, "nodes and between", options)
+
+
+def _own_error(made: MachineTables, axis: str) -> Callable[..., Any]:
+    """Return by how much the commands of an axis are wrong, about the reference, over the looked-up axes."""
+    import numpy as np
+
+    table = made[axis]
+    zero = table.reference if isinstance(table.reference, tuple) else (table.reference,)
+    there = dict(zip(made.over, zero, strict=True))
+    offset = float(made.source.in_axes({**made.at, **there})[axis])
+
+    def error(*places: Any) -> Any:
+        grid = zip(
+            places, made.source.grid, strict=True
+        )  # beyond the nodes the error of the end holds
+        inside = [np.clip(np.asarray(p, dtype=np.float64), g[0], g[-1]) for p, g in grid]
+        q = {**made.at, **dict(zip(made.over, np.broadcast_arrays(*inside), strict=True))}
+        found, inverse = made.source.moved(q, {}), made.source.inverse(q)
+        k = made.source.names.index(axis)
+        parts = np.einsum("...i,...i->...", inverse[..., k, :], found[..., made.source.known])
+        return parts - offset
+
+    return error
+
+
+# ---- three axes ---------------------------------------------------------------------------------
+
+
+def _volume(
+    chain: Chain, terms: Any, common: dict[str, Any], name: str, folder: Path, options: dict[str, Any],
+    *, force: bool,
+) -> dict[str, Any]:  # fmt: skip
+    """Write corrections over three axes: as tables to be added up, or as a neutral grid."""
+    from metrosep.compensation.from_machine import rms_of_vectors, tables_from_machine
+    from metrosep.compensation.from_volume import volume_from_machine
+
+    made = volume_from_machine(chain, terms, **common)
+    before = rms_of_vectors(made.error)
+    if name == "grid":
+        ready = [_grid(made, folder, force=force)]
+        after = rms_of_vectors(made.left)
+        return _written(ready, before, after, made.messages, "nodes of the volume", options)
+    wanted: dict[tuple[tuple[str, ...], str], tuple[Any, Any]] = {}
+    for (looked, axis), table in made.parts.items():
+        place = dict(zip(made.over, common["reference"] or _zero(made), strict=True))
+        alone = tables_from_machine(
+            chain, terms, over=looked, positions=table.positions, corrects=made.source.names,
+            at={**common["at"], **{a: v for a, v in place.items() if a != looked}},
+            reference=place[looked], **({"tool": common["tool"]} if "tool" in common else {}),
+        )  # fmt: skip
+        wanted[(looked,), axis] = (table, _own_error(alone, axis))
+    ready, lookups = _prepared(wanted, name, folder, options, force=force)
+    after = rms_of_vectors(made.residual({(k[0], a): f for (k, a), f in lookups.items()}))
+    return _written(ready, before, after, made.messages, "nodes of the volume", options)
+
+
+def _zero(made: MachineVolume) -> tuple[float, ...]:
+    """Return the reference that was chosen."""
+    first = next(iter(made.parts))[1]
+    return tuple(
+        made.parts[a, first].reference
+        if (a, first) in made.parts
+        else next(t.reference for (k, _), t in made.parts.items() if k == a)
+        for a in made.over
+    )
+
+
+def _grid(made: MachineVolume, folder: Path, *, force: bool) -> Prepared:
+    """Return the neutral grid, the first axis fastest, and its sidecar."""
+    import hashlib
+
+    from metrosep._version import __version__
+    from metrosep.controllers.files import Prepared
+
+    axes = made.over
+    head = [f"{a.lower()}_mm" for a in axes] + [f"c{a.lower()}_um" for a in made.corrections]
+    rows = [",".join(head)]
+    sizes = [p.size for p in made.positions]
+    for k in range(sizes[2]):
+        for j in range(sizes[1]):
+            for i in range(sizes[0]):
+                place = (made.positions[0][i], made.positions[1][j], made.positions[2][k])
+                c = [values[k, j, i] for values in made.corrections.values()]
+                rows.append(
+                    ",".join([*(f"{v * 1e3:.9f}" for v in place), *(f"{v * 1e6:.9f}" for v in c)])
+                )
+    data = ("\n".join(rows) + "\n").encode("ascii")
+    sidecar = {
+        "schema": "metrosep.grid/1",
+        "metrosep": __version__,
+        "entry": "correction c = -e that is added to the command of the axis at that place",
+        "units": "positions in mm, corrections in um",
+        "file_sha256": hashlib.sha256(data).hexdigest(),
+        "axes": list(axes),
+        "corrects": list(made.corrections),
+        "shape": sizes,
+        "reference_m": list(_zero(made)),
+        "at_si": dict(made.source.at),
+        "chain": made.source.chain.name,
+        **made.source.facts,
+    }
+    name = "-".join(axes).lower() + "-grid.csv"
+    text = json.dumps(sidecar, indent=1, sort_keys=True, allow_nan=False) + "\n"
+    return Prepared(folder / name, data, text.encode("utf-8"), None, force)
+
+
+# ---- files --------------------------------------------------------------------------------------
+
+
+def _prepared(
+    wanted: Mapping[tuple[tuple[str, ...], str], tuple[Any, Any]],
+    name: str,
+    folder: Path,
+    options: dict[str, Any],
+    *,
+    force: bool,
+) -> tuple[list[Prepared], dict[tuple[tuple[str, ...], str], Callable[..., Any]]]:
+    """Return the files, each after its own checks, and what their controller adds by their bytes."""
+    from metrosep.compensation.from_machine import ZERO
+    from metrosep.controllers.files import prepare, simulate
+    from metrosep.controllers.options import split_machine
+    from metrosep.controllers.registry import find
+
+    dialect = find(name)
+    given = name_values(options["facts"], "--machine")
+    stems = {(over, axis): "-".join((*over, axis)).lower() for over, axis in wanted}
+    for fact, _ in given:
+        stem, dot, _ = fact.rpartition(".")
+        if dot and stem.lower() not in stems.values():
+            raise click.UsageError(
+                f"--machine {fact}: there is no file {stem}; there are {', '.join(stems.values())}"
+            )
+    ready: list[Prepared] = []
+    lookups: dict[tuple[tuple[str, ...], str], Callable[..., Any]] = {}
+    with tempfile.TemporaryDirectory(prefix="metrosep-machine-") as temporary:
+        for key, (table, error) in wanted.items():
+            if table.stroke < ZERO:
+                say(
+                    f"note: {key[1]} over {', '.join(key[0])} needs no correction and gets no file"
+                )
+                continue
+            own = [(k.rpartition("."), v) for k, v in given]
+            facts: dict[str, Any] = {
+                k.replace("-", "_"): v
+                for (stem, _, k), v in sorted(own, key=lambda named: bool(named[0][0]))
+                if stem.lower() in ("", stems[key])
+            }
+            prepared = prepare(
+                table,
+                folder / f"{stems[key]}{dialect.info.suffix}",
+                name,
+                verified_against=error,
+                waive=options["waive"],
+                sign_confirmed=options["sign_confirmed"],
+                overwrite=force,
+                **facts,
+            )
+            prepared.write(Path(temporary))
+            own_options, _ = split_machine(facts, dialect.options, name)
+            lookups[key] = simulate(Path(temporary) / prepared.target.name, name, **own_options)
+            ready.append(prepared)
+    if not ready:
+        raise click.UsageError(
+            "no axis needs a correction here: the ERRORS do not move the tool point"
+        )
+    return ready, lookups
+
+
+def _written(
+    ready: Sequence[Prepared],
+    before: float,
+    after: float,
+    messages: Sequence[str],
+    where: str,
+    options: dict[str, Any],
+) -> dict[str, Any]:
+    """Judge all files together, then write them; the judgement stands in each sidecar."""
+    from metrosep.cli.tables import print_table
+    from metrosep.controllers.base import sidecar_path
+    from metrosep.core.errors import SignCheckFailedError, WriteError
+    from metrosep.core.units import format_length
+
+    together = {
+        "files": [p.target.name for p in ready],
+        "where": where,
+        "before_rms_m": before,
+        "after_rms_m": after,
+        "messages": list(messages),
+    }
+    for text in messages:
+        say(f"note: {text}")
+    sizes = f"RMS {format_length(before, digits=4)} -> {format_length(after, digits=4)}"
+    if not after < before and "dry-run" not in options["waive"]:
+        raise SignCheckFailedError(
+            f"{ready[0].target.parent}: the files together do not shrink the error of the tool point, {sizes}; "
+            "nothing was written; the tables belong to other errors, another place, or facts of the machine "
+            "that are not so"
+        )
+    full = []
+    for prepared in ready:
+        sidecar = {**json.loads(prepared.sidecar), "together": together}
+        text = json.dumps(sidecar, indent=1, sort_keys=True, allow_nan=False) + "\n"
+        full.append((replace(prepared, sidecar=text.encode("utf-8")), sidecar))
+    for prepared, _ in full:
+        prepared.require_free()
+    folder = ready[0].target.parent
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as exc:
+        raise WriteError(f"{folder}: the folder cannot be made ({exc.strerror or exc})") from None
+    files = []
+    for prepared, sidecar in full:
+        prepared.write()
+        print_table(str(prepared.target), sidecar)
+        files += [str(prepared.target), str(sidecar_path(prepared.target))]
+    say(f"error of the tool point, {where}: {sizes}")
+    for file in files:
+        say(f"wrote {file}")
+    return {**together, "files": files}
+
+
+# ---- options ------------------------------------------------------------------------------------
+
+
+def _names(text: str, option: str, most: int | None) -> tuple[str, ...]:
+    names = tuple(n.strip() for n in text.split(","))
+    if not all(names) or len(set(names)) < len(names) or (most is not None and len(names) > most):
+        limit = "" if most is None else f", at most {most}"
+        raise click.UsageError(
+            f"{option} names axes, each once{limit}, such as X,Y; found {text!r}"
+        )
+    return names
+
+
+def _size(text: str | None) -> float | None:
+    from metrosep.core.units import parse_quantity
+
+    return None if text is None else parse_quantity(text, dimension="length", name="--radius")
+
+
+def _place(text: str, axis: str, kinds: Mapping[str, str], option: str) -> float:
+    from metrosep.core.errors import UnitError
+    from metrosep.core.units import parse_quantity
+
+    if axis not in kinds:
+        raise click.UsageError(
+            f"{option}: the machine has no axis {axis!r}; it has {', '.join(kinds)}"
+        )
+    try:
+        return float(parse_quantity(text.strip(), dimension=kinds[axis], name=option))
+    except UnitError as exc:
+        raise click.UsageError(f"{option}: {exc}") from None
+
+
+def _places(texts: tuple[str, ...], kinds: Mapping[str, str]) -> dict[str, float]:
+    return {axis: _place(v, axis, kinds, f"--at {axis}") for axis, v in name_values(texts, "--at")}
+
+
+def _reference(
+    text: str | None, over: tuple[str, ...], kinds: Mapping[str, str]
+) -> tuple[float, ...] | None:
+    if text is None:
+        return None
+    parts = text.split(",")
+    if len(parts) != len(over):
+        raise click.UsageError(
+            f"--reference has {len(parts)} places for the {len(over)} axes of --over"
+        )
+    return tuple(_place(p, a, kinds, "--reference") for p, a in zip(parts, over, strict=True))
+
+
+def _point(text: str) -> tuple[float, ...]:
+    from metrosep.core.units import parse_quantity
+
+    parts = text.split(",")
+    if len(parts) != 3:
+        raise click.UsageError('--tool is three lengths, "0 mm,0 mm,-80 mm"')
+    return tuple(parse_quantity(p.strip(), dimension="length", name="--tool") for p in parts)
+
+
+def _positions(
+    over: tuple[str, ...],
+    kinds: Mapping[str, str],
+    known: Mapping[str, tuple[float, float]],
+    options: dict[str, Any],
+) -> dict[str, Any]:
+    """Return the nodes of each looked-up axis: as near to the spacing as whole steps allow."""
+    import numpy as np
+
+    spans: dict[str, tuple[float, float]] = {}
+    for axis, text in name_values(options["spans"], "--span"):
+        begin, dots, end = text.partition("..")
+        if not dots:
+            raise click.UsageError(f'--span {axis} is two places, "{axis}=0 mm..400 mm"')
+        spans[axis] = (
+            _place(begin, axis, kinds, f"--span {axis}"),
+            _place(end, axis, kinds, f"--span {axis}"),
+        )
+    found = {}
+    each = (
+        dict(name_values(tuple(options["spacing"].split(",")), "--spacing"))
+        if "=" in options["spacing"]
+        else {}
+    )
+    for axis in over:
+        if axis not in kinds:
+            raise click.UsageError(
+                f"--over: the machine has no axis {axis!r}; it has {', '.join(kinds)}"
+            )
+        if axis not in spans and axis not in known:
+            raise click.UsageError(
+                f'no error of {axis} says how far it goes: give --span "{axis}=0 mm..400 mm"'
+            )
+        text = each.get(axis, options["spacing"])
+        step = _place(text, axis, kinds, f"--spacing of {axis}")
+        low, high = spans.get(axis, known.get(axis, (0.0, 0.0)))
+        if not (step > 0 and high > low):
+            raise click.UsageError(f"{axis}: the travel must rise and the spacing be above zero")
+        found[axis] = np.linspace(low, high, max(2, round((high - low) / step) + 1))
+    return found
+
+
+# ---- files of errors ----------------------------------------------------------------------------
+
+
+def _terms(
+    files: Sequence[str], kinds: Mapping[str, str]
+) -> tuple[Any, dict[str, tuple[float, float]]]:
+    """Return the error terms of files, and how far each axis is known by all of its terms."""
+    from metrosep.machine.elements import axis_of
+    from metrosep.machine.error_sets import ErrorSet
+
+    values: dict[str, Any] = {}
+    known: dict[str, list[tuple[float, float]]] = {}
+    for file in files:
+        read = _of_toml(file) if file.endswith(".toml") else _of_csv(file, kinds)
+        for name, (value, span) in read.items():
+            if name in values:
+                raise click.UsageError(f"{file}: {name} is given twice")
+            values[name] = value
+            axis = axis_of(name)
+            if span is not None and axis is not None:
+                known.setdefault(axis, []).append(span)
+    common = {a: (max(s[0] for s in v), min(s[1] for s in v)) for a, v in known.items()}
+    return ErrorSet(values), common
+
+
+def _of_toml(file: str) -> dict[str, tuple[Any, tuple[float, float] | None]]:
+    """Return constants, and results of separations, of a TOML file."""
+    from metrosep.core.errors import DataError
+    from metrosep.machine.chain_files import toml_table
+    from metrosep.recipe.result import load_document, stored_estimate
+
+    found: dict[str, tuple[Any, tuple[float, float] | None]] = {}
+    for name, value in toml_table(file).items():
+        if not isinstance(value, str):
+            raise DataError(
+                f'{file}: {name} = {value!r}; a text is needed: a value with its unit, "2 um", or a result, '
+                '"folder/result.json"'
+            )
+        if value.endswith(".json"):
+            estimate = stored_estimate(load_document(Path(file).parent / value))
+            found[name] = (estimate, estimate.fit_range)
+        else:
+            found[name] = (value, None)
+    return found
+
+
+def _of_csv(
+    file: str, kinds: Mapping[str, str]
+) -> dict[str, tuple[Any, tuple[float, float] | None]]:
+    """Return the terms of one axis, whose names and units the columns state: x_mm,EXX_um,EBX_urad."""
+    from metrosep.core.atomic import read_plain
+    from metrosep.core.errors import DataError, ReadError
+    from metrosep.core.units import parse_quantity
+    from metrosep.machine.elements import axis_of
+    from metrosep.machine.terms import TableTerm, is_angle
+
+    try:
+        text = read_plain(Path(file), _MOST_BYTES).decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as exc:
+        raise ReadError(
+            f"{file}: cannot be read ({exc}); a CSV file of errors is needed"
+        ) from None
+    lines = [
+        (i, [c.strip() for c in line.split(",")])
+        for i, line in enumerate(text.splitlines(), 1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if len(lines) < 3:
+        raise DataError(
+            f"{file}: holds no table of errors: a line of names and two rows are needed"
+        )
+    axes = {a.lower(): a for a in kinds}
+    scales: list[float] = []
+    names: list[str] = []
+    for k, column in enumerate(lines[0][1]):
+        name, _, unit = column.rpartition("_")
+        if k == 0 and name.lower() not in axes:
+            raise DataError(
+                f"{file}: the first column is {column!r}; the position is needed there, an axis of the machine "
+                f"with its unit such as {next(iter(axes))}_mm"
+            )
+        own = axes[name.lower()] if k == 0 else name
+        if k and axis_of(own) != names[0]:
+            raise DataError(
+                f"{file}: {column!r} is not an error of {names[0]}, whose positions the file has"
+            )
+        angle = kinds[own] == "angle" if k == 0 else is_angle(own)
+        dimension = "angle" if angle else "length"
+        scales.append(parse_quantity(f"1 {unit}", dimension=dimension, name=f"{file}: {column}"))
+        names.append(own)
+    rows = []
+    for number, cells in lines[1:]:
+        try:
+            row = [float(c) for c in cells]
+        except ValueError:
+            row = []
+        if len(row) != len(names):
+            raise DataError(f"{file}: line {number} has not {len(names)} numbers")
+        rows.append(row)
+    columns = [[row[k] * scale for row in rows] for k, scale in enumerate(scales)]
+    span = (columns[0][0], columns[0][-1])
+    return {
+        n: (TableTerm(columns[0], c), span) for n, c in zip(names[1:], columns[1:], strict=True)
+    }

@@ -1,0 +1,273 @@
+"""``metrosep machine-tables``: the files against the tool-point error of a plain chain, computed here.
+
+The machine is bed - X - Y - Z - tool. Its error is written as displacements and turns with their levers,
+E = sum over the axes of d + theta x r, where r leads from the slide to the tool: no product of matrices,
+no code of the library. A table is looked up as its format says: straight lines between the entries.
+"""
+
+import json
+
+import numpy as np
+import pytest
+
+UM, MM = 1e-6, 1e-3
+MACHINE = (
+    'name = "stack"\n'
+    + "".join(
+        f'[[element]]\nname = "{a}"\nbranch = "tool"\nkind = "linear"\ndirection = "+{a}"\n'
+        for a in "XYZ"
+    )
+    + '[[element]]\nname = "table"\nbranch = "workpiece"\nkind = "fixed"\n'
+)
+TRAVEL = {"X": 400.0, "Y": 300.0, "Z": 200.0}
+TOOL = np.array([12.0, -7.0, -80.0])
+ROUNDING_UM = 2e-3
+"""Products of errors (20 um times 40 urad) and a slope of the errors between nodes, far below 2 nm."""
+
+
+def motions(axis, q):
+    """Six error motions of an axis in um and urad, no two alike; q in mm."""
+    k = "XYZ".index(axis)
+    d = np.stack(
+        [
+            (3 + k) * np.sin(q / (60 + 9 * k)) + 0.011 * (k + 1) * q,
+            (2 - k) * np.cos(q / (71 - 4 * k)) + 0.004 * q,
+            1.5 * np.sin(q / 45 + k) - 0.007 * q,
+        ],
+        axis=-1,
+    )
+    turns = np.stack(
+        [
+            4 * np.sin(q / (90 + k)),
+            (7 - 2 * k) * np.cos(q / 80),
+            -5 * np.sin(q / (65 + 3 * k) + 0.4),
+        ],
+        axis=-1,
+    )
+    return d, turns  # fmt: skip
+
+
+def error_um(x, y, z):
+    """Tool-point error in um for positions in mm that broadcast."""
+    x, y, z = np.broadcast_arrays(x, y, z)
+    levers = {
+        "X": np.stack([0 * x, y, z], -1) + TOOL, "Y": np.stack([0 * x, 0 * y, z], -1) + TOOL,
+        "Z": np.zeros((*x.shape, 3)) + TOOL,
+    }  # fmt: skip
+    total = np.zeros((*x.shape, 3))
+    for axis, q in zip("XYZ", (x, y, z), strict=True):
+        d, turns = motions(axis, q)
+        total += d + np.cross(turns, levers[axis]) * 1e-3  # urad mm are nm
+    return total
+
+
+@pytest.fixture
+def stack(tmp_path, monkeypatch):
+    """A folder with the machine and the errors of its axes, every 2 mm."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "stack.toml").write_text(MACHINE)
+    for axis, travel in TRAVEL.items():
+        q = np.arange(0.0, travel + 1, 2.0)
+        names = [f"E{d}{axis}_{'um' if d in 'XYZ' else 'urad'}" for d in "XYZABC"]
+        rows = [",".join([f"{axis.lower()}_mm", *names])]
+        rows += [
+            ",".join(f"{v:.12g}" for v in row) for row in np.column_stack([q, *motions(axis, q)])
+        ]
+        (tmp_path / f"{axis.lower()}.csv").write_text("\n".join(rows) + "\n")
+    return tmp_path
+
+
+CALL = ("machine-tables", "stack.toml", "x.csv", "y.csv", "z.csv", "--tool", "12 mm,-7 mm,-80 mm")
+
+
+def rms(v):
+    return float(np.sqrt((v**2).sum(axis=-1).mean()))
+
+
+def columns(path):
+    return np.loadtxt(path, delimiter=",", skiprows=1, unpack=True)
+
+
+def test_tables_of_one_axis_shrink_the_error_of_the_tool_point(metrosep, stack):
+    at = (40.0, 30.0)
+    code, printed, err = metrosep(
+        *CALL,
+        "--over",
+        "X",
+        "--at",
+        "Y=40 mm",
+        "--at",
+        "Z=30 mm",
+        "--spacing",
+        "2 mm",
+        "-o",
+        "out",
+        "--json",
+    )
+
+    assert code == 0, err
+    assert sorted(p.name for p in (stack / "out").iterdir()) == sorted(
+        f"x-{a}.csv{s}" for a in "xyz" for s in ("", ".json")
+    )
+    x = np.linspace(0.0, 400.0, 641)
+    c = [np.interp(x, *columns(stack / "out" / f"x-{a}.csv")[:2]) for a in "xyz"]
+    zero = error_um(0.0, *at)
+    before = error_um(x, *at) - zero
+    after = (
+        error_um(x + c[0] * 1e-3, at[0] + c[1] * 1e-3, at[1] + c[2] * 1e-3)
+        + np.stack(c, -1)
+        - zero
+    )
+    wrong = error_um(x, *at) - np.stack(c, -1) - zero
+    assert np.abs(after).max() < 5 * ROUNDING_UM  # 2 mm chords of waves of 45 mm: 1.7 nm
+    assert rms(wrong) > 1.9 * rms(before)
+    found = json.loads(printed)
+    assert found["before_rms_m"] / UM == pytest.approx(
+        rms(before), rel=2e-2, abs=0.0
+    )  # other places
+    assert found["after_rms_m"] / UM < 5 * ROUNDING_UM
+    for axis in "xyz":
+        sidecar = json.loads((stack / "out" / f"x-{axis}.csv.json").read_text())
+        assert sidecar["together"]["after_rms_m"] == found["after_rms_m"]
+        assert sidecar["table"]["axis"] == "X"
+        assert sidecar["table"]["compensates"] == axis.upper()
+
+
+def test_maps_of_two_axes_shrink_the_error_of_the_tool_point(metrosep, stack):
+    code, _, err = metrosep(
+        *CALL, "--over", "X,Y", "--at", "Z=30 mm", "--spacing", "X=20 mm,Y=10 mm", "-o", "out",
+        "--corrects", "Z,X",
+    )  # fmt: skip
+
+    assert code == 0, err
+    assert sorted(p.name for p in (stack / "out").glob("*.csv")) == ["x-y-x.csv", "x-y-z.csv"]
+    x, y, cz = columns(stack / "out" / "x-y-z.csv")
+    cx = columns(stack / "out" / "x-y-x.csv")[2]
+    assert np.unique(x).size == 21
+    assert np.unique(y).size == 31
+    left = error_um(x + cx * 1e-3, y, 30.0 + cz * 1e-3) - error_um(0.0, 0.0, 30.0)
+    assert np.abs(left[:, 0] + cx).max() < ROUNDING_UM
+    assert np.abs(left[:, 2] + cz).max() < ROUNDING_UM
+    assert np.abs(left[:, 1]).max() > 1.0  # Y is not corrected, and it is said
+    assert "workpiece Y" in err
+
+
+def test_three_axes_become_tables_to_be_added_up(metrosep, stack):
+    code, printed, err = metrosep(
+        *CALL, "--over", "X,Y,Z", "--spacing", "20 mm", "-o", "out", "--json"
+    )
+
+    assert code == 0, err
+    files = sorted(p.stem for p in (stack / "out").glob("*.csv"))
+    assert files == sorted(f"{a}-{b}" for a in "xyz" for b in "xyz")
+    axes = [np.linspace(0.0, t, round(t / 20) + 1) for t in TRAVEL.values()]
+    x, y, z = np.meshgrid(*axes, indexing="ij")
+    c = [
+        sum(
+            np.interp(q, *columns(stack / "out" / f"{a}-{b}.csv")[:2])
+            for a, q in zip("xyz", (x, y, z), strict=True)
+        )
+        for b in "xyz"
+    ]
+    zero = error_um(0.0, 0.0, 0.0)
+    before = error_um(x, y, z) - zero
+    after = (
+        error_um(*(q + v * 1e-3 for q, v in zip((x, y, z), c, strict=True)))
+        + np.stack(c, -1)
+        - zero
+    )
+    found = json.loads(printed)
+    assert found["before_rms_m"] / UM == pytest.approx(rms(before), rel=1e-3, abs=0.0)
+    assert found["after_rms_m"] / UM == pytest.approx(rms(after), rel=1e-2, abs=0.0)
+    assert rms(after) < 0.9 * rms(before)  # what the levers of two axes at once make is left
+
+
+def test_three_axes_become_a_neutral_grid(metrosep, stack):
+    call = (*CALL, "--over", "X,Y,Z", "--spacing", "50 mm", "--format", "grid", "-o", "out")
+    code, _, err = metrosep(*call)
+
+    assert code == 0, err
+    file = stack / "out" / "x-y-z-grid.csv"
+    assert file.read_text().splitlines()[0] == "x_mm,y_mm,z_mm,cx_um,cy_um,cz_um"
+    x, y, z, *c = columns(file)
+    assert x.size == 9 * 7 * 5
+    moved = [q + v * 1e-3 for q, v in zip((x, y, z), c, strict=True)]
+    left = error_um(*moved) + np.stack(c, -1) - error_um(0.0, 0.0, 0.0)
+    assert np.abs(left).max() < ROUNDING_UM
+    assert rms(error_um(x, y, z) - error_um(0.0, 0.0, 0.0)) > 1.0
+
+    held = {p: p.read_bytes() for p in (stack / "out").iterdir()}
+    assert metrosep(*call)[0] == 0  # the same bytes
+    coarse = tuple("100 mm" if w == "50 mm" else w for w in call)
+    code, _, err = metrosep(*coarse)
+    assert code == 2
+    assert "--force" in err
+    assert {p: p.read_bytes() for p in (stack / "out").iterdir()} == held
+    assert metrosep(*coarse, "--force")[0] == 0
+    assert (stack / "out" / "x-y-z-grid.csv.1").read_bytes() == held[file]
+
+
+def test_constants_and_results_are_read_from_toml(metrosep, stack):
+    """The squareness of Y to X of 25 urad moves the tool by -x of it: y 300 mm are 7.5 um."""
+    (stack / "more.toml").write_text('EXX = "3 um"\nEYX = "run/result.json"\n')
+    rng = np.random.default_rng(1)
+    rows = ["x_mm,y_um,run"]
+    for run in range(4):
+        x = np.linspace(0.0, 400.0, 201)
+        y = 2.0 * np.sin(x / 40.0) + rng.normal(0, 0.01, x.size)
+        rows += [f"{a:.4f},{b:.6f},{run}" for a, b in zip(x, y, strict=True)]
+    (stack / "runs.csv").write_text("\n".join(rows) + "\n")
+    call = (
+        "separate",
+        "runs.csv",
+        "--x",
+        "x_mm",
+        "--z",
+        "y_um",
+        "--run",
+        "run",
+        "--method",
+        "mean",
+    )
+    assert metrosep(*call, "-o", "run")[0] == 0
+
+    code, _, err = metrosep(
+        "machine-tables", "stack.toml", "more.toml", "--over", "X", "--spacing", "5 mm", "-o", "out",
+        "--at", "Y=0 mm", "--at", "Z=0 mm",
+    )  # fmt: skip
+
+    assert code == 0, err
+    assert [p.name for p in (stack / "out").glob("*.csv")] == ["x-y.csv"]  # a constant is no table
+    x, c = columns(stack / "out" / "x-y.csv")[:2]
+    wave = 2.0 * np.sin(x / 40.0)
+    line = np.polyval(np.polyfit(x, wave, 1), x)
+    wanted = -(wave - line) + (wave - line)[0]
+    assert np.abs(c - wanted).max() < 0.05  # mean of 4 runs of 10 nm, at the reference and here
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (("--over", "X,Y,Z", "--spacing", "20 mm", "--format", "csv-map"), 2, "--format grid"),
+        (("--over", "X,Y,Z", "--spacing", "20 mm", "--format", "aerotech"), 2, "adds them up"),
+        (("--over", "X,Y", "--spacing", "20 mm", "--format", "csv", "--at", "Z=0 mm"), 2, "a map over two axes"),
+        (("--over", "X", "--spacing", "20 mm", "--format", "grid"), 2, "three axes"),
+        (("--over", "Q", "--spacing", "20 mm"), 2, "'Q'"),
+        (("--over", "X", "--spacing", "20"), 2, "no unit"),
+        (("--over", "X", "--spacing", "20 mm", "--at", "Z=0 mm"), 2, "--at"),
+        (("--over", "X", "--spacing", "20 mm", "--at", "Y=0 mm", "--at", "Z=-30 mm"), 2, "outside"),
+        (("--over", "X", "--spacing", "20 mm", "--at", "Z=3 deg"), 2, "--at Z"),
+        (("--over", "X", "--spacing", "20 mm", "--machine", "x-w.count=1 nm", "--at", "Y=0 mm", "--at", "Z=0 mm"), 2, "x-w"),
+        (("--over", "X", "--spacing", "20 mm", "--at", "Y=0 mm", "--at", "Z=0 mm", "--span", "X=0 mm..900 mm"), 2, "outside"),
+        (("--over", "X", "--spacing", "200 mm", "--at", "Y=0 mm", "--at", "Z=0 mm"), 1, "x-"),
+    ],
+)  # fmt: skip
+def test_refusals_leave_nothing(metrosep, stack, words, code, said):
+    before = sorted(p.name for p in stack.iterdir())
+
+    found, _, err = metrosep(*CALL, *words, "-o", "out")
+
+    assert found == code, err
+    assert said in err
+    assert [line[:7] for line in err.splitlines()].count("error: ") == 1
+    assert sorted(p.name for p in stack.iterdir()) == before
