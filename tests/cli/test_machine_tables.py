@@ -271,3 +271,25 @@ def test_refusals_leave_nothing(metrosep, stack, words, code, said):
     assert said in err
     assert [line[:7] for line in err.splitlines()].count("error: ") == 1
     assert sorted(p.name for p in stack.iterdir()) == before
+
+
+def test_files_that_together_make_the_volume_worse_are_refused(metrosep, stack):
+    """A turn b of X moves the tool by b (z + 10 mm): a table made at z = 0 is of no use at -200 mm.
+
+    Over z = -200 ... 0 mm the mean of (z + 10)^2 is 11433 mm^2; b z, which the table leaves, has 13333; made at
+    z = -100 mm it leaves b (z + 100 mm), 3333.
+    """
+    rows = [f"{x},{20 * np.sin(x / 50):.9g}" for x in range(0, 401, 5)]
+    (stack / "b.csv").write_text("\n".join(["x_mm,EBX_urad", *rows]) + "\n")
+    before = sorted(p.name for p in stack.iterdir())
+    call = (
+        "machine-tables", "stack.toml", "b.csv", "--over", "X,Y,Z", "--tool", "0 mm,0 mm,10 mm",
+        "--span", "Y=0 mm..20 mm", "--span", "Z=-200 mm..0 mm", "--spacing", "10 mm", "-o", "out",
+    )  # fmt: skip
+
+    code, _, err = metrosep(*call)
+
+    assert code == 1
+    assert "together do not shrink the error of the tool point" in err
+    assert sorted(p.name for p in stack.iterdir()) == before
+    assert metrosep(*call, "--reference", "0 mm,0 mm,-100 mm")[0] == 0  # b (z + 100 mm) is left
