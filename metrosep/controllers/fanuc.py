@@ -20,13 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import is_rotary
-from metrosep.compensation.knots import choose_knots
 from metrosep.compensation.limits import Finding
-from metrosep.compensation.rounding import round_entries
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import named_axes, own_axis, settled
+from metrosep.controllers._facts import own_axis, settled
 from metrosep.controllers._grammar import (
-    AXIS,
     DEG,
     INTEGER,
     MM,
@@ -45,8 +42,6 @@ from metrosep.controllers._grids import (
     Sections,
     require_capacity,
     require_increments,
-    require_linear,
-    require_names,
     require_on_axis,
     require_one_direction,
     require_sizes,
@@ -68,18 +63,17 @@ from metrosep.controllers._turns import (
     unit_along,
 )
 from metrosep.controllers.base import DialectInfo, Encoded, identity
-from metrosep.controllers.options import Option, unit_option
-from metrosep.core._arrays import FloatArray
+from metrosep.controllers.options import Option
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
 from metrosep.core.units import format_length
 
-__all__ = ["Fanuc", "FanucStraightness"]
+__all__ = ["Fanuc"]
 
 IntArray = NDArray[np.int64]
 
 _TITLE = "Fanuc pitch error compensation"
-_LAST_NUMBER = 1023
-_FARTHEST, _LARGEST = 1e3, 1.0
+LAST_NUMBER = 1023
+FARTHEST, _LARGEST = 1e3, 1.0
 """Position and correction beyond which units are mistaken, m."""
 _POINT = 10_000
 """Number of the file's word for point 0."""
@@ -112,17 +106,17 @@ def _head(unit: str, word: Word) -> Line:
 
 _HEAD, _HEAD_TURNS = _head("MM", MM), _head("DEG", DEG)
 _PARAMETER = Line("N{number}A{axis}P{value}", value=INTEGER)
-_ENTRY = Line("N{number}P{value}", value=INTEGER)
+ENTRY = Line("N{number}P{value}", value=INTEGER)
 
 
-def _file(head: Line, stated: Mapping[str, Any], lines: list[str]) -> bytes:
+def parameter_file(head: Line, stated: Mapping[str, Any], lines: list[str]) -> bytes:
     """Return a file of parameters; the control skips the comment behind the first %."""
     return joined(
         [head.write(**stated, remark=f"{DRY_RUN.upper()} - MADE BY METROSEP"), *lines, "%"]
     )
 
 
-def _opened(data: bytes, path: Path, *heads: Line) -> tuple[Text, dict[str, Any], Line | None]:
+def opened_file(data: bytes, path: Path, *heads: Line) -> tuple[Text, dict[str, Any], Line | None]:
     """Return the lines of a file of parameters, what its comment states, and which comment that is."""
     lines = ascii_lines(data, path, "Fanuc parameter file")
     if len(lines) < 3 or not lines[0].startswith("%") or lines[-1] != "%":
@@ -135,7 +129,7 @@ def _opened(data: bytes, path: Path, *heads: Line) -> tuple[Text, dict[str, Any]
     return Text(path, rows, "Fanuc parameter file"), stated or {}, head
 
 
-def _require_axis(path: Path, name: str, wanted: int | None, found: int) -> None:
+def require_axis_number(path: Path, name: str, wanted: int | None, found: int) -> None:
     if wanted not in (None, found):
         raise CorruptFileError(
             path, "the parameters are those of another axis", field=name, expected=wanted,
@@ -196,7 +190,7 @@ class Fanuc(Repeating, Resampling):
             highest=1024,
         ),
         Option("axis_number", "number behind A", "integer", default=1, lowest=1, highest=32),
-        Option("reference_number", "parameter 3620", "integer", lowest=0, highest=_LAST_NUMBER),
+        Option("reference_number", "parameter 3620", "integer", lowest=0, highest=LAST_NUMBER),
         AlongOption(
             "reference_position", "machine coordinate of the reference position", "length or angle"
         ),
@@ -218,7 +212,7 @@ class Fanuc(Repeating, Resampling):
             "if omitted",
             "integer",
             lowest=0,
-            highest=_LAST_NUMBER,
+            highest=LAST_NUMBER,
         ),
         Option("entry_sign", "k in entry = k e", "choice", default=-1, choices=(-1, 1)),
     )
@@ -230,7 +224,7 @@ class Fanuc(Repeating, Resampling):
         o = in_axes(self.options, options, axes_of(table))
         o["increment"] = o["increment"] or _LEAST[turns]
         table = _directions(table, o)
-        require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
+        require_sizes(table, _TITLE, farthest=FARTHEST, largest=_LARGEST)
         unit = o["detection_unit"] * o["magnification"]
         if turn:
             zero = o["reference_position"]
@@ -242,7 +236,7 @@ class Fanuc(Repeating, Resampling):
             title=_TITLE,
             unit=unit,
             most=o["capacity"] + (0 if turn else 1),
-            numbers=(0, _LAST_NUMBER),
+            numbers=(0, LAST_NUMBER),
             limits=(-o["largest"], o["largest"]),
             larger="magnification",
         )
@@ -272,11 +266,11 @@ class Fanuc(Repeating, Resampling):
                 _PARAMETER.write(number=p, axis=o["axis_number"], value=v)
                 for p, v in parameters.items()
             ),
-            *(_ENTRY.write(number=_POINT + n, value=v) for n, v in sorted(points.items())),
+            *(ENTRY.write(number=_POINT + n, value=v) for n, v in sorted(points.items())),
         ]
         head = _HEAD_TURNS if turns else _HEAD
         return Encoded(
-            _file(head, {**o, "reference_position": made.zero}, lines),
+            parameter_file(head, {**o, "reference_position": made.zero}, lines),
             max(errors),
             step=unit,
             carried=made.carried.table,
@@ -289,9 +283,9 @@ class Fanuc(Repeating, Resampling):
         self, data: bytes, path: Path, options: Mapping[str, Any]
     ) -> tuple[CompensationTable, bool]:
         """Return the cumulative corrections, and whether they repeat after a turn."""
-        text, head, kind = _opened(data, path, _HEAD, _HEAD_TURNS)
+        text, head, kind = opened_file(data, path, _HEAD, _HEAD_TURNS)
         words, axis = _words(text)
-        _require_axis(path, "axis_number", options.get("axis_number"), axis)
+        require_axis_number(path, "axis_number", options.get("axis_number"), axis)
         number, first, last, magnification, steps = (words[p] for p in _PARAMETERS.values())
         turn = _TURN in words
         turns = (turn or None) if kind is None else kind is _HEAD_TURNS
@@ -383,9 +377,9 @@ def _start_of_reverse(wanted: int | None, first: int, last: int) -> int:
             f"the lists of both directions overlap: points {first} to {last} and {start} to {end}; choose "
             "another reverse_number= or reference_number="
         )
-    if end > _LAST_NUMBER:
+    if end > LAST_NUMBER:
         raise LimitError(
-            f"points {start} to {end} leave 0 to {_LAST_NUMBER}; choose another reverse_number= or "
+            f"points {start} to {end} leave 0 to {LAST_NUMBER}; choose another reverse_number= or "
             "reference_number=, or a larger interval="
         )
     return start
@@ -437,9 +431,9 @@ def _words(text: Text) -> tuple[dict[int, int], int]:
     while text:
         code = text.rows[text.at][1]
         found = _PARAMETER.read(code)
-        entry = _ENTRY.read(code) if found is None else None
+        entry = ENTRY.read(code) if found is None else None
         number = (found or entry or {"number": -1})["number"]
-        known = parameters if found else range(_POINT, _POINT + _LAST_NUMBER + 1)
+        known = parameters if found else range(_POINT, _POINT + LAST_NUMBER + 1)
         if number not in known or number in words:
             raise text.wrong("one N...P... a line, as the control outputs it, each number once")
         words[number] = (found or entry or {})["value"]
@@ -522,250 +516,3 @@ def _require_closed(
                 "last: the axis would move on with every turn",
                 found=f"sum {int(entries[1:].sum())}, {int(entries[0])} and {int(entries[-1])}",
             )
-
-
-# ---- fanuc straightness compensation: four points, three straight segments, placed where they help most ----
-# Entry: correction of the compensated axis at four of the pitch error points of the moving axis, in
-# detection units of the compensated axis: k e with k = -1. The sign is not documented in what could
-# be read and must be tried on the machine. What three segments cannot follow stays, and is reported.
-
-_STRAIGHTNESS_TITLE = "Fanuc straightness compensation"
-_POINTS = 4
-_STRAIGHTNESS_LARGEST = 32767
-_LAST_AXIS = 32
-
-_STRAIGHTNESS_HEAD = Line(
-    "%(FANUC STRAIGHTNESS {axis} TO {compensates}, DETECTION UNIT {detection_unit} MM, POINTS EVERY "
-    "{interval} MM, POINT {reference_number} AT {reference_position} MM, ENTRY = {entry_sign}E, "
-    "{remark})",
-    axis=AXIS,
-    compensates=AXIS,
-    detection_unit=MM,
-    interval=MM,
-    reference_position=MM,
-    entry_sign=SIGN,
-    remark=Word(r"[A-Z: -]+"),
-)
-
-
-class FanucStraightness(Resampling):
-    """Writer and reader of parameters 5711 to 5784; see the module."""
-
-    info = DialectInfo(
-        id="fanuc-straightness",
-        title=_STRAIGHTNESS_TITLE,
-        entry="correction -e of the compensated axis at a point, in its detection units",
-        units="whole detection units of the compensated axis; numbers of pitch error points",
-        max_points=_POINTS,
-        outside="constant beyond the first and last point (not documented)",
-        sign_status="neither sign nor file documented in what could be read: dry-run first",
-        activation=(
-            "set the pitch error points of the moving axis (3620, 3621, 3622, 3624); they may be 0",
-            "note the old values of 5711 to 5784",
-            "allow parameter writing (PWE) and read the file in, or type the numbers in",
-            "switch the power off and on, then return both axes to their reference (G28)",
-            "traverse the moving axis along a straightedge: the error must shrink, else entry_sign=1",
-        ),
-        sign="unconfirmed",
-        spacing="free",
-        directions="one",
-        resolution="detection unit of the compensated axis",
-        reference_rule="none: an offset of the polyline moves the zero of the compensated axis",
-        suffix=".txt",
-        example={"detection_unit": "100 nm", "interval": "5 mm", "reference_number": 40},
-        page="fanuc",
-    )
-
-    options = (
-        unit_option("detection_unit", "detection unit of the compensated axis"),
-        Option(
-            "interval",
-            "spacing of the moving axis' pitch error points (3624)",
-            "length",
-            required=True,
-            lowest=1e-9,
-            highest=100.0,
-        ),
-        Option(
-            "reference_number",
-            "pitch error point of the moving axis' reference (3620)",
-            "integer",
-            required=True,
-            lowest=0,
-            highest=_LAST_NUMBER,
-        ),
-        Option("reference_position", "machine coordinate of that point", "length"),
-        Option(
-            "moving_axis",
-            "number of the moving axis",
-            "integer",
-            default=1,
-            lowest=1,
-            highest=_LAST_AXIS,
-        ),
-        Option(
-            "compensated_axis",
-            "number of the compensated axis",
-            "integer",
-            default=2,
-            lowest=1,
-            highest=_LAST_AXIS,
-        ),
-        Option("set_number", "set of parameters, 1 for 5711", "integer", 1, lowest=1, highest=3),
-        Option("entry_sign", "k in entry = k e", "choice", default=-1, choices=(-1, 1)),
-    )
-
-    def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        """Return the parameters of four points."""
-        require_linear((table.axis, table.compensates), _STRAIGHTNESS_TITLE)
-        table = require_one_direction(
-            table, _STRAIGHTNESS_TITLE, "into parameter 1851 (backlash) of the moving axis"
-        )
-        _require_axes(table, options)
-        require_sizes(table, _STRAIGHTNESS_TITLE, farthest=_FARTHEST, largest=_LARGEST)
-        zero = options["reference_position"]
-        zero = table.reference if zero is None else zero
-        step, unit, number = (
-            options[n] for n in ("interval", "detection_unit", "reference_number")
-        )
-        steps, places = _grid(table, zero, step)
-        x = np.union1d(table.positions, places[[0, -1]])
-        knots = choose_knots(x, table.correction(x), _POINTS, grid=places)
-        chosen = [int(steps[np.abs(places - p).argmin()]) for p in knots.positions]
-        points = [number + s for s in chosen]
-        if points[0] < 0 or points[-1] > _LAST_NUMBER:
-            raise LimitError(
-                f"points {points[0]} to {points[-1]} leave 0 to {_LAST_NUMBER}; check interval and "
-                "reference_number"
-            )
-        rounded = round_entries(knots.values, unit)
-        worst = int(np.abs(rounded.entries).argmax())
-        if abs(int(rounded.entries[worst])) > _STRAIGHTNESS_LARGEST:
-            raise LimitError(
-                f"the correction {format_length(float(knots.values[worst]))} at "
-                f"{knots.positions[worst] * 1e3:.9g} mm exceeds {_STRAIGHTNESS_LARGEST} detection units"
-            )
-        entries = [-options["entry_sign"] * int(v) for v in rounded.entries]
-        carried = replace(
-            table,
-            positions=zero + step * np.array(chosen, dtype=np.float64),
-            forward=knots.values,
-            u=None if table.u is None else np.interp(knots.positions, table.positions, table.u),
-        )
-        values = [options["moving_axis"], options["compensated_axis"], *points, *entries]
-        stated = {
-            **options, "axis": table.axis, "compensates": table.compensates,
-            "reference_position": zero,
-        }  # fmt: skip
-        words = zip(_numbers(options["set_number"]), values, strict=True)
-        return Encoded(
-            _file(_STRAIGHTNESS_HEAD, stated, [_ENTRY.write(number=n, value=v) for n, v in words]),
-            rounded.error,
-            notes={"knots": knots.audit},
-            step=unit,
-            carried=carried,
-            resampling_error=knots.residual,
-        )
-
-    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
-        """Return the polyline of four points."""
-        text, head, _ = _opened(data, path, _STRAIGHTNESS_HEAD)
-        axes, points, entries = _parameters(text)
-        for name, found in zip(("moving_axis", "compensated_axis"), axes, strict=True):
-            _require_axis(path, name, options.get(name), found)
-        known = settled(
-            self.options, options, path, partial=True, file=head,
-            needed=(
-                "detection_unit", "interval", "reference_number", "reference_position", "entry_sign",
-            ),
-        )  # fmt: skip
-        zero = known["reference_position"]
-        fields = identity(path, first=zero)
-        if head:
-            fields = named_axes(fields, (head["axis"], head["compensates"]), path)
-        return CompensationTable(
-            zero + known["interval"] * (points - known["reference_number"]),
-            -known["entry_sign"] * entries * known["detection_unit"] + 0.0,
-            None,
-            is_exact_inverse=True,
-            **fields,
-        )
-
-
-def _require_axes(table: CompensationTable, options: Mapping[str, Any]) -> None:
-    if table.is_on_axis:
-        raise TableError(
-            f"{_STRAIGHTNESS_TITLE} corrects another axis than the moving one, this table is {table.axis} -> "
-            f"{table.compensates}; write controller='fanuc'"
-        )
-    require_names(table, "Fanuc")
-    if options["moving_axis"] == options["compensated_axis"]:
-        raise TableError(
-            f"moving_axis and compensated_axis are both {options['moving_axis']}: give the numbers of "
-            "two axes"
-        )
-
-
-def _grid(
-    table: CompensationTable, zero: float, step: float
-) -> tuple[NDArray[np.int64], FloatArray]:
-    """Return the pitch error points that cover the table: steps from the reference, positions."""
-    low, high = ((p - zero) / step for p in table.span)
-    first, last = math.floor(low + 1e-6), math.ceil(high - 1e-6)
-    if last - first > _LAST_NUMBER:
-        raise LimitError(
-            f"the table spans {last - first} intervals of {format_length(step)}, there are "
-            f"{_LAST_NUMBER}; check interval"
-        )
-    if last - first < _POINTS - 1:
-        raise TableError(
-            f"the table spans {last - first} intervals of {format_length(step)}, four points need "
-            "three; use a finer interval of the pitch error points"
-        )
-    steps = np.arange(first, last + 1, dtype=np.int64)
-    places = zero + step * steps
-    # where a point is an entry of the table within rounding, take the very number of the entry
-    p = table.positions
-    right = np.clip(np.searchsorted(p, places), 1, p.size - 1)
-    near = np.where(places - p[right - 1] < p[right] - places, p[right - 1], p[right])
-    return steps, np.where(np.abs(near - places) <= 1e-6 * step, near, places)
-
-
-def _numbers(set_number: int) -> list[int]:
-    """Return the parameters of a set: moving axis, compensated axis, points, values."""
-    s = set_number - 1
-    return [
-        5711 + s,
-        5721 + s,
-        *(5731 + 10 * s + i for i in range(_POINTS)),
-        *(5761 + 10 * s + i for i in range(_POINTS)),
-    ]
-
-
-def _parameters(text: Text) -> tuple[tuple[int, int], NDArray[np.int64], NDArray[np.int64]]:
-    """Return the two axes, the points and the entries of one set."""
-    words = {number: row["value"] for number, row in text.table(_ENTRY, "number").items()}
-    wanted = next((n for n in map(_numbers, (1, 2, 3)) if set(n) == set(words)), None)
-    if wanted is None:
-        raise damaged(
-            text.path,
-            "the ten parameters of one set must be there, 5711, 5721, 5731 to 5734, 5761 to 5764",
-            found=", ".join(map(str, sorted(words)))[:80],
-        )
-    values = np.array([words[n] for n in wanted], dtype=np.int64)
-    points, entries = values[2:6], values[6:]
-    axes = int(values[0]), int(values[1])
-    if (
-        axes[0] == axes[1]
-        or not 1 <= min(axes) <= max(axes) <= _LAST_AXIS
-        or (np.diff(points) <= 0).any()
-        or (points < 0).any()
-        or (points > _LAST_NUMBER).any()
-        or (np.abs(entries) > _STRAIGHTNESS_LARGEST).any()
-    ):
-        raise damaged(
-            text.path,
-            "two axes, four rising points from 0 to 1023 and values up to 32767 are needed",
-            found=", ".join(map(str, values.tolist())),
-        )
-    return axes, points, entries

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -42,7 +41,7 @@ from metrosep.controllers._grids import (
     walked,
 )
 from metrosep.controllers.base import DialectInfo, Encoded, identity
-from metrosep.controllers.options import INCREMENT, INTERVAL, Option, unit_option
+from metrosep.controllers.options import Option, unit_option
 from metrosep.core.errors import CorruptFileError, TableError
 
 __all__ = ["Mitsubishi"]
@@ -108,8 +107,21 @@ class Mitsubishi(Resampling):
             highest=_LAST,
         ),
         Option("reference_position", "machine coordinate of the reference point", "length"),
-        replace(INTERVAL, help="parameter #4007; that of the table if omitted"),
-        replace(INCREMENT, help="unit of parameter #4007"),
+        Option(
+            "interval",
+            "parameter #4007; that of the table if omitted",
+            "length",
+            positive=True,
+            highest=100.0,
+        ),
+        Option(
+            "increment",
+            "unit of parameter #4007",
+            "length",
+            default=1e-6,
+            lowest=1e-9,
+            highest=1e-3,
+        ),
         Option(
             "cross_axis",
             "a table that corrects another axis than it looks up: its sign is not documented",

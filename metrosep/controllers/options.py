@@ -14,8 +14,6 @@ from metrosep.core.errors import DataError, UnitError
 
 __all__ = [
     "ENTRY_SIGN",
-    "INCREMENT",
-    "INTERVAL",
     "LIMIT_DIMENSIONS",
     "LIMIT_NAMES",
     "Option",
@@ -97,15 +95,6 @@ ENTRY_SIGN = Option(
     default=1,
     choices=(1, -1),
 )
-INCREMENT = Option(
-    "increment", "least input increment, unit of the interval", "length", default=1e-6, lowest=1e-9,
-    highest=1e-3,
-)  # fmt: skip
-INTERVAL = Option(
-    "interval", "spacing of the points; that of the table if omitted", "length", positive=True,
-    highest=100.0,
-)  # fmt: skip
-"""Options of several families."""
 
 
 def unit_option(name: str, what: str) -> Option:
