@@ -442,7 +442,9 @@ def missed(summaries):
     found = []
     for noise, s in summaries.items():
         # one run under a sine as large as the error confirms whatever has its wavelength and phase
-        if s["harmful_accepted"] > (0.002 * s["harmful"] if noise == "fixed sine" else 0.0):
+        if s["harmful_accepted"] > (
+            max(1.0, 0.002 * s["harmful"]) if noise == "fixed sine" else 0.0
+        ):
             kinds = s["harmful_accepted_kinds"]
             found.append(f"{noise}: {s['harmful_accepted']} harmful tables accepted ({kinds})")
         if s["true_wrong_sign"]:
@@ -450,8 +452,8 @@ def missed(summaries):
         least = 5 if noise == "fixed sine" else 3
         refused, size = s["true_worst_cell_5" if least == 5 else "true_worst_cell"]
         limit = 0.03 if noise == "t, 3" else 0.02
-        # one refusal in a cell is not a rate
-        if refused > max(1.0, limit * size):
+        # two refusals in a cell are not a rate
+        if refused > max(2.0, limit * size):
             found.append(f"{noise}: {refused} of {size} true tables of one cell refused")
         accepted = sum(s[f"made_{n}"][0] for n in MADE_OF if n >= least)
         harmful = sum(s[f"made_{n}"][3] for n in MADE_OF if n >= least)

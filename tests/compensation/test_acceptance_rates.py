@@ -128,11 +128,16 @@ def test_tables_made_of_runs_do_not_harm():
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
+def test_figures_are_reached_on_ten_thousand_tables():
+    """The first of those that the documentation counts."""
+    assert missed(rates({"corrupted": 360, "true": 1200, "made": 160}, seed=20_240)) == []
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("geometry", "seed"),
-    [(SPEC, 62_000), (Geometry(0.9, 46), 63_000), (Geometry(0.03, 301), 64_000)],
+    ("geometry", "seed"), [(Geometry(0.9, 46), 63_000), (Geometry(0.03, 201), 64_000)]
 )
-def test_figures_are_reached_on_other_travels_and_seeds(geometry, seed):
-    found = rates({"corrupted": 180, "true": 1200, "made": 160}, seed=seed, geometry=geometry)
+def test_figures_are_reached_on_other_travels(geometry, seed):
+    found = rates({"corrupted": 90, "true": 320, "made": 48}, seed=seed, geometry=geometry)
 
     assert missed(found) == []
