@@ -381,13 +381,15 @@ def verify(
     sidecar = load_sidecar(path)
     name = format_ or _controller_of(path, sidecar)
     known = {k.replace("-", "_"): v for k, v in name_values(machine, "--machine")}
-    stated = [
-        None if text is None else parse_quantity(text, dimension="length", name=f"--machine {k}")
-        for k in ("travel_low", "travel_high")
-        for text in [known.pop(k, None)]
-    ]
+    ends = {k: known.pop(k, None) for k in ("travel_low", "travel_high")}
     loaded = controllers.read(path, name, **known)
     lookup = controllers.simulate(path, name, **known)
+    turns = is_rotary(getattr(loaded, "axis", "X"))
+    kind = "angle" if turns else "length"
+    stated = [
+        None if text is None else parse_quantity(text, dimension=kind, name=f"--machine {k}")
+        for k, text in ends.items()
+    ]
     more: dict[str, Any] = {}
     if controllers.find(name).info.carries == "map":
         if len(files) != 1:
@@ -403,7 +405,7 @@ def verify(
         if active is not None:
             lookup = active_file(active, loaded, name, known).increment(lookup)
         pairs = zip(stated, known_travel, strict=True)
-        require_unit(measured, "rad" if is_rotary(getattr(loaded, "axis", "X")) else "m")
+        require_unit(measured, "rad" if turns else "m")
         heat = Expansion.of_options(options)
         more = {
             "heat": heat,

@@ -331,6 +331,10 @@ def test_an_axis_that_turns_is_not_taken_for_one_that_moves_along(tmp_path, metr
     again = ["--against", turned, *names, "target_deg"]
     code, _, told = metrosep("verify", out, *again)
     assert code == 0, told
+    assert metrosep("verify", out, *again, *there)[0] == 0
+    code, _, told = metrosep("verify", out, *again, "--machine", "travel_low=0 mm")
+    assert code == 2, told
+    assert "angle" in told
 
 
 def test_runs_go_straight_into_a_table_by_the_same_way_as_through_a_result(tmp_path, metrosep):
