@@ -184,7 +184,7 @@ REFUSED = [
         2,
     ),
     (["--cycle", "way"], "occurs twice in cycle up", 4),
-    (["--active", "nowhere.comp"], "cannot be read", 4),
+    (["--active", "nowhere.comp"], "nowhere.comp: no such file", 4),
 ]
 
 
