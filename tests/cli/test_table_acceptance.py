@@ -338,7 +338,7 @@ def test_mistake_is_named_at_the_terminal_and_in_json(metrosep, tmp_path):
     runs = readings(tmp_path / "runs.csv", seed=11)
     file = comp(tmp_path / "x.comp", spoilt("1000 times too small"))
 
-    code, out, err = metrosep("verify", file, "--against", runs, *COLUMNS, "--json")
+    code, out, err = metrosep("verify", file, "--against", runs, *MM, *COLUMNS, "--json")
 
     assert code == 1
     said = "it is 1000 times too small (a unit: mm and um, or um and nm)"
@@ -351,10 +351,10 @@ def test_one_run_that_did_not_make_a_table_is_judged_in_full(metrosep, tmp_path)
     runs = readings(tmp_path / "runs.csv", n=1)
     right, wrong = (comp(tmp_path / f"{k[:5]}.comp", spoilt(k)) for k in ("right", "wrong sign"))
 
-    code, _, err = metrosep("verify", right, "--against", runs, *COLUMNS)
+    code, _, err = metrosep("verify", right, "--against", runs, *MM, *COLUMNS)
     assert code == 3
     assert "one run of positioning does not show its slope" in err
-    assert metrosep("verify", wrong, "--against", runs, *COLUMNS)[0] == 1
+    assert metrosep("verify", wrong, "--against", runs, *MM, *COLUMNS)[0] == 1
 
 
 def bed_um(x_mm, y_mm):

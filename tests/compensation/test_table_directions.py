@@ -57,7 +57,7 @@ def test_both_is_one_column_of_the_mean(both_ways_estimate):
 def test_one_direction_for_both(both_ways_estimate, direction, sign):
     table = made(both_ways_estimate, positions="1 mm", exact=False, direction=direction)
 
-    line = both_ways_estimate.slope.value * table.positions
+    line = both_ways_estimate.slope_of(sign).value * table.positions
     e = both_ways_estimate.evaluate(table.positions, direction=sign) + line
     np.testing.assert_allclose(table.forward, e[0] - e, atol=PM, rtol=0)
     assert table.reverse is None
@@ -72,8 +72,9 @@ def test_uncertainty_of_a_split_table_is_that_of_one_direction(both_ways_estimat
     forward = np.sqrt(np.diag(whole) + whole[0, 0] - 2.0 * whole[0])
     # The zero of both columns is that of the forward direction.
     reverse = np.hypot(both_ways_estimate.sd(p, direction=-1), np.sqrt(whole[0, 0]))
-    slope = p * both_ways_estimate.slope.u
-    np.testing.assert_allclose(split.u, np.hypot(np.maximum(forward, reverse), slope), rtol=1e-9)
+    up, down = (p * both_ways_estimate.slope_of(d).u for d in (1, -1))
+    wanted = np.maximum(np.hypot(forward, up), np.hypot(reverse, down))
+    np.testing.assert_allclose(split.u, wanted, rtol=1e-9)
 
 
 def test_reverse_from_elsewhere_keeps_its_own_shape(lopsided):

@@ -267,7 +267,7 @@ def test_binary_is_refused(tmp_path, content):
 
 
 def test_missing_file_and_folder_are_refused(tmp_path):
-    with pytest.raises(ReadError, match="cannot be read"):
+    with pytest.raises(ReadError, match="no such file"):
         controllers.read(tmp_path / "x.comp")
     with pytest.raises(ReadError, match="is a folder"):
         controllers.read(tmp_path)

@@ -99,7 +99,7 @@ def test_wrong_recipes_name_the_line(old, new, message):
 
 
 def test_missing_recipe_is_one_sentence(tmp_path):
-    with pytest.raises(RecipeError, match="cannot be read"):
+    with pytest.raises(RecipeError, match="no such recipe"):
         Recipe.load(tmp_path / "none.toml")
 
 
