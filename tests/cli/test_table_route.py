@@ -249,7 +249,12 @@ def _dialects():
     return [info.id for info in controllers.describe()]
 
 
-OF_ITS_OWN = {"nv200": "rate=1200", "rrf": "max_nodes=961", "plc-pmac": "digits=5"}
+OF_ITS_OWN = {
+    "nv200": "rate=1200",
+    "pi-gcs": "rate=200",
+    "rrf": "max_nodes=961",
+    "plc-pmac": "digits=5",
+}
 """What a dialect needs beside its example to hold the errors of these sources."""
 
 WITHOUT_COMMENTS = {"linuxcnc", "csv", "csv-map", "heidenhain", "voltage", "pi-gcs", "nv200"}
