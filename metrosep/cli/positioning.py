@@ -71,18 +71,19 @@ def refuse_list_options(options: Mapping[str, Any]) -> None:
 
 def listed_cycles(
     files: Sequence[str], options: Mapping[str, Any], reading: Mapping[str, Any]
-) -> RunSet:
-    """Return the cycles of a list of targets as runs of deviations actual - target."""
+) -> tuple[RunSet, str]:
+    """Return the cycles of a list of targets as runs of deviations actual - target, and m or rad."""
     from metrosep.core.methods import METHODS
     from metrosep.recipe.method_run import load_inputs, sources
     from metrosep.recipe.result import POSITIONING
     from metrosep.separation.positions.pitch import cycle_runs
-    from metrosep.separation.positions.positioning import as_positions, reached
+    from metrosep.separation.positions.positioning import as_positions, reached, target_unit
 
     roles = {k: options[k] for k in _ROLES if options.get(k)}
     if "readings" in roles:
         roles["readings"] = [c.strip() for c in roles["readings"].split(",") if c.strip()]
     data: Any = load_inputs(METHODS[POSITIONING], [Path(f) for f in files], {**roles, **reading})
+    unit = target_unit(data)
     are_deviations = _are_deviations(data)
     sense = options.get("deviation")
     if are_deviations and sense is None:
@@ -98,7 +99,7 @@ def listed_cycles(
     sign = -1.0 if sense == "target-minus-reached" else 1.0
     ways = (None if v is None else sign * (v - target[:, None]) for v in (up, down))
     history, _ = sources(data)
-    return cycle_runs(target, *ways, history=history)
+    return cycle_runs(target, *ways, history=history), unit
 
 
 def _are_deviations(data: Any) -> bool:
@@ -120,11 +121,11 @@ def listed_document(
     from metrosep.core.provenance import history_as_dicts
     from metrosep.recipe.result import POSITIONING, SCHEMA, clean, run_records
 
-    runs = listed_cycles([file], options, reading)
+    runs, unit = listed_cycles([file], options, reading)
     return {
         "schema": SCHEMA,
         "estimate": None,
-        "separation": {"op": POSITIONING},
+        "separation": {"op": POSITIONING, "audit": {"unit": unit}},
         "runs": clean(run_records(runs)),
         "provenance": history_as_dicts(runs.history),
     }

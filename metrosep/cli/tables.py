@@ -176,7 +176,7 @@ def _shape(options: dict[str, Any], controller: str) -> dict[str, Any]:
         shape["direction"] = options["table_direction"]
     if options.get("reference") is not None:
         shape["reference"] = parse_quantity(
-            options["reference"], dimension="length", name="--reference"
+            options["reference"], dimension=_dimension(options.get("axis")), name="--reference"
         )
     degree = options.get("poly")
     if degree is not None and degree != "auto":
@@ -184,6 +184,13 @@ def _shape(options: dict[str, Any], controller: str) -> dict[str, Any]:
             raise click.UsageError(f"--poly {degree}: a degree is a whole number, or auto")
         shape["degree"] = int(degree)
     return {**shape, "controller": controller}
+
+
+def _dimension(axis: str | None) -> str:
+    """Return what positions of an axis are: lengths, or angles where it turns."""
+    from metrosep.compensation.area_errors import is_rotary
+
+    return "angle" if is_rotary(axis or "X") else "length"
 
 
 def _map_of(file: str, options: dict[str, Any], reading: dict[str, Any]) -> Any:
@@ -224,7 +231,8 @@ def _trial(made: Any, amplitude: str) -> Any:
     from metrosep.compensation.trial import trial_map, trial_table
     from metrosep.core.units import parse_quantity
 
-    size = parse_quantity(amplitude, dimension="length", name="--trial")
+    dimension = _dimension(getattr(made, "compensates", None))
+    size = parse_quantity(amplitude, dimension=dimension, name="--trial")
     if isinstance(made, CompensationMap):
         trial: Any = trial_map(made, size)
     elif isinstance(made, CompensationTable):
@@ -296,7 +304,9 @@ def _write(
     help="What the runs cannot know: a constant (square or beam known), one for each direction (the "
     "sensor was set to zero between them), or constant and line (alignment).",
 )
-@click.option("--active", metavar="FILE", help="Table that was active while the runs were taken.")
+@click.option(
+    "--active", metavar="FILE|none", help="Table that was active while the runs were taken."
+)
 @list_options(with_direction=False)
 @with_expansion
 @optional_read_options
@@ -323,7 +333,7 @@ def verify(
     from metrosep.cli.errors import exit_code_of
     from metrosep.controllers.active import active_file
     from metrosep.controllers.base import load_sidecar
-    from metrosep.controllers.files import dry_run_carried
+    from metrosep.controllers.files import NONE, dry_run_carried
     from metrosep.core.errors import TableError
     from metrosep.core.units import parse_quantity
     from metrosep.separation.positions.expansion import Expansion
@@ -346,9 +356,9 @@ def verify(
         given = {k: options[k] for k in ("unit", "lateral_step") if options.get(k)}
         measured: Any = _read_map(files[0], given)
     else:
-        measured = _against(files, options)
-        loaded, known_travel = _as_made(loaded, sidecar)
-        if active is not None:
+        loaded, known_travel = _as_made(loaded, sidecar, path)
+        measured = _against(files, options, getattr(loaded, "axis", "X"))
+        if active not in (None, NONE):
             lookup = active_file(active, loaded, name, known).increment(lookup)
         pairs = zip(stated, known_travel, strict=True)
         heat = Expansion.of_options(options)
@@ -378,13 +388,16 @@ def verify(
     return 0
 
 
-def _against(files: tuple[str, ...], options: dict[str, Any]) -> RunSet:
+def _against(files: tuple[str, ...], options: dict[str, Any], axis: str) -> RunSet:
     """Return the readings to judge a table with: a list of targets, or runs."""
     if is_list(files[0], options):
         from metrosep.core.text_options import TEXT_OPTIONS
+        from metrosep.recipe.outputs import require_axis_of_unit
 
         layout = {k: options[k] for k in TEXT_OPTIONS if options.get(k) is not None}
-        return listed_cycles(files, options, layout)
+        runs, unit = listed_cycles(files, options, layout)
+        require_axis_of_unit(axis, unit)
+        return runs
     refuse_list_options({**options, "direction": None})
     for column in ("x", "z"):
         if options.get(column) is None:
@@ -395,11 +408,11 @@ def _against(files: tuple[str, ...], options: dict[str, Any]) -> RunSet:
     return read_runs_of(files, options)
 
 
-def _as_made(loaded: Any, sidecar: dict[str, Any]) -> tuple[Any, tuple[Any, Any]]:
+def _as_made(loaded: Any, sidecar: dict[str, Any], path: Path) -> tuple[Any, tuple[Any, Any]]:
     """Return a table as its sidecar says that it was made, and the travel that was stated."""
     from metrosep.compensation.table import CompensationTable
+    from metrosep.controllers.active import held_as
     from metrosep.core.provenance import Step
-    from metrosep.separation.positions.expansion import Expansion
 
     told, limits = sidecar.get("table"), sidecar.get("limits") or {}
     travel = (limits.get("travel_low"), limits.get("travel_high"))
@@ -417,8 +430,7 @@ def _as_made(loaded: Any, sidecar: dict[str, Any]) -> tuple[Any, tuple[Any, Any]
         compensates=told["compensates"],
         reference=told["reference_m"],
         removed=told["not_in_table"],
-        reference_direction=told.get("reference_direction", "forward"),
-        heat=Expansion.of_options(told.get("heat") or {}) or Expansion(),
+        **held_as(path, sidecar),
         notes=tuple(told.get("notes", ())),
         made_over=None if over is None else tuple(over),
         source_sha256=tuple(told["source_sha256"]),

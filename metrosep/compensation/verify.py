@@ -250,8 +250,9 @@ def judged_table(
         if taken.is_stated and heat is None and not own.made_it:
             raise DataError(
                 "the table holds without thermal expansion, and the temperature of these readings is "
-                'not stated: say temperature="22.4 degC" and expansion="11.5 ppm/K", or already_corrected'
+                'not stated: say temperature="22.4 degC" and expansion="11.5 ppm/K", or already_corrected=True'
             )
+        heat = None if heat is None else heat.used_as(taken)
         against = _cooled(own.runs, (heat or taken).slope, getattr(carried, "reference", 0.0))
         more |= {"made_it": own.made_it, "folds": own.folds, "why": own.why}
         if own.made_it and len(against) < _MANY and len(against.feeds) < 2:

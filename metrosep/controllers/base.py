@@ -188,6 +188,8 @@ def load_bytes(path: Path, *, max_bytes: int = 50_000_000) -> bytes:
     try:
         if path.is_dir():
             raise ReadError(f"{path}: is a folder, a table file is needed")
+        if path.exists() and not path.is_file():
+            raise ReadError(f"{path}: is a pipe or a device, a table file is needed")
         size = path.stat().st_size
         if size > max_bytes:
             raise ReadError(f"{path}: {size} bytes is too large for a compensation table")

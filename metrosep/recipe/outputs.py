@@ -44,6 +44,7 @@ __all__ = [
     "make_table",
     "polynomial_of",
     "recipe_hash",
+    "require_axis_of_unit",
     "require_free",
     "staged",
     "write_reports",
@@ -116,6 +117,17 @@ def pitch_table(runs: RunSet, output: Mapping[str, Any]) -> CompensationTable:
     )
 
 
+def require_axis_of_unit(axis: str, unit: str) -> None:
+    """Refuse angles of a linear axis, and lengths of one that turns."""
+    if unit and (unit == "rad") != is_rotary(axis):
+        turns = unit == "rad"
+        raise DataError(
+            f"the targets of the list are {'angles' if turns else 'lengths'}, and {axis} is a "
+            f"{'linear' if turns else 'rotary'} axis: say the axis that was measured, such as "
+            f"{'B' if turns else 'X'}, or correct the units of the columns"
+        )
+
+
 def make_carried(
     estimate: ErrorEstimate, output: Mapping[str, Any], runs: RunSet, *, degree: Any = "aicc"
 ) -> Any:
@@ -145,6 +157,8 @@ def carried_of(
 ) -> tuple[Any, RunSet, Folds | None]:
     """Return what an output holds, the runs for its dry-run, and what it is without each of them."""
     if is_positioning(document):
+        unit = (document["separation"].get("audit") or {}).get("unit", "")
+        require_axis_of_unit(output["axis"], unit)
         cycles = measured_runs(document)
         return pitch_table(cycles, output), cycles, None
     estimate, runs = stored_estimate(document), measured_runs(document)
