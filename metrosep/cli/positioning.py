@@ -82,6 +82,11 @@ def listed_cycles(
     roles = {k: options[k] for k in _ROLES if options.get(k)}
     if "readings" in roles:
         roles["readings"] = [c.strip() for c in roles["readings"].split(",") if c.strip()]
+        twice = [c for i, c in enumerate(roles["readings"]) if c in roles["readings"][:i]]
+        if twice:
+            raise click.UsageError(
+                f"--readings names {twice[0]} twice: a cycle that counts twice looks like one that repeats"
+            )
     data: Any = load_inputs(METHODS[POSITIONING], [Path(f) for f in files], {**roles, **reading})
     unit = target_unit(data)
     are_deviations = _are_deviations(data)

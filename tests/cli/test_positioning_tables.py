@@ -420,3 +420,41 @@ def test_an_active_table_that_is_a_pipe_is_refused_at_once(tmp_path, metrosep):
     code, _, told = metrosep("table", file, *NAMES, *SENSE, *more)
     assert code == 4
     assert "is a pipe or a device" in told
+
+
+def wide_file(path, left_out=()):
+    """One row per target and direction with three cycles; some cells are empty."""
+    rng = np.random.default_rng(23)
+    lines = ["target_mm,way,a_um,b_um,c_um"]
+    for way, d in (("up", 1), ("down", -1)):
+        for i, target in enumerate(TARGETS):
+            cells = [f"{machine(target, d) / UM + v:.4f}" for v in rng.normal(0, 0.005, 3)]
+            for k in range(3):
+                if (way, i, k) in left_out:
+                    cells[k] = ""
+            lines.append(f"{target},{way}," + ",".join(cells))
+    path.write_text("\n".join(lines) + "\n")
+    return [path, "--target", "target_mm", "--direction", "way", *SENSE, "--axis", "X"]
+
+
+def test_an_empty_cell_leaves_its_target_out_of_the_comparison_and_no_more(tmp_path, metrosep):
+    columns = ["--readings", "a_um,b_um,c_um"]
+    rms = []
+    for name, empty in (("all", ()), ("but", {("up", 4, 1)})):
+        listed = wide_file(tmp_path / f"{name}.csv", empty)
+        out = tmp_path / f"{name}.comp"
+        code, _, told = metrosep("table", *listed, *columns, "-o", out)
+        assert code == 0, told
+        found = json.loads((tmp_path / f"{name}.comp.json").read_text())["verification"]
+        rms.append([r["before_rms_m"] for r in found["residuals"]])
+    # one of 16 targets less: the RMS of either direction changes by a few per cent, not by 20
+    assert rms[1] == pytest.approx(rms[0], rel=0.06, abs=0)
+
+
+def test_a_column_that_is_named_twice_is_not_a_second_cycle(tmp_path, metrosep):
+    listed = wide_file(tmp_path / "a.csv")
+    out = tmp_path / "x.comp"
+    code, _, told = metrosep("table", *listed, "--readings", "a_um,a_um,a_um", "-o", out)
+    assert code == 2
+    assert "--readings names a_um twice" in told
+    assert not out.exists()
