@@ -87,6 +87,11 @@ def listed_cycles(
             raise click.UsageError(
                 f"--readings names {twice[0]} twice: a cycle that counts twice looks like one that repeats"
             )
+    places = [Path(f).resolve() for f in files]
+    if len(set(places)) < len(places):
+        raise click.UsageError(
+            "a list is named twice: readings that count twice look like ones that repeat"
+        )
     data: Any = load_inputs(METHODS[POSITIONING], [Path(f) for f in files], {**roles, **reading})
     unit = target_unit(data)
     are_deviations = _are_deviations(data)

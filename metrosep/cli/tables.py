@@ -479,6 +479,7 @@ def read_runs_of(files: Sequence[str], options: dict[str, Any]) -> RunSet:
 
 def print_table(path: str, made: dict[str, Any], *, warnings_only: bool = False) -> None:
     """Print the dry-run of a table and every warning that its sidecar holds."""
+    from metrosep.cli.errors import as_options
     from metrosep.controllers.safety import sidecar_warnings
 
     verification = made.get("verification")
@@ -490,7 +491,7 @@ def print_table(path: str, made: dict[str, Any], *, warnings_only: bool = False)
         print_verification(numbers)
     for found in sidecar_warnings(made):
         waived = f" (accepted with --waive {found['check']})" if found["waived"] else ""
-        way = f"; {found['fix']}" if found["fix"] else ""
+        way = as_options(f"; {found['fix']}", ("active",)) if found["fix"] else ""
         say(f"warning: {path}: {found['problem']}{waived}{way}")
 
 

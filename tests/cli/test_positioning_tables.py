@@ -458,3 +458,18 @@ def test_a_column_that_is_named_twice_is_not_a_second_cycle(tmp_path, metrosep):
     assert code == 2
     assert "--readings names a_um twice" in told
     assert not out.exists()
+
+
+def test_a_list_given_twice_is_refused_and_hints_are_those_of_the_command_line(tmp_path, metrosep):
+    listed = wide_file(tmp_path / "a.csv")
+    columns = ["--readings", "a_um,b_um,c_um"]
+    out = tmp_path / "x.comp"
+    out.write_text("0 0 0\n400 400 400\n")  # somebody else's, without a sidecar
+    code, _, told = metrosep("table", *listed, *columns, "-o", out, "--force")
+    assert code == 0, told
+    assert "--active none" in told
+    assert "active='none'" not in told
+    twice = ["--against", listed[0], "--against", listed[0], *listed[1:-2], *columns]
+    code, _, told = metrosep("verify", out, *twice)
+    assert code == 2
+    assert "named twice" in told
