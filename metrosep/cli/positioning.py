@@ -92,7 +92,7 @@ def listed_cycles(
     from metrosep.recipe.method_run import load_inputs, sources
     from metrosep.recipe.result import POSITIONING
     from metrosep.separation.positions.pitch import cycle_runs
-    from metrosep.separation.positions.positioning import as_positions, reached
+    from metrosep.separation.positions.positioning import as_positions, reached, target_unit
 
     for name in ("feed", "run", "time", "sampling_rate", "scale", "method"):
         if options.get(name):
@@ -104,7 +104,18 @@ def listed_cycles(
     roles = {k: options[k] for k in _ROLES if options.get(k)}
     if "readings" in roles:
         roles["readings"] = [c.strip() for c in roles["readings"].split(",") if c.strip()]
+        twice = [c for i, c in enumerate(roles["readings"]) if c in roles["readings"][:i]]
+        if twice:
+            raise click.UsageError(
+                f"--readings names {twice[0]} twice: a cycle that counts twice looks like one that repeats"
+            )
+    places = [Path(f).resolve() for f in files]
+    if len(set(places)) < len(places):
+        raise click.UsageError(
+            "a list is named twice: readings that count twice look like ones that repeat"
+        )
     data: Any = load_inputs(METHODS[POSITIONING], [Path(f) for f in files], {**roles, **reading})
+    unit = target_unit(data)
     are_deviations = _are_deviations(data)
     sense = options.get("deviation")
     if are_deviations and sense is None:
@@ -120,12 +131,7 @@ def listed_cycles(
     sign = -1.0 if sense == "target-minus-reached" else 1.0
     ways = (None if v is None else sign * (v - target[:, None]) for v in (up, down))
     history, _ = sources(data)
-    units = getattr(data, "units", {})
-    if units.get("readings", "m") != units.get("target", "m"):
-        raise click.UsageError(
-            "targets and readings must both be lengths, or both angles: look at the units of their columns"
-        )
-    return cycle_runs(target, *ways, unit=units.get("target", "m"), history=history)
+    return cycle_runs(target, *ways, unit=unit, history=history)
 
 
 def _are_deviations(data: Any) -> bool:

@@ -223,7 +223,7 @@ def _shape(options: dict[str, Any], controller: str) -> dict[str, Any]:
         shape["direction"] = options["table_direction"]
     if options.get("reference") is not None:
         shape["reference"] = parse_quantity(
-            options["reference"], dimension="length", name="--reference"
+            options["reference"], dimension=_dimension(options.get("axis")), name="--reference"
         )
     degree = options.get("poly")
     if degree is not None and degree != "auto":
@@ -231,6 +231,13 @@ def _shape(options: dict[str, Any], controller: str) -> dict[str, Any]:
             raise click.UsageError(f"--poly {degree}: a degree is a whole number, or auto")
         shape["degree"] = int(degree)
     return {**shape, "controller": controller}
+
+
+def _dimension(axis: str | None) -> str:
+    """Return what positions of an axis are: lengths, or angles where it turns."""
+    from metrosep.compensation.area_errors import is_rotary
+
+    return "angle" if is_rotary(axis or "X") else "length"
 
 
 def _map_of(file: str, options: dict[str, Any], reading: dict[str, Any]) -> Any:
@@ -271,7 +278,8 @@ def _trial(made: Any, amplitude: str) -> Any:
     from metrosep.compensation.trial import trial_map, trial_table
     from metrosep.core.units import parse_quantity
 
-    size = parse_quantity(amplitude, dimension="length", name="--trial")
+    dimension = _dimension(getattr(made, "compensates", None))
+    size = parse_quantity(amplitude, dimension=dimension, name="--trial")
     if isinstance(made, CompensationMap):
         trial: Any = trial_map(made, size)
     elif isinstance(made, CompensationTable):
@@ -343,7 +351,9 @@ def _write(
     help="What the runs cannot know: a constant (square or beam known), one for each direction (the "
     "sensor was set to zero between them), or constant and line (alignment).",
 )
-@click.option("--active", metavar="FILE", help="Table that was active while the runs were taken.")
+@click.option(
+    "--active", metavar="FILE|none", help="Table that was active while the runs were taken."
+)
 @list_options()
 @with_expansion
 @optional_read_options
@@ -371,7 +381,7 @@ def verify(
     from metrosep.compensation.area_errors import is_rotary
     from metrosep.controllers.active import active_file
     from metrosep.controllers.base import load_sidecar
-    from metrosep.controllers.files import dry_run_carried
+    from metrosep.controllers.files import NONE, dry_run_carried
     from metrosep.core.errors import TableError
     from metrosep.core.units import parse_quantity
     from metrosep.separation.positions.expansion import Expansion
@@ -400,9 +410,9 @@ def verify(
         measured = _against(files, options)
         columns = sidecar.get("columns", {})  # of a file that holds several tables
         loaded, known_travel = _as_made(
-            loaded, columns.get(getattr(loaded, "compensates", ""), sidecar)
+            loaded, columns.get(getattr(loaded, "compensates", ""), sidecar), path
         )
-        if active is not None:
+        if active not in (None, NONE):
             lookup = active_file(active, loaded, name, known).increment(lookup)
         pairs = zip(stated, known_travel, strict=True)
         require_unit(measured, "rad" if turns else "m")
@@ -447,11 +457,11 @@ def _against(files: tuple[str, ...], options: dict[str, Any]) -> RunSet:
     return read_runs_of(files, options)
 
 
-def _as_made(loaded: Any, sidecar: dict[str, Any]) -> tuple[Any, tuple[Any, Any]]:
+def _as_made(loaded: Any, sidecar: dict[str, Any], path: Path) -> tuple[Any, tuple[Any, Any]]:
     """Return a table as its sidecar says that it was made, and the travel that was stated."""
     from metrosep.compensation.table import CompensationTable
+    from metrosep.controllers.active import held_as
     from metrosep.core.provenance import Step
-    from metrosep.separation.positions.expansion import Expansion
 
     told, limits = sidecar.get("table"), sidecar.get("limits") or {}
     travel = (limits.get("travel_low"), limits.get("travel_high"))
@@ -469,8 +479,7 @@ def _as_made(loaded: Any, sidecar: dict[str, Any]) -> tuple[Any, tuple[Any, Any]
         compensates=told["compensates"],
         reference=told["reference_m"],
         removed=told["not_in_table"],
-        reference_direction=told.get("reference_direction", "forward"),
-        heat=Expansion.of_options(told.get("heat") or {}) or Expansion(),
+        **held_as(path, sidecar),
         notes=tuple(told.get("notes", ())),
         made_over=None if over is None else tuple(over),
         source_sha256=tuple(told["source_sha256"]),
@@ -519,6 +528,7 @@ def read_runs_of(files: Sequence[str], options: dict[str, Any]) -> RunSet:
 
 def print_table(path: str, made: dict[str, Any], *, warnings_only: bool = False) -> None:
     """Print the dry-run of a table and every warning that its sidecar holds."""
+    from metrosep.cli.errors import as_options
     from metrosep.controllers.safety import sidecar_warnings
 
     verification = made.get("verification")
@@ -530,7 +540,7 @@ def print_table(path: str, made: dict[str, Any], *, warnings_only: bool = False)
         print_verification(numbers)
     for found in sidecar_warnings(made):
         waived = f" (accepted with --waive {found['check']})" if found["waived"] else ""
-        way = f"; {found['fix']}" if found["fix"] else ""
+        way = as_options(f"; {found['fix']}", ("active",)) if found["fix"] else ""
         say(f"warning: {path}: {found['problem']}{waived}{way}")
 
 

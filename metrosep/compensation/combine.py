@@ -43,6 +43,12 @@ _SAME = 1e-9
 _SETTLED = 1e-13
 """A tenth of a picometre."""
 
+_HOMED = {
+    "forward": "forward",
+    "reverse": "in reverse",
+    "middle": "in the mean of both directions",
+}
+
 _STEPS = 40
 """Of the fixed point ``p = x - c_old(p)``; slopes of 1e-3 need five."""
 
@@ -117,6 +123,7 @@ def _tables(old: CompensationTable, new: CompensationTable) -> CompensationTable
     _refuse_other_axes((old.axis,), (new.axis,), old.compensates, new.compensates)
     _refuse_other_reference((old.axis,), (old.reference,), (new.reference,), _reach(old.positions))
     _refuse_apart(old.axis, old.span, new.span)
+    _refuse_other_homing(old, new)
     if (old.reverse is None) != (new.reverse is None):
         old, new = _split(old), _split(new)
     positions = _union(old.positions, new.positions)
@@ -131,7 +138,9 @@ def _tables(old: CompensationTable, new: CompensationTable) -> CompensationTable
 
     ways = (1,) if new.reverse is None else (1, -1)
     columns = {d: total(d)(positions) for d in ways}
-    columns[1] = np.where(positions == new.reference, 0.0, columns[1])
+    # what is zero at the reference is so exactly; the column of the other direction is not zero there
+    for d, c in columns.items():
+        columns[d] = np.where((positions == new.reference) & (np.abs(c) < _SETTLED), 0.0, c)
     missed = max(_bends(old, new, total(d), positions, columns[d], d) for d in ways)
     return replace(
         new,
@@ -354,6 +363,21 @@ def _refuse_other_reference(
                 f"{format_position(axis, two)}: together they would move the zero of the machine; make "
                 "the new one with the reference of the old"
             )
+
+
+def _refuse_other_homing(old: CompensationTable, new: CompensationTable) -> None:
+    """Refuse a new table whose reference is reached from a side where the old one is not zero."""
+    ways = {"forward": (1,), "reverse": (-1,), "middle": (1, -1)}
+    if old.reference_direction == new.reference_direction or not old.is_on_axis:
+        return
+    at = [float(old.correction([new.reference], d)[0]) for d in ways[new.reference_direction]]
+    if abs(float(np.mean(at))) > _SETTLED:
+        raise TableError(
+            f"the old table is zero at {format_position(old.axis, old.reference)} as it is reached "
+            f"{_HOMED[old.reference_direction]}, the new one as it is reached "
+            f"{_HOMED[new.reference_direction]}: together they would move the zero of the machine; make "
+            f'the new one with reference_direction="{old.reference_direction}"'
+        )
 
 
 def _refuse_apart(axis: str, old: tuple[float, float], new: tuple[float, float]) -> None:

@@ -250,8 +250,9 @@ def judged_table(
         if taken.is_stated and heat is None and not own.made_it:
             raise DataError(
                 "the table holds without thermal expansion, and the temperature of these readings is "
-                'not stated: say temperature="22.4 degC" and expansion="11.5 ppm/K", or already_corrected'
+                'not stated: say temperature="22.4 degC" and expansion="11.5 ppm/K", or already_corrected=True'
             )
+        heat = None if heat is None else heat.used_as(taken)
         against = _cooled(own.runs, (heat or taken).slope, getattr(carried, "reference", 0.0))
         more |= {"made_it": own.made_it, "folds": own.folds, "why": own.why}
         if own.made_it and len(against) < _MANY and len(against.feeds) < 2:
@@ -334,12 +335,16 @@ def _positions(
     grids = []
     for d in measured.directions:
         places = [row.places.get(d, np.empty(0)) for row in measured.rows]
-        here = places[0][(places[0] >= first) & (places[0] <= last)]
-        listed = _FEWEST <= here.size < _GRID_POINTS and all(
-            p.size == places[0].size
-            and float(np.abs(p - places[0]).max()) <= 1e-9 * (last - first)
-            for p in places
-        )
+        # the targets of a list that every run has a reading of; equal steps if the runs have no list
+        here, near = places[0], 1e-9 * (last - first)
+        for p in places[1:]:
+            at = np.clip(np.searchsorted(p, here), 1, max(p.size - 1, 1))
+            apart = np.abs(p[np.clip([at - 1, at], 0, p.size - 1)] - here).min(axis=0)
+            here = here[apart <= near]
+        inside = here[(here >= first - near) & (here <= last + near)]
+        most = max(((p >= first) & (p <= last)).sum() for p in places)
+        listed = _FEWEST <= inside.size < _GRID_POINTS and 2 * inside.size > most
+        here = np.clip(inside, first, last)
         grids.append(here if listed else np.linspace(first, last, n))
     return tuple(grids)
 

@@ -31,11 +31,14 @@ from metrosep.controllers.base import (
 from metrosep.controllers.options import checked_options
 from metrosep.controllers.registry import find
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, TableError
+from metrosep.core.errors import CorruptFileError, DataError, TableError
+from metrosep.core.numbers import choice
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
+from metrosep.separation.positions.expansion import Expansion
+from metrosep.separation.positions.pitch import REFERENCE_DIRECTIONS
 
-__all__ = ["Active", "active_file"]
+__all__ = ["Active", "active_file", "held_as"]
 
 _STEPS = 8
 """Of the fixed point for c_new; slopes of 1e-2 need seven."""
@@ -54,6 +57,16 @@ class Active:
         """Return the table that holds both."""
         return combine_tables(self.table, new)
 
+    def require_temperature(self, new: CompensationTable) -> None:
+        """Refuse to add, to a table held at 20 degC, one of readings whose temperature nobody states."""
+        old = self.table
+        if old.heat.is_stated and old.is_on_axis and not new.heat.is_stated:
+            raise DataError(
+                f"{self.name} holds without thermal expansion, and the temperature of the readings "
+                'taken with it is not stated: say temperature="22.4 degC" and expansion="11.5 ppm/K", or '
+                "already_corrected=True"
+            )
+
     def increment(self, lookup: Simulator) -> Simulator:
         """Return what a file that is loaded instead changes of the state that was measured."""
 
@@ -67,12 +80,13 @@ class Active:
 
         return at
 
-    def described(self, runs: Any) -> dict[str, Any]:
-        """Return what a sidecar says of it: its hash, and the error without any table."""
+    def described(self, runs: Any, heat: Expansion | None = None) -> dict[str, Any]:
+        """Return what a sidecar says of it: its hash, and the error without any table, as it is held."""
         found: dict[str, Any] = {"name": self.name, "sha256": self.sha256}
         if isinstance(runs, RunSet):
-            found["without_any_table_rms_m"] = self._rms(runs, alone=True)
-            found["with_it_rms_m"] = self._rms(runs, alone=False)
+            slope = 0.0 if heat is None else heat.slope
+            found["without_any_table_rms_m"] = self._rms(runs, slope, alone=True)
+            found["with_it_rms_m"] = self._rms(runs, slope, alone=False)
         return found
 
     def finding(self, told: Mapping[str, Any]) -> Finding:
@@ -90,15 +104,15 @@ class Active:
                 text += f": {self.name} made it worse, its sign or its axis is wrong"
         return Finding("warning", text, "", "active")
 
-    def _rms(self, runs: RunSet, *, alone: bool) -> float:
-        """Return the RMS of the mean row, one constant off: (27) where no table acts."""
+    def _rms(self, runs: RunSet, slope: float, *, alone: bool) -> float:
+        """Return the RMS of a row, expansion and one constant off: (27) where no table acts."""
         squares = []
         for members in paired(runs)[0]:
             parts = []
             for i in members:
                 run = runs[i]
                 off = self.lookup(run.x, run.direction) if alone else 0.0
-                parts.append((run.z - off)[~np.isnan(run.z)])
+                parts.append((run.z - slope * run.x - off)[~np.isnan(run.z)])
             row = np.concatenate(parts)
             squares.append(float(((row - row.mean()) ** 2).mean()))
         return float(np.sqrt(np.mean(squares)))
@@ -133,6 +147,26 @@ def active_file(
             table, axis=new.axis, compensates=new.compensates, reference=new.reference,
             reference_direction=new.reference_direction,
         )  # fmt: skip
+    else:
+        table = replace(table, **held_as(file, beside))
     return Active(
         file.name, hashlib.sha256(data).hexdigest(), table, dialect.lookup(data, file, **given)
     )
+
+
+def held_as(file: Path, beside: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a sidecar states of a table that its bytes do not: homing and temperatures."""
+    told = beside.get("table")
+    if not isinstance(told, Mapping):
+        return {}
+    way, heat = told.get("reference_direction", "forward"), told.get("heat") or {}
+    try:
+        choice(way, "reference_direction", REFERENCE_DIRECTIONS)
+        stated = Expansion.of_options(heat) or Expansion()
+    except (AttributeError, DataError, TypeError, ValueError):
+        raise CorruptFileError(
+            file,
+            "its sidecar is not that of a table: reference_direction or heat is damaged",
+            hint="move the sidecar away, or write the table again",
+        ) from None
+    return {"reference_direction": way, "heat": stated}

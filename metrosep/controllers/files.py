@@ -234,6 +234,8 @@ def prepare(
     limit_values = checked_limits(limit_values, controller, axes)
     limits = dialect.limits(**limit_values)
     was = None if active in (None, NONE) else active_file(active, table, controller, options)
+    if was is not None and trial is None:
+        was.require_temperature(table)
     increment, table = table, table if was is None else was.added(table)
     found = [*table_findings(table, limits, dialect.info), *dialect.doubts(table, limits)]
     found += _iteration(table, target) if overwrite and active is None else []
@@ -272,7 +274,8 @@ def prepare(
             *getattr(verification, "findings", ()),
             *(Finding("error", r.text, "", r.check) for r in getattr(verification, "reasons", ())),
         )
-    told = {} if was is None else was.described(verified_against)
+    held = heat or getattr(increment, "heat", None)
+    told = {} if was is None else was.described(verified_against, held)
     if was is not None:
         findings = (*findings, was.finding(told))
     sidecar = {

@@ -1,6 +1,7 @@
 """Pitch tables from lists of a positioning test, by the command line alone; the machine is numpy."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -382,3 +383,188 @@ def test_options_of_readings_do_not_vanish_beside_a_result(tmp_path, metrosep, m
     )
     assert code == 2, told
     assert more[0] in told or "--z" in told
+
+
+def test_the_second_iteration_keeps_the_zero_of_an_axis_homed_otherwise(tmp_path, metrosep):
+    first = laser_file(tmp_path / "first.csv", trims(None), seed=14, scale=0.9)
+    for way in ("reverse", "middle"):
+        old, new = tmp_path / f"{way}.comp", tmp_path / f"{way}2.comp"
+        home = ["--reference", "128 mm", "--reference-direction", way]
+        assert metrosep("table", first, *NAMES, *SENSE, *home, "-o", old)[0] == 0
+        second = laser_file(tmp_path / f"{way}.csv", trims(old), seed=15)
+        more = [*home, "--active", old, "-o", new]
+        code, _, told = metrosep("table", second, *NAMES, *SENSE, *more)
+        assert code == 0, told
+        assert left_over(trims(new))[1] < LEFT
+        up, down = (float(trims(new)(128.0, d)) for d in (1, -1))
+        assert abs({"reverse": down, "middle": (up + down) / 2}[way]) < HOMED
+        # homed from the other side, the sum would move the zero of the machine
+        code, _, told = metrosep(
+            "table", second, *NAMES, *SENSE, *home[:2], "--active", old, "-o", tmp_path / "no.comp"
+        )
+        assert code == 2
+        assert f"--reference-direction {way}" in told
+        assert not (tmp_path / "no.comp").exists()
+
+
+def test_what_an_active_table_did_is_told_at_20_degrees(tmp_path, metrosep):
+    warm = ["--temperature", "24 degC", "--expansion", "10 ppm/K"]
+    known = ["--u-temperature", "0.02 K", "--u-expansion", "0.02 ppm/K"]
+    old, new = tmp_path / "old.comp", tmp_path / "new.comp"
+    first = laser_file(tmp_path / "first.csv", trims(None), seed=16, warm=40e-6, scale=0.95)
+    assert metrosep("table", first, *NAMES, *SENSE, *warm, *known, "-o", old)[0] == 0
+    # a day so cold that the axis is nearly right without any table, and wrong with the right one
+    second = laser_file(tmp_path / "second.csv", trims(old), seed=17, warm=-30e-6)
+    cold = ["--temperature", "17 degC", *warm[2:], *known, "--active", old, "-o", new]
+    code, _, told = metrosep("table", second, *NAMES, *SENSE, *cold)
+    assert code == 0, told
+    assert "old.comp was active" in told
+    assert "made it worse" not in told
+    beside = json.loads((tmp_path / "new.comp.json").read_text())["active"]
+    assert beside["without_any_table_rms_m"] > 5 * beside["with_it_rms_m"]
+    assert left_over(trims(new))[1] < LEFT
+    # the sum would hold the cold day if its temperature were not asked for
+    code, _, told = metrosep(
+        "table", second, *NAMES, *SENSE, "--active", old, "-o", tmp_path / "no.comp"
+    )
+    assert code == 2
+    assert "--already-corrected" in told
+    assert not (tmp_path / "no.comp").exists()
+
+
+def test_a_table_for_a_warm_shop_is_judged_there_whenever_the_readings_were_taken(
+    tmp_path, metrosep
+):
+    known = ["--expansion", "10 ppm/K", "--u-temperature", "0.02 K", "--u-expansion", "0.02 ppm/K"]
+    use = ["--temperature-use", "30 degC", "--workpiece-expansion", "0 ppm/K"]
+    first = laser_file(tmp_path / "first.csv", trims(None), seed=18, warm=40e-6)
+    out = tmp_path / "x.comp"
+    warm = ["--temperature", "24 degC", *known, *use, "-o", out]
+    assert metrosep("table", first, *NAMES, *SENSE, *warm)[0] == 0
+    cool = laser_file(tmp_path / "cool.csv", trims(None), seed=19, warm=-20e-6)
+    against = ["verify", out, "--against", cool, *NAMES[:6], *SENSE, "--temperature", "18 degC"]
+    code, _, told = metrosep(*against, *known)
+    assert code == 0, told
+
+
+def turning(path, unit):
+    """A list of an axis that turns, deviations in arcsec; `unit` is what its columns declare."""
+    rng = np.random.default_rng(20)
+    at, reads = unit
+    lines = [f"target_{at},way,a_{reads},b_{reads},c_{reads}"]
+    for way in ("up", "down"):
+        for target in (0, 33, 61, 97, 130, 166, 201, 236, 270):
+            error = 9 * np.sin(np.radians(target) + 0.4) + (0 if way == "up" else -4)
+            three = error + rng.normal(0, 0.05, 3)
+            lines.append(f"{target},{way}," + ",".join(f"{v:.4f}" for v in three))
+    path.write_text("\n".join(lines) + "\n")
+    columns = ",".join(f"{c}_{reads}" for c in "abc")
+    names = ["--target", f"target_{at}", "--direction", "way", "--readings", columns, *SENSE]
+    return [path, *names]
+
+
+def test_angles_belong_to_axes_that_turn_and_lengths_to_the_others(tmp_path, metrosep):
+    out = tmp_path / "b.comp"
+    for units, axis, words in (
+        (("deg", "arcsec"), "X", "the readings are angles, and the axis moves along"),
+        (("mm", "um"), "B", "the readings are lengths, and the axis turns"),
+        (("deg", "um"), "B", "must both be lengths, or both angles"),
+    ):
+        listed = turning(tmp_path / "a.csv", units)
+        code, _, told = metrosep(
+            "table", *listed, "--axis", axis, "--machine", "joint_type=angular", "-o", out
+        )
+        assert code == 2
+        assert words in told
+        assert not out.exists()
+    listed = turning(tmp_path / "a.csv", ("deg", "arcsec"))
+    more = ["--axis", "B", "--reference", "97 deg", "--format", "csv", "-o", tmp_path / "b.csv"]
+    code, _, told = metrosep("table", *listed, *more)
+    assert code == 0, told
+    table = json.loads((tmp_path / "b.csv.json").read_text())["table"]
+    assert table["reference_m"] == pytest.approx(np.radians(97), rel=1e-12, abs=0)
+    straight = turning(tmp_path / "l.csv", ("mm", "um"))
+    code, _, told = metrosep("verify", tmp_path / "b.csv", "--against", *straight)
+    assert code == 2
+    assert "the axis turns" in told
+
+
+@pytest.mark.parametrize(
+    "heat", ["hot", {"temperature": [1], "expansion": 1e-5}, {"temperature": 293.0}]
+)
+def test_a_sidecar_with_damaged_temperatures_is_refused(tmp_path, metrosep, heat):
+    file = laser_file(tmp_path / "a.csv", trims(None), seed=21)
+    old, new = tmp_path / "old.comp", tmp_path / "new.comp"
+    assert metrosep("table", file, *NAMES, *SENSE, "-o", old)[0] == 0
+    beside = tmp_path / "old.comp.json"
+    told = json.loads(beside.read_text())
+    told["table"]["heat"] = heat
+    beside.write_text(json.dumps(told))
+    code, _, told = metrosep("table", file, *NAMES, *SENSE, "--active", old, "-o", new)
+    assert code == 4
+    assert "reference_direction or heat is damaged" in told
+    code, _, told = metrosep("verify", old, "--against", file, *NAMES[:6], *SENSE)
+    assert code == 4
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes in the file system here")
+def test_an_active_table_that_is_a_pipe_is_refused_at_once(tmp_path, metrosep):
+    file = laser_file(tmp_path / "a.csv", trims(None), seed=22)
+    os.mkfifo(tmp_path / "pipe")
+    more = ["--active", tmp_path / "pipe", "-o", tmp_path / "x.comp"]
+    code, _, told = metrosep("table", file, *NAMES, *SENSE, *more)
+    assert code == 4
+    assert "it is a device or a pipe" in told
+
+
+def wide_file(path, left_out=()):
+    """One row per target and direction with three cycles; some cells are empty."""
+    rng = np.random.default_rng(23)
+    lines = ["target_mm,way,a_um,b_um,c_um"]
+    for way, d in (("up", 1), ("down", -1)):
+        for i, target in enumerate(TARGETS):
+            cells = [f"{machine(target, d) / UM + v:.4f}" for v in rng.normal(0, 0.005, 3)]
+            for k in range(3):
+                if (way, i, k) in left_out:
+                    cells[k] = ""
+            lines.append(f"{target},{way}," + ",".join(cells))
+    path.write_text("\n".join(lines) + "\n")
+    return [path, "--target", "target_mm", "--direction", "way", *SENSE, "--axis", "X"]
+
+
+def test_an_empty_cell_leaves_its_target_out_of_the_comparison_and_no_more(tmp_path, metrosep):
+    columns = ["--readings", "a_um,b_um,c_um"]
+    rms = []
+    for name, empty in (("all", ()), ("but", {("up", 4, 1)})):
+        listed = wide_file(tmp_path / f"{name}.csv", empty)
+        out = tmp_path / f"{name}.comp"
+        code, _, told = metrosep("table", *listed, *columns, "-o", out)
+        assert code == 0, told
+        found = json.loads((tmp_path / f"{name}.comp.json").read_text())["verification"]
+        rms.append([r["before_rms_m"] for r in found["residuals"]])
+    # one of 16 targets less: the RMS of either direction changes by a few per cent, not by 20
+    assert rms[1] == pytest.approx(rms[0], rel=0.06, abs=0)
+
+
+def test_a_column_that_is_named_twice_is_not_a_second_cycle(tmp_path, metrosep):
+    listed = wide_file(tmp_path / "a.csv")
+    out = tmp_path / "x.comp"
+    code, _, told = metrosep("table", *listed, "--readings", "a_um,a_um,a_um", "-o", out)
+    assert code == 2
+    assert "--readings names a_um twice" in told
+    assert not out.exists()
+
+
+def test_a_list_given_twice_is_refused_and_hints_are_those_of_the_command_line(tmp_path, metrosep):
+    listed = wide_file(tmp_path / "a.csv")
+    columns = ["--readings", "a_um,b_um,c_um"]
+    out = tmp_path / "x.comp"
+    out.write_text("0 0 0\n400 400 400\n")  # somebody else's, without a sidecar
+    code, _, told = metrosep("table", *listed, *columns, "-o", out, "--force")
+    assert code == 0, told
+    assert "--active none" in told
+    assert "active='none'" not in told
+    twice = ["--against", listed[0], "--against", listed[0], *listed[1:-2], *columns]
+    code, _, told = metrosep("verify", out, *twice)
+    assert code == 2
+    assert "named twice" in told

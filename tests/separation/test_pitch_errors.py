@@ -5,7 +5,7 @@ import pytest
 
 from metrosep.compensation import CompensationTable
 from metrosep.core.errors import DataError
-from metrosep.separation import pitch_errors
+from metrosep.separation import Expansion, pitch_errors
 
 UM = 1e-6
 DIGITS = 0.6e-12
@@ -214,3 +214,16 @@ def test_iteration_on_an_active_table_closes_and_on_a_wrong_signed_one_too():
 
     combined = combine_tables(wrong, made(measured))
     assert np.ptp(rest_of(combined, error)[1]) < 127.25e-9 + HELD
+
+
+def test_the_u_of_the_slope_is_that_of_its_derivatives():
+    """(23) and (24) differentiated by hand: used as warm as it was measured, a_m does not matter."""
+    stated = {"expansion": 11.5e-6, "u_expansion": 1e-6, "temperature": 293.15 + 2.4}
+    stated |= {"u_temperature": 0.2, "workpiece_expansion": 0.0}
+    for use in (2.4, 15.0):
+        found = Expansion(**stated, temperature_use=293.15 + use).u_slope
+        by_hand = np.hypot(11.5e-6 * 0.2, (2.4 - use) * 1e-6)
+        assert found == pytest.approx(by_hand, rel=1e-9, abs=0)
+    part = Expansion(**{**stated, "workpiece_expansion": 23e-6}, temperature_use=303.15).u_slope
+    by_hand = np.sqrt((11.5e-6 * 0.2) ** 2 + (7.6e-6) ** 2 + (10e-6) ** 2)
+    assert part == pytest.approx(by_hand, rel=1e-9, abs=0)

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass, fields, replace
+from typing import Any, SupportsFloat
 
 from metrosep.core.errors import DataError
 from metrosep.core.options import option
@@ -62,7 +62,8 @@ class Expansion:
     -----
     e_20 = e - [a_m (T_m - 20) - a_r (T_r - 20)] (p - p_ref); for use at another temperature
     e_T = e_20 + (a_m - a_w)(T_use - 20)(p - p_ref); u(slope)^2 = (a_m u(T_m))^2 +
-    ((T_m - 20) u(a_m))^2, and the same of the instrument.
+    ((T_m - T_use) u(a_m))^2 + ((T_use - 20) u(a_w))^2, and the same of the instrument; T_use is 20
+    if it is not stated.
 
     References
     ----------
@@ -146,6 +147,8 @@ class Expansion:
     def _checked(self, value: Any, name: str, dimension: str) -> float:
         """Return a value in SI, refused where its unit must be mistaken."""
         text = isinstance(value, str)
+        if not text and (isinstance(value, bool) or not isinstance(value, SupportsFloat)):
+            raise DataError(f"{name} must be a number, or a text with a unit, got {value!r}")
         found = float(parse_quantity(value, dimension=dimension, name=name) if text else value)
         if not math.isfinite(found):
             raise DataError(f"{name} must be finite, got {value!r}")
@@ -180,6 +183,28 @@ class Expansion:
         known = {k: v for k, v in known.items() if v is not None and v is not False}
         return cls(**known) if known else None
 
+    def used_as(self, other: Expansion) -> Expansion:
+        """Return what is stated of readings, for the temperature of use of a table if none is stated here.
+
+        Parameters
+        ----------
+        other : Expansion
+            What the table states.
+
+        Returns
+        -------
+        Expansion
+            Readings of a table for 30 degC are compared at 30 degC, whenever they were taken.
+        """
+        if self.temperature_use is not None or other.temperature_use is None:
+            return self
+        return replace(
+            self,
+            temperature_use=other.temperature_use,
+            workpiece_expansion=other.workpiece_expansion,
+            unusual=self.unusual or other.unusual,
+        )
+
     @property
     def is_stated(self) -> bool:
         """Whether anything is said of the temperature of the readings."""
@@ -205,7 +230,11 @@ class Expansion:
         if self.temperature is None:
             return None
         u_a, u_t = self._u
-        parts = [float(self.expansion or 0.0) * u_t, self._over("temperature") * u_a]
+        # d(slope)/d(a_m) = (T_m - 20) - (T_use - 20): used as warm as measured, a_m does not matter
+        use = self._over("temperature_use")
+        parts = [float(self.expansion or 0.0) * u_t, (self._over("temperature") - use) * u_a]
+        if self.workpiece_expansion:
+            parts.append(use * u_a)
         if self.instrument_expansion:  # one without expansion has no thermal length of its own
             other = float(self.instrument_expansion)
             parts += [other * u_t, self._over("instrument_temperature") * u_a]

@@ -395,10 +395,15 @@ class PositioningOfAxis(NamedMethod):
         """Return the evaluation of one axis."""
         rest = dict(options)
         data = as_positions(data, rest.pop("values", "position"))
-        unit = data.units.get("target", "m")
-        if data.units.get("readings", unit) != unit:
-            raise UnitError("targets and positions must both be lengths, or both angles")
-        return iso230_2(*reached(data), unit=unit, **rest)
+        return iso230_2(*reached(data), unit=target_unit(data), **rest)
+
+
+def target_unit(data: RoleColumns) -> str:
+    """Return the unit of the targets, m or rad; refuse readings of the other."""
+    unit: str = data.units.get("target", "m")
+    if data.units.get("readings", unit) != unit:
+        raise UnitError("targets and positions must both be lengths, or both angles")
+    return unit
 
 
 def reached(data: RoleColumns, rows: Any = slice(None)) -> tuple[Any, Any, Any]:
