@@ -568,3 +568,23 @@ def test_a_list_given_twice_is_refused_and_hints_are_those_of_the_command_line(t
     code, _, told = metrosep("verify", out, *twice)
     assert code == 2
     assert "named twice" in told
+
+
+def test_equal_steps_are_told_for_they_hide_the_pitch(tmp_path, metrosep):
+    rows = ["target_mm;way;cycle;deviation_um"]
+    rng = np.random.default_rng(23)
+    for cycle in range(5):
+        for way in ("+", "-"):
+            rows += [
+                f"{t};{way};{cycle};{0.03 * t + rng.normal(0, 0.01):.4f}"
+                for t in range(0, 401, 20)
+            ]
+    file = tmp_path / "equal.csv"
+    file.write_text("\n".join(rows) + "\n")
+    code, _, told = metrosep("table", file, *NAMES, *SENSE, "-o", tmp_path / "x.comp")
+    assert code == 0, told
+    assert "equal steps" in told
+    uneven = laser_file(tmp_path / "a.csv", trims(None), seed=24)
+    code, _, told = metrosep("table", uneven, *NAMES, *SENSE, "-o", tmp_path / "y.comp")
+    assert code == 0, told
+    assert "equal steps" not in told

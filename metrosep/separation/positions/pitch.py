@@ -29,6 +29,12 @@ __all__ = [
 REFERENCE_DIRECTIONS = ("forward", "reverse", "middle")
 _SAME_PLACE = 1e-9
 """Of the range of the targets: a reference so near to one is that one."""
+_SAME_STEP = 1e-3
+"""Of a step: targets so equally far apart hide what repeats with them."""
+EQUAL_STEPS = (
+    "the targets stand at equal steps: an error that repeats with them, such as that of a screw of this "
+    "pitch, is not seen; add a random part to each target"
+)
 _SPLIT = 2.0
 """Lost motion goes into the table if it exceeds so many standard uncertainties of its mean."""
 
@@ -269,6 +275,8 @@ def pitch_errors(
         )
     offset = float(np.mean([np.interp(zero, p, errors[n]) for n in wanted]))  # type: ignore[arg-type]
     said = heat.messages if unit == "m" else ()
+    if np.ptp(np.diff(p)) <= _SAME_STEP * step:
+        said = (*said, EQUAL_STEPS)
     wanted_cycles = [cycles[n] for n in wanted]
     lost, u_lost, messages = _lost_motion(cycles["forward"], cycles["reverse"])
     return PitchErrors(
