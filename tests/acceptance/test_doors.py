@@ -136,7 +136,7 @@ def runs(path, *, seed, ways, travel, third=False):
 
 
 SEPARATED = {
-    "both ways, joint": ((1, -1, 1, -1), 60.0, "joint", "X"),
+    "both ways, mean": ((1, -1, 1, -1), 60.0, "mean", "X"),
     "one way, joint": ((1, 1, 1), 60.0, "joint", "Z"),
     "one way, mean": ((1, 1, 1), 45.0, "mean", "Z"),
     "one way, kono": ((1, 1, 1), 90.0, "kono", "Z"),

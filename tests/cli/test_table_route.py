@@ -44,7 +44,10 @@ def looked_up(path, x_mm, way):
     return np.interp(x_mm, nominal, nominal - (forward if way > 0 else reverse))
 
 
-@pytest.mark.parametrize(("samples", "method"), [(161, "joint"), (2600, "mean")])
+@pytest.mark.parametrize(
+    ("samples", "method"),
+    [pytest.param(161, "joint", marks=pytest.mark.slow), (2600, "mean")],  # joint: test_doors
+)
 def test_separate_with_table_and_table_of_its_result_give_the_same_bytes(
     metrosep, tmp_path, samples, method
 ):
@@ -360,9 +363,10 @@ def test_warnings_of_every_table_of_a_result_are_in_its_report(metrosep, tmp_pat
 def test_a_hint_about_directions_works_in_the_command_that_prints_it(metrosep, tmp_path):
     """A controller with one column asks for one table of both ways; its entries are their mean."""
     runs = write_runs(tmp_path / "runs.csv")
-    assert metrosep("separate", runs, *COLUMNS, "-o", tmp_path / "result")[0] == 0
+    how = (*COLUMNS, "--method", "mean")
+    assert metrosep("separate", runs, *how, "-o", tmp_path / "result")[0] == 0
     machine = ("--machine", "machine_axis=X1")
-    separate = ("separate", runs, *COLUMNS, "--table")
+    separate = ("separate", runs, *how, "--table")
     for name, call in (
         ("a.ini", ("table", tmp_path / "result", "--format", "sinumerik-enc", "-o")),
         ("b.ini", separate),
