@@ -46,7 +46,11 @@ def looked_up(path, x_mm, way):
 
 @pytest.mark.parametrize(
     ("samples", "method"),
-    [pytest.param(161, "joint", marks=pytest.mark.slow), (2600, "mean")],  # joint: test_doors
+    [  # joint at every door: test_doors; many samples: test_every_door_gives_the_same_bytes_and_sidecar
+        pytest.param(161, "joint", marks=pytest.mark.slow),
+        pytest.param(2600, "mean", marks=pytest.mark.slow),
+        (161, "mean"),
+    ],
 )
 def test_separate_with_table_and_table_of_its_result_give_the_same_bytes(
     metrosep, tmp_path, samples, method
@@ -192,6 +196,7 @@ def test_a_polynomial_that_does_not_help_says_so(metrosep, tmp_path, degree, hel
         assert said == pytest.approx(100 * rest, abs=2.0)
 
 
+@pytest.mark.slow
 def test_the_demo_says_that_its_polynomial_does_not_help(metrosep, tmp_path):
     code, _, err = metrosep("demo", "-o", tmp_path / "demo")
     assert code == 0
