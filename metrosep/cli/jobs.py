@@ -152,14 +152,12 @@ def separate(
     table helps. 4: runs that cannot be read or separated.
     """
     from metrosep.cli.named import named_recipe, require_columns
-    from metrosep.cli.shortcut import named_tables, option_error, recipe_text
+    from metrosep.cli.shortcut import named_tables, of_table, option_error, recipe_text
     from metrosep.core.errors import RecipeError
     from metrosep.core.methods import METHODS
-    from metrosep.core.options import options_of
     from metrosep.recipe.preflight import require_limits
     from metrosep.recipe.recipe import Recipe
     from metrosep.recipe.run import run_recipe
-    from metrosep.separation.positions.expansion import Expansion
 
     if flexure:
         _as_flexure(context, options)
@@ -178,11 +176,8 @@ def separate(
             as_json=as_json,
         )
     require_columns(options)
-    for name in (
-        "compensates", "reference", "reference_direction", "active", *options_of(Expansion),
-        "table_direction", "cross_axis", "machine", "waive", "sign_confirmed",
-    ):  # fmt: skip
-        if not table_ and options.get(name):
+    for name in (*of_table().values(), "cross_axis", "machine"):
+        if not table_ and name not in ("axis", "spacing") and options.get(name):
             raise click.UsageError(f"--{name.replace('_', '-')} shapes a table: add --table")
     tables = named_tables(table_, options, inside=out is not None)
     text = recipe_text(options, tables=tables, report=out is not None)

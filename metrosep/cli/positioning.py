@@ -24,8 +24,6 @@ __all__ = [
 F = TypeVar("F", bound=Callable[..., Any])
 _ROLES = ("target", "direction", "readings", "cycle")
 _SENSES = ("reached-minus-target", "target-minus-reached")
-_DEVIATIONS = 0.1
-"""Readings that span less of the targets are deviations: no axis is wrong by a tenth of its travel."""
 
 
 def list_options() -> Callable[[F], F]:
@@ -87,15 +85,21 @@ def listed_cycles(
     files: Sequence[str], options: Mapping[str, Any], reading: Mapping[str, Any]
 ) -> RunSet:
     """Return the cycles of a list of targets as runs of deviations actual - target."""
+    from metrosep.cli.shortcut import RUN_INPUT
     from metrosep.core.methods import METHODS
     from metrosep.core.text_options import TEXT_OPTIONS
     from metrosep.recipe.method_run import load_inputs, sources
     from metrosep.recipe.result import POSITIONING
     from metrosep.separation.positions.pitch import cycle_runs
-    from metrosep.separation.positions.positioning import as_positions, reached, target_unit
+    from metrosep.separation.positions.positioning import (
+        are_deviations,
+        as_positions,
+        reached,
+        target_unit,
+    )
 
-    for name in ("feed", "run", "time", "sampling_rate", "scale", "method"):
-        if options.get(name):
+    for name in (*RUN_INPUT, "method"):
+        if name not in (*_ROLES, *TEXT_OPTIONS) and options.get(name):
             raise click.UsageError(
                 f"--{name.replace('_', '-')} belongs to runs; a list of targets has --target, "
                 "--direction, --readings, --cycle"
@@ -116,34 +120,22 @@ def listed_cycles(
         )
     data: Any = load_inputs(METHODS[POSITIONING], [Path(f) for f in files], {**roles, **reading})
     unit = target_unit(data)
-    are_deviations = _are_deviations(data)
+    deviations = are_deviations(data)
     sense = options.get("deviation")
-    if are_deviations and sense is None:
+    if deviations and sense is None:
         raise click.UsageError(
             "the readings are deviations; say which: --deviation reached-minus-target (the axis went "
             "too far where they are positive), or --deviation target-minus-reached; it is not assumed"
         )
-    if not are_deviations and sense is not None:
+    if not deviations and sense is not None:
         raise click.UsageError(
             "the readings are positions reached, not deviations: leave --deviation out"
         )
-    target, up, down = reached(as_positions(data, "deviation" if are_deviations else "position"))
+    target, up, down = reached(as_positions(data, "deviation" if deviations else "position"))
     sign = -1.0 if sense == "target-minus-reached" else 1.0
     ways = (None if v is None else sign * (v - target[:, None]) for v in (up, down))
     history, _ = sources(data)
     return cycle_runs(target, *ways, unit=unit, history=history)
-
-
-def _are_deviations(data: Any) -> bool:
-    """Return whether readings span far less than their targets."""
-    import numpy as np
-
-    values = data.values
-    found = [
-        v for v in (values.get(k) for k in ("readings", "forward", "backward")) if v is not None
-    ]
-    together = np.concatenate([np.ravel(v) for v in found])
-    return bool(np.ptp(together[np.isfinite(together)]) < _DEVIATIONS * np.ptp(values["target"]))
 
 
 def listed_document(

@@ -21,6 +21,7 @@ __all__ = [
     "input_lines",
     "listed",
     "named_tables",
+    "of_table",
     "option_error",
     "quoted",
     "recipe_text",
@@ -30,7 +31,7 @@ __all__ = [
 RUN_INPUT = ("x", "z", "feed", "run", "direction", "time", "sampling_rate", "scale", *TEXT_OPTIONS)
 
 
-def _of_table() -> dict[str, str]:
+def of_table() -> dict[str, str]:
     """Return the options of a table by the names behind ``--table``; others are facts of its machine."""
     from metrosep.core.options import options_of
     from metrosep.separation.positions.expansion import Expansion
@@ -83,8 +84,8 @@ def _with_own(
     from metrosep.controllers.registry import find, names
     from metrosep.recipe.preflight import which_axis
 
-    of_table = _of_table()
-    made: dict[str, Any] = {k: options.get(k) for k in dict.fromkeys(of_table.values())}
+    known = of_table()
+    made: dict[str, Any] = {k: options.get(k) for k in dict.fromkeys(known.values())}
     made["spacing"] = made["spacing"] or USUAL_SPACING
     machine = dict(name_values(tuple(options.get("machine") or ()), "--machine"))
     if options.get("cross_axis") is not None:
@@ -101,18 +102,18 @@ def _with_own(
             raise click.UsageError(f"{label}: {name} has no value")
         if key in stated and key != "waive":
             raise click.UsageError(f"{label}: {name} is given twice")
-        if facts is not None and key not in of_table and fact not in facts:
-            near = difflib.get_close_matches(key, [*of_table, *facts], n=1)
+        if facts is not None and key not in known and fact not in facts:
+            near = difflib.get_close_matches(key, [*known, *facts], n=1)
             hint = f"; did you mean {near[0]}?" if near else ""
             raise click.UsageError(
-                f"{label}: there is no option {name!r}{hint} A table has {', '.join(of_table)}; "
+                f"{label}: there is no option {name!r}{hint} A table has {', '.join(known)}; "
                 f"{controller} {', '.join(facts)}"
             )
         stated.append(key)
         if key == "waive":
             waive.append(value)
-        elif key in of_table:
-            made[of_table[key]] = value
+        elif key in known:
+            made[known[key]] = value
         else:
             machine[fact] = value
     if made["compensates"] is None:
@@ -136,7 +137,7 @@ def _table_lines(made: Mapping[str, Any]) -> list[str]:
     lines = ["", "[[output]]", 'kind = "table"', f"controller = {quoted(made['controller'])}"]
     lines.append(f"axis = {quoted(made['axis'] or 'X')}")
     written = ("axis", "degree", "waive", "sign_confirmed", "table_direction")
-    keys = {k: v for k, v in _of_table().items() if k not in written}
+    keys = {k: v for k, v in of_table().items() if k not in written}
     for key, name in keys.items():
         value = made.get(name)
         if value not in (None, False):

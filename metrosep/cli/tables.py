@@ -212,15 +212,11 @@ def _own_axis(options: dict[str, Any]) -> dict[str, str]:
 
 def _shape(options: dict[str, Any], controller: str) -> dict[str, Any]:
     """Return the options of a table as an output of a recipe has them."""
-    from metrosep.core.options import options_of
+    from metrosep.cli.shortcut import of_table
     from metrosep.core.units import parse_quantity
-    from metrosep.separation.positions.expansion import Expansion
 
-    stated = ("spacing", "axis", "compensates", "reference_direction", *options_of(Expansion))
-    shape = {k: options[k] for k in stated if options.get(k) is not None}
+    shape = {k: options[name] for k, name in of_table().items() if options.get(name) is not None}
     shape.setdefault("axis", "X")
-    if options.get("table_direction") is not None:
-        shape["direction"] = options["table_direction"]
     if options.get("reference") is not None:
         shape["reference"] = parse_quantity(
             options["reference"], dimension=_dimension(options.get("axis")), name="--reference"

@@ -26,6 +26,7 @@ from metrosep.compensation.entry_covariance import (
     variance,
 )
 from metrosep.compensation.maps import CompensationMap
+from metrosep.compensation.measured import at_reference
 from metrosep.compensation.table import CompensationTable
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TableError
@@ -367,11 +368,9 @@ def _refuse_other_reference(
 
 def _refuse_other_homing(old: CompensationTable, new: CompensationTable) -> None:
     """Refuse a new table whose reference is reached from a side where the old one is not zero."""
-    ways = {"forward": (1,), "reverse": (-1,), "middle": (1, -1)}
     if old.reference_direction == new.reference_direction or not old.is_on_axis:
         return
-    at = [float(old.correction([new.reference], d)[0]) for d in ways[new.reference_direction]]
-    if abs(float(np.mean(at))) > _SETTLED:
+    if abs(at_reference(old.correction, new.reference, new.reference_direction)) > _SETTLED:
         raise TableError(
             f"the old table is zero at {format_position(old.axis, old.reference)} as it is reached "
             f"{_HOMED[old.reference_direction]}, the new one as it is reached "

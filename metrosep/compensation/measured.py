@@ -14,8 +14,19 @@ from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
+from metrosep.separation.positions.pitch import REFERENCE_DIRECTIONS
 
-__all__ = ["Against", "Curve", "Measured", "Row", "estimate_slope", "measured_error", "paired"]
+__all__ = [
+    "Against",
+    "Curve",
+    "Measured",
+    "Row",
+    "at_reference",
+    "cooled",
+    "estimate_slope",
+    "measured_error",
+    "paired",
+]
 
 Curve = Callable[[FloatArray], FloatArray]
 
@@ -159,6 +170,25 @@ def _of_estimate(estimate: _Evaluates, *, with_slope: bool) -> Measured:
 
     row = Row("estimate", (), {1: curve(1), -1: curve(-1)})
     return Measured((row,), (estimate.start, estimate.stop), "estimate", known, sd)
+
+
+def at_reference(
+    lookup: Callable[[FloatArray, int], FloatArray], reference: float, way: str
+) -> float:
+    """Return what is looked up at a reference as it is reached: the mean of its directions."""
+    place = np.array([reference])
+    return float(np.mean([lookup(place, d)[0] for d in REFERENCE_DIRECTIONS[way]]))
+
+
+def cooled(runs: RunSet, slope: float, reference: float) -> RunSet:
+    """Return readings without the slope that thermal expansion explains."""
+    if slope == 0.0:
+        return runs
+    without = [
+        Run(r.x, r.z - slope * (r.x - reference), t=r.t, feed=r.feed, run_id=r.run_id)
+        for r in runs
+    ]
+    return RunSet(without, metadata=runs.metadata, history=runs.history)
 
 
 def estimate_slope(estimate: Any, direction: int | None = None) -> float:

@@ -26,7 +26,7 @@ from metrosep.compensation.area_errors import (
     rising,
 )
 from metrosep.compensation.entry_covariance import Covariance, EntryCovariance
-from metrosep.compensation.measured import estimate_slope
+from metrosep.compensation.measured import at_reference, estimate_slope
 from metrosep.compensation.polynomial import exact_correction
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TableError
@@ -106,9 +106,8 @@ def sample_error(
     if p.size == 0:
         raise TableError("a table needs at least 2 positions, got 0")
     zero = _zero(p, reference, axis)
-    back_at = forward if backward is None else backward
-    at = {"forward": (forward,), "reverse": (back_at,), "middle": (forward, back_at)}
-    offset = float(np.mean([e(np.array([zero]))[0] for e in at[reference_direction]]))
+    columns = {1: forward, -1: forward if backward is None else backward}
+    offset = at_reference(lambda x, d: columns[d](x), zero, reference_direction)
     ahead = _held(_minus(forward, offset), p, _known(error))
     back = None
     if backward is not None:

@@ -31,6 +31,7 @@ from metrosep.compensation.limits import (
     coarse_finding,
     require_findings,
 )
+from metrosep.compensation.measured import at_reference
 from metrosep.compensation.polynomial import exact_correction
 from metrosep.compensation.sampling import (
     Direction,
@@ -184,9 +185,7 @@ class CompensationTable(Corrections):
     @property
     def at_reference(self) -> float:
         """What the table adds at its reference, reached as it is reached, m; zero of a good one."""
-        values = {d: float(self.correction(self.reference, d)[0]) for d in (1, -1)}
-        ways = {"forward": (1,), "reverse": (-1,), "middle": (1, -1)}[self.reference_direction]
-        return sum(values[d] for d in ways) / len(ways)
+        return at_reference(self.correction, self.reference, self.reference_direction)
 
     @property
     def headline(self) -> str:

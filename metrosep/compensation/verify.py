@@ -30,13 +30,20 @@ from metrosep.compensation._coverage import alignment, coverage
 from metrosep.compensation._diagnosis import diagnosis
 from metrosep.compensation.folds import Folds, own_runs
 from metrosep.compensation.limits import Finding
-from metrosep.compensation.measured import Against, Measured, Row, measured_error
+from metrosep.compensation.measured import (
+    Against,
+    Measured,
+    Row,
+    at_reference,
+    cooled,
+    measured_error,
+)
 from metrosep.compensation.reversal import judge_lost_motion
 from metrosep.compensation.verification import DirectionResidual, Unknown, Verification
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.numbers import choice, not_negative
-from metrosep.core.runset import Run, RunSet
+from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length
 from metrosep.separation.positions.expansion import Expansion
 
@@ -153,8 +160,7 @@ def dry_run(
     space = unknown or _unknown(measured, how, on_axis=on_axis)
     zero = 0.0
     if reference is not None:
-        ways = {"forward": (1,), "reverse": (-1,), "middle": (1, -1)}[reference_direction]
-        zero = float(np.mean([correction(np.array([reference]), d)[0] for d in ways]))
+        zero = at_reference(correction, reference, reference_direction)
     table = _Table(correction, folds, on_axis, 0.0 if abs(zero) < ROUNDING else zero)
     aligned = alignment_range or span
     grids = _positions(measured, first, last, entries)
@@ -253,7 +259,7 @@ def judged_table(
                 'not stated: say temperature="22.4 degC" and expansion="11.5 ppm/K", or already_corrected=True'
             )
         heat = None if heat is None else heat.used_as(taken)
-        against = _cooled(own.runs, (heat or taken).slope, getattr(carried, "reference", 0.0))
+        against = cooled(own.runs, (heat or taken).slope, getattr(carried, "reference", 0.0))
         more |= {"made_it": own.made_it, "folds": own.folds, "why": own.why}
         if own.made_it and len(against) < _MANY and len(against.feeds) < 2:
             warning = (
@@ -279,17 +285,6 @@ def judged_table(
     said = [*([warning] if warning else []), *getattr(carried, "notes", ())]
     more_findings = (Finding("warning", text, "", "dry-run") for text in said)
     return replace(result, findings=(*result.findings, *more_findings))
-
-
-def _cooled(runs: RunSet, slope: float, reference: float) -> RunSet:
-    """Return readings without the slope that thermal expansion explains."""
-    if slope == 0.0:
-        return runs
-    cooled = [
-        Run(r.x, r.z - slope * (r.x - reference), t=r.t, feed=r.feed, run_id=r.run_id)
-        for r in runs
-    ]
-    return RunSet(cooled, metadata=runs.metadata, history=runs.history)
 
 
 def _unknown(measured: Measured, how: str, *, on_axis: bool) -> Unknown:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.compensation.combine import combine_tables
 from metrosep.compensation.limits import Finding
-from metrosep.compensation.measured import paired
+from metrosep.compensation.measured import cooled, paired
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers.base import (
     Simulator,
@@ -84,9 +84,9 @@ class Active:
         """Return what a sidecar says of it: its hash, and the error without any table, as it is held."""
         found: dict[str, Any] = {"name": self.name, "sha256": self.sha256}
         if isinstance(runs, RunSet):
-            slope = 0.0 if heat is None else heat.slope
-            found["without_any_table_rms_m"] = self._rms(runs, slope, alone=True)
-            found["with_it_rms_m"] = self._rms(runs, slope, alone=False)
+            runs = cooled(runs, 0.0 if heat is None else heat.slope, self.table.reference)
+            found["without_any_table_rms_m"] = self._rms(runs, alone=True)
+            found["with_it_rms_m"] = self._rms(runs, alone=False)
         return found
 
     def finding(self, told: Mapping[str, Any]) -> Finding:
@@ -104,15 +104,15 @@ class Active:
                 text += f": {self.name} made it worse, its sign or its axis is wrong"
         return Finding("warning", text, "", "active")
 
-    def _rms(self, runs: RunSet, slope: float, *, alone: bool) -> float:
-        """Return the RMS of a row, expansion and one constant off: (27) where no table acts."""
+    def _rms(self, runs: RunSet, *, alone: bool) -> float:
+        """Return the RMS of a row, one constant off: (27) where no table acts."""
         squares = []
         for members in paired(runs)[0]:
             parts = []
             for i in members:
                 run = runs[i]
                 off = self.lookup(run.x, run.direction) if alone else 0.0
-                parts.append((run.z - slope * run.x - off)[~np.isnan(run.z)])
+                parts.append((run.z - off)[~np.isnan(run.z)])
             row = np.concatenate(parts)
             squares.append(float(((row - row.mean()) ** 2).mean()))
         return float(np.sqrt(np.mean(squares)))

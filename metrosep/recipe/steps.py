@@ -150,7 +150,7 @@ OUTPUTS = {
         "reference": Field("length"),
         "reference_direction": Field(
             "text",
-            choices=REFERENCE_DIRECTIONS,
+            choices=tuple(REFERENCE_DIRECTIONS),
             help="direction in which the reference is reached; forward if left out",
         ),
         **options_of(Expansion),

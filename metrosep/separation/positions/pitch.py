@@ -26,7 +26,8 @@ __all__ = [
     "require_unit",
 ]
 
-REFERENCE_DIRECTIONS = ("forward", "reverse", "middle")
+REFERENCE_DIRECTIONS = {"forward": (1,), "reverse": (-1,), "middle": (1, -1)}
+"""How an axis is homed, and the directions whose mean is zero there."""
 _SAME_PLACE = 1e-9
 """Of the range of the targets: a reference so near to one is that one."""
 _SAME_STEP = 1e-3
@@ -267,7 +268,8 @@ def pitch_errors(
             "there"
         )
     errors = {n: None if v is None else v - heat.slope * (p - zero) for n, v in means.items()}
-    wanted = ("forward", "reverse") if reference_direction == "middle" else (reference_direction,)
+    names = {1: "forward", -1: "reverse"}
+    wanted = [names[d] for d in REFERENCE_DIRECTIONS[reference_direction]]
     if any(errors[n] is None for n in wanted):
         raise DataError(
             f"reference_direction={reference_direction!r} needs readings of {' and '.join(wanted)}; "

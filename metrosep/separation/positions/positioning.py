@@ -451,6 +451,13 @@ def as_positions(data: RoleColumns, values: str) -> RoleColumns:
     return replace(data, values={**data.values, **reached})
 
 
+def are_deviations(data: RoleColumns) -> bool:
+    """Return whether readings span far less than their targets, so that they are no positions."""
+    found = (data.values.get(k) for k in ("readings", "forward", "backward"))
+    together = np.concatenate([np.ravel(v) for v in found if v is not None])
+    return _range(together) < _SMALL * _range(np.asarray(data.values["target"], dtype=np.float64))
+
+
 def _require_kind(
     target: FloatArray, readings: FloatArray, values: str, name: str, *, angle: bool
 ) -> None:
