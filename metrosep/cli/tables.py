@@ -7,7 +7,7 @@ import json
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
@@ -314,6 +314,7 @@ def _write(
     force: bool,
 ) -> dict[str, Any]:
     """Write a table; returns what its sidecar says."""
+    from metrosep.controllers.base import own_part
     from metrosep.controllers.files import prepare
 
     prepared = prepare(
@@ -327,7 +328,7 @@ def _write(
     )
     prepared.write()
     sidecar: dict[str, Any] = json.loads(prepared.sidecar)
-    return sidecar
+    return cast("dict[str, Any]", own_part(sidecar, getattr(made, "compensates", None)))
 
 
 @click.command()
@@ -376,7 +377,7 @@ def verify(
     from metrosep.cli.errors import exit_code_of
     from metrosep.compensation.area_errors import is_rotary
     from metrosep.controllers.active import active_file
-    from metrosep.controllers.base import load_sidecar
+    from metrosep.controllers.base import load_sidecar, own_part
     from metrosep.controllers.files import NONE, dry_run_carried
     from metrosep.core.errors import TableError
     from metrosep.core.units import parse_quantity
@@ -404,10 +405,8 @@ def verify(
         measured: Any = _read_map(files[0], given)
     else:
         measured = _against(files, options)
-        columns = sidecar.get("columns", {})  # of a file that holds several tables
-        loaded, known_travel = _as_made(
-            loaded, columns.get(getattr(loaded, "compensates", ""), sidecar), path
-        )
+        beside = own_part(sidecar, getattr(loaded, "compensates", None))
+        loaded, known_travel = _as_made(loaded, beside, path)
         if active not in (None, NONE):
             lookup = active_file(active, loaded, name, known).increment(lookup)
         pairs = zip(stated, known_travel, strict=True)
@@ -523,10 +522,12 @@ def read_runs_of(files: Sequence[str], options: dict[str, Any]) -> RunSet:
 
 
 def print_table(path: str, made: dict[str, Any], *, warnings_only: bool = False) -> None:
-    """Print the dry-run of a table and every warning that its sidecar holds."""
+    """Print the dry-run of a table and every warning that its sidecar holds, of each column of a file."""
     from metrosep.cli.errors import as_options
     from metrosep.controllers.safety import sidecar_warnings
 
+    for name, column in made.get("columns", {}).items():
+        print_table(f"{path} {name}", column, warnings_only=warnings_only)
     verification = made.get("verification")
     numbers = verification if isinstance(verification, dict) and not warnings_only else {}
     if {"residuals", "before_pv_m"} & numbers.keys():

@@ -25,6 +25,7 @@ from metrosep.controllers.base import (
     Simulator,
     load_bytes,
     load_sidecar,
+    own_part,
     require_unchanged,
     sidecar_options,
 )
@@ -130,7 +131,7 @@ def active_file(
     file = Path(path)
     data = load_bytes(file)
     require_unchanged(file, data)
-    beside = load_sidecar(file)
+    beside = own_part(load_sidecar(file), new.compensates)
     name = str(beside.get("controller", controller))
     dialect = find(name)
     if dialect.info.carries != "table":
@@ -141,6 +142,8 @@ def active_file(
         **checked_options(given, dialect.options, name, partial=True),
         **sidecar_options(file, dialect.options),
     }
+    if "column" in known:
+        given["column"] = new.compensates
     table = dialect.decode(data, file, **given)
     if not beside:
         table = replace(

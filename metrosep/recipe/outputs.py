@@ -40,6 +40,7 @@ __all__ = [
     "active_of",
     "carried_of",
     "dry_runs",
+    "machine_of",
     "make_carried",
     "make_table",
     "polynomial_of",
@@ -200,7 +201,7 @@ def write_tables(
     overwrite: bool = False,
 ) -> list[WrittenTable]:
     """Write the tables of a recipe (into `stage`, if given) after dry-runs of the very bytes of all."""
-    from metrosep.controllers.base import sidecar_path
+    from metrosep.controllers.base import own_part, sidecar_path
     from metrosep.controllers.files import prepare
 
     ready, written = [], []
@@ -217,14 +218,14 @@ def write_tables(
             sign_confirmed=output.get("sign_confirmed", False),
             overwrite=overwrite,
             active=active_of(output, recipe),
-            **machine_limits(output, place),
+            **machine_of(output, recipe, place),
         )
         path = prepared.target
         if prepared.verification is None:
             raise TableError(f"{path}: the table was written without a dry-run")
         prepared.require_free()
         ready.append(prepared)
-        sidecar = json.loads(prepared.sidecar)
+        sidecar = own_part(json.loads(prepared.sidecar), getattr(made, "compensates", None))
         description = {**sidecar.pop("table"), **sidecar, "path": path.name}
         files = (path, sidecar_path(path))
         written.append(WrittenTable(description, prepared.verification, files))
@@ -235,9 +236,20 @@ def write_tables(
 
 def active_of(output: Mapping[str, Any], recipe: Recipe) -> str | None:
     """Return the file that was active, which a recipe names from its own folder."""
-    name: str | None = output.get("active")
-    beside = recipe.folder / (name or "")
-    return str(beside) if name and beside.is_file() else name
+    return _in_folder(output.get("active"), recipe)
+
+
+def machine_of(output: Mapping[str, Any], recipe: Recipe, place: Place) -> dict[str, Any]:
+    """Return ``machine`` of an output, the file of other columns named from the folder of the recipe."""
+    machine = machine_limits(output, place)
+    beside = {"beside": _in_folder(machine["beside"], recipe)} if "beside" in machine else {}
+    return {**machine, **beside}
+
+
+def _in_folder(name: str | None, recipe: Recipe) -> str | None:
+    """Return the path of a file that lies in the folder of a recipe, others as they are."""
+    there = recipe.folder / (name or "")
+    return str(there) if name and there.is_file() else name
 
 
 def table_names(recipe: Recipe) -> list[str]:
