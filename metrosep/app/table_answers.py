@@ -24,8 +24,8 @@ from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.trial import TrialTable, trial_table
 from metrosep.compensation.verify import Verification
 from metrosep.controllers.base import load_bytes, load_sidecar, own_part, sidecar_path
-from metrosep.controllers.files import dry_run_carried, read, simulate, write
-from metrosep.controllers.options import checked_options, split_machine
+from metrosep.controllers.files import dry_run_bytes, read, simulate, write
+from metrosep.controllers.options import split_machine
 from metrosep.controllers.registry import find, names
 from metrosep.controllers.safety import CHECKS
 from metrosep.core._arrays import FloatArray
@@ -377,16 +377,10 @@ def _add_bytes(
 ) -> None:
     """Add curves and dry-run of bytes that no file may hold: they do not shrink the error."""
     carried, (runs, folds) = of
-    dialect = find(wanted.controller)
-    given, _ = split_machine(wanted.machine, dialect.options, wanted.controller)
-    options = checked_options(given, dialect.options, wanted.controller)
-    encoded = dialect.encode(carried, **options)
-    known = {k: v for k, v in options.items() if v is not None} | encoded.options
-    nowhere = Path(os.devnull)
-    held = dialect.decode(encoded.data, nowhere, **known)
-    lookup = dialect.lookup(encoded.data, nowhere, **known)
+    held, lookup, verification = dry_run_bytes(
+        carried, wanted.controller, runs, folds=folds, active=wanted.active, **wanted.machine
+    )
     _add_curves(view, held, lookup, estimate)
-    verification = dry_run_carried(carried, lookup, runs, folds=folds)
     if isinstance(verification, Verification):
         _add_verification(view, verification.to_dict())
 

@@ -13,12 +13,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.area_errors import is_rotary, numbers_of
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
@@ -309,7 +309,7 @@ def stored_table(path: Path, column: str | None = None) -> dict[str, Any]:
     table = beside.get("table", {}) if isinstance(beside, dict) else beside
     if not isinstance(table, dict):
         raise _not_ours(path, "table", "an object", table)
-    return table
+    return cast("dict[str, Any]", numbers_of(table))
 
 
 def identity(path: Path, *, first: float, column: str | None = None) -> dict[str, Any]:

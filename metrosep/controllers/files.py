@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from metrosep._version import __version__
+from metrosep.compensation.area_errors import AxisUnits
 from metrosep.compensation.folds import Folds
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.map_verify import judged_map
@@ -20,8 +21,9 @@ from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.trial import TrialMap, TrialTable
 from metrosep.compensation.verify import Unknown, judged_table
 from metrosep.controllers._columns import columns_beside, in_columns
+from metrosep.controllers._grids import carry
 from metrosep.controllers._pairs import Prepared, refuse_existing
-from metrosep.controllers.active import active_file
+from metrosep.controllers.active import Active, active_file
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -241,15 +243,7 @@ def prepare(
     if encoded.verification is None and not (verified_against is None and "dry-run" in waived):
         acts = dialect.lookup(encoded.data, nowhere, **known)
         lookup = acts if was is None else was.increment(acts)
-
-        def of(made: Any) -> Simulator:
-            """Return what the controller does with the table made without some of the runs."""
-            made = made if was is None else was.added(made)
-            data = dialect.encode(made if others is None else others.placed(made)[0], **options)
-            more = {k: v for k, v in options.items() if v is not None} | data.options
-            then = dialect.lookup(data.data, nowhere, **more)
-            return then if was is None else was.increment(then)
-
+        of = lookup_of_folds(dialect, options, was, None if others is None else table.positions)
         verification = _verification(
             increment, lookup, verified_against, target, waived,
             of=of, folds=folds, unknown=unknown, heat=heat,
@@ -265,7 +259,8 @@ def prepare(
     held = heat or getattr(increment, "heat", None)
     told = {} if was is None else was.described(verified_against, held)
     if was is not None:
-        findings = (*findings, was.finding(told))
+        findings = (*findings, was.finding(told, is_trial=trial is not None))
+        told["increment"] = increment.to_dict()
     sidecar = {
         "schema": "metrosep.table/1",
         "metrosep": __version__,
@@ -291,10 +286,67 @@ def prepare(
         "table": table.to_dict(),
         **encoded.notes,
     }
-    text = json.dumps(sidecar, indent=1, sort_keys=True, allow_nan=False, default=str)
+    named = AxisUnits.of(table).named(sidecar)
+    text = json.dumps(named, indent=1, sort_keys=True, allow_nan=False, default=str)
     sidecar_bytes = (text + "\n").encode("utf-8")
     ready = Prepared(target, encoded.data, sidecar_bytes, verification, overwrite)
     return ready if others is None else others.joined(dialect, ready)
+
+
+def dry_run_bytes(
+    table: Any,
+    controller: str,
+    against: Any,
+    *,
+    folds: Folds | None = None,
+    active: PathLike | None = None,
+    beside: PathLike | None = None,
+    **machine: Any,
+) -> tuple[Any, Simulator, Any]:
+    """Return what bytes that no file may hold would be: the table, its lookup, and the dry-run."""
+    dialect = find(controller)
+    given, limits = split_machine(machine, dialect.options, controller)
+    options = checked_options(given, dialect.options, controller)
+    was = None if active in (None, NONE) else active_file(active, table, controller, options)
+    whole, positions = table if was is None else was.added(table), None
+    if beside is not None:
+        whole, _ = columns_beside(dialect, Path(beside), table).placed(whole)
+        positions = whole.positions
+    encoded = dialect.encode(whole, **options)
+    known = {k: v for k, v in options.items() if v is not None} | encoded.options
+    nowhere = Path(os.devnull)
+    acts = dialect.lookup(encoded.data, nowhere, **known)
+    axes = (getattr(table, "axis", "X"), getattr(table, "compensates", "X"))
+    stated = checked_limits(limits, controller, axes)
+    found = dry_run_carried(
+        table,
+        acts if was is None else was.increment(acts),
+        against,
+        of=lookup_of_folds(dialect, options, was, positions),
+        folds=folds,
+        travel=(stated.get("travel_low"), stated.get("travel_high")),
+    )
+    return dialect.decode(encoded.data, nowhere, **known), acts, found
+
+
+def lookup_of_folds(
+    dialect: Dialect, options: Mapping[str, Any], was: Active | None, positions: Any = None
+) -> Callable[[Any], Simulator]:
+    """Return what the controller does with a table made without some of the runs, as a function of it.
+
+    With a file that was active: what the new one changes then. `positions` are those of a file that the
+    table is put into.
+    """
+
+    def of(made: Any) -> Simulator:
+        made = made if was is None else was.added(made)
+        made = made if positions is None else carry(made, positions).table
+        data = dialect.encode(made, **options)
+        more = {k: v for k, v in options.items() if v is not None} | data.options
+        then = dialect.lookup(data.data, Path(os.devnull), **more)
+        return then if was is None else was.increment(then)
+
+    return of
 
 
 def refuse_other(target: Path, controller: str, sources: Collection[str] | None = None) -> None:
@@ -396,20 +448,26 @@ def _iteration(carried: Any, target: Path, kept: Collection[str] = ()) -> list[F
 
     The columns of `kept` axes stay in the new file.
     """
-    if not target.is_file() or not hasattr(carried, "source_sha256"):
+    if not target.is_file():
         return []
-    beside = load_sidecar(target)
+    beside, way = (
+        load_sidecar(target),
+        f"say active={str(target)!r}, or active={NONE!r} if no table was",
+    )
     held = [beside, *beside.get("columns", {}).values()]
-    if not beside:
+    if beside.get("file_sha256") != hashlib.sha256(target.read_bytes()).hexdigest():
         return [
             Finding(
-                "warning",
-                f"{target} is replaced and nothing states what it held: if it was active while the "
-                "readings were taken, the new table is what is left and must be added to it",
-                f"say active={str(target)!r}, or active={NONE!r} if no table was",
+                "error",
+                f"{target} was not written by metrosep or was changed since, and a machine may be using it: "
+                "if it was active while the readings were taken, the new table is what is left and must be "
+                "added to it",
+                way,
                 "active",
             )
         ]
+    if not hasattr(carried, "source_sha256"):
+        return []
     tables = [b["table"] for b in held if isinstance(b, dict) and isinstance(b.get("table"), dict)]
     tables = [t for t in tables if t.get("compensates") not in kept]
     sources = {h for t in tables for h in t.get("source_sha256", ())}
@@ -422,7 +480,7 @@ def _iteration(carried: Any, target: Path, kept: Collection[str] = ()) -> list[F
             "error",
             f"{target} holds a table made of other readings: if it was active while these were "
             "taken, the new table is what is left and must be added to it, not replace it",
-            f"say active={str(target)!r}, or active={NONE!r} if no table was",
+            way,
             "active",
         )
     ]
