@@ -526,30 +526,40 @@ def _as_made(loaded: Any, sidecar: dict[str, Any], path: Path) -> tuple[Any, tup
     from metrosep.compensation.area_errors import numbers_of
     from metrosep.compensation.table import CompensationTable
     from metrosep.controllers.active import held_as
+    from metrosep.controllers.base import sidecar_path
+    from metrosep.core.errors import CorruptFileError, DataError
     from metrosep.core.provenance import Step
 
     told, limits = numbers_of(sidecar.get("table")), sidecar.get("limits") or {}
     travel = (limits.get("travel_low"), limits.get("travel_high"))
     if not isinstance(loaded, CompensationTable) or not isinstance(told, dict):
         return loaded, travel
-    history = tuple(Step(s["step"], s["parameters"], s["version"]) for s in told["history"])
-    over = told.get("made_over_m")
-    table = dataclasses.replace(
-        loaded,
-        positions=told["positions_m"],
-        forward=told["forward_m"],
-        reverse=told["reverse_m"],
-        u=told["u_m"],
-        axis=told["axis"],
-        compensates=told["compensates"],
-        reference=told["reference_m"],
-        removed=told["not_in_table"],
-        **held_as(path, sidecar),
-        notes=tuple(told.get("notes", ())),
-        made_over=None if over is None else tuple(over),
-        source_sha256=tuple(told["source_sha256"]),
-        history=history,
-    )
+    try:
+        history = tuple(Step(s["step"], s["parameters"], s["version"]) for s in told["history"])
+        over = told.get("made_over_m")
+        table = dataclasses.replace(
+            loaded,
+            positions=told["positions_m"],
+            forward=told["forward_m"],
+            reverse=told["reverse_m"],
+            u=told["u_m"],
+            axis=told["axis"],
+            compensates=told["compensates"],
+            reference=told["reference_m"],
+            removed=told["not_in_table"],
+            **held_as(path, sidecar),
+            notes=tuple(told.get("notes", ())),
+            made_over=None if over is None else tuple(over),
+            source_sha256=tuple(told["source_sha256"]),
+            history=history,
+        )
+    except (KeyError, TypeError, ValueError, DataError) as exc:
+        raise CorruptFileError(
+            sidecar_path(path),
+            f"it is not the sidecar of a table ({type(exc).__name__}: {exc})",
+            field="table",
+            hint="write the table again, or move the sidecar away and give --format",
+        ) from None
     return table, travel
 
 

@@ -70,6 +70,12 @@ class WrittenTable:
 
 def make_table(estimate: ErrorEstimate, output: Mapping[str, Any]) -> CompensationTable:
     """Return the table that an output describes."""
+    turning = [a for a in (output["axis"], output.get("compensates") or "") if is_rotary(a)]
+    if turning:
+        raise DataError(
+            f"{turning[0]} turns, and the runs are lengths over lengths: name axes that move along (X, Y, Z, "
+            "U, V, W); runs over an angle go through 'metrosep table RUNS --axis C'"
+        )
     spacing = output["spacing"]
     n = (
         spacing

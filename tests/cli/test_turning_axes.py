@@ -151,3 +151,49 @@ def test_separate_says_what_to_use_for_an_angle(tmp_path, metrosep):
     )
     assert code == 2
     assert "over an angle the runs are averaged" in told
+
+
+@pytest.mark.parametrize("axes", [("X", "C"), ("C", "C"), ("C", "Z")])
+def test_lengths_over_lengths_are_no_table_of_an_axis_that_turns(tmp_path, metrosep, axes):
+    rng = np.random.default_rng(3)
+    rows = ["run,x_mm,z_um"]
+    for k in range(5):
+        x = np.linspace(0, 100, 201)
+        z = 3 * np.sin(x / 20) + rng.normal(0, 0.02, x.size)
+        rows += [f"{k},{a:.4f},{b:.5f}" for a, b in zip(x, z, strict=True)]
+    (tmp_path / "r.csv").write_text("\n".join(rows) + "\n")
+    read = (tmp_path / "r.csv", "--x", "x_mm", "--z", "z_um", "--run", "run", "--method", "mean")
+    out = tmp_path / "z.csv"
+    ways = (
+        (
+            "table",
+            *read,
+            "--axis",
+            axes[0],
+            "--compensates",
+            axes[1],
+            "--format",
+            "csv",
+            "-o",
+            out,
+        ),
+        ("separate", *read, "--table", f"csv={out},axis={axes[0]},compensates={axes[1]}"),
+    )
+    for words in ways:
+        code, _, told = metrosep(*words)
+        assert code == 2, told
+        assert "C turns, and the runs are lengths over lengths" in told
+        assert not out.exists()
+
+
+def test_a_sidecar_of_another_program_is_named_and_no_bug(tmp_path, metrosep):
+    file, out = runs_file(tmp_path / "c.csv"), tmp_path / "c-c.csv"
+    assert metrosep("table", file, *CALL, "--axis", "C", "-o", out)[0] == 0
+    beside = tmp_path / "c-c.csv.json"
+    sidecar = json.loads(beside.read_text())
+    del sidecar["table"]["history"]
+    beside.write_text(json.dumps(sidecar))
+    code, _, told = metrosep("verify", out, "--against", file, *CALL[:6])
+    assert code == 4, told
+    assert "c-c.csv.json" in told
+    assert "it is not the sidecar of a table" in told
