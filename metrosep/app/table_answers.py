@@ -23,7 +23,7 @@ from metrosep.compensation.folds import Folds
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.trial import TrialTable, trial_table
 from metrosep.compensation.verify import Verification
-from metrosep.controllers.base import load_bytes, load_sidecar, own_part, sidecar_path
+from metrosep.controllers.base import columns_in, load_bytes, load_sidecar, own_part, sidecar_path
 from metrosep.controllers.files import dry_run_bytes, read, simulate, write
 from metrosep.controllers.options import split_machine
 from metrosep.controllers.registry import find, names
@@ -408,7 +408,7 @@ def _add_file(view: TableView, path: Path, wanted: Wanted, estimate: ErrorEstima
     """Add what a written file holds, what its controller makes of it, and its sidecar."""
     sidecar = json.loads(sidecar_path(path).read_text(encoding="utf-8"))
     options, _ = split_machine(wanted.machine, find(wanted.controller).options, wanted.controller)
-    if "columns" in sidecar:
+    if columns_in(sidecar):
         options["column"] = wanted.output["compensates"]
         sidecar = own_part(sidecar, wanted.output["compensates"])
     held = read(path, wanted.controller, **options)

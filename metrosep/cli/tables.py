@@ -605,9 +605,10 @@ def read_runs_of(files: Sequence[str], options: dict[str, Any], *, angles: bool 
 def print_table(path: str, made: dict[str, Any], *, warnings_only: bool = False) -> None:
     """Print the dry-run of a table and every warning that its sidecar holds, of each column of a file."""
     from metrosep.cli.errors import as_options
+    from metrosep.controllers.base import columns_in
     from metrosep.controllers.safety import sidecar_warnings
 
-    for name, column in made.get("columns", {}).items():
+    for name, column in columns_in(made).items():
         print_table(f"{path} {name}", column, warnings_only=warnings_only)
     verification = made.get("verification")
     numbers = verification if isinstance(verification, dict) and not warnings_only else {}

@@ -297,10 +297,16 @@ def require_unchanged(path: Path, data: bytes) -> None:
         )
 
 
+def columns_in(sidecar: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parts of a sidecar of several columns by corrected axis; empty of any other."""
+    columns = sidecar.get("columns")  # of a table over a plane their number
+    return columns if isinstance(columns, dict) else {}
+
+
 def own_part(sidecar: Mapping[str, Any], column: str | None) -> Any:
     """Return what a sidecar says of one table: of a file of several columns that of one of them."""
-    columns = sidecar.get("columns")
-    return columns.get(column, {}) if isinstance(columns, dict) and column else sidecar
+    columns = columns_in(sidecar)
+    return columns.get(column, {}) if columns and column else sidecar
 
 
 def stored_table(path: Path, column: str | None = None) -> dict[str, Any]:

@@ -28,6 +28,7 @@ from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
     Simulator,
+    columns_in,
     load_bytes,
     load_sidecar,
     require_unchanged,
@@ -454,7 +455,7 @@ def _iteration(carried: Any, target: Path, kept: Collection[str] = ()) -> list[F
         load_sidecar(target),
         f"say active={str(target)!r}, or active={NONE!r} if no table was",
     )
-    held = [beside, *beside.get("columns", {}).values()]
+    held = [beside, *columns_in(beside).values()]
     if beside.get("file_sha256") != hashlib.sha256(target.read_bytes()).hexdigest():
         return [
             Finding(
