@@ -492,6 +492,19 @@ def test_names_in_a_legacy_encoding_are_read(put, encoding, names):
     assert profile.metadata["warnings"] == ()
 
 
+@pytest.mark.parametrize(
+    ("encoding", "units"),
+    [("cp1251", ("мм", "мкм")), ("gb18030", ("毫米", "微米")), ("cp932", ("ミリ", "ミクロン"))],
+)
+def test_units_of_a_legacy_encoding_are_read(put, encoding, units):
+    profile = ms.read(
+        put(f"x [{units[0]}];z [{units[1]}]\n0;0,5\n1;2,5\n2;1,5\n".encode(encoding))
+    )
+
+    assert profile.x.tolist() == [0.0, 1e-3, 2e-3]
+    assert profile.z.tolist() == pytest.approx([0.5e-6, 2.5e-6, 1.5e-6], rel=1e-15, abs=0.0)
+
+
 def test_names_in_an_unknown_encoding_say_how_to_name_it(put):
     path = put("軸 [mm],隙間 [um]\n0,1\n1,2\n2,3\n".encode("cp932"))
 

@@ -10,6 +10,7 @@ from functools import lru_cache
 from typing import Final, Literal, TypeAlias
 
 from metrosep.core.errors import FormatMismatchError, ReadError
+from metrosep.core.units import FOREIGN_SPELLINGS
 from metrosep.io.source import HEAD_BYTES, RawFile
 
 __all__ = ["ROLE_WORDS", "Role", "decode", "head_text", "plain_ends"]
@@ -50,7 +51,8 @@ _KNOWN = re.compile(
                 for w in words.casefold().split()
                 if not w.isascii() and len(w) > 1
             }
-            | set("µμ°℃å±²³"),
+            | set("µμ°℃å±²³")
+            | FOREIGN_SPELLINGS,
             key=len,
             reverse=True,
         )
