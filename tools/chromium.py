@@ -107,7 +107,7 @@ class Page:
             raise RuntimeError(f"{script}: {answer['exceptionDetails']}")
         return answer["result"].get("value")
 
-    def wait(self, script: str, seconds: float = 30.0) -> Any:
+    def wait(self, script: str, seconds: float = 90.0) -> Any:
         """Wait until an expression is true; return it."""
         end = time.monotonic() + seconds
         while True:
