@@ -23,9 +23,9 @@ from metrosep.compensation.folds import Folds
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.trial import TrialTable, trial_table
 from metrosep.compensation.verify import Verification
-from metrosep.controllers.base import load_bytes, load_sidecar, sidecar_path
-from metrosep.controllers.files import dry_run_carried, read, simulate, write
-from metrosep.controllers.options import checked_options, split_machine
+from metrosep.controllers.base import load_bytes, load_sidecar, own_part, sidecar_path
+from metrosep.controllers.files import dry_run_bytes, read, simulate, write
+from metrosep.controllers.options import split_machine
 from metrosep.controllers.registry import find, names
 from metrosep.controllers.safety import CHECKS
 from metrosep.core._arrays import FloatArray
@@ -40,9 +40,9 @@ from metrosep.core.errors import (
 )
 from metrosep.core.runset import RunSet
 from metrosep.core.units import parse_quantity
-from metrosep.recipe.outputs import active_of, carried_of
+from metrosep.recipe.outputs import active_of, carried_of, machine_of
 from metrosep.recipe.pipeline import CancelledError
-from metrosep.recipe.preflight import machine_limits, output_name
+from metrosep.recipe.preflight import output_name
 from metrosep.recipe.recipe import Recipe
 from metrosep.separation.runs.base import ErrorEstimate
 
@@ -164,7 +164,7 @@ def _wanted(recipe: Recipe, number: int) -> Wanted:
     output, place = recipe.outputs[at], recipe.place("[[output]]", at)
     name = output_name(output["path"], place)
     return Wanted(
-        {**output, "path": name}, machine_limits(output, place), active_of(output, recipe)
+        {**output, "path": name}, machine_of(output, recipe, place), active_of(output, recipe)
     )
 
 
@@ -377,16 +377,10 @@ def _add_bytes(
 ) -> None:
     """Add curves and dry-run of bytes that no file may hold: they do not shrink the error."""
     carried, (runs, folds) = of
-    dialect = find(wanted.controller)
-    given, _ = split_machine(wanted.machine, dialect.options, wanted.controller)
-    options = checked_options(given, dialect.options, wanted.controller)
-    encoded = dialect.encode(carried, **options)
-    known = {k: v for k, v in options.items() if v is not None} | encoded.options
-    nowhere = Path(os.devnull)
-    held = dialect.decode(encoded.data, nowhere, **known)
-    lookup = dialect.lookup(encoded.data, nowhere, **known)
+    held, lookup, verification = dry_run_bytes(
+        carried, wanted.controller, runs, folds=folds, active=wanted.active, **wanted.machine
+    )
     _add_curves(view, held, lookup, estimate)
-    verification = dry_run_carried(carried, lookup, runs, folds=folds)
     if isinstance(verification, Verification):
         _add_verification(view, verification.to_dict())
 
@@ -414,6 +408,9 @@ def _add_file(view: TableView, path: Path, wanted: Wanted, estimate: ErrorEstima
     """Add what a written file holds, what its controller makes of it, and its sidecar."""
     sidecar = json.loads(sidecar_path(path).read_text(encoding="utf-8"))
     options, _ = split_machine(wanted.machine, find(wanted.controller).options, wanted.controller)
+    if "columns" in sidecar:
+        options["column"] = wanted.output["compensates"]
+        sidecar = own_part(sidecar, wanted.output["compensates"])
     held = read(path, wanted.controller, **options)
     _add_curves(view, held, simulate(path, wanted.controller, **options), estimate)
     view.header["findings"] = [_finding(f, wanted) for f in sidecar["findings"]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ from metrosep.cli.options import force_option, json_option, name_values, say
 if TYPE_CHECKING:
     from metrosep.compensation.from_machine import MachineTables
     from metrosep.compensation.from_volume import MachineVolume
-    from metrosep.controllers.files import Prepared
+    from metrosep.controllers._pairs import Prepared
     from metrosep.machine.chains import Chain
 
 __all__ = ["machine_tables"]
@@ -245,7 +245,7 @@ def _grid(made: MachineVolume, folder: Path, *, force: bool) -> Prepared:
     import hashlib
 
     from metrosep._version import __version__
-    from metrosep.controllers.files import Prepared
+    from metrosep.controllers._pairs import Prepared
 
     axes = made.over
     head = [f"{a.lower()}_mm" for a in axes] + [f"c{a.lower()}_um" for a in made.corrections]
@@ -338,7 +338,24 @@ def _prepared(
         raise click.UsageError(
             "no axis needs a correction here: the ERRORS do not move the tool point"
         )
-    return ready, lookups
+    return _in_one_file(dialect, ready, lookups, folder), lookups
+
+
+def _in_one_file(dialect: Any, ready: list[Prepared], keys: Iterable[Any], folder: Path) -> Any:
+    """Return the files, those over one axis as columns of one where only one can be active."""
+    from metrosep.controllers._columns import in_columns
+
+    if not dialect.has_columns:
+        return ready
+    by_axis: dict[str, list[Prepared]] = {}
+    for (over, _), prepared in zip(keys, ready, strict=True):
+        by_axis.setdefault("-".join(over).lower(), []).append(prepared)
+    return [
+        in_columns(dialect, parts, folder / f"{name}{dialect.info.suffix}")
+        if len(parts) > 1
+        else parts[0]
+        for name, parts in by_axis.items()
+    ]
 
 
 def _written(

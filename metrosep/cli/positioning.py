@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from metrosep.core.runset import RunSet
 
 __all__ = [
+    "cycles_document",
     "is_list",
     "list_options",
     "listed_cycles",
@@ -142,10 +143,14 @@ def listed_document(
     file: str, options: Mapping[str, Any], reading: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return a list of targets as a result holds it."""
+    return cycles_document(listed_cycles([file], options, reading))
+
+
+def cycles_document(runs: RunSet) -> dict[str, Any]:
+    """Return the cycles of a positioning test as a result holds them."""
     from metrosep.core.provenance import history_as_dicts
     from metrosep.recipe.result import POSITIONING, SCHEMA, clean, run_records
 
-    runs = listed_cycles([file], options, reading)
     return {
         "schema": SCHEMA,
         "estimate": None,

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
@@ -24,6 +25,7 @@ from metrosep.cli.options import (
     with_expansion,
 )
 from metrosep.cli.positioning import (
+    cycles_document,
     is_list,
     list_options,
     listed_cycles,
@@ -136,6 +138,9 @@ def _separated(
         raise click.UsageError(
             f"--{name.replace('_', '-')} is not an option of runs: leave it out"
         )
+    turned = turned_runs(files, options)
+    if turned is not None:
+        return cycles_document(turned)
     text = recipe_text(given, tables=(), report=False)
     try:
         recipe = Recipe.parse(text, name="command line")
@@ -145,6 +150,30 @@ def _separated(
     for message in document["messages"]:
         say(f"note: {message}")
     return document
+
+
+def turned_runs(files: tuple[str, ...], options: dict[str, Any]) -> RunSet | None:
+    """Return continuous runs of an axis that turns as cycles; None where their positions are lengths."""
+    from metrosep.core.units import parse_quantity
+    from metrosep.separation.positions.pitch import celled_runs
+
+    runs = read_runs_of(files, options, angles=True)
+    if runs.metadata.get("unit") != "rad":
+        return None
+    if options["method"] not in (None, "mean"):
+        raise click.UsageError(
+            f"--method {options['method']} separates along a length; over an angle the runs are averaged: "
+            "leave --method out"
+        )
+    if options["spacing"] is None:
+        raise click.UsageError('--spacing is needed over an angle, such as --spacing "5 deg"')
+    spacing = parse_quantity(options["spacing"], dimension="angle", name="--spacing")
+    return celled_runs(runs, cell_of(spacing))
+
+
+def cell_of(spacing: float) -> float:
+    """Return the width of the cells that runs are averaged in, for a table of a spacing."""
+    return spacing / 4.0
 
 
 def _carried_of(
@@ -165,6 +194,9 @@ def _axes_of(document: dict[str, Any], options: dict[str, Any]) -> dict[str, str
     from metrosep.recipe.result import is_positioning
 
     if is_positioning(document):
+        record = document["runs"][0]
+        if "x_rad" in record and "z_m" in record:  # such as the run-out of Z over C
+            return _over_turning(options)
         return _own_axis(options)
     tables = [t for t in (document.get("table"), *document.get("more_tables", ())) if t]
     known = [(str(t["axis"]), str(t["compensates"])) for t in tables if "axis" in t]
@@ -208,6 +240,17 @@ def _own_axis(options: dict[str, Any]) -> dict[str, str]:
             "would write it onto another axis; leave it out"
         )
     return {"axis": axis, "compensates": axis}
+
+
+def _over_turning(options: dict[str, Any]) -> dict[str, str]:
+    """Return the axes of lengths that were read over an angle."""
+    axis, target = options.get("axis"), options.get("compensates")
+    if axis is None or target is None:
+        raise click.UsageError(
+            "lengths over an angle: say which axis turned and which is corrected, such as --axis C "
+            "--compensates Z"
+        )
+    return {"axis": axis, "compensates": target}
 
 
 def _shape(options: dict[str, Any], controller: str) -> dict[str, Any]:
@@ -314,6 +357,7 @@ def _write(
     force: bool,
 ) -> dict[str, Any]:
     """Write a table; returns what its sidecar says."""
+    from metrosep.controllers.base import own_part
     from metrosep.controllers.files import prepare
 
     prepared = prepare(
@@ -327,7 +371,7 @@ def _write(
     )
     prepared.write()
     sidecar: dict[str, Any] = json.loads(prepared.sidecar)
-    return sidecar
+    return cast("dict[str, Any]", own_part(sidecar, getattr(made, "compensates", None)))
 
 
 @click.command()
@@ -376,8 +420,9 @@ def verify(
     from metrosep.cli.errors import exit_code_of
     from metrosep.compensation.area_errors import is_rotary
     from metrosep.controllers.active import active_file
-    from metrosep.controllers.base import load_sidecar
-    from metrosep.controllers.files import NONE, dry_run_carried
+    from metrosep.controllers.base import load_sidecar, own_part
+    from metrosep.controllers.files import NONE, dry_run_carried, lookup_of_folds
+    from metrosep.controllers.options import checked_options
     from metrosep.core.errors import TableError
     from metrosep.core.units import parse_quantity
     from metrosep.separation.positions.expansion import Expansion
@@ -403,17 +448,23 @@ def verify(
         given = {k: options[k] for k in ("unit", "lateral_step") if options.get(k)}
         measured: Any = _read_map(files[0], given)
     else:
-        measured = _against(files, options)
-        columns = sidecar.get("columns", {})  # of a file that holds several tables
-        loaded, known_travel = _as_made(
-            loaded, columns.get(getattr(loaded, "compensates", ""), sidecar), path
-        )
+        beside = own_part(sidecar, getattr(loaded, "compensates", None))
+        loaded, known_travel = _as_made(loaded, beside, path)
+        measured = _against(files, options, _cells_of(loaded))
         if active not in (None, NONE):
-            lookup = active_file(active, loaded, name, known).increment(lookup)
+            was = active_file(active, loaded, name, known)
+            lookup = was.increment(lookup)
+            told = beside.get("active") or {}
+            if told.get("sha256") == was.sha256 and "increment" in told:
+                # what the readings made is the increment: it is made again without each of them
+                dialect = controllers.find(name)
+                options_of = checked_options(beside["options"], dialect.options, name)
+                more["of"] = lookup_of_folds(dialect, options_of, was, loaded.positions)
+                loaded, _ = _as_made(loaded, {**beside, "table": told["increment"]}, path)
         pairs = zip(stated, known_travel, strict=True)
         require_unit(measured, "rad" if turns else "m")
         heat = Expansion.of_options(options)
-        more = {
+        more |= {
             "heat": heat,
             "unknown": unknown,
             "travel": tuple(b if a is None else a for a, b in pairs),
@@ -439,11 +490,15 @@ def verify(
     return 0
 
 
-def _against(files: tuple[str, ...], options: dict[str, Any]) -> RunSet:
-    """Return the readings to judge a table with: a list of targets, or runs."""
+def _against(files: tuple[str, ...], options: dict[str, Any], step: float | None = None) -> RunSet:
+    """Return the readings to judge a table with: a list of targets, or runs; in cells as it was made."""
+    from metrosep.separation.positions.pitch import celled_runs
+
     if is_list(files[0], options):
         return listed_cycles(files, options, {})
     refuse_list_options({**options, "direction": None})
+    if step is not None and options.get("x") and options.get("z"):
+        return celled_runs(read_runs_of(files, options, angles=True), step)
     for column in ("x", "z"):
         if options.get(column) is None:
             raise click.UsageError(
@@ -453,34 +508,58 @@ def _against(files: tuple[str, ...], options: dict[str, Any]) -> RunSet:
     return read_runs_of(files, options)
 
 
+def _cells_of(loaded: Any) -> float | None:
+    """Return the cells of the runs that a table over an angle is made of and judged with, rad."""
+    import numpy as np
+
+    from metrosep.compensation.area_errors import is_rotary
+
+    if not hasattr(loaded, "positions"):
+        return None
+    steps = (s.parameters["step_rad"] for s in loaded.history if s.name == "cells")
+    spacing = float(np.median(np.diff(loaded.positions))) if is_rotary(loaded.axis) else None
+    return next(steps, spacing and cell_of(spacing))
+
+
 def _as_made(loaded: Any, sidecar: dict[str, Any], path: Path) -> tuple[Any, tuple[Any, Any]]:
     """Return a table as its sidecar says that it was made, and the travel that was stated."""
+    from metrosep.compensation.area_errors import numbers_of
     from metrosep.compensation.table import CompensationTable
     from metrosep.controllers.active import held_as
+    from metrosep.controllers.base import sidecar_path
+    from metrosep.core.errors import CorruptFileError, DataError
     from metrosep.core.provenance import Step
 
-    told, limits = sidecar.get("table"), sidecar.get("limits") or {}
+    told, limits = numbers_of(sidecar.get("table")), sidecar.get("limits") or {}
     travel = (limits.get("travel_low"), limits.get("travel_high"))
     if not isinstance(loaded, CompensationTable) or not isinstance(told, dict):
         return loaded, travel
-    history = tuple(Step(s["step"], s["parameters"], s["version"]) for s in told["history"])
-    over = told.get("made_over_m")
-    table = dataclasses.replace(
-        loaded,
-        positions=told["positions_m"],
-        forward=told["forward_m"],
-        reverse=told["reverse_m"],
-        u=told["u_m"],
-        axis=told["axis"],
-        compensates=told["compensates"],
-        reference=told["reference_m"],
-        removed=told["not_in_table"],
-        **held_as(path, sidecar),
-        notes=tuple(told.get("notes", ())),
-        made_over=None if over is None else tuple(over),
-        source_sha256=tuple(told["source_sha256"]),
-        history=history,
-    )
+    try:
+        history = tuple(Step(s["step"], s["parameters"], s["version"]) for s in told["history"])
+        over = told.get("made_over_m")
+        table = dataclasses.replace(
+            loaded,
+            positions=told["positions_m"],
+            forward=told["forward_m"],
+            reverse=told["reverse_m"],
+            u=told["u_m"],
+            axis=told["axis"],
+            compensates=told["compensates"],
+            reference=told["reference_m"],
+            removed=told["not_in_table"],
+            **held_as(path, sidecar),
+            notes=tuple(told.get("notes", ())),
+            made_over=None if over is None else tuple(over),
+            source_sha256=tuple(told["source_sha256"]),
+            history=history,
+        )
+    except (KeyError, TypeError, ValueError, DataError) as exc:
+        raise CorruptFileError(
+            sidecar_path(path),
+            f"it is not the sidecar of a table ({type(exc).__name__}: {exc})",
+            field="table",
+            hint="write the table again, or move the sidecar away and give --format",
+        ) from None
     return table, travel
 
 
@@ -507,7 +586,7 @@ def _read_map(file: str, reading: dict[str, Any]) -> Any:
     return found
 
 
-def read_runs_of(files: Sequence[str], options: dict[str, Any]) -> RunSet:
+def read_runs_of(files: Sequence[str], options: dict[str, Any], *, angles: bool = False) -> RunSet:
     """Return the runs that files hold."""
     from metrosep.core.text_options import TEXT_OPTIONS
     from metrosep.io.runs import read_runs
@@ -517,16 +596,19 @@ def read_runs_of(files: Sequence[str], options: dict[str, Any]) -> RunSet:
         files,
         x=options["x"],
         z=options["z"],
+        angles=angles,
         **{k: options.get(k) for k in keys},
         **{k: options[k] for k in TEXT_OPTIONS if options.get(k) is not None},
     )
 
 
 def print_table(path: str, made: dict[str, Any], *, warnings_only: bool = False) -> None:
-    """Print the dry-run of a table and every warning that its sidecar holds."""
+    """Print the dry-run of a table and every warning that its sidecar holds, of each column of a file."""
     from metrosep.cli.errors import as_options
     from metrosep.controllers.safety import sidecar_warnings
 
+    for name, column in made.get("columns", {}).items():
+        print_table(f"{path} {name}", column, warnings_only=warnings_only)
     verification = made.get("verification")
     numbers = verification if isinstance(verification, dict) and not warnings_only else {}
     if {"residuals", "before_pv_m"} & numbers.keys():
@@ -547,14 +629,21 @@ def print_verification(verification: dict[str, Any]) -> None:
     if "residuals" not in verification:
         _print_line("dry-run", verification)
         return
-    low, high = (v * 1e3 for v in verification["span_m"])
+    turns = "span_rad" in verification
+    low, high = verification["span_rad" if turns else "span_m"]
+    factor, unit = (180 / math.pi, "deg") if turns else (1e3, "mm")
     for r in verification["residuals"]:
-        _print_line(f"dry-run {r['direction']}, {low:.6g} ... {high:.6g} mm", r)
+        words = f"dry-run {r['direction']}, {low * factor:.6g} ... {high * factor:.6g} {unit}"
+        _print_line(words, r)
 
 
 def _print_line(what: str, r: dict[str, Any]) -> None:
+    turns = "before_pv_rad" in r
+    factor, unit = (1e6, "urad") if turns else (1e9, "nm")
+    keys = ("before_pv", "after_pv", "before_rms", "after_rms", "wrong_sign_rms")
+    v = [r[f"{k}_{'rad' if turns else 'm'}"] * factor for k in keys]
+    pv, rms = (".4g", ".4g") if turns else (".0f", ".1f")
     say(
-        f"{what}: P-V {r['before_pv_m'] * 1e9:.0f} -> {r['after_pv_m'] * 1e9:.0f} nm, "
-        f"RMS {r['before_rms_m'] * 1e9:.1f} -> {r['after_rms_m'] * 1e9:.1f} nm "
-        f"(reversed sign: {r['wrong_sign_rms_m'] * 1e9:.1f} nm)"
+        f"{what}: P-V {v[0]:{pv}} -> {v[1]:{pv}} {unit}, RMS {v[2]:{rms}} -> {v[3]:{rms}} {unit} "
+        f"(reversed sign: {v[4]:{rms}} {unit})"
     )

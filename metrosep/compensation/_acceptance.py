@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from metrosep.compensation.area_errors import LENGTHS, AxisUnits
 from metrosep.compensation.limits import Stated
 from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import InconclusiveTableError, PointlessTableError, SignCheckFailedError
@@ -34,7 +35,6 @@ __all__ = [
     "centre",
     "graded",
     "judge",
-    "length_text",
     "lost_motion_change",
     "outside_is_worse",
     "pv_with_zero",
@@ -101,6 +101,8 @@ class Stack:
     # what its measurement cannot know
     nodes: BoolArray | None = None
     level: Callable[[FloatArray], FloatArray] | None = None
+    units: AxisUnits = LENGTHS  # of places and amounts in texts
+    is_list: bool = False  # whether the table is made of a list of targets, which is not separated
 
     @property
     def n_runs(self) -> int:
@@ -412,13 +414,8 @@ def rising(before: float, after: float, noise: float = 0.0) -> bool:
     return after > _RISE * before and after > _RISE_NOISE * noise
 
 
-def length_text(value: float) -> str:
-    """Return a length in nm, or in um from 10 um on."""
-    return f"{value * 1e9:.4g} nm" if abs(value) < 1e-5 else f"{value * 1e6:.4g} um"
-
-
-def _rms(square: float) -> str:
-    return length_text(math.sqrt(max(square, 0.0)))
+def _rms(stack: Stack, square: float) -> str:
+    return stack.units.amount(math.sqrt(max(square, 0.0)))
 
 
 def _refusals(stack: Stack, improved: Improvement, pv: _Peaks) -> list[Reason]:
@@ -429,16 +426,16 @@ def _refusals(stack: Stack, improved: Improvement, pv: _Peaks) -> list[Reason]:
         moved = (
             ""
             if stack.zero == 0.0
-            else f", the zero of the machine moves by {length_text(stack.zero)}"
+            else f", the zero of the machine moves by {stack.units.amount(stack.zero)}"
         )
         found.append(
-            f"the error is larger with the table than without it: RMS {_rms(before)} -> "
-            f"{_rms(after)}{moved}"
+            f"the error is larger with the table than without it: RMS {_rms(stack, before)} -> "
+            f"{_rms(stack, after)}{moved}"
         )
     if rising(pv.before, pv.after, pv.noise):
         found.append(
-            f"the P-V rises from {length_text(pv.before)} to {length_text(pv.after)}, noise alone "
-            f"{length_text(pv.noise)}: somewhere the table adds what is not there"
+            f"the P-V rises from {stack.units.amount(pv.before)} to {stack.units.amount(pv.after)}, noise alone "
+            f"{stack.units.amount(pv.noise)}: somewhere the table adds what is not there"
         )
     found += _directions(stack)
     return [Reason("refused", "dry-run", text) for text in found] + _spike(stack, pv)
@@ -457,7 +454,7 @@ def _directions(stack: Stack) -> list[str]:
     step, change, margin = lost_motion_change(stack)
     if abs(step) > ROUNDING and change + margin < 0.0:
         found.append(
-            f"the table makes the lost motion (reverse minus forward) larger, its step is {length_text(step)}: "
+            f"the table makes the lost motion (reverse minus forward) larger, its step is {stack.units.amount(step)}: "
             "check the sign of the reverse column"
         )
     return found
@@ -491,10 +488,14 @@ def _spike(stack: Stack, pv: _Peaks) -> list[Reason]:
         Reason(
             "refused",
             "spike",
-            f"run {stack.names[int(k)]} has a spike of {length_text(float(z[k, i]))} at "
-            f"{stack.x[i] * 1e3:.6g} mm that no other run has, which puts "
-            f"{length_text(float(size[k, i]) / n)} into the table of the mean: leave the run out, or "
-            "separate with robust=true",
+            f"run {stack.names[int(k)]} has a spike of {stack.units.amount(float(z[k, i]))} at "
+            f"{stack.units.place(float(stack.x[i]), digits=6)} that no other run has, which puts "
+            f"{stack.units.amount(float(size[k, i]) / n)} into the table of the mean: "
+            + (
+                "leave that cycle out"
+                if stack.is_list
+                else "leave the run out, or separate with robust=true"
+            ),
         )
     ]
 
@@ -536,7 +537,7 @@ def _uncertain(
             else f"about {math.ceil(n * ((margin - improved.shared) / (d - improved.shared)) ** 2)} runs "
             "would show it"
             if d > improved.shared
-            else f"noise hides errors below {_rms(margin)}"
+            else f"noise hides errors below {_rms(stack, margin)}"
         )
         add(f"the readings do not show that the table helps: {way}")
     elif rest > ENOUGH and math.sqrt(max(energy - d - margin, 0.0) / energy) <= ENOUGH:
@@ -559,7 +560,7 @@ def _uncertain(
     if stack.is_left_out and pv.contrast / math.sqrt(n) > _NOISY * pv.before:
         add(
             f"the table would hold more noise than error: P-V of the noise in the mean "
-            f"{length_text(pv.contrast / math.sqrt(n))}, of the error {length_text(pv.before)}; measure more runs"
+            f"{stack.units.amount(pv.contrast / math.sqrt(n))}, of the error {stack.units.amount(pv.before)}; measure more runs"
         )
     return [Reason("inconclusive", check, text) for check, text in found]
 
@@ -592,8 +593,9 @@ def _regions(stack: Stack) -> list[str]:
             before = float((stack.known[:, where] ** 2).mean())
             after = float((stack.rest[:, where] ** 2).mean()) + stack.zero**2
             found.append(
-                f"between {low * 1e3:.6g} and {high * 1e3:.6g} mm the table makes it worse: RMS "
-                f"{_rms(before)} -> {_rms(after)}"
+                f"between {stack.units.place(float(low))} and {stack.units.place(float(high))} the table makes it "
+                "worse: RMS "
+                f"{_rms(stack, before)} -> {_rms(stack, after)}"
             )
     return found
 
@@ -604,7 +606,7 @@ def outside_is_worse(stack: Stack) -> tuple[str, bool]:
         return "", False
     before = float((stack.known**2).mean())
     after = float((stack.rest**2).mean()) + stack.zero**2
-    return f"RMS {_rms(before)} -> {_rms(after)}", after > _RISE**2 * before
+    return f"RMS {_rms(stack, before)} -> {_rms(stack, after)}", after > _RISE**2 * before
 
 
 def graded(reasons: Sequence[Reason]) -> str:

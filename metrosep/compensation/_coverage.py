@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from metrosep.compensation._acceptance import Reason
+from metrosep.compensation.area_errors import AxisUnits
 from metrosep.compensation.measured import Measured
 from metrosep.core._arrays import FloatArray
-from metrosep.core.units import format_length
 
 __all__ = ["COVERED", "alignment", "coverage"]
 
@@ -21,6 +21,7 @@ def coverage(
     common: tuple[float, float],
     entries: FloatArray | None,
     how: str,
+    units: AxisUnits,
 ) -> tuple[list[Reason], list[str]]:
     """Return 1.9: the share of the table that was measured, holes in it, and the share of the runs."""
     refused, warnings = [], []
@@ -29,8 +30,8 @@ def coverage(
     spacing = length / max(n - 1, 1)
     share = (common[1] - common[0]) / length
     ranges = (
-        f"the table covers {format_length(span[0])} ... {format_length(span[1])}, the measurement "
-        f"{format_length(common[0])} ... {format_length(common[1])} of it"
+        f"the table covers {units.place(span[0])} ... {units.place(span[1])}, the measurement "
+        f"{units.place(common[0])} ... {units.place(common[1])} of it"
     )
     if share < COVERED:
         refused.append(
@@ -39,7 +40,7 @@ def coverage(
     elif length * (1.0 - share) > spacing * (1.0 + 1e-9):
         warnings.append(f"{ranges}: the rest is not proven")
     if how == "runs":
-        refused += _holes(measured, common, spacing, length)
+        refused += _holes(measured, common, spacing, length, units)
         whole = measured.span[1] - measured.span[0]
         if (common[1] - common[0]) / whole < _OF_RUNS:
             warnings.append(
@@ -50,7 +51,11 @@ def coverage(
 
 
 def _holes(
-    measured: Measured, common: tuple[float, float], spacing: float, length: float
+    measured: Measured,
+    common: tuple[float, float],
+    spacing: float,
+    length: float,
+    units: AxisUnits,
 ) -> list[str]:
     """Return the first hole of the readings inside the table, of each run that has one."""
     found = []
@@ -66,13 +71,15 @@ def _holes(
             if wide.size:
                 i = int(wide[0])
                 found.append(
-                    f"run {row.name} was not measured between {x[i] * 1e3:.6g} and "
-                    f"{x[i + 1] * 1e3:.6g} mm, inside the table: measure there, or leave it out"
+                    f"run {row.name} was not measured between {units.place(float(x[i]), digits=6)} and "
+                    f"{units.place(float(x[i + 1]), digits=6)}, inside the table: measure there, or leave it out"
                 )
     return found[:1]
 
 
-def alignment(measured: Measured, space: str, aligned: tuple[float, float]) -> list[Reason]:
+def alignment(
+    measured: Measured, space: str, aligned: tuple[float, float], units: AxisUnits
+) -> list[Reason]:
     """Return that a line cannot be compared where the runs do not reach as far as it was removed."""
     if space != "line":
         return []
@@ -83,8 +90,8 @@ def alignment(measured: Measured, space: str, aligned: tuple[float, float]) -> l
         Reason(
             "inconclusive",
             "inconclusive",
-            f"the line of the table was removed over {format_length(aligned[0])} ... "
-            f"{format_length(aligned[1])}, the runs cover {format_length(low)} ... "
-            f"{format_length(high)} of it: they cannot show its tilt; measure the whole range",
+            f"the line of the table was removed over {units.place(aligned[0])} ... "
+            f"{units.place(aligned[1])}, the runs cover {units.place(low)} ... "
+            f"{units.place(high)} of it: they cannot show its tilt; measure the whole range",
         )
     ]

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from metrosep.compensation._acceptance import Judgement, Stack
+from metrosep.compensation.area_errors import format_amount
 from metrosep.core._arrays import FloatArray, IntArray
-from metrosep.core.units import format_length
 
 __all__ = ["REVERSED", "diagnosis", "half_of"]
 
@@ -89,7 +89,7 @@ def diagnosis(stack: Stack, result: Judgement, *, is_reversed: bool) -> str:
         return half_of(paper.rest(c, zero), result.rest)
 
     if stack.zero != 0.0 and fits(paper.c):
-        return f"it would fit but for its zero, which moves the machine by {format_length(stack.zero)}"
+        return f"it would fit but for its zero, which moves the machine by {format_amount(stack.units.corrected, stack.zero)}"
     text = _factor(paper, result)
     if text:
         return text
@@ -106,13 +106,13 @@ def diagnosis(stack: Stack, result: Judgement, *, is_reversed: bool) -> str:
         return "it would fit mirrored: its positions run the other way"
     shift = _shift(paper)
     if shift != 0.0 and fits(paper.moved((x + shift)[None])[0]):
-        return f"it would fit if it were moved by {-shift * 1e3:.4g} mm: check the origin of the positions"
+        return f"it would fit if it were moved by {stack.units.place(-shift)}: check the origin of the positions"
     away = x - x.mean()
     has, needs = (float((v * away).mean() / (away**2).mean()) for v in (paper.c, -paper.a))
     if fits(paper.c + (needs - has) * away, 0.0):
         return (
-            f"its shape fits and its slope does not: the table has {has * 1e6:.4g} um/m, the readings "
-            f"ask for {needs * 1e6:.4g} um/m"
+            f"its shape fits and its slope does not: the table has {stack.units.slope(has)}, the readings "
+            f"ask for {stack.units.slope(needs)}"
         )
     return _foreign(stack, result)
 

@@ -7,7 +7,8 @@ Rows are the second axis and columns the first, ``values[y, x]``, as in
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,8 +22,10 @@ from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 
 __all__ = [
+    "LENGTHS",
     "AreaFunction",
     "AreaSource",
+    "AxisUnits",
     "ErrorMap",
     "area_error",
     "bilinear",
@@ -33,6 +36,7 @@ __all__ = [
     "format_range",
     "format_span",
     "is_rotary",
+    "numbers_of",
     "rising",
 ]
 
@@ -290,3 +294,69 @@ def format_along(axis: str, value: float, *, digits: int = 4) -> str:
 def format_range(axis: str, low: float, high: float) -> str:
     """Return a range of an axis, such as "X = 0 mm ... 80 mm"."""
     return f"{format_position(axis, low)} ... {format_position(axis, high).split(' = ', 1)[1]}"
+
+
+_PLACES = ("span", "positions", "reference", "made_over", "spacing", "held")
+"""Keys of positions along the looked-up axis; others are amounts of the corrected one."""
+
+
+@dataclass(frozen=True, slots=True)
+class AxisUnits:
+    """Units of a table over one axis in texts and keys, by what its axes do: move along or turn."""
+
+    looked_up: str = "X"
+    corrected: str = "X"
+
+    @classmethod
+    def of(cls, carried: Any) -> AxisUnits:
+        """Return those of a table; lengths for what names no axes."""
+        if hasattr(carried, "axis") and hasattr(carried, "compensates"):
+            return cls(carried.axis, carried.compensates)
+        return cls()
+
+    def place(self, value: float, *, digits: int = 4) -> str:
+        """Return a position or a step along the looked-up axis."""
+        return format_along(self.looked_up, value, digits=digits)
+
+    def amount(self, value: float) -> str:
+        """Return a correction or an error: nm or um, or urad."""
+        if is_rotary(self.corrected):
+            return format_amount(self.corrected, value)
+        return f"{value * 1e9:.4g} nm" if abs(value) < 1e-5 else f"{value * 1e6:.4g} um"
+
+    def slope(self, value: float) -> str:
+        """Return an amount for each step along the looked-up axis."""
+        units = "urad" if is_rotary(self.corrected) else "um"
+        return f"{value * 1e6:.4g} {units}/{'rad' if is_rotary(self.looked_up) else 'm'}"
+
+    def named(self, found: Any) -> Any:
+        """Return values with the unit in their keys that is true: ``_rad`` for ``_m`` where an axis turns.
+
+        Examples
+        --------
+        >>> AxisUnits("C", "Z").named({"span_m": [0.0, 1.0], "stroke_m": 1e-6})
+        {'span_rad': [0.0, 1.0], 'stroke_m': 1e-06}
+        """
+        if isinstance(found, list):
+            return [self.named(v) for v in found]
+        if not isinstance(found, Mapping):
+            return found
+        return {self._key(k): v if k == "history" else self.named(v) for k, v in found.items()}
+
+    def _key(self, key: str) -> str:
+        name, _, unit = key.rpartition("_")
+        axis = self.looked_up if name in _PLACES else self.corrected
+        if unit not in ("m", "m2") or not is_rotary(axis):
+            return key
+        return f"{name}_{unit.replace('m', 'rad')}"
+
+
+LENGTHS = AxisUnits()
+
+
+def numbers_of(found: Any) -> Any:
+    """Return stored values with ``_m`` for ``_rad`` in their keys, for readers of the numbers alone."""
+    if not isinstance(found, Mapping):
+        return found
+    names = ((k, re.sub(r"_rad(2?)$", r"_m\1", k)) for k in found)
+    return {new: numbers_of(found[k]) for k, new in names}

@@ -8,12 +8,12 @@ from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
+from metrosep.compensation.area_errors import LENGTHS, AxisUnits
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import Run, RunSet
-from metrosep.core.units import format_length
 from metrosep.separation.positions.pitch import REFERENCE_DIRECTIONS
 
 __all__ = [
@@ -77,11 +77,15 @@ class Measured:
 
 
 def measured_error(
-    against: Against, span: tuple[float, float], *, with_slope: bool = False
+    against: Against,
+    span: tuple[float, float],
+    *,
+    with_slope: bool = False,
+    units: AxisUnits = LENGTHS,
 ) -> Measured:
     """Return a measured error as functions of position."""
     if isinstance(against, RunSet):
-        return _of_runs(against)
+        return _of_runs(against, units)
     if isinstance(against, Profile):
         x, curve = _interpolated(against)
         row = Row("profile", (), {1: curve, -1: curve}, {1: x, -1: x})
@@ -118,7 +122,7 @@ def paired(runs: RunSet) -> tuple[list[tuple[int, ...]], list[int]]:
     return sorted(pairs), sorted(left)
 
 
-def _of_runs(runs: RunSet) -> Measured:
+def _of_runs(runs: RunSet, units: AxisUnits) -> Measured:
     pairs, left = paired(runs)
     rows = []
     for members in pairs:
@@ -133,8 +137,8 @@ def _of_runs(runs: RunSet) -> Measured:
     if not high > low:
         raise DataError(
             f"the runs do not overlap: run {names[int(ends[:, 0].argmax())]} begins at "
-            f"{format_length(low)}, run {names[int(ends[:, 1].argmin())]} ends at "
-            f"{format_length(high)}; leave out the runs of another part of the travel"
+            f"{units.place(low)}, run {names[int(ends[:, 1].argmin())]} ends at "
+            f"{units.place(high)}; leave out the runs of another part of the travel"
         )
     return Measured(
         tuple(rows),

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.compensation.area_errors import (
+    AxisUnits,
     column,
     format_along,
     format_amount,
@@ -59,6 +60,9 @@ __all__ = ["CompensationTable"]
 
 _SOURCE_POINTS = 10
 """Positions kept between two entries of the error that a table was made of."""
+
+_FINER = 0.8
+"""Spacing of entries over that of the targets of a list, below which they add nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -195,9 +199,7 @@ class CompensationTable(Corrections):
         line = "the line is left out (alignment)"
         if self.removed == "offset":
             slope = float(np.polyfit(self.positions - self.positions.mean(), self.forward, 1)[0])
-            units = ["urad" if is_rotary(self.compensates) else "um"]
-            units.append("rad" if is_rotary(self.axis) else "m")
-            line = f"slope {slope * 1e6:.4g} {'/'.join(units)} kept"
+            line = f"slope {AxisUnits.of(self).slope(slope)} kept"
         return (
             f"{self.axis} -> {self.compensates} ({what}), {low.partition(' ')[0]} ... {high}, "
             f"{self.positions.size} entries, {line}, "
@@ -290,7 +292,11 @@ class CompensationTable(Corrections):
         make = exact_correction if invert else (lambda e, x: -e(x))
         p, zero = sampled.positions, sampled.reference
         split = sampled.reverse is not None
-        lost = {"lost_motion_m": significant_lost_motion(error)} if split else {}
+        lost = (
+            {f"lost_motion_{'rad' if is_rotary(target) else 'm'}": significant_lost_motion(error)}
+            if split
+            else {}
+        )
         table = cls(
             positions=p,
             forward=_zeroed(make(sampled.forward, p), p == zero, reference_direction == "forward"),
@@ -309,7 +315,10 @@ class CompensationTable(Corrections):
             offset_removed=sampled.offset,
             reference_direction=reference_direction,
             heat=error.heat if isinstance(error, PitchErrors) else heat or Expansion(),
-            notes=_notes(error, heat, axis, on_axis=target == axis, split=split),
+            notes=(
+                *_notes(error, heat, axis, on_axis=target == axis, split=split),
+                *_finer(error, p, axis),
+            ),
             source_sha256=source_sha256 or source_hashes(getattr(error, "history", ())),
             history=(
                 *getattr(error, "history", ()),
@@ -318,7 +327,7 @@ class CompensationTable(Corrections):
                     {
                         "axis": axis,
                         "compensates": target,
-                        "reference_m": zero,
+                        ("reference_rad" if is_rotary(axis) else "reference_m"): zero,
                         "direction": direction if reverse is None else "two sources",
                         "exact": exact,
                         **(
@@ -441,6 +450,10 @@ class CompensationTable(Corrections):
             If its history does not say how it was made, or something was done to it since.
         """
         last = self.history[-1] if self.history else None
+        if last is not None and last.name == "combine":
+            raise TableError(
+                "it holds another table too, and what these readings added to that is not stored"
+            )
         if last is None or last.name != "table" or "direction" not in last.parameters:
             raise TableError("its history does not say how it was made of an estimate")
         stated = last.parameters
@@ -528,7 +541,7 @@ class CompensationTable(Corrections):
         )
 
     def to_dict(self) -> dict[str, Any]:
-        return {
+        found = {
             "axis": self.axis,
             "compensates": self.compensates,
             "headline": self.headline,
@@ -557,6 +570,8 @@ class CompensationTable(Corrections):
             "source_sha256": list(self.source_sha256),
             "history": history_as_dicts(self.history),
         }
+        named: dict[str, Any] = AxisUnits.of(self).named(found)
+        return named
 
     def __repr__(self) -> str:
         ways = "both directions alike" if self.reverse is None else "forward and reverse"
@@ -592,6 +607,14 @@ def _notes(
     if not isinstance(error, PitchErrors):
         told = isinstance(error, ErrorEstimate) and on_axis and not is_rotary(axis)
         return (heat or Expansion()).messages if told else ()
+    if not on_axis:
+        return (
+            *error.messages,
+            (
+                f"what the artefact itself does over one turn of {axis} (eccentricity, tilt) is in the "
+                "readings and so in the table: take it off first, or measure with a reversal"
+            ),
+        )
     if split or not error.has_lost_motion:
         return error.messages
     lost = format_amount(axis, -(error.lost_motion or 0.0))
@@ -599,6 +622,21 @@ def _notes(
         *error.messages,
         f"lost motion (reverse - forward) of {lost} is not in the table: set it in the control",
     )
+
+
+def _finer(error: ErrorSource, p: FloatArray, axis: str) -> tuple[str, ...]:
+    """Return what to know of entries between the targets of a list."""
+    if not isinstance(error, PitchErrors) or any(s.name == "cells" for s in error.history):
+        return ()
+    entries, targets = (float(np.median(np.diff(v))) for v in (p, error.positions))
+    if entries >= _FINER * targets:
+        return ()
+    apart = [format_span(axis, v) for v in (entries, targets)]
+    text = (
+        f"entries every {apart[0]}, targets about every {apart[1]}: between the targets nothing was "
+        "measured and the table is straight; measure closer, or leave the spacing out"
+    )
+    return (text,)
 
 
 def _zeroed(values: FloatArray, at: BoolArray, is_zero: bool) -> FloatArray:
@@ -610,7 +648,7 @@ def _of_list(
     error: PitchErrors, axis: str, target: str, reference: float | None, heat: Expansion | None
 ) -> tuple[float, str]:
     """Return reference and its direction of a list of targets, which its errors hold already."""
-    if target != axis:
+    if target != axis and not (is_rotary(axis) and not is_rotary(target)):
         raise DataError(
             f"a list of targets is the error of {axis} along itself, and {target} is not {axis}: "
             "say the axis that was measured"

@@ -6,7 +6,8 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-from metrosep.compensation._acceptance import Judged, Judgement, Reason, length_text
+from metrosep.compensation._acceptance import Judged, Judgement, Reason
+from metrosep.compensation.area_errors import LENGTHS, AxisUnits, format_span
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.reversal import LostMotion
 
@@ -100,6 +101,8 @@ class Verification(Judged):
         Offset between the directions before and after; None where it was not measured.
     unproven : tuple of int
         Directions with a column of their own that no run went through.
+    units : AxisUnits
+        Of texts and keys.
     """
 
     residuals: tuple[DirectionResidual, ...]
@@ -114,6 +117,7 @@ class Verification(Judged):
     diagnosis: str = ""
     lost_motion: LostMotion | None = None
     unproven: tuple[int, ...] = ()
+    units: AxisUnits = LENGTHS
 
     @property
     def gain(self) -> float:
@@ -177,15 +181,15 @@ class Verification(Judged):
             judged += ", each left out once"
         elif self.left_out:
             judged += f", left out in {self.left_out} groups"
-        low, high = (v * 1e3 for v in self.span)
+        low, high = (format_span(self.units.looked_up, v, digits=6) for v in self.span)
         return (
-            f"{judged}, {low:.6g} ... {high:.6g} mm; off the readings: {_UNKNOWN[self.unknown]}",
-            numbers_text(self.judgement),
+            f"{judged}, {low.partition(' ')[0]} ... {high}; off the readings: {_UNKNOWN[self.unknown]}",
+            numbers_text(self.judgement, self.units),
             self._graded_text(),
         )
 
     def to_dict(self) -> dict[str, Any]:
-        return {
+        found = {
             **self._verdict(),
             "sentences": list(self.sentences),
             "unknown": self.unknown,
@@ -212,6 +216,8 @@ class Verification(Judged):
             "lost_motion": None if self.lost_motion is None else self.lost_motion.to_dict(),
             "not_verified": [DIRECTION_NAMES[d] for d in self.unproven],
         }
+        named: dict[str, Any] = self.units.named(found)
+        return named
 
     def _refusal(self, grade: str, left: list[Reason]) -> str:
         mine = [r for r in left if r.grade == grade]
@@ -225,14 +231,17 @@ class Verification(Judged):
         return f"{grade}: {how}{text}{hint}; nothing was written{waive if can else ''}"
 
 
-def numbers_text(j: Judgement) -> str:
+def numbers_text(
+    j: Judgement,
+    units: AxisUnits = LENGTHS,
+) -> str:
     """Return RMS and P-V before and after, and the gain, in one line."""
     after = math.sqrt(max(j.energy - j.improvement.value, 0.0))
     u = f" +- {j.u_gain:.2g}" if 0.0 < j.u_gain < math.inf else ""
     return (
-        f"RMS that repeats {length_text(math.sqrt(j.energy))} -> {length_text(after)}, P-V "
-        f"{length_text(j.pv_before)} -> {length_text(j.pv_after_plain)} (noise alone "
-        f"{length_text(j.pv_noise)}), gain {j.gain:.4g}{u}"
+        f"RMS that repeats {units.amount(math.sqrt(j.energy))} -> {units.amount(after)}, P-V "
+        f"{units.amount(j.pv_before)} -> {units.amount(j.pv_after_plain)} (noise alone "
+        f"{units.amount(j.pv_noise)}), gain {j.gain:.4g}{u}"
     )
 
 

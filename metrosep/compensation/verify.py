@@ -28,6 +28,7 @@ from metrosep.compensation._acceptance import (
 )
 from metrosep.compensation._coverage import alignment, coverage
 from metrosep.compensation._diagnosis import diagnosis
+from metrosep.compensation.area_errors import LENGTHS, AxisUnits, is_rotary
 from metrosep.compensation.folds import Folds, own_runs
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.measured import (
@@ -44,7 +45,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.numbers import choice, not_negative
 from metrosep.core.runset import RunSet
-from metrosep.core.units import format_length
 from metrosep.separation.positions.expansion import Expansion
 
 __all__ = [
@@ -88,6 +88,8 @@ def dry_run(
     kind: Literal["runs", "stated", "estimate"] | None = None,
     u_slope: float | None = None,
     travel: tuple[float | None, float | None] = (None, None),
+    units: AxisUnits = LENGTHS,
+    is_list: bool = False,
 ) -> Verification:
     """Apply a correction to a measured error as a controller would, and judge it.
 
@@ -129,6 +131,10 @@ def dry_run(
     travel : tuple of (float or None, float or None), m, optional
         Where the axis is used. Runs that reach beyond the table are judged there too, with what the
         controller does outside, but not beyond the travel.
+    units : AxisUnits, optional
+        Of texts and keys: lengths if omitted.
+    is_list : bool, optional
+        Whether the table is made of a list of targets.
 
     Returns
     -------
@@ -146,25 +152,27 @@ def dry_run(
     if unknown is not None:
         choice(unknown, "unknown", get_args(Unknown))
     u_slope = None if u_slope is None else not_negative(u_slope, "u_slope")
-    measured = measured_error(against, span, with_slope=on_axis)
+    measured = measured_error(against, span, with_slope=on_axis, units=units)
     how = kind or measured.kind
     low, high = measured.span
     first, last = max(span[0], low), min(span[1], high)
     if not last > first:
         raise TableError(
-            f"the table covers {format_length(span[0])} ... {format_length(span[1])}, the measurement "
-            f"{format_length(low)} ... {format_length(high)}: they do not overlap; check the units and "
+            f"the table covers {units.place(span[0])} ... {units.place(span[1])}, the measurement "
+            f"{units.place(low)} ... {units.place(high)}: they do not overlap; check the units and "
             "the origin of the positions"
         )
-    _require_readings(measured, first, last)
-    space = unknown or _unknown(measured, how, on_axis=on_axis)
+    _require_readings(measured, first, last, units)
+    space = unknown or _unknown(
+        measured, how, has_line=not on_axis and not is_rotary(units.looked_up)
+    )
     zero = 0.0
     if reference is not None:
         zero = at_reference(correction, reference, reference_direction)
     table = _Table(correction, folds, on_axis, 0.0 if abs(zero) < ROUNDING else zero)
     aligned = alignment_range or span
     grids = _positions(measured, first, last, entries)
-    shape = _Shape(measured, table, space, aligned, how)
+    shape = _Shape(measured, table, space, aligned, how, units, is_list)
     stack = _stack(shape, grids, made_it=made_it, why=why, u_slope=u_slope, sd=sd or measured.sd)
     result = judge(stack)
     reasons = list(result.reasons)
@@ -174,12 +182,12 @@ def dry_run(
         )
         said = {r.text for r in reasons}
         reasons += [r for r in whole.reasons if r.grade == "refused" and r.text not in said]
-    covered, warnings = coverage(measured, span, (first, last), entries, how)
+    covered, warnings = coverage(measured, span, (first, last), entries, how, units)
     there = _outside(shape, stack, grids, span, travel)
     beyond, more = _beyond(there)
     warnings += more
     # what is true of the negated table too
-    both = [*covered, *alignment(measured, space, aligned)]
+    both = [*covered, *alignment(measured, space, aligned, units)]
     predicted, more = _predicted(stack, how, sd or measured.sd)
     both += predicted
     reasons += [*beyond, *both]
@@ -209,18 +217,19 @@ def dry_run(
         diagnosis=why_not,
         lost_motion=lost,
         unproven=missing,
+        units=units,
     )  # fmt: skip
 
 
-def _require_readings(measured: Measured, first: float, last: float) -> None:
+def _require_readings(measured: Measured, first: float, last: float, units: AxisUnits) -> None:
     """Refuse a comparison at fewer than three readings of a run: a constant and a slope take two."""
     for row in measured.rows:
         for x in row.places.values():
             n = int(((x >= first) & (x <= last)).sum())
             if n < _FEWEST:
                 raise TableError(
-                    f"run {row.name} has {n} of its {x.size} readings between {format_length(first)} and "
-                    f"{format_length(last)}, where the table is: {_FEWEST} are needed; check the units "
+                    f"run {row.name} has {n} of its {x.size} readings between {units.place(first)} and "
+                    f"{units.place(last)}, where the table is: {_FEWEST} are needed; check the units "
                     "and the origin of the positions, or measure more of them"
                 )
 
@@ -280,6 +289,8 @@ def judged_table(
         reference=carried.reference if is_table else None,
         reference_direction=carried.reference_direction if is_table else "forward",
         alignment_range=carried.made_over,
+        units=AxisUnits.of(carried),
+        is_list=any(s.name == "pitch" for s in carried.history),
         **more,
     )
     said = [*([warning] if warning else []), *getattr(carried, "notes", ())]
@@ -287,10 +298,10 @@ def judged_table(
     return replace(result, findings=(*result.findings, *more_findings))
 
 
-def _unknown(measured: Measured, how: str, *, on_axis: bool) -> Unknown:
+def _unknown(measured: Measured, how: str, *, has_line: bool) -> Unknown:
     if how != "runs":
         return "offset" if measured.knows_lost_motion else "offsets"
-    return "offset" if on_axis else "line"
+    return "line" if has_line else "offset"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -317,6 +328,8 @@ class _Shape:
     unknown: Unknown
     aligned: tuple[float, float]
     how: str
+    units: AxisUnits
+    is_list: bool
 
 
 def _positions(
@@ -404,6 +417,8 @@ def _stack(
         is_stated=shape.how != "runs",
         u_known=u_known if u_known is None or math.isfinite(u_known) else None,
         u_slope=u_slope,
+        units=shape.units,
+        is_list=shape.is_list,
     )  # fmt: skip
 
 
@@ -489,7 +504,7 @@ def _beyond(there: _There | None) -> tuple[list[Reason], list[str]]:
     if there is None or not worse:
         return [], []
     text = (
-        f"the runs reach from {format_length(there.low)} to {format_length(there.high)}, beyond the "
+        f"the runs reach from {there.stack.units.place(there.low)} to {there.stack.units.place(there.high)}, beyond the "
         f"table, and what the controller does there makes it worse: {worse}; make the table as long "
         "as the travel, or state the travel that is used with travel_low= and travel_high= (command "
         "line: --machine travel_low=, --machine travel_high=)"

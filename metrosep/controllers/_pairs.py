@@ -7,15 +7,16 @@ import filecmp
 import os
 import shutil
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from metrosep.controllers.base import load_bytes, sidecar_path
 from metrosep.core.atomic import atomic_stream, atomic_write
 from metrosep.core.errors import WriteError
 
-__all__ = ["paired_stream", "refuse_existing", "write_pair"]
+__all__ = ["Prepared", "paired_stream", "refuse_existing", "write_pair"]
 
 
 def refuse_existing(target: Path) -> None:
@@ -125,3 +126,25 @@ def write_pair(target: Path, data: bytes, sidecar: bytes, *, overwrite: bool) ->
     said = sidecar.decode("utf-8")
     with paired_stream(target, lambda _written: said, overwrite=overwrite) as out:
         out.write(data)
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A table that passed its checks, ready to be written: bytes, sidecar and dry-run."""
+
+    target: Path
+    data: bytes
+    sidecar: bytes
+    verification: Any
+    overwrite: bool
+
+    def require_free(self) -> bool:
+        """Return whether these bytes are there; refuse other ones that may not be replaced."""
+        return is_written(self.target, self.data, self.sidecar, overwrite=self.overwrite)
+
+    def write(self, stage: Path | None = None) -> None:
+        """Write file and sidecar, into `stage` if given; replace other bytes only if that was said."""
+        if self.require_free() and stage is None:
+            return
+        place = self.target if stage is None else stage / self.target.name
+        write_pair(place, self.data, self.sidecar, overwrite=self.overwrite)

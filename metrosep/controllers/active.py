@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from metrosep.compensation.area_errors import AxisUnits
 from metrosep.compensation.combine import combine_tables
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.measured import cooled, paired
@@ -25,6 +26,7 @@ from metrosep.controllers.base import (
     Simulator,
     load_bytes,
     load_sidecar,
+    own_part,
     require_unchanged,
     sidecar_options,
 )
@@ -34,7 +36,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, TableError
 from metrosep.core.numbers import choice
 from metrosep.core.runset import RunSet
-from metrosep.core.units import format_length
 from metrosep.separation.positions.expansion import Expansion
 from metrosep.separation.positions.pitch import REFERENCE_DIRECTIONS
 
@@ -89,16 +90,23 @@ class Active:
             found["with_it_rms_m"] = self._rms(runs, alone=False)
         return found
 
-    def finding(self, told: Mapping[str, Any]) -> Finding:
+    def finding(self, told: Mapping[str, Any], *, is_trial: bool) -> Finding:
         """Return what the user should know: both are in the file, and what the old one did."""
+        if is_trial:
+            text = (
+                f"{self.name} was active and is in this file beside the bump: 'without the trial table' "
+                f"means with {self.name}"
+            )
+            return Finding("warning", text, "", "active")
         text = (
             f"{self.name} was active: this file holds it and what it left, load it INSTEAD of it"
         )
         if "with_it_rms_m" in told:
+            units = AxisUnits.of(self.table)
             without, there = told["without_any_table_rms_m"], told["with_it_rms_m"]
             text += (
-                f"; RMS of the readings without any table {format_length(without, digits=3)}, with "
-                f"{self.name} {format_length(there, digits=3)}"
+                f"; RMS of the readings without any table {units.amount(without)}, with "
+                f"{self.name} {units.amount(there)}"
             )
             if there > without:
                 text += f": {self.name} made it worse, its sign or its axis is wrong"
@@ -130,7 +138,7 @@ def active_file(
     file = Path(path)
     data = load_bytes(file)
     require_unchanged(file, data)
-    beside = load_sidecar(file)
+    beside = own_part(load_sidecar(file), new.compensates)
     name = str(beside.get("controller", controller))
     dialect = find(name)
     if dialect.info.carries != "table":
@@ -141,6 +149,8 @@ def active_file(
         **checked_options(given, dialect.options, name, partial=True),
         **sidecar_options(file, dialect.options),
     }
+    if "column" in known:
+        given["column"] = new.compensates
     table = dialect.decode(data, file, **given)
     if not beside:
         table = replace(

@@ -13,12 +13,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.area_errors import is_rotary, numbers_of
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
@@ -164,6 +164,17 @@ class Dialect(ABC):
         """Return several tables over one axis as columns of one file."""
         raise TableError(f"{self.info.id} holds one table in a file; write {len(parts)} files")
 
+    @property
+    def has_columns(self) -> bool:
+        """Whether a file holds several corrected axes over one, of which one file is active."""
+        return type(self).in_columns is not Dialect.in_columns
+
+    def columns_of(self, data: bytes, path: Path) -> dict[str, bytes]:
+        """Return the columns of a file by the axis that they correct, each as a file of its own."""
+        raise TableError(
+            f"{path}: {self.info.id} holds one table in a file: beside= has no meaning"
+        )
+
     def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
         """Return what the controller adds, in m: ``(position, direction=1)``, of a map ``(x, y, direction=1)``.
 
@@ -286,15 +297,19 @@ def require_unchanged(path: Path, data: bytes) -> None:
         )
 
 
+def own_part(sidecar: Mapping[str, Any], column: str | None) -> Any:
+    """Return what a sidecar says of one table: of a file of several columns that of one of them."""
+    columns = sidecar.get("columns")
+    return columns.get(column, {}) if isinstance(columns, dict) and column else sidecar
+
+
 def stored_table(path: Path, column: str | None = None) -> dict[str, Any]:
     """Return the table of a sidecar, of a file of several columns that of one of them; empty if unknown."""
-    beside: Any = load_sidecar(path)
-    if column is not None and isinstance(beside.get("columns"), dict):
-        beside = beside["columns"].get(column, {})
+    beside = own_part(load_sidecar(path), column)
     table = beside.get("table", {}) if isinstance(beside, dict) else beside
     if not isinstance(table, dict):
         raise _not_ours(path, "table", "an object", table)
-    return table
+    return cast("dict[str, Any]", numbers_of(table))
 
 
 def identity(path: Path, *, first: float, column: str | None = None) -> dict[str, Any]:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from metrosep._version import __version__
+from metrosep.compensation.area_errors import AxisUnits
 from metrosep.compensation.folds import Folds
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.map_verify import judged_map
@@ -21,13 +20,13 @@ from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.trial import TrialMap, TrialTable
 from metrosep.compensation.verify import Unknown, judged_table
-from metrosep.controllers._pairs import is_written, refuse_existing, write_pair
-from metrosep.controllers.active import active_file
+from metrosep.controllers._columns import columns_beside, in_columns
+from metrosep.controllers._grids import carry
+from metrosep.controllers._pairs import Prepared, refuse_existing
+from metrosep.controllers.active import Active, active_file
 from metrosep.controllers.base import (
-    ALONE,
     Dialect,
     DialectInfo,
-    Encoded,
     Simulator,
     load_bytes,
     load_sidecar,
@@ -41,6 +40,7 @@ from metrosep.controllers.safety import (
     carried_findings,
     file_findings,
     judged,
+    require_read_back,
     table_findings,
     waived_names,
 )
@@ -118,7 +118,8 @@ def write(
         both, to be loaded instead of it. "none" says that no table was active.
     **machine
         Options of the dialect, and limits of the machine (fields of
-        `metrosep.compensation.Limits`); numbers in SI, or texts with units.
+        `metrosep.compensation.Limits`); numbers in SI, or texts with units. ``beside=`` names a file of
+        this controller whose columns, of other corrected axes, the new file takes over.
 
     Returns
     -------
@@ -166,28 +167,6 @@ def write(
     return prepared.verification
 
 
-@dataclass(frozen=True, slots=True)
-class Prepared:
-    """A table that passed its checks, ready to be written: bytes, sidecar and dry-run."""
-
-    target: Path
-    data: bytes
-    sidecar: bytes
-    verification: Any
-    overwrite: bool
-
-    def require_free(self) -> bool:
-        """Return whether these bytes are there; refuse other ones that may not be replaced."""
-        return is_written(self.target, self.data, self.sidecar, overwrite=self.overwrite)
-
-    def write(self, stage: Path | None = None) -> None:
-        """Write file and sidecar, into `stage` if given; replace other bytes only if that was said."""
-        if self.require_free() and stage is None:
-            return
-        place = self.target if stage is None else stage / self.target.name
-        write_pair(place, self.data, self.sidecar, overwrite=self.overwrite)
-
-
 def prepare(
     table: Any,
     path: PathLike,
@@ -201,6 +180,7 @@ def prepare(
     unknown: Unknown | None = None,
     heat: Expansion | None = None,
     active: PathLike | None = None,
+    beside: PathLike | None = None,
     **machine: Any,
 ) -> Prepared:
     """Return what `write` writes, after all of its checks; nothing is written."""
@@ -221,11 +201,14 @@ def prepare(
             )
             for t, a, f in zip(table, against, judged_by, strict=True)
         ]  # fmt: skip
-        return _in_columns(dialect, parts)
+        return in_columns(dialect, parts)
     trial = table if isinstance(table, TrialTable | TrialMap) else None
     table = table if trial is None else trial.table
     _require_kind(table, dialect.info)
     target = Path(path)
+    others = None if beside is None else columns_beside(dialect, Path(beside), table)
+    if others is not None and trial is not None:
+        raise DataError("a trial is written alone: leave beside= out")
     given, limit_values = split_machine(machine, dialect.options, controller)
     options = checked_options(given, dialect.options, controller)
     _require_sign(dialect.info, sign_confirmed or trial is not None)
@@ -236,32 +219,31 @@ def prepare(
     was = None if active in (None, NONE) else active_file(active, table, controller, options)
     if was is not None and trial is None:
         was.require_temperature(table)
-    increment, table = table, table if was is None else was.added(table)
+    increment, whole, lost = table, table if was is None else was.added(table), 0.0
+    table = whole
+    if others is not None:
+        table, lost = others.placed(whole)
     found = [*table_findings(table, limits, dialect.info), *dialect.doubts(table, limits)]
-    found += _iteration(table, target) if overwrite and active is None else []
+    kept = () if others is None or target.name != others.name else others.corrects
+    found += _iteration(table, target, kept) if overwrite and active is None else []
     judged(found, waived)
     encoded = dialect.encode(table, **options)
+    encoded = replace(encoded, resampling_error=encoded.resampling_error + lost)
     written = table if encoded.carried is None else encoded.carried
     found += _of_what_is_written(written, table, limits, dialect.info, found)
-    found += carried_findings(written, table, limits, dialect.info)
+    cut = others is not None and others.nearly_holds(whole)
+    found += carried_findings(written, table if cut else whole, limits, dialect.info)
     findings = judged([*found, *file_findings(table, encoded)], waived)
     known = {o.name: options[o.name] for o in dialect.options if options[o.name] is not None}
     known |= encoded.options
     nowhere = Path(os.devnull)
     parsed = dialect.decode(encoded.data, nowhere, **known)
-    _require_read_back(written, parsed, encoded)
+    require_read_back(written, parsed, encoded)
     verification = None
     if encoded.verification is None and not (verified_against is None and "dry-run" in waived):
         acts = dialect.lookup(encoded.data, nowhere, **known)
         lookup = acts if was is None else was.increment(acts)
-
-        def of(made: Any) -> Simulator:
-            """Return what the controller does with the table made without some of the runs."""
-            data = dialect.encode(made if was is None else was.added(made), **options)
-            more = {k: v for k, v in options.items() if v is not None} | data.options
-            then = dialect.lookup(data.data, nowhere, **more)
-            return then if was is None else was.increment(then)
-
+        of = lookup_of_folds(dialect, options, was, None if others is None else table.positions)
         verification = _verification(
             increment, lookup, verified_against, target, waived,
             of=of, folds=folds, unknown=unknown, heat=heat,
@@ -277,7 +259,8 @@ def prepare(
     held = heat or getattr(increment, "heat", None)
     told = {} if was is None else was.described(verified_against, held)
     if was is not None:
-        findings = (*findings, was.finding(told))
+        findings = (*findings, was.finding(told, is_trial=trial is not None))
+        told["increment"] = increment.to_dict()
     sidecar = {
         "schema": "metrosep.table/1",
         "metrosep": __version__,
@@ -303,9 +286,67 @@ def prepare(
         "table": table.to_dict(),
         **encoded.notes,
     }
-    text = json.dumps(sidecar, indent=1, sort_keys=True, allow_nan=False, default=str)
+    named = AxisUnits.of(table).named(sidecar)
+    text = json.dumps(named, indent=1, sort_keys=True, allow_nan=False, default=str)
     sidecar_bytes = (text + "\n").encode("utf-8")
-    return Prepared(target, encoded.data, sidecar_bytes, verification, overwrite)
+    ready = Prepared(target, encoded.data, sidecar_bytes, verification, overwrite)
+    return ready if others is None else others.joined(dialect, ready)
+
+
+def dry_run_bytes(
+    table: Any,
+    controller: str,
+    against: Any,
+    *,
+    folds: Folds | None = None,
+    active: PathLike | None = None,
+    beside: PathLike | None = None,
+    **machine: Any,
+) -> tuple[Any, Simulator, Any]:
+    """Return what bytes that no file may hold would be: the table, its lookup, and the dry-run."""
+    dialect = find(controller)
+    given, limits = split_machine(machine, dialect.options, controller)
+    options = checked_options(given, dialect.options, controller)
+    was = None if active in (None, NONE) else active_file(active, table, controller, options)
+    whole, positions = table if was is None else was.added(table), None
+    if beside is not None:
+        whole, _ = columns_beside(dialect, Path(beside), table).placed(whole)
+        positions = whole.positions
+    encoded = dialect.encode(whole, **options)
+    known = {k: v for k, v in options.items() if v is not None} | encoded.options
+    nowhere = Path(os.devnull)
+    acts = dialect.lookup(encoded.data, nowhere, **known)
+    axes = (getattr(table, "axis", "X"), getattr(table, "compensates", "X"))
+    stated = checked_limits(limits, controller, axes)
+    found = dry_run_carried(
+        table,
+        acts if was is None else was.increment(acts),
+        against,
+        of=lookup_of_folds(dialect, options, was, positions),
+        folds=folds,
+        travel=(stated.get("travel_low"), stated.get("travel_high")),
+    )
+    return dialect.decode(encoded.data, nowhere, **known), acts, found
+
+
+def lookup_of_folds(
+    dialect: Dialect, options: Mapping[str, Any], was: Active | None, positions: Any = None
+) -> Callable[[Any], Simulator]:
+    """Return what the controller does with a table made without some of the runs, as a function of it.
+
+    With a file that was active: what the new one changes then. `positions` are those of a file that the
+    table is put into.
+    """
+
+    def of(made: Any) -> Simulator:
+        made = made if was is None else was.added(made)
+        made = made if positions is None else carry(made, positions).table
+        data = dialect.encode(made, **options)
+        more = {k: v for k, v in options.items() if v is not None} | data.options
+        then = dialect.lookup(data.data, Path(os.devnull), **more)
+        return then if was is None else was.increment(then)
+
+    return of
 
 
 def refuse_other(target: Path, controller: str, sources: Collection[str] | None = None) -> None:
@@ -334,42 +375,6 @@ def _one_for_each(given: Any, n: int, name: str) -> list[Any]:
     if not isinstance(given, list | tuple) or len(given) != n:
         raise DataError(f"{name}= must be a list of {n}, one for each table")
     return list(given)
-
-
-_OF_A_FILE = (
-    "schema", "metrosep", "controller", "entry", "units", "outside", "sign_status",
-    "sign_confirmed_by_user", "activation", "waived",
-)  # fmt: skip
-"""What the sidecars of all columns of a file have in common."""
-
-
-def _in_columns(dialect: Dialect, parts: list[Prepared]) -> Prepared:
-    """Return several tables, each checked alone, as one file that reads back as each of them."""
-    if not parts:
-        raise TableError("there is no table in the list")
-    nowhere = Path(os.devnull)
-    data = dialect.in_columns([p.data for p in parts])
-    sidecars = [json.loads(p.sidecar) for p in parts]
-    columns = {}
-    for part, beside in zip(parts, sidecars, strict=True):
-        name, options = beside["table"]["compensates"], beside["options"]
-        alone = dialect.decode(part.data, nowhere, **options)
-        found = dialect.decode(data, nowhere, **{**options, "column": name})
-        # the same digits, read from two files
-        exact = Encoded(part.data, 0.0)
-        _require_read_back(alone, found, exact)
-        beside["findings"] = [f for f in beside["findings"] if f["check"] != ALONE]
-        columns[name] = beside
-    shared = sidecars[0]["options"].items()
-    sidecar = {
-        **{key: sidecars[0][key] for key in _OF_A_FILE},
-        "options": {k: v for k, v in shared if all(s["options"].get(k) == v for s in sidecars)},
-        "file_sha256": hashlib.sha256(data).hexdigest(),
-        "columns": columns,
-    }
-    text = json.dumps(sidecar, indent=1, sort_keys=True, allow_nan=False) + "\n"
-    judged_by = [p.verification for p in parts]
-    return Prepared(parts[0].target, data, text.encode("utf-8"), judged_by, parts[0].overwrite)
 
 
 def _names(waive: Sequence[str], *, allow_unverified: bool) -> tuple[str, ...]:
@@ -438,23 +443,33 @@ def _of_what_is_written(
     return [f for f in table_findings(written, limits, info) if (f.check, f.problem) not in known]
 
 
-def _iteration(carried: Any, target: Path) -> list[Finding]:
-    """Refuse to replace a table by one made of other readings, perhaps taken with it active."""
-    if not target.is_file() or not hasattr(carried, "source_sha256"):
+def _iteration(carried: Any, target: Path, kept: Collection[str] = ()) -> list[Finding]:
+    """Refuse to replace a table by one made of other readings, perhaps taken with it active.
+
+    The columns of `kept` axes stay in the new file.
+    """
+    if not target.is_file():
         return []
-    beside = load_sidecar(target)
+    beside, way = (
+        load_sidecar(target),
+        f"say active={str(target)!r}, or active={NONE!r} if no table was",
+    )
     held = [beside, *beside.get("columns", {}).values()]
-    if not beside:
+    if beside.get("file_sha256") != hashlib.sha256(target.read_bytes()).hexdigest():
         return [
             Finding(
-                "warning",
-                f"{target} is replaced and nothing states what it held: if it was active while the "
-                "readings were taken, the new table is what is left and must be added to it",
-                f"say active={str(target)!r}, or active={NONE!r} if no table was",
+                "error",
+                f"{target} was not written by metrosep or was changed since, and a machine may be using it: "
+                "if it was active while the readings were taken, the new table is what is left and must be "
+                "added to it",
+                way,
                 "active",
             )
         ]
+    if not hasattr(carried, "source_sha256"):
+        return []
     tables = [b["table"] for b in held if isinstance(b, dict) and isinstance(b.get("table"), dict)]
+    tables = [t for t in tables if t.get("compensates") not in kept]
     sources = {h for t in tables for h in t.get("source_sha256", ())}
     if not sources or not carried.source_sha256 or sources <= set(carried.source_sha256):
         return []
@@ -465,41 +480,10 @@ def _iteration(carried: Any, target: Path) -> list[Finding]:
             "error",
             f"{target} holds a table made of other readings: if it was active while these were "
             "taken, the new table is what is left and must be added to it, not replace it",
-            f"say active={str(target)!r}, or active={NONE!r} if no table was",
+            way,
             "active",
         )
     ]
-
-
-def _require_read_back(wanted: Any, parsed: Any, encoded: Encoded) -> None:
-    margin = encoded.quantisation * (1.0 + 1e-9) + 1e-15
-    if isinstance(wanted, PolynomialFit):
-        x = np.linspace(*wanted.domain, 501)
-        off = float(np.abs(parsed.correction(x) - wanted.correction(x)).max())
-        if off > margin + 1e-12 * float(np.abs(wanted.correction(x)).max()):
-            raise _not_read_back("polynomial")
-        return
-    for name in ("positions", "forward", "reverse", "x", "y", "values"):
-        a, b = getattr(wanted, name, None), getattr(parsed, name, None)
-        if name == "reverse" and hasattr(wanted, "forward"):
-            a = wanted.forward if a is None else a
-            b = parsed.forward if b is None else b
-        if a is None and b is None:
-            continue
-        near = 1e-9 if name in ("positions", "x", "y") else margin
-        if a is None or b is None or np.shape(a) != np.shape(b) or _apart(a, b) > near:
-            raise _not_read_back(name)
-
-
-def _not_read_back(what: str) -> TableError:
-    return TableError(
-        f"what was encoded does not read back as the table ({what}); this is a bug in metrosep, "
-        "nothing was written"
-    )
-
-
-def _apart(a: Any, b: Any) -> float:
-    return float(np.abs(np.asarray(a) - np.asarray(b)).max(initial=0.0))
 
 
 def _verification(

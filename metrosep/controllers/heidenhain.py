@@ -103,7 +103,7 @@ class Heidenhain(Repeating, Resampling):
             "mark that line as active (column ACTIVE, soft key, or PLC module 9095)",
             (
                 "one table for each axis that is looked up is active: X -> X and X -> Z in two files "
-                "exclude each other; write them as columns of one file (a list of tables)"
+                "exclude each other; write them as columns of one file (beside=)"
             ),
             (
                 "iTNC 530: set the bit of the axis in MP730 to nonlinear; MP4070 limits the change of a "
@@ -136,6 +136,11 @@ class Heidenhain(Repeating, Resampling):
             "looked_up_axis", "axis that is looked up, to read tables that do not name it", "text"
         ),
         Option("column", "dependent axis, to read one of several columns", "text"),
+        Option(
+            "beside",
+            "file whose columns, of other dependent axes, go into the new file too",
+            "text",
+        ),
     )
 
     def require_target(self, path: Path) -> None:
@@ -216,6 +221,16 @@ class Heidenhain(Repeating, Resampling):
             (read[0].rows[i][0], b, *(t.rows[i][2] for t in read)) for i, b in enumerate(backlash)
         ]
         return _file(name, targets, rows)
+
+    def columns_of(self, data: bytes, path: Path) -> dict[str, bytes]:
+        """Return each column as a file of its own; BACKLASH goes with the axis that is looked up."""
+        file = _opened(data, path)
+        axis = _looked_up(file, file.targets[0], {}, path, both=any(r[1] for r in file.rows))
+        parts = {}
+        for k, target in enumerate(file.targets, start=2):
+            rows = ((r[0], r[1] if target == axis else "", r[k]) for r in file.rows)
+            parts[target] = _file(_NAME.write(axis=axis, targets=target), [target], rows)
+        return parts
 
     def _read(
         self, data: bytes, path: Path, options: Mapping[str, Any]
@@ -410,7 +425,7 @@ def _alone(table: CompensationTable) -> tuple[Finding, ...]:
             "warning",
             f"one table over {table.axis} is active at a time: this one, {table.axis} -> "
             f"{table.compensates}, switches off a table {table.axis} -> {table.axis}",
-            "if there is one, write both as columns of one file: a list of tables",
+            "if there is one, write both as columns of one file: name it with beside=",
             ALONE,
         ),
     )

@@ -13,15 +13,17 @@ from typing import Any
 import numpy as np
 
 from metrosep.compensation.limits import Finding, Limits
+from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.controllers._turns import format_along, format_amount
 from metrosep.controllers.base import DialectInfo, Encoded
-from metrosep.core.errors import DataError, LimitError
+from metrosep.core.errors import DataError, LimitError, TableError
 
 __all__ = [
     "CHECKS",
     "carried_findings",
     "file_findings",
     "judged",
+    "require_read_back",
     "sidecar_warnings",
     "table_findings",
     "waived_names",
@@ -301,3 +303,35 @@ def _span(carried: Any) -> float | None:
         return None
     both = [carried.forward] if carried.reverse is None else [carried.forward, carried.reverse]
     return float(np.ptp(np.concatenate(both)))
+
+
+def require_read_back(wanted: Any, parsed: Any, encoded: Encoded) -> None:
+    """Refuse bytes that do not read back as the table that was encoded."""
+    margin = encoded.quantisation * (1.0 + 1e-9) + 1e-15
+    if isinstance(wanted, PolynomialFit):
+        x = np.linspace(*wanted.domain, 501)
+        off = float(np.abs(parsed.correction(x) - wanted.correction(x)).max())
+        if off > margin + 1e-12 * float(np.abs(wanted.correction(x)).max()):
+            raise _not_read_back("polynomial")
+        return
+    for name in ("positions", "forward", "reverse", "x", "y", "values"):
+        a, b = getattr(wanted, name, None), getattr(parsed, name, None)
+        if name == "reverse" and hasattr(wanted, "forward"):
+            a = wanted.forward if a is None else a
+            b = parsed.forward if b is None else b
+        if a is None and b is None:
+            continue
+        near = 1e-9 if name in ("positions", "x", "y") else margin
+        if a is None or b is None or np.shape(a) != np.shape(b) or _apart(a, b) > near:
+            raise _not_read_back(name)
+
+
+def _not_read_back(what: str) -> TableError:
+    return TableError(
+        f"what was encoded does not read back as the table ({what}); this is a bug in metrosep, "
+        "nothing was written"
+    )
+
+
+def _apart(a: Any, b: Any) -> float:
+    return float(np.abs(np.asarray(a) - np.asarray(b)).max(initial=0.0))

@@ -131,7 +131,8 @@ def _text_runs(
             return None
         runs = None
         if {"x", "z"} <= found.columns.keys():
-            runs = read_runs(path, run=found.run, **found.columns, **text)
+            named: dict[str, Any] = {**found.columns, **text}
+            runs = read_runs(path, run=found.run, **named)
     except MetrosepError as exc:
         return (_unreadable(exc),)
     findings = [Finding("note", f"{found}", found.advice(path))]

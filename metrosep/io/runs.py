@@ -86,6 +86,7 @@ def read_runs(
     time: ColumnSpec | None = None,
     sampling_rate: float | str | None = None,
     scale: float | str | None = None,
+    angles: bool = False,
     **layout: Any,
 ) -> RunSet:
     """Read repeated runs from text, from recordings of loggers, or from metrosep's own files.
@@ -113,6 +114,9 @@ def read_runs(
         Rate of the samples, where there is no column of time.
     scale : float (m/V) or str, optional
         Sensitivity of the sensor where `z` is a voltage, such as ``"-2.5 um/V"``; the sign is kept.
+    angles : bool, optional
+        Whether positions and readings may be angles, of an axis that turns; the metadata then name
+        their units.
     **layout
         How the text is written, where that is not clear: ``separator``, ``decimal``, ``thousands``,
         ``encoding``, ``comment``, ``skip_rows``, ``skip_lines``, ``missing``.
@@ -156,7 +160,9 @@ def read_runs(
         return _stored(files)
     if x is None or z is None:
         raise FormatMismatchError("read_runs needs both x= and z=; name the two columns")
-    request = _Request(x, z, run, direction, time, sampling_rate, sensitivity(scale), len(files))
+    request = _Request(
+        x, z, run, direction, time, sampling_rate, sensitivity(scale), len(files), angles
+    )
     runs: list[Run] = []
     history: list[Step] = []
     warnings: list[str] = []
@@ -173,7 +179,14 @@ def read_runs(
         warnings.extend(f"{file.name}: {w}" for w in said)
         facts = {"x": str(x), "z": str(z), "feed": str(file_feed), "scale": str(scale)}
         history.extend(file.history(format_id, facts))
+    units = {
+        u for r in runs for u in [(r.metadata.get("unit", "m"), r.metadata.get("z_unit", "m"))]
+    }
+    if len(units) > 1:
+        raise UnitError("some files hold angles and others lengths: read them one kind at a time")
+    unit, z_unit = units.pop()
     metadata = {
+        **({} if (unit, z_unit) == ("m", "m") else {"unit": unit, "z_unit": z_unit}),
         "files": tuple(
             {"file": s.parameters["file"], "sha256": s.parameters["sha256"]} for s in history
         ),
@@ -209,6 +222,7 @@ class _Request:
     sampling_rate: float | str | None
     scale: float | None
     n_files: int
+    angles: bool
 
 
 def _feed_per_file(feed: FeedSpec, n_files: int) -> list[ColumnSpec | float | None]:
@@ -229,9 +243,18 @@ def _runs_of(
     file: RawFile, table: Table, request: _Request, feed: ColumnSpec | float | None
 ) -> Iterator[Run]:
     x_column, x_unit = pick(file, table, request.x, role="x")
-    x = to_si(file, x_column, x_unit, dimension="length", role="x")
     z_column, z_unit = pick(file, table, request.z, role="z")
-    z = to_si(file, z_column, z_unit, dimension="length", role="z", scale=request.scale)
+    turns, turned = (u is not None and u.dimension == "angle" for u in (x_unit, z_unit))
+    if turns and not request.angles:
+        raise UnitError(
+            f"{file.path}: column {x_column.name!r} (x) is an angle, and runs are separated along a "
+            "length; of an axis that turns the mean of its runs makes the table: 'metrosep table RUNS --x "
+            f'{x_column.name} --z {z_column.name} --axis C --spacing "5 deg"\''
+        )
+    kinds = ("angle" if turns else "length", "angle" if turned and turns else "length")
+    x = to_si(file, x_column, x_unit, dimension=kinds[0], role="x")
+    z = to_si(file, z_column, z_unit, dimension=kinds[1], role="z", scale=request.scale)
+    units = {"unit": "rad", "z_unit": "rad" if turned else "m"} if turns else {}
     t = None
     if request.time is not None:
         t_column, t_unit = pick(file, table, request.time, role="time")
@@ -254,8 +277,8 @@ def _runs_of(
         start, end = x[rows[0]], x[rows[-1]]
         if signs is not None and (end - start) * signs[rows[0]] < 0.0:
             raise InvalidSamplesError(
-                f"{where}: is labelled {'forward' if signs[rows[0]] > 0 else 'reverse'}, but its "
-                f"position goes from {start * 1e3:.6g} to {end * 1e3:.6g} mm; check the sign of the "
+                f"{where}: is labelled {'forward' if signs[rows[0]] > 0 else 'reverse'}, but its position "
+                f"goes from {_shown(start, turns)} to {_shown(end, turns)}; check the sign of the "
                 "position column or the labels"
             )
         try:
@@ -270,10 +293,16 @@ def _runs_of(
                     "sha256": file.sha256,
                     "first_line": int(table.lines[rows[0]]),
                     "last_line": int(table.lines[rows[-1]]),
+                    **units,
                 },
             )
         except DataError as exc:
             raise type(exc)(f"{file.path}: {_with_hint(str(exc), request, table)}") from None
+
+
+def _shown(position: float, turns: bool) -> str:
+    """Return a position as a person reads it."""
+    return f"{math.degrees(position):.6g} deg" if turns else f"{position * 1e3:.6g} mm"
 
 
 def _with_hint(message: str, request: _Request, table: Table) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from metrosep.compensation.area_errors import is_rotary, numbers_of
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.plot.charts import draw_chart
@@ -68,7 +69,7 @@ def drawable(document: Mapping[str, Any]) -> dict[str, Callable[..., Axes | Figu
         or (estimate.get("spectrum") or {}).get("wavelength_mm"),
         residual_psd: (estimate.get("residual_psd") or {}).get("frequency_hz"),
         left_out_plot: was_predicted(estimate),
-        table_plot: (document.get("table") or {}).get("positions_m"),
+        table_plot: (numbers_of(document.get("table")) or {}).get("positions_m"),
         separation_parts: separation.get("parts")
         and len(separation.get("coordinates") or ()) == 1,
     }
@@ -450,22 +451,24 @@ def table_plot(document: Mapping[str, Any], ax: Axes | None = None) -> Axes:
     Returns
     -------
     matplotlib Axes
-        Position in mm; correction c = -e that is added to the command, in nm, or in µm where it
-        is large; one point for each entry, joined as the controller joins them.
+        Position in mm, or in degrees; correction c = -e that is added to the command, in nm, or in µm
+        where it is large, or in µrad; one point for each entry, joined as the controller joins them.
 
     Raises
     ------
     DataError
         If the result holds no table.
     """
-    table = document.get("table")
+    table = numbers_of(document.get("table"))
     if not table or not table.get("positions_m"):
         raise DataError("this result holds no compensation table: nothing to draw")
     with house_style():
         axes = axes_or_new(ax, size=(7.2, 3.2))
-        x = values(table["positions_m"]) * 1e3
+        turns = [is_rotary(str(table.get(k) or "X")) for k in ("axis", "compensates")]
+        place, where = (180.0 / np.pi, "deg") if turns[0] else (1e3, "mm")
+        x = values(table["positions_m"]) * place
         forward, reverse = (values(table.get(k)) * 1e9 for k in ("forward_m", "reverse_m"))
-        scale, unit = length_scale(forward, reverse)
+        scale, unit = (1e-3, "µrad") if turns[1] else length_scale(forward, reverse)
         axes.axhline(0.0, color=COLOURS["line"], linewidth=0.7, zorder=1.5)
         both = reverse.size == 0
         axes.plot(
@@ -491,7 +494,7 @@ def table_plot(document: Mapping[str, Any], ax: Axes | None = None) -> Axes:
             )
         if table.get("reference_m") is not None:
             axes.axvline(
-                table["reference_m"] * 1e3,
+                table["reference_m"] * place,
                 color=COLOURS["after"],
                 linewidth=1.0,
                 linestyle=DOTTED,
@@ -499,7 +502,7 @@ def table_plot(document: Mapping[str, Any], ax: Axes | None = None) -> Axes:
             )
         axis, target = table.get("axis") or "axis", table.get("compensates") or "axis"
         axes.set(
-            xlabel=f"position of {axis} / mm", ylabel=f"correction added to {target} / {unit}"
+            xlabel=f"position of {axis} / {where}", ylabel=f"correction added to {target} / {unit}"
         )
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.3)
     return axes

@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 from metrosep.compensation import CompensationTable, PolynomialFit, Verification
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.folds import Folds
+from metrosep.controllers.active import Active, active_file
+from metrosep.controllers.options import split_machine
 from metrosep.controllers.registry import find
 from metrosep.controllers.safety import waived_names
 from metrosep.core.errors import CorruptFileError, DataError, MetrosepError, TableError, WriteError
@@ -40,6 +42,7 @@ __all__ = [
     "active_of",
     "carried_of",
     "dry_runs",
+    "machine_of",
     "make_carried",
     "make_table",
     "polynomial_of",
@@ -67,6 +70,12 @@ class WrittenTable:
 
 def make_table(estimate: ErrorEstimate, output: Mapping[str, Any]) -> CompensationTable:
     """Return the table that an output describes."""
+    turning = [a for a in (output["axis"], output.get("compensates") or "") if is_rotary(a)]
+    if turning:
+        raise DataError(
+            f"{turning[0]} turns, and the runs are lengths over lengths: name axes that move along (X, Y, Z, "
+            "U, V, W); runs over an angle go through 'metrosep table RUNS --axis C'"
+        )
     spacing = output["spacing"]
     n = (
         spacing
@@ -94,6 +103,7 @@ def make_table(estimate: ErrorEstimate, output: Mapping[str, Any]) -> Compensati
 def pitch_table(runs: RunSet, output: Mapping[str, Any]) -> CompensationTable:
     """Return the table that an output describes of a list of targets: the axis along itself."""
     axis = output["axis"]
+    target = output.get("compensates", axis)
     info = find(output["controller"]).info
     if info.carries != "table":
         raise TableError(
@@ -106,12 +116,20 @@ def pitch_table(runs: RunSet, output: Mapping[str, Any]) -> CompensationTable:
         unit="rad" if is_rotary(axis) else "m",
         heat=Expansion.of_options(output),
     )
+    lengths = runs.metadata.get("z_unit", runs.metadata.get("unit", "m")) == "m"
+    if is_rotary(target) == lengths:
+        is_what, asks = (
+            ("lengths", "an axis that moves along") if lengths else ("angles", "one that turns")
+        )
+        raise DataError(
+            f"the readings are {is_what}, and {target} is not: the corrected axis (compensates) must be {asks}"
+        )
     direction = output.get("direction", "auto")
     return CompensationTable.from_error(
         errors,
         positions=output.get("spacing"),
         axis=axis,
-        compensates=output.get("compensates", axis),
+        compensates=target,
         direction="both" if direction == "auto" and info.directions == "one" else direction,
     )
 
@@ -178,14 +196,26 @@ def dry_runs(recipe: Recipe, document: Mapping[str, Any]) -> list[WrittenTable]:
     for output, place in _tables_of(recipe):
         made, runs, folds = carried_of(document, output)
         limits = machine_limits(output, place)
+        active, controller = active_of(output, recipe), output["controller"]
+        was = None
+        if active not in (None, "none"):
+            was = active_file(
+                active,
+                made,
+                controller,
+                split_machine(limits, find(controller).options, controller)[0],
+            )
+            was.require_temperature(made)
         verification = _dry_run(
             made,
             runs,
+            was,
             folds=folds,
             travel=(limits.get("travel_low"), limits.get("travel_high")),
             waived=waived_names(output.get("waive", ())),
         )
-        description = {**made.to_dict(), "verification": verification.to_dict()}
+        whole = made if was is None else was.added(made)
+        description = {**whole.to_dict(), "verification": verification.to_dict()}
         found.append(WrittenTable(description, verification))
     return found
 
@@ -200,7 +230,7 @@ def write_tables(
     overwrite: bool = False,
 ) -> list[WrittenTable]:
     """Write the tables of a recipe (into `stage`, if given) after dry-runs of the very bytes of all."""
-    from metrosep.controllers.base import sidecar_path
+    from metrosep.controllers.base import own_part, sidecar_path
     from metrosep.controllers.files import prepare
 
     ready, written = [], []
@@ -217,14 +247,14 @@ def write_tables(
             sign_confirmed=output.get("sign_confirmed", False),
             overwrite=overwrite,
             active=active_of(output, recipe),
-            **machine_limits(output, place),
+            **machine_of(output, recipe, place),
         )
         path = prepared.target
         if prepared.verification is None:
             raise TableError(f"{path}: the table was written without a dry-run")
         prepared.require_free()
         ready.append(prepared)
-        sidecar = json.loads(prepared.sidecar)
+        sidecar = own_part(json.loads(prepared.sidecar), getattr(made, "compensates", None))
         description = {**sidecar.pop("table"), **sidecar, "path": path.name}
         files = (path, sidecar_path(path))
         written.append(WrittenTable(description, prepared.verification, files))
@@ -235,9 +265,20 @@ def write_tables(
 
 def active_of(output: Mapping[str, Any], recipe: Recipe) -> str | None:
     """Return the file that was active, which a recipe names from its own folder."""
-    name: str | None = output.get("active")
-    beside = recipe.folder / (name or "")
-    return str(beside) if name and beside.is_file() else name
+    return _in_folder(output.get("active"), recipe)
+
+
+def machine_of(output: Mapping[str, Any], recipe: Recipe, place: Place) -> dict[str, Any]:
+    """Return ``machine`` of an output, the file of other columns named from the folder of the recipe."""
+    machine = machine_limits(output, place)
+    beside = {"beside": _in_folder(machine["beside"], recipe)} if "beside" in machine else {}
+    return {**machine, **beside}
+
+
+def _in_folder(name: str | None, recipe: Recipe) -> str | None:
+    """Return the path of a file that lies in the folder of a recipe, others as they are."""
+    there = recipe.folder / (name or "")
+    return str(there) if name and there.is_file() else name
 
 
 def table_names(recipe: Recipe) -> list[str]:
@@ -255,12 +296,20 @@ def require_free(
         refuse_other(target, output["controller"], sources)
 
 
-def _dry_run(made: Any, runs: RunSet, *, waived: tuple[str, ...], **more: Any) -> Verification:
+def _dry_run(
+    made: Any, runs: RunSet, was: Active | None, *, waived: tuple[str, ...], **more: Any
+) -> Verification:
     """Return the dry-run of a table or polynomial as it is, before a controller rounds it."""
-    from metrosep.controllers.base import table_lookup
+    from metrosep.controllers.base import Simulator, table_lookup
     from metrosep.controllers.files import dry_run_carried
 
-    result: Verification = dry_run_carried(made, table_lookup(made), runs, **more)
+    def of(table: Any) -> Simulator:
+        """Return what a table adds, or what it changes of the one that was active."""
+        return (
+            table_lookup(table) if was is None else was.increment(table_lookup(was.added(table)))
+        )
+
+    result: Verification = dry_run_carried(made, of(made), runs, of=of, **more)
     result.require("the table", waived=waived)
     return result
 

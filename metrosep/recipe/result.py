@@ -275,10 +275,10 @@ def _thinned(x: FloatArray, curves: FloatArray) -> tuple[FloatArray, FloatArray]
 def run_records(runs: RunSet) -> list[dict[str, Any]]:
     """Return runs as a result stores them: as they were measured, not levelled, in full digits."""
     unit = runs.metadata.get("unit", "m")
-    return [_run_record(r, unit) for r in runs]
+    return [_run_record(r, unit, runs.metadata.get("z_unit", unit)) for r in runs]
 
 
-def _run_record(run: Run, unit: str) -> dict[str, Any]:
+def _run_record(run: Run, unit: str, z_unit: str) -> dict[str, Any]:
     x, z, counts = run.x, run.z, None
     if x.size > _CELLS:
         x, z, counts = _cell_means(run)
@@ -287,7 +287,7 @@ def _run_record(run: Run, unit: str) -> dict[str, Any]:
         "direction": "forward" if run.direction > 0 else "reverse",
         "feed_mm_min": None if run.feed is None else run.feed * 6e4,
         f"x_{unit}": x.tolist(),
-        f"z_{unit}": z.tolist(),
+        f"z_{z_unit}": z.tolist(),
         **({} if run.t is None or counts is not None else {"t_s": run.t.tolist()}),
         **({} if counts is None else {"n": counts.tolist(), "sha256": run.sha256}),
     }
@@ -331,8 +331,9 @@ def measured_runs(document: Mapping[str, Any]) -> RunSet:
         steps = document["provenance"] if is_positioning(document) else ()
         history = [Step(s["step"], s["parameters"], s["version"]) for s in steps]
         unit = "rad" if "x_rad" in document["runs"][0] else "m"  # of an axis that turns
-        runs = [_stored_run(entry, unit) for entry in document["runs"]]
-        return RunSet(runs, metadata={"unit": unit}, history=tuple(history))
+        z_unit = "rad" if "z_rad" in document["runs"][0] else "m"
+        runs = [_stored_run(entry, unit, z_unit) for entry in document["runs"]]
+        return RunSet(runs, metadata={"unit": unit, "z_unit": z_unit}, history=tuple(history))
     except (AttributeError, KeyError, TypeError, ValueError, DataError) as exc:
         raise _damaged("runs", exc) from None
 
@@ -353,8 +354,8 @@ def stored_estimate(document: Mapping[str, Any]) -> ErrorEstimate:
         raise _damaged("estimate", exc) from None
 
 
-def _stored_run(entry: Mapping[str, Any], unit: str) -> Run:
-    z = [math.nan if v is None else v for v in entry[f"z_{unit}"]]
+def _stored_run(entry: Mapping[str, Any], unit: str, z_unit: str) -> Run:
+    z = [math.nan if v is None else v for v in entry[f"z_{z_unit}"]]
     feed = entry["feed_mm_min"]
     run = Run(
         entry[f"x_{unit}"],

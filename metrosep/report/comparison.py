@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from metrosep.compensation.area_errors import numbers_of
 from metrosep.core.errors import DataError, UnitError
 from metrosep.core.units import parse_quantity, parse_unit
 
@@ -260,7 +261,7 @@ _ENTRIES = {
 _MEANING = ("axis", "axes", "compensates", "sign", "quantity", "axis_units")
 _BESIDE = (
     "controller", "entry", "units", "outside", "sign_status", "sign_confirmed_by_user", "options",
-    "limits", "waived", "trial", "file_sha256", "quantisation_m",
+    "limits", "waived", "trial", "file_sha256", "quantisation_m", "quantisation_rad",
 )  # fmt: skip
 
 
@@ -328,13 +329,15 @@ def compare_tables(
 
 def table_rows(a: Document, b: Document, *, tolerances: Tolerances) -> Iterator[Row]:
     """Give a row for each column of corrections."""
+    turns = any("forward_rad" in t for t in (a, b))
+    a, b = numbers_of(a), numbers_of(b)
     meaning = next((k for k in _MEANING if a.get(k) != b.get(k)), None)
     grid = next((k for k in _GRIDS if a.get(k) != b.get(k)), None)
     for key, name in _ENTRIES.items():
         one, two = (_listed(t.get(key)) for t in (a, b))
         if one is None and two is None:
             continue
-        unit = "1" if key == "coefficients_si" else "m"
+        unit = "1" if key == "coefficients_si" else "rad" if turns else "m"
         metric = "table.reverse" if key == "reverse_m" else "table"
         largest, message = None, ""
         if meaning is not None:

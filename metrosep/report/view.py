@@ -7,6 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from metrosep.compensation.area_errors import AxisUnits, is_rotary, numbers_of
 from metrosep.core import readable
 from metrosep.core.readable import digits_of
 from metrosep.core.units import parse_unit
@@ -250,7 +251,23 @@ def _table(table: Document | None, others: Sequence[Document] = ()) -> dict[str,
 
     if not table:
         return None
+    table = {**table, **numbers_of(table)}
     check = table.get("verification")
+    units = AxisUnits(str(table.get("axis") or "X"), str(table.get("compensates") or "X"))
+
+    def place(key: str) -> str | None:
+        value = table.get(key)
+        if not is_rotary(units.looked_up):
+            return _known(value)
+        return None if value is None else units.place(value)
+
+    def amount(key: str) -> str | None:
+        value = table.get(key)
+        if not is_rotary(units.corrected):
+            return _known(value, digits=4 if key == "stroke_m" else 3)
+        return None if value is None else units.amount(value)
+
+    low_high = table.get("span_m")
     axis, target = table.get("axis") or "?", table.get("compensates") or "?"
     ways = "one column for both directions"
     if table.get("reverse_m") is not None:
@@ -264,13 +281,13 @@ def _table(table: Document | None, others: Sequence[Document] = ()) -> dict[str,
         ("Units in the file", table.get("units")),
         ("How the sign is known", table.get("sign_status")),
         ("Looked up at, corrects", f"position of {axis}, correction of {target}"),
-        ("Span", span(*table["span_m"]) if table.get("span_m") else None),
+        ("Span", _span(low_high, units) if low_high else None),
         ("Outside the span", table.get("outside")),
         ("Points", f"{table['n_points']}, {ways}" if table.get("n_points") else None),
-        ("Reference (zero correction)", _known(table.get("reference_m"))),
-        ("Stroke (largest correction)", _known(table.get("stroke_m"))),
-        ("Interpolation error, at most", _known(table.get("interpolation_error_m"), digits=3)),
-        ("Rounding in the file, at most", _known(table.get("quantisation_m"), digits=3)),
+        ("Reference (zero correction)", place("reference_m")),
+        ("Stroke (largest correction)", amount("stroke_m")),
+        ("Interpolation error, at most", amount("interpolation_error_m")),
+        ("Rounding in the file, at most", amount("quantisation_m")),
     ]
     return {
         "rows": [(k, str(v)) for k, v in rows if v],
@@ -289,7 +306,7 @@ def _table(table: Document | None, others: Sequence[Document] = ()) -> dict[str,
             for t in (table, *others)
             for f in sidecar_warnings(t)
         ],
-        "verification": _verification(check) if isinstance(check, Mapping) else None,
+        "verification": _verification(check, units) if isinstance(check, Mapping) else None,
         "waived": check if isinstance(check, str) else ("not done" if check is None else ""),
     }
 
@@ -300,7 +317,15 @@ def _known(value: float | None, *, digits: int = 4) -> str | None:
     return None if value is None else length(value, digits=digits)
 
 
-def _verification(check: Document) -> dict[str, Any]:
+def _span(ends: Sequence[float], units: AxisUnits) -> str:
+    """Return a range along the looked-up axis."""
+    if not is_rotary(units.looked_up):
+        return span(*ends)
+    return f"{units.place(ends[0])} to {units.place(ends[1])}"
+
+
+def _verification(check: Document, units: AxisUnits) -> dict[str, Any]:
+    check = {**check, **numbers_of(check)}
     removed = {
         "plane": "mean and plane of the measurement",
         "offset": "mean of the measurement",
@@ -311,17 +336,22 @@ def _verification(check: Document) -> dict[str, Any]:
         "passed": bool(check.get("passed")),
         "definition": _sentence(check.get("definition")),
         "removed": removed,
-        "span": span(*check["span_m"]) if check.get("span_m") else "",
-        "rows": [_residual(r, q) for r in check.get("residuals") or [] for q in ("pv", "rms")],
+        "span": _span(check["span_m"], units) if check.get("span_m") else "",
+        "rows": [
+            _residual(r, q, turns=is_rotary(units.corrected))
+            for r in check.get("residuals") or []
+            for q in ("pv", "rms")
+        ],
     }
 
 
-def _residual(row: Document, quantity: str) -> dict[str, str]:
+def _residual(row: Document, quantity: str, *, turns: bool) -> dict[str, str]:
+    row = numbers_of(row)
     before, after, wrong = (
         row.get(f"{k}_{quantity}_m") for k in ("before", "after", "wrong_sign")
     )
     u = row.get("u_after_rms_m") if quantity == "rms" else None
-    unit, factor = readable_unit([before, after, wrong], "m")
+    unit, factor = ("µrad", 1e-6) if turns else readable_unit([before, after, wrong], "m")
     largest = max((abs(v) / factor for v in (before, after, wrong) if v is not None), default=0.0)
     decimals = min(decimals_for(None if u is None else u / factor, largest), 3)
     n = row.get("n_runs") or 1

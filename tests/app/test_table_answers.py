@@ -298,6 +298,57 @@ def test_the_negated_estimate_is_refused_and_shown(work, monkeypatch):
     assert not (ask.folder / "z.txt").exists()
 
 
+ACTIVE = 'active = "old.csv"'
+
+
+def write_old(folder):
+    """A table of Z over X that was active: a slope of 20 um/m, zero at the start."""
+    from metrosep.compensation import CompensationTable
+
+    old = CompensationTable([0.0, 50e-3], [0.0, 1e-6], None, "X", "Z", 0.0)
+    library.write(old, folder / "old.csv", "csv", allow_unverified=True)
+
+
+def old_line(x):
+    return 20e-6 * np.clip(x, 0.0, 50e-3)
+
+
+def test_a_refused_table_is_shown_with_the_one_that_was_active(work, monkeypatch):
+    write_old(work(extra=ACTIVE).folder)
+    ask = work(extra=ACTIVE)
+    turned = ask.folder / "turned"
+    turned.mkdir()
+    write_runs(turned, sign=-1.0)
+    wrong = Recipe.parse(recipe_text(), folder=turned).run().estimate
+    monkeypatch.setattr(ask.session.opened.material, "estimate", lambda *_: wrong)
+
+    header, arrays = ask()
+
+    assert refused(header)["check"] == "dry-run"
+    x, added = arrays["x"], arrays["applied_forward"]
+    c = np.interp(x, arrays["positions"], arrays["forward"])
+    assert np.abs(added - c).max() < ROUNDING
+    peak = added[np.argmin(np.abs(x - AT))] - added[0] - old_line(AT)
+    assert peak == pytest.approx(PEAK, rel=0, abs=0.2 * PEAK)  # wrong way, its line taken off
+    assert added[-1] - added[-50] > 0.5 * (old_line(x[-1]) - old_line(x[-50])) > 0
+    (row,) = header["verification"]["residuals"]
+    assert row["after_rms_m"] == pytest.approx(2 * row["before_rms_m"], abs=2e-9)
+
+
+def test_a_recipe_without_a_folder_has_the_table_that_a_run_writes(work):
+    write_old(work(extra=ACTIVE).folder)
+    folder = work(extra=ACTIVE).folder
+    recipe = Recipe.parse(recipe_text(extra=ACTIVE), folder=folder)
+    alone = recipe.run().document["table"]
+    written = recipe.run(out=folder / "out").document["table"]
+    for key in ("positions_m", "forward_m"):
+        assert np.abs(np.array(alone[key]) - np.array(written[key])).max() < ROUNDING
+    plain = Recipe.parse(recipe_text(), folder=folder).run().document["table"]
+    more = np.interp(alone["positions_m"], plain["positions_m"], plain["forward_m"])
+    both = np.array(alone["forward_m"]) - more
+    assert np.abs(both - old_line(np.array(alone["positions_m"]))).max() < ROUNDING
+
+
 def test_a_limit_is_refused_by_name_and_can_be_waived(work):
     machine = 'travel_high = "60 mm"'
     ask = work(machine=machine)

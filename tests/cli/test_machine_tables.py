@@ -133,6 +133,23 @@ def test_tables_of_one_axis_shrink_the_error_of_the_tool_point(metrosep, stack):
         assert sidecar["table"]["compensates"] == axis.upper()
 
 
+def test_a_controller_with_columns_gets_one_file_for_the_looked_up_axis(metrosep, stack):
+    place = ("--over", "X", "--at", "Y=40 mm", "--at", "Z=30 mm", "--spacing", "4 mm")
+    code, _, err = metrosep(
+        *CALL, *place, "--format", "heidenhain", "--machine", "resolution=10 nm",
+        "--sign-confirmed", "-o", "out",
+    )  # fmt: skip
+    assert code == 0, err
+    assert sorted(p.name for p in (stack / "out").iterdir()) == ["x.com", "x.com.json"]
+    lines = (stack / "out" / "x.com").read_text().splitlines()
+    assert lines[1].split() == ["NR", "AXISPOS", "BACKLASH", "X", "Y", "Z"]
+    rows = np.array([[float(v) for v in line.split()[1:]] for line in lines[2:-1]])
+    wanted = error_um(rows[:, 0], 40.0, 30.0) - error_um(0.0, 40.0, 30.0)
+    # entries are errors in mm of 10 nm; that of X itself is looked up where X then stands
+    assert np.abs(rows[:, 1:] * 1e3 - wanted).max() < 0.005 + 5 * ROUNDING_UM
+    assert "switches off a table" not in err
+
+
 def test_maps_of_two_axes_shrink_the_error_of_the_tool_point(metrosep, stack):
     code, _, err = metrosep(
         *CALL, "--over", "X,Y", "--at", "Z=30 mm", "--spacing", "X=20 mm,Y=10 mm", "-o", "out",

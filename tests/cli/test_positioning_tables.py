@@ -184,7 +184,7 @@ REFUSED = [
         "one of the two",
         2,
     ),
-    (["--cycle", "way"], "occurs twice in cycle up", 4),
+    (["--cycle", "way"], "mm occurs twice in cycle up", 4),
     (["--active", "nowhere.comp"], "nowhere.comp: no such file", 4),
 ]
 
@@ -260,6 +260,69 @@ def test_verify_judges_the_new_file_by_readings_taken_with_the_old_one_active(tm
     # without --active the readings look like the error that the whole new table makes worse
     code, _, told = metrosep("verify", new, *against)
     assert code == 1, told
+
+
+def test_readings_that_made_the_second_table_judge_it_with_each_left_out(tmp_path, metrosep):
+    first = laser_file(tmp_path / "first.csv", trims(None), seed=10, scale=0.8)
+    old, new = tmp_path / "old.comp", tmp_path / "new.comp"
+    assert metrosep("table", first, *NAMES, *SENSE, "-o", old)[0] == 0
+    second = laser_file(tmp_path / "second.csv", trims(old), seed=11)
+    code, _, made = metrosep("table", second, *NAMES, *SENSE, "--active", old, "-o", new)
+    assert code == 0, made
+    against = ["--against", second, *NAMES[:6], *SENSE, "--active", old]
+    code, _, told = metrosep("verify", new, *against)
+    assert code == 0, told
+    assert "judged on 5 runs, each left out once" in told
+    numbers = [line for line in made.splitlines() if line.startswith("RMS that repeats")]
+    assert numbers[0] in told  # as it was judged when it was made
+    sidecar = json.loads((tmp_path / "new.comp.json").read_text())
+    del sidecar["active"]["increment"]  # a file of an earlier version
+    (tmp_path / "new.comp.json").write_text(json.dumps(sidecar))
+    code, _, told = metrosep("verify", new, *against)
+    assert code == 3, told
+    assert "what these readings added to that is not stored" in told
+
+
+def test_a_trial_beside_an_active_table_is_that_table_and_one_bump(tmp_path, metrosep):
+    first = laser_file(tmp_path / "first.csv", trims(None), seed=10, scale=0.8)
+    old, trial = tmp_path / "old.comp", tmp_path / "trial.comp"
+    assert metrosep("table", first, *NAMES, *SENSE, "-o", old)[0] == 0
+    second = laser_file(tmp_path / "second.csv", trims(old), seed=11)
+    call = ["table", second, *NAMES, *SENSE, "--active", old, "--trial", "5 um", "-o", trial]
+    code, _, told = metrosep(*call)
+    assert code == 0, told
+    assert "'without the trial table' means with old.comp" in told
+    assert "holds it and what it left" not in told
+    for way, height in ((1, 5.0), (-1, 1.5)):
+        bump = (trims(trial)(TARGETS, way) - trims(old)(TARGETS, way)) / UM
+        assert bump.max() == pytest.approx(height, rel=0, abs=0.01)
+        assert (np.abs(bump) < 0.01).sum() >= TARGETS.size // 2
+        assert bump.min() > -0.01
+
+
+def test_entries_between_the_targets_are_said_to_add_nothing(tmp_path, metrosep):
+    file, out = laser_file(tmp_path / "first.csv", trims(None), seed=10), tmp_path / "x.comp"
+    code, _, told = metrosep("table", file, *NAMES, *SENSE, "--spacing", "5 mm", "-o", out)
+    assert code == 0, told
+    assert "entries every 5 mm, targets about every 27.9 mm: between the targets nothing" in told
+    code, _, told = metrosep("table", file, *NAMES, *SENSE, "-o", tmp_path / "y.comp")
+    assert code == 0, told
+    assert "nothing was measured" not in told
+
+
+def test_a_spike_of_a_cycle_is_to_be_left_out_and_not_to_be_separated(tmp_path, metrosep):
+    file, out = laser_file(tmp_path / "first.csv", trims(None), seed=10), tmp_path / "x.comp"
+    rows = file.read_text().splitlines()
+    i = next(k for k, r in enumerate(rows) if r.startswith("3;up;181"))
+    cells = rows[i].split(";")
+    rows[i] = ";".join([*cells[:3], f"{float(cells[3]) + 9:.5f}"])
+    file.write_text("\n".join(rows) + "\n")
+    code, _, told = metrosep("table", file, *NAMES, *SENSE, "-o", out)
+    assert code == 1, told
+    assert "at 181 mm" in told
+    assert "leave that cycle out" in told
+    assert "robust" not in told
+    assert not out.exists()
 
 
 def test_a_recipe_reads_no_active_table_outside_the_opened_folders(tmp_path):
@@ -482,7 +545,7 @@ def test_angles_belong_to_axes_that_turn_and_lengths_to_the_others(tmp_path, met
     code, _, told = metrosep("table", *listed, *more)
     assert code == 0, told
     table = json.loads((tmp_path / "b.csv.json").read_text())["table"]
-    assert table["reference_m"] == pytest.approx(np.radians(97), rel=1e-12, abs=0)
+    assert table["reference_rad"] == pytest.approx(np.radians(97), rel=1e-12, abs=0)
     straight = turning(tmp_path / "l.csv", ("mm", "um"))
     code, _, told = metrosep("verify", tmp_path / "b.csv", "--against", *straight)
     assert code == 2

@@ -115,6 +115,58 @@ def test_a_result_of_an_older_version_names_the_command_that_makes_it_again(metr
     assert not (tmp_path / "x.comp").exists()
 
 
+FOREIGN = b"0 0 0\n15 15.004 15.004\n30 30 30\n"
+"""A table that somebody else wrote, or that was changed since."""
+
+
+@pytest.mark.parametrize("route", ["beside", "inside", "table", "map", "machine"])
+@pytest.mark.parametrize("changed", [False, True])
+def test_force_does_not_replace_a_file_that_metrosep_did_not_write(
+    metrosep, tmp_path, route, changed
+):
+    runs = write_runs(tmp_path / "one.csv", samples=161)
+    how = (*COLUMNS, "--method", "mean")
+    out, target = tmp_path / "out", tmp_path / "out" / "x.comp"
+    out.mkdir()
+    words = {
+        "beside": ("separate", runs, *how, "--table", f"linuxcnc={target}", *AXES),
+        "inside": ("separate", runs, *how, "-o", out, "--table", "linuxcnc=x.comp", *AXES),
+        "table": ("table", runs, *how, "-o", target, *AXES),
+    }
+    if route == "map":
+        n = np.linspace(0, 2 * np.pi, 12)
+        rows = "\n".join(",".join(f"{v:.6f}" for v in np.sin(n) + np.cos(y)) for y in n)
+        (tmp_path / "map.csv").write_text(rows + "\n")
+        target = out / "m.csv"
+        more = ("--unit", "um", "--lateral-step", "5 mm", "--spacing", "5 mm", "--over", "X,Y")
+        words["map"] = ("table", tmp_path / "map.csv", *more, "--format", "csv-map", "-o", target, "--waive", "single")  # fmt: skip
+    if route == "machine":
+        (tmp_path / "m.toml").write_text(
+            'name = "m"\n[[element]]\nname = "X"\nbranch = "tool"\nkind = "linear"\ndirection = "+X"\n'
+            '[[element]]\nname = "table"\nbranch = "workpiece"\nkind = "fixed"\n'
+        )
+        (tmp_path / "x.csv").write_text("x_mm,EXX_um\n0,0\n10,3\n20,-2\n30,1\n")
+        target = out / "x-x.csv"
+        more = ("--over", "X", "--spacing", "10 mm", "--corrects", "X", "-o", out)
+        words["machine"] = ("machine-tables", tmp_path / "m.toml", tmp_path / "x.csv", *more)
+    call = (*words[route], "--force")
+    if changed:
+        code, _, err = metrosep(*call)
+        assert code == 0, err
+    target.write_bytes(FOREIGN)
+
+    code, _, err = metrosep(*call)
+
+    assert code == 1, err
+    assert "was not written by metrosep or was changed since" in err
+    assert target.read_bytes() == FOREIGN
+    none = ("--waive", "active") if route == "machine" else ("--active", "none")
+    code, _, err = metrosep(*call, *none)
+    assert code == 0, err
+    assert target.read_bytes() != FOREIGN
+    assert target.with_name(target.name + ".1").read_bytes() == FOREIGN
+
+
 @pytest.mark.parametrize("route", ["beside", "inside", "recipe", "table"])
 def test_a_rerun_leaves_the_table_that_a_machine_may_use(metrosep, tmp_path, route):
     first = write_runs(tmp_path / "one.csv", samples=161)

@@ -176,7 +176,9 @@ def test_hole_in_the_readings_is_named():
     z = np.where((X > 20e-3) & (X < 25e-3), np.nan, wave(X))
     against = RunSet([Run(X, z, feed=0.1, run_id=f"r{i}") for i in range(3)])
 
-    with pytest.raises(SignCheckFailedError, match=r"'r0' was not measured between 20 and 25 mm"):
+    with pytest.raises(
+        SignCheckFailedError, match=r"'r0' was not measured between 20 mm and 25 mm"
+    ):
         table(lambda p: -wave(p), compensates="X").verify(against)
 
 

@@ -218,7 +218,7 @@ def test_directions_split_a_run_that_holds_both(put, fwd, rev):
 def test_label_against_the_travel_is_refused(put):
     path = put("dir,x_mm,z_um\nrev,0,1\nrev,1,2\nrev,2,3\n")
 
-    with pytest.raises(ms.errors.InvalidSamplesError, match=r"labelled reverse.*0 to 2 mm"):
+    with pytest.raises(ms.errors.InvalidSamplesError, match=r"labelled reverse.*0 mm to 2 mm"):
         ms.read_runs(path, x="x_mm", z="z_um", direction="dir")
 
 

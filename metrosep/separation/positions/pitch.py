@@ -20,6 +20,7 @@ from metrosep.separation.positions.expansion import Expansion
 __all__ = [
     "REFERENCE_DIRECTIONS",
     "PitchErrors",
+    "celled_runs",
     "cycle_runs",
     "pitch_errors",
     "pitch_errors_of",
@@ -411,6 +412,64 @@ def cycle_runs(
     return RunSet(runs, metadata={"unit": unit}, history=tuple(history))
 
 
+_FEWEST_IN_CELL = 4
+"""Samples of a cell from which its line is fitted; fewer are joined by straight lines."""
+_SLACK = 0.1
+"""Of a cell: a run that ends so little before its last place holds that place."""
+
+
+def celled_runs(runs: RunSet, step: float) -> RunSet:
+    """Return continuous runs of an axis that turns as cycles at multiples of a step.
+
+    Parameters
+    ----------
+    runs : RunSet
+        Positions in rad, as read.
+    step : float, rad
+        Width of the cells, about a quarter of the spacing of a table.
+
+    Returns
+    -------
+    RunSet
+        Readings at the places that all runs hold: the line through the samples of a cell, there.
+
+    Raises
+    ------
+    DataError
+        If fewer than three such places lie within all runs.
+    """
+    low = max(float(r.x.min()) for r in runs) - _SLACK * step
+    high = min(float(r.x.max()) for r in runs) + _SLACK * step
+    first, last = math.ceil(low / step), math.floor(high / step)
+    places: FloatArray = step * np.arange(first, last + 1, dtype=np.float64)
+    if places.size < 3:
+        raise DataError(
+            f"the runs share {_shown(low, 'rad')} ... {_shown(high, 'rad')}, fewer than three steps of "
+            f"{_shown(step, 'rad')}: take a finer spacing, or leave out the run of another place"
+        )
+    made = []
+    for run in runs:
+        at = places if run.direction > 0 else places[::-1]
+        known = ~np.isnan(run.z)
+        order = np.argsort(run.x[known])
+        x, z = run.x[known][order], run.z[known][order]
+        made.append(Run(at, _at_places(x, z, at, step), run_id=run.run_id))
+    told = Step("cells", {"step_rad": step})
+    return RunSet(made, metadata=runs.metadata, history=(*runs.history, told))
+
+
+def _at_places(x: FloatArray, z: FloatArray, at: FloatArray, step: float) -> FloatArray:
+    """Return readings at places: of the line through a cell, NaN where nothing is near."""
+    first, last = np.searchsorted(x, at - 0.5 * step), np.searchsorted(x, at + 0.5 * step)
+    found = np.full(at.size, np.nan)
+    for i, (a, b) in enumerate(zip(first, last, strict=True)):
+        if b - a >= _FEWEST_IN_CELL:
+            found[i] = np.polyfit(x[a:b] - at[i], z[a:b], 1)[1]  # of the line, at the place
+        elif x.size and np.abs(x - at[i]).min() <= step:
+            found[i] = np.interp(at[i], x, z)
+    return found
+
+
 def require_unit(runs: RunSet, unit: str) -> None:
     """Refuse readings of an axis that turns for one that does not, and the other way round."""
     found = runs.metadata.get("unit", unit)
@@ -457,5 +516,9 @@ def pitch_errors_of(runs: RunSet, **options: Any) -> PitchErrors:
         columns[run.direction].append(run.z[order])
     up, down = (np.column_stack(columns[d]) if columns[d] else None for d in (1, -1))
     found = pitch_errors(first, up, down, values="deviation", **options)
+    if any(
+        step.name == "cells" for step in runs.history
+    ):  # read all along, not at the targets alone
+        found = replace(found, messages=tuple(m for m in found.messages if m != EQUAL_STEPS))
     made = {"runs_sha256": tuple(r.sha256 for r in runs), **found.heat.to_dict()}
     return replace(found, history=(*runs.history, Step("pitch", made)))

@@ -137,7 +137,7 @@ def iso230_2(
     if (np.diff(goals) <= 0.0).any():
         i = int(np.flatnonzero(np.diff(goals) <= 0.0)[0])
         raise InvalidSamplesError(
-            f"target {goals[i]:.9g} {unit} occurs twice; put all runs of one target in one row"
+            f"target {_shown(goals[i], unit)} occurs twice; put all runs of one target in one row"
         )
     travel = float(goals[-1] - goals[0])
     if unit == "m" and travel > _LONGEST:
@@ -244,6 +244,8 @@ def positions_from_columns(
     direction: Sequence[Any] | NDArray[Any],
     readings: ArrayLike,
     cycle: Sequence[Any] | NDArray[Any] | None = None,
+    *,
+    unit: str | None = None,
 ) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
     """Return targets and positions of a table with one row per target and direction, or per reading.
 
@@ -260,6 +262,8 @@ def positions_from_columns(
         Number or name of the cycle of each row, where a target has a row for each cycle. If it is
         omitted and every target of a direction occurs equally often, the occurrences are its
         cycles, in the order of the rows.
+    unit : {"m", "rad"}, optional
+        Of the targets, for messages: they are printed in mm or deg.
 
     Returns
     -------
@@ -314,7 +318,7 @@ def positions_from_columns(
             ways.append(None)
             continue
         at = np.abs(rows[mine][:, None] - goals).argmin(axis=1)
-        turn = _turns(at, None if cycle is None else np.asarray(cycle)[mine], goals)
+        turn = _turns(at, None if cycle is None else np.asarray(cycle)[mine], goals, unit)
         n = values.shape[1]
         table = np.full((goals.size, (int(turn.max()) + 1) * n), math.nan)
         for i in range(n):
@@ -323,8 +327,15 @@ def positions_from_columns(
     return goals, ways[0], ways[1]
 
 
+def _shown(target: float, unit: str | None) -> str:
+    """Return a target as a person reads it; a plain number where nobody says its unit."""
+    if unit is None:
+        return f"{target:.9g}"
+    return f"{math.degrees(target):.9g} deg" if unit == "rad" else f"{target * 1e3:.9g} mm"
+
+
 def _turns(
-    at: NDArray[np.intp], cycle: NDArray[Any] | None, goals: FloatArray
+    at: NDArray[np.intp], cycle: NDArray[Any] | None, goals: FloatArray, unit: str | None
 ) -> NDArray[np.intp]:
     """Return the number of the cycle of each row of a direction, from 0."""
     if cycle is not None:
@@ -334,7 +345,7 @@ def _turns(
         for i, pair in enumerate(pairs):
             if pair in pairs[:i]:
                 raise InvalidSamplesError(
-                    f"the target {goals[pair[0]]:.9g} occurs twice in cycle {names[pair[1]]} of one "
+                    f"the target {_shown(goals[pair[0]], unit)} occurs twice in cycle {names[pair[1]]} of one "
                     "direction: each reading is one row"
                 )
         return turn
@@ -342,7 +353,7 @@ def _turns(
     often = counts[counts > 0]
     if often.min() < often.max():
         raise InvalidSamplesError(
-            f"the target {goals[int(counts.argmax())]:.9g} occurs {often.max()} times in one "
+            f"the target {_shown(goals[int(counts.argmax())], unit)} occurs {often.max()} times in one "
             f"direction, others {often.min()} times: name the column of the cycle, so that no reading "
             "is taken for one of another cycle"
         )
@@ -417,6 +428,7 @@ def reached(data: RoleColumns, rows: Any = slice(None)) -> tuple[Any, Any, Any]:
         [str(d) for d in values["direction"][rows]],
         values["readings"].T[rows],
         None if values.get("cycle") is None else values["cycle"][rows],
+        unit=data.units.get("target"),
     )
     return found
 
