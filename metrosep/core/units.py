@@ -14,6 +14,7 @@ from typing import NamedTuple
 from metrosep.core.errors import UnitError
 
 __all__ = [
+    "FOREIGN_SPELLINGS",
     "SURROUNDINGS",
     "Unit",
     "column_unit",
@@ -95,6 +96,8 @@ _TABLE: dict[str, tuple[str, float]] = {
     "uV": ("voltage", 1e-6),
     "N m": ("torque", 1.0),
     "N mm": ("torque", 1e-3),
+    "mNm": ("torque", 1e-3),
+    "kNm": ("torque", 1e3),
     "1": ("number", 1.0),
     "%": ("number", 0.01),
 }
@@ -192,7 +195,16 @@ _ALIASES = {
     "å": "angstrom",
     "Å": "angstrom",
     "-": "1",
-}
+    "mum": "um", "mkm": "um", "мкм": "um", "微米": "um", "マイクロメートル": "um", "ミクロン": "um",
+    "мм": "mm", "毫米": "mm", "ミリ": "mm", "ミリメートル": "mm", "нм": "nm", "纳米": "nm",
+    "奈米": "nm", "ナノメートル": "nm", "米": "m", "メートル": "m", "秒": "s", "毫秒": "ms",
+    "度": "deg", "″": "in", "毫米/分": "mm/min", "N·mm": "N mm", "N*mm": "N mm", "N.mm": "N mm",
+}  # fmt: skip
+
+FOREIGN_SPELLINGS = frozenset(
+    w for w in _ALIASES if not w.isascii() and len(w) > 1 and w.isalpha()
+)
+"""Units as Russian, Chinese and Japanese headers write them; they also show in which code page those are."""
 
 _DECIMAL = {
     factor: round(math.log10(factor))
@@ -200,6 +212,11 @@ _DECIMAL = {
     if factor == float(f"1e{round(math.log10(factor))}")
 }
 """Power of ten of each factor that is one."""
+
+_POWER = re.compile(
+    r"(?:1\s*[eE]|[eE]|(?:1?\s*[x*×·]\s*)?10(?:\^|\*\*)?)\s*([+-]?\d{1,2})\s*[*×·]?\s*([^\d\s].*)"
+)
+"""A power of ten times a unit: 10^-6 m, E-6 m, 1e-3 mm."""
 
 _LONGEST = 6
 """Characters of an exponent; a longer one is zero or infinite anyway."""
@@ -262,6 +279,16 @@ def _canonical(text: str) -> str:
         return _ALIASES[name]
     if name in _UPPER:
         return _UPPER[name]
+    power = _POWER.fullmatch(name)
+    if power is not None and (of := _canonical(power[2])) in _TABLE:
+        dimension, factor = _TABLE[of]
+        whole = factor * float(f"1e{power[1]}")
+        same = (
+            n
+            for n, (d, f) in _TABLE.items()
+            if d == dimension and math.isclose(f, whole, rel_tol=1e-12)
+        )
+        return next(same, name)
     lowered = name.lower()
     if len(lowered) >= _WORD and lowered not in _SYMBOLS:
         if lowered in _ALIASES:

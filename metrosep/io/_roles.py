@@ -9,43 +9,19 @@ import re
 import shlex
 import unicodedata
 from dataclasses import dataclass
-from typing import Final, Literal, TypeAlias
+from typing import Final
 
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.io.text.dialect import header_unit
+from metrosep.io.text.encoding import ROLE_WORDS, Role
 from metrosep.io.text.table import Column, Table
 
 __all__ = ["BLOCKS", "FoundRuns", "Role", "is_read_too", "jumps_back", "role_of", "runs_in"]
 
 BLOCKS = "blocks"
 """What ``run=`` takes where no column numbers the runs: they begin where the position jumps back."""
-
-Role: TypeAlias = Literal[
-    "position", "height", "time", "feed", "run", "direction", "angle", "temperature", "index"
-]
-
-_WORDS: Final[dict[Role, str]] = {
-    "position": "x pos position encoder distance travel displacement lateral scanlength target nominal "
-    "axisposition weg strecke lage verfahrweg soll sollwert déplacement course abscisse cible "
-    "posizione spostamento corsa distanza quota posición desplazamiento distancia recorrido carrera "
-    "位置 位移 距离 行程 坐标 変位量 距離 移動量 座標",
-    "height": "z height deviation dev error err sensor cap straightness profile reading probe gap topography höhe "
-    "abweichung fehler geradheit profil messwert taster spalt hauteur écart erreur rectitude lecture "
-    "palpeur altezza scostamento errore rettilineità profilo lettura altura desviación rectitud "
-    "perfil lectura palpador 高度 偏差 误差 直线度 轮廓 读数 高さ 誤差 真直度 形状 測定値",
-    "time": "t time clock timestamp elapsed zeit zeitstempel uhrzeit datum temps heure date horodatage "
-    "tempo ora data tiempo hora fecha 时间 時間 时刻 日期 時刻 日時 測定日時",
-    "feed": "feed feedrate f speed velocity vorschub geschwindigkeit avance vitesse avanzamento "
-    "velocità velocidad 进给 进给速度 速度 送り 送り速度",
-    "run": "run pass cycle trace repeat repetition lauf messung zyklus wiederholung fahrt passe essai "
-    "répétition prova ciclo passata ripetizione pasada ensayo repetición 次数 循环 序列 回 回数 サイクル",
-    "direction": "direction dir richtung sens verso sentido dirección 方向",
-    "angle": "angle theta phi rotation c winkel drehwinkel angolo ángulo 角度 回転角",
-    "temperature": "temp temperature temperatur température temperatura 温度",
-    "index": "no nr index sample point lfdnr punkt punto 序号 点 番号",
-}
 
 
 def _plain(name: str) -> str:
@@ -54,7 +30,9 @@ def _plain(name: str) -> str:
     return re.sub(r"\d+$", "", re.sub(r"[\s_.\-]", "", folded))
 
 
-_ROLES: Final = {_plain(word): role for role, words in _WORDS.items() for word in words.split()}
+_ROLES: Final = {
+    _plain(word): role for role, words in ROLE_WORDS.items() for word in words.split()
+}
 
 
 def role_of(name: str) -> Role | None:

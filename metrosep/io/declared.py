@@ -110,7 +110,7 @@ class Marks:
         return Match.MAYBE if named and file.head.startswith(LOCAL_HEADER) else Match.NO
 
     def _in_text(self, file: RawFile) -> bool:
-        from metrosep.io.text.dialect import head_text
+        from metrosep.io.text.encoding import head_text
 
         text = head_text(file)
         if text is None:

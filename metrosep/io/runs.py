@@ -43,7 +43,8 @@ from metrosep.core.units import (
 from metrosep.io import registry
 from metrosep.io._roles import BLOCKS, jumps_back, runs_in
 from metrosep.io.source import RawFile, open_file, rate_of
-from metrosep.io.text.dialect import Dialect, decode
+from metrosep.io.text.dialect import Dialect
+from metrosep.io.text.encoding import decode
 from metrosep.io.text.table import (
     Column,
     ColumnSpec,
@@ -53,6 +54,7 @@ from metrosep.io.text.table import (
     read_table,
     sensitivity,
     to_si,
+    without_empty_rows,
 )
 
 __all__ = [
@@ -170,6 +172,8 @@ def read_runs(
         clocked = request
         if format_id != "delimited" and time is None and sampling_rate is None:
             clocked = replace(request, time=TIME)
+        if sampling_rate is None:
+            table = without_empty_rows(table)
         runs.extend(_runs_of(file, table, clocked, file_feed))
         said = (*table.warnings, *(interruption(table) if clocked.time is None else ()))
         warnings.extend(f"{file.name}: {w}" for w in said)

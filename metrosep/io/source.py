@@ -7,9 +7,12 @@ without permission give the same sentence whatever the format.
 from __future__ import annotations
 
 import hashlib
+import importlib
 import io
+import lzma
 import os
 import threading
+import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cached_property
@@ -51,6 +54,10 @@ HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 """First bytes of an HDF5 file, which may stand behind a block of the user."""
 
 _MAX_BYTES = 2**32
+_PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bz2", b"\xfd7zXZ\x00": "lzma"}
+"""First bytes of files that are compressed as a whole, and the module that unpacks them."""
+_MAX_UNPACKED, _MAX_RATIO, _UNASKED = 2**31, 200, 2**26
+"""Bytes, and times the packed size beyond some bytes, at which unpacking stops."""
 _HASH_ASIDE = 2**22
 """Bytes from which a file is hashed by a thread of its own."""
 
@@ -83,11 +90,14 @@ class RawFile:
         Where it is.
     data : bytes, optional
         Its content; read from `path` when first needed if omitted.
+    packed : Path, optional
+        The file that it was unpacked from, whose hash is given.
     """
 
-    def __init__(self, path: Path, data: bytes | None = None) -> None:
+    def __init__(self, path: Path, data: bytes | None = None, packed: Path | None = None) -> None:
         self.path = path
         self._given = data
+        self._packed = packed
         self._hashing: _Hashing | None = None
 
     @property
@@ -159,9 +169,9 @@ class RawFile:
         """SHA-256 of the content, 64 hexadecimal digits."""
         if self._hashing is not None and (digest := self._hashing.result()) is not None:
             return digest
-        if self._given is not None or "data" in self.__dict__:
+        if self._packed is None and (self._given is not None or "data" in self.__dict__):
             return hash_bytes(self.data)
-        with self.stream() as handle:
+        with self._packed.open("rb") if self._packed else self.stream() as handle:
             return hashlib.file_digest(handle, "sha256").hexdigest()
 
     def history(self, format_id: str, parameters: Mapping[str, Any] | None = None) -> tuple[Step]:
@@ -244,10 +254,29 @@ def open_file(path: str | os.PathLike[str]) -> RawFile:
         if where.exists() and not where.is_file():
             raise ReadError(f"{where}: is a device or a pipe; copy the data into a file first")
         size = where.stat().st_size
-        where.open("rb").close()
+        with where.open("rb") as handle:
+            start = handle.read(6)
     if size == 0:
         raise ReadError(f"{where}: the file is empty (0 bytes); export or copy it again")
-    return RawFile(where)
+    module = next((m for magic, m in _PACKED.items() if start.startswith(magic)), None)
+    return RawFile(where, _unpacked(where, module, size), where) if module else RawFile(where)
+
+
+def _unpacked(path: Path, module: str, size: int) -> bytes:
+    """Return the content of a file that is compressed as a whole."""
+    most = min(_MAX_UNPACKED, max(_UNASKED, _MAX_RATIO * size))
+    try:
+        with importlib.import_module(module).open(path, "rb") as handle:
+            data: bytes = handle.read(most + 1)
+    except (OSError, EOFError, zlib.error, lzma.LZMAError) as exc:
+        raise ReadError(f"{path}: cannot be unpacked ({exc}); copy it again") from None
+    if len(data) > most:
+        raise UnsupportedFeatureError(
+            f"{path}: holds more than {most} bytes when it is unpacked; unpack it first and look at it"
+        )
+    if not data:
+        raise ReadError(f"{path}: holds nothing (0 bytes when it is unpacked); export it again")
+    return data
 
 
 @contextmanager

@@ -141,9 +141,6 @@ def test_ambiguity_is_decided_by_header_or_caller(put, content, options, n_colum
         "1,5, 2,5\n2,5, 3,5\n",
         "1,234.5;2,345.6\n",
         "1.234,5;2.345,6\n",
-        "1'234.5;2'345.6\n",
-        "1 234,5;2 345,6\n3 234,5;4 345,6\n",
-        "1 234.5\t2 345.6\n3 234.5\t4 345.6\n",
         "1,234.5,2,345.6\n2,234.5,3,345.6\n",
         "5,123.4\n6,223.4\n",
     ],
@@ -151,6 +148,27 @@ def test_ambiguity_is_decided_by_header_or_caller(put, content, options, n_colum
 def test_ambiguity_and_thousands_are_refused(put, content):
     with pytest.raises(ms.errors.AmbiguousFormatError, match=r"thousands|separator="):
         ms.read(put(content), unit="um")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "1'234.5;2'345.6\n3'234.5;4'345.6\n",
+        "1\u2019234.5;2\u2019345.6\n3\u2019234.5;4\u2019345.6\n",
+        "1 234,5;2 345,6\n3 234,5;4 345,6\n",
+        "1\u202f234,5;2\u00a0345,6\n3\u2009234,5;4 345,6\n",
+        "1 234.5\t2 345.6\n3 234.5\t4 345.6\n",
+        "1,234.5\t2,345.6\n3,234.5\t990.5\n4234.5\t4,345.6\n",
+    ],
+)
+def test_groups_of_digits_whose_mark_can_be_nothing_else_are_read(put, content):
+    profile = ms.read(
+        put(f"x;z\n{content}".replace(";" if "\t" in content else "\0", "\t")), unit="um"
+    )
+
+    expected = [1234.5, 3234.5, 4234.5][: len(profile)]
+    assert (profile.x / 1e-6).tolist() == pytest.approx(expected, rel=1e-14, abs=0.0)
+    assert profile.z[0] == pytest.approx(2345.6e-6, rel=1e-14, abs=0.0)
 
 
 def test_missing_unit_names_the_column_and_the_remedy(put):
@@ -261,12 +279,37 @@ def test_step_does_not_replace_positions(put):
         ms.read(put("x_mm,z_um\n0,1\n1,2\n"), lateral_step=1e-6)
 
 
-def test_titles_above_the_table_are_named(put):
-    path = put("Straightness of X, spring\nby hand, on the flat, no. 2\nx_mm,z_um\n0,1\n1,2\n")
+def test_titles_above_the_names_are_kept_as_they_stand(put):
+    titles = [
+        "Straightness of X, spring",
+        "by hand, on the flat, no. 2",
+        "Sclr,0.156",
+        "Machine,M3",
+    ]
+    path = put("\n".join([*titles, "x_mm,z_um", "0,1", "1,2", ""]))
 
-    with pytest.raises(ms.errors.FormatMismatchError, match="skip_rows=2"):
-        ms.read(path)
-    assert len(ms.read(path, skip_rows=2)) == 2
+    profile = ms.read(path)
+
+    assert profile.x.tolist() == [0.0, 1e-3]
+    assert profile.z.tolist() == pytest.approx([1e-6, 2e-6], rel=1e-15, abs=0.0)
+    lines = profile.metadata["lines"]
+    assert (lines["preamble"], lines["names"], lines["data"]) == (4, 1, 2)
+    assert lines["listed"]["preamble"]["numbers"] == "1-4"
+    assert lines["listed"]["preamble"]["texts"] == tuple(titles)
+
+
+@pytest.mark.parametrize(
+    ("above", "line"),
+    [
+        (["x_mm,z_um", "probe, tilted"], 1),  # which of the two are the names?
+        (["x_mm,z_um", "the probe was tilted"], 2),
+        (["1.O5,0.3", "x_mm,z_um"], 1),
+        (["x_mm,y_mm,z_um"], 1),
+    ],
+)
+def test_a_line_above_the_numbers_that_may_be_names_or_a_row_is_refused(put, above, line):
+    with pytest.raises(ms.errors.ReadError, match=rf"line {line}\b"):
+        ms.read(put("\n".join([*above, *(f"{i}.5,{i * i}" for i in range(9)), ""])), unit="um")
 
 
 @pytest.mark.parametrize(
@@ -276,7 +319,6 @@ def test_titles_above_the_table_are_named(put):
         ("x_mm,z_um\n0,1\n1,2\n2,3\n3", "middle of a row"),
         ("x_mm,z_um\n0,1\n1,1e999\n2,3\n", "line 3"),
         ("x_mm,z_um\n0,1\n1,1_0\n2,3\n", "1_0"),
-        ("x_mm,z_um\n0,1\n1,inf\n2,3\n", "inf"),
         ("x_mm,z_um\n0,1\n1,2\n1,3\n", "not strictly monotonic"),
         ("x_mm,z_um\n0,1\n,2\n2,3\n", "position x is NaN"),
         ("x_mm,z_um\n0,\n1,\n2,\n", "own|no number|table"),
@@ -286,6 +328,37 @@ def test_titles_above_the_table_are_named(put):
 def test_damaged_rows_are_read_errors(put, content, match):
     with pytest.raises(ms.errors.ReadError, match=match):
         ms.read(put(content))
+
+
+@pytest.mark.parametrize(
+    "word", ["inf", "-INF", "OL", "overflow", "\u221e", "out of range", "1.#INF"]
+)
+def test_a_reading_beyond_the_range_is_not_measured_and_said(put, word):
+    profile = ms.read(put(f"x_mm,z_um\n0,1\n1,{word}\n2,3\n"))
+
+    assert np.isnan(profile.z).tolist() == [False, True, False]
+    (said,) = profile.metadata["warnings"]
+    assert word in said
+    assert "line 3" in said
+    assert "out of its range" in said
+
+
+@pytest.mark.parametrize("mark", ["#", "%"])
+def test_a_remark_behind_a_row_is_kept_and_said(put, mark):
+    profile = ms.read(put(f"x_mm,z_um\n0,1\n1,2 {mark} door opened\n2,3\n"))
+
+    assert profile.z.tolist() == pytest.approx([1e-6, 2e-6, 3e-6], rel=1e-15, abs=0.0)
+    (said,) = profile.metadata["warnings"]
+    assert "line 3" in said
+    assert "door opened" in said
+    assert profile.metadata["lines"]["data"] == 3
+
+
+def test_an_empty_quoted_cell_at_the_start_of_a_row_is_no_comment(put):
+    profile = ms.read(put('"z_um";"x_mm"\n"1";"0"\n"";"1"\n"3";"2"\n'))
+
+    assert profile.x.tolist() == [0.0, 1e-3, 2e-3]
+    assert np.isnan(profile.z).tolist() == [False, True, False]
 
 
 def test_bad_field_far_down_is_named_by_its_line(put):
@@ -355,13 +428,12 @@ def test_real_profiles_as_independent_readers_give_them(
 
 
 def test_real_stylus_export_below_its_parameters(corpus):
-    """The advice of the message is followed; numbers of the manifest."""
+    """Its 27 lines of parameters, one of them a table of words; numbers of the manifest."""
     path = corpus / "st" / "dektak-1.csv"
 
-    with pytest.raises(ms.errors.ReadError, match="skip_rows=27"):
-        ms.read(path, skip_rows=1, format="delimited")
-    profile = ms.read(path, skip_rows=27, unit={"Raw Micrometer": "um"}, format="delimited")
+    profile = ms.read(path, skip_rows=1, unit={"Raw Micrometer": "um"}, format="delimited")
 
+    assert profile.metadata["lines"]["preamble"] == 24
     assert len(profile) == 9600
     assert profile.peak_to_valley() == pytest.approx(16590.45 * NM, rel=1e-6, abs=0.0)
     assert profile.rms() == pytest.approx(4764.233 * NM, rel=1e-6, abs=0.0)
@@ -400,13 +472,48 @@ def test_what_is_no_table_is_not_taken_for_one(corpus, name):
     assert delimited.sniff(RawFile(path, open_file(path).head)) is Match.NO
 
 
-def test_names_in_another_encoding_say_how_to_name_it(put):
-    path = put("位置 [mm],高さ [um]\n0,1\n1,2\n2,3\n".encode("cp932"))
+@pytest.mark.parametrize(
+    ("encoding", "names"),
+    [
+        ("cp932", ("高さ", "位置")),
+        ("gb18030", ("直线度", "位置")),
+        ("big5", ("高度", "位置")),
+        ("cp1252", ("Höhe", "déplacement")),
+        ("mac_roman", ("écart", "posición")),
+    ],
+)
+def test_names_in_a_legacy_encoding_are_read(put, encoding, names):
+    """Both columns rise and the height stands first: only the names tell which is which."""
+    text = f"{names[0]} [um],{names[1]} [mm]\n0,0\n1,0.5\n2,1\n"
+
+    profile = ms.read(put(text.encode(encoding)))
+
+    assert profile.x.tolist() == [0.0, 5e-4, 1e-3]
+    assert profile.metadata["warnings"] == ()
+
+
+@pytest.mark.parametrize(
+    ("encoding", "units"),
+    [("cp1251", ("мм", "мкм")), ("gb18030", ("毫米", "微米")), ("cp932", ("ミリ", "ミクロン"))],
+)
+def test_units_of_a_legacy_encoding_are_read(put, encoding, units):
+    profile = ms.read(
+        put(f"x [{units[0]}];z [{units[1]}]\n0;0,5\n1;2,5\n2;1,5\n".encode(encoding))
+    )
+
+    assert profile.x.tolist() == [0.0, 1e-3, 2e-3]
+    assert profile.z.tolist() == pytest.approx([0.5e-6, 2.5e-6, 1.5e-6], rel=1e-15, abs=0.0)
+
+
+def test_names_in_an_unknown_encoding_say_how_to_name_it(put):
+    path = put("軸 [mm],隙間 [um]\n0,1\n1,2\n2,3\n".encode("cp932"))
 
     assert any("encoding='shift_jis'" in w for w in ms.read(path).metadata["warnings"])
     with pytest.raises(ms.errors.FormatMismatchError, match="encoding="):
         ms.read(path, x="position", z="height")
-    assert ms.read(path, encoding="shift_jis").metadata["warnings"] == ()
+    assert all(
+        "encoding" not in w for w in ms.read(path, encoding="shift_jis").metadata["warnings"]
+    )
 
 
 def test_a_letter_across_the_edge_of_the_head_does_not_hide_a_table(put):

@@ -1,5 +1,9 @@
 """Recognition by content; plug-ins only after the built-in readers; files that are not files."""
 
+import bz2
+import gzip
+import hashlib
+import lzma
 import subprocess
 import sys
 import time
@@ -192,11 +196,47 @@ def test_the_reader_of_tables_is_never_sure(repository):
 
 @pytest.mark.parametrize(
     ("start", "program"),
-    [(b"\x1f\x8b\x08\x00", "gzip"), (b"BZh91AY", "bzip2"), (b"7z\xbc\xaf\x27\x1c", "7-Zip")],
+    [(b"\x28\xb5\x2f\xfd", "Zstandard"), (b"7z\xbc\xaf\x27\x1c", "7-Zip")],
 )
-def test_a_compressed_file_is_called_so(put, start, program):
+def test_a_file_of_a_packer_that_is_not_known_is_called_so(put, start, program):
     with pytest.raises(ms.errors.UnknownFormatError, match=f"compressed with {program}; unpack"):
         ms.read(put(start + bytes(range(200)), "map.x3p.gz"))
+
+
+@pytest.mark.parametrize("pack", [gzip, bz2, lzma])
+@pytest.mark.parametrize("sample", ["delimited/samples/comma.csv", "sdf/samples/binary-type5.sdf"])
+def test_a_compressed_file_is_read_as_what_it_holds(put, repository, pack, sample):
+    plain = repository / "data_formats" / sample
+    packed = put(pack.compress(plain.read_bytes()), "data.packed")
+
+    one, other = ms.read(plain), ms.read(packed)
+
+    np.testing.assert_array_equal(one.z, other.z)
+    assert one.metadata["format"] == other.metadata["format"]
+    assert other.metadata["sha256"] == hashlib.sha256(packed.read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize("pack", [gzip, bz2, lzma])
+def test_runs_and_chunks_come_out_of_a_compressed_file(put, pack):
+    text = "t_s,z_um\n" + "".join(f"{i},{i * i % 7}\n" for i in range(50))
+    path = put(pack.compress(text.encode()), "runs.csv.gz")
+
+    with ms.io.open_stream(path) as stream:
+        chunks = [c["z_um"] for c in stream.chunks(20)]
+    assert sum(map(len, chunks)) == 50
+    np.testing.assert_allclose(np.concatenate(chunks)[3], 2e-6, rtol=1e-15)
+
+
+@pytest.mark.parametrize("pack", [gzip, bz2, lzma])
+def test_a_damaged_or_huge_compressed_file_is_refused_in_one_sentence(put, pack, monkeypatch):
+    whole = pack.compress(b"x_mm,z_um\n" + b"0,1\n" * 1000)
+    with pytest.raises(ms.errors.ReadError, match="cannot be unpacked"):
+        ms.read(put(whole[: len(whole) // 2], "cut.gz"))
+    monkeypatch.setattr("metrosep.io.source._UNASKED", 1000)
+    with pytest.raises(ms.errors.ReadError, match="more than"):
+        ms.read(put(pack.compress(bytes(10**6)), "bomb.gz"))
+    with pytest.raises(ms.errors.ReadError, match="0 bytes"):
+        ms.read(put(pack.compress(b""), "empty.gz"))
 
 
 @pytest.mark.parametrize(

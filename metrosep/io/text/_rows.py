@@ -13,7 +13,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -23,7 +23,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import AmbiguousFormatError, CorruptFileError
 from metrosep.core.text_options import TextOptions
 from metrosep.io.source import RawFile
-from metrosep.io.text.dialect import MISSING, Layout, is_comment, n_used
+from metrosep.io.text.dialect import BEYOND, NO_READING, Layout, is_comment, n_used
 
 __all__ = ["Block", "Body", "Ledger", "bad_field", "marker_of", "refuse_quotes"]
 
@@ -44,6 +44,11 @@ _IN_ORDER = {
 }
 """A number that shows what its mark is: 0,123 or 1,25 or 1234,567, but not 1,234."""
 
+_REMARK = re.compile(r"\s+[#%]\s*[^\W\d].*")
+"""What somebody wrote behind a row."""
+_RULED = "-=*~_<>[] "
+"""What people put round a line below a table: --- end ---."""
+
 _IN_DOUBT = {
     ",": re.compile(r"(?<![\d.,])[1-9]\d{0,2},\d{3}(?![\d.,])"),
     ".": re.compile(r"(?<![\d.,])[1-9]\d{0,2}\.\d{2}0(?![\d.,])"),
@@ -62,6 +67,10 @@ class Ledger:
     def add(self, kind: str, number: int, line: str) -> None:
         """Enter one line of a class that is listed."""
         self._counts[kind] += 1
+        self.note(kind, number, line)
+
+    def note(self, kind: str, number: int, line: str) -> None:
+        """List a line, or what stands in one that is counted elsewhere."""
         listed = self._listed.setdefault(kind, [])
         if len(listed) < _LISTED:
             listed.append((number, line.strip()[:200]))
@@ -82,6 +91,10 @@ class Ledger:
     def total(self) -> int:
         """Lines of all classes."""
         return sum(self._counts.values())
+
+    def texts(self, kind: str) -> list[str]:
+        """Return the texts of the listed lines of a class."""
+        return [text for _, text in self._listed.get(kind, [])]
 
     def first(self, kind: str) -> tuple[int, str]:
         """Return number and text of the first line of a class."""
@@ -129,7 +142,7 @@ class Body:
         self._labels = [*layout.labels, *[False] * self._n][: self._n]
         self._header = [[f.strip() for f in fields] for fields in header]
         self._is_map = is_map
-        self._words = MISSING | {m for m in options.missing or () if isinstance(m, str)}
+        self._words = NO_READING | {m for m in options.missing or () if isinstance(m, str)}
         self._pending: list[
             tuple[int, str, bool]
         ] = []  # text or empty rows: footer, unless data follow
@@ -139,6 +152,8 @@ class Body:
         ] * self._n  # columns with unmarked numbers of 1 to 3 digits
         self._grouped: list[int] = [0] * self._n  # and the line of such as 1.000
         self._surplus: list[int] = []
+        self._beyond: list[tuple[int, str]] = []
+        self._groups: list[tuple[int, str]] = []
         self._markers = [m for m in options.missing or () if isinstance(m, float)]
         self.comments: list[str] = []
         self.last_row = ""
@@ -147,10 +162,34 @@ class Body:
     def warnings(self) -> tuple[str, ...]:
         """What has changed its meaning without being lost, so far."""
         found = []
+        mark = self._layout.dialect.thousands
+        if mark and self._options.thousands is None:
+            found.append(
+                f"{mark!r} was read as the mark between groups of three digits, since a column holds numbers "
+                f"such as 990 beside others such as 1{mark}000; if it is the decimal mark, give decimal='{mark}'"
+            )
         if self._surplus:
             found.append(
                 f"{_rows(len(self._surplus))} more separators at the end than the others (first: line "
                 f"{self._surplus[0]}); they were left out, since nothing stands behind them"
+            )
+        for found_at, what in (
+            (self._beyond, "say that the sensor was out of its range; they count as not measured"),
+            (
+                self._groups,
+                "were read as groups of three digits, since the file has another decimal mark",
+            ),
+        ):
+            if found_at:
+                line, text = found_at[0]
+                found.append(
+                    f"{len(found_at)} fields such as {text!r} (first: line {line}) {what}"
+                )
+        if texts := self._ledger.texts("remark"):
+            line, _ = self._ledger.first("remark")
+            found.append(
+                f"line {line}: {texts[0][:40]!r} stands behind the row and was taken as a remark "
+                f"({len(texts)} such row(s))"
             )
         for kind, what in (
             ("repeated header", "repeats the header within the table"),
@@ -296,6 +335,9 @@ class Body:
             if '"' in line:
                 refuse_quotes(self._file, number, line)
             used = n_used(fields)
+            if (remark := _REMARK.search(line)) and used >= self._n:
+                fields = self._without_remark(number, line, remark) or fields
+                used = n_used(fields)
             if not used:
                 self._pending.append((number, line, True))
                 continue
@@ -325,9 +367,21 @@ class Body:
         lines = np.array(numbers, dtype=np.int64)
         return Block(self._columns(rows, lines), lines)
 
+    def _without_remark(self, number: int, line: str, remark: re.Match[str]) -> list[str] | None:
+        """Return the fields before a remark where they are a whole row."""
+        fields = self._layout.dialect.split([line[: remark.start()]])[0]
+        if n_used(fields) != self._n or self._labels[-1]:
+            return None
+        self._ledger.note("remark", number, remark.group().strip())
+        return fields
+
     def _is_text(self, fields: Sequence[str]) -> bool:
         """Whether a line is words, no row: it begins with a letter where a number should stand."""
         begin = fields[0].strip().strip('"')
+        if not any(self._labels):
+            words = " ".join(fields).strip(_RULED + '"').lower().split()
+            if words and all(w.isalpha() and w not in self._words for w in words):
+                return True
         if not begin[:1].isalpha() or begin.lower() in self._words:
             return False
         if not self._labels[0] or len(fields) < self._n:
@@ -432,14 +486,34 @@ class Body:
             plain = dialect.plain(field)
             if plain is not None:
                 values[i] = float(plain)
-            elif field.strip().lower() in self._words:
+            elif (word := field.strip().lower()) in self._words:
                 values[i] = np.nan
+                if word in BEYOND and word not in (self._options.missing or ()):
+                    self._beyond.append((int(lines[i]), field.strip()))
+            elif (grouped := self._grouped_number(field, fields)) is not None:
+                values[i] = grouped
+                self._groups.append((int(lines[i]), field.strip()))
             else:
                 raise bad_field(self._file, int(lines[i]), field.strip(), f"column {name!r}")
         if np.isinf(values).any():
             i = int(np.flatnonzero(np.isinf(values))[0])
             raise bad_field(self._file, int(lines[i]), fields[i], f"column {name!r}")
         return values
+
+    def _grouped_number(self, field: str, column: Sequence[str]) -> float | None:
+        """Return a number in groups of three digits: their mark can be no decimal mark in this file.
+
+        7,123 among 7.5 and 7.6 may be a slip of the hand, 1,000 among 990 and 995 is none.
+        """
+        dialect = self._layout.dialect
+        if self._unproven or dialect.thousands:
+            return None
+        other = "." if dialect.decimal == "," else ","
+        plain = replace(dialect, thousands=other).plain(field)
+        is_sure = dialect.decimal in field or field.count(other) > 1
+        if plain is None or (not is_sure and any(dialect.decimal in f for f in column)):
+            return None
+        return float(plain)
 
 
 def _rows(n: int) -> str:

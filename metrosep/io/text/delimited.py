@@ -31,14 +31,8 @@ from metrosep.core.text_options import TextOptions
 from metrosep.io.declared import Match
 from metrosep.io.source import HEAD_BYTES, RawFile
 from metrosep.io.text._rows import Block
-from metrosep.io.text.dialect import (
-    decode,
-    find_layout,
-    head_text,
-    is_comment,
-    plain_ends,
-    unmeasured_rows,
-)
+from metrosep.io.text.dialect import find_layout, is_comment, unmeasured_rows
+from metrosep.io.text.encoding import decode, head_text, plain_ends
 from metrosep.io.text.logger import first_lines
 from metrosep.io.text.measurement import measurement
 from metrosep.io.text.table import (

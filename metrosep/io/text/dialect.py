@@ -5,15 +5,13 @@ Which dialect a text is in is found by `metrosep.io.text.dialect`.
 
 from __future__ import annotations
 
-import codecs
 import csv
 import difflib
 import re
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 from metrosep.core.errors import (
@@ -25,26 +23,24 @@ from metrosep.core.errors import (
 )
 from metrosep.core.text_options import TextOptions
 from metrosep.core.units import Unit, column_unit, parse_unit
-from metrosep.io.source import HEAD_BYTES, RawFile
 
 __all__ = [
+    "BEYOND",
     "MARKS",
     "MISSING",
+    "NO_READING",
     "NUMBER_LIKE",
     "WORDS",
     "Dialect",
     "Layout",
     "bare_unit",
-    "decode",
     "encoding_hint",
     "find_column",
     "find_layout",
-    "head_text",
     "header_unit",
     "is_comment",
     "is_number",
     "n_used",
-    "plain_ends",
     "split_header",
     "unmeasured_rows",
 ]
@@ -64,6 +60,13 @@ MISSING: Final = frozenset(
 )  # fmt: skip
 """Words, in lower case, for "not measured"."""
 
+BEYOND: Final = frozenset(
+    {"over", "under", "overflow", "overrange", "ol", "ovld", "out of range", "saturated"}
+    | {s + w for s in ("", "+", "-") for w in ("inf", "infinity", "1.#inf", "\u221e")}
+)
+"""Words, in lower case, for a reading beyond the range of the sensor."""
+
+NO_READING: Final = MISSING | BEYOND
 
 _ERROR_CELL = re.compile(
     rf"(?:{'|'.join(map(re.escape, _SPREADSHEET))})(?=[\s;,|\"]|$)", re.IGNORECASE
@@ -73,12 +76,18 @@ _NUMBER = {
     ",": re.compile(r"[+-]?(?:\d+(?:,\d+)?|,\d+)(?:[eEdD][+-]?\d+)?"),
 }
 NUMBER_LIKE = re.compile(r"[+-]?[\d.,][\d.,' \u00a0\u202f;\t]*(?:[eE][+-]?\d+)?")
+_SPACED_GROUPS = {
+    mark: re.compile(
+        rf"[+-]?[1-9]\d{{0,2}}([ '\u2019])\d{{3}}(?:\1\d{{3}})*(?:{re.escape(mark)}\d*)?"
+    )
+    for mark in ".,"
+}
+"""Groups of three digits between blanks or apostrophes, which are nothing else: 1 234.5."""
 _MINUS = dict.fromkeys(map(ord, "\u2212\u2010\u2011\u2012\u2013\ufe63\uff0d"), "-")
 MARKS = {
     "tab": "\t", "space": " ", "whitespace": " ", "comma": ",", "semicolon": ";", "pipe": "|"
 }  # fmt: skip
 WORDS = {mark: name for name, mark in MARKS.items()} | {" ": "space", ", ": "comma and space"}
-_CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +103,8 @@ class Dialect:
 
     def split(self, lines: Iterable[str]) -> list[list[str]]:
         """Return the fields of each line."""
+        if self.separator == " " and self.quoted:
+            return [_blank_separated(line) for line in lines]
         if self.separator == " ":
             return [line.split() for line in lines]
         if self.separator == ", ":
@@ -113,6 +124,8 @@ class Dialect:
         text = field.strip()
         if not text.isascii():
             text = unicodedata.normalize("NFKC", text.translate(_MINUS)).translate(_MINUS)
+        if _SPACED_GROUPS[self.decimal].fullmatch(text):
+            text = re.sub(r"[ '\u2019]", "", text)
         if self.thousands and self.thousands in text:
             whole = re.escape(self.thousands)
             rest = re.escape(self.decimal)
@@ -128,79 +141,12 @@ class Dialect:
         return f"separator {WORDS[self.separator]}, decimal {mark}"
 
 
-def decode(data: bytes, path: object, encoding: str | None = None) -> tuple[str, str]:
-    r"""Return the text of a file and the encoding it was in."""
-    if encoding is None and len(data) <= HEAD_BYTES:
-        known = _decoded_head(data)
-        if known is not None:
-            return known
-    name = encoding or _encoding(data)
-    try:
-        text = data.decode(name)
-    except (UnicodeDecodeError, LookupError) as exc:
-        raise ReadError(f"{path}: is not {name} text ({exc}); name it with encoding=") from None
-    if _is_binary(data, text, name):
-        raise FormatMismatchError(
-            f"{path}: holds binary data, not text; if it is a text file, name it with encoding="
-        )
-    return plain_ends(text), name
-
-
-def head_text(file: RawFile) -> str | None:
-    """Return the text of the first whole lines of a file, None where it is not text."""
-    try:
-        return decode(file.head_lines, file.path)[0]
-    except ReadError:
-        return None
-
-
-def plain_ends(text: str) -> str:
-    """Return text whose lines end with LF alone; no other character ends a line."""
-    for end in ("\r\r\n", "\r\n", "\r"):
-        text = text.replace(end, "\n")
-    return text.removeprefix("\ufeff")
-
-
-@lru_cache(maxsize=2)
-def _decoded_head(data: bytes) -> tuple[str, str] | None:
-    """Return what `decode` does of a head that a dozen readers look at; None where it refuses."""
-    name = _encoding(data)
-    try:
-        text = data.decode(name)
-    except (UnicodeDecodeError, LookupError):
-        return None
-    return None if _is_binary(data, text, name) else (plain_ends(text), name)
-
-
-def _is_binary(data: bytes, text: str, name: str) -> bool:
-    by_byte = name in {"utf-8", "utf-8-sig", "latin-1"}
-    return "\0" in text or (by_byte and _CONTROL.search(data) is not None)
-
-
-def _encoding(data: bytes) -> str:
-    for mark, name in (
-        (codecs.BOM_UTF8, "utf-8-sig"),
-        (codecs.BOM_UTF16_LE, "utf-16"),
-        (codecs.BOM_UTF16_BE, "utf-16"),
-    ):
-        if data.startswith(mark):
-            return name
-    head = data[:2000]
-    if len(head) >= 4 and head[1::2].count(0) > 0.4 * len(head) / 2:
-        return "utf-16-le"
-    if len(head) >= 4 and head[0::2].count(0) > 0.4 * len(head) / 2:
-        return "utf-16-be"
-    try:
-        data.decode("utf-8")
-    except UnicodeDecodeError as exc:
-        # the sample that sniff gets may end inside a character
-        return "latin-1" if exc.start < len(data) - 4 or len(data) < 1000 else "utf-8"
-    return "utf-8"
-
-
 def is_comment(line: str, prefix: str | None = None) -> bool:
     """Return whether a line is a comment."""
-    text = line.lstrip().lstrip('"')
+    text = line.lstrip()
+    if text.startswith('""'):
+        return False  # an empty cell
+    text = text.lstrip('"')
     if prefix is not None:
         return text.startswith(prefix)
     if text.startswith(("#", "%", "!", "//")):
@@ -214,6 +160,11 @@ def is_comment(line: str, prefix: str | None = None) -> bool:
 def is_number(field: str, decimal: str) -> bool:
     """Return whether a field is one number."""
     return _NUMBER[decimal].fullmatch(field.strip()) is not None
+
+
+def _blank_separated(line: str) -> list[str]:
+    """Return what stands between blanks, or in quotes."""
+    return [plain or quoted for quoted, plain in re.findall(r'"([^"]*)"(?=\s|$)|(\S+)', line)]
 
 
 def n_used(fields: Sequence[str]) -> int:
@@ -282,6 +233,8 @@ def split_header(line: str, separator: str, n_columns: int) -> list[str] | None:
             fields = next(csv.reader([text], delimiter=mark, skipinitialspace=True), [])
         else:
             fields = re.split(patterns[mark], text)
+        if mark == " " and '"' in text:
+            fields = _blank_separated(text)
         names = [n.strip().strip('"').strip() for n in fields]
         while len(names) > n_columns and not names[-1]:
             names.pop()
@@ -395,7 +348,7 @@ def find_layout(
             continue  # whoever says "comma" means the separator
         if mark == point and not quoted:
             continue
-        dialect = Dialect(mark, point, quoted and mark in "\t;,|", options.thousands or "")
+        dialect = Dialect(mark, point, quoted and mark in "\t;,| ", options.thousands or "")
         found = _fit(sample, len(head), dialect)
         if found is not None:
             fits.append(found)
@@ -404,9 +357,13 @@ def find_layout(
     best = _one_reading(_contenders(fits), sample, path, declared=wanted is not None)
     start = 0 if best.start == 0 else above + best.start
     unproven = options.decimal is None and options.thousands is None and not best.is_proven()
+    dialect = best.dialect
+    if unproven and best.has_groups():
+        other = "." if dialect.decimal == "," else ","
+        dialect, unproven = replace(dialect, decimal=other, thousands=dialect.decimal), False
     usual = Counter(n_used(fields) for fields in best.rows.values()).most_common(1)[0][0]
     return Layout(
-        best.dialect,
+        dialect,
         start,
         best.n,
         best.n_raw,
@@ -444,7 +401,7 @@ def unmeasured_rows(lines: Sequence[str]) -> int:
 def _is_unmeasured(line: str) -> bool:
     """Whether a row holds words for "not measured" and separators, and nothing else."""
     if _UNMEASURED.match(line):
-        return all(f.strip(' "').lower() in MISSING for f in re.split(r"[,;|\t]| +", line))
+        return all(f.strip(' "').lower() in NO_READING for f in re.split(r"[,;|\t]| +", line))
     return not line.strip(",;|\t ") and sum(line.count(mark) for mark in ",;|\t") >= 3
 
 
@@ -452,6 +409,12 @@ def _fit(sample: Sequence[str], n_head: int, dialect: Dialect) -> _Fit | None:
     """Return the rows of a sample under a dialect: the commonest number of fields makes the table."""
     split = dialect.split(sample)
     kinds = [[_kind(f, dialect) for f in fields] for fields in split]
+    if any(_shows_mark(f, dialect) for fields in split for f in fields):
+        other = replace(dialect, thousands="." if dialect.decimal == "," else ",")
+        for fields, own in zip(split, kinds, strict=True):
+            for k, field in enumerate(fields):
+                if own[k] == "odd" and not dialect.thousands and other.plain(field) is not None:
+                    own[k] = "number"
     numbered = [i for i, k in enumerate(kinds) if "number" in k and "odd" not in k]
     if not numbered:
         return None
@@ -486,12 +449,22 @@ def _fit(sample: Sequence[str], n_head: int, dialect: Dialect) -> _Fit | None:
 def _is_row_of_words(fields: Sequence[str]) -> bool:
     """Whether all fields say "not measured", one of them in letters."""
     texts = [f.strip(' "').lower() for f in fields]
-    return all(t in MISSING for t in texts) and any(c.isalpha() for t in texts for c in t)
+    return all(t in NO_READING for t in texts) and any(c.isalpha() for t in texts for c in t)
+
+
+def _shows_mark(field: str, dialect: Dialect) -> bool:
+    """Whether a number shows what its decimal mark is: 0,5 or 1,25 or 1234,567, but not 1,234."""
+    mark, text = dialect.decimal, field.strip()
+    return (
+        mark in text
+        and _AMBIGUOUS[mark].fullmatch(text) is None
+        and dialect.plain(text) is not None
+    )
 
 
 def _kind(field: str, dialect: Dialect) -> str:
     text = field.strip()
-    if text.lower() in MISSING:
+    if text.lower() in NO_READING:
         return "missing"
     if dialect.plain(text) is not None:
         return "number"
@@ -522,12 +495,23 @@ class _Fit(NamedTuple):
 
     def is_proven(self) -> bool:
         """Whether a number of the sample shows what the decimal mark is: 0,5 or 1,25 or 1234,567."""
-        mark, ambiguous = self.dialect.decimal, _AMBIGUOUS[self.dialect.decimal]
-        return any(
-            mark in f and self.dialect.plain(f) is not None and not ambiguous.fullmatch(f.strip())
-            for fields in self.rows.values()
-            for f in fields
-        )
+        return any(_shows_mark(f, self.dialect) for fields in self.rows.values() for f in fields)
+
+    def has_groups(self) -> bool:
+        """Whether the mark stands between groups of three digits: 1,000 beside 990 in one column.
+
+        A writer with fixed decimals marks every number, a shortest-form writer never ends in 0
+        behind the mark: neither writes both.
+        """
+        groups = _AMBIGUOUS[self.dialect.decimal]
+        for column in zip(*self.rows.values(), strict=True):
+            texts = [f.strip() for f in column]
+            marked = [t for t in texts if groups.fullmatch(t)]
+            if any(t[-1] == "0" for t in marked) and any(
+                t.lstrip("+-").isdecimal() and len(t.lstrip("+-")) <= 3 for t in texts
+            ):
+                return True
+        return False
 
     def agrees_with_header(self, sample: list[str]) -> bool:
         above = sample[: self.start]

@@ -28,7 +28,7 @@ from metrosep.core.units import (
 )
 from metrosep.io.declared import LAYOUT_LINES, Match
 from metrosep.io.source import RawFile, refuse_options
-from metrosep.io.text.dialect import decode
+from metrosep.io.text.encoding import decode
 from metrosep.io.text.logger import first_lines
 from metrosep.io.text.measurement import measurement
 from metrosep.io.text.table import Column, Table, read_table

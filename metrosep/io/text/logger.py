@@ -24,7 +24,8 @@ from metrosep.core.recording import Recording
 from metrosep.core.units import Unit, parse_unit
 from metrosep.io.objects import SI_NAMES
 from metrosep.io.source import RawFile, open_file
-from metrosep.io.text.dialect import MISSING, decode, is_number
+from metrosep.io.text.dialect import MISSING, is_number
+from metrosep.io.text.encoding import decode
 
 __all__ = [
     "Channels",

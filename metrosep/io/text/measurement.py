@@ -31,6 +31,7 @@ from metrosep.io.text.table import (
     pick,
     sensitivity,
     to_si,
+    without_empty_rows,
 )
 
 __all__ = [
@@ -280,7 +281,17 @@ class _Made:
                 "sampling_rate out"
             )
         if timed is not None:
+            if "separator" in table.header:
+                self.table = table = without_empty_rows(table)
+                timed = table[timed.name]
             t = to_si(self.file, timed, timed.unit, dimension="time", role="time")
+            unknown = np.flatnonzero(~np.isfinite(t))
+            if unknown.size and "separator" in table.header:
+                line = int(table.lines[unknown[0]])
+                raise self.mismatch(
+                    f"line {line} has no time ({unknown.size} such row(s)); correct it, or leave the line out "
+                    f"with skip_lines='{line}'"
+                )
         else:
             t = np.arange(len(table), dtype=np.float64) / rate_of(sampling_rate or 0.0)
             self.table = replace(table, warnings=(*table.warnings, *interruption(table)))
@@ -330,6 +341,8 @@ class _Made:
             raise self.mismatch(
                 "the file holds positions, so lateral_step cannot replace them; leave it out"
             )
+        if x is not None:
+            self.table = table = without_empty_rows(self.table)
         heights = self.lengths("z", z)
         self.used["scale_m_per_v"] = self.scale
         if x is None:

@@ -7,6 +7,7 @@ row with a field too many is named by its line instead of being filled or shifte
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -26,10 +27,9 @@ from metrosep.core.units import Unit, likely_meaning, parse_sensitivity, parse_u
 from metrosep.io.source import RawFile
 from metrosep.io.text._rows import Body, Ledger, bad_field, marker_of, refuse_quotes
 from metrosep.io.text.dialect import (
-    MISSING,
+    NO_READING,
     Layout,
     bare_unit,
-    decode,
     encoding_hint,
     find_column,
     find_layout,
@@ -40,6 +40,7 @@ from metrosep.io.text.dialect import (
     split_header,
     unmeasured_rows,
 )
+from metrosep.io.text.encoding import decode
 
 __all__ = [
     "Column",
@@ -53,6 +54,7 @@ __all__ = [
     "refuse_markers",
     "sensitivity",
     "to_si",
+    "without_empty_rows",
 ]
 
 _SAMPLE = 300
@@ -159,6 +161,28 @@ def refuse_markers(
     return found
 
 
+def without_empty_rows(table: Table) -> Table:
+    """Return a table without the rows of which every field is empty, with a warning that names them."""
+    filled = np.zeros(len(table), dtype=np.bool_)
+    for c in table.columns:
+        filled |= [bool(t) for t in c.labels or ()] if c.values is None else ~np.isnan(c.values)
+    if filled.all() or not filled.any():
+        return table
+    columns = tuple(
+        replace(
+            c,
+            values=None if c.values is None else c.values[filled],
+            labels=None if c.labels is None else tuple(itertools.compress(c.labels, filled)),
+        )
+        for c in table.columns
+    )
+    lines = table.lines[~filled]
+    said = f"line {int(lines[0])} holds no value and was left out ({lines.size} such row(s))"
+    return replace(
+        table, columns=columns, lines=table.lines[filled], warnings=(*table.warnings, said)
+    )
+
+
 def interruption(table: Table) -> tuple[str, ...]:
     """Return a warning about lines without numbers between the rows, where time is counted by rows."""
     gaps = np.flatnonzero(np.diff(table.lines) > 1)
@@ -225,10 +249,10 @@ class TableHead:
         layout = find_layout(lines, file.path, options=options, further=further)
         self.first_line, self.offset, _ = content[layout.start]
         preamble = _Preamble(file, layout)
-        for place, _, line in content[: layout.start]:
-            kind = preamble.take(line, place)
-            if kind is not None:
-                self.ledger.add(kind, place, line)
+        kinds = {
+            place: preamble.take(line, place) or "preamble"
+            for place, _, line in content[: layout.start]
+        }
         for place, line, kind in others:
             if place >= self.first_line:
                 break
@@ -238,8 +262,10 @@ class TableHead:
             self.ledger.add(kind, place, line)
             if kind == "comment":
                 self.comments.append(line.strip().lstrip('#%!;/" \t').rstrip('"'))
-        preamble.refuse_rest()
         preamble.take_comment(self.comments)
+        kinds |= dict.fromkeys(preamble.rest(), "preamble")
+        for place, _, line in content[: layout.start]:
+            self.ledger.add(kinds[place], place, line)
         self.names, self.units = preamble.columns()
         self.warnings = preamble.warnings
         self.layout, self._header = layout, preamble.rows
@@ -278,7 +304,7 @@ def _further(rest: str, options: TextOptions) -> list[str]:
 
 
 class _Preamble:
-    """The lines above a table: names, units, a count; anything else is refused."""
+    """The lines above a table: units, names, a count; text above the names is a preamble."""
 
     def __init__(self, file: RawFile, layout: Layout) -> None:
         self._file = file
@@ -290,7 +316,8 @@ class _Preamble:
         self._as_written: list[str] = []  # the row of units
         self._count: int | None = None
         self._named_at = (0, "")
-        self._refused: list[tuple[int, str]] = []
+        self._waiting: list[tuple[int, str]] = []
+        self._lost: list[int] = []  # rows of names with units above another row of names
 
     def take(self, line: str, number: int) -> str | None:
         """Return the class of a line; None where it waits to be refused."""
@@ -314,18 +341,23 @@ class _Preamble:
             if all(_BEGUN.match(n) for n in names):
                 raise bad_field(self._file, number, names[0], "one of the columns")
             if self._names is not None:
-                self._refused.append(self._named_at)  # the last row of names counts
+                self._waiting.append(self._named_at)  # the last row of names counts
+                if any(header_unit(n)[1] for n in self._names) and not any(
+                    map(str.isdigit, self._named_at[1])
+                ):
+                    self._lost.append(self._named_at[0])
+                self.rows.remove(self._names)
             self._names, self._named_at = names, (number, line.strip())
             self.rows.append(names)
             return "names"
         if n_used(fields) == 0:
             return "blank"
         decimal = self._dialect.decimal
-        bad = [f for f in fields if not is_number(f, decimal) and f.lower() not in MISSING]
+        bad = [f for f in fields if not is_number(f, decimal) and f.lower() not in NO_READING]
         begun = _BEGUN.match(fields[0]) is not None
         if begun and len(fields) == self._n and 0 < len(bad) < self._n:
             raise bad_field(self._file, number, bad[0], "one of the columns")
-        if all(_BEGUN.match(f) or f.lower() in MISSING for f in fields):
+        if all(_BEGUN.match(f) or f.lower() in NO_READING for f in fields):
             raise self._file.corrupt(
                 "a row has another number of fields",
                 field=f"line {number} ({line.strip()[:60]!r})",
@@ -333,7 +365,7 @@ class _Preamble:
                 found=f"{len(fields)}",
                 hint=f"correct that line, or leave it out with skip_lines='{number}'",
             )
-        self._refused.append((number, line.strip()))
+        self._waiting.append((number, line.strip()))
         return None
 
     def _names_of(self, line: str) -> list[str] | None:
@@ -352,14 +384,27 @@ class _Preamble:
         """Whether a row or a comment names the columns."""
         return self._names is not None
 
-    def refuse_rest(self) -> None:
-        """Refuse the lines that are neither names nor units."""
-        if self._refused:
-            (first, line), (last, _) = min(self._refused), max(self._refused)
+    def rest(self) -> list[int]:
+        """Return the numbers of the lines above the row of names; one between the names and the numbers is refused.
+
+        Without names the line next to the numbers may be what remains of them.
+        """
+        odd = [
+            (n, line)
+            for n, line in self._waiting
+            if not line.lstrip('" ')[:1].isalpha() or n > self._named_at[0] > 0 or n in self._lost
+        ]
+        if not odd and self._names is None and self._waiting:
+            nearest = max(self._waiting)
+            odd = [nearest] if len(self._dialect.split([nearest[1]])[0]) > 1 else []
+        if odd:
+            first, line = min(odd)
+            every = ",".join(str(n) for n, _ in sorted(odd))
             raise FormatMismatchError(
                 f"{self._file.path}: line {first} ({line[:40]!r}) is neither a row of {self._n} names, "
-                f"nor of units, nor of numbers; leave it out with skip_rows={last}, or start it with '#'"
+                f"nor of units, nor of numbers; leave it out with skip_lines='{every}', or start it with '#'"
             )
+        return [n for n, _ in self._waiting]
 
     def take_comment(self, comments: Sequence[str]) -> None:
         if self._names is not None or not comments or ":" in comments[-1]:

@@ -22,6 +22,10 @@ __all__ = ["HELD_SHARE", "PERIOD_SHARE", "Extension", "Sensor", "Spectrum"]
 PERIOD_SHARE = 1.4
 """Period of the basis over the travel; greater than 1, so that the error need not close."""
 
+_BEYOND = 0.25 * (PERIOD_SHARE - 1.0)
+"""Part of the travel by which a wave goes on as itself at each end: a late reading at the start of
+a run shows the error before it. A basis that is fitted on the travel alone falls away there."""
+
 HELD_SHARE = 0.9
 """Share of the highest wavenumber up to which the basis holds a wave of any wavelength."""
 
@@ -49,7 +53,9 @@ class Extension:
         self.start, self.travel, self.n = start, travel, n_harmonics
         self.origin = start if origin is None else origin  # of the phases
         self.period = PERIOD_SHARE * travel
-        self.grid = np.linspace(start, start + travel, 4 * n_harmonics + 1)
+        n_grid = int(np.ceil(4 * n_harmonics * (1.0 + 2.0 * _BEYOND))) + 1
+        beyond = _BEYOND * travel
+        self.grid = np.linspace(start - beyond, start + travel + beyond, n_grid)
         e = self.basis(self.grid)
         normal = e.T @ e + _RIDGE * self.grid.size * np.eye(e.shape[1])
         self._pseudo = np.linalg.solve(normal, e.T)

@@ -18,13 +18,16 @@ from metrosep.core.errors import DegenerateFitError
 from metrosep.separation.runs.geometry import LINE_SD, Extension, Sensor, Spectrum, filtered
 from metrosep.separation.runs.noise import level_spread
 
-__all__ = ["Model", "Posterior", "RunEquations", "Wave"]
+__all__ = ["Answer", "Model", "Posterior", "RunEquations", "Wave", "averaged"]
 
 _DONE = 0.03
 """A learning ends when no knot of ln s^2 moves by more."""
 
 _CAP = 4.0
 """Largest (a^2 + b^2)/s^2 of one harmonic for a broad part that must not swallow a line."""
+
+_REPEATS = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Amplitudes that repeat, over that which slips, where a wave slips: as likely before."""
 
 SHIFT_SHARE = 0.25
 """Prior standard deviation of a correction of a wavenumber, over one per travel."""
@@ -120,6 +123,7 @@ class Model:
     sensor: Sensor = field(default_factory=Sensor)
     slip: FloatArray = field(default_factory=lambda: np.empty(0))  # Lambda_k, shape (K,)
     slip_is_geometry: bool = True  # prior variance of a slipping wave counts its slip (eq. 24)
+    repeats: float = 1.0  # share of the variance of the slip that counts
     kept: int = 0  # harmonics in use; all K in the last solution
     runs: list[RunEquations] = field(default_factory=list)  # as read
     seen: list[RunEquations] = field(default_factory=list)  # slip eliminated, sensor applied
@@ -194,13 +198,15 @@ class Model:
         ones = np.concatenate([[True], on, on, np.ones(self.n_extra, dtype=bool)])
         return np.flatnonzero(ones)
 
+    def prior_variance(self) -> FloatArray:
+        """Return the prior variance of each harmonic, shape (K,)."""
+        repeats = self.repeats if self.slip_is_geometry else 0.0
+        return self.spectrum.variance + repeats * self.slip
+
     def precision(self) -> FloatArray:
         """Return the prior precision of the columns in use."""
         on = self.harmonics()
-        variance = self.spectrum.variance
-        if self.slip_is_geometry:
-            variance = variance + self.slip
-        waves = 1.0 / variance[on]
+        waves = 1.0 / self.prior_variance()[on]
         shift = (self.extension.travel / SHIFT_SHARE) ** 2
         own = [
             np.concatenate([np.full(2, 1.0 / w.variance), np.full(w.columns.shape[1] - 2, shift)])
@@ -267,7 +273,7 @@ class Model:
         on = self.harmonics()
         n, used = self.extension.n, int(on.sum())
         variance = self.spectrum.variance
-        whole = variance + self.slip if self.slip_is_geometry else variance
+        whole = self.prior_variance()
         spread = post.spread
         share = np.zeros(n)
         share[on] = variance[on] / whole[on]  # d ln(s^2 + Lambda) / d ln s^2
@@ -338,7 +344,7 @@ class Model:
         _, information = self.scores(post)
         precision = self.spectrum.information(information)
         variance = self.spectrum.variance
-        whole = variance + self.slip if self.slip_is_geometry else variance
+        whole = self.prior_variance()
         share = (variance / whole)[on]
         weighted = np.zeros((post.mean.size, self.spectrum.phi.size))
         for first in (1, 1 + used):
@@ -349,3 +355,51 @@ class Model:
             )
         change = post.expanded(post.root @ (post.root.T @ weighted))
         return np.asarray(change @ np.linalg.cholesky(np.linalg.inv(precision)))
+
+    def answer(self) -> Answer:
+        """Return the solution with what noise and spectrum leave open (eq. 16).
+
+        Where waves slip, it is averaged over how much of them repeats: from nothing to as much as
+        slips. Either end alone is a band that is wrong at the other, or an error that need not be.
+        """
+        shares = _REPEATS if self.slip_is_geometry and self.slip.any() else (1.0,)
+        logs, means, plains, covariances = [], [], [], []
+        for share in shares:
+            self.repeats = share**2
+            post = self.solve()
+            logs.append(self.log_evidence(post))
+            means.append(post.theta)
+            plains.append(self.covariance(post))
+            change = self.spread_of_spectrum(post)
+            covariances.append(plains[-1] + change @ change.T)
+        self.repeats = shares[-1]
+        chances = np.exp(np.array(logs) - max(logs))
+        total = float(chances.sum())
+        chances /= total
+        mean, covariance = averaged(chances, means, covariances)
+        _, plain = averaged(chances, means, plains)
+        evidence = max(logs) + math.log(total / len(shares))
+        return Answer(mean, covariance, plain, evidence)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answer:
+    """Mean and covariance in the coordinates of the equations, the band's parts apart."""
+
+    mean: FloatArray
+    covariance: FloatArray
+    plain: FloatArray  # without what the learnt spectrum leaves open
+    evidence: float = math.nan  # ln, but for a constant
+
+
+def averaged(
+    weights: Sequence[float] | FloatArray,
+    means: Sequence[FloatArray],
+    covariances: Sequence[FloatArray],
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and covariance of solutions of some chances, their sum 1 (eq. 22)."""
+    w = np.asarray(weights)
+    mean = w @ np.asarray(means)
+    apart = (means - mean) * np.sqrt(w)[:, None]
+    within = sum(p * c for p, c in zip(w, covariances, strict=True))
+    return mean, np.asarray(within + apart.T @ apart)

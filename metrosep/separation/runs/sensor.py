@@ -8,21 +8,19 @@ threshold would be in the estimate and not in its band. Equation numbers: separa
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.separation.runs.geometry import Sensor, filtered
-from metrosep.separation.runs.posterior import Model
+from metrosep.separation.runs.posterior import Answer, Model
 
 __all__ = [
     "LAG_CHI2",
     "LAG_PRIOR",
     "LagScore",
     "Split",
-    "averaged",
     "better_split",
     "lag_score",
     "lag_steps",
@@ -50,9 +48,10 @@ _SCANNED = 40
 class LagScore:
     """Score and information of a change of lag and spread at a solution (eq. 14)."""
 
-    score: FloatArray  # shape (2,)
+    score: FloatArray  # shape (2,): at the mean
     information: FloatArray  # shape (2, 2)
-    change: FloatArray  # shape (N,): minus the change of the solution with the lag
+    change: FloatArray  # shape (N, 2): minus the change of the solution with each
+    trace: FloatArray  # shape (2,): what the spread about the mean takes from the score
 
     @property
     def lag(self) -> float:
@@ -64,20 +63,44 @@ class LagScore:
         """Standard uncertainty of the lag, s."""
         return float(self.information[0, 0] ** -0.5)
 
+    @property
+    def gradient(self) -> FloatArray:
+        """Derivative of ln evidence with lag and spread, the spectrum held; shape (2,)."""
+        return self.score - self.trace
+
+    def along(self, direction: FloatArray) -> tuple[float, float, FloatArray]:
+        """Return step and u of a parameter that moves both so, and minus the change with it."""
+        information = float(direction @ self.information @ direction)
+        return (
+            float(direction @ self.gradient) / information,
+            information**-0.5,
+            self.change @ direction,
+        )
+
 
 def lag_score(model: Model) -> LagScore | None:
     """Return score and information of the lag (eqs. 14, 20); None where one feedrate shows nothing."""
     assert model.post is not None  # noqa: S101  (after a solution)
     theta, n = model.post.theta, model.extension.n
-    score, own = np.zeros(2), np.zeros((2, 2))
+    score, own, trace = np.zeros(2), np.zeros((2, 2)), np.zeros(2)
     cross = np.zeros((theta.size, 2))
+    covariance = model.post.covariance()
+    a, b = slice(1, 1 + n), slice(1 + n, 1 + 2 * n)
     for run in model.seen:
         columns = np.zeros((theta.size, 2))
+        # E[D(theta)'(h - G theta)] is its value at the mean less tr(D C G); D is 2 by 2 for each k.
+        pairs = {
+            (i, j): np.einsum("kj,kj->k", covariance[rows], run.gram[others])
+            for i, rows in enumerate((a, b))
+            for j, others in enumerate((a, b))
+        }
         for j, factor in enumerate(
             model.sensor.log_changes(model.extension.wavenumbers, run.velocity)
         ):
             moved = filtered(theta, factor)
             columns[1 : 1 + 2 * n, j] = moved[1 : 1 + 2 * n]
+            trace[j] += float(factor.real @ (pairs[0, 0] + pairs[1, 1]))
+            trace[j] += float(factor.imag @ (pairs[1, 0] - pairs[0, 1]))
         along = run.gram @ columns
         score += columns.T @ (run.right - run.gram @ theta)
         own += columns.T @ along
@@ -89,7 +112,7 @@ def lag_score(model: Model) -> LagScore | None:
         return None
     # The split into delay and time constant may not be seen at all.
     information[1, 1] = max(information[1, 1], 1e-12 * own[1, 1])
-    return LagScore(score, information, root @ held[:, 0])
+    return LagScore(score, information, root @ held, trace)
 
 
 def lag_steps(model: Model, *, sure: bool = False) -> None:
@@ -101,12 +124,12 @@ def lag_steps(model: Model, *, sure: bool = False) -> None:
         at = lag_score(model)
         if at is None:
             return
-        step = np.linalg.solve(at.information, at.score)
+        step = np.linalg.solve(at.information, at.gradient)
         spread = model.sensor.spread + float(step[1])
         if spread < 0.0:
             # on the boundary the lag moves by its own row, given that the spread becomes 0
             moved = -model.sensor.spread
-            lag = float((at.score[0] - at.information[0, 1] * moved) / at.information[0, 0])
+            lag = float((at.gradient[0] - at.information[0, 1] * moved) / at.information[0, 0])
             spread = 0.0
         else:
             lag = float(step[0])
@@ -163,17 +186,6 @@ def chance_of_lag(lag: float, u: float, gain: float | None = None) -> float:
     return 1.0 / (1.0 + math.exp(min(-odds, 700.0)))
 
 
-def averaged(
-    weights: Sequence[float], means: Sequence[FloatArray], covariances: Sequence[FloatArray]
-) -> tuple[FloatArray, FloatArray]:
-    """Return mean and covariance of solutions of some chances, their sum 1 (eq. 22)."""
-    w = np.asarray(weights)
-    mean = w @ np.asarray(means)
-    apart = (means - mean) * np.sqrt(w)[:, None]
-    within = sum(p * c for p, c in zip(weights, covariances, strict=True))
-    return mean, np.asarray(within + apart.T @ apart)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Split:
     """Solution with one share of the time constant in the lag."""
@@ -181,9 +193,7 @@ class Split:
     weight: float
     lag: float  # s, with its standard uncertainty for this share
     u: float
-    mean: FloatArray
-    plain: FloatArray  # covariance without and with what the lag leaves open (eq. 23)
-    covariance: FloatArray
+    answer: Answer  # its covariance with what the lag leaves open (eq. 23)
 
 
 def splits(model: Model) -> list[Split]:
@@ -194,43 +204,44 @@ def splits(model: Model) -> list[Split]:
     shares that are as likely before. The model is left at the likeliest.
     """
     top = lag_score(model)
-    lag = abs(model.sensor.lag)
-    sure = top is not None and lag**2 > LAG_CHI2 * top.u**2
+    sure = top is not None and model.sensor.lag**2 > LAG_CHI2 * top.u**2
     start, parts, states = model.state(), [], []
     for share in _SHARES if sure else _SHARES[::2]:
         model.back_to(start)
-        _settle(model, share * lag)
-        post = model.solve()
+        _settle(model, share)
+        answer, u = model.answer(), math.inf
         at = lag_score(model)
-        plain = model.covariance(post)
-        covariance, u = plain, math.inf
         if at is not None:
-            covariance = plain + np.outer(at.change, at.change) / at.information[0, 0]
-            u = at.u
-        more = model.spread_of_spectrum(post)
-        weight = model.log_evidence(post) + (math.log(u) if at is not None else 0.0)
-        parts.append((weight, model.sensor.lag, u, post.theta, plain, covariance + more @ more.T))
+            _, u, change = at.along(_held(model.sensor.lag, share))
+            more = np.outer(change, change) * u**2
+            answer = replace(answer, covariance=answer.covariance + more)
+        weight = answer.evidence + (math.log(u) if at is not None else 0.0)
+        parts.append(Split(weight, model.sensor.lag, u, answer))
         states.append(model.state())
-    logs = np.array([p[0] for p in parts])
+    logs = np.array([p.weight for p in parts])
     chances = np.exp(logs - logs.max())
     chances /= chances.sum()
     model.back_to(states[int(np.argmax(chances))])
     model.solve()
-    return [Split(float(c), *p[1:]) for c, p in zip(chances, parts, strict=True)]
+    return [replace(p, weight=float(c)) for c, p in zip(chances, parts, strict=True)]
 
 
-def _settle(model: Model, constant: float) -> None:
-    """Give the sensor a time constant and find the lag that goes with it."""
-    model.sensor = Sensor(model.sensor.lag, constant**2)
-    model.apply()
-    model.learn(2)
-    for _ in range(_STEPS):
-        at = lag_score(model)
-        if at is None:
-            return
-        step = float(np.clip(at.lag, -LAG_PRIOR, LAG_PRIOR))
-        model.sensor = Sensor(model.sensor.lag + step, constant**2)
+def _held(lag: float, share: float) -> FloatArray:
+    """Return how lag and spread move together where the time constant is a share of the lag."""
+    return np.array([1.0, 2.0 * share**2 * lag])
+
+
+def _settle(model: Model, share: float) -> None:
+    """Give the sensor a share of time constant and find the lag that goes with it."""
+    lag = model.sensor.lag
+    for i in range(1 + _STEPS):
+        model.sensor = Sensor(lag, (share * lag) ** 2)
         model.apply()
-        model.learn(1)
-        if abs(step) < 0.05 * at.u:
+        model.learn(1 if i else 2)
+        at = lag_score(model)
+        if at is None or i == _STEPS:
             return
+        step, u, _ = at.along(_held(lag, share))
+        if abs(step) < 0.05 * u:
+            return
+        lag += float(np.clip(step, -LAG_PRIOR, LAG_PRIOR))

@@ -47,7 +47,7 @@ from metrosep.separation.runs.leave_out import RunScore, run_scores
 from metrosep.separation.runs.lines import FoundLine, Terms, find_line, nearest_power
 from metrosep.separation.runs.noise import MOST, WITNESS
 from metrosep.separation.runs.options import JointOptions
-from metrosep.separation.runs.posterior import Model, Posterior
+from metrosep.separation.runs.posterior import Answer, Model, Posterior, averaged
 from metrosep.separation.runs.system import System
 from metrosep.separation.runs.waves import (
     FALSE_ALARM,
@@ -269,24 +269,7 @@ class Solution:
         return [np.where(marked, np.nan, residual) for residual, marked in pairs]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Answer:
-    """Mean and covariance in the coordinates of the equations, the band's parts apart."""
-
-    mean: FloatArray
-    covariance: FloatArray
-    plain: FloatArray
-
-
-def _answer(model: Model) -> _Answer:
-    """Return the solution with what noise and spectrum leave open (eq. 16)."""
-    post = model.solve()
-    plain = model.covariance(post)
-    change = model.spread_of_spectrum(post)
-    return _Answer(post.theta, plain + change @ change.T, plain)
-
-
-def _answer_with_lag(model: Model) -> tuple[_Answer, float, float]:
+def _answer_with_lag(model: Model) -> tuple[Answer, float, float]:
     """Return the mean over the splits of a lag, with what the lag leaves open; the lag and its u."""
     parts = sensor_room.splits(model)
     weights = [p.weight for p in parts]
@@ -294,16 +277,14 @@ def _answer_with_lag(model: Model) -> tuple[_Answer, float, float]:
     lag = float(np.dot(weights, lags))
     squares = np.array([p.u for p in parts]) ** 2 + (lags - lag) ** 2
     u = math.sqrt(float(np.dot(weights, squares)))
-    return _mean_answer(weights, parts), lag, u
+    return _mean_answer(weights, [p.answer for p in parts]), lag, u
 
 
-def _mean_answer(
-    weights: Sequence[float], answers: Sequence[_Answer | sensor_room.Split]
-) -> _Answer:
+def _mean_answer(weights: Sequence[float], answers: Sequence[Answer]) -> Answer:
     means = [a.mean for a in answers]
-    mean, covariance = sensor_room.averaged(weights, means, [a.covariance for a in answers])
-    _, plain = sensor_room.averaged(weights, means, [a.plain for a in answers])
-    return _Answer(mean, covariance, plain)
+    mean, covariance = averaged(weights, means, [a.covariance for a in answers])
+    _, plain = averaged(weights, means, [a.plain for a in answers])
+    return Answer(mean, covariance, plain)
 
 
 _UNKNOWN_LAG = 2e-3
@@ -312,15 +293,15 @@ _UNKNOWN_LAG = 2e-3
 
 def _with_and_without_lag(
     model: Model, stated: float, mode: str, *, several_feeds: bool
-) -> tuple[_Answer, LagTest | None]:
+) -> tuple[Answer, LagTest | None]:
     """Return the answer averaged over no lag and the lag that was found (eq. 22)."""
     at = sensor_room.lag_score(model) if several_feeds else None
     if at is None:
-        return _answer(model), None
+        return model.answer(), None
     if mode == "fit" and at.u > _UNKNOWN_LAG:
         model.back_to((Sensor(stated), *model.state()[1:]))
         model.learn(4)
-        return _answer(model), LagTest(0.0, at.u, 0.0, 0.0, fitted=False)
+        return model.answer(), LagTest(0.0, at.u, 0.0, 0.0, fitted=False)
     if mode == "fit":
         one, lag, u = _answer_with_lag(model)
         lag -= stated
@@ -333,8 +314,8 @@ def _with_and_without_lag(
     if mode == "stated" or at.u > sensor_room.LAG_PRIOR:  # then nothing is known of a lag
         at = sensor_room.lag_score(model) or at
         p, chi2 = sensor_room.chance_of_lag(at.lag, at.u), (at.lag / at.u) ** 2
-        return _answer(model), LagTest(at.lag, at.u, p, chi2, fitted=False)
-    none, without = _answer(model), model.state()
+        return model.answer(), LagTest(at.lag, at.u, p, chi2, fitted=False)
+    none, without = model.answer(), model.state()
     least = model.log_evidence(model.solve())
     # Where short waves are strong the likelihood of a lag has several tops: the steps start from
     # none as well as from what was found, and the better one counts by its evidence.

@@ -1,0 +1,164 @@
+"""From bytes to text: the encoding of a file, the ends of its lines, and words that tell a code page."""
+
+from __future__ import annotations
+
+import codecs
+import itertools
+import re
+import unicodedata
+from functools import lru_cache
+from typing import Final, Literal, TypeAlias
+
+from metrosep.core.errors import FormatMismatchError, ReadError
+from metrosep.core.units import FOREIGN_SPELLINGS
+from metrosep.io.source import HEAD_BYTES, RawFile
+
+__all__ = ["ROLE_WORDS", "Role", "decode", "head_text", "plain_ends"]
+
+Role: TypeAlias = Literal[
+    "position", "height", "time", "feed", "run", "direction", "angle", "temperature", "index"
+]
+
+ROLE_WORDS: Final[dict[Role, str]] = {
+    "position": "x pos position encoder distance travel displacement lateral scanlength target nominal "
+    "axisposition weg strecke lage verfahrweg soll sollwert déplacement course abscisse cible "
+    "posizione spostamento corsa distanza quota posición desplazamiento distancia recorrido carrera "
+    "位置 位移 距离 行程 坐标 変位量 距離 移動量 座標",
+    "height": "z height deviation dev error err sensor cap straightness profile reading probe gap topography höhe "
+    "abweichung fehler geradheit profil messwert taster spalt hauteur écart erreur rectitude lecture "
+    "palpeur altezza scostamento errore rettilineità profilo lettura altura desviación rectitud "
+    "perfil lectura palpador 高度 偏差 误差 直线度 轮廓 读数 高さ 誤差 真直度 形状 測定値",
+    "time": "t time clock timestamp elapsed zeit zeitstempel uhrzeit datum temps heure date horodatage "
+    "tempo ora data tiempo hora fecha 时间 時間 时刻 日期 時刻 日時 測定日時",
+    "feed": "feed feedrate f speed velocity vorschub geschwindigkeit avance vitesse avanzamento "
+    "velocità velocidad 进给 进给速度 速度 送り 送り速度",
+    "run": "run pass cycle trace repeat repetition lauf messung zyklus wiederholung fahrt passe essai "
+    "répétition prova ciclo passata ripetizione pasada ensayo repetición 次数 循环 序列 回 回数 サイクル",
+    "direction": "direction dir richtung sens verso sentido dirección 方向",
+    "angle": "angle theta phi rotation c winkel drehwinkel angolo ángulo 角度 回転角",
+    "temperature": "temp temperature temperatur température temperatura 温度",
+    "index": "no nr index sample point lfdnr punkt punto 序号 点 番号",
+}
+"""What columns are called in English, German, French, Italian, Spanish, Chinese and Japanese."""
+
+_PAGES: Final = ("cp1252", "cp932", "gb18030", "big5", "euc_kr", "cp1251", "mac_roman")
+_KNOWN = re.compile(
+    "|".join(
+        sorted(
+            {
+                w
+                for words in ROLE_WORDS.values()
+                for w in words.casefold().split()
+                if not w.isascii() and len(w) > 1
+            }
+            | set("µμ°℃å±²³")
+            | FOREIGN_SPELLINGS,
+            key=len,
+            reverse=True,
+        )
+    )
+)
+_BEYOND_ASCII = re.compile(rb"[^\r\n]*[\x80-\xff][^\r\n]*")
+_LINES = 100
+"""Lines that are looked at for their code page."""
+_ENOUGH = 1 / 3
+"""Share of known characters: in a wrong page some bytes are a degree sign by chance."""
+_CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
+
+
+def decode(data: bytes, path: object, encoding: str | None = None) -> tuple[str, str]:
+    r"""Return the text of a file and the encoding it was in."""
+    if encoding is None and len(data) <= HEAD_BYTES:
+        known = _decoded_head(data)
+        if known is not None:
+            return known
+    name = encoding or _encoding(data)
+    try:
+        text = data.decode(name)
+    except (UnicodeDecodeError, LookupError) as exc:
+        raise ReadError(f"{path}: is not {name} text ({exc}); name it with encoding=") from None
+    if _is_binary(data, text, name):
+        raise FormatMismatchError(
+            f"{path}: holds binary data, not text; if it is a text file, name it with encoding="
+        )
+    return plain_ends(text), name
+
+
+def head_text(file: RawFile) -> str | None:
+    """Return the text of the first whole lines of a file, None where it is not text."""
+    try:
+        return decode(file.head_lines, file.path)[0]
+    except ReadError:
+        return None
+
+
+def plain_ends(text: str) -> str:
+    """Return text whose lines end with LF alone; no other character ends a line."""
+    for end in ("\r\r\n", "\r\n", "\r"):
+        text = text.replace(end, "\n")
+    return text.removeprefix("\ufeff")
+
+
+@lru_cache(maxsize=2)
+def _decoded_head(data: bytes) -> tuple[str, str] | None:
+    """Return what `decode` does of a head that a dozen readers look at; None where it refuses."""
+    name = _encoding(data)
+    try:
+        text = data.decode(name)
+    except (UnicodeDecodeError, LookupError):
+        return None
+    return None if _is_binary(data, text, name) else (plain_ends(text), name)
+
+
+def _is_binary(data: bytes, text: str, name: str) -> bool:
+    by_byte = name in {"utf-8", "utf-8-sig", "latin-1", *_PAGES}
+    return "\0" in text or (by_byte and _CONTROL.search(data) is not None)
+
+
+def _encoding(data: bytes) -> str:
+    for mark, name in (
+        (codecs.BOM_UTF8, "utf-8-sig"),
+        (codecs.BOM_UTF16_LE, "utf-16"),
+        (codecs.BOM_UTF16_BE, "utf-16"),
+    ):
+        if data.startswith(mark):
+            return name
+    head = data[:2000]
+    if len(head) >= 4 and head[1::2].count(0) > 0.4 * len(head) / 2:
+        return "utf-16-le"
+    if len(head) >= 4 and head[0::2].count(0) > 0.4 * len(head) / 2:
+        return "utf-16-be"
+    try:
+        data.decode("utf-8")
+    except UnicodeDecodeError as exc:
+        # the sample that sniff gets may end inside a character
+        if exc.start < len(data) - 4 or len(data) < 1000:
+            return _legacy_page(data)
+    return "utf-8"
+
+
+def _legacy_page(data: bytes) -> str:
+    """Return the code page under which most characters beyond ASCII are words of headers.
+
+    Only names and units are at stake: digits, marks and separators are the same bytes in each.
+    """
+    sample = b"\n".join(
+        itertools.islice((m.group() for m in _BEYOND_ASCII.finditer(data)), _LINES)
+    )
+    shares = {page: _known_share(sample, page) for page in _PAGES}
+    best = max(_PAGES, key=lambda page: shares[page])
+    return best if shares[best] > _ENOUGH else "latin-1"
+
+
+def _known_share(sample: bytes, page: str) -> float:
+    """Return the share of characters beyond ASCII that are known, 0 where the bytes are no text of a page."""
+    try:
+        text = unicodedata.normalize("NFC", sample.decode(page)).casefold()
+    except UnicodeDecodeError:
+        return 0.0
+    beyond = _beyond_ascii(text)
+    return sum(_beyond_ascii(m) for m in _KNOWN.findall(text)) / beyond if beyond else 0.0
+
+
+def _beyond_ascii(text: str) -> int:
+    return sum(not c.isascii() for c in text)
