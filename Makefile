@@ -71,8 +71,14 @@ demo: $(VENV)/.installed
 	@echo "In $(DEMO):"
 	@find $(DEMO) -type f \( -name '*.html' -o -name '*.comp' -o -name '*.csv' -o -name 'result.json' \) | LC_ALL=C sort | sed 's/^/  /'
 
+# Modules compiled once, in $(VENV), also where the environment says that none is to be written: each
+# worker and each command that a test starts would compile all of them again (half a minute each).
+test test-slow: export PYTHONDONTWRITEBYTECODE =
+test test-slow: export PYTHONPYCACHEPREFIX ?= $(abspath $(VENV))/pycache
+
+# Workers take work from each other at the end; until then a fixture of a file is made once.
 test: $(VENV)/.installed-test
-	$(PYTEST) -n $(WORKERS) $(PYTEST_FLAGS)
+	$(PYTEST) -n $(WORKERS) --dist worksteal $(PYTEST_FLAGS)
 
 # ---- what a developer calls --------------------------------------------------------------------
 

@@ -104,7 +104,7 @@ def fold_estimates(
 def _without(
     runs: RunSet, out: tuple[int, ...], stated: Mapping[str, Any], span: tuple[float, float]
 ) -> ErrorEstimate:
-    from metrosep.separation.runs.entry import separate
+    from metrosep.separation.runs.entry import separate_runs
 
     kept = [i for i in range(len(runs)) if i not in out]
     rest = RunSet([runs[i] for i in kept], metadata=runs.metadata, history=runs.history)
@@ -118,15 +118,19 @@ def _without(
     if options["method"] == "joint" and rest.feeds:
         wanted = options.get("min_feeds", 2)
         options["min_feeds"] = min(wanted, len(rest.feeds))
-    found: ErrorEstimate = separate(
+    # What is wrong with a run was said once, with all the others beside it.
+    return separate_runs(
         rest,
-        start=start,
-        length=length,
-        shortest=options.pop("shortest_m", None),
-        lag=options.pop("lag_s", 0.0),
-        **options,
+        options.pop("method"),
+        length,
+        start,
+        options.pop("shortest_m", None),
+        options.pop("lag_s", 0.0),
+        exclude=None,
+        accept=options.pop("accept"),
+        options=options,
+        compare=False,
     )
-    return found
 
 
 def folds_of(carried: Any, runs: RunSet) -> list[tuple[tuple[int, ...], Any]]:

@@ -66,7 +66,7 @@ def test_separate_prints_json_on_stdout_and_the_rest_elsewhere(metrosep, runs_cs
 def test_separate_writes_table_report_and_result(metrosep, runs_csv, tmp_path):
     code, _, err = metrosep(
         "separate", runs_csv, *COLUMNS, "--start", "0 mm", "--length", "30 mm",
-        "--table", "linuxcnc=x.comp", "--compensates", "X", "--spacing", "0.5 mm", "--poly", "2", "-o", tmp_path / "out",
+        "--shortest", "1 mm", "--table", "linuxcnc=x.comp", "--compensates", "X", "--spacing", "0.5 mm", "--poly", "2", "-o", tmp_path / "out",
     )  # fmt: skip
 
     assert code == 0, err
@@ -79,7 +79,7 @@ def test_separate_writes_table_report_and_result(metrosep, runs_csv, tmp_path):
 
 def test_table_from_a_result_and_verify(metrosep, runs_csv, tmp_path):
     out = tmp_path / "out"
-    code, _, _ = metrosep("separate", runs_csv, *COLUMNS, "-o", out)
+    code, _, _ = metrosep("separate", runs_csv, *COLUMNS, "--shortest", "1 mm", "-o", out)
     assert code == 0
 
     comp = tmp_path / "x.comp"

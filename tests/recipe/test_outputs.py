@@ -17,6 +17,7 @@ feed = "feed_mm_min"
 run = "run"
 [[step]]
 op = "separate"
+method = "mean"
 start = "0 mm"
 length = "30 mm"
 [[output]]
@@ -76,7 +77,7 @@ def test_a_failing_second_run_leaves_the_first_whole(runs, tmp_path, monkeypatch
 def test_a_check_without_uncertainty_leaves_no_table(runs, tmp_path):
     text = GOOD + '[[check]]\nmetric = "residual_rms"\nupper = "1 um"\n'
 
-    with pytest.raises(RecipeError, match=r"r.toml:22: .*residual_rms.* state it"):
+    with pytest.raises(RecipeError, match=r"r.toml:23: .*residual_rms.* state it"):
         Recipe.parse(text, name="r.toml").run(runs, out=tmp_path / "out")
 
     assert not (tmp_path / "out").exists()

@@ -30,6 +30,7 @@ run = "run"
 op = "separate"
 start = "0 mm"
 length = "30 mm"
+method = "mean"
 
 [[check]]
 metric = "pv"
@@ -85,12 +86,12 @@ def folder(tmp_path_factory):
         ),
         ('length = "30 mm"', 'length = "30"', r"r.toml:14: .*has no unit"),
         ("metrosep = 1", "metrosep = 2", "r.toml:1: metrosep = 2: this version reads recipes of"),
-        ('metric = "pv"', 'metric = "Pt"', r"r.toml:17: metric = 'Pt' is not one of pv"),
+        ('metric = "pv"', 'metric = "Pt"', r"r.toml:18: metric = 'Pt' is not one of pv"),
         ('z = "z_um"', "", r'r.toml:4: \[input\] needs the key "z"'),
-        ('axis = "X"', "axis = 1", "r.toml:23: axis = 1: a text is needed"),
+        ('axis = "X"', "axis = 1", "r.toml:24: axis = 1: a text is needed"),
         ("[[check]]", "[check]", r"write \[\[check\]\] with double brackets"),
         ('title = "test"', "title = ", "not valid TOML"),
-        ('kind = "table"', 'kind = "picture"', r'r.toml:21: .*kind = one of "table", "report"'),
+        ('kind = "table"', 'kind = "picture"', r'r.toml:22: .*kind = one of "table", "report"'),
     ],
 )
 def test_wrong_recipes_name_the_line(old, new, message):

@@ -143,6 +143,25 @@ def separate(
         own |= {"accept": accept, "lag": None if lag == "auto" else lag}
         named = {k: v for k, v in own.items() if v is not None}
         return separate_named(runs, method, {**named, **options})
+    return separate_runs(
+        runs, method, length, start, shortest, lag, exclude=exclude, accept=accept, options=options
+    )
+
+
+def separate_runs(
+    runs: RunSet,
+    method: str,
+    length: float | str | None,
+    start: float | str | None,
+    shortest: float | str | None,
+    lag: float | str,
+    *,
+    exclude: Named | None,
+    accept: Named | None,
+    options: dict[str, Any],
+    compare: bool = True,
+) -> ErrorEstimate:
+    """Return what `separate` makes of runs; without `compare` they are not held against each other."""
     known = [k for k, o in RUN_OPTIONS.items() if k not in _OWN and method in (o.of or _METHODS)]
     unknown = sorted(set(options) - set(known))
     if unknown:
@@ -163,7 +182,11 @@ def separate(
         runs = runs.select(feed=options["feed"])
     names = probe_names(runs, options.get("probes")) if method == "joint" else [""] * len(runs)
     checks = check_runs(
-        runs, probes=names, spikes=not options.get("robust"), clocks=method == "joint"
+        runs,
+        probes=names,
+        spikes=not options.get("robust"),
+        clocks=method == "joint",
+        compare=compare,
     )
     given = runs
     runs, checks = checks.settle(runs, exclude=exclude, accept=accept)

@@ -191,8 +191,9 @@ def check_runs(
     probes: Sequence[str] | None = None,
     spikes: bool = True,
     clocks: bool = False,
+    compare: bool = True,
 ) -> RunChecks:
-    """Return what is wrong with runs, by themselves and against each other; with `clocks` in time.
+    """Return what is wrong with runs, by themselves and (`compare`) each other; with `clocks` in time.
 
     Notes
     -----
@@ -253,11 +254,11 @@ def check_runs(
             table = RunTable.of(runs, members)
             if table is None:
                 continue
-            own = compare_runs(runs, table, found)
+            own = compare_runs(runs, table, found) if compare else None
             if own is not None:
                 lag[direction] = own
             step = max(step, check_steps(table, steps[members], found))
-            if spikes:
+            if spikes and compare:
                 check_spikes(runs, table, found)
     nowhere = (math.nan, math.nan)
     columns: dict[str, list[Any]] = {

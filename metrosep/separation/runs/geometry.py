@@ -17,7 +17,15 @@ import numpy as np
 
 from metrosep.core._arrays import ComplexArray, FloatArray
 
-__all__ = ["HELD_SHARE", "PERIOD_SHARE", "Extension", "Sensor", "Spectrum"]
+__all__ = [
+    "HELD_SHARE",
+    "PERIOD_SHARE",
+    "Extension",
+    "Sensor",
+    "Spectrum",
+    "filtered",
+    "seen_through",
+]
 
 PERIOD_SHARE = 1.4
 """Period of the basis over the travel; greater than 1, so that the error need not close."""
@@ -175,9 +183,26 @@ class Sensor:
 
 def filtered(columns: FloatArray, factors: ComplexArray) -> FloatArray:
     """Return coefficients (line, a, b) as read through complex factors on a - i b."""
-    n = factors.size
     out = np.array(columns, dtype=np.float64)
-    flat = out.reshape(out.shape[0], -1)
-    wave = (flat[1 : n + 1] - 1j * flat[n + 1 : 2 * n + 1]) * factors[:, None]
-    flat[1 : n + 1], flat[n + 1 : 2 * n + 1] = wave.real, -wave.imag
+    _turn(out, factors)
     return out
+
+
+def seen_through(gram: FloatArray, factors: ComplexArray) -> FloatArray:
+    """Return normal equations of coefficients of which each is read through a complex factor."""
+    out = np.array(gram, dtype=np.float64)
+    _turn(out, factors)
+    _turn(out.T, factors)
+    return out
+
+
+def _turn(columns: FloatArray, factors: ComplexArray) -> None:
+    # (a - i b)(c + i s) = (a c + b s) - i (b c - a s), in real numbers: half of the work
+    n = factors.size
+    c, s = (p.reshape(n, *[1] * (columns.ndim - 1)) for p in (factors.real, factors.imag))
+    a, b = columns[1 : n + 1], columns[n + 1 : 2 * n + 1]
+    turned = b * c - a * s
+    a *= c
+    b *= s
+    a += b
+    b[...] = turned

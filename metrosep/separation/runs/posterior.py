@@ -15,7 +15,14 @@ import numpy as np
 
 from metrosep.core._arrays import BoolArray, FloatArray, IntArray
 from metrosep.core.errors import DegenerateFitError
-from metrosep.separation.runs.geometry import LINE_SD, Extension, Sensor, Spectrum, filtered
+from metrosep.separation.runs.geometry import (
+    LINE_SD,
+    Extension,
+    Sensor,
+    Spectrum,
+    filtered,
+    seen_through,
+)
 from metrosep.separation.runs.noise import level_spread
 
 __all__ = ["Answer", "Model", "Posterior", "RunEquations", "Wave", "averaged"]
@@ -154,12 +161,13 @@ class Model:
             block = gram[np.ix_(at, at)] + np.diag(1.0 / np.tile(self.slip[self.slip > 0.0], 2))
             solved = np.linalg.solve(block, np.column_stack([gram[at], right[at]]))
             gram = gram - gram[:, at] @ solved[:, :-1]
+            gram = 0.5 * (gram + gram.T)
             right = right - run.gram[:, at] @ solved[:, -1]
         if self.sensor != Sensor():
             h = np.conj(self.sensor.response(self.extension.wavenumbers, run.velocity))
-            gram = filtered(filtered(gram, h).T, h)
+            gram = seen_through(gram, h)
             right = filtered(right, h)
-        return replace(run, gram=0.5 * (gram + gram.T), right=right)
+        return replace(run, gram=gram, right=right)
 
     def slipping(self) -> IntArray:
         """Return the coordinates with a part that differs from run to run, cosines first."""
