@@ -27,14 +27,14 @@ def bad_day(seed=SEED):
     return ms.RunSet(runs), axis
 
 
-def scores(seed=SEED):
+def scores(seed=SEED, names=tuple(OPTIONS)):
     """RMS of estimate minus truth in nm, offset and line removed, for each set of options."""
     runs, axis = bad_day(seed)
     x = np.linspace(axis.start, axis.stop, 451)
     found = {}
-    for name, options in OPTIONS.items():
+    for name in names:
         estimate = ms.separation.separate(
-            runs, start=axis.start, length=axis.stop - axis.start, **options
+            runs, start=axis.start, length=axis.stop - axis.start, **OPTIONS[name]
         )
         rest = estimate.evaluate(x) - axis.truth(x)
         rest -= np.polyval(np.polyfit(x, rest, 1), x)

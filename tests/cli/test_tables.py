@@ -18,8 +18,12 @@ TRAVEL = ("--machine", "travel_low=0 mm", "--machine", "travel_high=45 mm")
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
     out = tmp_path_factory.mktemp("result")
-    recipe = Path(__file__).parents[2] / "examples" / "straightness" / "recipe.toml"
-    ms.Recipe.load(recipe).run(out=out)
+    folder = Path(__file__).parents[2] / "examples" / "straightness"
+    text = (folder / "recipe.toml").read_text("utf-8")
+    limits = 'length = "45 mm"\n'
+    assert limits in text
+    text = text.replace(limits, limits + 'shortest = "1 mm"\n')  # the folds cost a quarter
+    ms.Recipe.parse(text).run(folder / "runs.csv", out=out)
     return out
 
 

@@ -6,8 +6,8 @@ import pytest
 from metrosep.compensation import CompensationTable
 from metrosep.separation import machine_axis, separate
 
-SHORTEST = 0.8e-3
-"""The shortest wave of the axes is 3.3 mm; fewer harmonics cost a third of the time."""
+SHORTEST = 1.5e-3
+"""The shortest wave of the axes is 3.3 mm; fewer harmonics cost a quarter of the time."""
 
 
 def estimated(axis):

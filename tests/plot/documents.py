@@ -22,8 +22,8 @@ def make_document(method, directions):
     axis = machine_axis(
         seed=7, directions=directions, lost_motion=0.3e-6 if len(directions) > 1 else 0.0
     )
-    # the shortest wave of the axis is 3.3 mm: the folds of the table take a third of the time
-    shortest = {"shortest": 0.8e-3} if method == "joint" else {}
+    # the shortest wave of the axis is 3.3 mm: the folds of the table take a quarter of the time
+    shortest = {"shortest": 1.5e-3} if method == "joint" else {}
     estimate = separate(
         axis.runs, method=method, start=axis.start, length=axis.stop - axis.start, **shortest
     )

@@ -54,6 +54,8 @@ def csv(path, runs, written=lambda s: f"{s:.6f}", column="t_s"):
 
 def call(file, *more, column="t_s"):
     given = ["--x", "x_mm", "--z", "volt_V", "--scale", "-500 nm/V", "--run", "run", "--json"]
+    if "mean" not in more and "kono" not in more:
+        given += ["--shortest", "2 mm"]  # the shortest wave is 6.5 mm
     with pytest.raises(SystemExit) as ended:
         main(["separate", file, *given, "--time", column, *more])
     return ended.value.code

@@ -163,7 +163,7 @@ def test_scattered_samples_that_were_not_measured_do_not_stop_the_joint_method(s
     )
     x = np.linspace(axis.start, axis.stop, 501)
 
-    estimate = separate(runs, start=axis.start, length=axis.stop - axis.start)
+    estimate = separate(runs, start=axis.start, length=axis.stop - axis.start, shortest=1e-3)
 
     error = estimate.evaluate(x) - axis.truth(x)
     error -= np.polyval(np.polyfit(x, error, 1), x)
@@ -191,7 +191,9 @@ def test_fast_sampling_does_not_hide_slow_modes(contract_machine, as_runset):
     scores = {}
     for rate in (1000.0, 8000.0):
         machine = contract_machine.Machine(4, case="floor", rate=rate)
-        estimate = separate(as_runset(machine), start=0.0, length=machine.length * 1e-3)
+        estimate = separate(
+            as_runset(machine), start=0.0, length=machine.length * 1e-3, shortest=1e-3
+        )
         scores[rate] = machine.rms_nm(estimate)
 
     assert scores[8000.0] < 1.3 * scores[1000.0]
@@ -199,7 +201,9 @@ def test_fast_sampling_does_not_hide_slow_modes(contract_machine, as_runset):
 
 def test_a_long_lag_is_found(contract_machine, as_runset):
     machine = contract_machine.Machine(5, lag=30e-3)
-    estimate = separate(as_runset(machine), start=0.0, length=machine.length * 1e-3, lag="fit")
+    estimate = separate(
+        as_runset(machine), start=0.0, length=machine.length * 1e-3, shortest=1e-3, lag="fit"
+    )
 
     assert estimate.lag == pytest.approx(30e-3, abs=4.0 * estimate.lag_sd)
 
