@@ -459,7 +459,7 @@ def _iteration(carried: Any, target: Path, kept: Collection[str] = ()) -> list[F
     if beside.get("file_sha256") != hashlib.sha256(target.read_bytes()).hexdigest():
         return [
             Finding(
-                "error",
+                "warning",
                 f"{target} was not written by metrosep or was changed since, and a machine may be using it: "
                 "if it was active while the readings were taken, the new table is what is left and must be "
                 "added to it",

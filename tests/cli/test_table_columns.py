@@ -166,7 +166,7 @@ def test_columns_of_another_place_axis_or_controller_are_refused(measured, metro
     short = (measured / "z.csv").read_text().splitlines()
     half = [short[0], *(r for r in short[1:] if float(r.split(",")[1]) < 120)]
     (measured / "z.csv").write_text("\n".join(half) + "\n")
-    first = own_file(measured, lambda *w: metrosep(*w, "--force", "--active", "none"))
+    first = own_file(measured, lambda *w: metrosep(*w, "--force"))
     code, _, told = metrosep(*call, *COM, *beside)
     assert code == 2, told
     assert "the columns of x.com stand at 0 mm ... 200 mm" in told

@@ -435,13 +435,13 @@ def test_joint_estimates_are_made_again_five_times_at_most(monkeypatch, n, both_
     """Whole runs, round robin; a pair of directions is left out together. The fit itself is a mean."""
     from metrosep.separation.runs import entry
 
-    fitted, left = entry.separate, []
+    fitted, solved, left = entry.separate, entry.separate_runs, []
 
-    def counted(kept, **options):
+    def counted(kept, method, *limits, **options):
+        assert method == "joint"
         left.append({r.run_id for r in everything} - {r.run_id for r in kept})
-        assert options.pop("method") == "joint"
-        options.pop("min_feeds", None)
-        return fitted(kept, method="mean", **options)
+        options["options"].pop("min_feeds", None)
+        return solved(kept, "mean", *limits, **options)
 
     rng = np.random.default_rng(n)
     rows = [bow(X) + rng.normal(0.0, 2e-8, K) for _ in range(n)]
@@ -455,7 +455,7 @@ def test_joint_estimates_are_made_again_five_times_at_most(monkeypatch, n, both_
     table = CompensationTable.from_error(
         replace(estimate, history=(joint,)), positions=ENTRIES, axis="X", compensates="Z"
     )
-    monkeypatch.setattr(entry, "separate", counted)
+    monkeypatch.setattr(entry, "separate_runs", counted)
 
     found = table.verify(measured)
 

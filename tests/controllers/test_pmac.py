@@ -287,7 +287,7 @@ def test_written_with_dry_run_and_read_without_its_sidecar(tmp_path, bump):
     assert np.abs(back.forward - table.forward).max() <= HALF_ENTRY * 1.01
     with pytest.raises(SignCheckFailedError):
         controllers.write(
-            table.negated(), path, "pmac", count="10 nm", target_motor=2, overwrite=True, active="none",
+            table.negated(), path, "pmac", count="10 nm", target_motor=2, overwrite=True,
             verified_against=bump,
         )  # fmt: skip
 

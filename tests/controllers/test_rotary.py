@@ -511,7 +511,7 @@ def test_pmac_plane_over_an_axis_that_turns(tmp_path):
     with pytest.raises(
         TableError, match=r"fills the span of 360 deg.*differ there by 628.*the same"
     ):
-        controllers.write(open_map, path, "pmac-plane", overwrite=True, active="none", **options)
+        controllers.write(open_map, path, "pmac-plane", overwrite=True, **options)
 
 
 # ---- HEIDENHAIN: degrees, entries from 0 to 360 only ------------------------------------------------

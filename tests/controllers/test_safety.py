@@ -274,18 +274,14 @@ def test_a_waiver_of_a_dry_run_that_was_done_is_not_recorded(tmp_path, table, me
     assert sidecar["verification"]["passed"] is True
 
 
-def test_replacing_a_file_of_unknown_origin_is_refused_until_somebody_says_what_was_active(
-    tmp_path, table
-):
+def test_replacing_a_file_of_unknown_origin_is_told(tmp_path, table):
     path = tmp_path / "x.csv"
     path.write_text("position_mm,correction_forward_um\n0,0\n1,1\n")
 
-    with pytest.raises(LimitError, match="was not written by metrosep or was changed since"):
-        write(table, path, overwrite=True)
-    assert not (tmp_path / "x.csv.json").exists()
+    write(table, path, overwrite=True)
 
-    write(table, path, overwrite=True, active="none")
-    assert json.loads((tmp_path / "x.csv.json").read_text())["active"] == "none"
+    findings = json.loads((tmp_path / "x.csv.json").read_text())["findings"]
+    assert any(f["check"] == "active" and f["level"] == "warning" for f in findings)
 
 
 @pytest.mark.parametrize(
