@@ -179,9 +179,7 @@ def read_runs(
         warnings.extend(f"{file.name}: {w}" for w in said)
         facts = {"x": str(x), "z": str(z), "feed": str(file_feed), "scale": str(scale)}
         history.extend(file.history(format_id, facts))
-    units = {
-        u for r in runs for u in [(r.metadata.get("unit", "m"), r.metadata.get("z_unit", "m"))]
-    }
+    units = {(r.metadata.get("unit", "m"), r.metadata.get("z_unit", "m")) for r in runs}
     if len(units) > 1:
         raise UnitError("some files hold angles and others lengths: read them one kind at a time")
     unit, z_unit = units.pop()

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import importlib
 import io
-import lzma
 import os
 import threading
 import zlib
@@ -264,6 +263,8 @@ def open_file(path: str | os.PathLike[str]) -> RawFile:
 
 def _unpacked(path: Path, module: str, size: int) -> bytes:
     """Return the content of a file that is compressed as a whole."""
+    import lzma
+
     most = min(_MAX_UNPACKED, max(_UNASKED, _MAX_RATIO * size))
     try:
         with importlib.import_module(module).open(path, "rb") as handle:

@@ -460,7 +460,7 @@ class Body:
             at = next((i for i, t in enumerate(texts) if _IN_DOUBT[mark].fullmatch(t)), None)
             self._grouped[k] = 0 if at is None else int(lines[at])
         if self._grouped[k] and (mark == "," or self._whole[k]):
-            other = "." if mark == "," else ","
+            other = self._layout.dialect.other_mark
             raise AmbiguousFormatError(
                 f"{self._file.path}: line {self._grouped[k]}: column {self._names[k]!r} holds a number such "
                 f"as 1{mark}000, which is one or one thousand, and no number of the file shows which; give "
@@ -508,7 +508,7 @@ class Body:
         dialect = self._layout.dialect
         if self._unproven or dialect.thousands:
             return None
-        other = "." if dialect.decimal == "," else ","
+        other = dialect.other_mark
         plain = replace(dialect, thousands=other).plain(field)
         is_sure = dialect.decimal in field or field.count(other) > 1
         if plain is None or (not is_sure and any(dialect.decimal in f for f in column)):

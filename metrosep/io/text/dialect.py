@@ -99,7 +99,12 @@ class Dialect:
     separator: str
     decimal: str  # {".", ","}: decimal mark
     quoted: bool = False  # whether fields may stand in double quotes
-    thousands: str = ""  # mark between groups of three digits, which only a caller declares
+    thousands: str = ""  # mark between groups of three digits: declared, or shown by the file
+
+    @property
+    def other_mark(self) -> str:
+        """The comma where the point is the decimal mark, and the point where the comma is."""
+        return "." if self.decimal == "," else ","
 
     def split(self, lines: Iterable[str]) -> list[list[str]]:
         """Return the fields of each line."""
@@ -359,8 +364,8 @@ def find_layout(
     unproven = options.decimal is None and options.thousands is None and not best.is_proven()
     dialect = best.dialect
     if unproven and best.has_groups():
-        other = "." if dialect.decimal == "," else ","
-        dialect, unproven = replace(dialect, decimal=other, thousands=dialect.decimal), False
+        dialect = replace(dialect, decimal=dialect.other_mark, thousands=dialect.decimal)
+        unproven = False
     usual = Counter(n_used(fields) for fields in best.rows.values()).most_common(1)[0][0]
     return Layout(
         dialect,
@@ -408,13 +413,10 @@ def _is_unmeasured(line: str) -> bool:
 def _fit(sample: Sequence[str], n_head: int, dialect: Dialect) -> _Fit | None:
     """Return the rows of a sample under a dialect: the commonest number of fields makes the table."""
     split = dialect.split(sample)
-    kinds = [[_kind(f, dialect) for f in fields] for fields in split]
-    if any(_shows_mark(f, dialect) for fields in split for f in fields):
-        other = replace(dialect, thousands="." if dialect.decimal == "," else ",")
-        for fields, own in zip(split, kinds, strict=True):
-            for k, field in enumerate(fields):
-                if own[k] == "odd" and not dialect.thousands and other.plain(field) is not None:
-                    own[k] = "number"
+    grouped = dialect
+    if not dialect.thousands and any(_shows_mark(f, dialect) for row in split for f in row):
+        grouped = replace(dialect, thousands=dialect.other_mark)
+    kinds = [[_kind(f, dialect, grouped) for f in fields] for fields in split]
     numbered = [i for i, k in enumerate(kinds) if "number" in k and "odd" not in k]
     if not numbered:
         return None
@@ -462,14 +464,14 @@ def _shows_mark(field: str, dialect: Dialect) -> bool:
     )
 
 
-def _kind(field: str, dialect: Dialect) -> str:
+def _kind(field: str, dialect: Dialect, grouped: Dialect) -> str:
     text = field.strip()
     if text.lower() in NO_READING:
         return "missing"
     if dialect.plain(text) is not None:
         return "number"
     if NUMBER_LIKE.fullmatch(text):
-        return "odd"
+        return "odd" if grouped.plain(text) is None else "number"
     if dialect.separator in {" ", ", "} and any(mark in text for mark in ",;\t"):
         return "odd"
     return "label"
