@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -124,7 +123,8 @@ def main(words: list[str]) -> int:
         folder = Path(words[1]).resolve()
         if folder.exists():
             sys.exit(f"{folder} exists; name a folder that does not")
-        command = words[2] if len(words) == 3 else shutil.which("metrosep") or "metrosep"
+        beside = Path(sys.executable).with_name("metrosep")  # of the checkout that runs this
+        command = words[2] if len(words) == 3 else str(beside)
         return min(99, write(folder, command))
     if words[:1] == ["compare"] and len(words) == 3:
         found = compare(Path(words[1]), Path(words[2]))
