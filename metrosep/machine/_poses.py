@@ -214,6 +214,7 @@ class States:
             self.turned[e.name, "after"] = turned
             turned = matmul(turned, transpose(self.moves[e.name].r))
             self.turned[e.name, "before"] = turned
+        self.bed_turn = turned
         for e in tools:
             self.turned[e.name, "before"] = turned
             turned = matmul(turned, self.moves[e.name].r)
@@ -230,6 +231,12 @@ class States:
         sign = 1.0 if element.branch == "tool" else -1.0
         turns = [turn(turned, cross(axis, lever)) for axis in UNIT]
         return [scale(column, sign) for column in (*transpose(turned), *turns)]
+
+    def six_turns(self, element: Element, frame: str) -> list[Vector]:
+        """Return by how much the six directions of one frame turn the tool against the workpiece."""
+        sign = 1.0 if element.branch == "tool" else -1.0
+        axes = [scale(axis, sign) for axis in transpose(self.turned[element.name, frame])]
+        return [ORIGIN, ORIGIN, ORIGIN, *axes]
 
     def poison(self, out: FloatArray) -> None:
         """Write NaN in every state in which a position or the tool point is NaN."""

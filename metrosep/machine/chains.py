@@ -17,7 +17,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from os import PathLike
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,6 +39,9 @@ from metrosep.machine.elements import (
     paper_hint,
 )
 from metrosep.machine.error_sets import ErrorSet, as_error_set
+
+if TYPE_CHECKING:
+    from metrosep.machine.instruments import Instrument
 
 __all__ = ["Chain", "preset_table", "presets"]
 
@@ -274,13 +277,71 @@ class Chain:
         >>> chain.jacobian({"X": 0.02, "C": [0.0, 1.0]}, terms=["EXX", "ECX"]).shape
         (2, 3, 2)
         """
+        return self._gathered(self._states(q, tool), terms, turns=False)
+
+    @described_by(jacobian, errors=False)
+    def turn_jacobian(self, q: Positions, *, terms: Iterable[str] | None = None) -> FloatArray:
+        """Return the derivative of the turn of the tool against the workpiece by each error term.
+
+        Returns
+        -------
+        ndarray, shape (..., 3, n_terms), rad/m or rad/rad
+            Small rotation about workpiece X, Y, Z.
+
+        Notes
+        -----
+        The squareness of a slide turns its travel, not its carriage: its column is zero.
+
+        Examples
+        --------
+        >>> chain = Chain([Element("X", "tool", "linear", direction=(1, 0, 0)),
+        ...                Element("C", "workpiece", "rotary")])
+        >>> chain.turn_jacobian({"X": 0.02, "C": 0.0}, terms=["EBX", "EBC"])[1].tolist()
+        [1.0, -1.0]
+        """
+        return self._gathered(self._states(q, (0.0, 0.0, 0.0)), terms, turns=True)
+
+    def workpiece_turn(self, q: Positions) -> FloatArray:
+        """Return the nominal rotation of the workpiece in the machine.
+
+        Parameters
+        ----------
+        q : mapping of str to array_like, m or rad
+            Position of every axis; parked axes may be missing.
+
+        Returns
+        -------
+        ndarray, shape (..., 3, 3)
+            ``R``: a direction of the workpiece v is ``R v`` in the machine.
+
+        Raises
+        ------
+        DataError
+            A position is missing or an axis is unknown.
+
+        Examples
+        --------
+        >>> chain = Chain([Element("X", "tool", "linear", direction=(1, 0, 0)),
+        ...                Element("C", "workpiece", "rotary")])
+        >>> chain.workpiece_turn({"X": 0.0, "C": 0.5 * np.pi}).round(12)[:, 0].tolist()
+        [0.0, 1.0, 0.0]
+        """
+        states = self._states(q, (0.0, 0.0, 0.0))
+        out = np.zeros((3, 3, *states.shape))
+        for i in range(3):
+            for k in range(3):
+                out[i, k] = states.bed_turn[k][i]  # bed_turn takes the machine to the workpiece
+        states.poison(out)
+        return np.moveaxis(out, (0, 1), (-2, -1))
+
+    def _gathered(self, states: States, terms: Iterable[str] | None, *, turns: bool) -> FloatArray:
+        """Return the columns of the terms, of the point or of the turn, shape (..., 3, n)."""
         wanted = self.terms if terms is None else self.known_terms(terms)
-        states = self._states(q, tool)
         columns = {}
         for element in self.elements:
             chosen = [t for t in element_terms(element) if t in wanted]
             if chosen and element.name in states.active:
-                columns.update(_columns(element, states, chosen))
+                columns.update(_columns(element, states, chosen, turns=turns))
         out = np.zeros((3, len(wanted), *states.shape))
         for i, term in enumerate(wanted):
             for k, part in enumerate(columns.get(term, ps.ORIGIN)):
@@ -449,6 +510,100 @@ class Chain:
             result: FloatArray = matrix @ sigma @ np.swapaxes(matrix, -1, -2)
         return result
 
+    def read(
+        self,
+        instrument: Instrument,
+        q: Positions,
+        errors: Errors,
+        *,
+        tool: ArrayLike = (0.0, 0.0, 0.0),
+        exact: bool = False,
+        total: bool = False,
+    ) -> FloatArray:
+        """Return what an instrument reads on the machine.
+
+        Parameters
+        ----------
+        instrument : Instrument
+            `Displacement`, `Angle`, `Ballbar`, `Nest` or `Length`.
+        q : mapping of str to array_like, m or rad
+            Position of every axis that lies between the ends of the instrument.
+        errors : ErrorSet or mapping of str to float, callable or ErrorTerm
+            Error terms by name; those that are not named are zero.
+        tool : array_like, shape (3,) or (..., 3), m
+            Tool point in the frame of the last element of the tool branch.
+        exact : bool, optional
+            Whether rotations and lengths are exact; first order otherwise.
+        total : bool, optional
+            Whether the nominal reading is added.
+
+        Returns
+        -------
+        ndarray, shape (...) or (..., 3), m or rad
+            Deviation from nominal; three components of a `Nest`.
+
+        Raises
+        ------
+        DataError
+            As of `volumetric_error`, or the direction of a reading is not defined.
+
+        Examples
+        --------
+        >>> from metrosep.machine.instruments import Displacement
+        >>> chain = Chain([Element("X", "tool", "linear", direction=(1, 0, 0)),
+        ...                Element("C", "workpiece", "rotary")])
+        >>> probe = Displacement(direction=(0, 1, 0))
+        >>> chain.read(probe, {"X": 0.5, "C": 0.0}, {"EYX": 2e-6, "ECC": 1e-6}).round(9).item()
+        1.5e-06
+        """
+        from metrosep.machine.instruments import read
+
+        return read(self, instrument, q, errors, tool=tool, exact=exact, total=total)
+
+    def inverse(
+        self, points: ArrayLike, *, tool: ArrayLike = (0.0, 0.0, 0.0), **axes: ArrayLike
+    ) -> dict[str, FloatArray]:
+        """Return positions of all axes that put the tool point at points of the workpiece.
+
+        Parameters
+        ----------
+        points : array_like, shape (3,) or (n, 3), m
+            In the coordinates of the workpiece.
+        tool : array_like, shape (3,), m, optional
+            Tool point in the frame of the tool.
+        **axes : array_like, m or rad
+            Positions of the rotary axes, and of linear ones beyond three.
+
+        Returns
+        -------
+        dict of str to ndarray, m or rad
+            Positions of all axes; errors as of `metrosep.machine.inverse_kinematics`.
+        """
+        from metrosep.machine.inverse import inverse_kinematics
+
+        return inverse_kinematics(self, points, tool=tool, **axes)
+
+    def error_values(self, q: Positions, errors: Errors) -> FloatArray:
+        """Return the errors at the states.
+
+        Parameters
+        ----------
+        q : mapping of str to array_like, m or rad
+            Position of every axis; parked axes may be missing.
+        errors : ErrorSet or mapping of str to float, callable or ErrorTerm
+            Error terms by name.
+
+        Returns
+        -------
+        ndarray, shape (..., n), m or rad
+            In the order of the set; zero where the axis is no joint.
+        """
+        found = self._values(q, errors)
+        shape = self._states(q, (0.0, 0.0, 0.0)).shape
+        names = as_error_set(errors).names
+        parts = [np.broadcast_to(np.asarray(found.get(n, 0.0)), shape) for n in names]
+        return np.stack(parts, axis=-1) if parts else np.zeros((*shape, 0))
+
     def _states(self, q: Positions, tool: ArrayLike) -> States:
         return States(
             self.elements, ps.positions_of(self.elements, q, self.name), ps.tool_point(tool)
@@ -502,15 +657,28 @@ class Chain:
         return names
 
 
-def _columns(element: Element, states: States, chosen: Sequence[str]) -> dict[str, ps.Vector]:
-    """Return the columns of one element, in workpiece coordinates."""
-    own = states.six(element, element.frame, states.read_lever(element))
+def _columns(
+    element: Element, states: States, chosen: Sequence[str], *, turns: bool
+) -> dict[str, ps.Vector]:
+    """Return the columns of one element, of the point or of the turn, in workpiece coordinates."""
+
+    def six(frame: str, lever: ps.Vector) -> list[ps.Vector]:
+        return states.six_turns(element, frame) if turns else states.six(element, frame, lever)
+
+    own = six(element.frame, states.read_lever(element))
+    # of a displaced line of motion: ``L M L^-1`` of a slide, else ``L M``
+    ends = [("before", 1.0), ("after", -1.0)] if element.kind == "linear" else [("before", 1.0)]
     columns = {}
     for term in chosen:
-        if term in element.location_errors:
-            columns[term] = _line_column(element, states, element.location_errors[term])
-        else:
+        if term not in element.location_errors:
             columns[term] = ps.scale(own[DIRECTIONS.index(term[1])], error_sign(element))
+            continue
+        total: ps.Vector = ps.ORIGIN
+        for frame, sign in ends:
+            moves = six(frame, states.levers[element.name, frame])
+            for weight, column in zip(element.location_errors[term], moves, strict=True):
+                total = ps.add(total, ps.scale(column, sign * weight))
+        columns[term] = total
     return columns
 
 
@@ -519,17 +687,6 @@ def _rule(exact: bool | str) -> str | None:
     if isinstance(exact, str):
         return numbers.choice(exact, "exact, if no truth value,", ps.EXACT)
     return ps.EXACT[0] if exact else None
-
-
-def _line_column(element: Element, states: States, line: Sequence[float]) -> ps.Vector:
-    """Return the column of a displaced line of motion: ``L M L^-1`` of a slide, else ``L M``."""
-    total: ps.Vector = ps.ORIGIN
-    ends = [("before", 1.0), ("after", -1.0)] if element.kind == "linear" else [("before", 1.0)]
-    for frame, sign in ends:
-        lever = states.levers[element.name, frame]
-        for weight, column in zip(line, states.six(element, frame, lever), strict=True):
-            total = ps.add(total, ps.scale(column, sign * weight))
-    return total
 
 
 # ---- private helper: what a chain must be: closed, with unique names, no axis twice by accident ----

@@ -1,0 +1,213 @@
+"""Private: the shapes that `calibrate` gives an error motion along its axis, and the curve it finds.
+
+Of a linear axis Legendre polynomials over the places that were run, minus their value at home:
+errors are zero there. The slope of a straightness is squareness and frame, so those begin at order 2.
+Of a full turn harmonics: radial and tilt motion from 2 (1 is where the ball stands), axial and
+angular motion from 1. Of a part of a turn polynomials made orthogonal to what an axis that stands
+elsewhere does: 1, cos q, sin q for radial and tilt motion, 1 for the others.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import TooFewSamplesError
+from metrosep.machine.elements import Element
+from metrosep.machine.terms import positions_array
+
+_LARGEST_GAP = math.radians(75.0)  # between places: of a full turn, by steps of 60 deg or less
+_PLACES = 721  # at which a part of a turn is made orthogonal
+_OWN = 1e-2  # of a shape: what orthogonality must leave of it
+_DROPPED = 1e-6  # of the largest part of a null direction
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Basis:
+    """Shapes of one term over its axis."""
+
+    kind: str  # "legendre", "fourier", "arc" or "constant"
+    orders: tuple[int, ...]
+    low: float = 0.0
+    high: float = 1.0
+    home: float = 0.0
+    off: FloatArray | None = None  # of an arc: amounts of the functions that are taken out, (m, k)
+    tilting: bool = False
+
+    @property
+    def labels(self) -> list[str]:
+        """Return what tells the columns of the term from one another."""
+        if self.kind == "constant":
+            return [""]
+        if self.kind == "fourier":
+            return [f" {f}{n}" for n in self.orders for f in ("cos", "sin")]
+        return [f" order {n}" for n in self.orders]
+
+    def at(self, x: FloatArray) -> FloatArray:
+        """Return the shapes at positions, shape (..., m)."""
+        if self.kind == "constant":
+            return np.ones((*np.shape(x), 1))
+        if self.kind == "fourier":
+            parts = [f(n * x) for n in self.orders for f in (np.cos, np.sin)]
+            return np.stack(parts, axis=-1)
+        found = self.legendre(x)
+        if self.kind == "legendre":
+            return found - self.legendre(np.asarray(self.home))
+        return np.asarray(found - _fixed(x, self.tilting) @ np.asarray(self.off).T)
+
+    def legendre(self, x: FloatArray) -> FloatArray:
+        """Return the plain polynomials at positions, shape (..., m)."""
+        scaled = (2.0 * np.asarray(x) - self.low - self.high) / (self.high - self.low)
+        whole = np.asarray(np.polynomial.legendre.legvander(scaled, max(self.orders)))
+        shape = (*np.shape(x), len(self.orders))
+        return np.asarray(whole[..., list(self.orders)].reshape(shape), dtype=np.float64)
+
+
+def _fixed(x: FloatArray, tilting: bool) -> FloatArray:
+    """Return what an axis of rotation that stands elsewhere does, shape (..., k)."""
+    parts = [np.ones(np.shape(x))] + ([np.cos(x), np.sin(x)] if tilting else [])
+    return np.stack(parts, axis=-1)
+
+
+def basis_of(
+    element: Element, term: str, places: FloatArray, degree: int | None, home: float
+) -> Basis | None:
+    """Return the shapes of a term for the places that were run; None where none is left."""
+    if term in element.location_errors:
+        return Basis("constant", (0,))
+    low, high = min(float(places.min()), home), max(float(places.max()), home)
+    n_places = np.unique(np.round(places, 9)).size
+    along = "XYZ"[int(np.argmax(np.abs(element.direction)))]
+    letter = term[1]
+    if element.kind == "rotary":
+        about = {"X": "A", "Y": "B", "Z": "C"}[along]
+        tilting = letter not in (along, about)
+        wanted = 2 if degree is None else degree
+        if _is_full_turn(places):
+            n_places = np.unique(np.round(np.mod(places, 2.0 * np.pi), 9)).size
+            orders = tuple(range(2 if tilting else 1, wanted + 1))
+            _refuse_few(term, n_places, 2 * wanted + 1, degree)
+            return Basis("fourier", orders) if orders else None
+        return _arc(term, tilting, (low, high), wanted, n_places, degree)
+    wanted = min(3, n_places - 1) if degree is None else degree
+    _refuse_few(term, n_places, wanted + 1, degree)
+    first = 2 if letter in "XYZ" and letter != along else 1
+    orders = tuple(range(first, wanted + 1))
+    return Basis("legendre", orders, low, high, home) if orders else None
+
+
+def _is_full_turn(places: FloatArray) -> bool:
+    """Return whether places go round the circle without a larger gap than a coarse step."""
+    at = np.unique(np.mod(places, 2.0 * np.pi))
+    gaps = np.diff(np.append(at, at[0] + 2.0 * np.pi))
+    return bool(gaps.max() <= _LARGEST_GAP)
+
+
+def _arc(
+    term: str,
+    tilting: bool,
+    ends: tuple[float, float],
+    wanted: int,
+    n_places: int,
+    degree: int | None,
+) -> Basis | None:
+    _refuse_few(term, n_places, wanted + 1, degree)
+    orders = tuple(range(3 if tilting else 1, wanted + 1))
+    if not orders:
+        return None
+    low, high = ends
+    x = np.linspace(low, high, _PLACES)
+    plain = Basis("arc", orders, low, high).legendre(x)
+    off = np.linalg.lstsq(_fixed(x, tilting), plain, rcond=None)[0].T
+    left = plain - _fixed(x, tilting) @ off.T
+    keep = np.linalg.norm(left, axis=0) > _OWN * np.linalg.norm(plain, axis=0)
+    kept = tuple(n for n, k in zip(orders, keep, strict=True) if k)
+    return Basis("arc", kept, low, high, off=off[keep], tilting=tilting) if kept else None
+
+
+def _refuse_few(term: str, n_places: int, needed: int, degree: int | None) -> None:
+    if degree is not None and n_places < needed:
+        raise TooFewSamplesError(
+            f"{term} with degree {degree} needs {needed} places of its axis, the readings have "
+            f"{n_places}; orders could not be told apart"
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CurveTerm:
+    """Error motion over the position of its axis, as readings determined it.
+
+    Parameters
+    ----------
+    coefficients : ndarray, shape (m,), m or rad
+        Of its shapes.
+    cov : ndarray, shape (m, m)
+        Their covariance.
+    basis : Basis
+        The shapes.
+    """
+
+    coefficients: FloatArray
+    cov: FloatArray
+    basis: Basis
+
+    def evaluate(self, x: ArrayLike) -> FloatArray:
+        """Return the error at positions, in the shape of x."""
+        return np.asarray(self.basis.at(positions_array(x, "position")) @ self.coefficients)
+
+    def sd(self, x: ArrayLike) -> FloatArray:
+        """Return its standard uncertainty at positions, in the shape of x."""
+        shapes = self.basis.at(positions_array(x, "position"))
+        return np.asarray(np.sqrt(np.einsum("...i,ij,...j->...", shapes, self.cov, shapes)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UnseenTerm:
+    """Error that the readings do not determine: NaN, with infinite uncertainty."""
+
+    value: float = math.nan
+    u: float = math.inf
+
+    def evaluate(self, x: ArrayLike) -> FloatArray:
+        """Return NaN in the shape of x."""
+        return np.full(np.shape(x), math.nan)
+
+    def sd(self, x: ArrayLike) -> FloatArray:
+        """Return infinity in the shape of x."""
+        return np.full(np.shape(x), math.inf)
+
+
+def null_sentences(
+    directions: FloatArray, names: Sequence[str]
+) -> tuple[tuple[str, ...], list[set[str]]]:
+    """Return a sentence for each null direction (columns, scaled), and the names in each.
+
+    Reduced row echelon form: each direction has one name that no other has.
+    """
+    rows = directions.T.copy()
+    pivots: list[int] = []
+    for i in range(rows.shape[0]):
+        free = np.abs(rows[i:]).copy()
+        free[:, pivots] = 0.0
+        at, pivot = np.unravel_index(int(np.argmax(free)), free.shape)
+        rows[[i, i + int(at)]] = rows[[i + int(at), i]]
+        rows[i] /= rows[i, pivot]
+        for k in range(rows.shape[0]):
+            if k != i:
+                rows[k] -= rows[k, pivot] * rows[i]
+        pivots.append(int(pivot))
+    sentences, members = [], []
+    for row in rows:
+        chosen = [j for j in np.argsort(-np.abs(row)) if abs(row[j]) > _DROPPED]
+        members.append({names[j] for j in chosen})
+        if len(chosen) == 1:
+            sentences.append(f"{names[chosen[0]]}: no reading depends on it")
+            continue
+        listed = ", ".join(names[j] for j in chosen)
+        sentences.append(f"{listed}: not separable; the readings see only what they do together")
+    return tuple(sentences), members

@@ -1,0 +1,203 @@
+"""Private: generalised least squares of readings taken one after another, with drift learnt from them.
+
+Covariance of one stream of readings at indices i (gaps where readings were left out), times s^2:
+
+    V = I + a^2 K,    K_ij = exp(-|i - j| / tau)
+
+K is that of a Markov process, so its inverse Q is tridiagonal and ``V^-1 = (Q + a^2 I)^-1 Q``:
+everything is linear in the number of readings. (a, tau) are common to all sets and maximise the
+restricted likelihood (machines.md, eq. 17); s is that of each set.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
+
+_WHITE = (0.0, 10.0)
+_GRID_A = (0.5, 1.5, 4.0, 10.0)
+_GRID_TAU = (10.0, 30.0, 90.0)
+_FEWEST = 30
+"""Readings of a set below which its correlation cannot be judged."""
+_WORTH = 3.0
+"""By how much twice the log likelihood must rise before drift is taken for real (two parameters)."""
+_ROUNDS = 3
+_ROUNDING = 1e-14
+_LIMITS = ((0.1, 60.0), (2.0, 2000.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stream:
+    """One series of readings in order of time: rows of the design, their index in time, their set."""
+
+    rows: NDArray[np.intp]
+    index: FloatArray
+    which: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """What generalised least squares found."""
+
+    beta: FloatArray
+    cov: FloatArray
+    a: float
+    tau: float
+    scales: FloatArray  # s of each set
+    judged: bool  # whether any set was long enough to judge the correlation
+
+    @property
+    def white(self) -> bool:
+        """Whether no drift was found."""
+        return self.a == 0.0
+
+
+class Gls:
+    """The linear problem ``y = X b + noise``, for any drift (a, tau) and scale of each set."""
+
+    def __init__(
+        self,
+        X: FloatArray,
+        y: FloatArray,
+        streams: Sequence[Stream],
+        stated: Sequence[float | None],
+    ) -> None:
+        self.X, self.y = X, y
+        self.streams = [s for s in streams if s.rows.size]
+        self.stated = list(stated)
+        self.rows_of_set = [
+            np.concatenate(
+                [np.zeros(0, dtype=int), *(s.rows for s in self.streams if s.which == k)]
+            )
+            for k in range(len(self.stated))
+        ]
+        # the sum of squares is a difference of large numbers: below this it is their rounding
+        self.floor = max(_ROUNDING * float(np.mean(y**2)), np.finfo(np.float64).tiny)
+        self.judged = any(s.rows.size >= _FEWEST for s in self.streams)
+
+    def best(self) -> Fit:
+        """Return the fit with the drift that the readings show."""
+        white = self._at(*_WHITE)
+        if not self.judged or np.all(white[3] ** 2 <= 4.0 * self.floor):
+            return self._fit(white, 0.0, 0.0)
+        found = {(a, tau): self._at(a, tau)[0] for a in _GRID_A for tau in _GRID_TAU}
+        start = min(found, key=found.__getitem__)
+        from scipy.optimize import minimize
+
+        def value(logs: FloatArray) -> float:
+            a, tau = (
+                float(np.clip(math.exp(v), *limit)) for v, limit in zip(logs, _LIMITS, strict=True)
+            )
+            return self._at(a, tau)[0]
+
+        polished = minimize(
+            value,
+            np.log(start),
+            method="Nelder-Mead",
+            options={"maxfev": 40, "xatol": 0.05, "fatol": 0.02},
+        )
+        if polished.fun > white[0] - _WORTH:
+            return self._fit(white, 0.0, 0.0)
+        a, tau = (
+            float(np.clip(math.exp(v), *limit))
+            for v, limit in zip(polished.x, _LIMITS, strict=True)
+        )
+        return self._fit(self._at(a, tau), a, tau)
+
+    def _fit(
+        self, at: tuple[float, FloatArray, FloatArray, FloatArray], a: float, tau: float
+    ) -> Fit:
+        _, beta, cov, scales = at
+        return Fit(beta, cov, a, tau, scales, self.judged)
+
+    def _at(self, a: float, tau: float) -> tuple[float, FloatArray, FloatArray, FloatArray]:
+        """Return -2 log restricted likelihood (but for a constant), estimate, covariance, scales."""
+        n, p = self.X.shape
+        data = np.column_stack([self.X, self.y])
+        whole, logdet = np.empty_like(data), 0.0
+        for stream in self.streams:
+            solved, added = inverse_times(data[stream.rows], stream.index, a, tau)
+            whole[stream.rows] = solved
+            logdet += added
+        sets = len(self.stated)
+        normal = np.stack([data[r].T @ whole[r] for r in self.rows_of_set])
+        variances = np.array([1.0 if u is None else u**2 for u in self.stated])
+        free = np.array([u is None for u in self.stated])
+        beta, inverse = np.zeros(p), np.zeros((p, p))
+        for _ in range(_ROUNDS if sets > 1 else 1):
+            total = np.einsum("k,kij->ij", 1.0 / variances, normal)
+            inverse = np.linalg.inv(total[:p, :p])
+            beta = inverse @ total[:p, p]
+            step = np.append(-beta, 1.0)
+            squares = np.einsum("i,kij,j->k", step, normal, step)
+            used = np.einsum("ij,kji->k", inverse, normal[:, :p, :p]) / variances
+            counts = np.array([r.size for r in self.rows_of_set]) - used
+            new = np.where(free, squares / np.maximum(counts, 1.0), variances)
+            variances = np.maximum(new, self.floor)
+        total = np.einsum("k,kij->ij", 1.0 / variances, normal)
+        sign, of_design = np.linalg.slogdet(total[:p, :p])
+        inverse = np.linalg.inv(total[:p, :p])
+        beta = inverse @ total[:p, p]
+        step = np.append(-beta, 1.0)
+        chi2 = float(np.einsum("k,i,kij,j->", 1.0 / variances, step, normal, step))
+        sizes = np.array([r.size for r in self.rows_of_set])
+        value = logdet + float(sizes @ np.log(variances)) + (of_design if sign > 0 else math.inf)
+        # one common scale left over, which the rounds above did not bring to 1
+        if free.all():
+            left = max(chi2 / (n - p), self.floor / float(variances.max()))
+            value += (n - p) * math.log(left)
+            variances, inverse = variances * left, inverse * left
+        else:
+            value += chi2
+        return value, beta, inverse, np.sqrt(variances)
+
+
+def inverse_times(
+    columns: FloatArray, index: FloatArray, a: float, tau: float
+) -> tuple[FloatArray, float]:
+    """Return ``V^-1`` times columns, and log det V, for readings at the given indices."""
+    if a == 0.0 or index.size < 2:
+        size = 1.0 + (a**2 if index.size else 0.0)
+        return columns / size, index.size * math.log(size)
+    from scipy.linalg import cholesky_banded, solveh_banded
+
+    diagonal, beside, left = _precision(index, tau)
+    # V = K (Q + a^2 I): columns Q, then the solve
+    product = diagonal[:, None] * columns
+    product[1:] += beside[:, None] * columns[:-1]
+    product[:-1] += beside[:, None] * columns[1:]
+    band = np.zeros((2, index.size))
+    band[0] = diagonal + a**2
+    band[1, :-1] = beside
+    factor = cholesky_banded(band, lower=True)
+    logdet = 2.0 * float(np.log(factor[0]).sum()) + float(np.log(left).sum())
+    return np.asarray(solveh_banded(band, product, lower=True)), logdet
+
+
+def diagonal_of_inverse(index: FloatArray, a: float, tau: float) -> FloatArray:
+    """Return the diagonal of ``V^-1``; of a tridiagonal T that of its inverse needs two sweeps."""
+    if a == 0.0 or index.size < 2:
+        return np.full(index.size, 1.0 / (1.0 + (a**2 if index.size else 0.0)))
+    diagonal, beside, _ = _precision(index, tau)
+    d = diagonal + a**2
+    down, up = d.copy(), d.copy()
+    for i in range(1, d.size):
+        down[i] -= beside[i - 1] ** 2 / down[i - 1]
+        up[-i - 1] -= beside[-i] ** 2 / up[-i]
+    return np.asarray(1.0 - a**2 / (down + up - d))
+
+
+def _precision(index: FloatArray, tau: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return diagonal and side of ``K^-1``, and the innovations 1 - phi^2 (their product is det K)."""
+    phi = np.exp(-np.diff(index) / tau)
+    left = 1.0 - phi**2
+    diagonal = np.ones(index.size)
+    diagonal[1:] += phi**2 / left
+    diagonal[:-1] += phi**2 / left
+    return diagonal, -phi / left, left

@@ -1,0 +1,343 @@
+"""Inverse kinematics, and a path corrected for the errors of the machine, in position and orientation.
+
+The linear axes move the tool point in the workpiece by directions that do not depend on where they
+stand, so one linear solve puts it anywhere; rotary axes are found by Newton's method on the direction
+of the tool. A correction is what is added to the command: ``actual(q + dq) = nominal(q)``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep.core import numbers
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, InvalidSamplesError, NotConvergedError
+from metrosep.core.provenance import freeze_mapping
+from metrosep.core.units import format_length
+from metrosep.machine._poses import tool_point
+from metrosep.machine.chains import Chain, Errors, Positions
+from metrosep.machine.terms import positions_array
+
+__all__ = ["CorrectedPath", "correct_path", "inverse_kinematics"]
+
+_ROUNDS = 6
+_SETTLED = 1e-12
+_SINGULAR = math.sin(math.radians(2.0))
+"""Below this share an axis of rotation hardly turns the tool: it is left where it is."""
+_SAME = 1e-9
+_STEP = 1e-6
+
+
+def inverse_kinematics(
+    chain: Chain, points: ArrayLike, *, tool: ArrayLike = (0.0, 0.0, 0.0), **axes: ArrayLike
+) -> dict[str, FloatArray]:
+    """Return positions of the linear axes that put the tool point at points of the workpiece.
+
+    Parameters
+    ----------
+    chain : Chain
+        The machine, without errors.
+    points : array_like, shape (3,) or (n, 3), m
+        In the coordinates of the workpiece.
+    tool : array_like, shape (3,), m, optional
+        Tool point in the frame of the tool.
+    **axes : array_like, m or rad
+        Positions of the rotary axes, and of linear ones beyond three.
+
+    Returns
+    -------
+    dict of str to ndarray, m or rad
+        Positions of all axes.
+
+    Raises
+    ------
+    DataError
+        An axis is unknown, a rotary one is missing, or the linear axes do not reach all three
+        directions.
+    InvalidSamplesError
+        Points are not three coordinates, or do not broadcast with the axes.
+
+    References
+    ----------
+    .. [1] machines.md, eq. 13 is this for the preset five_axis.
+
+    Examples
+    --------
+    >>> from metrosep.machine import presets
+    >>> machine = presets("five_axis", pivot_height=0.08)
+    >>> q = inverse_kinematics(machine, (0.07, -0.03, 0.045), A=0.0, C=np.radians(30.0))
+    >>> [round(float(q[a]) * 1e3, 6) for a in "XYZ"]
+    [45.621778, -60.980762, 125.0]
+    """
+    wanted = tool_point(points)
+    free = _linear_axes(chain, axes)
+    given = {a: positions_array(v, f"position of axis {a!r}") for a, v in axes.items()}
+    try:
+        shape = np.broadcast_shapes(wanted.shape[:-1], *(v.shape for v in given.values()))
+    except ValueError:
+        raise InvalidSamplesError("points and positions of the axes do not broadcast") from None
+    q = {
+        **{a: np.zeros(shape) for a in free},
+        **{a: np.broadcast_to(v, shape) for a, v in given.items()},
+    }
+    from_zero = np.broadcast_to(wanted, (*shape, 3)) - chain.transform(q, tool=tool)[..., :3, 3]
+    moves = _solved(chain, q, free, from_zero)
+    return {**{a: moves[..., i] for i, a in enumerate(free)}, **{a: q[a] for a in given}}
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class CorrectedPath:
+    """Commands that make a machine with errors go where the nominal path goes.
+
+    Parameters
+    ----------
+    q : mapping of str to ndarray, shape (n,), m or rad
+        Corrected commands.
+    correction : mapping of str to ndarray, shape (n,), m or rad
+        What was added to the nominal ones.
+    before, left : ndarray, shape (n, 3), m
+        Error of the tool point without and with the correction, workpiece X, Y, Z.
+    turn_before, turn_left : ndarray, shape (n,), rad
+        Angle between actual and nominal tool axis, without and with.
+    held : mapping of str to ndarray of bool, shape (n,)
+        Poses at which a rotary axis could not correct the orientation (near the singular pose).
+    messages : tuple of str
+        What stays and why.
+    audit : mapping
+        Tool point, units in the keys.
+    """
+
+    q: Mapping[str, FloatArray]
+    correction: Mapping[str, FloatArray]
+    before: FloatArray
+    left: FloatArray
+    turn_before: FloatArray
+    turn_left: FloatArray
+    held: Mapping[str, Any]
+    messages: tuple[str, ...] = ()
+    audit: Mapping[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        sizes = [format_length(_rms(v)) for v in (self.before, self.left)]
+        return f"CorrectedPath({self.left.shape[0]} poses, RMS {sizes[0]} -> {sizes[1]})"
+
+
+def correct_path(
+    chain: Chain,
+    errors: Errors,
+    q: Positions,
+    *,
+    tool: ArrayLike = (0.0, 0.0, 0.0),
+    tool_axis: ArrayLike = (0.0, 0.0, 1.0),
+    max_step: float | str | None = None,
+) -> CorrectedPath:
+    """Return a path whose actual poses are the nominal ones of a path.
+
+    Parameters
+    ----------
+    chain : Chain
+        The machine.
+    errors : ErrorSet or mapping of str to float, callable or ErrorTerm
+        Its errors, actual minus nominal.
+    q : mapping of str to array_like, shape (n,), m or rad
+        Nominal commands of all axes.
+    tool : array_like, shape (3,), m, optional
+        Tool point in the frame of the tool.
+    tool_axis : array_like, shape (3,), optional
+        Axis of the tool in its frame; its direction is corrected where rotary axes can.
+    max_step : float or str, rad, optional
+        Largest correction of a rotary axis that is allowed between neighbouring poses.
+
+    Returns
+    -------
+    CorrectedPath
+        Commands and what stays; errors of the result are verified with exact rotations.
+
+    Raises
+    ------
+    DataError
+        An axis is missing or unknown, the linear axes do not reach all directions, or a correction
+        jumps by more than `max_step`; the message names the poses.
+    NotConvergedError
+        The errors are so steep that the corrections do not settle.
+
+    Notes
+    -----
+    Orientation first: least squares of the direction of the tool by the rotary axes; an axis that
+    turns the tool by less than sin 2 deg of its own turn is left alone there (singular pose:
+    dC = e / sin A). Then the linear axes take the tool point to its place.
+
+    References
+    ----------
+    .. [1] machines.md, section 8.
+
+    Examples
+    --------
+    >>> from metrosep.machine import presets
+    >>> mill = presets("mill_xyz")
+    >>> path = {"X": np.array([0.0, 0.1, 0.2]), "Y": 0.1, "Z": 0.0}
+    >>> correct_path(mill, {"EXX": lambda x: 1e-5 * x}, path).correction["X"].round(9).tolist()
+    [0.0, -1e-06, -2e-06]
+    """
+    at = {a: positions_array(v, f"position of axis {a!r}") for a, v in q.items()}
+    axis = tool_point(tool_axis)
+    size = float(np.linalg.norm(axis))
+    if axis.shape != (3,) or size == 0.0:
+        raise InvalidSamplesError(f"tool_axis is a direction of three numbers, got {tool_axis!r}")
+    axis = axis / size
+    shape = np.broadcast_shapes((1,), *(v.shape for v in at.values()))
+    nominal = {a: np.broadcast_to(v, shape).astype(np.float64) for a, v in at.items()}
+    free = _linear_axes(chain, {a: v for a, v in nominal.items() if a not in _three(chain)})
+    turning = [e.name for e in chain.elements if e.kind == "rotary" and e.name in nominal]
+    goal = chain.transform(nominal, tool=tool)
+    place, along = goal[..., :3, 3], goal[..., :3, :3] @ axis
+    moved = {a: v.copy() for a, v in nominal.items()}
+    held = {a: np.zeros(shape, dtype=bool) for a in turning}
+
+    def errors_at(commands: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
+        actual = chain.transform(commands, errors, tool=tool, exact=True)
+        return actual[..., :3, 3] - place, actual[..., :3, :3] @ axis - along
+
+    first = errors_at(moved)
+    off, away = first
+    for _ in range(_ROUNDS):
+        before = dict(moved)
+        if turning:
+            turned, held = _turns(chain, nominal, turning, axis, away)
+            moved |= {a: moved[a] - change for a, change in turned.items()}
+            off, _ = errors_at(moved)
+        shifts = _solved(chain, nominal, free, -off)
+        moved |= {a: moved[a] + shifts[..., i] for i, a in enumerate(free)}
+        off, away = errors_at(moved)
+        if max(float(np.abs(moved[a] - before[a]).max()) for a in moved) < _SETTLED:
+            break
+    if not np.isfinite(off).all() or _rms(off) > max(0.5 * _rms(first[0]), 1e-9):
+        raise NotConvergedError(
+            f"the corrected path does not settle: {format_length(_rms(first[0]))} -> "
+            f"{format_length(_rms(off))}; are the errors in m and rad?"
+        )
+    correction = {a: moved[a] - nominal[a] for a in moved}
+    if max_step is not None:
+        _refuse_jumps(correction, turning, numbers.quantity(max_step, "max_step", "angle"))
+    return CorrectedPath(
+        q=freeze_mapping(moved),
+        correction=freeze_mapping(correction),
+        before=first[0],
+        left=off,
+        turn_before=first[1],
+        turn_left=np.linalg.norm(away, axis=-1),
+        held=freeze_mapping(held),
+        messages=_messages(held, correction, turning, np.linalg.norm(away, axis=-1)),
+        audit=freeze_mapping(
+            {"tool_mm": [float(v) * 1e3 for v in np.ravel(tool_point(tool))[:3]]}
+        ),
+    )
+
+
+def _three(chain: Chain) -> tuple[str, ...]:
+    """Return the linear axes that place the tool: those that repeat another on purpose stay."""
+    return tuple(
+        e.name
+        for e in chain.elements
+        if e.kind == "linear" and e.parallel_to is None and not e.parked
+    )
+
+
+def _linear_axes(chain: Chain, given: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the axes that are solved for: the linear ones that are not given."""
+    unknown = [a for a in given if a not in chain.axes]
+    if unknown:
+        raise DataError(
+            f"{unknown[0]!r} is no axis of the chain; its axes are {', '.join(chain.axes)}"
+        )
+    free = tuple(a for a in _three(chain) if a not in given)
+    kinds = {e.name: e for e in chain.elements}
+    missing = [a for a in chain.axes if a not in free and a not in given and not kinds[a].parked]
+    if missing:
+        raise DataError(f"the position of axis {missing[0]!r} is missing; give {missing[0]}=")
+    return free
+
+
+def _solved(
+    chain: Chain, q: Mapping[str, FloatArray], free: tuple[str, ...], wanted: FloatArray
+) -> FloatArray:
+    """Return moves of the linear axes that shift the tool point by what is wanted, (..., k)."""
+    here = chain.transform(q)[..., :3, 3]
+    columns = [chain.transform({**q, a: q[a] + 1.0})[..., :3, 3] - here for a in free]
+    M = np.stack(columns, axis=-1) if columns else np.zeros((*wanted.shape, 0))
+    if M.shape[-1] != 3 or np.linalg.svd(M.reshape(-1, 3, 3)[0], compute_uv=False)[-1] < _SAME:
+        raise DataError(
+            f"the linear axes {', '.join(free) or '(none)'} do not move the tool in all three directions "
+            "of the workpiece; a path can only be corrected where they do"
+        )
+    return np.asarray(np.linalg.solve(M, wanted[..., None])[..., 0])
+
+
+def _turns(
+    chain: Chain,
+    q: Mapping[str, FloatArray],
+    turning: list[str],
+    axis: FloatArray,
+    away: FloatArray,
+) -> tuple[dict[str, FloatArray], dict[str, Any]]:
+    """Return by how much rotary axes turned too far, and where one of them cannot tell."""
+
+    def direction(name: str, by: float) -> FloatArray:
+        return np.asarray(chain.transform({**q, name: q[name] + by})[..., :3, :3] @ axis)
+
+    columns = [(direction(a, _STEP) - direction(a, -_STEP)) / (2.0 * _STEP) for a in turning]
+    M = np.stack(columns, axis=-1)
+    weak = np.linalg.norm(M, axis=-2) < _SINGULAR
+    M = np.where(weak[..., None, :], 0.0, M)
+    U, s, Vt = np.linalg.svd(M, full_matrices=False)
+    inverse = np.where(s > _SINGULAR, 1.0 / np.where(s > _SINGULAR, s, 1.0), 0.0)
+    found = np.einsum("...ji,...j,...kj,...k->...i", Vt, inverse, U, away)
+    turned = {a: found[..., i] for i, a in enumerate(turning)}
+    return turned, {a: weak[..., i] for i, a in enumerate(turning)}
+
+
+def _refuse_jumps(
+    correction: Mapping[str, FloatArray], turning: list[str], largest: float
+) -> None:
+    for a in turning:
+        jumps = np.abs(np.diff(correction[a]))
+        if jumps.size and jumps.max() > largest:
+            i = int(np.argmax(jumps))
+            raise DataError(
+                f"the correction of {a} jumps by {math.degrees(jumps[i]):.4g} deg between poses {i} and "
+                f"{i + 1}, max_step is {math.degrees(largest):.4g} deg; the path passes close to the "
+                "singular pose: hold the orientation there, or tilt the part"
+            )
+
+
+def _messages(
+    held: Mapping[str, Any],
+    correction: Mapping[str, FloatArray],
+    turning: list[str],
+    left: FloatArray,
+) -> tuple[str, ...]:
+    said = []
+    for a in turning:
+        n = int(np.count_nonzero(held[a]))
+        if n:
+            size = _rms(left[held[a]])
+            said.append(
+                f"{a} hardly turns the tool at {n} of {held[a].size} poses and was not corrected there: "
+                f"{size * 1e6:.3g} urad RMS of orientation stay"
+            )
+        said.append(
+            f"the largest correction of {a} is {np.abs(correction[a]).max() * 1e6:.4g} urad"
+        )
+    return tuple(said)
+
+
+def _rms(values: FloatArray) -> float:
+    """Return the RMS length of vectors, or RMS of numbers."""
+    squares = np.sum(values**2, axis=-1) if values.ndim > 1 else values**2
+    return float(np.sqrt(np.mean(squares)))

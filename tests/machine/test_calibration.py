@@ -1,0 +1,359 @@
+"""Whole machines from readings: simulated with bodies and lines, null directions, outliers, drift."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError, UnitError
+from metrosep.machine import (
+    Displacement,
+    Length,
+    Nest,
+    ReadingSet,
+    calibrate,
+    plan_calibration,
+    presets,
+)
+
+PM, NM = 1e-12, 1e-9
+LOCATIONS = {
+    "Y0A": 11e-6, "Z0A": -6e-6, "B0A": 20e-6, "C0A": -15e-6, "X0C": 9e-6, "Y0C": 4e-6,
+    "A0C": -13e-6, "B0C": 17e-6, "C0Y": 8e-6, "B0Z": -10e-6, "A0Z": 5e-6,
+}  # fmt: skip
+PIVOT = 0.08
+BALLS = [(0.07, -0.03, 0.045), (-0.05, 0.06, 0.05), (0.02, 0.08, 0.11)]
+A, C = (
+    v.ravel()
+    for v in np.meshgrid(
+        np.radians(np.linspace(-95, 30, 6)), np.radians(np.arange(0, 360, 30)), indexing="ij"
+    )
+)
+
+
+def turned(axis, angle, v):
+    k = np.asarray(axis, dtype=float)
+    k = k / np.linalg.norm(k)
+    return v * np.cos(angle) + np.cross(k, v) * np.sin(angle) + k * (k @ v) * (1 - np.cos(angle))
+
+
+class Trunnion:
+    """A table on two lines that stand wrong, and a spindle on travels that are not square."""
+
+    def __init__(self, errors, motions=None):
+        self.n = errors
+        self.motions = motions or (lambda a, c: np.zeros(3))
+
+    def nominal(self, ball, a, c):
+        centre = turned((0, 0, 1), -c, np.array(ball)) + np.array([0, 0, PIVOT])
+        return turned((1, 0, 0), -a, centre)
+
+    def centre(self, ball, a, c, y):
+        n = self.n
+        tilt_c, tilt_a = np.array([n["A0C"], n["B0C"], 0]), np.array([0, n["B0A"], n["C0A"]])
+        c_line = np.array([n["X0C"], n["Y0C"], PIVOT]), np.array([n["B0C"], -n["A0C"], 1.0])
+        a_line = np.array([0.0, n["Y0A"], n["Z0A"]]), np.array([1.0, n["C0A"], -n["B0A"]])
+        p = np.array(ball) + np.array([n["X0C"], n["Y0C"], PIVOT]) + np.cross(tilt_c, ball)
+        p = c_line[0] + turned(c_line[1], -c, p - c_line[0])
+        p = p + np.array([0.0, n["Y0A"], n["Z0A"]]) + np.cross(tilt_a, p)
+        p = a_line[0] + turned(a_line[1], -a, p - a_line[0])
+        return p - y * np.array([-n["C0Y"], 1.0, 0.0])
+
+    def nest(self, ball, placed, zero=(0, 0, 0)):
+        """Readings of a nest in the spindle at a ball that stands `placed` beside where it should."""
+        n, rows, places = self.n, [], []
+        for a, c in zip(A, C, strict=True):
+            x, y, z = self.nominal(ball, a, c)
+            tool = np.array([x, 0, 0]) + z * np.array([n["B0Z"], -n["A0Z"], 1.0])
+            centre = self.centre(np.add(ball, placed), a, c, y)
+            rows.append(tool - centre + zero + self.motions(a, c))
+            places.append((x, y, z))
+        x, y, z = np.transpose(places)
+        return {"X": x, "Y": y, "Z": z, "A": A, "C": C}, np.array(rows)
+
+
+def trunnion_set(
+    machine, ball, *, unknown=("ball",), placed=(30e-6, -20e-6, 40e-6), noise=None, **key
+):
+    q, values = machine.nest(ball, placed, **key)
+    if noise is not None:
+        values = values + noise
+    return ReadingSet(Nest(ball=ball), q, values, unknown=unknown, name=f"ball {ball}")
+
+
+def five_axis():
+    return presets("five_axis", pivot_height=PIVOT)
+
+
+def test_eleven_location_errors_come_back_from_one_ball():
+    found = calibrate(
+        five_axis(), [trunnion_set(Trunnion(LOCATIONS), BALLS[0])], terms=list(LOCATIONS)
+    )
+    assert found.null == ()
+    for name, value in LOCATIONS.items():
+        # first order against lines in space: (20 um or urad)^2 and 50 um of placing
+        assert_allclose(found.errors[name].value, value, rtol=0, atol=20 * NM, err_msg=name)
+
+
+def test_the_zero_of_the_nest_hides_three_errors_by_name():
+    one = trunnion_set(Trunnion(LOCATIONS), BALLS[0], unknown=("ball", "nest"))
+    found = calibrate(five_axis(), [one], terms=list(LOCATIONS))
+    assert len(found.null) == 3
+    for name, component in (("Y0A", "y"), ("Z0A", "z"), ("X0C", "x")):
+        assert any(name in text and f"nest {component} of" in text for text in found.null)
+        assert np.isnan(found.errors[name].value)
+    assert_allclose(found.errors["B0A"].value, LOCATIONS["B0A"], rtol=0, atol=20 * NM)
+
+
+def test_what_is_nan_does_not_spoil_a_prediction_where_it_does_not_matter():
+    machine = Trunnion(LOCATIONS)
+    one = trunnion_set(machine, BALLS[0], unknown=("ball", "nest"), placed=(0, 0, 0))
+    found = calibrate(five_axis(), [one], terms=list(LOCATIONS))
+    # the same nest on another ball: its zero is the same unknown, so differences of places count
+    q, values = machine.nest(BALLS[1], (0, 0, 0))
+    predicted = found.read(Nest(), q)
+    off = predicted - values
+    assert np.abs(off - off.mean(axis=0)).max() < 50 * NM
+    assert np.isinf(found.u_at(q)).any()
+
+
+def test_motions_of_the_table_and_the_band_with_drift_and_bad_readings():
+    def motions(a, c):
+        return np.array(
+            [2e-6 * np.cos(2 * c), 0.0, 1e-6 * np.sin(c)]
+        )  # tool against table, machine
+
+    inside, caught, planted = [], 0, 0
+    for seed in range(6):
+        rng = np.random.default_rng(700 + seed)
+        sets = []
+        for ball in BALLS:
+            noise = 0.2e-6 * rng.normal(size=(A.size, 3))
+            drift = np.zeros((A.size, 3))
+            drift[0] = rng.normal(size=3)
+            for i in range(1, A.size):
+                step = np.exp(-1 / 40)
+                drift[i] = step * drift[i - 1] + np.sqrt(1 - step**2) * rng.normal(size=3)
+            bad = rng.random(noise.shape) < 0.02
+            noise = noise + 0.5e-6 * drift
+            noise[bad] += rng.choice([-1, 1], bad.sum()) * rng.uniform(4e-6, 15e-6, bad.sum())
+            planted += int(bad.sum())
+            # in the frame of C at A = 0 alone: take A's turn of the table's motion into account
+            table = Trunnion(LOCATIONS)
+            table.motions = lambda a, c: turned((1, 0, 0), -a, motions(a, c))
+            sets.append(trunnion_set(table, ball, noise=noise))
+        terms = [*LOCATIONS, *(f"E{d}C" for d in "XYZABC")]
+        found = calibrate(five_axis(), sets, terms=terms)
+        assert found.null == ()
+        caught += sum(found.refused.values())
+        c = np.radians([10.0, 100.0, 250.0])
+        parts = [(found.errors[n], v) for n, v in LOCATIONS.items()]
+        inside += [abs(t.value - v) <= 2.0 * t.u + 20 * NM for t, v in parts]
+        wave = found.errors["EXC"]
+        inside += list(
+            np.abs(wave.evaluate(c) - 2e-6 * np.cos(2 * c)) <= 2.0 * wave.sd(c) + 5 * NM
+        )
+    assert 0.95 * planted <= caught <= 1.05 * planted + 3
+    # 84 values in 6 sets: 0.95 less three binomial deviations
+    assert np.mean(inside) >= 0.88
+
+
+STATIONS = [(-0.35, -0.3, -0.2), (0.8, -0.25, -0.15), (0.15, 0.75, -0.25), (0.2, 0.1, 0.9)]
+TOOLS = [(0, 0, -0.12), (0.09, 0, -0.12), (0, 0.08, -0.2)]
+
+
+class Mill:
+    """Carriages that are displaced and turned bodily; where the reflector stands on the table."""
+
+    def __init__(self, seed=5):
+        rng = np.random.default_rng(seed)
+        self.c = rng.uniform(-0.3, 0.3, (3, 3))
+        self.d = 2e-6 * rng.normal(size=(3, 3, 2))
+        self.w = 12e-6 * rng.normal(size=(3, 3, 2))
+
+    def motion(self, k, q, p):
+        """Small displacement of the body of carriage k at a point p of space."""
+        s, d, w = q / 0.3, self.d[k], self.w[k]
+        # zero at home, curved: no function of the fitted kind in one of them
+        shift = d[:, 0] * np.sin(2 * s) + d[:, 1] * (np.cosh(s) - 1)
+        turn = w[:, 0] * s + w[:, 1] * np.sin(1.5 * s) ** 2
+        return shift + np.cross(turn, p - self.c[k])
+
+    def reflector(self, x, y, z, t):
+        """Place of the tool point in the coordinates of the table, with the errors of all carriages."""
+        p = np.array(t, dtype=float) + np.array([0, 0, z])
+        p = p + self.motion(2, z, p)
+        p = (
+            p + np.array([0, y, 0]) - self.motion(1, y, p)
+        )  # the saddle carries the table, under the tool
+        return p + np.array([x, 0, 0]) - self.motion(0, x, p)
+
+
+GRID = [
+    v.ravel()
+    for v in np.meshgrid(*(np.linspace(0, s, 5) for s in (0.4, 0.3, 0.25)), indexing="ij")
+]
+
+
+def tracer_sets(mill, pairs, noise=0.0, seed=1):
+    rng = np.random.default_rng(seed)
+    sets = []
+    for i, j in pairs:
+        places = np.array(
+            [mill.reflector(x, y, z, TOOLS[j]) for x, y, z in zip(*GRID, strict=True)]
+        )
+        lengths = np.linalg.norm(places - STATIONS[i], axis=1) + 0.0123
+        lengths += noise * rng.normal(size=lengths.size)
+        guess = np.add(STATIONS[i], 3e-3 * rng.normal(size=3))
+        sets.append(
+            ReadingSet(
+                Length(station=guess), dict(zip("XYZ", GRID, strict=True)), lengths, tool=TOOLS[j],
+                unknown=("station", "dead_path"), name=f"{i}-{j}", total=True,
+            )
+        )  # fmt: skip
+    return sets
+
+
+def rigidly_off(found, truth, places):
+    """RMS of vectors when a rigid motion of the frame has been taken off."""
+    columns = np.concatenate(
+        [
+            np.concatenate([np.eye(3), np.transpose([np.cross(e, p) for e in np.eye(3)])], axis=1)
+            for p in places
+        ]
+    )
+    off = (found - truth).ravel()
+    off = off - columns @ np.linalg.lstsq(columns, off, rcond=None)[0]
+    return np.sqrt(np.mean(off**2) * 3)
+
+
+def test_a_mill_of_bodies_is_known_at_places_and_tools_that_were_not_used():
+    mill, chain = Mill(), presets("mill_xyz")
+    sets = tracer_sets(mill, [(0, 0), (1, 1), (2, 2), (3, 0)], noise=20e-9)
+    found = calibrate(chain, sets, degrees=4)
+    assert found.null == ()
+    rng = np.random.default_rng(6)
+    q = rng.uniform((0, 0, 0), (0.4, 0.3, 0.25), (200, 3))
+    tool = (0.03, 0.04, -0.15)
+    nominal = q + tool
+    truth = np.array([mill.reflector(*row, tool) for row in q]) - nominal
+    predicted = np.transpose(
+        [
+            found.read(Displacement(direction=e), dict(zip("XYZ", q.T, strict=True)), tool=tool)
+            for e in np.eye(3)
+        ]
+    )
+    before, after = rigidly_off(0 * truth, truth, nominal), rigidly_off(predicted, truth, nominal)
+    assert before > 2e-6
+    assert after < before / 20
+    # a station is known but for the rigid motion of the frame, which errors of the machine set
+    station, u = found.unknowns["0-0"]["station"]
+    assert np.abs(station - STATIONS[0]).max() < 50e-6
+    assert u.shape == (3,)
+
+
+def test_one_tool_leaves_twelve_directions_by_name():
+    """Section 0a of machines.md: ECY, ECZ dead; EAZ with EYZ (order 1: A0Z), EBZ with EXZ."""
+    found = calibrate(
+        presets("mill_xyz"), tracer_sets(Mill(), [(0, 0), (1, 0), (2, 0), (3, 0)]), degrees=3
+    )
+    assert len(found.null) == 12
+    text = " | ".join(found.null)
+    assert sum("no reading depends on it" in t for t in found.null) == 6
+    assert "A0Z" in text
+    assert np.isnan(found.errors["ECY"].evaluate(0.1))
+    assert np.isinf(found.errors["ECZ"].sd(0.1))
+    assert np.isfinite(found.errors["EZX"].evaluate(0.1))
+    assert np.isfinite(found.u_at({"X": 0.2, "Y": 0.1, "Z": 0.1}, tool=TOOLS[0])).all()
+    assert np.isinf(found.u_at({"X": 0.2, "Y": 0.1, "Z": 0.1}, tool=TOOLS[1])).any()
+
+
+def test_the_plan_takes_another_tool_before_another_station():
+    sets = tracer_sets(Mill(), [(0, 0), (1, 0), (2, 0), (3, 0), (1, 1), (2, 2)])
+    volume = dict(zip("XYZ", GRID, strict=True))
+    plan = plan_calibration(presets("mill_xyz"), sets, volume=volume, tools=TOOLS, degrees=3)
+    assert [size for _, size in plan] == sorted((size for _, size in plan), reverse=True)
+    names = [name for name, _ in plan]
+    assert "1-1" in names[:4]
+    assert "2-2" in names[:4]
+
+
+def line(chain, degree_of_bow=8e-6, **key):
+    x = np.linspace(0.0, 0.5, 21)
+    q = {"X": x, "Y": 0.0, "Z": 0.0}
+    return ReadingSet(
+        Displacement(direction=(0, 0, 1)), q, degree_of_bow * x**2 + 3e-6 + 5e-6 * x,
+        unknown=("offset", "slope"), **key,
+    )  # fmt: skip
+
+
+def test_a_bow_is_found_beside_a_straightedge_that_lies_askew():
+    chain = presets("mill_xyz")
+    found = calibrate(chain, [line(chain)], terms=["EZX"], degrees=3)
+    bow = found.errors["EZX"].evaluate([0.0, 0.25, 0.5])
+    assert_allclose(bow[1] - 0.5 * (bow[0] + bow[2]), -8e-6 * 0.25**2, rtol=0, atol=PM)
+
+
+def test_a_set_of_the_wrong_sign_is_named():
+    chain = presets("mill_xyz")
+    x = np.linspace(0.0, 0.5, 31)
+    q = {"X": x, "Y": 0.0, "Z": 0.0}
+    good = [
+        ReadingSet(
+            Displacement(direction=(0, 0, 1)),
+            q,
+            8e-6 * x**2,
+            unknown=("offset", "slope"),
+            u=1e-8,
+            name=f"run {k}",
+        )
+        for k in range(3)
+    ]
+    bad = ReadingSet(
+        Displacement(direction=(0, 0, 1)),
+        q,
+        -8e-6 * x**2,
+        unknown=("offset", "slope"),
+        u=1e-8,
+        name="turned",
+    )
+    with pytest.raises(DataError, match="contradicts the other sets"):
+        calibrate(chain, [*good, bad], terms=["EZX"], degrees=2, robust=False)
+
+
+def test_bad_sets_are_refused_in_a_sentence():
+    chain = presets("mill_xyz")
+    probe = Displacement(direction=(0, 0, 1))
+    x = np.linspace(0, 0.5, 5)
+    q = {"X": x, "Y": 0.0, "Z": 0.0}
+    with pytest.raises(UnitError, match="are deviations in m"):
+        ReadingSet(probe, q, x)
+    with pytest.raises(DataError, match="every reading is NaN"):
+        ReadingSet(probe, q, np.full(5, np.nan))
+    with pytest.raises(InvalidSamplesError, match="shape"):
+        ReadingSet(probe, q, np.zeros(4))
+    with pytest.raises(InvalidSamplesError, match="readings"):
+        ReadingSet(Nest(), q, np.zeros(5))
+    with pytest.raises(DataError, match="unknown"):
+        ReadingSet(probe, q, np.zeros(5), unknown=("station",))
+    with pytest.raises(TooFewSamplesError, match="EZX with degree 6 needs 7 places"):
+        calibrate(chain, [ReadingSet(probe, q, np.zeros(5))], terms=["EZX"], degrees=6)
+    with pytest.raises(DataError, match="axis Y did not move"):
+        calibrate(chain, [ReadingSet(probe, q, np.zeros(5))], terms=["EZY"])
+    with pytest.raises(DataError, match="neither an axis nor a term"):
+        calibrate(chain, [ReadingSet(probe, q, np.zeros(5))], degrees={"Q": 2})
+    with pytest.raises(DataError, match="one for each set-up"):
+        calibrate(chain, [])
+
+
+def test_readings_that_are_nan_are_left_out_and_counted():
+    chain = presets("mill_xyz")
+    one = line(chain)
+    values = np.array(one.values)[:, 0]
+    values[[3, 7]] = np.nan
+    gaps = ReadingSet(one.instrument, one.q, values, unknown=one.unknown)
+    found = calibrate(chain, [gaps], terms=["EZX"], degrees=2)
+    assert "2 readings are NaN" in " ".join(found.messages)
+    bow = found.errors["EZX"].evaluate([0.0, 0.25, 0.5])
+    assert_allclose(bow[1] - 0.5 * (bow[0] + bow[2]), -8e-6 * 0.25**2, rtol=0, atol=PM)
