@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from metrosep.cli.options import force_option, json_option, name_values, say
+from metrosep.cli.options import (
+    chain_of,
+    force_option,
+    json_option,
+    machine_options,
+    name_values,
+    say,
+)
 
 if TYPE_CHECKING:
     from metrosep.compensation.from_machine import MachineTables
@@ -19,7 +26,7 @@ if TYPE_CHECKING:
     from metrosep.controllers._pairs import Prepared
     from metrosep.machine.chains import Chain
 
-__all__ = ["machine_tables"]
+__all__ = ["machine_tables", "terms_of"]
 
 _MOST_BYTES = 2**26
 _VOLUME = (
@@ -66,7 +73,7 @@ _VOLUME = (
     metavar="X,Y,Z",
     help='Tool point in the frame of the last element: "0 mm,0 mm,-80 mm".',
 )
-@click.option("--radius", metavar="LENGTH", help="Of the part, for the preset fts_lathe.")
+@machine_options
 @click.option(
     "--format",
     "format_",
@@ -107,9 +114,8 @@ def machine_tables(
     """
     from metrosep.controllers.registry import find
     from metrosep.core.errors import DataError
-    from metrosep.recipe.methods.ops_machine import machine_of
 
-    chain = machine_of({"machine": machine}, _size(options["radius"]))
+    chain = chain_of(machine, options)
     over = _names(options["over"], "--over", 3)
     holds = {1: "table", 2: "map", 3: "table"}[len(over)]
     name = options["format_"] or {1: "csv", 2: "csv-map", 3: "csv"}[len(over)]
@@ -125,7 +131,7 @@ def machine_tables(
             + (f"; {_VOLUME}" if len(over) == 3 else "")
         )
     kinds = {e.name: "angle" if e.kind == "rotary" else "length" for e in chain.elements}
-    terms, known = _terms(errors, kinds)
+    terms, known = terms_of(errors, kinds)
     common: dict[str, Any] = {
         "over": over,
         "positions": _positions(over, kinds, known, options),
@@ -424,12 +430,6 @@ def _names(text: str, option: str, most: int | None) -> tuple[str, ...]:
     return names
 
 
-def _size(text: str | None) -> float | None:
-    from metrosep.core.units import parse_quantity
-
-    return None if text is None else parse_quantity(text, dimension="length", name="--radius")
-
-
 def _place(text: str, axis: str, kinds: Mapping[str, str], option: str) -> float:
     from metrosep.core.errors import UnitError
     from metrosep.core.units import parse_quantity
@@ -515,7 +515,7 @@ def _positions(
 # ---- files of errors ----------------------------------------------------------------------------
 
 
-def _terms(
+def terms_of(
     files: Sequence[str], kinds: Mapping[str, str]
 ) -> tuple[Any, dict[str, tuple[float, float]]]:
     """Return the error terms of files, and how far each axis is known by all of its terms."""

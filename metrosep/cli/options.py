@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from metrosep.core.text_options import TEXT_OPTIONS
 
+if TYPE_CHECKING:
+    from metrosep.machine import Chain
+
 __all__ = [
     "USUAL_SPACING",
+    "chain_of",
     "expansion_options",
     "file_options",
     "force_option",
     "json_option",
+    "machine_options",
     "name_values",
     "named_options",
     "optional_read_options",
@@ -47,6 +52,32 @@ def force_option(command: F) -> F:
     return click.option(
         "--force", is_flag=True, help="Replace another table of that name; it stays as NAME.1."
     )(command)
+
+
+def machine_options(command: F) -> F:
+    """Add what the presets of machines need to know."""
+    for name, text in (
+        ("--pivot-height", "Of the table above the axis of A, for the preset five_axis."),
+        ("--radius", "Of the part, for the preset fts_lathe."),
+    ):
+        command = click.option(name, metavar="LENGTH", help=text)(command)
+    return command
+
+
+def chain_of(machine: str, options: dict[str, Any]) -> Chain:
+    """Return the machine of a command with `machine_options`."""
+    from metrosep.core.numbers import quantity
+    from metrosep.recipe.methods.ops_machine import machine_of
+
+    given = {"radius": options["radius"], "pivot_height": options["pivot_height"]}
+    sizes = {
+        k: None if v is None else quantity(v, f"--{k.replace('_', '-')}", "length")
+        for k, v in given.items()
+    }
+    found: Chain = machine_of(
+        {"machine": machine, "pivot_height": sizes["pivot_height"]}, sizes["radius"]
+    )
+    return found
 
 
 def override_option(command: F) -> F:

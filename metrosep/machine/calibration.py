@@ -47,6 +47,8 @@ _STEPS, _SETTLED = 20, 1e-10
 _HUBER, _GROSS, _REFUSED, _ROUNDS = 1.5, 6.0, 4.0, 10
 _LARGEST = {"m": 1e-2, "rad": 1e-2}
 _CONTRADICTS, _STRONGEST = 10.0, 10.0
+_CHANCE = 1e-4
+"""Of the next orders of an axis to be in the residuals by accident, where an order is added."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -322,7 +324,7 @@ def calibrate(
         One for each set-up, each with its readings in the order of time.
     degrees : int or mapping of str to int, optional
         Highest order of the polynomials (linear axes, part turns) or harmonics (full turns), by
-        axis or term; 3 and 2 if omitted.
+        axis or term. If omitted 3 and 2, and more as long as the residuals hold the next order.
     terms : sequence of str, optional
         Error terms that may be at work; all of the axes that moved if omitted.
     home : mapping of str to float, m or rad, optional
@@ -380,14 +382,32 @@ def calibrate(
         )
     with one_blas_thread():
         problem = _Problem(chain, bases, list(sets))
-        current = [s.instrument for s in sets]
-        good = [np.isfinite(np.asarray(s.values)) for s in sets]
-        current = problem.placed(current, good, _least)
-        if robust:
-            current = problem.placed(current, good, _huber)
-            good = problem.without_gross(problem.assembled(current, good), good)
-        fit, system = problem.settled(current, good, robust)
-        return _result(chain, problem, system, fit, current, homes)
+        found = _fitted(problem, robust, homes)
+        for _ in range(_ROUNDS):
+            raised = {a: n for a, n in found.lacking.items() if not _is_stated(a, chain, degrees)}
+            if not raised:
+                break
+            bases = {n: _raised(problem, n, raised, homes) for n in bases}
+            problem = _Problem(chain, bases, list(sets))
+            found = _fitted(problem, robust, homes)
+        return _result(problem, found, homes)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    """The fit of a problem, and what its residuals still hold."""
+
+    fit: Fit
+    system: _System
+    current: list[Instrument]
+    lacking: Mapping[str, int]
+
+
+def _fitted(problem: _Problem, robust: bool, homes: Mapping[str, float]) -> _Found:
+    current, good = problem.start(robust)
+    fit, system, good = problem.settled(current, good, robust)
+    lacking = problem.lacking(current, good, system, fit, homes)
+    return _Found(fit, system, current, lacking)
 
 
 def _bases(
@@ -545,6 +565,16 @@ class _Problem:
         V, blind = directions[known].T, directions[~known].T
         return _System(X, y, sizes, V, blind, singular, streams, rows, ends)
 
+    def start(self, robust: bool) -> tuple[list[Instrument], list[Any]]:
+        """Return set-ups where the readings put them, and the readings that are not grossly wrong."""
+        current = [s.instrument for s in self.sets]
+        good = [np.isfinite(np.asarray(s.values)) for s in self.sets]
+        current = self.placed(current, good, _least)
+        if robust:
+            current = self.placed(current, good, _huber)
+            good = self.without_gross(self.assembled(current, good), good)
+        return current, good
+
     def placed(
         self, current: list[Instrument], good: list[Any], solve: Callable[[_System], FloatArray]
     ) -> list[Instrument]:
@@ -592,8 +622,8 @@ class _Problem:
 
     def settled(
         self, current: list[Instrument], good: list[Any], robust: bool
-    ) -> tuple[Fit, _System]:
-        """Return the fit with its noise when no further reading is refused."""
+    ) -> tuple[Fit, _System, list[Any]]:
+        """Return the fit with its noise when no further reading is refused, and what is left."""
         stated = [s.u for s in self.sets]
         for _ in range(_ROUNDS):
             system = self.assembled(current, good)
@@ -610,7 +640,101 @@ class _Problem:
             for k, end in enumerate(system.ends):
                 good[k].reshape(-1)[system.rows[k][bad[begin:end]]] = False
                 begin = end
-        return fit, system  # type: ignore[possibly-undefined]
+        return fit, system, good  # type: ignore[possibly-undefined]
+
+    def lacking(
+        self,
+        current: list[Instrument],
+        good: list[Any],
+        system: _System,
+        fit: Fit,
+        homes: Mapping[str, float],
+    ) -> dict[str, int]:
+        """Return axes whose next order the residuals hold beyond chance, and that order (score test)."""
+        from scipy.stats import chi2 as chi2_of
+
+        more = {}
+        for name, basis in self.bases.items():
+            further = _next(self, name, basis, homes)
+            if further is not None:
+                more[name] = further
+        if not more:
+            return {}
+        wider = _Problem(self.chain, more, self.sets)
+        X = wider.assembled(current, good).X[:, : wider.n_terms]
+        Z = (system.X / system.sizes) @ system.V
+        rest = system.y - Z @ fit.beta
+        whole = np.column_stack([X, Z, rest])
+        solved = np.empty_like(whole)
+        for stream in system.streams:
+            rows = stream.rows
+            part, _ = inverse_times(whole[rows], stream.index, fit.a, fit.tau)
+            solved[rows] = part / fit.scales[stream.which] ** 2
+        k = wider.n_terms
+        across = Z.T @ solved[:, :k]
+        information = X.T @ solved[:, :k] - across.T @ fit.cov @ across
+        score = X.T @ solved[:, -1]
+        axes = [_axis(self.chain, name.split(" ")[0]) for name in wider.names[:k]]
+        found = {}
+        for axis in dict.fromkeys(axes):
+            mine = [i for i, a in enumerate(axes) if a == axis]
+            own = information[np.ix_(mine, mine)]
+            size = np.sqrt(np.maximum(np.diag(own), 1e-300))
+            values, vectors = np.linalg.eigh(own / np.outer(size, size))
+            kept = values > 1e-6 * max(values.max(), 1.0)
+            parts = vectors[:, kept].T @ (score[mine] / size)
+            size_of = float(np.sum(parts**2 / values[kept]))
+            if kept.any() and chi2_of.sf(size_of, int(kept.sum())) < _CHANCE:
+                orders = [max(more[n].orders) for n in more if _axis(self.chain, n) == axis]
+                found[axis] = max(orders)
+        return found
+
+
+def _axis(chain: Chain, term: str) -> str:
+    return next(e.name for e in chain.elements if term in element_terms(e))
+
+
+def _is_stated(axis: str, chain: Chain, degrees: int | Mapping[str, int] | None) -> bool:
+    """Return whether the degree of an axis was given by the caller."""
+    if not isinstance(degrees, Mapping):
+        return degrees is not None
+    return axis in degrees or any(_axis(chain, t) == axis for t in degrees if t in chain.terms)
+
+
+def _next(problem: _Problem, term: str, basis: Basis, homes: Mapping[str, float]) -> Basis | None:
+    """Return the next order of a term alone; None where it has none or the places do not show it."""
+    if basis.kind == "constant":
+        return None
+    whole = _of_degree(problem, term, max(basis.orders) + 1, homes)
+    if whole is None:
+        return None
+    last = tuple(n for n in whole.orders if n > max(basis.orders))
+    if not last:
+        return None
+    return replace(whole, orders=last, off=None if whole.off is None else whole.off[-len(last) :])
+
+
+def _of_degree(
+    problem: _Problem, term: str, degree: int, homes: Mapping[str, float]
+) -> Basis | None:
+    element = next(e for e in problem.chain.elements if term in element_terms(e))
+    places = _places(element, problem.sets)
+    if places is None:
+        return None
+    try:
+        return basis_of(element, term, places, degree, homes.get(element.name, 0.0))
+    except TooFewSamplesError:
+        return None
+
+
+def _raised(
+    problem: _Problem, term: str, raised: Mapping[str, int], homes: Mapping[str, float]
+) -> Basis:
+    """Return the shapes of a term with the order that its axis needs."""
+    basis, axis = problem.bases[term], _axis(problem.chain, term)
+    if basis.kind == "constant" or axis not in raised:
+        return basis
+    return _of_degree(problem, term, raised[axis], homes) or basis
 
 
 def _labels(sets: Sequence[ReadingSet]) -> list[str]:
@@ -673,14 +797,8 @@ def _deleted(Z: FloatArray, system: _System, fit: Fit) -> FloatArray:
     return t
 
 
-def _result(
-    chain: Chain,
-    problem: _Problem,
-    system: _System,
-    fit: Fit,
-    current: list[Instrument],
-    homes: Mapping[str, float],
-) -> Calibration:
+def _result(problem: _Problem, found: _Found, homes: Mapping[str, float]) -> Calibration:
+    chain, fit, system, current = problem.chain, found.fit, found.system, found.current
     sets = problem.sets
     beta = system.V @ fit.beta / system.sizes
     cov = (system.V @ fit.cov @ system.V.T) / np.outer(system.sizes, system.sizes)
@@ -707,6 +825,11 @@ def _result(
                 )
         begin = end
     messages = [_gauge(chain, homes)]
+    messages += [
+        f"the readings hold more of {axis} than its orders: order {order} is there beyond chance; give a "
+        f"higher degree ({axis}={order}), u does not contain what is missing"
+        for axis, order in found.lacking.items()
+    ]
     share = fit.beta.size * n_stated / max(system.y.size, 1)
     if n_stated:
         from scipy.stats import chi2 as chi2_of
@@ -728,12 +851,12 @@ def _result(
     unknowns: dict[str, Mapping[str, tuple[FloatArray, FloatArray]]] = {}
     u = np.sqrt(np.maximum(np.diag(cov), 0.0))
     for k, label in enumerate(problem.labels):
-        found = {}
+        of_set = {}
         for name, where in problem.unknown_at[k].items():
             place = getattr(current[k], name, None) if _is_place(current[k], name) else None
-            found[name] = (beta[where] if place is None else np.asarray(place), u[where])
-        if found:
-            unknowns[label] = freeze_mapping(found)
+            of_set[name] = (beta[where] if place is None else np.asarray(place), u[where])
+        if of_set:
+            unknowns[label] = freeze_mapping(of_set)
     if fit.judged and not fit.white:
         messages.append(
             f"drift is {fit.a:.2g} times the white noise, over {fit.tau:.2g} readings; u contains it"
@@ -797,6 +920,13 @@ def _terms(
             )
         else:
             term = CurveTerm(beta[mine], cov[mine, mine], basis)
+        unit = term_unit(problem.chain, name)
+        largest = float(np.abs(beta[mine]).max())
+        if largest > _LARGEST[unit]:
+            raise DataError(
+                f"{name} would be {format_engineering(largest, unit)}, which no machine has: check the "
+                "machine, the units and the tool points of the readings, or lower the degrees"
+            )
         fitted[name] = term
         errors[name] = UnseenTerm() if name in unseen else term
     return errors, fitted

@@ -31,7 +31,11 @@ if TYPE_CHECKING:
         speed_plot as speed_plot,
         straightness_parts as straightness_parts,
     )
-    from metrosep.plot.polar import harmonic_bars as harmonic_bars, polar_plot as polar_plot
+    from metrosep.plot.polar import (
+        circle_chart as circle_chart,
+        harmonic_bars as harmonic_bars,
+        polar_plot as polar_plot,
+    )
     from metrosep.plot.sensitivity_chart import (
         sensitivity_bars as sensitivity_bars,
         sensitivity_maps as sensitivity_maps,

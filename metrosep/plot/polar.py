@@ -20,9 +20,10 @@ from metrosep.plot.style import COLOURS, DASHED, DOTTED, axes_or_new, house_styl
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from metrosep.machine import CircleTest
     from metrosep.separation.circles.spindle_result import SpindleMotion
 
-__all__ = ["harmonic_bars", "polar_plot", "readable_unit"]
+__all__ = ["circle_chart", "harmonic_bars", "polar_plot", "readable_unit"]
 
 _INNER = 2.2
 """Base circle in units of the largest motion: the chart keeps a hole."""
@@ -81,6 +82,56 @@ def polar_plot(
             result.center, (0, 0), xytext=(4, 4), textcoords="offset points", fontsize=8.5
         )
         _dress(axes, result, outer, f"division {step:.4g} {unit}")
+    return axes
+
+
+def circle_chart(test: CircleTest, ax: Axes | None = None) -> Axes:
+    """Draw both runs of a circular test about their common centre, and the fitted errors.
+
+    Parameters
+    ----------
+    test : CircleTest
+        From `metrosep.machine.circle_test`.
+    ax : matplotlib Axes, optional
+        Where to draw; a new figure by default.
+
+    Returns
+    -------
+    matplotlib Axes
+        Deviations of the radius on a circle without meaning; outwards is a larger radius.
+    """
+    with house_style():
+        axes = axes_or_new(ax, size=(6.4, 6.9))
+        largest = max(float(np.nanmax(np.abs(r))) for r in test.measured.values())
+        scale, unit = readable_unit(largest, "m")
+        step = _round_step(largest * scale or 1.0)
+        base = step * math.ceil(_INNER * (largest * scale or 1.0) / step)
+        outer = base + step * math.ceil((largest * scale or 1.0) / step)
+        _grid(axes, base, step, outer)
+        order = np.argsort(test.angle)
+        angle = _closed(test.angle[order])
+        for sense, colour in (("ccw", "estimate"), ("cw", "reverse")):
+            if sense not in test.measured:
+                continue
+            text = f"{sense}: G {_text(test.G[sense].value, scale, unit)}"
+            read = test.measured[sense]
+            for values, style in (
+                (read, {"lw": 1.4, "label": text}),
+                (read - test.residual[sense], {"lw": 0.9, "ls": DASHED, "color": COLOURS["text"]}),
+            ):
+                radius = base + scale * _closed(values[order])
+                line = {"color": COLOURS[colour], "zorder": 4, **style}
+                axes.plot(radius * np.cos(angle), radius * np.sin(angle), **line)
+        one, two = test.plane[0], test.plane[1]
+        for name, x, y in ((f"+{one}", 1.22, 0.0), (f"+{two}", 0.0, 1.22)):
+            axes.text(x * outer, y * outer, name, ha="center", va="center", weight="bold")
+        axes.set(xlim=(-1.3 * outer, 1.3 * outer), ylim=(-1.3 * outer, 1.3 * outer))
+        axes.set_aspect("equal")
+        axes.axis("off")
+        axes.set_title(
+            f"circle {test.plane}, division {step:.4g} {unit}; dashed: fitted errors", y=0.98
+        )
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, -0.02), ncols=2)
     return axes
 
 

@@ -34,12 +34,14 @@ def machine_of(options: dict[str, Any], radius: float | None) -> Any:
 
     name = str(options.pop("machine"))
     own, errors = options.pop("machine_radius", None), options.pop("spindle_errors", None)
+    height = options.pop("pivot_height", None)
     if Path(name).suffix == ".toml" or Path(name).is_file():
         if not Path(name).is_file():
             raise DataError(f"machine = {name!r}: there is no such file")
-        if own is not None or errors is not None:
+        if own is not None or errors is not None or height is not None:
             raise DataError(
-                "machine_radius and spindle_errors belong to a preset; write them into the file"
+                "machine_radius, spindle_errors and pivot_height belong to a preset; write them into "
+                "the file"
             )
         return Chain.from_toml(name)
     if name not in presets():
@@ -54,6 +56,10 @@ def machine_of(options: dict[str, Any], radius: float | None) -> Any:
         parameters["radius"] = radius if own is None else own
         if parameters["radius"] is None:
             raise DataError('fts_lathe needs the radius of the part: radius = "20 mm"')
+    if name == "five_axis" and height is None:
+        raise DataError('five_axis needs the height of its table: pivot_height = "80 mm"')
+    if height is not None:
+        parameters["pivot_height"] = height
     if errors is not None:
         parameters["spindle_errors"] = errors
     return presets(name, **parameters)
@@ -69,6 +75,9 @@ _MACHINE: Mapping[str, Option] = {
     ),
     "machine_radius": Option(
         "size", help="of the preset fts_lathe, where it is not that of the part"
+    ),
+    "pivot_height": Option(
+        "length", help="of the C table above the axis of A, for the preset five_axis"
     ),
     "spindle_errors": Option(
         "text",

@@ -1,0 +1,211 @@
+"""Readings of an instrument on a machine from text: set-up in comment lines of TOML, then columns.
+
+    # instrument = "nest"
+    # ball = "70 mm, -30 mm, 45 mm"
+    # unknown = ["ball"]
+    X_mm,Y_mm,Z_mm,A_deg,C_deg,reading_x_um,reading_y_um,reading_z_um
+    45.62,-60.98,125,0,30,-12.1,-15.5,6.9
+
+Rows stand in the order of time. A position column is an axis and its unit; an axis that stands still
+may be a key instead (``at = { Y = "0 mm" }``).
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, FormatMismatchError, MetrosepError
+from metrosep.core.numbers import choice, quantity
+from metrosep.io.source import RawFile, open_file
+from metrosep.io.text.table import Table, pick, read_table, to_si
+from metrosep.machine import Chain, ReadingSet
+from metrosep.machine.instruments import (
+    Angle,
+    Ballbar,
+    Displacement,
+    Instrument,
+    Length,
+    Nest,
+)
+
+__all__ = ["read_reading_set"]
+
+_KINDS: Mapping[str, Callable[..., Instrument]] = {
+    "displacement": Displacement,
+    "angle": Angle,
+    "ballbar": Ballbar,
+    "nest": Nest,
+    "length": Length,
+}
+_POINTS = ("ball", "station", "point")
+_COMMON = ("instrument", "name", "tool", "unknown", "u", "total", "at", "end")
+_OWN = {
+    "displacement": ("direction", "frame", "point"),
+    "angle": ("direction", "frame"),
+    "ballbar": ("ball",),
+    "nest": ("ball", "senses", "frame"),
+    "length": ("station", "dead_path"),
+}
+_AXES = {f"{s}{a}": (0.0,) * i + ((-1.0 if s == "-" else 1.0),) + (0.0,) * (2 - i)
+         for i, a in enumerate("XYZ") for s in ("", "+", "-")}  # fmt: skip
+
+
+def read_reading_set(
+    path: str | os.PathLike[str], chain: Chain, *, needs_readings: bool = True
+) -> ReadingSet:
+    """Return the readings of a file, as `metrosep.machine.calibrate` takes them.
+
+    Parameters
+    ----------
+    path : path
+        Text with its set-up in comment lines of TOML.
+    chain : Chain
+        The machine, which says which columns are axes.
+    needs_readings : bool, optional
+        Whether a column of readings must be there; zeros stand for them otherwise.
+
+    Returns
+    -------
+    ReadingSet
+        In SI.
+
+    Raises
+    ------
+    FormatMismatchError
+        The set-up is missing or not TOML, a key is unknown, an axis has no column and no place, or
+        there is no column of readings.
+    UnitError
+        A column or a key has no unit, or one of another dimension.
+    """
+    file = open_file(path)
+    setup = _setup(file)
+    table = read_table(file)
+    try:
+        kind = choice(setup.get("instrument"), "instrument", _KINDS)
+        known = (*_COMMON, *_OWN[kind])
+        for key in setup:
+            choice(key, f"key of a {kind}", known)
+        q = _positions(file, table, chain, setup.get("at", {}))
+        own = {k: _value(k, setup[k]) for k in (*_OWN[kind], "end") if k in setup}
+        instrument = _KINDS[kind](**own)
+        is_angle = instrument.is_angle
+        values = _readings(file, table, instrument, needed=needs_readings)
+        u = setup.get("u")
+        return ReadingSet(
+            instrument,
+            q,
+            values,
+            tool=_point(setup["tool"], "tool") if "tool" in setup else (0.0, 0.0, 0.0),
+            unknown=tuple(setup.get("unknown", ())),
+            name=str(setup.get("name", file.name)),
+            u=None if u is None else quantity(u, "u", "angle" if is_angle else "length"),
+            total=bool(setup.get("total", False)),
+        )
+    except FormatMismatchError:
+        raise
+    except MetrosepError as error:
+        raise type(error)(f"{file.path}: {error}") from None
+
+
+def _setup(file: RawFile) -> dict[str, Any]:
+    """Return the keys in the comment lines above the columns."""
+    lines = []
+    for line in file.data.decode("utf-8-sig", "replace").splitlines():
+        if not line.startswith("#"):
+            break
+        lines.append(line.lstrip("#").strip())
+    try:
+        found = tomllib.loads("\n".join(lines))
+    except tomllib.TOMLDecodeError as error:
+        raise FormatMismatchError(
+            f"{file.path}: the comment lines above the columns are not TOML ({error}); they hold the "
+            'set-up, such as # instrument = "nest"'
+        ) from None
+    if "instrument" not in found:
+        raise FormatMismatchError(
+            f"{file.path}: no instrument is named; put the set-up into comment lines above the columns: "
+            f'# instrument = "nest" (or {", ".join(k for k in _KINDS if k != "nest")})'
+        )
+    return found
+
+
+def _point(value: Any, name: str) -> tuple[float, ...]:
+    """Return three lengths from a list or a text."""
+    parts = value.split(",") if isinstance(value, str) else value
+    if not isinstance(parts, list) or len(parts) != 3:
+        raise DataError(f'{name} is three lengths, such as "70 mm, -30 mm, 45 mm", got {value!r}')
+    return tuple(quantity(p.strip() if isinstance(p, str) else p, name, "length") for p in parts)
+
+
+def _value(key: str, value: Any) -> Any:
+    if key in _POINTS:
+        return _point(value, key)
+    if key == "direction" and isinstance(value, str):
+        return _AXES[choice(value, "direction", _AXES)]
+    return value
+
+
+def _positions(
+    file: RawFile, table: Table, chain: Chain, at: Mapping[str, Any]
+) -> dict[str, FloatArray]:
+    """Return the positions of all axes, from columns and from places that stay."""
+    if not isinstance(at, Mapping):
+        raise DataError(f'at is a table of axes, such as {{ Y = "0 mm" }}, got {at!r}')
+    kinds = {e.name: "angle" if e.kind == "rotary" else "length" for e in chain.elements}
+    for axis in at:
+        choice(axis, "axis in at", chain.axes)
+    for name in table.names:
+        axis, _, ending = name.partition("_")
+        if ending and re.fullmatch(r"[A-CU-Z]", axis) and axis not in chain.axes:
+            raise FormatMismatchError(
+                f"{file.path}: column {name}: the machine {chain.name} has no axis {axis}; its axes are "
+                f"{', '.join(chain.axes)}"
+            )
+    parked = {e.name for e in chain.elements if e.parked}
+    found = {}
+    for axis in chain.axes:
+        named = [n for n in table.names if n == axis or n.startswith((f"{axis}_", f"{axis} "))]
+        if len(named) > 1:
+            raise FormatMismatchError(
+                f"{file.path}: axis {axis} has two columns, {', '.join(named)}"
+            )
+        if named:
+            column, unit = pick(file, table, named[0], role=f"axis {axis}")
+            found[axis] = to_si(file, column, unit, dimension=kinds[axis], role=f"axis {axis}")
+        elif axis in at:
+            found[axis] = np.asarray(quantity(at[axis], f"place of {axis}", kinds[axis]))
+        elif axis not in parked:
+            raise FormatMismatchError(
+                f"{file.path}: axis {axis} has no column and no place; add a column {axis}_mm or "
+                f'{axis}_deg, or the line # at = {{ {axis} = "0 mm" }}'
+            )
+    return found
+
+
+def _readings(file: RawFile, table: Table, instrument: Instrument, *, needed: bool) -> FloatArray:
+    dimension = "angle" if instrument.is_angle else "length"
+    if instrument.n_readings == 1:
+        wanted = ["reading"]
+    else:
+        wanted = [f"reading_{d}" for d in "xyz"]
+    columns = []
+    for name in wanted:
+        named = [n for n in table.names if n == name or n.startswith((f"{name}_", f"{name} "))]
+        if len(named) != 1:
+            if not named and not needed:
+                columns.append(np.zeros(len(table)))
+                continue
+            raise FormatMismatchError(
+                f"{file.path}: a column {name}_um (or {name}_urad) is needed, found "
+                f"{', '.join(named) or 'none'} in {', '.join(table.names)}"
+            )
+        column, unit = pick(file, table, named[0], role="readings")
+        columns.append(to_si(file, column, unit, dimension=dimension, role="readings"))
+    return columns[0] if len(columns) == 1 else np.column_stack(columns)
