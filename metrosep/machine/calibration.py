@@ -9,132 +9,47 @@ are NaN. Noise: white, and drift common to all sets, learnt from the readings (m
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import (
     DataError,
-    InvalidSamplesError,
-    NotConvergedError,
-    TooFewSamplesError,
-    UnitError,
 )
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_engineering, format_length
-from metrosep.machine._bases import Basis, CurveTerm, UnseenTerm, basis_of, null_sentences
-from metrosep.machine._drift_noise import Fit, Gls, Stream, diagonal_of_inverse, inverse_times
+from metrosep.machine._bases import Basis, CurveTerm, UnseenTerm, null_sentences
+from metrosep.machine._drift_noise import Fit
+from metrosep.machine._reading_problem import (
+    NULL,
+    Problem,
+    ReadingSet,
+    System,
+    bases_of,
+    columns_of,
+    is_place,
+    is_stated,
+    with_order,
+)
 from metrosep.machine.chains import Chain, Positions
-from metrosep.machine.elements import Element, element_terms, term_unit
-from metrosep.machine.instruments import Instrument, read, seen
-from metrosep.machine.terms import ConstantTerm, ErrorTerm, positions_array
+from metrosep.machine.elements import term_unit
+from metrosep.machine.instruments import Instrument, read
+from metrosep.machine.terms import ConstantTerm, ErrorTerm
 
 __all__ = ["Calibration", "ReadingSet", "calibrate", "plan_calibration"]
 
-_NULL = 1e-9
-"""Of the largest singular value of columns of unit length: below, a direction is not determined."""
 
 _PRIOR = {"m": 5e-6, "rad": 30e-6, "1": math.inf}
 """A direction with a larger standard uncertainty is reported: the readings hardly determine it."""
 
-_STEPS, _SETTLED = 20, 1e-10
-_HUBER, _GROSS, _REFUSED, _ROUNDS = 1.5, 6.0, 4.0, 10
+_ROUNDS = 10
 _LARGEST = {"m": 1e-2, "rad": 1e-2}
 _CONTRADICTS, _STRONGEST = 10.0, 10.0
-_CHANCE = 1e-4
-"""Of the next orders of an axis to be in the residuals by accident, where an order is added."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ReadingSet:
-    """Readings of one instrument in one set-up, in the order of time.
-
-    Parameters
-    ----------
-    instrument : Instrument
-        What read; its own place may be a guess where it is `unknown`.
-    q : mapping of str to array_like, shape (n,) or (), m or rad
-        Axis positions of each reading.
-    values : array_like, shape (n,) or (n, 3), m or rad
-        Deviations from nominal, or whole readings with `total`. NaN where none was taken.
-    tool : array_like, shape (3,), m, optional
-        Tool point in the frame of the tool.
-    unknown : sequence of str, optional
-        What of the set-up is not known, of ``instrument.unknowns``.
-    name : str, optional
-        For messages.
-    u : float, optional
-        Standard uncertainty of one reading by its noise, m or rad; from the readings if omitted.
-    total : bool, optional
-        Whether the values hold the nominal reading too.
-
-    Raises
-    ------
-    DataError
-        An unknown is none of the instrument, or every reading is NaN.
-    InvalidSamplesError
-        Positions and readings are not of one length.
-    UnitError
-        Deviations are beyond 10 mm or 10 mrad.
-    """
-
-    instrument: Instrument
-    q: Positions
-    values: ArrayLike
-    tool: ArrayLike = (0.0, 0.0, 0.0)
-    unknown: Sequence[str] = ()
-    name: str = ""
-    u: float | None = None
-    total: bool = False
-
-    def __post_init__(self) -> None:
-        kind = self.instrument
-        if not isinstance(kind, Instrument):
-            raise DataError(f"a ReadingSet needs an instrument, got {kind!r}")
-        named = (self.unknown,) if isinstance(self.unknown, str) else tuple(self.unknown)
-        for name in named:
-            numbers.choice(name, f"unknown of a {type(kind).__name__}", kind.unknowns)
-        values = positions_array(self.values, f"readings of {self.label}")
-        k = kind.n_readings
-        if values.ndim != (1 if k == 1 else 2) or (k > 1 and values.shape[-1] != k):
-            raise InvalidSamplesError(
-                f"readings of {self.label} have shape {values.shape}; a {type(kind).__name__} gives "
-                f"(n,{f' {k}' if k > 1 else ''})"
-            )
-        values = values.reshape(-1, k)
-        q = {a: positions_array(v, f"position of axis {a!r}") for a, v in self.q.items()}
-        for axis, at in q.items():
-            if at.shape not in ((), values.shape[:1]):
-                raise InvalidSamplesError(
-                    f"{self.label}: {axis} has shape {at.shape} for {values.shape[0]} readings"
-                )
-            if np.isnan(at).any():
-                raise InvalidSamplesError(f"{self.label}: a position of {axis} is NaN")
-        finite = np.isfinite(values)
-        if not finite.any():
-            raise DataError(f"{self.label}: every reading is NaN")
-        unit = "rad" if kind.is_angle else "m"
-        if not self.total and float(np.abs(values[finite]).max()) > _LARGEST[unit]:
-            raise UnitError(
-                f"{self.label}: readings reach {float(np.abs(values[finite]).max()):.4g} {unit}; they "
-                f"are deviations in {unit}; give total=True for readings that hold the nominal too"
-            )
-        if self.u is not None:
-            object.__setattr__(self, "u", numbers.positive(self.u, f"u of {self.label}"))
-        object.__setattr__(self, "values", values)
-        object.__setattr__(self, "q", freeze_mapping(q))
-        object.__setattr__(self, "unknown", named)
-
-    @property
-    def label(self) -> str:
-        """Name for messages."""
-        return self.name or type(self.instrument).__name__.lower()
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -232,7 +147,7 @@ class Calibration:
         ndarray, shape (..., 3), m
             Workpiece X, Y, Z; infinite where the error depends on what the readings do not tell.
         """
-        J = _columns(self.chain, self.bases, q, tool)
+        J = columns_of(self.chain, self.bases, q, tool)
         u = np.sqrt(np.maximum(np.einsum("...ij,jk,...ik->...i", J, self.covariance, J), 0.0))
         if self.blind.shape[1]:
             part = np.linalg.norm(J @ self.blind, axis=-1)
@@ -375,20 +290,20 @@ def calibrate(
     if isinstance(sets, ReadingSet) or not sets:
         raise DataError("sets is a list of ReadingSet, one for each set-up")
     homes = dict(home or {})
-    bases = _bases(chain, sets, degrees, terms, homes)
+    bases = bases_of(chain, sets, degrees, terms, homes)
     if not bases:
         raise DataError(
             "no term is left to find: the axes did not move, or the degrees are too low"
         )
     with one_blas_thread():
-        problem = _Problem(chain, bases, list(sets))
+        problem = Problem(chain, bases, list(sets))
         found = _fitted(problem, robust, homes)
         for _ in range(_ROUNDS):
-            raised = {a: n for a, n in found.lacking.items() if not _is_stated(a, chain, degrees)}
+            raised = {a: n for a, n in found.lacking.items() if not is_stated(a, chain, degrees)}
             if not raised:
                 break
-            bases = {n: _raised(problem, n, raised, homes) for n in bases}
-            problem = _Problem(chain, bases, list(sets))
+            bases = {n: with_order(problem, n, raised, homes) for n in bases}
+            problem = Problem(chain, bases, list(sets))
             found = _fitted(problem, robust, homes)
         return _result(problem, found, homes)
 
@@ -398,406 +313,19 @@ class _Found:
     """The fit of a problem, and what its residuals still hold."""
 
     fit: Fit
-    system: _System
+    system: System
     current: list[Instrument]
     lacking: Mapping[str, int]
 
 
-def _fitted(problem: _Problem, robust: bool, homes: Mapping[str, float]) -> _Found:
+def _fitted(problem: Problem, robust: bool, homes: Mapping[str, float]) -> _Found:
     current, good = problem.start(robust)
     fit, system, good = problem.settled(current, good, robust)
     lacking = problem.lacking(current, good, system, fit, homes)
     return _Found(fit, system, current, lacking)
 
 
-def _bases(
-    chain: Chain,
-    sets: Sequence[ReadingSet],
-    degrees: int | Mapping[str, int] | None,
-    terms: Sequence[str] | None,
-    homes: Mapping[str, float],
-) -> dict[str, Basis]:
-    """Return the shapes of each term that may be at work."""
-    wanted = chain.terms if terms is None else chain.known_terms(terms)
-    of_axis = degrees if isinstance(degrees, Mapping) else {}
-    for key in of_axis:
-        if key not in chain.axes and key not in chain.terms:
-            raise DataError(f"degrees names {key!r}, which is neither an axis nor a term")
-    for axis in homes:
-        if axis not in chain.axes:
-            raise DataError(f"home names {axis!r}; axes are {', '.join(chain.axes)}")
-    found = {}
-    for element in chain.elements:
-        places = _places(element, sets)
-        for term in element_terms(element):
-            if term not in wanted:
-                continue
-            if places is None:
-                if terms is not None:
-                    raise DataError(f"{term}: axis {element.name} did not move in any set")
-                continue
-            degree = of_axis.get(term, of_axis.get(element.name))
-            if degree is None and not isinstance(degrees, Mapping):
-                degree = degrees
-            checked = (
-                None if degree is None else numbers.count(degree, f"degree of {term}", least=1)
-            )
-            basis = basis_of(element, term, places, checked, homes.get(element.name, 0.0))
-            if basis is not None:
-                found[term] = basis
-    return found
-
-
-def _places(element: Element, sets: Sequence[ReadingSet]) -> FloatArray | None:
-    """Return the places of an axis in all sets; None where it never moved."""
-    listed = [np.ravel(np.asarray(s.q[element.name])) for s in sets if element.name in s.q]
-    if element.kind == "fixed" or not listed:
-        return None
-    places = np.concatenate(listed)
-    moved = float(np.ptp(places)) > 1e-9 or element.kind == "rotary"
-    return places if moved else None
-
-
-def _columns(
-    chain: Chain, bases: Mapping[str, Basis], q: Positions, tool: ArrayLike, *, turns: bool = False
-) -> FloatArray:
-    """Return the derivative of E (or of W) by the coefficients, shape (..., 3, p)."""
-    names = [n for n in bases if n in chain.terms]
-    J = chain.turn_jacobian(q, terms=names) if turns else chain.jacobian(q, tool=tool, terms=names)
-    homes = {t: e.name for e in chain.elements for t in element_terms(e)}
-    parts = []
-    shape = J.shape[:-2]
-    for name, basis in bases.items():
-        if name not in names:
-            parts.append(np.zeros((*shape, 3, len(basis.labels))))
-            continue
-        x = np.broadcast_to(np.asarray(q[homes[name]], dtype=np.float64), shape)
-        parts.append(J[..., names.index(name), None] * basis.at(x)[..., None, :])
-    return np.concatenate(parts, axis=-1)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _System:
-    """The linear problem about the current set-ups; rows of all sets one after another."""
-
-    X: FloatArray
-    y: FloatArray
-    sizes: FloatArray
-    V: FloatArray  # directions that are determined, (p, r), scaled columns
-    blind: FloatArray  # those that are not, (p, k)
-    singular: FloatArray
-    streams: list[Stream]
-    rows: list[FloatArray]  # by set, where its good readings stand: indices into (n, k) raveled
-    ends: list[int]
-
-
-class _Problem:
-    """Columns of all sets: coefficients of the terms, then unknowns of the set-ups."""
-
-    def __init__(self, chain: Chain, bases: Mapping[str, Basis], sets: list[ReadingSet]) -> None:
-        self.chain, self.bases, self.sets = chain, bases, sets
-        self.names = [f"{n}{label}" for n, b in bases.items() for label in b.labels]
-        self.units = [term_unit(chain, n) for n, b in bases.items() for _ in b.labels]
-        self.n_terms = len(self.names)
-        self.unknown_at: list[dict[str, slice]] = []
-        labels = _labels(sets)
-        self.labels = labels
-        for reading, label in zip(sets, labels, strict=True):
-            at = {}
-            for name in reading.unknown:
-                k = reading.instrument.unknowns[name]
-                at[name] = slice(len(self.names), len(self.names) + k)
-                ends = [f" {a}" for a in "xyz"] if k == 3 else [""]
-                self.names += [f"{name}{end} of {label}" for end in ends]
-                one = "1" if name == "slope" else "rad" if reading.instrument.is_angle else "m"
-                self.units += [one] * k
-            self.unknown_at.append(at)
-        self.parts = [self._fixed(s) for s in sets]
-
-    def _fixed(self, reading: ReadingSet) -> tuple[Any, FloatArray, FloatArray]:
-        """Return view, columns of E (or W) and readings with their nominal, of one set."""
-        part, at, lever, view = seen(self.chain, reading.instrument, reading.q, reading.tool)
-        columns = _columns(part, self.bases, at, lever, turns=reading.instrument.is_angle)
-        values = np.asarray(reading.values)
-        n = values.shape[0]
-        view = replace(
-            view,
-            point=np.broadcast_to(view.point, (n, 3)),
-            turn=np.broadcast_to(view.turn, (n, 3, 3)),
-        )
-        columns = np.broadcast_to(columns, (n, *columns.shape[-2:]))
-        whole = values if reading.total else values + reading.instrument.nominal(view)
-        return view, columns, whole
-
-    def assembled(self, current: list[Instrument], good: list[Any]) -> _System:
-        """Return the linear problem about the current set-ups."""
-        blocks, rests, streams, rows, ends, at = [], [], [], [], [], 0
-        for k, instrument in enumerate(current):
-            view, columns, whole = self.parts[k]
-            n, m = whole.shape
-            block = np.zeros((n, m, len(self.names)))
-            block[..., : self.n_terms] = instrument.of_errors(view) @ columns
-            for name, where in self.unknown_at[k].items():
-                block[..., where] = instrument.of_unknown(name, view)
-            rest = whole - instrument.nominal(view)
-            chosen = []
-            for c in range(m):
-                index = np.flatnonzero(good[k][:, c])
-                chosen.append(index * m + c)
-                rows_of = np.arange(at, at + index.size)
-                streams.append(Stream(rows_of, index.astype(np.float64), k))
-                blocks.append(block[index, c])
-                rests.append(rest[index, c])
-                at += index.size
-            rows.append(np.concatenate(chosen))
-            ends.append(at)
-        X, y = np.concatenate(blocks), np.concatenate(rests)
-        sizes = np.linalg.norm(X, axis=0)
-        sizes = np.where(sizes > 0.0, sizes, 1.0)
-        _, singular, directions = np.linalg.svd(np.linalg.qr(X / sizes, mode="r"))
-        singular = np.append(singular, np.zeros(len(self.names) - singular.size))
-        known = singular > _NULL * singular[0]
-        if X.shape[0] <= int(known.sum()):
-            raise TooFewSamplesError(
-                f"{X.shape[0]} readings for {int(known.sum())} unknowns that they could tell; "
-                "take more, or lower the degrees"
-            )
-        V, blind = directions[known].T, directions[~known].T
-        return _System(X, y, sizes, V, blind, singular, streams, rows, ends)
-
-    def start(self, robust: bool) -> tuple[list[Instrument], list[Any]]:
-        """Return set-ups where the readings put them, and the readings that are not grossly wrong."""
-        current = [s.instrument for s in self.sets]
-        good = [np.isfinite(np.asarray(s.values)) for s in self.sets]
-        current = self.placed(current, good, _least)
-        if robust:
-            current = self.placed(current, good, _huber)
-            good = self.without_gross(self.assembled(current, good), good)
-        return current, good
-
-    def placed(
-        self, current: list[Instrument], good: list[Any], solve: Callable[[_System], FloatArray]
-    ) -> list[Instrument]:
-        """Return the set-ups where the readings put them (Gauss-Newton)."""
-        for _ in range(_STEPS):
-            current, moved = self._moved(current, solve(self.assembled(current, good)))
-            if moved < _SETTLED:
-                return current
-        worst = max(self.sets, key=lambda s: len(s.unknown)).label
-        raise NotConvergedError(
-            f"{worst}: the set-up does not settle in {_STEPS} steps; start closer than 50 mm, or take "
-            "more places"
-        )
-
-    def _moved(
-        self, current: list[Instrument], beta: FloatArray
-    ) -> tuple[list[Instrument], float]:
-        """Return the set-ups moved by what was found of them, and the largest move in m."""
-        new, largest = [], 0.0
-        for k, instrument in enumerate(current):
-            placed = instrument
-            for name, where in self.unknown_at[k].items():
-                if not _is_place(placed, name):
-                    continue
-                by = beta[where]
-                placed = placed.moved(name, by)
-                largest = max(largest, float(np.abs(by).max()))
-            new.append(placed)
-        return new, largest
-
-    def without_gross(self, system: _System, good: list[Any]) -> list[Any]:
-        """Return which readings are left when gross contradictions are taken out."""
-        beta = _huber(system)
-        rest = system.y - system.X @ beta
-        kept = [g.copy() for g in good]
-        begin = 0
-        for k, end in enumerate(system.ends):
-            part = rest[begin:end]
-            scale = 1.4826 * float(np.median(np.abs(part)))
-            floor = 1e-9 * float(np.abs(system.y[begin:end]).max(initial=0.0))
-            bad = np.abs(part) > _GROSS * max(scale, floor)
-            kept[k].reshape(-1)[system.rows[k][bad]] = False
-            begin = end
-        return kept
-
-    def settled(
-        self, current: list[Instrument], good: list[Any], robust: bool
-    ) -> tuple[Fit, _System, list[Any]]:
-        """Return the fit with its noise when no further reading is refused, and what is left."""
-        stated = [s.u for s in self.sets]
-        for _ in range(_ROUNDS):
-            system = self.assembled(current, good)
-            Z = (system.X / system.sizes) @ system.V
-            fit = Gls(Z, system.y, system.streams, stated).best()
-            t = _deleted(Z, system, fit)
-            # robust: one bad reading must not hide another, nor hide behind a scale of its making
-            scale = 1.4826 * float(np.median(np.abs(t)))
-            bad = np.abs(t) > _REFUSED * max(scale, 1.0)
-            if not robust or not bad.any():
-                break
-            begin = 0
-            good = [g.copy() for g in good]
-            for k, end in enumerate(system.ends):
-                good[k].reshape(-1)[system.rows[k][bad[begin:end]]] = False
-                begin = end
-        return fit, system, good  # type: ignore[possibly-undefined]
-
-    def lacking(
-        self,
-        current: list[Instrument],
-        good: list[Any],
-        system: _System,
-        fit: Fit,
-        homes: Mapping[str, float],
-    ) -> dict[str, int]:
-        """Return axes whose next order the residuals hold beyond chance, and that order (score test)."""
-        from scipy.stats import chi2 as chi2_of
-
-        more = {}
-        for name, basis in self.bases.items():
-            further = _next(self, name, basis, homes)
-            if further is not None:
-                more[name] = further
-        if not more:
-            return {}
-        wider = _Problem(self.chain, more, self.sets)
-        X = wider.assembled(current, good).X[:, : wider.n_terms]
-        Z = (system.X / system.sizes) @ system.V
-        rest = system.y - Z @ fit.beta
-        whole = np.column_stack([X, Z, rest])
-        solved = np.empty_like(whole)
-        for stream in system.streams:
-            rows = stream.rows
-            part, _ = inverse_times(whole[rows], stream.index, fit.a, fit.tau)
-            solved[rows] = part / fit.scales[stream.which] ** 2
-        k = wider.n_terms
-        across = Z.T @ solved[:, :k]
-        information = X.T @ solved[:, :k] - across.T @ fit.cov @ across
-        score = X.T @ solved[:, -1]
-        axes = [_axis(self.chain, name.split(" ")[0]) for name in wider.names[:k]]
-        found = {}
-        for axis in dict.fromkeys(axes):
-            mine = [i for i, a in enumerate(axes) if a == axis]
-            own = information[np.ix_(mine, mine)]
-            size = np.sqrt(np.maximum(np.diag(own), 1e-300))
-            values, vectors = np.linalg.eigh(own / np.outer(size, size))
-            kept = values > 1e-6 * max(values.max(), 1.0)
-            parts = vectors[:, kept].T @ (score[mine] / size)
-            size_of = float(np.sum(parts**2 / values[kept]))
-            if kept.any() and chi2_of.sf(size_of, int(kept.sum())) < _CHANCE:
-                orders = [max(more[n].orders) for n in more if _axis(self.chain, n) == axis]
-                found[axis] = max(orders)
-        return found
-
-
-def _axis(chain: Chain, term: str) -> str:
-    return next(e.name for e in chain.elements if term in element_terms(e))
-
-
-def _is_stated(axis: str, chain: Chain, degrees: int | Mapping[str, int] | None) -> bool:
-    """Return whether the degree of an axis was given by the caller."""
-    if not isinstance(degrees, Mapping):
-        return degrees is not None
-    return axis in degrees or any(_axis(chain, t) == axis for t in degrees if t in chain.terms)
-
-
-def _next(problem: _Problem, term: str, basis: Basis, homes: Mapping[str, float]) -> Basis | None:
-    """Return the next order of a term alone; None where it has none or the places do not show it."""
-    if basis.kind == "constant":
-        return None
-    whole = _of_degree(problem, term, max(basis.orders) + 1, homes)
-    if whole is None:
-        return None
-    last = tuple(n for n in whole.orders if n > max(basis.orders))
-    if not last:
-        return None
-    return replace(whole, orders=last, off=None if whole.off is None else whole.off[-len(last) :])
-
-
-def _of_degree(
-    problem: _Problem, term: str, degree: int, homes: Mapping[str, float]
-) -> Basis | None:
-    element = next(e for e in problem.chain.elements if term in element_terms(e))
-    places = _places(element, problem.sets)
-    if places is None:
-        return None
-    try:
-        return basis_of(element, term, places, degree, homes.get(element.name, 0.0))
-    except TooFewSamplesError:
-        return None
-
-
-def _raised(
-    problem: _Problem, term: str, raised: Mapping[str, int], homes: Mapping[str, float]
-) -> Basis:
-    """Return the shapes of a term with the order that its axis needs."""
-    basis, axis = problem.bases[term], _axis(problem.chain, term)
-    if basis.kind == "constant" or axis not in raised:
-        return basis
-    return _of_degree(problem, term, raised[axis], homes) or basis
-
-
-def _labels(sets: Sequence[ReadingSet]) -> list[str]:
-    """Return a name for each set; those that share one are numbered."""
-    names = [s.label for s in sets]
-    return [
-        f"{n} {names[: i + 1].count(n)}" if names.count(n) > 1 else n for i, n in enumerate(names)
-    ]
-
-
-def _is_place(instrument: Instrument, name: str) -> bool:
-    """Return whether an unknown is a place, which the direction of the reading depends on."""
-    return name in ("station", "ball") and hasattr(instrument, "_away")
-
-
-def _least(system: _System) -> FloatArray:
-    """Return the least-squares solution of smallest scaled size."""
-    scaled = (system.X / system.sizes) @ system.V
-    found = np.linalg.lstsq(scaled, system.y, rcond=None)[0]
-    return np.asarray(system.V @ found / system.sizes)
-
-
-def _huber(system: _System) -> FloatArray:
-    """Return the solution with Huber weights, each set with its own robust scale."""
-    scaled = (system.X / system.sizes) @ system.V
-    Q, R = np.linalg.qr(scaled, mode="reduced")
-    free = np.sqrt(np.maximum(1.0 - np.sum(Q**2, axis=1), 1e-6))
-    weights = np.ones(system.y.size)
-    found = np.zeros(Q.shape[1])
-    for _ in range(20):
-        weighted = Q * weights[:, None]
-        found = np.linalg.solve(weighted.T @ Q, weighted.T @ system.y)
-        rest, begin, new = system.y - Q @ found, 0, np.ones(system.y.size)
-        for end in system.ends:
-            part = np.abs(rest[begin:end]) / free[begin:end]
-            scale = max(1.4826 * float(np.median(part)), 1e-30)
-            new[begin:end] = np.minimum(1.0, _HUBER * scale / np.maximum(part, 1e-30))
-            begin = end
-        settled = np.abs(new - weights).max() < 1e-3
-        weights = new
-        if settled:
-            break
-    return np.asarray(system.V @ np.linalg.solve(R, found) / system.sizes)
-
-
-def _deleted(Z: FloatArray, system: _System, fit: Fit) -> FloatArray:
-    """Return each residual over the spread that all other readings, their drift too, give it."""
-    rest = system.y - Z @ fit.beta
-    t = np.empty(rest.size)
-    for stream in system.streams:
-        if not stream.rows.size:
-            continue
-        s = fit.scales[stream.which]
-        both = np.column_stack([rest[stream.rows], Z[stream.rows]])
-        solved, _ = inverse_times(both, stream.index, fit.a, fit.tau)
-        solved /= s**2
-        own = diagonal_of_inverse(stream.index, fit.a, fit.tau) / s**2
-        own -= np.sum((solved[:, 1:] @ fit.cov) * solved[:, 1:], axis=1)
-        t[stream.rows] = solved[:, 0] / np.sqrt(np.maximum(own, 1e-12 / s**2))
-    return t
-
-
-def _result(problem: _Problem, found: _Found, homes: Mapping[str, float]) -> Calibration:
+def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Calibration:
     chain, fit, system, current = problem.chain, found.fit, found.system, found.current
     sets = problem.sets
     beta = system.V @ fit.beta / system.sizes
@@ -853,7 +381,7 @@ def _result(problem: _Problem, found: _Found, homes: Mapping[str, float]) -> Cal
     for k, label in enumerate(problem.labels):
         of_set = {}
         for name, where in problem.unknown_at[k].items():
-            place = getattr(current[k], name, None) if _is_place(current[k], name) else None
+            place = getattr(current[k], name, None) if is_place(current[k], name) else None
             of_set[name] = (beta[where] if place is None else np.asarray(place), u[where])
         if of_set:
             unknowns[label] = freeze_mapping(of_set)
@@ -873,7 +401,7 @@ def _result(problem: _Problem, found: _Found, homes: Mapping[str, float]) -> Cal
     missing = sum(int((~np.isfinite(np.asarray(s.values))).sum()) for s in sets)
     if missing:
         messages.append(f"{missing} readings are NaN and were left out")
-    known = system.singular[system.singular > _NULL * system.singular[0]]
+    known = system.singular[system.singular > NULL * system.singular[0]]
     return Calibration(
         chain=chain,
         errors=freeze_mapping(errors),
@@ -904,7 +432,7 @@ def _result(problem: _Problem, found: _Found, homes: Mapping[str, float]) -> Cal
 
 
 def _terms(
-    problem: _Problem, beta: FloatArray, cov: FloatArray, unseen: set[str]
+    problem: Problem, beta: FloatArray, cov: FloatArray, unseen: set[str]
 ) -> tuple[dict[str, ErrorTerm], dict[str, ErrorTerm]]:
     """Return terms, NaN where not determined, and the smallest that explain the readings."""
     errors: dict[str, ErrorTerm] = {}
@@ -932,7 +460,7 @@ def _terms(
     return errors, fitted
 
 
-def _hardly(problem: _Problem, cov: FloatArray) -> tuple[str, ...]:
+def _hardly(problem: Problem, cov: FloatArray) -> tuple[str, ...]:
     """Return a sentence for each direction whose u is beyond what any machine would have."""
     p = problem.n_terms
     prior = np.array([_PRIOR[unit] for unit in problem.units[:p]])
@@ -1013,10 +541,10 @@ def plan_calibration(
     """
     if not candidates:
         raise DataError("no candidate is given")
-    bases = _bases(chain, candidates, degrees, None, {})
+    bases = bases_of(chain, candidates, degrees, None, {})
     if not bases:
         raise DataError("no term is left to find: the axes do not move in any candidate")
-    problem = _Problem(chain, bases, list(candidates))
+    problem = Problem(chain, bases, list(candidates))
     p = problem.n_terms
     everything = [np.isfinite(np.asarray(s.values)) for s in candidates]
     system = problem.assembled([s.instrument for s in candidates], everything)
@@ -1032,7 +560,7 @@ def plan_calibration(
             A = A - Q @ (Q.T @ A)
         information.append(A.T @ A / (reading.u or noise) ** 2)
         begin = end
-    J = [_columns(chain, bases, volume, tool) for tool in tools]
+    J = [columns_of(chain, bases, volume, tool) for tool in tools]
     wanted = np.concatenate([j.reshape(-1, p) for j in J])
     square = wanted.T @ wanted / (wanted.shape[0] / 3)
     prior = np.array([_PRIOR[unit] for unit in problem.units[:p]])
