@@ -82,8 +82,6 @@ class CircleClosure(RecordedMethod):
     positions : sequence of int, optional
         By how many divisions the artefact was turned on in each set-up, in the order of the
         readings; 0 ... N - 1 (full cross calibration) if omitted. A position may come twice.
-    table_sign : {-1, 1}, optional
-        -1: reading = artefact minus table; +1: the errors add.
 
     Raises
     ------

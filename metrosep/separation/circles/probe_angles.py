@@ -136,24 +136,9 @@ def optimise_probe_angles(
 
     Parameters
     ----------
-    n : int
-        Number of probes, >= 3.
-    kmax : int
-        Highest undulation per revolution, >= 2.
-    min_separation : float, rad, optional
-        Least angle between two probes, at most pi/2: what their bodies need.
     fixed : array_like, rad, optional
         Angles of probes that stand already; the others are chosen. The first probe stands at 0
         if none is given.
-    tolerance : float, rad, optional
-        Standard deviation with which angles are met; the gain is averaged over such misses, so an
-        arrangement that needs exact angles loses.
-    criterion : {"rms", "worst"}, optional
-        Smallest root mean square gain, or smallest largest gain.
-    resolution : float, rad, optional
-        Finest step of the search; 0.05 degrees if omitted.
-    seed : int, optional
-        Of the starts; the same seed gives the same angles.
 
     Returns
     -------
@@ -246,15 +231,21 @@ class ProbesChosen(NamedMethod):
     arguments: ClassVar[Mapping[str, Option]] = {
         "n": Option("integer", required=True, help="number of probes, with those that stand"),
         "kmax": Option("integer", required=True, help="highest undulation that must become known"),
-        "min_separation": Option("angle", help="least angle between two probes"),
-        "tolerance": Option("angle", help="standard deviation by which a probe misses its angle"),
+        "min_separation": Option(
+            "angle", help="least angle between two probes, at most pi/2: what their bodies need"
+        ),
+        "tolerance": Option(
+            "angle",
+            help="standard deviation with which angles are met; the gain is averaged over such misses,"
+            " so an arrangement that needs exact angles loses",
+        ),
         "criterion": Option(
             "text",
             choices=("rms", "worst"),
             help="noise gain over all undulations, or at its worst",
         ),
-        "resolution": Option("angle", help="to which angles are sought"),
-        "seed": Option("integer", help="of the search"),
+        "resolution": Option("angle", help="finest step of the search; 0.05 degrees if omitted"),
+        "seed": Option("integer", help="of the starts; the same seed gives the same angles"),
     }
 
     @classmethod

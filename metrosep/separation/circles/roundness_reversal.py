@@ -265,8 +265,6 @@ class FaceReversal(RecordedMethod):
 
     Parameters
     ----------
-    radius : float, m
-        Distance r of the face probe from the axis, > 0.
     start : float, rad, optional
         Angle of the first sample.
 
@@ -276,7 +274,7 @@ class FaceReversal(RecordedMethod):
         If the radius is not positive or above 5 m.
     """
 
-    radius: float = option(kind="size", help="distance of the face probe from the axis")
+    radius: float = option(kind="size", help="distance r of the face probe from the axis, > 0")
     start: float = 0.0
 
     name: ClassVar[str] = "face_reversal"
@@ -469,9 +467,13 @@ class Combination(NamedMethod):
     reads: ClassVar = "results"
     accepts: ClassVar[tuple[str, ...]] = ("Separation",)
     arguments: ClassVar[Mapping[str, Option]] = {
-        "parts": Option("texts", help="parts to combine"),
+        "parts": Option(
+            "texts",
+            help="parts to combine; the motion of the spindle only if it is the same direction in each",
+        ),
         "kmax": Option(
-            "integer", help="highest harmonic; the highest that any result has if left out"
+            "integer",
+            help="highest harmonic of the result; the highest that any of them has if omitted",
         ),
     }
 
@@ -485,6 +487,7 @@ _DISAGREE = 5.0
 """Excess of chi-square, in its standard deviations, at which the methods are reported to disagree."""
 
 
+@described_by(Combination)
 def combine_harmonics(
     *separations: Separation, parts: Sequence[str] = ("artefact",), kmax: int | None = None
 ) -> Separation:
@@ -495,10 +498,6 @@ def combine_harmonics(
     *separations : Separation
         Two or more with harmonics of `parts` and their uncertainty, over the same angle of the
         artefact: same zero mark, same sense.
-    parts : sequence of str, optional
-        Parts to combine; the motion of the spindle only if it is the same direction in each.
-    kmax : int, optional
-        Highest harmonic of the result; the highest that any of them has if omitted.
 
     Returns
     -------

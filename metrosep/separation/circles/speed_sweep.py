@@ -126,14 +126,8 @@ def fit_speed_sweep(
         One per recording; or values by symbol, in m or rad.
     u : mapping of str to array_like, shape (n,), optional
         Standard uncertainty of values that come as arrays.
-    powers : sequence of int, optional
-        Of the polynomial; (0, 2) by default.
     symbols : sequence of str, optional
         Values of the table to fit, where results are given.
-    natural_frequency : float, Hz, optional
-        Of spindle or mount, to name the speeds whose orders excite it.
-    orders : sequence of int, optional
-        Orders k tried against the natural frequency.
 
     Returns
     -------
@@ -356,7 +350,7 @@ class SpeedTest(NamedMethod):
         "powers": Option("integers", help="of the speed: 0,2 is a constant and unbalance"),
         "names": Option("texts", help="of the values; those of the columns if left out"),
         "natural_frequency": Option(
-            "frequency", help="of the structure: the speeds that meet it are named"
+            "frequency", help="of spindle or mount, to name the speeds whose orders excite it"
         ),
         "orders": Option("integers", help="multiples of the speed that may meet it"),
     }

@@ -103,27 +103,10 @@ def iso230_7(
     angle : array_like or str, rad, optional
         Spindle angle at each sample, accumulated or wrapped; name of its channel; the grid (n,) of
         one turn; or None where the columns lie at 2 pi j / n.
-    direction : {"radial", "axial", "tilt", "face"}, optional
-        What the sensors measure.
     sensitive : {"fixed", "rotating"}, optional
         Fixed as on a lathe; rotating as on a boring mill: ``r = X cos t + Y sin t``.
-    center : {"LSC", "MZC", "MRS", "MIC", "MCC"}, optional
-        Least squares, minimum zone (B89.3.4 calls it minimum radial separation, "MRS"), maximum
-        inscribed, minimum circumscribed: centre of the synchronous curve for radial and tilt motion; total motion takes the same.
-    distance : float, m, optional
-        Tilt: distance of the two sensors along the axis, needed.
-    kmax : int, optional
-        Keep harmonics 2 .. kmax only in the synchronous motion; all by default, as the standard.
-    drift : {"keep", "linear"}, optional
-        Whether a straight line over the record is removed first.
-    artefact_radius : float, m, optional
-        Radius of the ball, to tell the false k = 2 of its eccentricity.
     channels : sequence of str, optional
         Names in a mapping or Recording, in the order above.
-    n : int, optional
-        Angles per revolution of resampled signals.
-    seed : int, optional
-        Of the noise drawn for the uncertainty of the synchronous value.
 
     Returns
     -------
@@ -228,22 +211,32 @@ class SpindleTest(NamedMethod):
         "center": Option(
             "text",
             choices=("LSC", "MZC", "MRS", "MIC", "MCC"),
-            help="centre about which radial and tilt motion are judged",
+            help='least squares, minimum zone (B89.3.4 calls it minimum radial separation, "MRS"), '
+            "maximum inscribed, minimum circumscribed: centre of the synchronous curve for radial"
+            " and tilt motion; total motion takes the same",
         ),
-        "distance": Option("size", help="of the two sensors of a tilt along the axis"),
-        "kmax": Option("integer", help="highest undulation that is kept; all if left out"),
+        "distance": Option(
+            "size", help="distance of the two sensors of a tilt along the axis, needed for tilt"
+        ),
+        "kmax": Option(
+            "integer",
+            help="keep harmonics 2 .. kmax only in the synchronous motion; all by default, as the "
+            "standard",
+        ),
         "drift": Option(
             "text",
             choices=("keep", "linear"),
-            help="linear: a drift of the level is taken off first",
+            help="linear: a straight line over the record is removed first",
         ),
         "artefact_radius": Option(
-            "size", help="tells the undulation that the eccentricity itself makes"
+            "size", help="radius of the ball, to tell the false k = 2 of its eccentricity"
         ),
         "n": Option(
             "integer", help="samples per revolution after resampling by an index or an angle"
         ),
-        "seed": Option("integer", help="of the draws that tell the uncertainty"),
+        "seed": Option(
+            "integer", help="of the noise drawn for the uncertainty of the synchronous value"
+        ),
         "sampling_rate": Option("frequency", help="of the signals beside an index channel"),
         "threshold": Option("number", help="level of the index channel at which a pulse begins"),
         "edge": Option(

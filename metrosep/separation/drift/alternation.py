@@ -104,8 +104,6 @@ def abba(
     readings : array_like, shape (4 s, ...)
         Scalars, profiles or maps in the order of time, s sequences one after the other. NaN where
         not measured.
-    order : {"ABBA", "BAAB"}, optional
-        What was measured first.
     t : array_like, shape (4 s,), s, optional
         Times. Without them the steps are equal; with them the weights are such that linear drift
         cancels for any steps.
@@ -291,8 +289,6 @@ class AbbaDrift(SeparationMethod):
     ----------
     n_sequences : int, optional
         How many, one after the other.
-    order : {"ABBA", "BAAB"}, optional
-        What was measured first.
     t : tuple of float, s, optional
         Times of all readings; equal steps if omitted.
 

@@ -147,10 +147,6 @@ def speed_dependence(
         measured.
     u : array_like, shape (n,), or float, m, optional
         Standard uncertainty of each amplitude. Without it the scatter about the fit tells it.
-    powers : sequence of int, optional
-        Powers of speed: (0, 2) is a geometric part and one that grows as a centrifugal force.
-    confidence : float, optional
-        Of the intervals.
 
     Returns
     -------
@@ -209,8 +205,6 @@ def drift_against_temperature(
     u : array_like, shape (n,), or float, m, optional
         Standard uncertainty of each displacement, independent from one to the next. Without it,
         the residuals tell it, and their correlation in time widens the interval.
-    confidence : float, optional
-        Of the intervals.
 
     Returns
     -------
@@ -419,7 +413,11 @@ class OverSpeed(NamedMethod):
     reads: ClassVar = "table"
     roles: ClassVar[Mapping[str, str]] = {"speed": "any", "amplitude": "length", "u": "length?"}
     arguments: ClassVar[Mapping[str, Option]] = {
-        "powers": Option("integers", help="of the speed: 0,2 is a constant and unbalance"),
+        "powers": Option(
+            "integers",
+            help="powers of speed: (0, 2) is a geometric part and one that grows as a centrifugal "
+            "force",
+        ),
         "confidence": _CONFIDENCE,
     }
 

@@ -174,12 +174,6 @@ def iso230_3_drift(
     channels : mapping of str to array_like, shape (n,), m; or names of channels of the recording
         Displacements by name, such as ``{"EX0C": ..., "EY0C": ...}``; NaN where not measured.
         All channels of a recording if omitted.
-    kind : {"environment", "spindle", "axis"}, optional
-        Which test of ISO 230-3: only names the result.
-    windows : sequence of (float, float), s, optional
-        Start and end of each window, both included; the whole record if omitted.
-    span : float, s, optional
-        Also report the largest range within any window of this length (3600: per hour).
     sd : float, m, optional
         Standard deviation of one reading. Without it, from the second differences of each channel.
     angular : sequence of str, optional
@@ -383,12 +377,15 @@ class DriftOfChannels(NamedMethod):
         "kind": Option(
             "text",
             choices=("environment", "spindle", "axis"),
-            help="which test of ISO 230-3 it is",
+            help="which test of ISO 230-3: only names the result",
         ),
         "windows": Option(
             "windows", help="in which the drift is judged; those of the test if left out"
         ),
-        "span": Option("time", help="length of a window that is moved over the test"),
+        "span": Option(
+            "time",
+            help="also report the largest range within any window of this length (3600: per hour)",
+        ),
         "sd": Option("uncertainty", help="standard deviation of one reading"),
         "names": Option("texts", help="of the channels; those of the columns if left out"),
     }
@@ -478,12 +475,6 @@ class DriftFit(SeparationMethod):
         Times, rising.
     labels : tuple of str
         What was measured at each; ``tuple("ABBA")``.
-    degree : int, optional
-        Of the polynomial drift, 0 to 8.
-    n_pieces : int, optional
-        Cubic spline of so many pieces instead.
-    reference : float, s, optional
-        Where the drift is zero; the first time if omitted.
 
     Raises
     ------
@@ -507,7 +498,7 @@ class DriftFit(SeparationMethod):
     labels: tuple[str, ...]
     degree: int = option(1, kind="integer", help="of the polynomial in time that the drift is")
     n_pieces: int | None = option(
-        None, kind="integer", help="pieces of a broken line in place of a polynomial"
+        None, kind="integer", help="pieces of a cubic spline in place of a polynomial"
     )
     reference: float | None = option(
         None, kind="time", help="time at which the drift is zero; the first one if left out"

@@ -176,9 +176,6 @@ def straightness_iso230_1(
         Deviations where `profile` holds positions; NaN where not measured.
     reference : {"MZ", "LS", "EP"}, optional
         Minimum zone (the reference method), least squares or end points: which is `value`.
-    sd : float, m, optional
-        Standard uncertainty of one deviation, independent from point to point: the standard
-        deviation of one reading over the root of the number of runs averaged.
     seed : int, optional
         Of the simulation behind u and bias.
 
@@ -370,7 +367,8 @@ class StraightnessTest(NamedMethod):
         ),
         "sd": Option(
             "uncertainty",
-            help="standard deviation of one reading; of several repeats from their scatter",
+            help="standard uncertainty of one deviation, independent from point to point: the standard"
+            " deviation of one reading over the root of the number of runs averaged",
         ),
     }
 

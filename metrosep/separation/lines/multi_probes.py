@@ -23,7 +23,7 @@ from metrosep.separation._methods import described_by, settle
 from metrosep.separation.contract import Separation
 from metrosep.separation.lines._line_probes import Row, checked_row
 from metrosep.separation.lines._line_problem import given_readings, method_named
-from metrosep.separation.lines._line_result import STEP, ProbeRowMethod
+from metrosep.separation.lines._line_result import ProbeRowMethod
 
 __all__ = ["MultiProbe", "multi_probe_straightness"]
 
@@ -43,14 +43,6 @@ class MultiProbe(ProbeRowMethod):
     offsets : tuple of float, m
         Positions of the probes on the carriage, rising; where the offset is 0, straightness is
         referred to.
-    step : float, m
-        Between the samples of the artefact, and the positions of the carriage unless they are given.
-    method : {"least_squares", "generalised"}, optional
-        Without or with a penalty on third differences.
-    zeros_known : bool, optional
-        Whether the readings are free of the zeros of the probes; the parabola then shows.
-    smoothing : float, optional
-        Weight of the penalty.
 
     Raises
     ------
@@ -61,7 +53,12 @@ class MultiProbe(ProbeRowMethod):
     offsets: tuple[float, ...] = option(
         kind="lengths", help="of the probes on the carriage, rising, in the order of the readings"
     )
-    step: float = option(kind="size", required=False, help=STEP)
+    step: float = option(
+        kind="size",
+        required=False,
+        help="between the samples of the artefact, and the positions of the carriage unless they "
+        "are given",
+    )
     method: str = option(
         "least_squares",
         kind="text",
@@ -69,7 +66,10 @@ class MultiProbe(ProbeRowMethod):
         help="generalised adds a penalty on third differences",
     )
     zeros_known: bool = option(
-        False, kind="flag", help="true: the probes were adjusted to one line"
+        False,
+        kind="flag",
+        help="true: the readings are free of the zeros of the probes, which were adjusted to one "
+        "line; the parabola then shows",
     )
     smoothing: float = option(1e-3, kind="number", help="weight of the penalty of generalised")
 
@@ -124,8 +124,6 @@ def multi_probe_straightness(
         NaN or masked = not measured.
     x : array_like, shape (n,), m, optional
         Positions of the carriage, rising; of any steps if `step` is given too.
-    step : float, m, optional
-        Between the samples of the artefact.
 
     Returns
     -------

@@ -118,7 +118,9 @@ class SlopeIntegration(RecordedMethod):
     over: ClassVar = "x"
     dimension: ClassVar = "angle"
     arguments: ClassVar[Mapping[str, Option]] = {
-        "u_slope": Option("angle", help="standard uncertainty of one reading")
+        "u_slope": Option(
+            "angle", help="standard uncertainty of one slope; the scatter of the passes if omitted"
+        )
     }
     truth_parts: ClassVar[tuple[str, ...]] = ("height",)
     error_parts: ClassVar[tuple[str, ...]] = ("zero",)
@@ -207,8 +209,6 @@ def integrate_slopes(
         Positive where the surface rises with x; or R passes. NaN = not measured.
     x : array_like, shape (n,), m
         Positions, rising. For "feet": of the rear foot.
-    u_slope : float, rad, optional
-        Standard uncertainty of one slope; the scatter of the passes if omitted.
 
     Returns
     -------

@@ -84,21 +84,10 @@ class ThreePoint(ProbeRowMethod):
     ----------
     distance : float or tuple of (float, float), m
         Between neighbours, above zero; both where they differ.
-    step : float, m
-        Between the positions of the carriage, and between the samples of the artefact.
-    method : {"sequential", "generalised", "combined", "least_squares"}, optional
-        "sequential" sums second differences along chains of samples one distance apart.
-        "generalised" finds a curve at any distances by least squares with a penalty on third
-        differences. "combined" keeps the chains, exact at steps and short waves, and takes only
-        offset and line of each chain from "generalised". "least_squares" uses no penalty.
     zero : float or None, m, optional
         Zero difference ``e1 - 2 e2 + e3`` of the probes (``e1 - (1 + r) e2 + r e3``, r = d1/d2):
         an error e of the middle probe alone is ``-2 e``. 0.0 for probes adjusted to one line.
         Without it (and without an angle sensor) the parabola is not known and left out.
-    u_zero : float, m, optional
-        Its standard uncertainty.
-    smoothing : float, optional
-        Weight of the penalty of "generalised" and "combined".
 
     Raises
     ------
@@ -115,7 +104,11 @@ class ThreePoint(ProbeRowMethod):
         "sequential",
         kind="text",
         choices=METHODS,
-        help="sequential sums along chains of samples, the others fit a curve; combined does both",
+        help='"sequential" sums second differences along chains of samples one distance apart. '
+        '"generalised" finds a curve at any distances by least squares with a penalty on '
+        'third differences. "combined" keeps the chains, exact at steps and short waves, and '
+        'takes only offset and line of each chain from "generalised". "least_squares" uses no'
+        " penalty",
     )
     zero: float | None = option(
         None, kind="length", help="zero difference e1 - 2 e2 + e3 of the probes, where it is known"
@@ -267,20 +260,6 @@ class TwoPoint(ProbeRowMethod):
     position on; ``straightness``, (n,), and ``pitch`` (rad), (n,), if it was read. `transfer` is
     ``|H| = |exp(2 pi j d / wavelength) - 1|``: noise s of a reading becomes ``sqrt(2) s / |H|``.
 
-    Parameters
-    ----------
-    distance : float, m
-        From the trailing to the leading probe, above zero.
-    step : float, m
-        Between the positions of the carriage, and between the samples of the artefact.
-    method : {"sequential", "generalised", "combined", "least_squares"}, optional
-        "sequential" sums differences along chains of samples one distance apart. "generalised"
-        finds a curve at any distance by least squares with a penalty on third differences.
-        "combined" keeps the chains and takes only their offsets from "generalised".
-        "least_squares" uses no penalty.
-    smoothing : float, optional
-        Weight of the penalty of "generalised" and "combined".
-
     Raises
     ------
     DataError
@@ -288,13 +267,16 @@ class TwoPoint(ProbeRowMethod):
         distance that is not a multiple of the step.
     """
 
-    distance: float = option(kind="size", help="from the trailing to the leading probe")
+    distance: float = option(kind="size", help="between the probes, above zero; also by name")
     step: float = option(kind="size", required=False, help=STEP)
     method: str = option(
         "sequential",
         kind="text",
         choices=METHODS,
-        help="sequential sums along chains of samples, the others fit a curve; combined does both",
+        help='"sequential" sums differences along chains of samples one distance apart. '
+        '"generalised" finds a curve at any distance by least squares with a penalty on third'
+        ' differences. "combined" keeps the chains and takes only their offsets from '
+        '"generalised". "least_squares" uses no penalty',
     )
     smoothing: float = option(1e-3, kind="number", help=SMOOTHING)
 
@@ -365,8 +347,6 @@ def two_point(
         carriage; or R passes. NaN or masked = not measured. Positive in the same sense for both.
     *more : float, or array_like and float
         The distance; ``two_point(m1, m2, distance)`` with one array for each probe is the same.
-    distance : float, m
-        Between the probes, above zero; also by name.
     x : array_like, shape (n,), m, optional
         Positions of the carriage (of its trailing probe), rising in equal steps.
     step : float, m, optional

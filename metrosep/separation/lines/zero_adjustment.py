@@ -62,8 +62,6 @@ def zero_calibration(
     flat : array_like, shape (3, n) or (3,), or 0.0, m, optional
         Known form of a flat under each probe at each reading; 0.0 for a perfect flat. Its flatness
         is `u_flat`, not a height.
-    u_flat : float, m, optional
-        Standard uncertainty of the known second difference of the flat; it does not average out.
     pitch : array_like, shape (n,), rad, optional
         Readings of an angle sensor, positive where the leading end reads more; with `u_pitch`,
         `step` and `u_reading` (or repeats).
@@ -166,7 +164,11 @@ class ZeroTest(NamedMethod):
             required=True,
             help="between neighbouring probes, two values where they differ",
         ),
-        "u_flat": Option("uncertainty", help="standard uncertainty of the bend of the flat"),
+        "u_flat": Option(
+            "uncertainty",
+            help="standard uncertainty of the known second difference of the flat; it does not average"
+            " out",
+        ),
         "step": Option("size", help="between the positions of the carriage"),
         "u_pitch": Option("angle", help="standard uncertainty of one reading of the pitch"),
     }

@@ -59,9 +59,6 @@ def ball_average(
         Steps of plain arrays; pixels if omitted.
     removed : tuple of str, optional
         What alignment and radius decide in each map: ``"piston"``, ``"tilt"``, ``"power"``.
-    correlated : bool, optional
-        Whether neighbours in the order may overlap: the effective number of patches is then found
-        from the autocorrelation along the order.
 
     Returns
     -------
@@ -163,7 +160,9 @@ class BallTest(NamedMethod):
             "texts", help="terms that are set-up, not form: piston,tilt or piston,tilt,power"
         ),
         "correlated": Option(
-            "flag", help="true: neighbouring pixels of a patch are taken as correlated"
+            "flag",
+            help="true: neighbours in the order may overlap; the effective number of patches is then "
+            "found from the autocorrelation along the order",
         ),
     }
 

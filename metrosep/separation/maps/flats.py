@@ -68,21 +68,13 @@ class ThreeFlat(MapMethod):
 
     Parameters
     ----------
-    angles : sequence of float, rad, optional
-        Turn of one flat in each further reading, counter-clockwise in the map (+x towards +y).
     pairs : str or sequence of str, optional
         Pair of each further reading: ``"AB"``, ``"AC"`` or ``"BC"``.
-    turned : {"first", "second"}, optional
-        Which flat of the pair was turned.
-    flip : {"x", "y"}, optional
-        Coordinate that the mirror reverses.
     method : {"auto", "pixel", "zernike", "iterative"}, optional
         ``"auto"``: by pixels where all angles are multiples of one step 2 pi/N with N <= 24.
         ``"zernike"``: terms on the common pixels; ``"iterative"``: on the pixels of each reading.
     terms, order : int or sequence of int, {"ansi", "noll", "fringe"}, optional
         Zernike terms of ``"zernike"`` and ``"iterative"``.
-    radius : float, m, optional
-        Of the Zernike disc; the farthest common pixel if omitted.
     u_registration : float or array_like, shape (3 + n,) or (3 + n, 2), m, optional
         Standard uncertainty of how the flats lie on each other: one for all readings, one for each
         (along x and along y), or one for each along x and one along y.
@@ -91,7 +83,10 @@ class ThreeFlat(MapMethod):
     """
 
     angles: Sequence[float] = option(
-        (), kind="angles", help="turn of a flat in each reading after AB, AC, BC"
+        (),
+        kind="angles",
+        help="turn of one flat in each further reading, counter-clockwise in the map (+x towards "
+        "+y)",
     )
     pairs: str | Sequence[str] = option(
         "AB", kind="texts", help="flats of each of those readings: AB, AC, BC"
@@ -109,7 +104,8 @@ class ThreeFlat(MapMethod):
         "auto",
         kind="text",
         choices=("auto", "pixel", "zernike", "iterative"),
-        help="how the flats are found; auto takes pixel where the turns allow it",
+        help="by pixels (even and odd shares) or by Zernike terms, at once on the pixels that all "
+        "readings have, or iterated on the pixels of each; see Notes",
     )
     terms: int | tuple[int, ...] = option(
         66, kind="integer", help="number of Zernike terms that are fitted"
@@ -345,9 +341,6 @@ def three_flat(
         Sum of two flats; the second one is seen mirrored. NaN = not measured.
     rotated : Surface or array_like, or sequence of them, optional
         Further readings with a flat turned.
-    method : {"auto", "pixel", "zernike", "iterative"}, optional
-        By pixels (even and odd shares) or by Zernike terms, at once on the pixels that all readings
-        have, or iterated on the pixels of each; see Notes.
     u_registration : float or array_like, shape (3 + n,) or (3 + n, 2), m, optional
         Standard uncertainty of the position of the flats to each other, for each reading, along x
         and y; it adds gradient times shift to `u`.

@@ -52,12 +52,6 @@ class ShiftRotation(MapMethod):
 
     Parameters
     ----------
-    angles : sequence of float, rad
-        Turn of the part in each reading, counter-clockwise in the map.
-    shifts : sequence of (float, float), m
-        Shift of the part along x and y in each reading, after the turn.
-    terms : int, optional
-        ANSI Zernike terms of part and instrument each.
     power : tuple of (float, float), m, optional
         Known power of the part, its coefficient of ``2 r**2 - 1`` with r = 1 at the farthest common
         pixel, and its standard uncertainty, from another test.
@@ -65,11 +59,17 @@ class ShiftRotation(MapMethod):
         Terms whose noise would grow by more than this, against the fit of one map, are not given.
     """
 
-    angles: Sequence[float] = option(kind="angles", help="of the part in each map, in their order")
-    shifts: Sequence[tuple[float, float]] = option(
-        kind="places", help="of the part along x and y in each map"
+    angles: Sequence[float] = option(
+        kind="angles", help="turn of the part in each map, counter-clockwise, in their order"
     )
-    terms: int = option(28, kind="integer", help="number of terms that are fitted")
+    shifts: Sequence[tuple[float, float]] = option(
+        kind="places", help="shift of the part along x and y in each reading, after the turn"
+    )
+    terms: int = option(
+        28,
+        kind="integer",
+        help="ANSI Zernike terms of each part; 28 hold all up to the radial order 6",
+    )
     dx: float | None = None
     dy: float | None = None
     centre: tuple[float, float] | None = None
@@ -264,8 +264,6 @@ def shift_rotation(
     ----------
     surfaces : sequence of Surface or array_like, shape (n_y, n_x), m
         One map for each position.
-    terms : int, optional
-        ANSI Zernike terms of each part; 28 hold all up to the radial order 6.
 
     Returns
     -------

@@ -71,8 +71,6 @@ def register_maps(
         Two maps of one surface, by one instrument whose own error is small or removed.
     start : tuple of (float, float, float), m, m, rad, optional
         Shift and angle to start from; give the nominal angle of a turned part.
-    rotation : bool, optional
-        Whether the angle is found too, or kept.
     dx, dy : float, m, optional
         Steps of plain arrays; pixels if omitted.
     centre : tuple of (float, float), m, optional
@@ -178,7 +176,9 @@ class MapsRegistered(NamedMethod):
         "shift_x": Option("length", help="where the search begins along x"),
         "shift_y": Option("length", help="where the search begins along y"),
         "angle": Option("angle", help="where the search begins"),
-        "rotation": Option("flag", help="false: the maps are shifted only"),
+        "rotation": Option(
+            "flag", help="whether the angle is found too; false: the maps are shifted only"
+        ),
     }
 
     @classmethod

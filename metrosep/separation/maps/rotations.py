@@ -64,17 +64,14 @@ class RotationTest(MapMethod):
 
     Parameters
     ----------
-    angles : sequence of float, rad
-        Turn of the part in each reading, counter-clockwise in the map (from +x towards +y).
-    u_registration : float, m, optional
-        Standard uncertainty of the centring of each rotated reading along x and along y.
-    u_angle : float, rad, optional
-        Standard uncertainty of each angle.
     largest_gain : float, optional
         Orders whose noise would grow by more than this factor are taken as not observable.
     """
 
-    angles: Sequence[float] = option(kind="angles", help="of the part in each map, in their order")
+    angles: Sequence[float] = option(
+        kind="angles",
+        help="turn of the part in each map, counter-clockwise (from +x towards +y), in their order",
+    )
     dx: float | None = None
     dy: float | None = None
     centre: tuple[float, float] | None = None
@@ -84,7 +81,9 @@ class RotationTest(MapMethod):
         help="terms that are set-up, not form: piston,tilt or piston,tilt,power",
     )
     u_registration: float = option(
-        0.0, kind="uncertainty", help="standard uncertainty of the position of a map"
+        0.0,
+        kind="uncertainty",
+        help="standard uncertainty of the centring of each rotated reading along x and along y",
     )
     u_angle: float = option(0.0, kind="angle", help="standard uncertainty of each angle")
     largest_gain: float = 20.0

@@ -78,18 +78,8 @@ def stitch(
     reference : {"none", "fit"} or array_like or Surface or Profile, m, optional
         Error of the instrument in its own pixels, common to all: none, unknown, or known (it is
         subtracted).
-    reference_degree : int, optional
-        Fit the reference as a polynomial of this total degree, 2 to 12; a map of pixels if
-        omitted, which needs two step sizes.
-    ambiguous : {"remove", "surface"}, optional
-        What reference and surface can exchange unseen (power, ...): removed from both, or given to
-        the surface as if the reference were free of it.
-    registration : {"trust", "fit"}, optional
-        Take the positions as they are, or find lateral offsets by least squares of gradients.
     u_reading : float, m, optional
         Standard uncertainty of one reading; from the overlaps if omitted.
-    draws : int, optional
-        Simulated measurements behind the uncertainty of a fitted map of pixels; 0 for none.
 
     Returns
     -------
@@ -200,9 +190,14 @@ class Stitching(SeparationMethod):
     reference_degree: int | None = option(
         None,
         kind="integer",
-        help="of the polynomial that the reference is; pixel by pixel if left out",
+        help="fit the reference as a polynomial of this total degree, 2 to 12; a map of pixels if "
+        "omitted, which needs two step sizes",
     )
-    draws: int = option(16, kind="integer", help="of noise, for the uncertainty")
+    draws: int = option(
+        16,
+        kind="integer",
+        help="simulated measurements behind the uncertainty of a fitted map of pixels; 0 for none",
+    )
 
     name: ClassVar[str] = "stitch"
     what: ClassVar[str] = (
@@ -222,12 +217,14 @@ class Stitching(SeparationMethod):
         "ambiguous": Option(
             "text",
             choices=("remove", "surface"),
-            help="where what surface and reference cannot tell apart goes",
+            help="what reference and surface can exchange unseen (power, ...): removed from both, or "
+            "given to the surface as if the reference were free of it",
         ),
         "registration": Option(
             "text",
             choices=("trust", "fit"),
-            help="fit: shifts of the maps are found from the overlaps",
+            help="fit: lateral offsets of the maps are found by least squares of gradients; trust: the"
+            " positions are taken as they are",
         ),
     }
     truth_parts: ClassVar[tuple[str, ...]] = ("surface",)

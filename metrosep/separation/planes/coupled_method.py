@@ -57,12 +57,6 @@ class CoupledGrid(RecordedMethod):
     ----------
     dx, dy : float, m
         Steps of the grid.
-    slopes : {"free", "common", "none"}, optional
-        Whether each line has a slope of its own, the lines of a direction share one, or the
-        lines keep a common reference (a level, a flat that stays).
-    repeats : {"relaid", "passes"}, optional
-        Whether the lines of each repeat were laid anew, with offsets and slopes of their own, or
-        the repeats are passes over lines that stayed as they lay.
 
     Raises
     ------
@@ -84,13 +78,15 @@ class CoupledGrid(RecordedMethod):
         "free",
         kind="text",
         choices=("free", "common", "none"),
-        help="whether each line has a slope of its own, all have one, or none has any",
+        help="whether each line has a slope of its own, the lines of a direction share one, or the"
+        " lines keep a common reference (a level, a flat that stays)",
     )
     repeats: Repeats = option(
         "relaid",
         kind="text",
         choices=("relaid", "passes"),
-        help="relaid: the straightedge was laid anew for each repeat; passes: it stayed",
+        help="relaid: the lines of each repeat were laid anew, with offsets and slopes of their "
+        "own; passes: they stayed as they lay",
     )
 
     name: ClassVar[str] = "coupled_grid"

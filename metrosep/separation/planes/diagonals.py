@@ -136,10 +136,6 @@ def iso230_6_diagonals(
         from its start. One direction may be None.
     size : sequence of 3 float, m, optional
         Travel along X, Y, Z between the ends of the diagonals. With it squareness is evaluated.
-    confidence : float, optional
-        Of the repeatability intervals.
-    seed : int, optional
-        Of the simulations behind the uncertainties.
 
     Returns
     -------

@@ -88,14 +88,9 @@ class GridCalibration(RecordedMethod):
 
     Parameters
     ----------
-    pitch : float, m
-        Pitch of the lattice.
     placements : tuple of (int, (int, int)), optional
         Quarter turns from x to y, and the shift along x and y in pitches after it, of each view:
         as placed, turned once, and shifted by one pitch along x if omitted.
-    repeats : {"relaid", "passes"}, optional
-        Whether the plate was placed anew for each repeat of a view, with a translation and rotation
-        of its own, or stayed where it lay.
 
     Raises
     ------
@@ -121,7 +116,8 @@ class GridCalibration(RecordedMethod):
         "relaid",
         kind="text",
         choices=("relaid", "passes"),
-        help="relaid: the plate was laid anew for each repeat; passes: it stayed",
+        help="relaid: the plate was placed anew for each repeat of a view, with a translation and "
+        "rotation of its own; passes: it stayed where it lay",
     )
 
     name: ClassVar[str] = "grid_calibration"

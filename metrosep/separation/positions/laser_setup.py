@@ -544,8 +544,6 @@ def laser_positions(
         Positions as the laser displayed them, one row for each of k runs.
     setup : LaserSetup
         How it stood.
-    values : {"position", "deviation"}, optional
-        Whether readings are positions, or positions minus nominal.
     approach : array_like, shape (n,), optional
         Directions (texts); the table of the result repeats them.
     run : array_like, shape (n,), optional

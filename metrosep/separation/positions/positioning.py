@@ -65,8 +65,6 @@ def iso230_2(
         The same in the negative direction. One of the two may be None: a unidirectional test.
     unit : {"m", "rad"}, optional
         Linear or rotary axis.
-    confidence : float, optional
-        Of the intervals of the repeatability.
     seed : int, optional
         Of the simulations behind standard uncertainties and the interval of R.
 

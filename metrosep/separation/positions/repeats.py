@@ -55,10 +55,6 @@ class RepeatSplit(RecordedMethod):
     ----------
     x : tuple of float or None, m, optional
         Positions of profiles; pixels if omitted.
-    align : {"line", "piston", "none"}, optional
-        What is removed from each repeat: line or plane, mean, or nothing.
-    closed : bool, optional
-        Whether a profile is one turn: wavelengths are then undulations per revolution.
     steps : tuple of (float, float) or None, m, optional
         dx and dy of maps.
 
@@ -73,9 +69,14 @@ class RepeatSplit(RecordedMethod):
         "line",
         kind="text",
         choices=("line", "piston", "none"),
-        help="what differs from repeat to repeat without being an error: offset and line, offset",
+        help="what is removed from each repeat: line or plane, mean (piston), or nothing",
     )
-    closed: bool = option(False, kind="flag", help="true: the curve closes after one revolution")
+    closed: bool = option(
+        False,
+        kind="flag",
+        help="true: the curve closes after one revolution, and wavelengths are undulations per "
+        "revolution",
+    )
     steps: tuple[float, float] | None = None
 
     name: ClassVar[str] = "repeatable"
@@ -85,7 +86,8 @@ class RepeatSplit(RecordedMethod):
         "shift": Option(
             "text",
             choices=("trust", "fit"),
-            help="fit: each repeat is shifted along x to agree with the first",
+            help="fit: each profile is moved along x onto the first by least squares; trust: it stays "
+            "where it is",
         ),
     }
     truth_parts: ClassVar[tuple[str, ...]] = ("repeatable",)
@@ -239,8 +241,6 @@ def repeatable(
         over the common range. Maps must have the same pixels.
     x : array_like, shape (n,), m, optional
         Positions of arrays; for a closed profile angles in rad.
-    shift : {"trust", "fit"}, optional
-        Take the positions as they are, or move each profile onto the first by least squares.
     u_reading : float, m, optional
         Standard uncertainty of one reading; the scatter of the repeats if omitted.
 
