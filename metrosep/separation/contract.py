@@ -11,7 +11,7 @@ import math
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -221,13 +221,9 @@ class Separation:
         return replace(self, u=u, harmonics_u=spread, audit={**self.audit, "type_b": before})
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the curves as columns with unit suffixes, each after its own coordinate.
+        """Return each coordinate, and after it the parts over it with their u, as columns in SI.
 
-        Returns
-        -------
-        pandas.DataFrame
-            Each coordinate, and after it the parts over it with their standard uncertainty, SI.
-            Where coordinates have different lengths, the shorter columns end in NaN.
+        Where coordinates have different lengths, the shorter columns end in NaN.
 
         Raises
         ------
@@ -248,13 +244,7 @@ class Separation:
         return pd.DataFrame({k: pd.Series(v) for k, v in columns.items()})
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as plain values for JSON (NaN as None).
-
-        Returns
-        -------
-        dict
-            Readable by `from_dict`.
-        """
+        """Return everything as plain values for JSON (NaN as None), readable by `from_dict`."""
         return {
             "method": self.method,
             "parts": {k: plain(v) for k, v in self.parts.items()},
@@ -462,13 +452,7 @@ class SeparationMethod(NamedMethod, ABC):
 
     @abstractmethod
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what this set-up cannot see.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Empty where everything is determined.
-        """
+        """Return what this set-up cannot see; empty where everything is determined."""
 
     def correct(self, readings: ArrayLike) -> FloatArray:
         """Return the readings without the machine's share, as far as it is determined.
@@ -544,19 +528,8 @@ class Unobservable:
         return f"{self.part}: {plural} {shown}{more} not observable: {self.reason}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON.
-
-        Returns
-        -------
-        dict
-            Keys ``part``, ``kind``, ``indices``, ``reason``.
-        """
-        return {
-            "part": self.part,
-            "kind": self.kind,
-            "indices": list(self.indices),
-            "reason": self.reason,
-        }
+        """Return plain values for JSON: ``part``, ``kind``, ``indices``, ``reason``."""
+        return {**asdict(self), "indices": list(self.indices)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Unobservable:

@@ -112,16 +112,14 @@ class CircleClosure(RecordedMethod):
         help="-1: reading = artefact minus table; 1: the errors add",
     )
 
-    name: ClassVar[str] = "closure"
-    what: ClassVar[str] = (
-        "angle errors of a polygon and of the table that carries it; one column a set-up"
-    )
-    dimension: ClassVar = "angle"
+    name = "closure"
+    what = "angle errors of a polygon and of the table that carries it; one column a set-up"
+    dimension = "angle"
     arguments: ClassVar[Mapping[str, Option]] = {
         "u_reading": Option("angle", help="standard uncertainty of one reading")
     }
-    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
-    error_parts: ClassVar[tuple[str, ...]] = ("machine",)
+    truth_parts = ("artefact",)
+    error_parts = ("machine",)
 
     @classmethod
     def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> Separation:

@@ -95,14 +95,14 @@ class OrthogonalMixed(CircleMethod):
         help="1: the part turns against the count of the probe angles; -1: with it",
     )
 
-    name: ClassVar[str] = "orthogonal_mixed"
-    what: ClassVar[str] = "roundness and spindle motion from a displacement and a slope probe"
-    readings: ClassVar[tuple[str, ...]] = ("displacement",)
-    over: ClassVar = "angle"
+    name = "orthogonal_mixed"
+    what = "roundness and spindle motion from a displacement and a slope probe"
+    readings = ("displacement",)
+    over = "angle"
     roles: ClassVar[Mapping[str, str]] = {"slope": "angle"}
     arguments: ClassVar[Mapping[str, Option]] = U_READING
-    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
-    error_parts: ClassVar[tuple[str, ...]] = ("x",)
+    truth_parts = ("artefact",)
+    error_parts = ("x",)
     _sources: ClassVar[str] = "probes"
     _n_sources: ClassVar[int] = 2
 

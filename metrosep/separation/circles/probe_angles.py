@@ -71,13 +71,7 @@ class ProbeAngles:
         return float(self.gain_per_k[self.worst_k])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON.
-
-        Returns
-        -------
-        dict
-            Angles in degrees under ``angles_deg``; an infinite gain is None.
-        """
+        """Return plain values for JSON: angles as ``angles_deg``, an infinite gain as None."""
         return {
             "angles_deg": np.rad2deg(self.angles).tolist(),
             "gain": _plain(self.gain),
@@ -89,13 +83,7 @@ class ProbeAngles:
         }
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the gain of each undulation from 2 on.
-
-        Returns
-        -------
-        pandas.DataFrame
-            Columns ``k``, ``gain``.
-        """
+        """Return the gain of each undulation from 2 on: ``k``, ``gain``."""
         import pandas as pd
 
         k = np.arange(2, self.gain_per_k.size)
@@ -222,11 +210,9 @@ def optimise_probe_angles(
 class ProbesChosen(NamedMethod):
     """`optimise_probe_angles` by its name; the table holds the probes that stand already."""
 
-    name: ClassVar[str] = "optimise_probe_angles"
-    what: ClassVar[str] = (
-        "angles of further probes of least noise; the table holds those that stand"
-    )
-    reads: ClassVar = "table"
+    name = "optimise_probe_angles"
+    what = "angles of further probes of least noise; the table holds those that stand"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {"angle": "angle"}
     arguments: ClassVar[Mapping[str, Option]] = {
         "n": Option("integer", required=True, help="number of probes, with those that stand"),

@@ -40,11 +40,9 @@ __all__ = ["ProbeCheck", "Suspect", "check_probes"]
 class ProbesChecked(NamedMethod):
     """`check_probes` by its name."""
 
-    name: ClassVar[str] = "check_probes"
-    what: ClassVar[str] = (
-        "whether four or more probes agree, and which angle or sensitivity is wrong if not"
-    )
-    over: ClassVar = "angle"
+    name = "check_probes"
+    what = "whether four or more probes agree, and which angle or sensitivity is wrong if not"
+    over = "angle"
     arguments: ClassVar[Mapping[str, Option]] = {
         "angles": MultiprobeRoundness.fields["angles"],
         "kmax": Option("integer", required=True, help="highest undulation that is looked at"),

@@ -129,14 +129,12 @@ class MultiprobeRoundness(CircleMethod):
         None, kind="size", help="of the artefact: tells the undulation that the eccentricity makes"
     )
 
-    name: ClassVar[str] = "multiprobe"
-    what: ClassVar[str] = (
-        "roundness of an artefact and motion of a spindle in x and y, from 3 or more probes"
-    )
-    over: ClassVar = "angle"
+    name = "multiprobe"
+    what = "roundness of an artefact and motion of a spindle in x and y, from 3 or more probes"
+    over = "angle"
     arguments: ClassVar[Mapping[str, Option]] = U_READING
-    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
-    error_parts: ClassVar[tuple[str, ...]] = ("x", "y")
+    truth_parts = ("artefact",)
+    error_parts = ("x", "y")
     _sources: ClassVar[str] = "probes"
 
     def __post_init__(self) -> None:

@@ -72,15 +72,13 @@ class DonaldsonReversal(ReversedPair):
     )
     start: float = 0.0
 
-    name: ClassVar[str] = "donaldson"
-    what: ClassVar[str] = (
-        "roundness of an artefact and radial error motion of a spindle, by reversal"
-    )
-    readings: ClassVar[tuple[str, ...]] = ("m1", "m2")
-    over: ClassVar = "angle"
+    name = "donaldson"
+    what = "roundness of an artefact and radial error motion of a spindle, by reversal"
+    readings = ("m1", "m2")
+    over = "angle"
     arguments: ClassVar[Mapping[str, Option]] = U_READING
-    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
-    error_parts: ClassVar[tuple[str, ...]] = ("spindle",)
+    truth_parts = ("artefact",)
+    error_parts = ("spindle",)
 
     def null_space(self) -> tuple[Unobservable, ...]:
         terms = ("offset", "eccentricity")
@@ -277,16 +275,14 @@ class FaceReversal(RecordedMethod):
     radius: float = option(kind="size", help="distance r of the face probe from the axis, > 0")
     start: float = 0.0
 
-    name: ClassVar[str] = "face_reversal"
-    what: ClassVar[str] = (
-        "flatness of a plate, axial and tilt error motion of a spindle, by reversal"
-    )
-    readings: ClassVar[tuple[str, ...]] = ("F1", "F2", "A")
-    spare: ClassVar[int] = 1
-    over: ClassVar = "angle"
+    name = "face_reversal"
+    what = "flatness of a plate, axial and tilt error motion of a spindle, by reversal"
+    readings = ("F1", "F2", "A")
+    spare = 1
+    over = "angle"
     arguments: ClassVar[Mapping[str, Option]] = U_READING
-    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
-    error_parts: ClassVar[tuple[str, ...]] = ("axial", "tilt")
+    truth_parts = ("artefact",)
+    error_parts = ("axial", "tilt")
 
     @classmethod
     def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> Separation:
@@ -462,10 +458,10 @@ def _weights(radius: float, n_readings: int) -> dict[str, FloatArray]:
 class Combination(NamedMethod):
     """`combine_harmonics` by its name, from stored results."""
 
-    name: ClassVar[str] = "combine_harmonics"
-    what: ClassVar[str] = "one artefact from the results of several methods, harmonic by harmonic"
-    reads: ClassVar = "results"
-    accepts: ClassVar[tuple[str, ...]] = ("Separation",)
+    name = "combine_harmonics"
+    what = "one artefact from the results of several methods, harmonic by harmonic"
+    reads = "results"
+    accepts = ("Separation",)
     arguments: ClassVar[Mapping[str, Option]] = {
         "parts": Option(
             "texts",

@@ -339,9 +339,9 @@ _PER_SECOND = {"rev/s": 1.0, "Hz": 1.0, "rev/min": 1.0 / 60.0}
 class SpeedTest(NamedMethod):
     """`fit_speed_sweep` by its name."""
 
-    name: ClassVar[str] = "fit_speed_sweep"
-    what: ClassVar[str] = "how values of spindle tests depend on speed, and which speeds stand out"
-    reads: ClassVar = "table"
+    name = "fit_speed_sweep"
+    what = "how values of spindle tests depend on speed, and which speeds stand out"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {"speed": "any", "readings": "length*", "u": "length*?"}
     arguments: ClassVar[Mapping[str, Option]] = {
         "speed_unit": Option(
@@ -430,9 +430,9 @@ class SpeedGrowth(RecordedMethod):
     powers: tuple[int, ...] = (0, 2)
     unit: Literal["m", "rad"] = "m"
 
-    name: ClassVar[str] = "speed_sweep"
-    truth_parts: ClassVar[tuple[str, ...]] = ("at_rest",)
-    error_parts: ClassVar[tuple[str, ...]] = ("growth",)
+    name = "speed_sweep"
+    truth_parts = ("at_rest",)
+    error_parts = ("growth",)
 
     def __post_init__(self) -> None:
         choice(self.unit, f"{self.name}: unit", ("m", "rad"))

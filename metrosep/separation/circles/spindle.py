@@ -193,11 +193,9 @@ def iso230_7(
 class SpindleTest(NamedMethod):
     """`iso230_7` by its name: by revolution at fixed angles, with an angle, or with an index."""
 
-    name: ClassVar[str] = "iso230_7"
-    what: ClassVar[str] = (
-        "synchronous, asynchronous and total error motion of a spindle, ISO 230-7"
-    )
-    over: ClassVar = "angle"
+    name = "iso230_7"
+    what = "synchronous, asynchronous and total error motion of a spindle, ISO 230-7"
+    over = "angle"
     roles: ClassVar[Mapping[str, str]] = {"index": "any?", "time": "time?"}
     arguments: ClassVar[Mapping[str, Option]] = {
         "direction": Option(

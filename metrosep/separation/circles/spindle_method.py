@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -79,9 +79,9 @@ class SpindleSplit(RecordedMethod):
     direction: Literal["radial", "axial", "face"] = "radial"
     start: float = 0.0
 
-    name: ClassVar[str] = "spindle_split"
-    truth_parts: ClassVar[tuple[str, ...]] = ("setting",)
-    error_parts: ClassVar[tuple[str, ...]] = ("synchronous", "asynchronous")
+    name = "spindle_split"
+    truth_parts = ("setting",)
+    error_parts = ("synchronous", "asynchronous")
 
     def __post_init__(self) -> None:
         choice(self.direction, "direction", ("radial", "axial", "face"))

@@ -59,14 +59,7 @@ class SpindleHarmonics(StoredResult):
         return f"SpindleHarmonics(k = 1 .. {int(self.k[-1])}, repeating: {named or 'none'})"
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a data frame, one row per harmonic.
-
-        Returns
-        -------
-        pandas.DataFrame
-            Index ``k``; columns ``amplitude``, ``phase_rad``, ``u``, ``nrr``, ``significant``,
-            ``removed``.
-        """
+        """Return a row per k: ``amplitude``, ``phase_rad``, ``u``, ``nrr``, ``significant``, ``removed``."""
         import pandas as pd
 
         return pd.DataFrame(
@@ -162,24 +155,11 @@ class SpindleMotion(StoredResult):
         return self.table[symbol]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI, without the arrays over angle.
-
-        Returns
-        -------
-        dict
-            Keys of the table, and ``direction``, ``sensitive``, ``center``, ``centre``, ``audit``,
-            ``messages``.
-        """
-        document = {
-            "direction": self.direction,
-            "sensitive": self.sensitive,
-            "center": self.center,
-            "centre": list(self.centre),
-            **self.table.to_dict(),
-            "audit": self.audit,
-            "messages": self.messages,
-        }
-        return {key: plain(value) for key, value in document.items()}
+        """Return plain values for JSON, SI: keys of the table and settings, no arrays over angle."""
+        head = {n: getattr(self, n) for n in ("direction", "sensitive", "center", "centre")}
+        tail = {"audit": self.audit, "messages": self.messages}
+        found: dict[str, Any] = plain({**head, **self.table.to_dict(), **tail})
+        return found
 
     def _repr_html_(self) -> str:
         """Return a small table for notebooks."""

@@ -133,11 +133,9 @@ class MultistepRoundness(CircleMethod):
         help="1: a step brings points of larger artefact angle to the probe",
     )
 
-    name: ClassVar[str] = "multistep"
-    what: ClassVar[str] = (
-        "roundness of an artefact and error motion of a spindle from indexed set-ups"
-    )
-    over: ClassVar = "angle"
+    name = "multistep"
+    what = "roundness of an artefact and error motion of a spindle from indexed set-ups"
+    over = "angle"
     arguments: ClassVar[Mapping[str, Option]] = {
         **U_READING,
         "steps": Option(
@@ -146,8 +144,8 @@ class MultistepRoundness(CircleMethod):
             "readings if left out",
         ),
     }
-    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
-    error_parts: ClassVar[tuple[str, ...]] = ("spindle",)
+    truth_parts = ("artefact",)
+    error_parts = ("spindle",)
     _sources: ClassVar[str] = "index positions"
 
     def __post_init__(self) -> None:

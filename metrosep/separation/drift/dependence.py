@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -20,16 +20,15 @@ from metrosep.core.errors import (
 from metrosep.core.inputs import RoleColumns
 from metrosep.core.numbers import real
 from metrosep.core.options import Option
-from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
-from metrosep.separation._readings import plain, reduced
+from metrosep.separation._methods import StoredResult
 from metrosep.separation.contract import NamedMethod
 
 __all__ = ["Dependence", "allan_deviation", "drift_against_temperature", "speed_dependence"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Dependence:
+class Dependence(StoredResult):
     """A sum of powers fitted to readings, with intervals.
 
     Parameters
@@ -109,20 +108,6 @@ class Dependence:
     def _inside(self, v: FloatArray) -> NDArray[np.bool_]:
         low, high = float(np.nanmin(self.variable)), float(np.nanmax(self.variable))
         return np.asarray((v >= low) & (v <= high))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI, NaN and infinite as None.
-
-        Returns
-        -------
-        dict
-            One key for each field: ``coefficients``, ``intervals``, ``covariance``, ...
-        """
-        found: dict[str, Any] = plain({f.name: getattr(self, f.name) for f in fields(self)})
-        return found
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
 
     def __repr__(self) -> str:
         return f"Dependence({', '.join(f'{k} {q}' for k, q in self.coefficients.items())})"
@@ -379,22 +364,20 @@ def _result(
         said = [*said, f"{missing} of {y.size} readings were not measured: left out"]
     return Dependence(
         powers=powers,
-        coefficients=freeze_mapping(coefficients),
-        intervals=freeze_mapping(intervals),
+        coefficients=coefficients,
+        intervals=intervals,
         covariance=covariance,
         confidence=confidence,
         freedom=freedom,
         variable=variable,
         values=y,
         residual=residual,
-        audit=freeze_mapping(
-            {
-                "variable": name,
-                "powers": list(powers),
-                "n": int(y.size) - missing,
-                "freedom": freedom,
-            }
-        ),
+        audit={
+            "variable": name,
+            "powers": list(powers),
+            "n": int(y.size) - missing,
+            "freedom": freedom,
+        },
         messages=tuple(said),
     )
 
@@ -408,9 +391,9 @@ _CONFIDENCE = Option("number", help="of the intervals, 0.95 is 95 %")
 class OverSpeed(NamedMethod):
     """`speed_dependence` by its name."""
 
-    name: ClassVar[str] = "speed_dependence"
-    what: ClassVar[str] = "how an amplitude of error motion grows with speed"
-    reads: ClassVar = "table"
+    name = "speed_dependence"
+    what = "how an amplitude of error motion grows with speed"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {"speed": "any", "amplitude": "length", "u": "length?"}
     arguments: ClassVar[Mapping[str, Option]] = {
         "powers": Option(
@@ -432,8 +415,8 @@ class OverSpeed(NamedMethod):
 class OverTemperature(OverSpeed):
     """`drift_against_temperature` by its name."""
 
-    name: ClassVar[str] = "drift_against_temperature"
-    what: ClassVar[str] = "how a displacement follows a temperature"
+    name = "drift_against_temperature"
+    what = "how a displacement follows a temperature"
     roles: ClassVar[Mapping[str, str]] = {
         "temperature": "any", "displacement": "length", "u": "length?",
     }  # fmt: skip

@@ -56,7 +56,7 @@ SMOOTHING = "weight of the penalty of generalised and combined"
 class ProbeRowMethod(SeparationMethod):
     """Probes in a row on one carriage; derived classes say where they sit."""
 
-    over: ClassVar = "x"
+    over = "x"
     roles: ClassVar[Mapping[str, str]] = {"pitch": "angle?"}
     arguments: ClassVar[Mapping[str, Option]] = {
         **U_READING,

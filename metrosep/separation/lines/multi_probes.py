@@ -73,10 +73,10 @@ class MultiProbe(ProbeRowMethod):
     )
     smoothing: float = option(1e-3, kind="number", help="weight of the penalty of generalised")
 
-    name: ClassVar[str] = "multi_probe_straightness"
-    what: ClassVar[str] = "straightedge and slide from probes at any offsets on the carriage"
-    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
-    error_parts: ClassVar[tuple[str, ...]] = ("straightness", "pitch")
+    name = "multi_probe_straightness"
+    what = "straightedge and slide from probes at any offsets on the carriage"
+    truth_parts = ("artefact",)
+    error_parts = ("straightness", "pitch")
     _normed: ClassVar[bool] = True
 
     def __post_init__(self) -> None:

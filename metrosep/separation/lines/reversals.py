@@ -156,13 +156,13 @@ class StraightedgeReversal(ReversedPair):
         help="standard uncertainty of a change of the edge between the set-ups; half of it goes into both",
     )
 
-    name: ClassVar[str] = "straightedge_reversal"
-    what: ClassVar[str] = "form of a straightedge and straightness of a slide, by reversal"
-    readings: ClassVar[tuple[str, ...]] = ("m1", "m2")
-    over: ClassVar = "x"
+    name = "straightedge_reversal"
+    what = "form of a straightedge and straightness of a slide, by reversal"
+    readings = ("m1", "m2")
+    over = "x"
     arguments: ClassVar[Mapping[str, Option]] = U_READING
-    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
-    error_parts: ClassVar[tuple[str, ...]] = ("machine",)
+    truth_parts = ("artefact",)
+    error_parts = ("machine",)
 
     def null_space(self) -> tuple[Unobservable, ...]:
         return tuple(Unobservable(p, "polynomial", (0, 1), _LINE) for p in ("artefact", "machine"))
@@ -265,13 +265,11 @@ class StraightedgeReversal(ReversedPair):
 class EstimatesReversed(NamedMethod):
     """`straightedge_reversal` of the stored results of two estimates."""
 
-    name: ClassVar[str] = "reversal_of_estimates"
-    what: ClassVar[str] = (
-        "straightedge and slide from the results of runs before and after the edge was reversed"
-    )
-    reads: ClassVar = "results"
-    readings: ClassVar[tuple[str, ...]] = ("m1", "m2")
-    accepts: ClassVar[tuple[str, ...]] = ("ErrorEstimate",)
+    name = "reversal_of_estimates"
+    what = "straightedge and slide from the results of runs before and after the edge was reversed"
+    reads = "results"
+    readings = ("m1", "m2")
+    accepts = ("ErrorEstimate",)
     arguments: ClassVar[Mapping[str, Option]] = {
         name: StraightedgeReversal.fields[name]
         for name in ("u_registration", "u_common", "u_drift")

@@ -116,13 +116,11 @@ class ThreePoint(ProbeRowMethod):
     u_zero: float = option(0.0, kind="uncertainty", help="standard uncertainty of zero")
     smoothing: float = option(1e-3, kind="number", help=SMOOTHING)
 
-    name: ClassVar[str] = "three_point"
-    what: ClassVar[str] = (
-        "form of a straightedge and straightness of a slide, from three probes on the carriage"
-    )
-    readings: ClassVar[tuple[str, ...]] = ("trailing", "middle", "leading")
-    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
-    error_parts: ClassVar[tuple[str, ...]] = ("straightness", "pitch", "zero")
+    name = "three_point"
+    what = "form of a straightedge and straightness of a slide, from three probes on the carriage"
+    readings = ("trailing", "middle", "leading")
+    truth_parts = ("artefact",)
+    error_parts = ("straightness", "pitch", "zero")
     _probe_names: ClassVar[tuple[str, ...]] = ("trailing probe", "middle probe", "leading probe")
 
     def __post_init__(self) -> None:
@@ -280,13 +278,11 @@ class TwoPoint(ProbeRowMethod):
     )
     smoothing: float = option(1e-3, kind="number", help=SMOOTHING)
 
-    name: ClassVar[str] = "two_point"
-    what: ClassVar[str] = (
-        "form of a straightedge and straightness of a slide, from two probes on the carriage"
-    )
-    readings: ClassVar[tuple[str, ...]] = ("trailing", "leading")
-    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
-    error_parts: ClassVar[tuple[str, ...]] = ("straightness", "pitch")
+    name = "two_point"
+    what = "form of a straightedge and straightness of a slide, from two probes on the carriage"
+    readings = ("trailing", "leading")
+    truth_parts = ("artefact",)
+    error_parts = ("straightness", "pitch")
     _probe_names: ClassVar[tuple[str, ...]] = ("trailing probe", "leading probe")
 
     def __post_init__(self) -> None:

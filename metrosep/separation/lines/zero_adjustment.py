@@ -151,11 +151,9 @@ def _weights(distance: float | tuple[float, float]) -> FloatArray:
 class ZeroTest(NamedMethod):
     """`zero_calibration` by its name: three probes over a flat, or before and after a reversal."""
 
-    name: ClassVar[str] = "zero_calibration"
-    what: ClassVar[str] = (
-        "zero difference of three probes, from a flat, a reversal or an angle sensor"
-    )
-    over: ClassVar = "x"
+    name = "zero_calibration"
+    what = "zero difference of three probes, from a flat, a reversal or an angle sensor"
+    over = "x"
     roles: ClassVar[Mapping[str, str]] = {"pitch": "angle?"}
     arguments: ClassVar[Mapping[str, Option]] = {
         **U_READING,
@@ -322,9 +320,9 @@ class ZeroAdjustment(RecordedMethod):
     flat: bool = False
     u_flat: float = 0.0
 
-    name: ClassVar[str] = "zero_adjustment"
-    truth_parts: ClassVar[tuple[str, ...]] = ("bend",)
-    error_parts: ClassVar[tuple[str, ...]] = ("zero",)
+    name = "zero_adjustment"
+    truth_parts = ("bend",)
+    error_parts = ("zero",)
 
     def __post_init__(self) -> None:
         d = distances(self.distance)

@@ -152,9 +152,9 @@ def ball_average(
 class BallTest(NamedMethod):
     """`ball_average` by its name."""
 
-    name: ClassVar[str] = "ball_average"
-    what: ClassVar[str] = "error of an instrument from maps of many patches of a ball"
-    reads: ClassVar = "maps"
+    name = "ball_average"
+    what = "error of an instrument from maps of many patches of a ball"
+    reads = "maps"
     arguments: ClassVar[Mapping[str, Option]] = {
         "removed": Option(
             "texts", help="terms that are set-up, not form: piston,tilt or piston,tilt,power"
@@ -192,13 +192,13 @@ class ThreePositions(MapMethod):
         help="terms that are set-up, not form: piston,tilt or piston,tilt,power",
     )
 
-    name: ClassVar[str] = "three_positions"
-    what: ClassVar[str] = "form of a sphere and error of the interferometer from three positions"
-    reads: ClassVar = "maps"
-    readings: ClassVar[tuple[str, ...]] = ("confocal", "confocal_180", "cats_eye")
+    name = "three_positions"
+    what = "form of a sphere and error of the interferometer from three positions"
+    reads = "maps"
+    readings = ("confocal", "confocal_180", "cats_eye")
     arguments: ClassVar[Mapping[str, Option]] = U_READING
-    truth_parts: ClassVar[tuple[str, ...]] = ("part",)
-    error_parts: ClassVar[tuple[str, ...]] = ("instrument", "diverger_odd")
+    truth_parts = ("part",)
+    error_parts = ("instrument", "diverger_odd")
 
     @classmethod
     def from_inputs(cls, data: Sequence[Any], options: Mapping[str, Any]) -> Separation:

@@ -129,15 +129,13 @@ class ThreeFlat(MapMethod):
     )
     largest_gain: float = 20.0
 
-    name: ClassVar[str] = "three_flat"
-    what: ClassVar[str] = (
-        "absolute flatness of three flats; files AB, AC, BC, then those with a flat turned"
-    )
-    reads: ClassVar = "maps"
-    readings: ClassVar[tuple[str, ...]] = ("AB", "AC", "BC")
+    name = "three_flat"
+    what = "absolute flatness of three flats; files AB, AC, BC, then those with a flat turned"
+    reads = "maps"
+    readings = ("AB", "AC", "BC")
     arguments: ClassVar[Mapping[str, Option]] = U_READING
-    truth_parts: ClassVar[tuple[str, ...]] = FLATS
-    error_parts: ClassVar[tuple[str, ...]] = ()
+    truth_parts = FLATS
+    error_parts = ()
 
     @classmethod
     def from_inputs(cls, data: Sequence[Any], options: Mapping[str, Any]) -> Separation:
@@ -192,13 +190,7 @@ class ThreeFlat(MapMethod):
         return stack
 
     def setups(self) -> tuple[FlatSetup, ...]:
-        """Return which flats face each other in each reading.
-
-        Returns
-        -------
-        tuple of FlatSetup
-            AB, AC, BC and the turned ones.
-        """
+        """Return which flats face each other in each reading: AB, AC, BC and the turned ones."""
         pairs = ("AB", "AC", "BC", *self.pairs)
         first, second = (1.0, 0.0) if self.turned == "first" else (0.0, 1.0)
         return tuple(

@@ -76,16 +76,16 @@ class ShiftRotation(MapMethod):
     power: tuple[float, float] | None = None
     largest_gain: float = 100.0
 
-    name: ClassVar[str] = "shift_rotation"
-    what: ClassVar[str] = "part and instrument from maps of the part shifted and turned"
-    reads: ClassVar = "maps"
+    name = "shift_rotation"
+    what = "part and instrument from maps of the part shifted and turned"
+    reads = "maps"
     arguments: ClassVar[Mapping[str, Option]] = {
         **U_READING,
         "power": Option("length", help="sag of the part that is known, since no shift shows it"),
         "u_power": Option("uncertainty", help="standard uncertainty of power"),
     }
-    truth_parts: ClassVar[tuple[str, ...]] = ("part",)
-    error_parts: ClassVar[tuple[str, ...]] = ("instrument",)
+    truth_parts = ("part",)
+    error_parts = ("instrument",)
 
     @classmethod
     def from_inputs(cls, data: Sequence[Any], options: Mapping[str, Any]) -> Separation:

@@ -167,10 +167,10 @@ def register_maps(
 class MapsRegistered(NamedMethod):
     """`register_maps` by its name."""
 
-    name: ClassVar[str] = "register_maps"
-    what: ClassVar[str] = "shift and turn of a second map against a first one of the same surface"
-    reads: ClassVar = "maps"
-    readings: ClassVar[tuple[str, ...]] = ("fixed", "moved")
+    name = "register_maps"
+    what = "shift and turn of a second map against a first one of the same surface"
+    reads = "maps"
+    readings = ("fixed", "moved")
     arguments: ClassVar[Mapping[str, Option]] = {
         **U_READING,
         "shift_x": Option("length", help="where the search begins along x"),
@@ -194,11 +194,9 @@ class MapsRegistered(NamedMethod):
 class PointsRegistered(NamedMethod):
     """`register_points` by its name; a row holds one point in both maps."""
 
-    name: ClassVar[str] = "register_points"
-    what: ClassVar[str] = (
-        "shift and turn of one map against another from points that are marked in both"
-    )
-    reads: ClassVar = "table"
+    name = "register_points"
+    what = "shift and turn of one map against another from points that are marked in both"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {
         "x_fixed": "length", "y_fixed": "length", "x_moved": "length", "y_moved": "length",
     }  # fmt: skip

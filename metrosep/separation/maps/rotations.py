@@ -88,14 +88,12 @@ class RotationTest(MapMethod):
     u_angle: float = option(0.0, kind="angle", help="standard uncertainty of each angle")
     largest_gain: float = 20.0
 
-    name: ClassVar[str] = "rotation_average"
-    what: ClassVar[str] = (
-        "part and instrument from maps of the part in several rotations; a file an angle"
-    )
-    reads: ClassVar = "maps"
+    name = "rotation_average"
+    what = "part and instrument from maps of the part in several rotations; a file an angle"
+    reads = "maps"
     arguments: ClassVar[Mapping[str, Option]] = U_READING
-    truth_parts: ClassVar[tuple[str, ...]] = ("part",)
-    error_parts: ClassVar[tuple[str, ...]] = ("instrument",)
+    truth_parts = ("part",)
+    error_parts = ("instrument",)
 
     def __post_init__(self) -> None:
         given = np.atleast_1d(np.asarray(self.angles, dtype=object))

@@ -199,12 +199,10 @@ class Stitching(SeparationMethod):
         help="simulated measurements behind the uncertainty of a fitted map of pixels; 0 for none",
     )
 
-    name: ClassVar[str] = "stitch"
-    what: ClassVar[str] = (
-        "one surface or profile from overlapping sub-apertures, with or without the reference"
-    )
-    reads: ClassVar = "maps"
-    accepts: ClassVar[tuple[str, ...]] = ("Surface", "Profile")
+    name = "stitch"
+    what = "one surface or profile from overlapping sub-apertures, with or without the reference"
+    reads = "maps"
+    accepts = ("Surface", "Profile")
     arguments: ClassVar[Mapping[str, Option]] = {
         **U_READING,
         "positions": Option("places", help="of the maps; those of the files if left out"),
@@ -227,8 +225,8 @@ class Stitching(SeparationMethod):
             " positions are taken as they are",
         ),
     }
-    truth_parts: ClassVar[tuple[str, ...]] = ("surface",)
-    error_parts: ClassVar[tuple[str, ...]] = ("reference",)
+    truth_parts = ("surface",)
+    error_parts = ("reference",)
 
     @classmethod
     def from_inputs(cls, data: Sequence[Any], options: Mapping[str, Any]) -> Separation:

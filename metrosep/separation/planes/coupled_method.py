@@ -89,15 +89,15 @@ class CoupledGrid(RecordedMethod):
         "own; passes: they stayed as they lay",
     )
 
-    name: ClassVar[str] = "coupled_grid"
-    what: ClassVar[str] = "error map of a plane from lines along x and lines along y"
-    reads: ClassVar = "table"
+    name = "coupled_grid"
+    what = "error map of a plane from lines along x and lines along y"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {
         **PLACE, "z": "length", "line": "label", "repeat": "label?",
     }  # fmt: skip
     arguments: ClassVar[Mapping[str, Option]] = U_READING
-    truth_parts: ClassVar[tuple[str, ...]] = ()
-    error_parts: ClassVar[tuple[str, ...]] = ("error",)
+    truth_parts = ()
+    error_parts = ("error",)
 
     @classmethod
     def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> Separation:

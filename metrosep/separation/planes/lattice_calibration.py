@@ -120,9 +120,9 @@ class GridCalibration(RecordedMethod):
         "rotation of its own; passes: it stayed where it lay",
     )
 
-    name: ClassVar[str] = "grid_calibration"
-    what: ClassVar[str] = "errors of a stage and of a grid plate from views of the plate"
-    reads: ClassVar = "table"
+    name = "grid_calibration"
+    what = "errors of a stage and of a grid plate from views of the plate"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {
         **PLACE, "ex": "length", "ey": "length", "view": "label", "repeat": "label?",
     }  # fmt: skip
@@ -133,8 +133,8 @@ class GridCalibration(RecordedMethod):
         ),
         "shifts": Option("pairs", help="pitches by which the plate was shifted in each view"),
     }
-    truth_parts: ClassVar[tuple[str, ...]] = ("plate",)
-    error_parts: ClassVar[tuple[str, ...]] = ("stage",)
+    truth_parts = ("plate",)
+    error_parts = ("stage",)
 
     @classmethod
     def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> Separation:

@@ -88,17 +88,17 @@ class FringeError(RecordedMethod):
     )
     unit: str = "m"
 
-    name: ClassVar[str] = "periodic_error"
-    what: ClassVar[str] = "periodic error of an interferometer in a reading"
-    reads: ClassVar = "table"
+    name = "periodic_error"
+    what = "periodic error of an interferometer in a reading"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {"position": "length", "reading": "position"}
     arguments: ClassVar[Mapping[str, Option]] = {
         "u_reading": Option(
             "limit", help="standard uncertainty of one reading; from the residual if omitted"
         )
     }
-    truth_parts: ClassVar[tuple[str, ...]] = ("corrected",)
-    error_parts: ClassVar[tuple[str, ...]] = ("periodic",)
+    truth_parts = ("corrected",)
+    error_parts = ("periodic",)
 
     @property
     def _dimension(self) -> str | None:

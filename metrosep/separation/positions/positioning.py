@@ -391,9 +391,9 @@ POSITION_OPTIONS: Mapping[str, Option] = {
 class PositioningOfAxis(NamedMethod):
     """`iso230_2` by its name, from a table or from a list of a positioning test."""
 
-    name: ClassVar[str] = "iso230_2"
-    what: ClassVar[str] = "positioning accuracy and repeatability of an axis, ISO 230-2"
-    reads: ClassVar = "table"
+    name = "iso230_2"
+    what = "positioning accuracy and repeatability of an axis, ISO 230-2"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {
         "target": "position?", "direction": "label?", "readings": "position*?", "cycle": "label?",
     }  # fmt: skip
@@ -539,9 +539,9 @@ class PositioningSheet(RecordedMethod):
     directions: tuple[Literal["forward", "backward"], ...] = ("forward", "backward")
     unit: Literal["m", "rad"] = "m"
 
-    name: ClassVar[str] = "positioning_sheet"
-    truth_parts: ClassVar[tuple[str, ...]] = ("reference",)
-    error_parts: ClassVar[tuple[str, ...]] = ("forward", "backward")
+    name = "positioning_sheet"
+    truth_parts = ("reference",)
+    error_parts = ("forward", "backward")
 
     @property
     def _dimension(self) -> str:

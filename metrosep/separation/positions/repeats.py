@@ -79,8 +79,8 @@ class RepeatSplit(RecordedMethod):
     )
     steps: tuple[float, float] | None = None
 
-    name: ClassVar[str] = "repeatable"
-    what: ClassVar[str] = "what repeats in several readings of one thing, and what does not"
+    name = "repeatable"
+    what = "what repeats in several readings of one thing, and what does not"
     arguments: ClassVar[Mapping[str, Option]] = {
         **U_READING,
         "shift": Option(
@@ -90,8 +90,8 @@ class RepeatSplit(RecordedMethod):
             "where it is",
         ),
     }
-    truth_parts: ClassVar[tuple[str, ...]] = ("repeatable",)
-    error_parts: ClassVar[tuple[str, ...]] = ("non_repeatable",)
+    truth_parts = ("repeatable",)
+    error_parts = ("non_repeatable",)
 
     @classmethod
     def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> Separation:
@@ -405,9 +405,9 @@ _SETTLED = 1e-3
 class RepeatedMaps(NamedMethod):
     """`repeatable` of maps by its name."""
 
-    name: ClassVar[str] = "repeatable_maps"
-    what: ClassVar[str] = "what repeats in several maps of one thing, and what does not"
-    reads: ClassVar = "maps"
+    name = "repeatable_maps"
+    what = "what repeats in several maps of one thing, and what does not"
+    reads = "maps"
     arguments: ClassVar[Mapping[str, Option]] = {
         **U_READING,
         "align": RepeatSplit.fields["align"],
