@@ -11,19 +11,15 @@ from numpy.typing import ArrayLike
 
 from metrosep.core.docs import described_by
 from metrosep.core.numbers import not_negative
-from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.separation._readings import plain, reduced
-from metrosep.separation.contract import Separation, SeparationMethod
+from metrosep.separation.contract import History, Parts, Separation, SeparationMethod
 
 __all__ = [
     "History", "Parts", "RecordedMethod", "StoredResult", "as_stated", "described_by", "not_known",
     "pooled", "settle", "type_a",
 ]  # fmt: skip
-
-History = tuple[Step, ...]
-Parts = Mapping[str, ArrayLike]
-"""Parts of a simulation by name."""
 
 
 class RecordedMethod(SeparationMethod):

@@ -34,9 +34,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
-    "U_READING", "NamedMethod", "Separation", "SeparationMethod", "Unobservable", "as_rows",
+    "U_READING", "History", "NamedMethod", "Parts", "Separation", "SeparationMethod", "Unobservable", "as_rows",
     "over_line", "over_turn", "suppressed_harmonics",
 ]  # fmt: skip
+
+History = tuple[Step, ...]
+Parts = Mapping[str, ArrayLike]
+"""Parts of a simulation by name."""
 
 _COORDINATE_UNITS = {"angle": "rad", "time": "s"}
 """All other coordinates are lengths in m."""
@@ -405,9 +409,7 @@ class SeparationMethod(NamedMethod, ABC):
     """Parts that belong to the machine or the instrument."""
 
     @abstractmethod
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         """Return the noise-free readings that given parts produce.
 
         Parameters

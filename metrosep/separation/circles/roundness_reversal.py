@@ -304,13 +304,7 @@ class FaceReversal(RecordedMethod):
         settle(self, radius=radius, start=real(self.start, "start", dimension="angle"))
 
     def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
-        plate, axial, tilt = given_parts(
-            self.name,
-            truth,
-            errors,
-            truth_parts=self.truth_parts,
-            error_parts=self.error_parts,
-        ).values()
+        plate, axial, tilt = given_parts(self, truth, errors).values()
         lift = self.radius * tilt
         return np.stack([axial + lift + plate, axial - lift + plate, axial])
 

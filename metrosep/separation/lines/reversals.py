@@ -74,9 +74,7 @@ class ReversedPair(RecordedMethod):
     """Two readings ``A + M`` and ``A - M``; methods say what alignment takes from each."""
 
     def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
-        part, machine = given_parts(
-            self.name, truth, errors, truth_parts=self.truth_parts, error_parts=self.error_parts
-        ).values()
+        part, machine = given_parts(self, truth, errors).values()
         return np.stack([part + machine, part - machine])
 
     @property

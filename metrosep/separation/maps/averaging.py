@@ -16,7 +16,7 @@ from metrosep.core.numbers import positive
 from metrosep.core.options import Option, option
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import described_by
+from metrosep.separation._methods import Parts, described_by
 from metrosep.separation.contract import (
     U_READING,
     NamedMethod,
@@ -214,9 +214,7 @@ class ThreePositions(MapMethod):
         checked_removed(self.removed)
         stored_in_si(self, positive, dx="length", dy="length")
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         part, instrument, diverger = self._given(truth, errors)[0]
         odd = (diverger - _half_turn(diverger)) / 2.0
         return np.stack([instrument + part, instrument + _half_turn(part), instrument - odd])

@@ -16,7 +16,7 @@ from metrosep.core.numbers import choice, count, not_negative, positive
 from metrosep.core.options import Option, option
 from metrosep.core.surface import Surface
 from metrosep.forms.zernike import ZernikeOrder
-from metrosep.separation._methods import described_by
+from metrosep.separation._methods import Parts, described_by
 from metrosep.separation.contract import U_READING, Separation, Unobservable
 from metrosep.separation.maps._flat_result import (
     FLATS,
@@ -178,9 +178,7 @@ class ThreeFlat(MapMethod):
         self._shifts()
         self._chosen()
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         maps, grid = self._given(truth, errors)
         return np.stack([sum(facing(maps, s, grid, self.flip)) for s in self.setups()])
 

@@ -17,7 +17,7 @@ from metrosep.core.options import Option, option
 from metrosep.core.surface import Surface
 from metrosep.forms.zernike import term_name
 from metrosep.forms.zernike_fit import zernike_values
-from metrosep.separation._methods import described_by
+from metrosep.separation._methods import Parts, described_by
 from metrosep.separation.contract import U_READING, Separation, Unobservable
 from metrosep.separation.maps._flat_result import DiscBasis, zernike_terms_of
 from metrosep.separation.maps._map_input import (
@@ -129,9 +129,7 @@ class ShiftRotation(MapMethod):
             u_value = not_negative(u_value, "power[1]", dimension="length")
             object.__setattr__(self, "power", (value, u_value))
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         stack, grid = self._given(truth, errors)
         basis = self._basis(grid, require_overlap(stack, self.name))
         part, instrument = basis.fit(stack)

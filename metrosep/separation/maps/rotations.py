@@ -16,7 +16,7 @@ from metrosep.core.errors import DataError, NotSeparableError
 from metrosep.core.numbers import not_negative, positive
 from metrosep.core.options import Option, option
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import described_by
+from metrosep.separation._methods import Parts, described_by
 from metrosep.separation.contract import U_READING, Separation, Unobservable
 from metrosep.separation.maps._map_input import (
     LISTED_ORDERS,
@@ -109,9 +109,7 @@ class RotationTest(MapMethod):
         stored_in_si(self, positive, dx="length", dy="length")
         stored_in_si(self, not_negative, u_registration="length", u_angle="angle")
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         (part, instrument), grid = self._given(truth, errors)
         return np.stack([instrument + turned(part[None], a, grid)[0][0] for a in self.angles])
 

@@ -17,7 +17,13 @@ from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.separation._readings import as_numbers, known_parts, part_of
-from metrosep.separation.contract import U_READING, Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import (
+    U_READING,
+    Parts,
+    Separation,
+    SeparationMethod,
+    Unobservable,
+)
 from metrosep.separation.maps._map_input import checked_u
 from metrosep.separation.maps._stitch_grid import (
     Layout,
@@ -236,9 +242,7 @@ class Stitching(SeparationMethod):
             rest["reference"] = maps.pop(0)
         return stitch(maps, **rest)
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts = known_parts(self, truth, errors)
         empty = list(np.zeros((len(self.positions), *self.shape)))
         layout = layout_of(pieces_of(empty, self.positions, None, self.dx, self.dy))

@@ -25,7 +25,7 @@ from metrosep.core.numbers import not_negative
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import History, RecordedMethod, described_by, settle
+from metrosep.separation._methods import History, Parts, RecordedMethod, described_by, settle
 from metrosep.separation._readings import known_parts, real_numbers
 from metrosep.separation.contract import U_READING, Separation, Unobservable
 from metrosep.separation.planes._grid_solution import (
@@ -123,9 +123,7 @@ class CoupledGrid(RecordedMethod):
         settle(self, dx=dx, dy=dy)
         refuse_unknown(self.slopes, self.repeats)
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         error = known_parts(self, truth, errors)["error"]
         if error.ndim != 2:
             raise DataError(f"{self.name}: the error must be a map (n_y, n_x), got {error.shape}")

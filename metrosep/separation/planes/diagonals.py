@@ -20,7 +20,7 @@ from metrosep.core.inputs import RoleColumns
 from metrosep.core.options import Option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import History, RecordedMethod, StoredResult, pooled
+from metrosep.separation._methods import History, Parts, RecordedMethod, StoredResult, pooled
 from metrosep.separation._readings import (
     NOISE_UNKNOWN,
     checked_readings,
@@ -405,9 +405,7 @@ class Diagonals(RecordedMethod):
         spread = None if u is None else dict(zip(own, u.tolist(), strict=True))
         return squareness_from_diagonals(table, self.size, u=spread)
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts = known_parts(self, truth, errors)
         given = {
             name: float(np.nan_to_num(part_of(parts, name, (), self.name), nan=0.0))

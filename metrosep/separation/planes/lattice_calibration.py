@@ -25,7 +25,7 @@ from metrosep.core.inputs import RoleColumns
 from metrosep.core.numbers import not_negative, positive
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
-from metrosep.separation._methods import History, RecordedMethod, described_by, settle
+from metrosep.separation._methods import History, Parts, RecordedMethod, described_by, settle
 from metrosep.separation._readings import known_parts, part_of, real_numbers
 from metrosep.separation.contract import U_READING, Separation, Unobservable
 from metrosep.separation.planes._grid_solution import (
@@ -176,9 +176,7 @@ class GridCalibration(RecordedMethod):
                 ) from None
             checked_placement(GridView((), turns, shift), i)
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts = known_parts(self, truth, errors)
         shape = next(iter(parts.values())).shape
         if len(shape) != 3 or shape[2] != 2:

@@ -31,7 +31,7 @@ from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering
-from metrosep.separation._methods import History, RecordedMethod, StoredResult, settle
+from metrosep.separation._methods import History, Parts, RecordedMethod, StoredResult, settle
 from metrosep.separation._readings import (
     known_parts,
     part_of,
@@ -614,9 +614,7 @@ class PlaneModel(RecordedMethod):
         dx, dy = plane_steps(self.dx, self.dy)
         settle(self, dx=dx, dy=dy, origin=plane_origin(self.origin))
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts = known_parts(self, truth, errors)
         shape = _shape(parts)
         x, y = self.dx * np.arange(shape[1]), self.dy * np.arange(shape[0])

@@ -25,7 +25,7 @@ from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import parse_unit
-from metrosep.separation._methods import History, RecordedMethod
+from metrosep.separation._methods import History, Parts, RecordedMethod
 from metrosep.separation._readings import as_numbers, given_parts
 from metrosep.separation.contract import Separation, Unobservable
 
@@ -129,16 +129,8 @@ class FringeError(RecordedMethod):
                 "(0 to 9)"
             )
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
-        parts = given_parts(
-            self.name,
-            truth,
-            errors,
-            truth_parts=self.truth_parts,
-            error_parts=self.error_parts,
-        )
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
+        parts = given_parts(self, truth, errors)
         return np.asarray(sum(parts.values()))[None, :]
 
     def null_space(self) -> tuple[Unobservable, ...]:

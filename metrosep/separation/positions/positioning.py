@@ -24,7 +24,7 @@ from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.readable import typed_number
-from metrosep.separation._methods import History, RecordedMethod, pooled
+from metrosep.separation._methods import History, Parts, RecordedMethod, pooled
 from metrosep.separation._readings import (
     checked_readings,
     checked_seed,
@@ -558,9 +558,7 @@ class PositioningSheet(RecordedMethod):
         if self.unit not in ("m", "rad"):
             raise DataError(f"unit is 'm' or 'rad', got {self.unit!r}")
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts = known_parts(self, truth, errors)
         missing = [n for n in errors if n not in self.directions]
         if missing:

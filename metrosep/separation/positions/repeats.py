@@ -23,7 +23,7 @@ from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import History, RecordedMethod, as_stated, type_a
+from metrosep.separation._methods import History, Parts, RecordedMethod, as_stated, type_a
 from metrosep.separation._readings import as_numbers, own_shares
 from metrosep.separation.contract import (
     U_READING,
@@ -103,9 +103,7 @@ class RepeatSplit(RecordedMethod):
         if self.align not in ("none", "piston", "line"):
             raise DataError(f"repeatable: align is {self.align!r}; none, piston or line")
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         unknown = [n for n in truth if n != "repeatable"]
         unknown += [n for n in errors if n != "non_repeatable"]
         if unknown or not (truth or errors):
