@@ -29,16 +29,18 @@ from metrosep.separation._methods import History, Parts, RecordedMethod, describ
 from metrosep.separation._readings import known_parts, real_numbers
 from metrosep.separation.contract import U_READING, Separation, Unobservable
 from metrosep.separation.planes._grid_solution import (
+    PLACE,
     TERMS,
     Joined,
     Repeats,
     Slopes,
+    TableGrid,
     lays_of,
     moved_between,
     noise_of,
     refuse_unknown,
+    repeats_of,
 )
-from metrosep.separation.planes._table_grid import PLACE, TableGrid, repeats_of
 from metrosep.separation.planes.plane_fit import plane_steps
 
 __all__ = ["CoupledGrid", "coupled_grid"]

@@ -29,14 +29,16 @@ from metrosep.separation._methods import History, Parts, RecordedMethod, describ
 from metrosep.separation._readings import known_parts, part_of, real_numbers
 from metrosep.separation.contract import U_READING, Separation, Unobservable
 from metrosep.separation.planes._grid_solution import (
+    PLACE,
     Repeats,
+    TableGrid,
     moved_between,
     noise_of,
     refuse_unknown,
+    repeats_of,
     same_points,
     shares_of_passes,
 )
-from metrosep.separation.planes._table_grid import PLACE, TableGrid, repeats_of
 
 __all__ = ["GridCalibration", "GridView", "grid_calibration"]
 

@@ -43,8 +43,7 @@ from metrosep.separation.contract import (
     Separation,
     Unobservable,
 )
-from metrosep.separation.planes._grid_solution import moved_between
-from metrosep.separation.planes._table_grid import PLACE, TableGrid, repeats_of
+from metrosep.separation.planes._grid_solution import PLACE, TableGrid, moved_between, repeats_of
 
 __all__ = [
     "Interaction",
