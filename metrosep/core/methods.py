@@ -33,8 +33,7 @@ class Method:
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)
-        own = vars(sys.modules[cls.__module__]).get(cls.__dict__.get("name", ""))
-        describe_options(cls, own)
+        describe_options(cls, vars(sys.modules[cls.__module__]).get(cls.__dict__.get("name", "")))
 
     name: ClassVar[str]
     """Name of the method in results and recipes."""

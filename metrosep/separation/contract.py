@@ -364,13 +364,25 @@ U_READING: Mapping[str, Option] = {
 class NamedMethod(Method):
     """A method of this package; it makes what the plain function of its name makes."""
 
+    function: ClassVar[str] = ""
+    """Name of the plain function, where it is not that of the method."""
+
     @classmethod
     def from_inputs(cls, data: Any, options: Mapping[str, Any]) -> Any:
-        """Return what the plain function makes of readings over a position, or of maps."""
-        function = getattr(sys.modules[cls.__module__], cls.name)
+        """Return what the plain function makes of curves, maps, results or columns by their role."""
+        function = getattr(sys.modules[cls.__module__], cls.function or cls.name)
+        if cls.reads == "results":
+            if cls.readings and len(data.items) != 2:
+                both = " and ".join(cls.readings)
+                raise DataError(f"two results are needed, {both}; got {len(data.items)}")
+            return function(*data.items, **options)
         if cls.reads == "maps":
             maps = tuple(data)
             return function(*maps, **options) if cls.readings else function(list(maps), **options)
+        if cls.reads == "table":
+            needed = [data.values[role] for role, kind in cls.roles.items() if "?" not in kind]
+            further = {r: v for r, v in data.values.items() if "?" in cls.roles.get(r, "")}
+            return function(*needed, **further, **options)
         place = {} if cls.over == "any" else {cls.over: data.position}
         if cls.over == "angle":
             over_turn(data)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
-from metrosep.core.inputs import Readings, Results
+from metrosep.core.inputs import Readings
 from metrosep.core.numbers import between, count, positive, real
 from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
@@ -466,11 +466,6 @@ class Combination(NamedMethod):
             help="highest harmonic of the result; the highest that any of them has if omitted",
         ),
     }
-
-    @classmethod
-    def from_inputs(cls, data: Results, options: Mapping[str, Any]) -> Separation:
-        """Return the combination of all results."""
-        return combine_harmonics(*data.items, **options)
 
 
 _DISAGREE = 5.0

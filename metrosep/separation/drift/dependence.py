@@ -17,7 +17,6 @@ from metrosep.core.errors import (
     InvalidSamplesError,
     TooFewSamplesError,
 )
-from metrosep.core.inputs import RoleColumns
 from metrosep.core.numbers import real
 from metrosep.core.options import Option
 from metrosep.core.quantity import Quantity
@@ -404,19 +403,13 @@ class OverSpeed(NamedMethod):
         "confidence": _CONFIDENCE,
     }
 
-    @classmethod
-    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> Dependence:
-        """Return the fit of the column of values over the first one."""
-        variable, values = (data.values[role] for role in list(cls.roles)[:2])
-        made = speed_dependence if cls is OverSpeed else drift_against_temperature
-        return made(variable, values, u=data.values.get("u"), **options)
 
-
-class OverTemperature(OverSpeed):
+class OverTemperature(NamedMethod):
     """`drift_against_temperature` by its name."""
 
     name = "drift_against_temperature"
     what = "how a displacement follows a temperature"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {
         "temperature": "any", "displacement": "length", "u": "length?",
     }  # fmt: skip

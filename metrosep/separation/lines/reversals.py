@@ -10,14 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
-from metrosep.core.inputs import Results
 from metrosep.core.numbers import not_negative
 from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
@@ -264,23 +263,15 @@ class EstimatesReversed(NamedMethod):
     """`straightedge_reversal` of the stored results of two estimates."""
 
     name = "reversal_of_estimates"
+    function = "straightedge_reversal"
     what = "straightedge and slide from the results of runs before and after the edge was reversed"
     reads = "results"
-    readings = ("m1", "m2")
+    readings = ("before the edge was reversed", "after it")
     accepts = ("ErrorEstimate",)
     arguments: ClassVar[Mapping[str, Option]] = {
         name: StraightedgeReversal.fields[name]
         for name in ("u_registration", "u_common", "u_drift")
     }
-
-    @classmethod
-    def from_inputs(cls, data: Results, options: Mapping[str, Any]) -> Separation:
-        """Return the parts of two estimates."""
-        if len(data.items) != 2:
-            raise DataError(
-                f"two results are needed, before and after the edge was reversed; got {len(data.items)}"
-            )
-        return straightedge_reversal(*data.items, **options)
 
 
 @described_by(StraightedgeReversal, StraightedgeReversal.separate)

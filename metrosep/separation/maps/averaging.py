@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.errors import DataError
 from metrosep.core.numbers import positive
 from metrosep.core.options import Option, option
 from metrosep.core.quantity import Quantity
@@ -199,16 +199,6 @@ class ThreePositions(MapMethod):
     arguments: ClassVar[Mapping[str, Option]] = U_READING
     truth_parts = ("part",)
     error_parts = ("instrument", "diverger_odd")
-
-    @classmethod
-    def from_inputs(cls, data: Sequence[Any], options: Mapping[str, Any]) -> Separation:
-        """Return the parts of exactly three maps."""
-        if len(data) != 3:
-            raise TooFewSamplesError(
-                "three maps are needed (confocal, confocal turned by 180 degrees, cat's eye), got "
-                f"{len(data)}"
-            )
-        return three_positions(*data, **options)
 
     def __post_init__(self) -> None:
         checked_removed(self.removed)

@@ -133,6 +133,7 @@ class ThreeFlat(MapMethod):
     what = "absolute flatness of three flats; files AB, AC, BC, then those with a flat turned"
     reads = "maps"
     readings = ("AB", "AC", "BC")
+    spare = 1000  # turned ones, as many as there are angles
     arguments: ClassVar[Mapping[str, Option]] = U_READING
     truth_parts = FLATS
     error_parts = ()

@@ -184,8 +184,6 @@ class MapsRegistered(NamedMethod):
     @classmethod
     def from_inputs(cls, data: Sequence[Any], options: Mapping[str, Any]) -> Registration:
         """Return shift and turn of two maps."""
-        if len(data) != 2:
-            raise TooFewSamplesError(f"two maps are registered, got {len(data)} files")
         rest = dict(options)
         x, y, angle = (rest.pop(key, 0.0) for key in ("shift_x", "shift_y", "angle"))
         return register_maps(*data, start=(x, y, angle), **rest)

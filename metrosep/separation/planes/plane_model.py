@@ -39,7 +39,7 @@ class AxesCombined(NamedMethod):
     name = "plane_map"
     what = "error of an XY plane from the results of its two axes (result.json of X, of Y)"
     reads = "results"
-    readings = ("along x", "along y")
+    readings = ("of the axis along x", "of that along y")
     accepts = ("ErrorEstimate",)
     arguments: ClassVar[Mapping[str, Option]] = {
         "dx": Option("size", required=True, help="step of the map along x"),
@@ -56,13 +56,8 @@ class AxesCombined(NamedMethod):
     }
 
     @classmethod
-    def from_inputs(cls, data: Results, options: Mapping[str, Any]) -> PlaneMap:
+    def from_inputs(cls, data: Results, options: Mapping[str, Any]) -> Any:
         """Return the sum of the errors of two axes."""
-        if len(data.items) != 2:
-            raise DataError(
-                f"two results are needed, of the axis along x and of that along y; got "
-                f"{len(data.items)}"
-            )
         rest = dict(options)
         for name in ("alpha", "beta"):
             u = rest.pop(f"u_{name}", None)
@@ -72,7 +67,7 @@ class AxesCombined(NamedMethod):
         for name in ("origin", "reference"):
             if name in rest and len(rest[name]) != 2:
                 raise DataError(f'{name} is x and y: {name} = ["0 mm", "0 mm"]')
-        return plane_map(*data.items, **rest)
+        return super().from_inputs(data, rest)
 
 
 _LARGEST_SLOPE = 0.02

@@ -404,17 +404,13 @@ class RepeatedMaps(NamedMethod):
     """`repeatable` of maps by its name."""
 
     name = "repeatable_maps"
+    function = "repeatable"
     what = "what repeats in several maps of one thing, and what does not"
     reads = "maps"
     arguments: ClassVar[Mapping[str, Option]] = {
         **U_READING,
         "align": RepeatSplit.fields["align"],
     }
-
-    @classmethod
-    def from_inputs(cls, data: Sequence[Surface], options: Mapping[str, Any]) -> Separation:
-        """Return what repeats in the maps."""
-        return repeatable(list(data), **options)
 
 
 def common_stack(
