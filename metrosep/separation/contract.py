@@ -553,11 +553,6 @@ class Unobservable:
         ----------
         data : mapping
             Its keys.
-
-        Returns
-        -------
-        Unobservable
-            Equal to the one that was written.
         """
         return cls(data["part"], data["kind"], tuple(data["indices"]), data["reason"])
 

@@ -183,10 +183,8 @@ def check_probes(
     ------
     TooFewSamplesError
         If there are fewer than four probes, or too few samples for kmax.
-    DataError
-        If `u_reading` is not above zero, or kmax or turn is out of range.
-    InvalidSamplesError
-        If readings or angles cannot be used.
+    DataError, InvalidSamplesError
+        If `u_reading` is not above zero, or readings, angles, kmax or turn cannot be used.
 
     Notes
     -----

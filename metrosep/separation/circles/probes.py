@@ -277,14 +277,6 @@ def multiprobe(
         ``.artefact``, ``.x``, ``.y``: sums of the observable harmonics 2 ... kmax; ``.suppressed``;
         ``.harmonics``, NaN where not observable.
 
-    Raises
-    ------
-    InvalidSamplesError
-        If readings or angles are not finite or of the wrong shape, or the angle of rotation is not
-        in equal steps over whole revolutions.
-    DataError
-        If a setting is out of range, or the profiles do not lie on the same angles.
-
     Notes
     -----
     ``m_i(theta) = r(theta + turn phi_i) + x(theta) cos(phi_i) + y(theta) sin(phi_i)``, least

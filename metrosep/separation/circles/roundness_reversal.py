@@ -136,7 +136,8 @@ def donaldson(
     ----------
     m1, m2 : array_like, shape (n,) or (M, n), m, or Profile over the angle in rad
         Readings before and after artefact and probe were turned by half a revolution, both over
-        the same angles of the artefact, equally spaced over one revolution; or M revolutions.
+        the same 8 or more angles of the artefact, equally spaced over one revolution; or M
+        revolutions.
     angle : array_like, shape (n,), rad, optional
         Angles of the samples, if the readings are arrays; from 0 if omitted.
 
@@ -144,14 +145,6 @@ def donaldson(
     -------
     Separation
         ``.artefact``, ``.spindle``: offset and eccentricity (k = 0, 1) removed; ``.harmonics``.
-
-    Raises
-    ------
-    DataError, InvalidSamplesError, TooFewSamplesError
-        If the readings have different lengths or positions, fewer than 8 samples, or are not
-        finite; if the angles are not equally spaced over one revolution.
-    NotSeparableError
-        If too few angles were measured in both set-ups.
 
     Notes
     -----
@@ -372,7 +365,7 @@ def face_reversal(
     ----------
     f1, f2 : array_like, shape (n,) or (M, n), m, or Profile over the angle in rad
         Face readings before and after plate and face probe were turned by half a revolution,
-        over the same angles of the plate, equally spaced over one revolution.
+        over the same 8 or more angles of the plate, equally spaced over one revolution.
     axial : array_like, shape (n,) or (M, n), m, or Profile
         Reading at the centre.
     axial2 : array_like, shape (n,) or (M, n), m, or Profile, optional
@@ -384,14 +377,6 @@ def face_reversal(
     -------
     Separation
         ``.artefact`` (m), ``.axial`` (m), ``.tilt`` (rad).
-
-    Raises
-    ------
-    DataError, InvalidSamplesError, TooFewSamplesError
-        If the readings have different lengths or positions, fewer than 8 samples, or are not
-        finite; if the radius is not positive, or the angles do not close one revolution.
-    NotSeparableError
-        If too few angles were measured in every set-up.
 
     Notes
     -----

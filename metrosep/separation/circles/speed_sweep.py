@@ -37,6 +37,7 @@ from metrosep.separation._methods import (
     RecordedMethod,
     StoredResult,
     as_stated,
+    described_by,
     type_a,
 )
 from metrosep.separation._readings import as_numbers, known_parts, part_of, real_numbers
@@ -370,6 +371,7 @@ class SpeedTest(NamedMethod):
         )
 
 
+@described_by(fit_speed_sweep)
 @dataclass(frozen=True, slots=True)
 class SpeedGrowth(RecordedMethod):
     """Values at stated speeds, as a polynomial in speed.
@@ -388,19 +390,6 @@ class SpeedGrowth(RecordedMethod):
         Of the speed; (0, 2) is a constant and unbalance.
     unit : {"m", "rad"}, optional
         Of the readings.
-
-    Raises
-    ------
-    TooFewSamplesError
-        If there are not more recordings than powers.
-    InvalidSamplesError
-        If speeds are NaN or negative.
-    DegenerateFitError
-        If there are fewer different speeds than powers.
-    UnitError
-        If a speed is beyond 2000 rev/s: it was given in rev/min.
-    DataError
-        If the powers are not whole numbers from 0, each once, or the unit is another one.
 
     Notes
     -----
@@ -651,13 +640,12 @@ class SpeedFit(StoredResult):
         """
         return _basis(np.asarray(speed, dtype=np.float64), self.powers) @ self.coefficients
 
+    @described_by(evaluate)
     def half_width(self, speed: ArrayLike, *, confidence: float = 0.95) -> FloatArray:
         """Return the half width of the confidence interval of the fit.
 
         Parameters
         ----------
-        speed : array_like, rev/s
-            Where.
         confidence : float, 0 to 1, optional
             Two-sided.
 

@@ -307,11 +307,6 @@ def multistep(
 
     Raises
     ------
-    TooFewSamplesError
-        If there are fewer than 2 positions or too few samples for kmax.
-    InvalidSamplesError
-        If readings or angles are not finite or of the wrong shape, or the angle of the spindle is
-        not in equal steps over whole revolutions.
     DataError
         If `steps` and `angles` are both given or do not fit the rows, or a setting is out of range.
 

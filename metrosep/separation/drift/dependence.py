@@ -20,7 +20,7 @@ from metrosep.core.errors import (
 from metrosep.core.numbers import real
 from metrosep.core.options import Option
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import StoredResult
+from metrosep.separation._methods import StoredResult, described_by
 from metrosep.separation.contract import NamedMethod
 
 __all__ = ["Dependence", "allan_deviation", "drift_against_temperature", "speed_dependence"]
@@ -83,13 +83,9 @@ class Dependence(StoredResult):
         c = np.array([self.coefficients[f"c{p}"].value for p in self.powers])
         return np.where(self._inside(v), basis @ c, np.nan)
 
+    @described_by(evaluate)
     def half_width(self, variable: ArrayLike) -> FloatArray:
         """Return half the width of the interval of the fitted curve.
-
-        Parameters
-        ----------
-        variable : array_like, shape (k,)
-            Speed or temperature, as in the fit.
 
         Returns
         -------

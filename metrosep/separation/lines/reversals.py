@@ -291,8 +291,8 @@ def straightedge_reversal(
     ----------
     m1, m2 : array_like, shape (n,) or (M, n), m, or Profile, or ErrorEstimate
         Readings before and after the edge was turned about its long axis and the probe set to
-        its other side, at the same positions of the edge; or M passes of each; or what was
-        separated from the runs of each.
+        its other side, at the same 4 or more positions of the edge; or M passes of each; or what
+        was separated from the runs of each.
     x : array_like, shape (n,), m, optional
         Positions, if the readings are arrays; equal steps if omitted.
 
@@ -301,12 +301,6 @@ def straightedge_reversal(
     Separation
         ``.artefact`` (the edge), ``.machine`` (the slide), least-squares line removed. Of two
         estimates with ``.covariance("artefact")`` and ``.covariance("machine")``.
-
-    Raises
-    ------
-    DataError, InvalidSamplesError, TooFewSamplesError
-        If the readings have different lengths or positions, fewer than 4 samples, or are not
-        finite.
 
     Notes
     -----

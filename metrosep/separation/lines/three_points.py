@@ -207,11 +207,6 @@ def three_point(
         known) removed; ``.straightness`` and ``.pitch`` over ``coordinates["carriage_x"]``, such
         that all add up to the readings; ``.zero``, NaN where it is not known.
 
-    Raises
-    ------
-    DataError
-        If distances, step, method, zero or pitch do not fit.
-
     Notes
     -----
     Of several passes, those that lack a probe at a position do not count there: each pass has its
@@ -355,8 +350,7 @@ def two_point(
     x : array_like, shape (n,), m, optional
         Positions of the carriage (of its trailing probe), rising in equal steps.
     step : float, m, optional
-        Step between the positions, instead of `x`; the distance if neither is given. With both,
-        the step between the samples of the artefact (not with "sequential").
+        As of `three_point`.
 
     Returns
     -------
@@ -364,11 +358,6 @@ def two_point(
         ``.artefact`` over ``coordinates["x"]``, least-squares line removed; ``.straightness`` over
         ``coordinates["carriage_x"]``, such that both add up to the readings; ``.pitch`` if it was
         read.
-
-    Raises
-    ------
-    DataError
-        If the distance, the step, the method or the pitch do not fit.
 
     Notes
     -----

@@ -178,11 +178,6 @@ def coupled_grid(
 
     Raises
     ------
-    DataError
-        If shapes differ, steps or `u_reading` are not usable, `slopes` or `repeats` is unknown,
-        or there are too many repeats each with other points missing.
-    InvalidSamplesError
-        If readings are not real numbers.
     NotSeparableError
         If one direction has no lines, or the crossings do not join them.
     TooFewSamplesError

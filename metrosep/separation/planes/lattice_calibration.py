@@ -236,11 +236,6 @@ def grid_calibration(
 
     Raises
     ------
-    DataError
-        If shapes differ, a turn or shift is not whole, pitch or `u_reading` are not usable,
-        `repeats` is unknown, or the lattice is too large or too small.
-    InvalidSamplesError
-        If readings are not real numbers.
     NotSeparableError
         If the views lack a quarter turn or a translation, or leave more undetermined than
         translation, rotation and scale; the message names what is missing.
