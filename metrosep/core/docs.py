@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 from collections.abc import Callable, Mapping
-from textwrap import dedent
-from typing import Any, TypeVar
+from textwrap import dedent, fill
+from typing import TYPE_CHECKING, Any, TypeVar
 
-__all__ = ["described_by", "documented"]
+if TYPE_CHECKING:
+    from metrosep.core.options import Option
+
+__all__ = ["describe_options", "described_by", "documented"]
 
 Documented = TypeVar("Documented")
 Function = TypeVar("Function")
@@ -56,10 +60,57 @@ def described_by(*sources: object, errors: bool = True) -> Callable[[Function], 
         of: Any = getattr(function, "__func__", function)  # of a class method
         if of.__doc__:  # None under python -OO
             texts = [inspect.getdoc(s) or "" for s in sources]
+            texts += [_of_arguments(s) for s in sources]
             of.__doc__ = function.__doc__ = _completed(of, texts, errors)
         return function
 
     return complete
+
+
+def describe_options(cls: type, function: Callable[..., Any] | None) -> None:
+    """Complete the docstring of a class, and of its plain function, by what its options say."""
+    known: dict[str, tuple[Option, bool]] = {}
+    for name in getattr(cls, "__annotations__", {}):
+        field = cls.__dict__.get(name)
+        if isinstance(field, dataclasses.Field) and "option" in field.metadata:
+            known[name] = field.metadata["option"], field.default is not dataclasses.MISSING
+    if known and cls.__doc__:
+        sections = _sections(inspect.cleandoc(cls.__doc__))
+        own = _entries(sections.pop("Parameters", []))
+        own |= {n: _entry(n, *option) for n, option in known.items() if n not in own}
+        order = [n for n in cls.__annotations__ if n in own]
+        listed = dict.fromkeys(own[n] for n in (*order, *(n for n in own if n not in order)))
+        parameters = [line for entry in listed for line in entry]
+        cls.__doc__ = _text({"": sections.pop(""), "Parameters": parameters, **sections})
+    if function is not None and function.__doc__:
+        texts = [inspect.cleandoc(cls.__doc__ or ""), _of_arguments(cls)]
+        function.__doc__ = _completed(function, texts, errors=False)
+
+
+def _of_arguments(cls: Any) -> str:
+    """Return what the options of the call of a method say of themselves."""
+    options: Mapping[str, Option] = getattr(cls, "arguments", {}) if inspect.isclass(cls) else {}
+    entries = [_entry(n, o, not o.required) for n, o in options.items()]
+    return _text({"": [""], "Parameters": [line for entry in entries for line in entry]})
+
+
+def _entry(name: str, option: Option, has_default: bool) -> tuple[str, ...]:
+    """Return the entry of an option: type, unit and its sentence of help."""
+    from metrosep.core.numbers import unit_of
+    from metrosep.core.options import KINDS
+
+    kind, plain = KINDS[option.kind], option.kind.removesuffix("s")
+    own = {"integer": "int", "flag": "bool", "text": "str", "pair": "(int, int)"}
+    type_ = own.get(plain, "(float, float)" if plain in ("place", "window") else "float")
+    if option.choices:
+        type_ = "{" + ", ".join(repr(c).replace("'", '"') for c in option.choices) + "}"
+    elif kind.is_list:
+        type_ = f"sequence of {type_}"
+    unit = unit_of(kind.dimension)
+    head = f"{name} : {type_}{unit and f', {unit}'}{', optional' if has_default else ''}"
+    text = option.help[:1].upper() + option.help[1:].rstrip(".") + "."
+    indent = "    "
+    return head, *fill(text, 94, initial_indent=indent, subsequent_indent=indent).split("\n")
 
 
 def _completed(function: Callable[..., Any], sources: list[str], errors: bool) -> str:

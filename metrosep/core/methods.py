@@ -8,10 +8,12 @@ a method is loaded when the method is asked for.
 from __future__ import annotations
 
 import importlib
+import sys
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Literal
 
 from metrosep.core.attached import attached
+from metrosep.core.docs import describe_options
 from metrosep.core.options import Option, options_of
 
 __all__ = ["METHODS", "Method", "Methods"]
@@ -28,6 +30,10 @@ class _Keys:
 
 class Method:
     """Something that makes a result of readings and has a name."""
+
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__(**keywords)
+        describe_options(cls, vars(sys.modules[cls.__module__]).get(cls.__dict__.get("name", "")))
 
     name: ClassVar[str]
     """Name of the method in results and recipes."""

@@ -20,6 +20,7 @@ from metrosep.core.units import parse_quantity
 
 __all__ = [
     "between", "choice", "count", "flag", "is_real", "not_negative", "positive", "quantity", "real",
+    "unit_of",
 ]  # fmt: skip
 
 _UNITS = {
@@ -27,6 +28,11 @@ _UNITS = {
     "acceleration": "m/s2", "torque": "N m", "number": "1", "temperature": "K", "temperature difference": "K",
     "pressure": "Pa", "share": "1", "coefficient of expansion": "1/K",
 }  # fmt: skip
+
+
+def unit_of(dimension: str | None) -> str:
+    """Return the SI unit of a dimension that has a name; nothing for a plain number."""
+    return _UNITS.get(dimension or "", "").removeprefix("1")
 
 
 def is_real(value: object) -> bool:

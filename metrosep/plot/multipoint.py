@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from metrosep.separation.circles.probe_check import ProbeCheck
     from metrosep.separation.circles.speed_sweep import SpeedSweep
     from metrosep.separation.contract import Separation
-    from metrosep.separation.lines.multi_probes import MultiProbe
+    from metrosep.separation.lines.three_points import MultiProbe
     from metrosep.separation.lines.three_points import ThreePoint, TwoPoint
 
 __all__ = [

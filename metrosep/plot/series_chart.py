@@ -307,7 +307,7 @@ def allan_plot(
     tau : array_like, shape (n,), s
         Averaging times.
     deviation : array_like, shape (n,), m
-        As `metrosep.separation.drift.drift.allan_deviation` gives it.
+        As `metrosep.separation.allan_deviation` gives it.
     u : array_like, shape (n,), m, optional
         Its standard uncertainty, drawn as a band of two.
     ax : matplotlib Axes, optional

@@ -50,20 +50,16 @@ if TYPE_CHECKING:
         donaldson as donaldson,
         face_reversal as face_reversal,
     )
-    from metrosep.separation.circles.speed_fit import (
-        SpeedFit as SpeedFit,
-        fit_values as fit_values,
-    )
     from metrosep.separation.circles.speed_sweep import (
+        SpeedFit as SpeedFit,
         SpeedGrowth as SpeedGrowth,
         SpeedSweep as SpeedSweep,
         fit_speed_sweep as fit_speed_sweep,
+        fit_values as fit_values,
     )
     from metrosep.separation.circles.spindle import (
-        iso230_7 as iso230_7,
-    )
-    from metrosep.separation.circles.spindle_method import (
         SpindleSplit as SpindleSplit,
+        iso230_7 as iso230_7,
     )
     from metrosep.separation.circles.spindle_result import (
         SpindleHarmonics as SpindleHarmonics,
@@ -101,10 +97,6 @@ if TYPE_CHECKING:
         ReferenceLine as ReferenceLine,
         straightness_iso230_1 as straightness_iso230_1,
     )
-    from metrosep.separation.lines.multi_probes import (
-        MultiProbe as MultiProbe,
-        multi_probe_straightness as multi_probe_straightness,
-    )
     from metrosep.separation.lines.reversals import (
         StraightedgeReversal as StraightedgeReversal,
         straightedge_reversal as straightedge_reversal,
@@ -115,8 +107,10 @@ if TYPE_CHECKING:
         slope_transfer as slope_transfer,
     )
     from metrosep.separation.lines.three_points import (
+        MultiProbe as MultiProbe,
         ThreePoint as ThreePoint,
         TwoPoint as TwoPoint,
+        multi_probe_straightness as multi_probe_straightness,
         three_point as three_point,
         two_point as two_point,
         zero_error_sag as zero_error_sag,
@@ -258,7 +252,7 @@ METHODS = {
     "two_point": "lines.three_points:TwoPoint",
     "three_point": "lines.three_points:ThreePoint",
     "zero_calibration": "lines.zero_adjustment:ZeroTest",
-    "multi_probe_straightness": "lines.multi_probes:MultiProbe",
+    "multi_probe_straightness": "lines.three_points:MultiProbe",
     "integrate_slopes": "lines.slope_integration:SlopeIntegration",
     "straightness_iso230_1": "lines.iso230_straightness:StraightnessTest",
     "abba": "drift.alternation:AbbaDrift",

@@ -11,19 +11,15 @@ from numpy.typing import ArrayLike
 
 from metrosep.core.docs import described_by
 from metrosep.core.numbers import not_negative
-from metrosep.core.provenance import Step
+from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.separation._readings import plain, reduced
-from metrosep.separation.contract import Separation, SeparationMethod
+from metrosep.separation.contract import History, Parts, Separation, SeparationMethod
 
 __all__ = [
     "History", "Parts", "RecordedMethod", "StoredResult", "as_stated", "described_by", "not_known",
     "pooled", "settle", "type_a",
 ]  # fmt: skip
-
-History = tuple[Step, ...]
-Parts = Mapping[str, ArrayLike]
-"""Parts of a simulation by name."""
 
 
 class RecordedMethod(SeparationMethod):
@@ -80,29 +76,32 @@ class RecordedMethod(SeparationMethod):
 
 
 class StoredResult:
-    """A result of fields that can be copied, and stored as plain values."""
+    """A result of fields: read-only, and it can be copied and stored as plain values."""
 
     __slots__ = ()
-    _not_stored: ClassVar[tuple[str, ...]] = ()
+    _stored: ClassVar[tuple[str, ...]] = ()  # what `to_dict` holds; all fields if empty
+
+    def __post_init__(self) -> None:
+        for name in (f.name for f in fields(self)):  # type: ignore[arg-type]
+            value = getattr(self, name)
+            if isinstance(value, dict):
+                object.__setattr__(self, name, freeze_mapping(value))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return reduced(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI, NaN as None.
-
-        Returns
-        -------
-        dict
-            One key for each field, arrays as lists; large tables are left out.
-        """
-        names = [f.name for f in fields(self)]  # type: ignore[arg-type]
-        return {n: _plain(getattr(self, n)) for n in names if n not in self._not_stored}
+        """Return plain values for JSON, SI, NaN as None: arrays as lists, large tables left out."""
+        names = self._stored or [f.name for f in fields(self)]  # type: ignore[arg-type]
+        return {name: _plain(getattr(self, name)) for name in names}
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, dict) and any(isinstance(v, StoredResult) for v in value.values()):
-        return {str(k): v.to_dict() for k, v in value.items()}
+    """Return plain values of anything; a result that is a mapping, too, says them itself."""
+    if hasattr(value, "to_dict"):
+        return plain(value.to_dict())
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
     return plain(value)
 
 

@@ -337,25 +337,17 @@ def real_numbers(values: Any, name: str) -> NDArray[Any]:
 
 
 def given_parts(
-    method: str,
-    truth: Mapping[str, ArrayLike],
-    errors: Mapping[str, ArrayLike],
-    *,
-    truth_parts: Sequence[str],
-    error_parts: Sequence[str],
+    method: SeparationMethod, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
 ) -> dict[str, FloatArray]:
-    """Return all parts of a simulation, zeros where one is missing."""
-    for given, known, kind in ((truth, truth_parts, "truth"), (errors, error_parts, "error")):
-        for name in given:
-            if name not in known:
-                raise DataError(f"{method} has no {kind} part {name!r}; it has {', '.join(known)}")
-    found = {k: np.asarray(v, dtype=np.float64) for k, v in {**truth, **errors}.items()}
+    """Return all parts of a simulation, of one shape, zeros where one is missing."""
+    found = known_parts(method, truth, errors)
     shapes = {v.shape for v in found.values()}
     if len(shapes) != 1:
-        problem = "none is given" if not shapes else f"the shapes are {sorted(shapes)}"
-        raise DataError(f"{method}: parts of one shape are needed to simulate, {problem}")
+        raise DataError(
+            f"{method.name}: parts of one shape are needed to simulate, the shapes are {sorted(shapes)}"
+        )
     zero = np.zeros(shapes.pop())
-    return {k: found.get(k, zero) for k in (*truth_parts, *error_parts)}
+    return {k: found.get(k, zero) for k in (*method.truth_parts, *method.error_parts)}
 
 
 def curves(

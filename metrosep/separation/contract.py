@@ -11,7 +11,7 @@ import math
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -34,9 +34,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
-    "U_READING", "NamedMethod", "Separation", "SeparationMethod", "Unobservable", "as_rows",
+    "U_READING", "History", "NamedMethod", "Parts", "Separation", "SeparationMethod", "Unobservable", "as_rows",
     "over_line", "over_turn", "suppressed_harmonics",
 ]  # fmt: skip
+
+History = tuple[Step, ...]
+Parts = Mapping[str, ArrayLike]
+"""Parts of a simulation by name."""
 
 _COORDINATE_UNITS = {"angle": "rad", "time": "s"}
 """All other coordinates are lengths in m."""
@@ -221,13 +225,9 @@ class Separation:
         return replace(self, u=u, harmonics_u=spread, audit={**self.audit, "type_b": before})
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the curves as columns with unit suffixes, each after its own coordinate.
+        """Return each coordinate, and after it the parts over it with their u, as columns in SI.
 
-        Returns
-        -------
-        pandas.DataFrame
-            Each coordinate, and after it the parts over it with their standard uncertainty, SI.
-            Where coordinates have different lengths, the shorter columns end in NaN.
+        Where coordinates have different lengths, the shorter columns end in NaN.
 
         Raises
         ------
@@ -248,13 +248,7 @@ class Separation:
         return pd.DataFrame({k: pd.Series(v) for k, v in columns.items()})
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as plain values for JSON (NaN as None).
-
-        Returns
-        -------
-        dict
-            Readable by `from_dict`.
-        """
+        """Return everything as plain values for JSON (NaN as None), readable by `from_dict`."""
         return {
             "method": self.method,
             "parts": {k: plain(v) for k, v in self.parts.items()},
@@ -370,13 +364,25 @@ U_READING: Mapping[str, Option] = {
 class NamedMethod(Method):
     """A method of this package; it makes what the plain function of its name makes."""
 
+    function: ClassVar[str] = ""
+    """Name of the plain function, where it is not that of the method."""
+
     @classmethod
     def from_inputs(cls, data: Any, options: Mapping[str, Any]) -> Any:
-        """Return what the plain function makes of readings over a position, or of maps."""
-        function = getattr(sys.modules[cls.__module__], cls.name)
+        """Return what the plain function makes of curves, maps, results or columns by their role."""
+        function = getattr(sys.modules[cls.__module__], cls.function or cls.name)
+        if cls.reads == "results":
+            if cls.readings and len(data.items) != 2:
+                both = " and ".join(cls.readings)
+                raise DataError(f"two results are needed, {both}; got {len(data.items)}")
+            return function(*data.items, **options)
         if cls.reads == "maps":
             maps = tuple(data)
             return function(*maps, **options) if cls.readings else function(list(maps), **options)
+        if cls.reads == "table":
+            needed = [data.values[role] for role, kind in cls.roles.items() if "?" not in kind]
+            further = {r: v for r, v in data.values.items() if "?" in cls.roles.get(r, "")}
+            return function(*needed, **further, **options)
         place = {} if cls.over == "any" else {cls.over: data.position}
         if cls.over == "angle":
             over_turn(data)
@@ -415,9 +421,7 @@ class SeparationMethod(NamedMethod, ABC):
     """Parts that belong to the machine or the instrument."""
 
     @abstractmethod
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         """Return the noise-free readings that given parts produce.
 
         Parameters
@@ -462,13 +466,7 @@ class SeparationMethod(NamedMethod, ABC):
 
     @abstractmethod
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what this set-up cannot see.
-
-        Returns
-        -------
-        tuple of Unobservable
-            Empty where everything is determined.
-        """
+        """Return what this set-up cannot see; empty where everything is determined."""
 
     def correct(self, readings: ArrayLike) -> FloatArray:
         """Return the readings without the machine's share, as far as it is determined.
@@ -544,19 +542,8 @@ class Unobservable:
         return f"{self.part}: {plural} {shown}{more} not observable: {self.reason}"
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON.
-
-        Returns
-        -------
-        dict
-            Keys ``part``, ``kind``, ``indices``, ``reason``.
-        """
-        return {
-            "part": self.part,
-            "kind": self.kind,
-            "indices": list(self.indices),
-            "reason": self.reason,
-        }
+        """Return plain values for JSON: ``part``, ``kind``, ``indices``, ``reason``."""
+        return {**asdict(self), "indices": list(self.indices)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Unobservable:
@@ -566,11 +553,6 @@ class Unobservable:
         ----------
         data : mapping
             Its keys.
-
-        Returns
-        -------
-        Unobservable
-            Equal to the one that was written.
         """
         return cls(data["part"], data["kind"], tuple(data["indices"]), data["reason"])
 

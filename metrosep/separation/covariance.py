@@ -42,21 +42,11 @@ _STEPS = 9999
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CovarianceModes:
-    """Modes of the covariance of a curve, on equally spaced nodes.
+    """Modes of the covariance of a curve, on equally spaced nodes."""
 
-    Parameters
-    ----------
-    travel : tuple of (float, float), m
-        First and last node.
-    scale : ndarray, shape (r,), m
-        Size of one step of each mode.
-    steps : ndarray of int, shape (g, r)
-        Modes in their steps.
-    """
-
-    travel: tuple[float, float]
-    scale: FloatArray
-    steps: NDArray[np.int16]
+    travel: tuple[float, float]  # m: first and last node
+    scale: FloatArray  # shape (r,), m: size of one step of each mode
+    steps: NDArray[np.int16]  # shape (g, r): modes in their steps
 
     @property
     def nodes(self) -> FloatArray:
@@ -77,20 +67,9 @@ class CovarianceModes:
         )
 
     def covariance(self, x: FloatArray, u: FloatArray) -> FloatArray:
-        """Return the covariance at positions whose standard uncertainties are stated.
+        """Return the covariance (n, n), m^2, at positions x with ``u**2`` as its diagonal.
 
-        Parameters
-        ----------
-        x : ndarray, shape (n,), m
-            Positions.
-        u : ndarray, shape (n,), m
-            Standard uncertainty there; NaN where it is not known.
-
-        Returns
-        -------
-        ndarray, shape (n, n), m^2
-            Symmetric, positive semidefinite, with ``u**2`` as its diagonal; NaN in the rows and
-            columns of positions without an uncertainty.
+        It is symmetric, positive semidefinite, and NaN in rows and columns where u is NaN.
         """
         modes = self(x)
         size = np.sqrt((modes**2).sum(axis=1))
@@ -106,21 +85,10 @@ class CovarianceModes:
     def of(
         cls, x: FloatArray, functions: FloatArray, covariance: FloatArray | None = None
     ) -> CovarianceModes:
-        """Return the modes of ``functions @ coefficients``.
+        """Return the greatest modes of ``functions @ coefficients``, until 1e-4 of the variance is left.
 
-        Parameters
-        ----------
-        x : ndarray, shape (n,), m
-            Rising positions, n >= 2.
-        functions : ndarray, shape (n, m)
-            Functions of position.
-        covariance : ndarray, shape (m, m), optional
-            Of their coefficients; independent, of unit variance, if omitted.
-
-        Returns
-        -------
-        CovarianceModes
-            The greatest modes, until 1e-4 of the variance is left, 60 at most.
+        x rises; functions are (n, m); coefficients are independent, of unit variance, unless their
+        covariance (m, m) is given.
         """
         nodes = np.linspace(x[0], x[-1], min(x.size, _MAX_NODES))
         held = _to_nodes(x, functions, nodes)
@@ -145,23 +113,7 @@ class CovarianceModes:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> CovarianceModes:
-        """Return the modes that `to_dict` wrote.
-
-        Parameters
-        ----------
-        data : mapping
-            As stored.
-
-        Returns
-        -------
-        CovarianceModes
-            The same modes.
-
-        Raises
-        ------
-        DataError
-            If a part is missing, of another shape or not finite.
-        """
+        """Return the modes that `to_dict` wrote; refuse a part that is missing or damaged."""
         try:
             low, high = (float(v) for v in data["travel_m"])
             scale = np.array(data["scale_m"], dtype=np.float64)

@@ -191,7 +191,7 @@ def require_count(method: type[Method], n: int, names: Sequence[str]) -> None:
     """Refuse another number of readings than the method has."""
     known = ", ".join(method.readings)
     most = len(method.readings) + method.spare
-    if method.reads == "curves" and method.readings and n > most:
+    if method.readings and n > most:
         raise InvalidSamplesError(
             f"{most} readings are read ({known}), got {n} ({', '.join(names)}); leave the others out"
         )

@@ -5,7 +5,7 @@ import pytest
 
 from metrosep.errors import DataError
 from metrosep.plot.series_chart import allan_plot, drift_chart
-from metrosep.separation.drift.drift import allan_deviation, iso230_3_drift
+from metrosep.separation import allan_deviation, iso230_3_drift
 
 EXACT = 1e-9
 

@@ -15,7 +15,7 @@ from metrosep.errors import (
     NotSeparableError,
     TooFewSamplesError,
 )
-from metrosep.separation.drift.drift import abba, allan_deviation, iso230_3_drift, joint_drift
+from metrosep.separation import abba, allan_deviation, iso230_3_drift, joint_drift
 
 UM, NM = 1e-6, 1e-9
 ROUNDING = 1e-12  # goal S22, of quantities of the order of one

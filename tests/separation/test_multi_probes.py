@@ -7,7 +7,7 @@ import pytest
 from contracts.separation import SeparationContract
 
 from metrosep.core.errors import MetrosepError, UnitError
-from metrosep.separation.lines.multi_probes import MultiProbe, multi_probe_straightness
+from metrosep.separation.lines.three_points import MultiProbe, multi_probe_straightness
 
 STEP = 2e-3
 SHIFTS = (0, 2, 5, 9)

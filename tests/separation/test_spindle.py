@@ -599,7 +599,7 @@ def test_total_scatters_as_stated(n, m, offset):
 @pytest.mark.slow
 def test_total_of_white_noise_is_that_of_order_statistics():
     """Range of 20 x 36 independent values: sd by its closed form, from the two extremes."""
-    from metrosep.separation.circles._spindle_input import spectrum_of, u_of_total
+    from metrosep.separation.circles.spindle_result import spectrum_of, u_of_total
 
     rng = np.random.default_rng(5)
     flat = rng.normal(size=(4000, 720))

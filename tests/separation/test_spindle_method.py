@@ -5,8 +5,7 @@ import pytest
 from contracts.separation import SeparationContract
 
 from metrosep.core.errors import MetrosepError
-from metrosep.separation.circles.spindle import iso230_7
-from metrosep.separation.circles.spindle_method import SpindleSplit
+from metrosep.separation.circles.spindle import SpindleSplit, iso230_7
 
 M, N, START = 8, 90, 0.3
 ANGLE = START + 2 * np.pi * np.arange(N) / N

@@ -82,8 +82,6 @@ class CircleClosure(RecordedMethod):
     positions : sequence of int, optional
         By how many divisions the artefact was turned on in each set-up, in the order of the
         readings; 0 ... N - 1 (full cross calibration) if omitted. A position may come twice.
-    table_sign : {-1, 1}, optional
-        -1: reading = artefact minus table; +1: the errors add.
 
     Raises
     ------
@@ -114,16 +112,14 @@ class CircleClosure(RecordedMethod):
         help="-1: reading = artefact minus table; 1: the errors add",
     )
 
-    name: ClassVar[str] = "closure"
-    what: ClassVar[str] = (
-        "angle errors of a polygon and of the table that carries it; one column a set-up"
-    )
-    dimension: ClassVar = "angle"
+    name = "closure"
+    what = "angle errors of a polygon and of the table that carries it; one column a set-up"
+    dimension = "angle"
     arguments: ClassVar[Mapping[str, Option]] = {
         "u_reading": Option("angle", help="standard uncertainty of one reading")
     }
-    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
-    error_parts: ClassVar[tuple[str, ...]] = ("machine",)
+    truth_parts = ("artefact",)
+    error_parts = ("machine",)
 
     @classmethod
     def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> Separation:

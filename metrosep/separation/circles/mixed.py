@@ -61,19 +61,11 @@ class OrthogonalMixed(CircleMethod):
 
     Parameters
     ----------
-    kmax : int
-        Highest undulation per revolution, >= 2 and below half the samples.
-    radius : float, m
-        Of the artefact where the slope is read.
     u_slope : float, rad, optional
         Standard deviation of one reading of the slope; with `u_reading` it makes the uncertainty.
     u_angle : float, rad, optional
         Standard uncertainty of the quarter turn between the probes (type B). The motion across
         the displacement probe, which nobody reads, is taken to be as large as x.
-    u_radius : float, m, optional
-        Standard uncertainty of the radius (type B).
-    turn : {1, -1}, optional
-        +1: the part turns against the count of the probe angles.
 
     Raises
     ------
@@ -84,7 +76,7 @@ class OrthogonalMixed(CircleMethod):
     """
 
     kmax: int = option(
-        kind="integer", help="highest undulation that is separated, below half the samples"
+        kind="integer", help="highest undulation per revolution, >= 2 and below half the samples"
     )
     radius: float = option(kind="size", help="of the artefact where the slope is read")
     u_slope: float | None = option(
@@ -93,7 +85,9 @@ class OrthogonalMixed(CircleMethod):
     u_angle: float = option(
         0.0, kind="angle", help="standard uncertainty of the quarter turn between the probes"
     )
-    u_radius: float = option(0.0, kind="uncertainty", help="standard uncertainty of the radius")
+    u_radius: float = option(
+        0.0, kind="uncertainty", help="standard uncertainty of the radius (type B)"
+    )
     turn: Literal[1, -1] = option(
         1,
         kind="integer",
@@ -101,14 +95,14 @@ class OrthogonalMixed(CircleMethod):
         help="1: the part turns against the count of the probe angles; -1: with it",
     )
 
-    name: ClassVar[str] = "orthogonal_mixed"
-    what: ClassVar[str] = "roundness and spindle motion from a displacement and a slope probe"
-    readings: ClassVar[tuple[str, ...]] = ("displacement",)
-    over: ClassVar = "angle"
+    name = "orthogonal_mixed"
+    what = "roundness and spindle motion from a displacement and a slope probe"
+    readings = ("displacement",)
+    over = "angle"
     roles: ClassVar[Mapping[str, str]] = {"slope": "angle"}
     arguments: ClassVar[Mapping[str, Option]] = U_READING
-    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
-    error_parts: ClassVar[tuple[str, ...]] = ("x",)
+    truth_parts = ("artefact",)
+    error_parts = ("x",)
     _sources: ClassVar[str] = "probes"
     _n_sources: ClassVar[int] = 2
 

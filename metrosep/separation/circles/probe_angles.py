@@ -71,13 +71,7 @@ class ProbeAngles:
         return float(self.gain_per_k[self.worst_k])
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON.
-
-        Returns
-        -------
-        dict
-            Angles in degrees under ``angles_deg``; an infinite gain is None.
-        """
+        """Return plain values for JSON: angles as ``angles_deg``, an infinite gain as None."""
         return {
             "angles_deg": np.rad2deg(self.angles).tolist(),
             "gain": _plain(self.gain),
@@ -89,13 +83,7 @@ class ProbeAngles:
         }
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the gain of each undulation from 2 on.
-
-        Returns
-        -------
-        pandas.DataFrame
-            Columns ``k``, ``gain``.
-        """
+        """Return the gain of each undulation from 2 on: ``k``, ``gain``."""
         import pandas as pd
 
         k = np.arange(2, self.gain_per_k.size)
@@ -136,24 +124,9 @@ def optimise_probe_angles(
 
     Parameters
     ----------
-    n : int
-        Number of probes, >= 3.
-    kmax : int
-        Highest undulation per revolution, >= 2.
-    min_separation : float, rad, optional
-        Least angle between two probes, at most pi/2: what their bodies need.
     fixed : array_like, rad, optional
         Angles of probes that stand already; the others are chosen. The first probe stands at 0
         if none is given.
-    tolerance : float, rad, optional
-        Standard deviation with which angles are met; the gain is averaged over such misses, so an
-        arrangement that needs exact angles loses.
-    criterion : {"rms", "worst"}, optional
-        Smallest root mean square gain, or smallest largest gain.
-    resolution : float, rad, optional
-        Finest step of the search; 0.05 degrees if omitted.
-    seed : int, optional
-        Of the starts; the same seed gives the same angles.
 
     Returns
     -------
@@ -237,24 +210,28 @@ def optimise_probe_angles(
 class ProbesChosen(NamedMethod):
     """`optimise_probe_angles` by its name; the table holds the probes that stand already."""
 
-    name: ClassVar[str] = "optimise_probe_angles"
-    what: ClassVar[str] = (
-        "angles of further probes of least noise; the table holds those that stand"
-    )
-    reads: ClassVar = "table"
+    name = "optimise_probe_angles"
+    what = "angles of further probes of least noise; the table holds those that stand"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {"angle": "angle"}
     arguments: ClassVar[Mapping[str, Option]] = {
         "n": Option("integer", required=True, help="number of probes, with those that stand"),
         "kmax": Option("integer", required=True, help="highest undulation that must become known"),
-        "min_separation": Option("angle", help="least angle between two probes"),
-        "tolerance": Option("angle", help="standard deviation by which a probe misses its angle"),
+        "min_separation": Option(
+            "angle", help="least angle between two probes, at most pi/2: what their bodies need"
+        ),
+        "tolerance": Option(
+            "angle",
+            help="standard deviation with which angles are met; the gain is averaged over such misses,"
+            " so an arrangement that needs exact angles loses",
+        ),
         "criterion": Option(
             "text",
             choices=("rms", "worst"),
             help="noise gain over all undulations, or at its worst",
         ),
-        "resolution": Option("angle", help="to which angles are sought"),
-        "seed": Option("integer", help="of the search"),
+        "resolution": Option("angle", help="finest step of the search; 0.05 degrees if omitted"),
+        "seed": Option("integer", help="of the starts; the same seed gives the same angles"),
     }
 
     @classmethod

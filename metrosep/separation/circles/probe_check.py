@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import TooFewSamplesError
-from metrosep.core.inputs import Readings
 from metrosep.core.numbers import positive
 from metrosep.core.options import Option
 from metrosep.core.profile import html_table
@@ -31,8 +30,8 @@ from metrosep.separation.circles._circle import (
     probe_geometry,
     revolutions,
 )
-from metrosep.separation.circles.probes import MultiprobeRoundness
-from metrosep.separation.contract import NamedMethod, as_rows, over_turn
+from metrosep.separation.circles.probes import MultiprobeRoundness, multiprobe
+from metrosep.separation.contract import NamedMethod
 
 __all__ = ["ProbeCheck", "Suspect", "check_probes"]
 
@@ -40,23 +39,15 @@ __all__ = ["ProbeCheck", "Suspect", "check_probes"]
 class ProbesChecked(NamedMethod):
     """`check_probes` by its name."""
 
-    name: ClassVar[str] = "check_probes"
-    what: ClassVar[str] = (
-        "whether four or more probes agree, and which angle or sensitivity is wrong if not"
-    )
-    over: ClassVar = "angle"
+    name = "check_probes"
+    what = "whether four or more probes agree, and which angle or sensitivity is wrong if not"
+    over = "angle"
     arguments: ClassVar[Mapping[str, Option]] = {
         "angles": MultiprobeRoundness.fields["angles"],
         "kmax": Option("integer", required=True, help="highest undulation that is looked at"),
         "u_reading": Option("size", required=True, help="standard uncertainty of one reading"),
         "turn": MultiprobeRoundness.fields["turn"],
     }
-
-    @classmethod
-    def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> ProbeCheck:
-        """Return what the probes disagree by."""
-        over_turn(data)
-        return check_probes(as_rows(data.values), **options)
 
 
 _CHANCE = 0.002
@@ -162,9 +153,15 @@ class ProbeCheck:
         return html_table("Probe check", rows)
 
 
-@described_by(MultiprobeRoundness)
+@described_by(multiprobe, errors=False)
 def check_probes(
-    m: Any, angles: ArrayLike, kmax: int, *, u_reading: float, turn: Literal[1, -1] = 1
+    m: Any,
+    angles: ArrayLike,
+    kmax: int,
+    *,
+    u_reading: float,
+    turn: Literal[1, -1] = 1,
+    angle: ArrayLike | None = None,
 ) -> ProbeCheck:
     """Return whether four or more probes agree, and which probe or angle is wrong if not.
 
@@ -186,10 +183,8 @@ def check_probes(
     ------
     TooFewSamplesError
         If there are fewer than four probes, or too few samples for kmax.
-    DataError
-        If `u_reading` is not above zero, or kmax or turn is out of range.
-    InvalidSamplesError
-        If readings or angles cannot be used.
+    DataError, InvalidSamplesError
+        If `u_reading` is not above zero, or readings, angles, kmax or turn cannot be used.
 
     Notes
     -----
@@ -219,7 +214,7 @@ def check_probes(
             f"three probes always agree; need >= 4 to find a fault, got {phi.size}"
         )
     u_reading = positive(u_reading, "u_reading", dimension="length")
-    given = circle_readings(m, what="check_probes").values
+    given = circle_readings(m, what="check_probes", angle=angle).values
     array = revolutions(given, phi.size, what="probes", n_min=2 * method.kmax + 1).values
     mean = harmonics_of(array, method.kmax).mean(axis=1)
     variance = 2.0 * u_reading**2 / (array.shape[1] * array.shape[2])

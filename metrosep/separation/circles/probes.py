@@ -73,8 +73,6 @@ class MultiprobeRoundness(CircleMethod):
     ----------
     angles : sequence of float, shape (n,), n >= 3, rad
         Where the probes stand, in the order of the readings.
-    kmax : int
-        Highest undulation per revolution that is separated, >= 2 and below half the samples.
     cov : array_like, shape (n,) or (n, n), m^2, optional
         Variances or covariance of one reading of each probe; they weight the probes and, where no
         `u_reading` is given, make the uncertainty. All probes alike if omitted.
@@ -82,10 +80,6 @@ class MultiprobeRoundness(CircleMethod):
         Standard uncertainty of each probe angle, independent (type B).
     u_sensitivity : float or sequence of float, optional
         Relative standard uncertainty of the sensitivity of each probe, independent (type B).
-    max_gain : float, optional
-        An undulation whose noise is magnified more than this is called suppressed.
-    turn : {1, -1}, optional
-        +1: the part turns against the count of the probe angles; -1: with it.
     radius : float, m, optional
         Radius of the artefact: the audit then holds the second undulation that the eccentricity
         itself makes, ``e^2 / (4 radius)``.
@@ -112,7 +106,8 @@ class MultiprobeRoundness(CircleMethod):
         kind="angles", help="where the probes stand, in the order of the readings"
     )
     kmax: int = option(
-        kind="integer", help="highest undulation that is separated, below half the samples"
+        kind="integer",
+        help="highest undulation per revolution that is separated, >= 2 and below half the samples",
     )
     cov: Any = None
     u_angles: Any = option(0.0, kind="angle", help="standard uncertainty of each probe angle")
@@ -122,7 +117,7 @@ class MultiprobeRoundness(CircleMethod):
     max_gain: float = option(
         50.0,
         kind="number",
-        help="an undulation whose noise is magnified more is called suppressed",
+        help="an undulation whose noise is magnified more than this is called suppressed",
     )
     turn: Literal[1, -1] = option(
         1,
@@ -134,14 +129,12 @@ class MultiprobeRoundness(CircleMethod):
         None, kind="size", help="of the artefact: tells the undulation that the eccentricity makes"
     )
 
-    name: ClassVar[str] = "multiprobe"
-    what: ClassVar[str] = (
-        "roundness of an artefact and motion of a spindle in x and y, from 3 or more probes"
-    )
-    over: ClassVar = "angle"
+    name = "multiprobe"
+    what = "roundness of an artefact and motion of a spindle in x and y, from 3 or more probes"
+    over = "angle"
     arguments: ClassVar[Mapping[str, Option]] = U_READING
-    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
-    error_parts: ClassVar[tuple[str, ...]] = ("x", "y")
+    truth_parts = ("artefact",)
+    error_parts = ("x", "y")
     _sources: ClassVar[str] = "probes"
 
     def __post_init__(self) -> None:
@@ -283,14 +276,6 @@ def multiprobe(
     Separation
         ``.artefact``, ``.x``, ``.y``: sums of the observable harmonics 2 ... kmax; ``.suppressed``;
         ``.harmonics``, NaN where not observable.
-
-    Raises
-    ------
-    InvalidSamplesError
-        If readings or angles are not finite or of the wrong shape, or the angle of rotation is not
-        in equal steps over whole revolutions.
-    DataError
-        If a setting is out of range, or the profiles do not lie on the same angles.
 
     Notes
     -----

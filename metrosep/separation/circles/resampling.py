@@ -87,7 +87,10 @@ class AngleSynchronous(StoredResult):
     audit: Mapping[str, Any]
     messages: tuple[str, ...]
 
-    _not_stored: ClassVar[tuple[str, ...]] = ("table",)
+    _stored: ClassVar[tuple[str, ...]] = (
+        "angle", "start", "revolutions", "speed", "speed_unit", "rotation", "noise_gain", "audit",
+        "messages",
+    )  # fmt: skip
 
     @property
     def n_revolutions(self) -> int:

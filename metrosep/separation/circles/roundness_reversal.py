@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import ComplexArray, FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
-from metrosep.core.inputs import Readings, Results
+from metrosep.core.inputs import Readings
 from metrosep.core.numbers import between, count, positive, real
 from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
@@ -72,15 +72,13 @@ class DonaldsonReversal(ReversedPair):
     )
     start: float = 0.0
 
-    name: ClassVar[str] = "donaldson"
-    what: ClassVar[str] = (
-        "roundness of an artefact and radial error motion of a spindle, by reversal"
-    )
-    readings: ClassVar[tuple[str, ...]] = ("m1", "m2")
-    over: ClassVar = "angle"
+    name = "donaldson"
+    what = "roundness of an artefact and radial error motion of a spindle, by reversal"
+    readings = ("m1", "m2")
+    over = "angle"
     arguments: ClassVar[Mapping[str, Option]] = U_READING
-    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
-    error_parts: ClassVar[tuple[str, ...]] = ("spindle",)
+    truth_parts = ("artefact",)
+    error_parts = ("spindle",)
 
     def null_space(self) -> tuple[Unobservable, ...]:
         terms = ("offset", "eccentricity")
@@ -138,7 +136,8 @@ def donaldson(
     ----------
     m1, m2 : array_like, shape (n,) or (M, n), m, or Profile over the angle in rad
         Readings before and after artefact and probe were turned by half a revolution, both over
-        the same angles of the artefact, equally spaced over one revolution; or M revolutions.
+        the same 8 or more angles of the artefact, equally spaced over one revolution; or M
+        revolutions.
     angle : array_like, shape (n,), rad, optional
         Angles of the samples, if the readings are arrays; from 0 if omitted.
 
@@ -146,14 +145,6 @@ def donaldson(
     -------
     Separation
         ``.artefact``, ``.spindle``: offset and eccentricity (k = 0, 1) removed; ``.harmonics``.
-
-    Raises
-    ------
-    DataError, InvalidSamplesError, TooFewSamplesError
-        If the readings have different lengths or positions, fewer than 8 samples, or are not
-        finite; if the angles are not equally spaced over one revolution.
-    NotSeparableError
-        If too few angles were measured in both set-ups.
 
     Notes
     -----
@@ -265,8 +256,6 @@ class FaceReversal(RecordedMethod):
 
     Parameters
     ----------
-    radius : float, m
-        Distance r of the face probe from the axis, > 0.
     start : float, rad, optional
         Angle of the first sample.
 
@@ -276,19 +265,17 @@ class FaceReversal(RecordedMethod):
         If the radius is not positive or above 5 m.
     """
 
-    radius: float = option(kind="size", help="distance of the face probe from the axis")
+    radius: float = option(kind="size", help="distance r of the face probe from the axis, > 0")
     start: float = 0.0
 
-    name: ClassVar[str] = "face_reversal"
-    what: ClassVar[str] = (
-        "flatness of a plate, axial and tilt error motion of a spindle, by reversal"
-    )
-    readings: ClassVar[tuple[str, ...]] = ("F1", "F2", "A")
-    spare: ClassVar[int] = 1
-    over: ClassVar = "angle"
+    name = "face_reversal"
+    what = "flatness of a plate, axial and tilt error motion of a spindle, by reversal"
+    readings = ("F1", "F2", "A")
+    spare = 1
+    over = "angle"
     arguments: ClassVar[Mapping[str, Option]] = U_READING
-    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
-    error_parts: ClassVar[tuple[str, ...]] = ("axial", "tilt")
+    truth_parts = ("artefact",)
+    error_parts = ("axial", "tilt")
 
     @classmethod
     def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> Separation:
@@ -310,13 +297,7 @@ class FaceReversal(RecordedMethod):
         settle(self, radius=radius, start=real(self.start, "start", dimension="angle"))
 
     def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
-        plate, axial, tilt = given_parts(
-            self.name,
-            truth,
-            errors,
-            truth_parts=self.truth_parts,
-            error_parts=self.error_parts,
-        ).values()
+        plate, axial, tilt = given_parts(self, truth, errors).values()
         lift = self.radius * tilt
         return np.stack([axial + lift + plate, axial - lift + plate, axial])
 
@@ -384,7 +365,7 @@ def face_reversal(
     ----------
     f1, f2 : array_like, shape (n,) or (M, n), m, or Profile over the angle in rad
         Face readings before and after plate and face probe were turned by half a revolution,
-        over the same angles of the plate, equally spaced over one revolution.
+        over the same 8 or more angles of the plate, equally spaced over one revolution.
     axial : array_like, shape (n,) or (M, n), m, or Profile
         Reading at the centre.
     axial2 : array_like, shape (n,) or (M, n), m, or Profile, optional
@@ -396,14 +377,6 @@ def face_reversal(
     -------
     Separation
         ``.artefact`` (m), ``.axial`` (m), ``.tilt`` (rad).
-
-    Raises
-    ------
-    DataError, InvalidSamplesError, TooFewSamplesError
-        If the readings have different lengths or positions, fewer than 8 samples, or are not
-        finite; if the radius is not positive, or the angles do not close one revolution.
-    NotSeparableError
-        If too few angles were measured in every set-up.
 
     Notes
     -----
@@ -464,27 +437,27 @@ def _weights(radius: float, n_readings: int) -> dict[str, FloatArray]:
 class Combination(NamedMethod):
     """`combine_harmonics` by its name, from stored results."""
 
-    name: ClassVar[str] = "combine_harmonics"
-    what: ClassVar[str] = "one artefact from the results of several methods, harmonic by harmonic"
-    reads: ClassVar = "results"
-    accepts: ClassVar[tuple[str, ...]] = ("Separation",)
+    name = "combine_harmonics"
+    what = "one artefact from the results of several methods, harmonic by harmonic"
+    reads = "results"
+    accepts = ("Separation",)
     arguments: ClassVar[Mapping[str, Option]] = {
-        "parts": Option("texts", help="parts to combine"),
+        "parts": Option(
+            "texts",
+            help="parts to combine; the motion of the spindle only if it is the same direction in each",
+        ),
         "kmax": Option(
-            "integer", help="highest harmonic; the highest that any result has if left out"
+            "integer",
+            help="highest harmonic of the result; the highest that any of them has if omitted",
         ),
     }
-
-    @classmethod
-    def from_inputs(cls, data: Results, options: Mapping[str, Any]) -> Separation:
-        """Return the combination of all results."""
-        return combine_harmonics(*data.items, **options)
 
 
 _DISAGREE = 5.0
 """Excess of chi-square, in its standard deviations, at which the methods are reported to disagree."""
 
 
+@described_by(Combination)
 def combine_harmonics(
     *separations: Separation, parts: Sequence[str] = ("artefact",), kmax: int | None = None
 ) -> Separation:
@@ -495,10 +468,6 @@ def combine_harmonics(
     *separations : Separation
         Two or more with harmonics of `parts` and their uncertainty, over the same angle of the
         artefact: same zero mark, same sense.
-    parts : sequence of str, optional
-        Parts to combine; the motion of the spindle only if it is the same direction in each.
-    kmax : int, optional
-        Highest harmonic of the result; the highest that any of them has if omitted.
 
     Returns
     -------

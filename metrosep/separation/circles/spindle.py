@@ -22,17 +22,32 @@ from numpy.typing import ArrayLike
 from metrosep.core import inputs
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, FormatMismatchError, InvalidSamplesError
-from metrosep.core.numbers import choice, count, positive
+from metrosep.core.numbers import choice, count, positive, real
 from metrosep.core.options import Option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
 from metrosep.core.units import format_engineering
 from metrosep.parameters.table import Context, ParameterTable
-from metrosep.separation.circles._spindle_input import (
+from metrosep.separation._methods import History, Parts, RecordedMethod, as_stated, settle, type_a
+from metrosep.separation._readings import (
+    as_numbers,
+    checked_readings,
+    harmonics_of,
+    harmonics_u,
+    known_parts,
+    part_of,
+)
+from metrosep.separation.circles.resampling import (
+    AngleSynchronous,
+    index_pulses,
+    resample_by_index,
+)
+from metrosep.separation.circles.spindle_result import (
+    SpindleMotion,
     centre_of,
     circles_of,
-    harmonics_of,
+    harmonics_of_spectrum,
     kept_harmonics,
     limited,
     noise_effect,
@@ -46,15 +61,9 @@ from metrosep.separation.circles._spindle_input import (
     u_of_total,
     width_about,
 )
-from metrosep.separation.circles.resampling import (
-    AngleSynchronous,
-    index_pulses,
-    resample_by_index,
-)
-from metrosep.separation.circles.spindle_result import SpindleMotion
-from metrosep.separation.contract import NamedMethod, over_turn
+from metrosep.separation.contract import NamedMethod, Separation, Unobservable, over_turn
 
-__all__ = ["iso230_7"]
+__all__ = ["SpindleSplit", "iso230_7"]
 
 Direction = Literal["radial", "axial", "tilt", "face"]
 Sensitive = Literal["fixed", "rotating"]
@@ -103,27 +112,10 @@ def iso230_7(
     angle : array_like or str, rad, optional
         Spindle angle at each sample, accumulated or wrapped; name of its channel; the grid (n,) of
         one turn; or None where the columns lie at 2 pi j / n.
-    direction : {"radial", "axial", "tilt", "face"}, optional
-        What the sensors measure.
     sensitive : {"fixed", "rotating"}, optional
         Fixed as on a lathe; rotating as on a boring mill: ``r = X cos t + Y sin t``.
-    center : {"LSC", "MZC", "MRS", "MIC", "MCC"}, optional
-        Least squares, minimum zone (B89.3.4 calls it minimum radial separation, "MRS"), maximum
-        inscribed, minimum circumscribed: centre of the synchronous curve for radial and tilt motion; total motion takes the same.
-    distance : float, m, optional
-        Tilt: distance of the two sensors along the axis, needed.
-    kmax : int, optional
-        Keep harmonics 2 .. kmax only in the synchronous motion; all by default, as the standard.
-    drift : {"keep", "linear"}, optional
-        Whether a straight line over the record is removed first.
-    artefact_radius : float, m, optional
-        Radius of the ball, to tell the false k = 2 of its eccentricity.
     channels : sequence of str, optional
         Names in a mapping or Recording, in the order above.
-    n : int, optional
-        Angles per revolution of resampled signals.
-    seed : int, optional
-        Of the noise drawn for the uncertainty of the synchronous value.
 
     Returns
     -------
@@ -210,11 +202,9 @@ def iso230_7(
 class SpindleTest(NamedMethod):
     """`iso230_7` by its name: by revolution at fixed angles, with an angle, or with an index."""
 
-    name: ClassVar[str] = "iso230_7"
-    what: ClassVar[str] = (
-        "synchronous, asynchronous and total error motion of a spindle, ISO 230-7"
-    )
-    over: ClassVar = "angle"
+    name = "iso230_7"
+    what = "synchronous, asynchronous and total error motion of a spindle, ISO 230-7"
+    over = "angle"
     roles: ClassVar[Mapping[str, str]] = {"index": "any?", "time": "time?"}
     arguments: ClassVar[Mapping[str, Option]] = {
         "direction": Option(
@@ -228,22 +218,32 @@ class SpindleTest(NamedMethod):
         "center": Option(
             "text",
             choices=("LSC", "MZC", "MRS", "MIC", "MCC"),
-            help="centre about which radial and tilt motion are judged",
+            help='least squares, minimum zone (B89.3.4 calls it minimum radial separation, "MRS"), '
+            "maximum inscribed, minimum circumscribed: centre of the synchronous curve for radial"
+            " and tilt motion; total motion takes the same",
         ),
-        "distance": Option("size", help="of the two sensors of a tilt along the axis"),
-        "kmax": Option("integer", help="highest undulation that is kept; all if left out"),
+        "distance": Option(
+            "size", help="distance of the two sensors of a tilt along the axis, needed for tilt"
+        ),
+        "kmax": Option(
+            "integer",
+            help="keep harmonics 2 .. kmax only in the synchronous motion; all by default, as the "
+            "standard",
+        ),
         "drift": Option(
             "text",
             choices=("keep", "linear"),
-            help="linear: a drift of the level is taken off first",
+            help="linear: a straight line over the record is removed first",
         ),
         "artefact_radius": Option(
-            "size", help="tells the undulation that the eccentricity itself makes"
+            "size", help="radius of the ball, to tell the false k = 2 of its eccentricity"
         ),
         "n": Option(
             "integer", help="samples per revolution after resampling by an index or an angle"
         ),
-        "seed": Option("integer", help="of the draws that tell the uncertainty"),
+        "seed": Option(
+            "integer", help="of the noise drawn for the uncertainty of the synchronous value"
+        ),
         "sampling_rate": Option("frequency", help="of the signals beside an index channel"),
         "threshold": Option("number", help="level of the index channel at which a pulse begins"),
         "edge": Option(
@@ -411,7 +411,7 @@ class _Evaluation:
             synchronous_motion=self.curve,
             asynchronous_range=self.spread,
             asynchronous_sd=self.sd,
-            harmonics=harmonics_of(self.spectrum, centred=options.centred),
+            harmonics=harmonics_of_spectrum(self.spectrum, centred=options.centred),
             centre=self.centre,
             revolutions=readings.revolutions,
             audit={
@@ -594,3 +594,149 @@ class _Evaluation:
                 "sensitive direction that is k=1 and is removed with the zeros of the sensors"
             )
         return said
+
+
+# ---- `SpindleSplit`: revolutions split into setting, synchronous and asynchronous motion -----
+
+_ECCENTRIC = "mean and once-per-revolution are how the artefact is set: a fixed sensor cannot tell"
+_ZERO = "the zero of the sensor is arbitrary"
+_FORM = (
+    "the form of the artefact is in every revolution alike: reverse it (donaldson) or use several "
+    "probes (multiprobe)"
+)
+_MEAN = "what all revolutions share is synchronous by definition"
+
+
+@dataclass(frozen=True, slots=True)
+class SpindleSplit(RecordedMethod):
+    """One fixed sensor over whole revolutions, after ISO 230-7, about the least-squares centre.
+
+    Readings (M, n) in m: at least 2 revolutions at the same n angles; one with a NaN is left out.
+    Parts: ``setting`` and ``synchronous``, (n,), over the angle; ``asynchronous``, (M, n), of each
+    revolution (two revolutions are simulated where it is not given).
+
+    Parameters
+    ----------
+    direction : {"radial", "axial", "face"}, optional
+        What the sensor measures. Radial: once-per-revolution is the setting of the artefact. Tilt
+        is radial motion of the two sensors' difference over their distance.
+    start : float, rad, optional
+        Angle of the first sample.
+
+    Raises
+    ------
+    DataError
+        If the direction is unknown or the start no finite number.
+
+    Notes
+    -----
+    `iso230_7` does the work; values after the standard (widths, with their u) are there. With
+    white scatter s: ``s sqrt((1 - p/n)/M)`` for the synchronous motion, p = 3 functions of the
+    setting (1 in axial motion), ``s sqrt(1 - 1/M)`` for the asynchronous.
+
+    Examples
+    --------
+    >>> t = 2 * np.pi * np.arange(64) / 64
+    >>> found = SpindleSplit().separate(np.tile(5e-6 * np.cos(t) + 1e-8 * np.cos(2 * t), (4, 1)))
+    >>> bool(abs(found.synchronous - 1e-8 * np.cos(2 * t)).max() < 1e-18), found.suppressed
+    (True, [0, 1])
+    """
+
+    direction: Literal["radial", "axial", "face"] = "radial"
+    start: float = 0.0
+
+    name = "spindle_split"
+    truth_parts = ("setting",)
+    error_parts = ("synchronous", "asynchronous")
+
+    def __post_init__(self) -> None:
+        choice(self.direction, "direction", ("radial", "axial", "face"))
+        settle(self, start=real(self.start, "start", dimension="angle"))
+
+    @property
+    def _hidden(self) -> tuple[int, ...]:
+        return (0, 1) if self.direction == "radial" else (0,)
+
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
+        parts = known_parts(self, truth, errors)
+        shape = parts["asynchronous"].shape if "asynchronous" in parts else None
+        if shape is None:
+            shape = (2, next(iter(parts.values())).size)
+        if len(shape) != 2:
+            raise DataError(
+                f"{self.name}: asynchronous has the shape (revolutions, n), got {shape}"
+            )
+        setting, synchronous = (
+            part_of(parts, n, shape[1:], self.name) for n in ("setting", "synchronous")
+        )
+        return setting + synchronous + part_of(parts, "asynchronous", shape, self.name)
+
+    def null_space(self) -> tuple[Unobservable, ...]:
+        reason = _ECCENTRIC if self.direction == "radial" else _ZERO
+        return (
+            Unobservable("synchronous", "harmonic", self._hidden, reason),
+            Unobservable("synchronous", "term", ("form of the artefact",), _FORM),
+            Unobservable("asynchronous", "term", ("mean revolution",), _MEAN),
+        )
+
+    def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
+        array = as_numbers(readings, f"{self.name} needs revolutions (M, n) as numbers")
+        if array.ndim != 2:
+            raise InvalidSamplesError(
+                f"{self.name} needs revolutions at the same angles, shape (M, n), got {array.shape}"
+            )
+        array = checked_readings(array[None], names=("sensor",), minimum=8, what=self.name)
+        _, count, n = array.shape
+        angle = self.start + 2 * np.pi * np.arange(n) / n
+        motion = iso230_7(array[0], angle, self.direction)
+        mean = array[0, motion.revolutions].mean(axis=0)
+        rest = np.full((count, n), np.nan)
+        rest[motion.revolutions] = array[0, motion.revolutions] - mean
+        curve = motion.synchronous_motion
+        parts = {"setting": mean - curve, "synchronous": curve, "asynchronous": rest}
+        m, p = motion.n_revolutions, 2 * len(self._hidden) - 1
+        freedom = (m - 1) * n
+        if stated is None:
+            value = math.sqrt(float(np.nansum(rest**2)) / freedom)
+            text = (
+                f"standard deviation of one reading over {m} revolutions, asynchronous motion "
+                "included"
+            )
+            noise = type_a(value, "m", text, freedom)
+        else:
+            noise = as_stated(stated, "m")
+        s = noise.value
+        u = {
+            "setting": np.full(n, s * math.sqrt(p / (n * m))),
+            "synchronous": np.full(n, s * math.sqrt((1.0 - p / n) / m)),
+            "asynchronous": np.where(np.isnan(rest), np.nan, s * math.sqrt(1.0 - 1.0 / m)),
+        }
+        whole = array[:, motion.revolutions]
+        coefficients = harmonics_of(curve, start=self.start, hidden=self._hidden)
+        spread = np.where(
+            np.isfinite(coefficients), harmonics_u(whole, np.ones(1), noise.value), np.nan
+        )
+        return Separation(
+            self.name,
+            parts,
+            u,
+            dict.fromkeys(parts, "m"),
+            {"angle": angle},
+            self.null_space(),
+            noise=noise,
+            harmonics={"synchronous": coefficients},
+            harmonics_u={"synchronous": spread},
+            audit={
+                "direction": motion.direction,
+                "center": motion.center,
+                "revolutions_used": m,
+                "n_angles": n,
+                "removed": motion.audit["removed"],
+                **{
+                    f"{k}_nm": motion[k].value * 1e9
+                    for k in ("synchronous", "asynchronous", "total")
+                },
+            },
+            messages=motion.messages,
+            history=(*history, Step(self.name, {"direction": self.direction})),
+        )

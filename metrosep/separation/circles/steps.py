@@ -69,23 +69,14 @@ class MultistepRoundness(CircleMethod):
     ----------
     angles : sequence of float, shape (P,), P >= 2, rad
         Index positions, in the order of the readings.
-    kmax : int
-        Highest undulation per revolution, >= 2 and below half the samples.
-    u_index : float, rad, optional
-        Standard uncertainty of each index position, independent (type B).
     eccentricity : {"fixed", "free"}, optional
         ``"fixed"``: the artefact keeps its place on the index table, so k = 1 is separated like
         any other; ``"free"``: it was centred anew at each step, and k = 1 is left out.
     drift : {"none", "linear"}, optional
         ``"linear"``: a drift of the level in proportion to time, found from the means of
         consecutive revolutions, is taken off first.
-    step_revolutions : float, optional
-        Time from one step to the next, in revolutions, for the drift; the number of revolutions
-        that were recorded if omitted.
     max_gain : float, optional
         An undulation whose noise is magnified more than this is called suppressed.
-    turn : {1, -1}, optional
-        +1: a step brings points of larger artefact angle to the probe.
 
     Raises
     ------
@@ -109,9 +100,13 @@ class MultistepRoundness(CircleMethod):
         kind="angles", required=False, help="index positions where they are not equal steps"
     )
     kmax: int = option(
-        kind="integer", required=False, help="highest undulation; all below N/2 if left out"
+        kind="integer",
+        required=False,
+        help="highest undulation per revolution, >= 2 and below half the samples",
     )
-    u_index: float = option(0.0, kind="angle", help="standard uncertainty of each index position")
+    u_index: float = option(
+        0.0, kind="angle", help="standard uncertainty of each index position, independent (type B)"
+    )
     eccentricity: Literal["fixed", "free"] = option(
         "fixed",
         kind="text",
@@ -125,7 +120,10 @@ class MultistepRoundness(CircleMethod):
         help="linear: a drift of the level in proportion to time is taken off first",
     )
     step_revolutions: float | None = option(
-        None, kind="number", help="time from step to step in revolutions, for the drift"
+        None,
+        kind="number",
+        help="time from one step to the next, in revolutions, for the drift; the number of "
+        "revolutions that were recorded if omitted",
     )
     max_gain: float = 50.0
     turn: Literal[1, -1] = option(
@@ -135,11 +133,9 @@ class MultistepRoundness(CircleMethod):
         help="1: a step brings points of larger artefact angle to the probe",
     )
 
-    name: ClassVar[str] = "multistep"
-    what: ClassVar[str] = (
-        "roundness of an artefact and error motion of a spindle from indexed set-ups"
-    )
-    over: ClassVar = "angle"
+    name = "multistep"
+    what = "roundness of an artefact and error motion of a spindle from indexed set-ups"
+    over = "angle"
     arguments: ClassVar[Mapping[str, Option]] = {
         **U_READING,
         "steps": Option(
@@ -148,8 +144,8 @@ class MultistepRoundness(CircleMethod):
             "readings if left out",
         ),
     }
-    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
-    error_parts: ClassVar[tuple[str, ...]] = ("spindle",)
+    truth_parts = ("artefact",)
+    error_parts = ("spindle",)
     _sources: ClassVar[str] = "index positions"
 
     def __post_init__(self) -> None:
@@ -300,8 +296,6 @@ def multistep(
         as ``(7, 8)`` for 15 rows. As many as `m` has rows if neither this nor `angles` is given.
     angles : array_like, shape (P,), rad, optional
         Index positions where they are not equal steps.
-    kmax : int, optional
-        Highest undulation; all below N/2 if omitted.
     angle : array_like, shape (N,), rad, optional
         Angle of the spindle at each sample of `m` given as arrays; from 0 in equal steps if
         omitted.
@@ -313,11 +307,6 @@ def multistep(
 
     Raises
     ------
-    TooFewSamplesError
-        If there are fewer than 2 positions or too few samples for kmax.
-    InvalidSamplesError
-        If readings or angles are not finite or of the wrong shape, or the angle of the spindle is
-        not in equal steps over whole revolutions.
     DataError
         If `steps` and `angles` are both given or do not fit the rows, or a setting is out of range.
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -17,25 +17,23 @@ from metrosep.core._arrays import FloatArray, as_float
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
 from metrosep.core.inputs import Readings
 from metrosep.core.options import Option, option
-from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
+from metrosep.separation._methods import History, Parts, RecordedMethod, StoredResult, pooled
 from metrosep.separation._readings import (
     NOISE_UNKNOWN,
     as_numbers,
     checked_count,
     checked_sd,
     known_parts,
-    plain,
-    reduced,
-    stated_u,
 )
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import Separation, Unobservable
 
 __all__ = ["AbbaDrift", "DriftFreeDifference", "abba"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class DriftFreeDifference:
+class DriftFreeDifference(StoredResult):
     """A minus B of one or more A-B-B-A sequences.
 
     Parameters
@@ -68,21 +66,6 @@ class DriftFreeDifference:
     audit: Mapping[str, Any] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, NaN as None.
-
-        Returns
-        -------
-        dict
-            ``difference``, ``u``, ``each``, ``drift_rate``, ``weights``, ``quadratic_gain``,
-            ``audit``, ``messages``.
-        """
-        found: dict[str, Any] = plain({f.name: getattr(self, f.name) for f in fields(self)})
-        return found
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
-
     def __repr__(self) -> str:
         shape = (
             f"shape {self.difference.shape}" if self.difference.ndim else f"{self.difference:.6g}"
@@ -104,8 +87,6 @@ def abba(
     readings : array_like, shape (4 s, ...)
         Scalars, profiles or maps in the order of time, s sequences one after the other. NaN where
         not measured.
-    order : {"ABBA", "BAAB"}, optional
-        What was measured first.
     t : array_like, shape (4 s,), s, optional
         Times. Without them the steps are equal; with them the weights are such that linear drift
         cancels for any steps.
@@ -165,13 +146,11 @@ def abba(
         drift_rate=_mean(rate),
         weights=weights[0],
         quadratic_gain=float(np.mean(np.sum(weights * centred**2, axis=1))),
-        audit=freeze_mapping(
-            {
-                "order": order,
-                "n_sequences": n_sequences,
-                "times": "given" if t is not None else "equal steps",
-            }
-        ),
+        audit={
+            "order": order,
+            "n_sequences": n_sequences,
+            "times": "given" if t is not None else "equal steps",
+        },
         messages=_messages(each, sd),
     )
 
@@ -284,15 +263,13 @@ def in_time(data: Readings) -> tuple[FloatArray, FloatArray | None]:
 
 
 @dataclass(frozen=True, slots=True)
-class AbbaDrift(SeparationMethod):
+class AbbaDrift(RecordedMethod):
     """Sequences A-B-B-A of readings; each reading a number, a profile or a map.
 
     Parameters
     ----------
     n_sequences : int, optional
         How many, one after the other.
-    order : {"ABBA", "BAAB"}, optional
-        What was measured first.
     t : tuple of float, s, optional
         Times of all readings; equal steps if omitted.
 
@@ -304,6 +281,14 @@ class AbbaDrift(SeparationMethod):
         If the times are not finite and rising, or not 4 for each sequence.
     NotSeparableError
         If at these times drift and difference look the same.
+
+    Notes
+    -----
+    Readings (4 n_sequences, ...) in m, in the order of time. Parts: ``difference`` A - B, and
+    ``drift_rate``, change per second, per step where no times are given. `abba` does the work. From
+    sequences, u of the difference is their scatter at each point, as there; u of the rate takes the
+    noise pooled over points. With `u_reading` s and n whole sequences of equal steps:
+    ``s / sqrt(n)`` and ``s / sqrt(5 n)`` per step.
 
     Examples
     --------
@@ -318,17 +303,15 @@ class AbbaDrift(SeparationMethod):
     )
     t: tuple[float, ...] | None = None
 
-    name: ClassVar[str] = "abba"
-    what: ClassVar[str] = (
-        "A minus B without drift; rows (with time) or columns in the order A B B A"
-    )
+    name = "abba"
+    what = "A minus B without drift; rows (with time) or columns in the order A B B A"
     roles: ClassVar[Mapping[str, str]] = {"time": "time?"}
     arguments: ClassVar[Mapping[str, Option]] = {
         "times": Option("times", help="of the columns; equal steps if left out"),
         "sd": Option("uncertainty", help="standard deviation of one reading"),
     }
-    truth_parts: ClassVar[tuple[str, ...]] = ("difference",)
-    error_parts: ClassVar[tuple[str, ...]] = ("drift_rate",)
+    truth_parts = ("difference",)
+    error_parts = ("drift_rate",)
 
     @classmethod
     def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> DriftFreeDifference:
@@ -355,28 +338,7 @@ class AbbaDrift(SeparationMethod):
         rates = [abba(np.eye(4), order=self.order, t=t).drift_rate for t in times]
         return unit.each, np.stack(rates)
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
-        """Return the readings of given parts, their mean level zero.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (...)
-            ``difference`` A - B.
-        errors : mapping of str to array_like, shape (...)
-            ``drift_rate``: change per second, per step where no times were given.
-
-        Returns
-        -------
-        ndarray, shape (4 n_sequences, ...)
-            In the order of time.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown, none is given, or their shapes differ.
-        """
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts = known_parts(self, truth, errors)
         shapes = {v.shape for v in parts.values()}
         if len(shapes) != 1:
@@ -391,56 +353,13 @@ class AbbaDrift(SeparationMethod):
         )
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what the sequence cannot tell.
-
-        Returns
-        -------
-        tuple of Unobservable
-            The level, changes in step with the exchange, and curved drift.
-        """
         return (
             Unobservable("difference", "term", ("in step with A-B-B-A",), _IN_STEP),
             Unobservable("difference", "term", ("drift of higher degree",), _CURVED),
             Unobservable("drift_rate", "term", ("level",), _LEVEL),
         )
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
-    ) -> Separation:
-        """Return the difference and the drift.
-
-        Parameters
-        ----------
-        readings : array_like, shape (4 n_sequences, ...), m
-            In the order of time; NaN = not measured.
-        u_reading : float, m, optional
-            Standard uncertainty of one reading; the scatter of the sequences if omitted.
-        history : tuple of Step, optional
-            Where they came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``difference`` and ``drift_rate``, shape (...).
-
-        Raises
-        ------
-        DataError
-            If `u_reading` is negative or no number.
-        InvalidSamplesError
-            If the readings are not numbers, infinite, not 4 for each sequence, or none was measured.
-
-        Notes
-        -----
-        `abba` does the work. From sequences, u of the difference is their scatter at each point, as
-        there; u of the rate takes the noise pooled over points. With `u_reading` s and n whole
-        sequences of equal steps: ``s / sqrt(n)`` and ``s / sqrt(5 n)`` per step.
-        """
-        stated = stated_u(u_reading, "m")
+    def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
         array = as_numbers(readings, f"{self.name} needs readings as numbers")
         if array.ndim < 2 or array.shape[0] != 4 * self.n_sequences:
             raise InvalidSamplesError(
@@ -482,15 +401,9 @@ def _root(weights: FloatArray, counted: NDArray[np.bool_]) -> FloatArray:
 
 
 def _noise(found: DriftFreeDifference, weights: FloatArray, stated: float | None) -> Quantity:
-    if stated is not None:
-        return Quantity(stated, "m", "standard uncertainty of one reading, as stated", symbol="s")
     gain = np.sqrt((weights**2).sum(axis=1)).reshape(-1, *[1] * found.difference.ndim)
     rest = (found.each - found.difference) / gain
     count = (~np.isnan(found.each)).sum(axis=0)
     freedom = float(np.maximum(count - 1, 0).sum())
-    if freedom < 1.0:
-        text = "standard deviation of one reading; not known"
-        return Quantity(math.nan, "m", text, symbol="s")
-    value = math.sqrt(float(np.nansum(rest**2)) / freedom)
     text = f"standard deviation of one reading, from {found.each.shape[0]} sequences (type A)"
-    return Quantity(value, "m", text, u=value / math.sqrt(2.0 * freedom), symbol="s")
+    return pooled(float(np.nansum(rest**2)), freedom, stated, text)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -17,19 +17,17 @@ from metrosep.core.errors import (
     InvalidSamplesError,
     TooFewSamplesError,
 )
-from metrosep.core.inputs import RoleColumns
 from metrosep.core.numbers import real
 from metrosep.core.options import Option
-from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
-from metrosep.separation._readings import plain, reduced
+from metrosep.separation._methods import StoredResult, described_by
 from metrosep.separation.contract import NamedMethod
 
 __all__ = ["Dependence", "allan_deviation", "drift_against_temperature", "speed_dependence"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Dependence:
+class Dependence(StoredResult):
     """A sum of powers fitted to readings, with intervals.
 
     Parameters
@@ -85,13 +83,9 @@ class Dependence:
         c = np.array([self.coefficients[f"c{p}"].value for p in self.powers])
         return np.where(self._inside(v), basis @ c, np.nan)
 
+    @described_by(evaluate)
     def half_width(self, variable: ArrayLike) -> FloatArray:
         """Return half the width of the interval of the fitted curve.
-
-        Parameters
-        ----------
-        variable : array_like, shape (k,)
-            Speed or temperature, as in the fit.
 
         Returns
         -------
@@ -109,20 +103,6 @@ class Dependence:
     def _inside(self, v: FloatArray) -> NDArray[np.bool_]:
         low, high = float(np.nanmin(self.variable)), float(np.nanmax(self.variable))
         return np.asarray((v >= low) & (v <= high))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI, NaN and infinite as None.
-
-        Returns
-        -------
-        dict
-            One key for each field: ``coefficients``, ``intervals``, ``covariance``, ...
-        """
-        found: dict[str, Any] = plain({f.name: getattr(self, f.name) for f in fields(self)})
-        return found
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
 
     def __repr__(self) -> str:
         return f"Dependence({', '.join(f'{k} {q}' for k, q in self.coefficients.items())})"
@@ -147,10 +127,6 @@ def speed_dependence(
         measured.
     u : array_like, shape (n,), or float, m, optional
         Standard uncertainty of each amplitude. Without it the scatter about the fit tells it.
-    powers : sequence of int, optional
-        Powers of speed: (0, 2) is a geometric part and one that grows as a centrifugal force.
-    confidence : float, optional
-        Of the intervals.
 
     Returns
     -------
@@ -209,8 +185,6 @@ def drift_against_temperature(
     u : array_like, shape (n,), or float, m, optional
         Standard uncertainty of each displacement, independent from one to the next. Without it,
         the residuals tell it, and their correlation in time widens the interval.
-    confidence : float, optional
-        Of the intervals.
 
     Returns
     -------
@@ -385,22 +359,20 @@ def _result(
         said = [*said, f"{missing} of {y.size} readings were not measured: left out"]
     return Dependence(
         powers=powers,
-        coefficients=freeze_mapping(coefficients),
-        intervals=freeze_mapping(intervals),
+        coefficients=coefficients,
+        intervals=intervals,
         covariance=covariance,
         confidence=confidence,
         freedom=freedom,
         variable=variable,
         values=y,
         residual=residual,
-        audit=freeze_mapping(
-            {
-                "variable": name,
-                "powers": list(powers),
-                "n": int(y.size) - missing,
-                "freedom": freedom,
-            }
-        ),
+        audit={
+            "variable": name,
+            "powers": list(powers),
+            "n": int(y.size) - missing,
+            "freedom": freedom,
+        },
         messages=tuple(said),
     )
 
@@ -414,28 +386,26 @@ _CONFIDENCE = Option("number", help="of the intervals, 0.95 is 95 %")
 class OverSpeed(NamedMethod):
     """`speed_dependence` by its name."""
 
-    name: ClassVar[str] = "speed_dependence"
-    what: ClassVar[str] = "how an amplitude of error motion grows with speed"
-    reads: ClassVar = "table"
+    name = "speed_dependence"
+    what = "how an amplitude of error motion grows with speed"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {"speed": "any", "amplitude": "length", "u": "length?"}
     arguments: ClassVar[Mapping[str, Option]] = {
-        "powers": Option("integers", help="of the speed: 0,2 is a constant and unbalance"),
+        "powers": Option(
+            "integers",
+            help="powers of speed: (0, 2) is a geometric part and one that grows as a centrifugal "
+            "force",
+        ),
         "confidence": _CONFIDENCE,
     }
 
-    @classmethod
-    def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> Dependence:
-        """Return the fit of the column of values over the first one."""
-        variable, values = (data.values[role] for role in list(cls.roles)[:2])
-        made = speed_dependence if cls is OverSpeed else drift_against_temperature
-        return made(variable, values, u=data.values.get("u"), **options)
 
-
-class OverTemperature(OverSpeed):
+class OverTemperature(NamedMethod):
     """`drift_against_temperature` by its name."""
 
-    name: ClassVar[str] = "drift_against_temperature"
-    what: ClassVar[str] = "how a displacement follows a temperature"
+    name = "drift_against_temperature"
+    what = "how a displacement follows a temperature"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {
         "temperature": "any", "displacement": "length", "u": "length?",
     }  # fmt: skip

@@ -24,37 +24,33 @@ from metrosep.core.errors import (
 from metrosep.core.inputs import Readings, RoleColumns
 from metrosep.core.numbers import real
 from metrosep.core.options import Option, option
-from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.recording import Recording
+from metrosep.separation._methods import (
+    History,
+    Parts,
+    RecordedMethod,
+    StoredResult,
+    as_stated,
+    not_known,
+    type_a,
+)
 from metrosep.separation._readings import (
     NOISE_UNKNOWN,
     as_numbers,
     checked_sd,
     known_parts,
     part_of,
-    plain,
-    reduced,
-    stated_u,
 )
-from metrosep.separation.contract import NamedMethod, Separation, SeparationMethod, Unobservable
-from metrosep.separation.drift.alternation import DriftFreeDifference, abba, in_time
-from metrosep.separation.drift.dependence import allan_deviation
+from metrosep.separation.contract import NamedMethod, Separation, Unobservable
+from metrosep.separation.drift.alternation import in_time
 from metrosep.separation.runs.joint_method import JointDrift, joint_drift
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = [
-    "DriftFit",
-    "DriftFreeDifference",
-    "DriftTest",
-    "JointDrift",
-    "abba",
-    "allan_deviation",
-    "iso230_3_drift",
-    "joint_drift",
-]
+__all__ = ["DriftFit", "DriftTest", "iso230_3_drift"]
 
 _DISPLACEMENT = 10e-3
 """m; no machine in use drifts further, but readings in um passed as m do."""
@@ -70,7 +66,7 @@ _TESTS = {
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class DriftTest:
+class DriftTest(StoredResult):
     """Drift ranges of one test.
 
     Parameters
@@ -108,14 +104,14 @@ class DriftTest:
     audit: Mapping[str, Any] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
 
-    def to_frame(self) -> pd.DataFrame:
-        """Return the ranges as a data frame.
+    _stored: ClassVar[tuple[str, ...]] = (
+        "kind", "windows", "ranges", "combined", "worst", "span", "audit", "messages",
+    )  # fmt: skip
 
-        Returns
-        -------
-        pandas.DataFrame
-            ``start_min``, ``stop_min``, ``channel`` (``combined`` for the root of the sum of
-            squares), ``range_um`` (channels in rad: urad), ``u_um``.
+    def to_frame(self) -> pd.DataFrame:
+        """Return the ranges as rows: ``start_min``, ``stop_min``, ``channel``, ``range_um``, ``u_um``.
+
+        The channel ``combined`` is the root of the sum of squares; channels in rad are in urad.
         """
         import pandas as pd
 
@@ -133,22 +129,6 @@ class DriftTest:
                 for name, q in [*cells, ("combined", self.combined[i])]
             ]
         return pd.DataFrame(rows)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI, NaN as None; without the record itself.
-
-        Returns
-        -------
-        dict
-            ``kind``, ``windows``, ``ranges``, ``combined``, ``worst``, ``span``, ``audit``,
-            ``messages``.
-        """
-        names = ("kind", "windows", "ranges", "combined", "worst", "span", "audit", "messages")
-        found: dict[str, Any] = plain({name: getattr(self, name) for name in names})
-        return found
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
 
     def __repr__(self) -> str:
         each = ", ".join(str(q) for q in self.combined)
@@ -174,12 +154,6 @@ def iso230_3_drift(
     channels : mapping of str to array_like, shape (n,), m; or names of channels of the recording
         Displacements by name, such as ``{"EX0C": ..., "EY0C": ...}``; NaN where not measured.
         All channels of a recording if omitted.
-    kind : {"environment", "spindle", "axis"}, optional
-        Which test of ISO 230-3: only names the result.
-    windows : sequence of (float, float), s, optional
-        Start and end of each window, both included; the whole record if omitted.
-    span : float, s, optional
-        Also report the largest range within any window of this length (3600: per hour).
     sd : float, m, optional
         Standard deviation of one reading. Without it, from the second differences of each channel.
     angular : sequence of str, optional
@@ -241,20 +215,18 @@ def iso230_3_drift(
     return DriftTest(
         kind=kind,
         windows=spans,
-        ranges=freeze_mapping(ranges),
+        ranges=ranges,
         combined=combined,
-        worst=freeze_mapping(worst),
+        worst=worst,
         span=length,
         t=times,
-        channels=freeze_mapping(table),
-        audit=freeze_mapping(
-            {
-                "kind": _TESTS[kind],
-                "windows_min": [[a / 60.0, b / 60.0] for a, b in spans],
-                "noise_sd_nm": {name: v * 1e9 for name, v in noise.items()},
-                "noise_from": "given" if sd is not None else "second differences",
-            }
-        ),
+        channels=table,
+        audit={
+            "kind": _TESTS[kind],
+            "windows_min": [[a / 60.0, b / 60.0] for a, b in spans],
+            "noise_sd_nm": {name: v * 1e9 for name, v in noise.items()},
+            "noise_from": "given" if sd is not None else "second differences",
+        },
         messages=tuple(_messages(times, table, ranges, noise, angular)),
     )
 
@@ -375,20 +347,23 @@ def _worst(
 class DriftOfChannels(NamedMethod):
     """`iso230_3_drift` by its name."""
 
-    name: ClassVar[str] = "iso230_3_drift"
-    what: ClassVar[str] = "thermal drift of several channels over windows of time, ISO 230-3"
-    reads: ClassVar = "table"
+    name = "iso230_3_drift"
+    what = "thermal drift of several channels over windows of time, ISO 230-3"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {"time": "time", "readings": "length*"}
     arguments: ClassVar[Mapping[str, Option]] = {
         "kind": Option(
             "text",
             choices=("environment", "spindle", "axis"),
-            help="which test of ISO 230-3 it is",
+            help="which test of ISO 230-3: only names the result",
         ),
         "windows": Option(
             "windows", help="in which the drift is judged; those of the test if left out"
         ),
-        "span": Option("time", help="length of a window that is moved over the test"),
+        "span": Option(
+            "time",
+            help="also report the largest range within any window of this length (3600: per hour)",
+        ),
         "sd": Option("uncertainty", help="standard deviation of one reading"),
         "names": Option("texts", help="of the channels; those of the columns if left out"),
     }
@@ -469,7 +444,7 @@ _FOLLOWS = "what changes in step with the labels looks like the quantities"
 
 
 @dataclass(frozen=True, slots=True)
-class DriftFit(SeparationMethod):
+class DriftFit(RecordedMethod):
     """Readings at stated times of quantities with stated names.
 
     Parameters
@@ -478,12 +453,6 @@ class DriftFit(SeparationMethod):
         Times, rising.
     labels : tuple of str
         What was measured at each; ``tuple("ABBA")``.
-    degree : int, optional
-        Of the polynomial drift, 0 to 8.
-    n_pieces : int, optional
-        Cubic spline of so many pieces instead.
-    reference : float, s, optional
-        Where the drift is zero; the first time if omitted.
 
     Raises
     ------
@@ -496,6 +465,13 @@ class DriftFit(SeparationMethod):
     TooFewSamplesError
         If there are fewer readings than unknowns.
 
+    Notes
+    -----
+    Readings (n_times, ...) in m, one (number, profile, map) for each time. Parts: ``values``
+    (n_labels, ...) at the reference time, in the order in which the labels first occur; ``drift``
+    (n_times, ...). `joint_drift` does the work and has the covariance that differences need: all
+    values share the drift. The noise is pooled over the points, u is that of each point.
+
     Examples
     --------
     >>> found = DriftFit((0.0, 1.0, 2.0, 3.0), tuple("ABBA")).separate([[7.0], [3.1], [3.2], [7.3]])
@@ -507,22 +483,22 @@ class DriftFit(SeparationMethod):
     labels: tuple[str, ...]
     degree: int = option(1, kind="integer", help="of the polynomial in time that the drift is")
     n_pieces: int | None = option(
-        None, kind="integer", help="pieces of a broken line in place of a polynomial"
+        None, kind="integer", help="pieces of a cubic spline in place of a polynomial"
     )
     reference: float | None = option(
         None, kind="time", help="time at which the drift is zero; the first one if left out"
     )
 
-    name: ClassVar[str] = "joint_drift"
-    what: ClassVar[str] = "repeated quantities and the drift between them, from one fit over time"
+    name = "joint_drift"
+    what = "repeated quantities and the drift between them, from one fit over time"
     roles: ClassVar[Mapping[str, str]] = {"time": "time?", "label": "label?"}
     arguments: ClassVar[Mapping[str, Option]] = {
         "times": Option("times", help="of the columns, where they follow each other in time"),
         "labels": Option("texts", help="what was measured each time; one quantity if left out"),
         "sd": Option("uncertainty", help="standard deviation of one reading"),
     }
-    truth_parts: ClassVar[tuple[str, ...]] = ("values",)
-    error_parts: ClassVar[tuple[str, ...]] = ("drift",)
+    truth_parts = ("values",)
+    error_parts = ("drift",)
 
     @classmethod
     def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> JointDrift:
@@ -554,28 +530,7 @@ class DriftFit(SeparationMethod):
             sd=sd,
         )
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
-        """Return the readings of given parts.
-
-        Parameters
-        ----------
-        truth : mapping of str to array_like, shape (n_labels, ...)
-            ``values`` in the order in which the labels first occur.
-        errors : mapping of str to array_like, shape (n_times, ...)
-            ``drift`` at each time.
-
-        Returns
-        -------
-        ndarray, shape (n_times, ...)
-            Readings.
-
-        Raises
-        ------
-        DataError
-            If a part is unknown, none is given, or of another shape.
-        """
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts = known_parts(self, truth, errors)
         known = list(dict.fromkeys(self.labels))
         points = next(iter(parts.values())).shape[1:]
@@ -584,56 +539,12 @@ class DriftFit(SeparationMethod):
         return values[[known.index(label) for label in self.labels]] + drift
 
     def null_space(self) -> tuple[Unobservable, ...]:
-        """Return what the fit cannot tell.
-
-        Returns
-        -------
-        tuple of Unobservable
-            The common level, and drift that follows the labels.
-        """
         return (
             Unobservable("values", "term", ("in step with the labels",), _FOLLOWS),
             Unobservable("drift", "term", ("level",), _LEVEL),
         )
 
-    def separate(
-        self,
-        readings: ArrayLike,
-        *,
-        u_reading: float | None = None,
-        history: tuple[Step, ...] = (),
-    ) -> Separation:
-        """Return the quantities and the drift.
-
-        Parameters
-        ----------
-        readings : array_like, shape (n_times, ...), m
-            One reading (number, profile, map) for each time; NaN = not measured.
-        u_reading : float, m, optional
-            Standard uncertainty of one reading; the residuals at each point if omitted.
-        history : tuple of Step, optional
-            Where they came from.
-
-        Returns
-        -------
-        Separation
-            Parts ``values`` (n_labels, ...) at the reference time and ``drift`` (n_times, ...).
-
-        Raises
-        ------
-        DataError
-            If `u_reading` is negative or no number.
-        InvalidSamplesError
-            If the readings are not numbers, infinite, or not one for each time.
-        TooFewSamplesError
-            If no point has enough readings.
-
-        Notes
-        -----
-        `joint_drift` does the work and has the covariance that differences need: all values share
-        the drift. The noise is pooled over the points, u is that of each point.
-        """
-        stated = stated_u(u_reading, "m")
+    def _solved(self, readings: ArrayLike, stated: float | None, history: History) -> Separation:
         array = as_numbers(readings, f"{self.name} needs readings as numbers")
         if array.ndim < 2 or array.shape[0] != len(self.t) or 0 in array.shape:
             raise InvalidSamplesError(
@@ -664,14 +575,9 @@ class DriftFit(SeparationMethod):
 
 
 def _method_noise(fit: JointDrift, stated: float | None) -> Quantity:
-    if stated is not None:
-        return Quantity(stated, "m", "standard uncertainty of one reading, as stated", symbol="s")
     known = fit.sd[np.isfinite(fit.sd)]
-    if not known.size:
-        text = "standard deviation of one reading; not known"
-        return Quantity(math.nan, "m", text, symbol="s")
-    value = math.sqrt(float(np.mean(known**2)))
-    freedom = fit.audit["n_readings"] - fit.audit["n_unknowns"]
+    if stated is not None or not known.size:
+        return not_known("m") if stated is None else as_stated(stated, "m")
+    freedom = (fit.audit["n_readings"] - fit.audit["n_unknowns"]) * known.size
     text = "standard deviation of one reading, from the residuals (type A)"
-    u = value / math.sqrt(2.0 * freedom * known.size)
-    return Quantity(value, "m", text, u=u, symbol="s")
+    return type_a(math.sqrt(float(np.mean(known**2))), "m", text, freedom)

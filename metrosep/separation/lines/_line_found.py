@@ -11,21 +11,19 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DegenerateFitError, NotSeparableError, TooFewSamplesError
 from metrosep.core.units import format_length
-from metrosep.separation.lines._line_probes import (
+from metrosep.separation.lines._line_problem import (
+    Problem,
     Row,
     Rows,
+    Stations,
     grid_of,
     interpolation,
     kinds_of,
-    rows_without_carriage,
-)
-from metrosep.separation.lines._line_problem import (
-    Problem,
-    Stations,
     longest_run,
     needed_travel,
     probe_places,
     read_samples,
+    rows_without_carriage,
 )
 
 

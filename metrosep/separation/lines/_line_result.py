@@ -33,18 +33,20 @@ from metrosep.separation.contract import (
     as_rows,
 )
 from metrosep.separation.lines._line_found import Found, solve
-from metrosep.separation.lines._line_probes import Row, interpolation, positions
 from metrosep.separation.lines._line_problem import (
     PARABOLA,
     Problem,
+    Row,
     Sensor,
     check_overlap,
     check_size,
     check_steps,
     checked_sensor,
     has_end_waves,
+    interpolation,
     null_space_of,
     pooled_noise,
+    positions,
     problem_of,
     transfer_of,
 )
@@ -56,7 +58,7 @@ SMOOTHING = "weight of the penalty of generalised and combined"
 class ProbeRowMethod(SeparationMethod):
     """Probes in a row on one carriage; derived classes say where they sit."""
 
-    over: ClassVar = "x"
+    over = "x"
     roles: ClassVar[Mapping[str, str]] = {"pitch": "angle?"}
     arguments: ClassVar[Mapping[str, Option]] = {
         **U_READING,

@@ -33,7 +33,6 @@ from metrosep.separation._readings import (
     left_share,
     line_basis,
     part_of,
-    plain,
     unit_message,
 )
 from metrosep.separation.contract import (
@@ -93,6 +92,10 @@ class MotionStraightness(StoredResult):
     messages: tuple[str, ...] = ()
     bias: Mapping[str, float] = field(default_factory=dict)
 
+    _stored: ClassVar[tuple[str, ...]] = (
+        "reference", "values", "slopes", "bias", "x", "residual", "audit", "messages", "deviations",
+    )  # fmt: skip
+
     @property
     def quantity(self) -> Quantity:
         """Straightness from the chosen line."""
@@ -119,13 +122,7 @@ class MotionStraightness(StoredResult):
         return cast(Profile, self.deviations[self.reference].residual).x
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the three lines as a data frame.
-
-        Returns
-        -------
-        pandas.DataFrame
-            Index ``reference``; columns ``straightness_um``, ``u_um``, ``slope_urad``, ``chosen``.
-        """
+        """Return a row per line: ``straightness_um``, ``u_um``, ``slope_urad``, ``chosen``."""
         import pandas as pd
 
         rows = {
@@ -138,20 +135,6 @@ class MotionStraightness(StoredResult):
             for key, q in self.values.items()
         }
         return pd.DataFrame.from_dict(rows, orient="index").rename_axis("reference")
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI, NaN as None.
-
-        Returns
-        -------
-        dict
-            ``reference``, ``values``, ``slopes``, ``bias``, ``deviations`` by line; ``x`` and
-            ``residual`` of the chosen one; ``audit``, ``messages``.
-        """
-        lines = {key: d.to_dict() for key, d in self.deviations.items()}
-        names = ("reference", "values", "slopes", "bias", "x", "residual", "audit", "messages")
-        found: dict[str, Any] = plain({name: getattr(self, name) for name in names})
-        return {**found, "deviations": plain(lines)}
 
     def __repr__(self) -> str:
         each = ", ".join(f"{key} {q}" for key, q in self.values.items())
@@ -176,9 +159,6 @@ def straightness_iso230_1(
         Deviations where `profile` holds positions; NaN where not measured.
     reference : {"MZ", "LS", "EP"}, optional
         Minimum zone (the reference method), least squares or end points: which is `value`.
-    sd : float, m, optional
-        Standard uncertainty of one deviation, independent from point to point: the standard
-        deviation of one reading over the root of the number of runs averaged.
     seed : int, optional
         Of the simulation behind u and bias.
 
@@ -358,10 +338,10 @@ _FORM = "the form of the reference reads like the axis: reverse it (straightedge
 class StraightnessTest(NamedMethod):
     """`straightness_iso230_1` by its name."""
 
-    name: ClassVar[str] = "straightness_iso230_1"
-    what: ClassVar[str] = "straightness of a motion from three reference lines, ISO 230-1"
-    readings: ClassVar[tuple[str, ...]] = ("deviation",)
-    over: ClassVar = "x"
+    name = "straightness_iso230_1"
+    what = "straightness of a motion from three reference lines, ISO 230-1"
+    readings = ("deviation",)
+    over = "x"
     arguments: ClassVar[Mapping[str, Option]] = {
         "reference": Option(
             "text",
@@ -370,7 +350,8 @@ class StraightnessTest(NamedMethod):
         ),
         "sd": Option(
             "uncertainty",
-            help="standard deviation of one reading; of several repeats from their scatter",
+            help="standard uncertainty of one deviation, independent from point to point: the standard"
+            " deviation of one reading over the root of the number of runs averaged",
         ),
     }
 
@@ -441,9 +422,9 @@ class ReferenceLine(RecordedMethod):
     x: tuple[float, ...]
     line: Literal["LS", "EP"] = "LS"
 
-    name: ClassVar[str] = "reference_line"
-    truth_parts: ClassVar[tuple[str, ...]] = ("reference",)
-    error_parts: ClassVar[tuple[str, ...]] = ("straightness",)
+    name = "reference_line"
+    truth_parts = ("reference",)
+    error_parts = ("straightness",)
 
     def __post_init__(self) -> None:
         x = frozen_float(self.x, name="x", ndim=1, min_size=4)

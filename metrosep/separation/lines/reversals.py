@@ -10,14 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
-from metrosep.core.inputs import Results
 from metrosep.core.numbers import not_negative
 from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
@@ -74,9 +73,7 @@ class ReversedPair(RecordedMethod):
     """Two readings ``A + M`` and ``A - M``; methods say what alignment takes from each."""
 
     def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
-        part, machine = given_parts(
-            self.name, truth, errors, truth_parts=self.truth_parts, error_parts=self.error_parts
-        ).values()
+        part, machine = given_parts(self, truth, errors).values()
         return np.stack([part + machine, part - machine])
 
     @property
@@ -156,13 +153,13 @@ class StraightedgeReversal(ReversedPair):
         help="standard uncertainty of a change of the edge between the set-ups; half of it goes into both",
     )
 
-    name: ClassVar[str] = "straightedge_reversal"
-    what: ClassVar[str] = "form of a straightedge and straightness of a slide, by reversal"
-    readings: ClassVar[tuple[str, ...]] = ("m1", "m2")
-    over: ClassVar = "x"
+    name = "straightedge_reversal"
+    what = "form of a straightedge and straightness of a slide, by reversal"
+    readings = ("m1", "m2")
+    over = "x"
     arguments: ClassVar[Mapping[str, Option]] = U_READING
-    truth_parts: ClassVar[tuple[str, ...]] = ("artefact",)
-    error_parts: ClassVar[tuple[str, ...]] = ("machine",)
+    truth_parts = ("artefact",)
+    error_parts = ("machine",)
 
     def null_space(self) -> tuple[Unobservable, ...]:
         return tuple(Unobservable(p, "polynomial", (0, 1), _LINE) for p in ("artefact", "machine"))
@@ -265,26 +262,16 @@ class StraightedgeReversal(ReversedPair):
 class EstimatesReversed(NamedMethod):
     """`straightedge_reversal` of the stored results of two estimates."""
 
-    name: ClassVar[str] = "reversal_of_estimates"
-    what: ClassVar[str] = (
-        "straightedge and slide from the results of runs before and after the edge was reversed"
-    )
-    reads: ClassVar = "results"
-    readings: ClassVar[tuple[str, ...]] = ("m1", "m2")
-    accepts: ClassVar[tuple[str, ...]] = ("ErrorEstimate",)
+    name = "reversal_of_estimates"
+    function = "straightedge_reversal"
+    what = "straightedge and slide from the results of runs before and after the edge was reversed"
+    reads = "results"
+    readings = ("before the edge was reversed", "after it")
+    accepts = ("ErrorEstimate",)
     arguments: ClassVar[Mapping[str, Option]] = {
         name: StraightedgeReversal.fields[name]
         for name in ("u_registration", "u_common", "u_drift")
     }
-
-    @classmethod
-    def from_inputs(cls, data: Results, options: Mapping[str, Any]) -> Separation:
-        """Return the parts of two estimates."""
-        if len(data.items) != 2:
-            raise DataError(
-                f"two results are needed, before and after the edge was reversed; got {len(data.items)}"
-            )
-        return straightedge_reversal(*data.items, **options)
 
 
 @described_by(StraightedgeReversal, StraightedgeReversal.separate)
@@ -304,8 +291,8 @@ def straightedge_reversal(
     ----------
     m1, m2 : array_like, shape (n,) or (M, n), m, or Profile, or ErrorEstimate
         Readings before and after the edge was turned about its long axis and the probe set to
-        its other side, at the same positions of the edge; or M passes of each; or what was
-        separated from the runs of each.
+        its other side, at the same 4 or more positions of the edge; or M passes of each; or what
+        was separated from the runs of each.
     x : array_like, shape (n,), m, optional
         Positions, if the readings are arrays; equal steps if omitted.
 
@@ -314,12 +301,6 @@ def straightedge_reversal(
     Separation
         ``.artefact`` (the edge), ``.machine`` (the slide), least-squares line removed. Of two
         estimates with ``.covariance("artefact")`` and ``.covariance("machine")``.
-
-    Raises
-    ------
-    DataError, InvalidSamplesError, TooFewSamplesError
-        If the readings have different lengths or positions, fewer than 4 samples, or are not
-        finite.
 
     Notes
     -----

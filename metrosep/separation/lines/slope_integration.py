@@ -113,15 +113,17 @@ class SlopeIntegration(RecordedMethod):
         False, kind="flag", help="true: the zero of the slope is known, and so is the line"
     )
 
-    name: ClassVar[str] = "integrate_slopes"
-    what: ClassVar[str] = "heights of a surface from slopes; each column a pass"
-    over: ClassVar = "x"
-    dimension: ClassVar = "angle"
+    name = "integrate_slopes"
+    what = "heights of a surface from slopes; each column a pass"
+    over = "x"
+    dimension = "angle"
     arguments: ClassVar[Mapping[str, Option]] = {
-        "u_slope": Option("angle", help="standard uncertainty of one reading")
+        "u_slope": Option(
+            "angle", help="standard uncertainty of one slope; the scatter of the passes if omitted"
+        )
     }
-    truth_parts: ClassVar[tuple[str, ...]] = ("height",)
-    error_parts: ClassVar[tuple[str, ...]] = ("zero",)
+    truth_parts = ("height",)
+    error_parts = ("zero",)
 
     @classmethod
     def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> Any:
@@ -207,8 +209,6 @@ def integrate_slopes(
         Positive where the surface rises with x; or R passes. NaN = not measured.
     x : array_like, shape (n,), m
         Positions, rising. For "feet": of the rear foot.
-    u_slope : float, rad, optional
-        Standard uncertainty of one slope; the scatter of the passes if omitted.
 
     Returns
     -------

@@ -62,8 +62,6 @@ def zero_calibration(
     flat : array_like, shape (3, n) or (3,), or 0.0, m, optional
         Known form of a flat under each probe at each reading; 0.0 for a perfect flat. Its flatness
         is `u_flat`, not a height.
-    u_flat : float, m, optional
-        Standard uncertainty of the known second difference of the flat; it does not average out.
     pitch : array_like, shape (n,), rad, optional
         Readings of an angle sensor, positive where the leading end reads more; with `u_pitch`,
         `step` and `u_reading` (or repeats).
@@ -153,11 +151,9 @@ def _weights(distance: float | tuple[float, float]) -> FloatArray:
 class ZeroTest(NamedMethod):
     """`zero_calibration` by its name: three probes over a flat, or before and after a reversal."""
 
-    name: ClassVar[str] = "zero_calibration"
-    what: ClassVar[str] = (
-        "zero difference of three probes, from a flat, a reversal or an angle sensor"
-    )
-    over: ClassVar = "x"
+    name = "zero_calibration"
+    what = "zero difference of three probes, from a flat, a reversal or an angle sensor"
+    over = "x"
     roles: ClassVar[Mapping[str, str]] = {"pitch": "angle?"}
     arguments: ClassVar[Mapping[str, Option]] = {
         **U_READING,
@@ -166,7 +162,11 @@ class ZeroTest(NamedMethod):
             required=True,
             help="between neighbouring probes, two values where they differ",
         ),
-        "u_flat": Option("uncertainty", help="standard uncertainty of the bend of the flat"),
+        "u_flat": Option(
+            "uncertainty",
+            help="standard uncertainty of the known second difference of the flat; it does not average"
+            " out",
+        ),
         "step": Option("size", help="between the positions of the carriage"),
         "u_pitch": Option("angle", help="standard uncertainty of one reading of the pitch"),
     }
@@ -320,9 +320,9 @@ class ZeroAdjustment(RecordedMethod):
     flat: bool = False
     u_flat: float = 0.0
 
-    name: ClassVar[str] = "zero_adjustment"
-    truth_parts: ClassVar[tuple[str, ...]] = ("bend",)
-    error_parts: ClassVar[tuple[str, ...]] = ("zero",)
+    name = "zero_adjustment"
+    truth_parts = ("bend",)
+    error_parts = ("zero",)
 
     def __post_init__(self) -> None:
         d = distances(self.distance)

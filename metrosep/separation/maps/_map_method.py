@@ -16,7 +16,7 @@ from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.separation._readings import given_parts
-from metrosep.separation.contract import Separation, SeparationMethod, Unobservable
+from metrosep.separation.contract import Parts, Separation, SeparationMethod, Unobservable
 from metrosep.separation.maps._map_input import (
     PIXELS,
     MapGrid,
@@ -118,13 +118,9 @@ class MapMethod(SeparationMethod):
             dx=self.dx, dy=self.dy, centre=getattr(self, "centre", None),
         )  # fmt: skip
 
-    def _given(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> tuple[FloatArray, MapGrid]:
+    def _given(self, truth: Parts, errors: Parts) -> tuple[FloatArray, MapGrid]:
         """Return all parts of a simulation as one array with their grid."""
-        parts = given_parts(
-            self.name, truth, errors, truth_parts=self.truth_parts, error_parts=self.error_parts
-        )
+        parts = given_parts(self, truth, errors)
         return self._read(list(parts.values()), list(parts))[:2]
 
 

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.errors import DataError
 from metrosep.core.numbers import positive
 from metrosep.core.options import Option, option
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import described_by
+from metrosep.separation._methods import Parts, described_by
 from metrosep.separation.contract import (
     U_READING,
     NamedMethod,
@@ -59,9 +59,6 @@ def ball_average(
         Steps of plain arrays; pixels if omitted.
     removed : tuple of str, optional
         What alignment and radius decide in each map: ``"piston"``, ``"tilt"``, ``"power"``.
-    correlated : bool, optional
-        Whether neighbours in the order may overlap: the effective number of patches is then found
-        from the autocorrelation along the order.
 
     Returns
     -------
@@ -155,15 +152,17 @@ def ball_average(
 class BallTest(NamedMethod):
     """`ball_average` by its name."""
 
-    name: ClassVar[str] = "ball_average"
-    what: ClassVar[str] = "error of an instrument from maps of many patches of a ball"
-    reads: ClassVar = "maps"
+    name = "ball_average"
+    what = "error of an instrument from maps of many patches of a ball"
+    reads = "maps"
     arguments: ClassVar[Mapping[str, Option]] = {
         "removed": Option(
             "texts", help="terms that are set-up, not form: piston,tilt or piston,tilt,power"
         ),
         "correlated": Option(
-            "flag", help="true: neighbouring pixels of a patch are taken as correlated"
+            "flag",
+            help="true: neighbours in the order may overlap; the effective number of patches is then "
+            "found from the autocorrelation along the order",
         ),
     }
 
@@ -193,31 +192,19 @@ class ThreePositions(MapMethod):
         help="terms that are set-up, not form: piston,tilt or piston,tilt,power",
     )
 
-    name: ClassVar[str] = "three_positions"
-    what: ClassVar[str] = "form of a sphere and error of the interferometer from three positions"
-    reads: ClassVar = "maps"
-    readings: ClassVar[tuple[str, ...]] = ("confocal", "confocal_180", "cats_eye")
+    name = "three_positions"
+    what = "form of a sphere and error of the interferometer from three positions"
+    reads = "maps"
+    readings = ("confocal", "confocal_180", "cats_eye")
     arguments: ClassVar[Mapping[str, Option]] = U_READING
-    truth_parts: ClassVar[tuple[str, ...]] = ("part",)
-    error_parts: ClassVar[tuple[str, ...]] = ("instrument", "diverger_odd")
-
-    @classmethod
-    def from_inputs(cls, data: Sequence[Any], options: Mapping[str, Any]) -> Separation:
-        """Return the parts of exactly three maps."""
-        if len(data) != 3:
-            raise TooFewSamplesError(
-                "three maps are needed (confocal, confocal turned by 180 degrees, cat's eye), got "
-                f"{len(data)}"
-            )
-        return three_positions(*data, **options)
+    truth_parts = ("part",)
+    error_parts = ("instrument", "diverger_odd")
 
     def __post_init__(self) -> None:
         checked_removed(self.removed)
         stored_in_si(self, positive, dx="length", dy="length")
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         part, instrument, diverger = self._given(truth, errors)[0]
         odd = (diverger - _half_turn(diverger)) / 2.0
         return np.stack([instrument + part, instrument + _half_turn(part), instrument - odd])

@@ -16,7 +16,7 @@ from metrosep.core.numbers import choice, count, not_negative, positive
 from metrosep.core.options import Option, option
 from metrosep.core.surface import Surface
 from metrosep.forms.zernike import ZernikeOrder
-from metrosep.separation._methods import described_by
+from metrosep.separation._methods import Parts, described_by
 from metrosep.separation.contract import U_READING, Separation, Unobservable
 from metrosep.separation.maps._flat_result import (
     FLATS,
@@ -68,21 +68,13 @@ class ThreeFlat(MapMethod):
 
     Parameters
     ----------
-    angles : sequence of float, rad, optional
-        Turn of one flat in each further reading, counter-clockwise in the map (+x towards +y).
     pairs : str or sequence of str, optional
         Pair of each further reading: ``"AB"``, ``"AC"`` or ``"BC"``.
-    turned : {"first", "second"}, optional
-        Which flat of the pair was turned.
-    flip : {"x", "y"}, optional
-        Coordinate that the mirror reverses.
     method : {"auto", "pixel", "zernike", "iterative"}, optional
         ``"auto"``: by pixels where all angles are multiples of one step 2 pi/N with N <= 24.
         ``"zernike"``: terms on the common pixels; ``"iterative"``: on the pixels of each reading.
     terms, order : int or sequence of int, {"ansi", "noll", "fringe"}, optional
         Zernike terms of ``"zernike"`` and ``"iterative"``.
-    radius : float, m, optional
-        Of the Zernike disc; the farthest common pixel if omitted.
     u_registration : float or array_like, shape (3 + n,) or (3 + n, 2), m, optional
         Standard uncertainty of how the flats lie on each other: one for all readings, one for each
         (along x and along y), or one for each along x and one along y.
@@ -91,7 +83,10 @@ class ThreeFlat(MapMethod):
     """
 
     angles: Sequence[float] = option(
-        (), kind="angles", help="turn of a flat in each reading after AB, AC, BC"
+        (),
+        kind="angles",
+        help="turn of one flat in each further reading, counter-clockwise in the map (+x towards "
+        "+y)",
     )
     pairs: str | Sequence[str] = option(
         "AB", kind="texts", help="flats of each of those readings: AB, AC, BC"
@@ -109,7 +104,8 @@ class ThreeFlat(MapMethod):
         "auto",
         kind="text",
         choices=("auto", "pixel", "zernike", "iterative"),
-        help="how the flats are found; auto takes pixel where the turns allow it",
+        help="by pixels (even and odd shares) or by Zernike terms, at once on the pixels that all "
+        "readings have, or iterated on the pixels of each; see Notes",
     )
     terms: int | tuple[int, ...] = option(
         66, kind="integer", help="number of Zernike terms that are fitted"
@@ -133,15 +129,14 @@ class ThreeFlat(MapMethod):
     )
     largest_gain: float = 20.0
 
-    name: ClassVar[str] = "three_flat"
-    what: ClassVar[str] = (
-        "absolute flatness of three flats; files AB, AC, BC, then those with a flat turned"
-    )
-    reads: ClassVar = "maps"
-    readings: ClassVar[tuple[str, ...]] = ("AB", "AC", "BC")
+    name = "three_flat"
+    what = "absolute flatness of three flats; files AB, AC, BC, then those with a flat turned"
+    reads = "maps"
+    readings = ("AB", "AC", "BC")
+    spare = 1000  # turned ones, as many as there are angles
     arguments: ClassVar[Mapping[str, Option]] = U_READING
-    truth_parts: ClassVar[tuple[str, ...]] = FLATS
-    error_parts: ClassVar[tuple[str, ...]] = ()
+    truth_parts = FLATS
+    error_parts = ()
 
     @classmethod
     def from_inputs(cls, data: Sequence[Any], options: Mapping[str, Any]) -> Separation:
@@ -184,9 +179,7 @@ class ThreeFlat(MapMethod):
         self._shifts()
         self._chosen()
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         maps, grid = self._given(truth, errors)
         return np.stack([sum(facing(maps, s, grid, self.flip)) for s in self.setups()])
 
@@ -196,13 +189,7 @@ class ThreeFlat(MapMethod):
         return stack
 
     def setups(self) -> tuple[FlatSetup, ...]:
-        """Return which flats face each other in each reading.
-
-        Returns
-        -------
-        tuple of FlatSetup
-            AB, AC, BC and the turned ones.
-        """
+        """Return which flats face each other in each reading: AB, AC, BC and the turned ones."""
         pairs = ("AB", "AC", "BC", *self.pairs)
         first, second = (1.0, 0.0) if self.turned == "first" else (0.0, 1.0)
         return tuple(
@@ -345,9 +332,6 @@ def three_flat(
         Sum of two flats; the second one is seen mirrored. NaN = not measured.
     rotated : Surface or array_like, or sequence of them, optional
         Further readings with a flat turned.
-    method : {"auto", "pixel", "zernike", "iterative"}, optional
-        By pixels (even and odd shares) or by Zernike terms, at once on the pixels that all readings
-        have, or iterated on the pixels of each; see Notes.
     u_registration : float or array_like, shape (3 + n,) or (3 + n, 2), m, optional
         Standard uncertainty of the position of the flats to each other, for each reading, along x
         and y; it adds gradient times shift to `u`.

@@ -17,7 +17,7 @@ from metrosep.core.options import Option, option
 from metrosep.core.surface import Surface
 from metrosep.forms.zernike import term_name
 from metrosep.forms.zernike_fit import zernike_values
-from metrosep.separation._methods import described_by
+from metrosep.separation._methods import Parts, described_by
 from metrosep.separation.contract import U_READING, Separation, Unobservable
 from metrosep.separation.maps._flat_result import DiscBasis, zernike_terms_of
 from metrosep.separation.maps._map_input import (
@@ -52,12 +52,6 @@ class ShiftRotation(MapMethod):
 
     Parameters
     ----------
-    angles : sequence of float, rad
-        Turn of the part in each reading, counter-clockwise in the map.
-    shifts : sequence of (float, float), m
-        Shift of the part along x and y in each reading, after the turn.
-    terms : int, optional
-        ANSI Zernike terms of part and instrument each.
     power : tuple of (float, float), m, optional
         Known power of the part, its coefficient of ``2 r**2 - 1`` with r = 1 at the farthest common
         pixel, and its standard uncertainty, from another test.
@@ -65,27 +59,33 @@ class ShiftRotation(MapMethod):
         Terms whose noise would grow by more than this, against the fit of one map, are not given.
     """
 
-    angles: Sequence[float] = option(kind="angles", help="of the part in each map, in their order")
-    shifts: Sequence[tuple[float, float]] = option(
-        kind="places", help="of the part along x and y in each map"
+    angles: Sequence[float] = option(
+        kind="angles", help="turn of the part in each map, counter-clockwise, in their order"
     )
-    terms: int = option(28, kind="integer", help="number of terms that are fitted")
+    shifts: Sequence[tuple[float, float]] = option(
+        kind="places", help="shift of the part along x and y in each reading, after the turn"
+    )
+    terms: int = option(
+        28,
+        kind="integer",
+        help="ANSI Zernike terms of each part; 28 hold all up to the radial order 6",
+    )
     dx: float | None = None
     dy: float | None = None
     centre: tuple[float, float] | None = None
     power: tuple[float, float] | None = None
     largest_gain: float = 100.0
 
-    name: ClassVar[str] = "shift_rotation"
-    what: ClassVar[str] = "part and instrument from maps of the part shifted and turned"
-    reads: ClassVar = "maps"
+    name = "shift_rotation"
+    what = "part and instrument from maps of the part shifted and turned"
+    reads = "maps"
     arguments: ClassVar[Mapping[str, Option]] = {
         **U_READING,
         "power": Option("length", help="sag of the part that is known, since no shift shows it"),
         "u_power": Option("uncertainty", help="standard uncertainty of power"),
     }
-    truth_parts: ClassVar[tuple[str, ...]] = ("part",)
-    error_parts: ClassVar[tuple[str, ...]] = ("instrument",)
+    truth_parts = ("part",)
+    error_parts = ("instrument",)
 
     @classmethod
     def from_inputs(cls, data: Sequence[Any], options: Mapping[str, Any]) -> Separation:
@@ -129,9 +129,7 @@ class ShiftRotation(MapMethod):
             u_value = not_negative(u_value, "power[1]", dimension="length")
             object.__setattr__(self, "power", (value, u_value))
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         stack, grid = self._given(truth, errors)
         basis = self._basis(grid, require_overlap(stack, self.name))
         part, instrument = basis.fit(stack)
@@ -264,8 +262,6 @@ def shift_rotation(
     ----------
     surfaces : sequence of Surface or array_like, shape (n_y, n_x), m
         One map for each position.
-    terms : int, optional
-        ANSI Zernike terms of each part; 28 hold all up to the radial order 6.
 
     Returns
     -------

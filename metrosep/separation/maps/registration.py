@@ -71,8 +71,6 @@ def register_maps(
         Two maps of one surface, by one instrument whose own error is small or removed.
     start : tuple of (float, float, float), m, m, rad, optional
         Shift and angle to start from; give the nominal angle of a turned part.
-    rotation : bool, optional
-        Whether the angle is found too, or kept.
     dx, dy : float, m, optional
         Steps of plain arrays; pixels if omitted.
     centre : tuple of (float, float), m, optional
@@ -169,23 +167,23 @@ def register_maps(
 class MapsRegistered(NamedMethod):
     """`register_maps` by its name."""
 
-    name: ClassVar[str] = "register_maps"
-    what: ClassVar[str] = "shift and turn of a second map against a first one of the same surface"
-    reads: ClassVar = "maps"
-    readings: ClassVar[tuple[str, ...]] = ("fixed", "moved")
+    name = "register_maps"
+    what = "shift and turn of a second map against a first one of the same surface"
+    reads = "maps"
+    readings = ("fixed", "moved")
     arguments: ClassVar[Mapping[str, Option]] = {
         **U_READING,
         "shift_x": Option("length", help="where the search begins along x"),
         "shift_y": Option("length", help="where the search begins along y"),
         "angle": Option("angle", help="where the search begins"),
-        "rotation": Option("flag", help="false: the maps are shifted only"),
+        "rotation": Option(
+            "flag", help="whether the angle is found too; false: the maps are shifted only"
+        ),
     }
 
     @classmethod
     def from_inputs(cls, data: Sequence[Any], options: Mapping[str, Any]) -> Registration:
         """Return shift and turn of two maps."""
-        if len(data) != 2:
-            raise TooFewSamplesError(f"two maps are registered, got {len(data)} files")
         rest = dict(options)
         x, y, angle = (rest.pop(key, 0.0) for key in ("shift_x", "shift_y", "angle"))
         return register_maps(*data, start=(x, y, angle), **rest)
@@ -194,11 +192,9 @@ class MapsRegistered(NamedMethod):
 class PointsRegistered(NamedMethod):
     """`register_points` by its name; a row holds one point in both maps."""
 
-    name: ClassVar[str] = "register_points"
-    what: ClassVar[str] = (
-        "shift and turn of one map against another from points that are marked in both"
-    )
-    reads: ClassVar = "table"
+    name = "register_points"
+    what = "shift and turn of one map against another from points that are marked in both"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {
         "x_fixed": "length", "y_fixed": "length", "x_moved": "length", "y_moved": "length",
     }  # fmt: skip

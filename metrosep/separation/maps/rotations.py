@@ -16,7 +16,7 @@ from metrosep.core.errors import DataError, NotSeparableError
 from metrosep.core.numbers import not_negative, positive
 from metrosep.core.options import Option, option
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import described_by
+from metrosep.separation._methods import Parts, described_by
 from metrosep.separation.contract import U_READING, Separation, Unobservable
 from metrosep.separation.maps._map_input import (
     LISTED_ORDERS,
@@ -64,17 +64,14 @@ class RotationTest(MapMethod):
 
     Parameters
     ----------
-    angles : sequence of float, rad
-        Turn of the part in each reading, counter-clockwise in the map (from +x towards +y).
-    u_registration : float, m, optional
-        Standard uncertainty of the centring of each rotated reading along x and along y.
-    u_angle : float, rad, optional
-        Standard uncertainty of each angle.
     largest_gain : float, optional
         Orders whose noise would grow by more than this factor are taken as not observable.
     """
 
-    angles: Sequence[float] = option(kind="angles", help="of the part in each map, in their order")
+    angles: Sequence[float] = option(
+        kind="angles",
+        help="turn of the part in each map, counter-clockwise (from +x towards +y), in their order",
+    )
     dx: float | None = None
     dy: float | None = None
     centre: tuple[float, float] | None = None
@@ -84,19 +81,19 @@ class RotationTest(MapMethod):
         help="terms that are set-up, not form: piston,tilt or piston,tilt,power",
     )
     u_registration: float = option(
-        0.0, kind="uncertainty", help="standard uncertainty of the position of a map"
+        0.0,
+        kind="uncertainty",
+        help="standard uncertainty of the centring of each rotated reading along x and along y",
     )
     u_angle: float = option(0.0, kind="angle", help="standard uncertainty of each angle")
     largest_gain: float = 20.0
 
-    name: ClassVar[str] = "rotation_average"
-    what: ClassVar[str] = (
-        "part and instrument from maps of the part in several rotations; a file an angle"
-    )
-    reads: ClassVar = "maps"
+    name = "rotation_average"
+    what = "part and instrument from maps of the part in several rotations; a file an angle"
+    reads = "maps"
     arguments: ClassVar[Mapping[str, Option]] = U_READING
-    truth_parts: ClassVar[tuple[str, ...]] = ("part",)
-    error_parts: ClassVar[tuple[str, ...]] = ("instrument",)
+    truth_parts = ("part",)
+    error_parts = ("instrument",)
 
     def __post_init__(self) -> None:
         given = np.atleast_1d(np.asarray(self.angles, dtype=object))
@@ -112,9 +109,7 @@ class RotationTest(MapMethod):
         stored_in_si(self, positive, dx="length", dy="length")
         stored_in_si(self, not_negative, u_registration="length", u_angle="angle")
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         (part, instrument), grid = self._given(truth, errors)
         return np.stack([instrument + turned(part[None], a, grid)[0][0] for a in self.angles])
 

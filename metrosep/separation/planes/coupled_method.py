@@ -25,20 +25,22 @@ from metrosep.core.numbers import not_negative
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import History, RecordedMethod, described_by, settle
+from metrosep.separation._methods import History, Parts, RecordedMethod, described_by, settle
 from metrosep.separation._readings import known_parts, real_numbers
 from metrosep.separation.contract import U_READING, Separation, Unobservable
 from metrosep.separation.planes._grid_solution import (
+    PLACE,
     TERMS,
     Joined,
     Repeats,
     Slopes,
+    TableGrid,
     lays_of,
     moved_between,
     noise_of,
     refuse_unknown,
+    repeats_of,
 )
-from metrosep.separation.planes._table_grid import PLACE, TableGrid, repeats_of
 from metrosep.separation.planes.plane_fit import plane_steps
 
 __all__ = ["CoupledGrid", "coupled_grid"]
@@ -57,12 +59,6 @@ class CoupledGrid(RecordedMethod):
     ----------
     dx, dy : float, m
         Steps of the grid.
-    slopes : {"free", "common", "none"}, optional
-        Whether each line has a slope of its own, the lines of a direction share one, or the
-        lines keep a common reference (a level, a flat that stays).
-    repeats : {"relaid", "passes"}, optional
-        Whether the lines of each repeat were laid anew, with offsets and slopes of their own, or
-        the repeats are passes over lines that stayed as they lay.
 
     Raises
     ------
@@ -84,24 +80,26 @@ class CoupledGrid(RecordedMethod):
         "free",
         kind="text",
         choices=("free", "common", "none"),
-        help="whether each line has a slope of its own, all have one, or none has any",
+        help="whether each line has a slope of its own, the lines of a direction share one, or the"
+        " lines keep a common reference (a level, a flat that stays)",
     )
     repeats: Repeats = option(
         "relaid",
         kind="text",
         choices=("relaid", "passes"),
-        help="relaid: the straightedge was laid anew for each repeat; passes: it stayed",
+        help="relaid: the lines of each repeat were laid anew, with offsets and slopes of their "
+        "own; passes: they stayed as they lay",
     )
 
-    name: ClassVar[str] = "coupled_grid"
-    what: ClassVar[str] = "error map of a plane from lines along x and lines along y"
-    reads: ClassVar = "table"
+    name = "coupled_grid"
+    what = "error map of a plane from lines along x and lines along y"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {
         **PLACE, "z": "length", "line": "label", "repeat": "label?",
     }  # fmt: skip
     arguments: ClassVar[Mapping[str, Option]] = U_READING
-    truth_parts: ClassVar[tuple[str, ...]] = ()
-    error_parts: ClassVar[tuple[str, ...]] = ("error",)
+    truth_parts = ()
+    error_parts = ("error",)
 
     @classmethod
     def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> Separation:
@@ -127,9 +125,7 @@ class CoupledGrid(RecordedMethod):
         settle(self, dx=dx, dy=dy)
         refuse_unknown(self.slopes, self.repeats)
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         error = known_parts(self, truth, errors)["error"]
         if error.ndim != 2:
             raise DataError(f"{self.name}: the error must be a map (n_y, n_x), got {error.shape}")
@@ -182,11 +178,6 @@ def coupled_grid(
 
     Raises
     ------
-    DataError
-        If shapes differ, steps or `u_reading` are not usable, `slopes` or `repeats` is unknown,
-        or there are too many repeats each with other points missing.
-    InvalidSamplesError
-        If readings are not real numbers.
     NotSeparableError
         If one direction has no lines, or the crossings do not join them.
     TooFewSamplesError

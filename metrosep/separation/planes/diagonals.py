@@ -20,7 +20,7 @@ from metrosep.core.inputs import RoleColumns
 from metrosep.core.options import Option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
-from metrosep.separation._methods import History, RecordedMethod, pooled
+from metrosep.separation._methods import History, Parts, RecordedMethod, StoredResult, pooled
 from metrosep.separation._readings import (
     NOISE_UNKNOWN,
     checked_readings,
@@ -28,7 +28,6 @@ from metrosep.separation._readings import (
     part_of,
 )
 from metrosep.separation.contract import NamedMethod, Separation, Unobservable
-from metrosep.separation.planes._result import PlainResult
 from metrosep.separation.planes.squareness import (
     PAIRS,
     Squareness,
@@ -61,7 +60,7 @@ Reached = tuple[ArrayLike, ArrayLike | None, ArrayLike | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class DiagonalTest(PlainResult):
+class DiagonalTest(StoredResult):
     """Result of diagonal displacement tests.
 
     Parameters
@@ -91,13 +90,9 @@ class DiagonalTest(PlainResult):
     messages: tuple[str, ...] = ()
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the diagonals as a data frame.
+        """Return a row per diagonal: ``E_um``, ``B_um``, ``R_um``, ``A_um``, ``length_error_um`` and its u.
 
-        Returns
-        -------
-        pandas.DataFrame
-            Index ``diagonal``; columns ``E_um``, ``B_um``, ``R_um``, ``A_um``, ``length_error_um``,
-            ``u_length_error_um``; NaN where a direction is missing.
+        NaN where a direction is missing.
         """
         import pandas as pd
 
@@ -136,10 +131,6 @@ def iso230_6_diagonals(
         from its start. One direction may be None.
     size : sequence of 3 float, m, optional
         Travel along X, Y, Z between the ends of the diagonals. With it squareness is evaluated.
-    confidence : float, optional
-        Of the repeatability intervals.
-    seed : int, optional
-        Of the simulations behind the uncertainties.
 
     Returns
     -------
@@ -315,9 +306,9 @@ _OPEN = "these diagonals do not determine it alone: add both diagonals of the fa
 class DiagonalsOfTables(NamedMethod):
     """`iso230_6_diagonals` by its name: a file for each diagonal, or one that names them."""
 
-    name: ClassVar[str] = "iso230_6_diagonals"
-    what: ClassVar[str] = "deviations along diagonals and squareness of the axes, ISO 230-6"
-    reads: ClassVar = "tables"
+    name = "iso230_6_diagonals"
+    what = "deviations along diagonals and squareness of the axes, ISO 230-6"
+    reads = "tables"
     roles: ClassVar[Mapping[str, str]] = {
         "target": "length?", "direction": "label?", "readings": "length*?", "diagonal": "label?",
     }  # fmt: skip
@@ -396,9 +387,9 @@ class Diagonals(RecordedMethod):
     names: tuple[str, ...]
     size: tuple[float, float, float]
 
-    name: ClassVar[str] = "diagonals"
-    truth_parts: ClassVar[tuple[str, ...]] = ("instrument",)
-    error_parts: ClassVar[tuple[str, ...]] = (*PAIRS, *_SCALES)
+    name = "diagonals"
+    truth_parts = ("instrument",)
+    error_parts = (*PAIRS, *_SCALES)
 
     def __post_init__(self) -> None:
         names: Any = self.names
@@ -414,9 +405,7 @@ class Diagonals(RecordedMethod):
         spread = None if u is None else dict(zip(own, u.tolist(), strict=True))
         return squareness_from_diagonals(table, self.size, u=spread)
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts = known_parts(self, truth, errors)
         given = {
             name: float(np.nan_to_num(part_of(parts, name, (), self.name), nan=0.0))

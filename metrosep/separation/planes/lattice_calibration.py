@@ -25,18 +25,20 @@ from metrosep.core.inputs import RoleColumns
 from metrosep.core.numbers import not_negative, positive
 from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
-from metrosep.separation._methods import History, RecordedMethod, described_by, settle
+from metrosep.separation._methods import History, Parts, RecordedMethod, described_by, settle
 from metrosep.separation._readings import known_parts, part_of, real_numbers
 from metrosep.separation.contract import U_READING, Separation, Unobservable
 from metrosep.separation.planes._grid_solution import (
+    PLACE,
     Repeats,
+    TableGrid,
     moved_between,
     noise_of,
     refuse_unknown,
+    repeats_of,
     same_points,
     shares_of_passes,
 )
-from metrosep.separation.planes._table_grid import PLACE, TableGrid, repeats_of
 
 __all__ = ["GridCalibration", "GridView", "grid_calibration"]
 
@@ -88,14 +90,9 @@ class GridCalibration(RecordedMethod):
 
     Parameters
     ----------
-    pitch : float, m
-        Pitch of the lattice.
     placements : tuple of (int, (int, int)), optional
         Quarter turns from x to y, and the shift along x and y in pitches after it, of each view:
         as placed, turned once, and shifted by one pitch along x if omitted.
-    repeats : {"relaid", "passes"}, optional
-        Whether the plate was placed anew for each repeat of a view, with a translation and rotation
-        of its own, or stayed where it lay.
 
     Raises
     ------
@@ -121,12 +118,13 @@ class GridCalibration(RecordedMethod):
         "relaid",
         kind="text",
         choices=("relaid", "passes"),
-        help="relaid: the plate was laid anew for each repeat; passes: it stayed",
+        help="relaid: the plate was placed anew for each repeat of a view, with a translation and "
+        "rotation of its own; passes: it stayed where it lay",
     )
 
-    name: ClassVar[str] = "grid_calibration"
-    what: ClassVar[str] = "errors of a stage and of a grid plate from views of the plate"
-    reads: ClassVar = "table"
+    name = "grid_calibration"
+    what = "errors of a stage and of a grid plate from views of the plate"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {
         **PLACE, "ex": "length", "ey": "length", "view": "label", "repeat": "label?",
     }  # fmt: skip
@@ -137,8 +135,8 @@ class GridCalibration(RecordedMethod):
         ),
         "shifts": Option("pairs", help="pitches by which the plate was shifted in each view"),
     }
-    truth_parts: ClassVar[tuple[str, ...]] = ("plate",)
-    error_parts: ClassVar[tuple[str, ...]] = ("stage",)
+    truth_parts = ("plate",)
+    error_parts = ("stage",)
 
     @classmethod
     def from_inputs(cls, data: RoleColumns, options: Mapping[str, Any]) -> Separation:
@@ -180,9 +178,7 @@ class GridCalibration(RecordedMethod):
                 ) from None
             checked_placement(GridView((), turns, shift), i)
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts = known_parts(self, truth, errors)
         shape = next(iter(parts.values())).shape
         if len(shape) != 3 or shape[2] != 2:
@@ -240,11 +236,6 @@ def grid_calibration(
 
     Raises
     ------
-    DataError
-        If shapes differ, a turn or shift is not whole, pitch or `u_reading` are not usable,
-        `repeats` is unknown, or the lattice is too large or too small.
-    InvalidSamplesError
-        If readings are not real numbers.
     NotSeparableError
         If the views lack a quarter turn or a translation, or leave more undetermined than
         translation, rotation and scale; the message names what is missing.

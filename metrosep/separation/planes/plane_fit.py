@@ -31,7 +31,7 @@ from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering
-from metrosep.separation._methods import History, RecordedMethod, settle
+from metrosep.separation._methods import History, Parts, RecordedMethod, StoredResult, settle
 from metrosep.separation._readings import (
     known_parts,
     part_of,
@@ -43,9 +43,7 @@ from metrosep.separation.contract import (
     Separation,
     Unobservable,
 )
-from metrosep.separation.planes._grid_solution import moved_between
-from metrosep.separation.planes._result import PlainResult
-from metrosep.separation.planes._table_grid import PLACE, TableGrid, repeats_of
+from metrosep.separation.planes._grid_solution import PLACE, TableGrid, moved_between, repeats_of
 
 __all__ = [
     "Interaction",
@@ -62,7 +60,7 @@ _LEVEL = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class Interaction(PlainResult):
+class Interaction(StoredResult):
     """How much of a map is neither f(x) nor g(y), and whether that is more than noise.
 
     Parameters
@@ -90,7 +88,7 @@ class Interaction(PlainResult):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PlaneFit(PlainResult):
+class PlaneFit(StoredResult):
     """Sum model of a plane and what it leaves.
 
     Parameters
@@ -546,11 +544,9 @@ _UNITS = {"coupling": "m", "along_x": "m", "along_y": "m", "alpha": "rad", "beta
 class PlaneOfTable(NamedMethod):
     """`fit_plane_model` by its name."""
 
-    name: ClassVar[str] = "fit_plane_model"
-    what: ClassVar[str] = (
-        "errors of the two axes of a measured plane, their alignment and their coupling"
-    )
-    reads: ClassVar = "table"
+    name = "fit_plane_model"
+    what = "errors of the two axes of a measured plane, their alignment and their coupling"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {**PLACE, "z": "length", "repeat": "label?"}
     arguments: ClassVar[Mapping[str, Option]] = {
         **U_READING,
@@ -609,17 +605,15 @@ class PlaneModel(RecordedMethod):
     dy: float
     origin: tuple[float, float] = (0.0, 0.0)
 
-    name: ClassVar[str] = "plane_model"
-    truth_parts: ClassVar[tuple[str, ...]] = ("coupling",)
-    error_parts: ClassVar[tuple[str, ...]] = ("along_x", "along_y", "alpha", "beta")
+    name = "plane_model"
+    truth_parts = ("coupling",)
+    error_parts = ("along_x", "along_y", "alpha", "beta")
 
     def __post_init__(self) -> None:
         dx, dy = plane_steps(self.dx, self.dy)
         settle(self, dx=dx, dy=dy, origin=plane_origin(self.origin))
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts = known_parts(self, truth, errors)
         shape = _shape(parts)
         x, y = self.dx * np.arange(shape[1]), self.dy * np.arange(shape[0])

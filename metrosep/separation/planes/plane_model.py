@@ -24,9 +24,9 @@ from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.separation._methods import StoredResult
 from metrosep.separation._readings import real_numbers
 from metrosep.separation.contract import NamedMethod
-from metrosep.separation.planes._result import PlainResult
 from metrosep.separation.planes.plane_fit import described, plane_origin, plane_steps
 from metrosep.separation.runs.base import ErrorEstimate
 
@@ -36,13 +36,11 @@ __all__ = ["PlaneMap", "plane_map"]
 class AxesCombined(NamedMethod):
     """`plane_map` by its name, from the stored results of two axes."""
 
-    name: ClassVar[str] = "plane_map"
-    what: ClassVar[str] = (
-        "error of an XY plane from the results of its two axes (result.json of X, of Y)"
-    )
-    reads: ClassVar = "results"
-    readings: ClassVar[tuple[str, ...]] = ("along x", "along y")
-    accepts: ClassVar[tuple[str, ...]] = ("ErrorEstimate",)
+    name = "plane_map"
+    what = "error of an XY plane from the results of its two axes (result.json of X, of Y)"
+    reads = "results"
+    readings = ("of the axis along x", "of that along y")
+    accepts = ("ErrorEstimate",)
     arguments: ClassVar[Mapping[str, Option]] = {
         "dx": Option("size", required=True, help="step of the map along x"),
         "dy": Option("size", required=True, help="step of the map along y"),
@@ -58,13 +56,8 @@ class AxesCombined(NamedMethod):
     }
 
     @classmethod
-    def from_inputs(cls, data: Results, options: Mapping[str, Any]) -> PlaneMap:
+    def from_inputs(cls, data: Results, options: Mapping[str, Any]) -> Any:
         """Return the sum of the errors of two axes."""
-        if len(data.items) != 2:
-            raise DataError(
-                f"two results are needed, of the axis along x and of that along y; got "
-                f"{len(data.items)}"
-            )
         rest = dict(options)
         for name in ("alpha", "beta"):
             u = rest.pop(f"u_{name}", None)
@@ -74,7 +67,7 @@ class AxesCombined(NamedMethod):
         for name in ("origin", "reference"):
             if name in rest and len(rest[name]) != 2:
                 raise DataError(f'{name} is x and y: {name} = ["0 mm", "0 mm"]')
-        return plane_map(*data.items, **rest)
+        return super().from_inputs(data, rest)
 
 
 _LARGEST_SLOPE = 0.02
@@ -84,7 +77,7 @@ _MOST_PIXELS = 10_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PlaneMap(PlainResult):
+class PlaneMap(StoredResult):
     """Error of an XY plane with its standard uncertainty.
 
     Parameters

@@ -25,8 +25,8 @@ from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableErr
 from metrosep.core.numbers import not_negative, positive, real
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
+from metrosep.separation._methods import StoredResult
 from metrosep.separation._readings import real_numbers
-from metrosep.separation.planes._result import PlainResult
 from metrosep.separation.runs.base import ErrorEstimate
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ _REACH = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Squareness(PlainResult):
+class Squareness(StoredResult):
     """Squareness errors of the axis pairs and scale errors of the axes.
 
     Parameters
@@ -90,13 +90,7 @@ class Squareness(PlainResult):
         return self.angles["yz"].value
 
     def to_frame(self) -> pd.DataFrame:
-        """Return angles and scales as a data frame.
-
-        Returns
-        -------
-        pandas.DataFrame
-            Index ``name``; columns ``value_urad``, ``u_urad`` (scales: 1e-6).
-        """
+        """Return a row per angle and scale: ``value_urad``, ``u_urad`` (scales: 1e-6)."""
         import pandas as pd
 
         rows = {**self.angles, **{f"scale_{k}": q for k, q in self.scales.items()}}

@@ -267,13 +267,7 @@ class Expansion:
         return (told, *assumed)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what is stated, in SI, with the slope that follows.
-
-        Returns
-        -------
-        dict
-            ``Expansion.of_options`` makes the same of it again.
-        """
+        """Return what is stated, in SI, and the slope; ``Expansion.of_options`` makes it again."""
         stated = {f.name: getattr(self, f.name) for f in fields(self)}
         kept = {k: v for k, v in stated.items() if v is not None and v is not False}
         return {**kept, "slope_removed": self.slope, "u_slope": self.u_slope}

@@ -485,13 +485,7 @@ class LaserCorrections:
         return int(np.argmax(np.where(np.isfinite(self.total), np.abs(self.reading), -1.0)))
 
     def budget(self) -> dict[str, float]:
-        """Return the contribution of each source at the largest reading.
-
-        Returns
-        -------
-        dict of str to float, m
-            Standard uncertainties, largest first.
-        """
+        """Return the standard uncertainty in m from each source at the largest reading, largest first."""
         i = self.farthest
         found = {
             k: abs(math.fsum(v[i] for v in c.values())) for k, c in self.contributions.items()
@@ -544,8 +538,6 @@ def laser_positions(
         Positions as the laser displayed them, one row for each of k runs.
     setup : LaserSetup
         How it stood.
-    values : {"position", "deviation"}, optional
-        Whether readings are positions, or positions minus nominal.
     approach : array_like, shape (n,), optional
         Directions (texts); the table of the result repeats them.
     run : array_like, shape (n,), optional
@@ -654,11 +646,9 @@ def _shown(value: Any, known: Option) -> Any:
 class LaserPositions(NamedMethod):
     """`laser_positions` by its name."""
 
-    name: ClassVar[str] = "laser_positions"
-    what: ClassVar[str] = (
-        "positions read by a laser, corrected for air, dead path, cosine, Abbe, heat"
-    )
-    reads: ClassVar = "table"
+    name = "laser_positions"
+    what = "positions read by a laser, corrected for air, dead path, cosine, Abbe, heat"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {
         "position": "length", "readings": "length*", "approach": "label?", "run": "label?",
         "temperature": "temperature?", "pressure": "pressure?", "humidity": "share?",
@@ -684,9 +674,9 @@ class LaserPositions(NamedMethod):
 class AirOnce(NamedMethod):
     """`air` by its name: the index of air, and the corrections of one reading."""
 
-    name: ClassVar[str] = "air"
-    what: ClassVar[str] = "refractive index of air, and what it does to one reading of a laser"
-    reads: ClassVar = "nothing"
+    name = "air"
+    what = "refractive index of air, and what it does to one reading of a laser"
+    reads = "nothing"
     arguments: ClassVar[Mapping[str, Option]] = AIR_KEYS
 
     @classmethod

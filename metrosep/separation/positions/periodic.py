@@ -25,7 +25,7 @@ from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import parse_unit
-from metrosep.separation._methods import History, RecordedMethod
+from metrosep.separation._methods import History, Parts, RecordedMethod
 from metrosep.separation._readings import as_numbers, given_parts
 from metrosep.separation.contract import Separation, Unobservable
 
@@ -59,12 +59,6 @@ class FringeError(RecordedMethod):
     ----------
     x : tuple of float, m
         Position of each reading, from the interferometer.
-    period : float, m
-        Length of one fringe: half the wavelength for single pass, a quarter for double pass.
-    harmonics : int, optional
-        Highest harmonic; 2 holds offset (1), and amplitude and quadrature (2).
-    degree : int, optional
-        Degree of the polynomial that the reading follows without periodic error.
     unit : str, optional
         SI unit of the readings.
 
@@ -77,20 +71,34 @@ class FringeError(RecordedMethod):
     """
 
     x: tuple[float, ...]
-    period: float = option(kind="size", help="of the fringes")
-    harmonics: int = option(2, kind="integer", help="of the period that are fitted")
-    degree: int = option(1, kind="integer", help="of the polynomial that is fitted beside them")
+    period: float = option(
+        kind="size",
+        help="length of one fringe: half the wavelength for single pass, a quarter for double pass",
+    )
+    harmonics: int = option(
+        2,
+        kind="integer",
+        help="highest harmonic; 2 holds offset (1), and amplitude and quadrature (2)",
+    )
+    degree: int = option(
+        1,
+        kind="integer",
+        help="degree of the polynomial that the reading follows without periodic error; it stays "
+        "in it",
+    )
     unit: str = "m"
 
-    name: ClassVar[str] = "periodic_error"
-    what: ClassVar[str] = "periodic error of an interferometer in a reading"
-    reads: ClassVar = "table"
+    name = "periodic_error"
+    what = "periodic error of an interferometer in a reading"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {"position": "length", "reading": "position"}
     arguments: ClassVar[Mapping[str, Option]] = {
-        "u_reading": Option("limit", help="standard uncertainty of one reading")
+        "u_reading": Option(
+            "limit", help="standard uncertainty of one reading; from the residual if omitted"
+        )
     }
-    truth_parts: ClassVar[tuple[str, ...]] = ("corrected",)
-    error_parts: ClassVar[tuple[str, ...]] = ("periodic",)
+    truth_parts = ("corrected",)
+    error_parts = ("periodic",)
 
     @property
     def _dimension(self) -> str | None:
@@ -121,16 +129,8 @@ class FringeError(RecordedMethod):
                 "(0 to 9)"
             )
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
-        parts = given_parts(
-            self.name,
-            truth,
-            errors,
-            truth_parts=self.truth_parts,
-            error_parts=self.error_parts,
-        )
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
+        parts = given_parts(self, truth, errors)
         return np.asarray(sum(parts.values()))[None, :]
 
     def null_space(self) -> tuple[Unobservable, ...]:
@@ -285,10 +285,6 @@ def periodic_error(
         From the interferometer, in any order.
     reading : array_like, shape (n,)
         Its deviation from a reference, or from the commanded position; NaN = not measured.
-    degree : int, optional
-        Degree of the polynomial that the reading follows without periodic error; it stays in it.
-    u_reading : float, optional
-        Standard uncertainty of one reading; from the residual if omitted.
 
     Returns
     -------

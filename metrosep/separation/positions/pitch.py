@@ -379,23 +379,9 @@ def cycle_runs(
     unit: str = "m",
     history: Sequence[Step] = (),
 ) -> RunSet:
-    """Return the cycles of a positioning test as runs: one for each cycle and direction.
+    """Return deviations actual - target (m, n), one column per cycle, as runs over the targets.
 
-    Parameters
-    ----------
-    targets : array_like, shape (m,), m or rad
-        Target positions.
-    forward, reverse : array_like, shape (m, n), m or rad, or None
-        Deviations actual - target, one column per cycle; NaN where not measured.
-    unit : {"m", "rad"}, optional
-        Of both; it stays in the metadata of the runs.
-    history : sequence of Step, optional
-        From the file on.
-
-    Returns
-    -------
-    RunSet
-        Positions are the targets, readings the deviations.
+    There is one run for each cycle and direction; the unit, m or rad, stays in their metadata.
     """
     p = np.asarray(targets, dtype=np.float64)
     order = np.argsort(p, kind="stable")
@@ -419,24 +405,9 @@ _SLACK = 0.1
 
 
 def celled_runs(runs: RunSet, step: float) -> RunSet:
-    """Return continuous runs of an axis that turns as cycles at multiples of a step.
+    """Return continuous runs of an axis that turns as cycles at the multiples of a step, rad.
 
-    Parameters
-    ----------
-    runs : RunSet
-        Positions in rad, as read.
-    step : float, rad
-        Width of the cells, about a quarter of the spacing of a table.
-
-    Returns
-    -------
-    RunSet
-        Readings at the places that all runs hold: the line through the samples of a cell, there.
-
-    Raises
-    ------
-    DataError
-        If fewer than three such places lie within all runs.
+    Readings are those of the line through the samples of a cell; the places lie in all runs.
     """
     low = max(float(r.x.min()) for r in runs) - _SLACK * step
     high = min(float(r.x.max()) for r in runs) + _SLACK * step
@@ -482,25 +453,9 @@ def require_unit(runs: RunSet, unit: str) -> None:
 
 
 def pitch_errors_of(runs: RunSet, **options: Any) -> PitchErrors:
-    """Return the errors of an axis along itself from cycles that are runs over the same targets.
+    """Return what `pitch_errors` finds, with its options, of cycles that are runs over the targets.
 
-    Parameters
-    ----------
-    runs : RunSet
-        Positions are targets, readings deviations actual - target; their metadata may name the unit.
-    **options
-        Of `pitch_errors`: reference, reference_direction, unit, heat.
-
-    Returns
-    -------
-    PitchErrors
-        With the history of the runs.
-
-    Raises
-    ------
-    DataError
-        If the targets of two cycles differ, or they are lengths where the axis turns, and as
-        `pitch_errors`.
+    Readings are deviations actual - target; the metadata of the runs may name the unit.
     """
     require_unit(runs, options.get("unit", "m"))
     first = np.sort(runs[0].x)

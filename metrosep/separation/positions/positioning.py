@@ -24,7 +24,7 @@ from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.readable import typed_number
-from metrosep.separation._methods import History, RecordedMethod, pooled
+from metrosep.separation._methods import History, Parts, RecordedMethod, pooled
 from metrosep.separation._readings import (
     checked_readings,
     checked_seed,
@@ -65,8 +65,6 @@ def iso230_2(
         The same in the negative direction. One of the two may be None: a unidirectional test.
     unit : {"m", "rad"}, optional
         Linear or rotary axis.
-    confidence : float, optional
-        Of the intervals of the repeatability.
     seed : int, optional
         Of the simulations behind standard uncertainties and the interval of R.
 
@@ -393,9 +391,9 @@ POSITION_OPTIONS: Mapping[str, Option] = {
 class PositioningOfAxis(NamedMethod):
     """`iso230_2` by its name, from a table or from a list of a positioning test."""
 
-    name: ClassVar[str] = "iso230_2"
-    what: ClassVar[str] = "positioning accuracy and repeatability of an axis, ISO 230-2"
-    reads: ClassVar = "table"
+    name = "iso230_2"
+    what = "positioning accuracy and repeatability of an axis, ISO 230-2"
+    reads = "table"
     roles: ClassVar[Mapping[str, str]] = {
         "target": "position?", "direction": "label?", "readings": "position*?", "cycle": "label?",
     }  # fmt: skip
@@ -541,9 +539,9 @@ class PositioningSheet(RecordedMethod):
     directions: tuple[Literal["forward", "backward"], ...] = ("forward", "backward")
     unit: Literal["m", "rad"] = "m"
 
-    name: ClassVar[str] = "positioning_sheet"
-    truth_parts: ClassVar[tuple[str, ...]] = ("reference",)
-    error_parts: ClassVar[tuple[str, ...]] = ("forward", "backward")
+    name = "positioning_sheet"
+    truth_parts = ("reference",)
+    error_parts = ("forward", "backward")
 
     @property
     def _dimension(self) -> str:
@@ -560,9 +558,7 @@ class PositioningSheet(RecordedMethod):
         if self.unit not in ("m", "rad"):
             raise DataError(f"unit is 'm' or 'rad', got {self.unit!r}")
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         parts = known_parts(self, truth, errors)
         missing = [n for n in errors if n not in self.directions]
         if missing:

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import TooFewSamplesError
-from metrosep.core.provenance import freeze_mapping
 from metrosep.core.quantity import Quantity
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_engineering
 from metrosep.parameters.table import Context, ParameterTable
-from metrosep.separation._readings import reduced
+from metrosep.separation._methods import StoredResult
+from metrosep.separation._readings import plain
 from metrosep.separation.positions.pitch import cycle_runs
 from metrosep.separation.positions.repeatability import (
     SpreadEstimate,
@@ -51,7 +51,7 @@ _EDITION = "ISO 230-2:2014"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PositioningTest(Mapping[str, Quantity]):
+class PositioningTest(StoredResult, Mapping[str, Quantity]):
     """Result of a positioning test: a mapping from symbol to quantity, and columns by target.
 
     Parameters
@@ -134,24 +134,15 @@ class PositioningTest(Mapping[str, Quantity]):
         return next(k for k in self.table if k.endswith("_unbiased"))
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the parameters as a data frame.
-
-        Returns
-        -------
-        pandas.DataFrame
-            Index ``symbol``; columns ``value``, ``unit``, ``u``, ``definition``, ``edition``.
-        """
+        """Return a row per symbol: ``value``, ``unit``, ``u``, ``definition``, ``edition``."""
         return self.table.to_frame()
 
     def targets_frame(self) -> pd.DataFrame:
         """Return the columns by target, as the test sheet of the standard has them.
 
-        Returns
-        -------
-        pandas.DataFrame
-            ``target_mm``, then in um: ``mean_fwd``, ``mean_bwd``, ``mean``, ``reversal``,
-            ``sd_fwd``, ``sd_bwd``, ``four_sd_fwd``, ``four_sd_bwd``, ``repeatability`` (rotary
-            axes: ``target_deg`` and arcsec); and ``n_fwd``, ``n_bwd``.
+        ``target_mm``, then in um: ``mean_fwd``, ``mean_bwd``, ``mean``, ``reversal``, ``sd_fwd``,
+        ``sd_bwd``, ``four_sd_fwd``, ``four_sd_bwd``, ``repeatability`` (rotary axes: ``target_deg``
+        and arcsec); and ``n_fwd``, ``n_bwd``.
         """
         import pandas as pd
 
@@ -179,36 +170,16 @@ class PositioningTest(Mapping[str, Quantity]):
         return pd.DataFrame(data | counts)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, SI, NaN as None.
-
-        Returns
-        -------
-        dict
-            The keys of the table, ``intervals``, ``intervals_alike``, ``confidence``, ``by_target``,
-            ``messages``.
-        """
-        columns = {
-            "target": self.targets,
-            "mean_forward": self.mean_forward,
-            "mean_backward": self.mean_backward,
-            "sd_forward": self.sd_forward,
-            "sd_backward": self.sd_backward,
-            "reversal": self.reversal,
-            "repeatability": self.repeatability,
-        }
-        return {
-            **self.table.to_dict(),
-            "intervals": {k: list(v) for k, v in self.intervals.items()},
-            "intervals_alike": {k: list(v) for k, v in self.intervals_alike.items()},
+        curves = ("mean_forward", "mean_backward", "sd_forward", "sd_backward")
+        columns = {n: getattr(self, n) for n in (*curves, "reversal", "repeatability")}
+        rest = {
+            "intervals": self.intervals,
+            "intervals_alike": self.intervals_alike,
             "confidence": self.confidence,
-            "by_target": {
-                k: [None if math.isnan(v) else float(v) for v in c] for k, c in columns.items()
-            },
-            "messages": list(self.messages),
+            "by_target": {"target": self.targets, **columns},
+            "messages": self.messages,
         }
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return reduced(self)
+        return {**self.table.to_dict(), **plain(rest)}
 
     def __repr__(self) -> str:
         unit = str(self.audit.get("unit", "m"))
@@ -281,10 +252,10 @@ def build_result(
         sd_backward=down.sd,
         reversal=up.mean - down.mean,
         repeatability=by_target(up, down),
-        intervals=freeze_mapping({k: (s.low, s.high) for k, s in spread.items()}),
+        intervals={k: (s.low, s.high) for k, s in spread.items()},
         confidence=confidence,
-        spread=freeze_mapping(spread),
-        audit=freeze_mapping(_audit(targets, up, down, unit, confidence, seed)),
+        spread=spread,
+        audit=_audit(targets, up, down, unit, confidence, seed),
         messages=messages,
     )
 

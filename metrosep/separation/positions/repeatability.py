@@ -30,31 +30,15 @@ _MOST_ALIKE = 1e4
 
 @dataclass(frozen=True, slots=True)
 class SpreadEstimate:
-    """A value that R stands for, without the bias of the largest of few.
-
-    Parameters
-    ----------
-    value : float
-        Estimate, in the unit of the positions.
-    u : float
-        Standard uncertainty, same unit.
-    low, high : float
-        Interval whatever the spread of each target is, same unit.
-    low_alike, high_alike : float
-        Narrower interval for targets that are alike or differ by chance, same unit.
-    homogeneous : bool
-        Whether one spread (of each direction) describes all targets.
-    p : float
-        Probability of Bartlett's test for the targets to differ as much by chance.
-    """
+    """A value that R stands for, without the bias of the largest of few, in the unit of positions."""
 
     value: float
-    u: float
-    low: float
+    u: float  # standard uncertainty
+    low: float  # interval whatever the spread of each target is
     high: float
-    homogeneous: bool
-    p: float
-    low_alike: float = math.nan
+    homogeneous: bool  # whether one spread (of each direction) describes all targets
+    p: float  # of Bartlett's test, that targets differ as much by chance
+    low_alike: float = math.nan  # narrower, for targets that are alike or differ by chance
     high_alike: float = math.nan
 
 

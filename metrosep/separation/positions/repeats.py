@@ -23,7 +23,7 @@ from metrosep.core.options import Option, option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
-from metrosep.separation._methods import History, RecordedMethod, as_stated, type_a
+from metrosep.separation._methods import History, Parts, RecordedMethod, as_stated, type_a
 from metrosep.separation._readings import as_numbers, own_shares
 from metrosep.separation.contract import (
     U_READING,
@@ -55,10 +55,6 @@ class RepeatSplit(RecordedMethod):
     ----------
     x : tuple of float or None, m, optional
         Positions of profiles; pixels if omitted.
-    align : {"line", "piston", "none"}, optional
-        What is removed from each repeat: line or plane, mean, or nothing.
-    closed : bool, optional
-        Whether a profile is one turn: wavelengths are then undulations per revolution.
     steps : tuple of (float, float) or None, m, optional
         dx and dy of maps.
 
@@ -73,23 +69,29 @@ class RepeatSplit(RecordedMethod):
         "line",
         kind="text",
         choices=("line", "piston", "none"),
-        help="what differs from repeat to repeat without being an error: offset and line, offset",
+        help="what is removed from each repeat: line or plane, mean (piston), or nothing",
     )
-    closed: bool = option(False, kind="flag", help="true: the curve closes after one revolution")
+    closed: bool = option(
+        False,
+        kind="flag",
+        help="true: the curve closes after one revolution, and wavelengths are undulations per "
+        "revolution",
+    )
     steps: tuple[float, float] | None = None
 
-    name: ClassVar[str] = "repeatable"
-    what: ClassVar[str] = "what repeats in several readings of one thing, and what does not"
+    name = "repeatable"
+    what = "what repeats in several readings of one thing, and what does not"
     arguments: ClassVar[Mapping[str, Option]] = {
         **U_READING,
         "shift": Option(
             "text",
             choices=("trust", "fit"),
-            help="fit: each repeat is shifted along x to agree with the first",
+            help="fit: each profile is moved along x onto the first by least squares; trust: it stays "
+            "where it is",
         ),
     }
-    truth_parts: ClassVar[tuple[str, ...]] = ("repeatable",)
-    error_parts: ClassVar[tuple[str, ...]] = ("non_repeatable",)
+    truth_parts = ("repeatable",)
+    error_parts = ("non_repeatable",)
 
     @classmethod
     def from_inputs(cls, data: Readings, options: Mapping[str, Any]) -> Separation:
@@ -101,9 +103,7 @@ class RepeatSplit(RecordedMethod):
         if self.align not in ("none", "piston", "line"):
             raise DataError(f"repeatable: align is {self.align!r}; none, piston or line")
 
-    def simulate(
-        self, truth: Mapping[str, ArrayLike], errors: Mapping[str, ArrayLike]
-    ) -> FloatArray:
+    def simulate(self, truth: Parts, errors: Parts) -> FloatArray:
         unknown = [n for n in truth if n != "repeatable"]
         unknown += [n for n in errors if n != "non_repeatable"]
         if unknown or not (truth or errors):
@@ -239,8 +239,6 @@ def repeatable(
         over the common range. Maps must have the same pixels.
     x : array_like, shape (n,), m, optional
         Positions of arrays; for a closed profile angles in rad.
-    shift : {"trust", "fit"}, optional
-        Take the positions as they are, or move each profile onto the first by least squares.
     u_reading : float, m, optional
         Standard uncertainty of one reading; the scatter of the repeats if omitted.
 
@@ -405,18 +403,14 @@ _SETTLED = 1e-3
 class RepeatedMaps(NamedMethod):
     """`repeatable` of maps by its name."""
 
-    name: ClassVar[str] = "repeatable_maps"
-    what: ClassVar[str] = "what repeats in several maps of one thing, and what does not"
-    reads: ClassVar = "maps"
+    name = "repeatable_maps"
+    function = "repeatable"
+    what = "what repeats in several maps of one thing, and what does not"
+    reads = "maps"
     arguments: ClassVar[Mapping[str, Option]] = {
         **U_READING,
         "align": RepeatSplit.fields["align"],
     }
-
-    @classmethod
-    def from_inputs(cls, data: Sequence[Surface], options: Mapping[str, Any]) -> Separation:
-        """Return what repeats in the maps."""
-        return repeatable(list(data), **options)
 
 
 def common_stack(
