@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.area_errors import format_along, format_amount, format_span, is_rotary
 from metrosep.compensation.limits import Limits
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.rounding import Rounded, round_increments
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import is_uniform, resample_uniform, resampling_error
-from metrosep.controllers._turns import format_along, format_amount, format_span
 from metrosep.controllers.base import Dialect, Simulator, sidecar_options, table_lookup
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import LimitError, TableError

@@ -35,7 +35,6 @@ from metrosep.controllers._grammar import (
     short,
 )
 from metrosep.controllers._grids import even_map, even_table, require_one_direction
-from metrosep.controllers._turns import AlongOption, axes_of, chosen, in_axes
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -44,7 +43,16 @@ from metrosep.controllers.base import (
     load_sidecar,
     map_identity,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import (
+    AlongOption,
+    Option,
+    axes_of,
+    chosen,
+    flag,
+    in_axes,
+    pick,
+    whole,
+)
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, TableError, UnsupportedFeatureError
 
@@ -53,39 +61,36 @@ __all__ = ["Aerotech", "AerotechLine"]
 _SIGN = "direction in which the encoder of the {} counts, moving the axis in +: 1 or -1"
 
 _OPTIONS = (
-    Option("row_axis", "number of the axis along the rows, the first is 1", "integer", lowest=1),
-    Option("column_axis", "number of the axis along the columns", "integer", lowest=1),
-    Option("corrected_axis", "number of the corrected axis", "integer", lowest=1),
-    Option("row_sign", _SIGN.format("row axis"), "choice", choices=(1, -1)),
-    Option("column_sign", _SIGN.format("column axis"), "choice", choices=(1, -1)),
-    Option("corrected_sign", _SIGN.format("corrected axis"), "choice", choices=(1, -1)),
+    whole("row_axis", "number of the axis along the rows, the first is 1", 1),
+    whole("column_axis", "number of the axis along the columns", 1),
+    whole("corrected_axis", "number of the corrected axis", 1),
+    pick("row_sign", _SIGN.format("row axis"), (1, -1)),
+    pick("column_sign", _SIGN.format("column axis"), (1, -1)),
+    pick("corrected_sign", _SIGN.format("corrected axis"), (1, -1)),
 )
 _REQUIRED = tuple(replace(o, required=True) for o in _OPTIONS)
 _COMMON = (
-    Option(
+    pick(
         "offset_follows",
         "whether OFFSETROW and OFFSETCOL are along the encoder or along the axis",
-        "choice",
+        ("encoder", "axis"),
         default="encoder",
-        choices=("encoder", "axis"),
     ),
     Option(
         "primary_unit", "length of a primary unit, to read PRIMARY files", "length", positive=True
     ),
-    Option(
+    pick(
         "position_unit",
         "unit of the axes that turn, which no document states: say deg if theirs is the degree; positions "
         "are then PRIMARY, entries of a corrected axis that turns PRIMARY/1000",
-        "choice",
-        choices=("deg",),
+        ("deg",),
     ),
-    Option(
+    whole(
         "decimals",
         "of an entry in um, or in 0.001 deg of a corrected axis that turns",
-        "integer",
+        0,
+        9,
         default=4,
-        lowest=0,
-        highest=9,
     ),
     Option(
         "names",
@@ -137,24 +142,12 @@ class Aerotech(Dialect):
     options = (
         *_REQUIRED,
         *_COMMON,
-        Option("zero_ring", "surround the map by one ring of zeros", "flag", default=False),
-        Option(
-            "subtract_corner", "make the entry of the first corner zero", "flag", default=False
-        ),
+        flag("zero_ring", "surround the map by one ring of zeros"),
+        flag("subtract_corner", "make the entry of the first corner zero"),
         AlongOption(
-            "row_spacing",
-            "spacing along the rows' axis, to resample",
-            "length or angle",
-            positive=True,
-            of="y",
+            "row_spacing", "spacing along the rows' axis, to resample", positive=True, of="y"
         ),
-        AlongOption(
-            "column_spacing",
-            "spacing along the columns' axis",
-            "length or angle",
-            positive=True,
-            of="x",
-        ),
+        AlongOption("column_spacing", "spacing along the columns' axis", positive=True, of="x"),
     )
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
@@ -228,9 +221,7 @@ class AerotechLine(Dialect):
         ),
         *(replace(o, required=True) for o in (_OPTIONS[1], _OPTIONS[2], _OPTIONS[4], _OPTIONS[5])),
         *_COMMON,
-        AlongOption(
-            "spacing", "spacing of the entries, to resample", "length or angle", positive=True
-        ),
+        AlongOption("spacing", "spacing of the entries, to resample", positive=True),
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:

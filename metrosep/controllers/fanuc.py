@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.area_errors import format_along, is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import own_axis, settled
+from metrosep.controllers._facts import letter_in_file, own_axis, settled
 from metrosep.controllers._grammar import (
     DEG,
     INTEGER,
@@ -48,22 +48,23 @@ from metrosep.controllers._grids import (
     sections,
     walked,
 )
-from metrosep.controllers._turns import (
+from metrosep.controllers.base import DialectInfo, Encoded, identity
+from metrosep.controllers.options import (
     INCREMENT,
     INTERVAL,
     AlongOption,
+    Option,
     axes_of,
     chosen,
-    format_along,
+    flag,
     in_axes,
     is_one_turn,
-    letter_in_file,
+    pick,
     require_turn,
     require_whole_turn,
     unit_along,
+    whole,
 )
-from metrosep.controllers.base import DialectInfo, Encoded, identity
-from metrosep.controllers.options import Option
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
 from metrosep.core.units import format_length
 
@@ -177,44 +178,30 @@ class Fanuc(Repeating, Resampling):
 
     options = (
         unit_along("detection_unit", "detection unit of the axis"),
-        Option("magnification", "parameter 3623", "integer", default=1, lowest=1, highest=100),
-        Option(
-            "largest", "largest increment the control takes", "choice", default=7, choices=(7, 127)
-        ),
-        Option(
-            "capacity",
-            "most points of an axis in a direction",
-            "integer",
-            default=128,
-            lowest=2,
-            highest=1024,
-        ),
-        Option("axis_number", "number behind A", "integer", default=1, lowest=1, highest=32),
-        Option("reference_number", "parameter 3620", "integer", lowest=0, highest=LAST_NUMBER),
-        AlongOption(
-            "reference_position", "machine coordinate of the reference position", "length or angle"
-        ),
+        whole("magnification", "parameter 3623", 1, 100, default=1),
+        pick("largest", "largest increment the control takes", (7, 127), default=7),
+        whole("capacity", "most points of an axis in a direction", 2, 1024, default=128),
+        whole("axis_number", "number behind A", 1, 32, default=1),
+        whole("reference_number", "parameter 3620", 0, LAST_NUMBER),
+        AlongOption("reference_position", "machine coordinate of the reference position"),
         replace(INTERVAL, help="parameter 3624; that of the table if omitted"),
         replace(
             INCREMENT,
             help="least input increment, unit of parameter 3624; 1 um or 0.001 deg if omitted",
         ),
         Option("rapid", "rapid traverse, for the smallest interval", "speed", positive=True),
-        Option(
+        flag(
             "bidirectional",
             "write a list for each direction (3605 bit 0, 3626, 3627), where the control has that option",
-            "flag",
-            default=False,
         ),
-        Option(
+        whole(
             "reverse_number",
             "parameter 3626, first point of the list for travel in - direction; behind the first list "
             "if omitted",
-            "integer",
-            lowest=0,
-            highest=LAST_NUMBER,
+            0,
+            LAST_NUMBER,
         ),
-        Option("entry_sign", "k in entry = k e", "choice", default=-1, choices=(-1, 1)),
+        pick("entry_sign", "k in entry = k e", (-1, 1), default=-1),
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:

@@ -37,7 +37,7 @@ from metrosep.controllers.fanuc import (
     parameter_file,
     require_axis_number,
 )
-from metrosep.controllers.options import Option, unit_option
+from metrosep.controllers.options import Option, pick, unit_option, whole
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import LimitError, TableError
 from metrosep.core.units import format_length
@@ -101,33 +101,18 @@ class FanucStraightness(Resampling):
             lowest=1e-9,
             highest=100.0,
         ),
-        Option(
+        whole(
             "reference_number",
             "pitch error point of the moving axis' reference (3620)",
-            "integer",
+            0,
+            LAST_NUMBER,
             required=True,
-            lowest=0,
-            highest=LAST_NUMBER,
         ),
         Option("reference_position", "machine coordinate of that point", "length"),
-        Option(
-            "moving_axis",
-            "number of the moving axis",
-            "integer",
-            default=1,
-            lowest=1,
-            highest=_LAST_AXIS,
-        ),
-        Option(
-            "compensated_axis",
-            "number of the compensated axis",
-            "integer",
-            default=2,
-            lowest=1,
-            highest=_LAST_AXIS,
-        ),
-        Option("set_number", "set of parameters, 1 for 5711", "integer", 1, lowest=1, highest=3),
-        Option("entry_sign", "k in entry = k e", "choice", default=-1, choices=(-1, 1)),
+        whole("moving_axis", "number of the moving axis", 1, _LAST_AXIS, default=1),
+        whole("compensated_axis", "number of the compensated axis", 1, _LAST_AXIS, default=2),
+        whole("set_number", "set of parameters, 1 for 5711", 1, 3, default=1),
+        pick("entry_sign", "k in entry = k e", (-1, 1), default=-1),
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:

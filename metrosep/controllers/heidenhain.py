@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.area_errors import format_along, format_amount, format_span, is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.rounding import round_entries
 from metrosep.compensation.table import CompensationTable
@@ -42,22 +42,20 @@ from metrosep.controllers._grids import (
     require_sizes,
     uniform_positions,
 )
-from metrosep.controllers._turns import (
+from metrosep.controllers.base import ALONE, DialectInfo, Encoded, identity, stored_table
+from metrosep.controllers.options import (
     INTERVAL,
     TURN,
     AlongOption,
+    Option,
     axes_of,
     chosen,
     closed,
-    format_along,
-    format_amount,
-    format_span,
     in_axes,
     is_one_turn,
+    pick,
     require_whole_turn,
 )
-from metrosep.controllers.base import ALONE, DialectInfo, Encoded, identity, stored_table
-from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 
@@ -127,11 +125,10 @@ class Heidenhain(Repeating, Resampling):
         AlongOption(
             "resolution",
             "last digit of an entry, a power of ten of mm or deg, from 0.001 to 1e-9; 0.0001 if omitted",
-            "length or angle",
             positive=True,
             of="compensates",
         ),
-        Option("entry_sign", "k in entry = k e", "choice", default=1, choices=(-1, 1)),
+        pick("entry_sign", "k in entry = k e", (-1, 1), default=1),
         Option(
             "looked_up_axis", "axis that is looked up, to read tables that do not name it", "text"
         ),

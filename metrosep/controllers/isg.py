@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.area_errors import format_along, format_span, is_rotary
 from metrosep.compensation.knots import choose_knots
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._facts import agreed, named_axes, settled
@@ -43,23 +43,24 @@ from metrosep.controllers._grids import (
     require_sizes,
     uniform_positions,
 )
-from metrosep.controllers._turns import (
-    INTERVAL,
-    axes_of,
-    chosen,
-    format_along,
-    format_span,
-    in_axes,
-    require_turn,
-    require_whole_turn,
-)
 from metrosep.controllers.base import (
     DialectInfo,
     Encoded,
     identity,
     load_sidecar,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import (
+    INTERVAL,
+    Option,
+    axes_of,
+    chosen,
+    flag,
+    in_axes,
+    pick,
+    require_turn,
+    require_whole_turn,
+    whole,
+)
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 
@@ -88,20 +89,12 @@ _AXIS_POINTS = 1499
 """Default of kw.ssfk.max_points less one: kw_nr_max must be smaller."""
 _CROSS_POINTS = 1001
 """Default of kw.crosscomp.max_points: last_index must be smaller."""
-AXIS_NUMBER = Option(
-    "axis_number",
-    "logical number of the corrected axis",
-    "integer",
-    required=True,
-    lowest=1,
-    highest=999,
-)
-NUMBER_TYPE = Option(
+AXIS_NUMBER = whole("axis_number", "logical number of the corrected axis", 1, 999, required=True)
+NUMBER_TYPE = pick(
     "number_type",
     "whole numbers, or decimals (REAL64: builds from V3.1.3132 or V4.29 on)",
-    "choice",
+    ("integer", "real"),
     default="integer",
-    choices=("integer", "real"),
 )
 
 
@@ -251,22 +244,19 @@ class IsgAxis(Repeating, CompensationList):
     options = (
         AXIS_NUMBER,
         NUMBER_TYPE,
-        Option(
+        whole(
             "capacity",
             "most points; kw.ssfk.max_points (P-COMP-00059) less one",
-            "integer",
+            2,
+            1_000_000,
             default=_AXIS_POINTS,
-            lowest=2,
-            highest=1_000_000,
         ),
         INTERVAL,
-        Option(
+        flag(
             "modulo",
             "kw.ssfk.modulo (P-COMP-00022): the table of 0 to 360 deg repeats, for an axis that turns on",
-            "flag",
-            default=False,
         ),
-        Option("entry_sign", "k in entry = k e", "choice", default=1, choices=(-1, 1)),
+        pick("entry_sign", "k in entry = k e", (-1, 1), default=1),
     )
 
     structure = "ssfk"
@@ -386,13 +376,8 @@ class IsgCross(CompensationList):
 
     options = (
         AXIS_NUMBER,
-        Option(
-            "master_number",
-            "logical number of the axis that is looked up",
-            "integer",
-            required=True,
-            lowest=1,
-            highest=999,
+        whole(
+            "master_number", "logical number of the axis that is looked up", 1, 999, required=True
         ),
         Option(
             "master_name",
@@ -400,17 +385,16 @@ class IsgCross(CompensationList):
             "text",
         ),
         NUMBER_TYPE,
-        Option(
+        whole(
             "capacity",
             "most points; kw.crosscomp.max_points (P-COMP-00060)",
-            "integer",
+            2,
+            1_000_000,
             default=_CROSS_POINTS,
-            lowest=2,
-            highest=1_000_000,
         ),
         INTERVAL,
-        Option("cycles", "n_cycles of smooth switching", "integer", 10, lowest=0, highest=1000),
-        Option("entry_sign", "k in entry = k e", "choice", default=-1, choices=(-1, 1)),
+        whole("cycles", "n_cycles of smooth switching", 0, 1000, default=10),
+        pick("entry_sign", "k in entry = k e", (-1, 1), default=-1),
     )
 
     structure = "crosscomp"

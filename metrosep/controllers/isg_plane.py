@@ -31,7 +31,7 @@ from metrosep.controllers.isg import (
     to_units,
     unit_of,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import Option, pick, whole
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
 from metrosep.core.units import format_length
@@ -85,24 +85,22 @@ class IsgPlane(CompensationList):
     options = (
         AXIS_NUMBER,
         *(
-            Option(
+            whole(
                 f"master{i}_number",
                 f"logical number of the {which} axis that is looked up",
-                "integer",
+                1,
+                999,
                 required=True,
-                lowest=1,
-                highest=999,
             )
             for i, which in ((1, "first (columns)"), (2, "second (rows)"))
         ),
         NUMBER_TYPE,
-        Option(
+        whole(
             "capacity",
             "room for points, written as kw.crosscomp2.max_points (P-COMP-00061, builds from "
             "V3.1.3079.06 on); without it 101 along each axis",
-            "integer",
-            lowest=4,
-            highest=9_999_999,
+            4,
+            9_999_999,
         ),
         Option(
             "interval",
@@ -111,8 +109,8 @@ class IsgPlane(CompensationList):
             positive=True,
             highest=100.0,
         ),
-        Option("cycles", "n_cycles of smooth switching", "integer", 10, lowest=0, highest=1000),
-        Option("entry_sign", "k in entry = k e", "choice", default=-1, choices=(-1, 1)),
+        whole("cycles", "n_cycles of smooth switching", 0, 1000, default=10),
+        pick("entry_sign", "k in entry = k e", (-1, 1), default=-1),
     )
 
     structure = "crosscomp2"

@@ -15,11 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.area_errors import format_along, is_rotary
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._grammar import Line, Word, decoded, joined
-from metrosep.controllers._turns import TURN, format_along
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -28,7 +27,7 @@ from metrosep.controllers.base import (
     sidecar_options,
     sidecar_path,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import TURN, pick
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 
 __all__ = ["MAX_POINTS", "LinuxCNC"]
@@ -80,33 +79,29 @@ class LinuxCNC(Dialect):
     )
 
     options = (
-        Option(
+        pick(
             "cross_axis",
             "a table that corrects another axis than it looks up is refused, or routed in HAL",
-            "choice",
+            ("refuse", "hal"),
             default="refuse",
-            choices=("refuse", "hal"),
         ),
-        Option(
+        pick(
             "joint_type",
             "TYPE of the joint in the INI file; a table of A, B or C needs angular: degrees",
-            "choice",
+            ("linear", "angular"),
             default="linear",
-            choices=("linear", "angular"),
         ),
-        Option(
+        pick(
             "linear_units",
             "[TRAJ]LINEAR_UNITS of the INI file: all numbers of a linear joint are in it",
-            "choice",
+            tuple(_LINEAR),
             default="mm",
-            choices=tuple(_LINEAR),
         ),
-        Option(
+        pick(
             "angular_units",
             "[TRAJ]ANGULAR_UNITS of the INI file: all numbers of an angular joint are in it",
-            "choice",
+            tuple(_ANGULAR),
             default="deg",
-            choices=tuple(_ANGULAR),
         ),
     )
 

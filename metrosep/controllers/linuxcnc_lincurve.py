@@ -34,7 +34,7 @@ from metrosep.controllers.base import (
     one_way,
     sidecar_path,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import Option, whole
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 
@@ -293,22 +293,10 @@ class LinuxCNCLincurve(Dialect):
     )
 
     options = (
-        Option(
-            "source_joint",
-            "number of the joint whose position is looked up",
-            "integer",
-            required=True,
-            lowest=0,
-            highest=15,
+        whole(
+            "source_joint", "number of the joint whose position is looked up", 0, 15, required=True
         ),
-        Option(
-            "target_joint",
-            "number of the joint that is corrected",
-            "integer",
-            required=True,
-            lowest=0,
-            highest=15,
-        ),
+        whole("target_joint", "number of the joint that is corrected", 0, 15, required=True),
         Option("thread", "name of the servo thread in HAL", "text", default="servo-thread"),
     )
 

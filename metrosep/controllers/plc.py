@@ -47,7 +47,7 @@ from metrosep.controllers.base import (
     load_sidecar,
     one_way,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import Option, flag, pick, whole
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, LimitError, TableError
 from metrosep.core.units import format_length
@@ -88,22 +88,14 @@ _NAME, _VARIABLE = Word(IDENTIFIER, str.lower), Word(r"P\d{1,4}", str.upper)
 _EXPRESSION = Word(".+?")
 
 _COMMON = (
-    Option(
-        "actuator_sign",
-        "-1 if a positive y moves the tool against the corrected axis (a piezo opposite to Z)",
-        "choice",
-        required=True,
-        choices=(1, -1),
-    ),
+    pick("actuator_sign", "-1 if a positive y moves the tool against the corrected axis (a piezo opposite to Z)", (1, -1), required=True),
     Option("stroke", "largest y that the actuator can do", "length", positive=True),
-    Option("unipolar", "the actuator takes no negative y", "flag", default=False),
+    flag("unipolar", "the actuator takes no negative y"),
     Option("offset", "constant added to y, so that an actuator can go both ways", "length",
            default=0.0),
-    Option("digits", "significant digits of a coefficient", "integer", default=9, lowest=3,
-           highest=17),
-    Option("x_unit", "unit of the position in the PLC", "choice", default="mm",
-           choices=("m", "mm", "um")),
-    Option("y_unit", "unit of y in the PLC", "choice", default="um", choices=("mm", "um", "nm")),
+    whole("digits", "significant digits of a coefficient", 3, 17, default=9),
+    pick("x_unit", "unit of the position in the PLC", ("m", "mm", "um"), default="mm"),
+    pick("y_unit", "unit of y in the PLC", ("mm", "um", "nm"), default="um"),
 )  # fmt: skip
 
 
@@ -456,11 +448,10 @@ class PLCTurboPMAC(_Polynomial):
 
     options = (
         *_COMMON,
-        Option("plc", "number of the PLC program", "integer", default=10, lowest=0, highest=31),
-        Option("x_variable", "P-variable of x", "integer", default=100, lowest=0, highest=8191),
-        Option("y_variable", "P-variable of y", "integer", default=101, lowest=0, highest=8191),
-        Option("held_variable", "P-variable for the held position", "integer", default=102,
-               lowest=0, highest=8191),
+        whole("plc", "number of the PLC program", 0, 31, default=10),
+        whole("x_variable", "P-variable of x", 0, 8191, default=100),
+        whole("y_variable", "P-variable of y", 0, 8191, default=101),
+        whole("held_variable", "P-variable for the held position", 0, 8191, default=102),
     )  # fmt: skip
 
     layout = tuple(

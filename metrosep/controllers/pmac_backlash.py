@@ -23,21 +23,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.compensation.area_errors import format_amount
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.measured import measured_error
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
 from metrosep.controllers._facts import is_same, printable, settled
 from metrosep.controllers._grammar import damaged
-from metrosep.controllers._turns import (
-    AlongOption,
-    axes_of,
-    chosen,
-    closed,
-    format_amount,
-    in_axes,
-    is_one_turn,
-)
 from metrosep.controllers.base import (
     DialectInfo,
     Encoded,
@@ -47,7 +39,17 @@ from metrosep.controllers.base import (
     looked_up,
     require_unchanged,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import (
+    AlongOption,
+    Option,
+    axes_of,
+    chosen,
+    closed,
+    flag,
+    in_axes,
+    is_one_turn,
+    whole,
+)
 from metrosep.controllers.pmac import (
     ACTIVATION,
     GRID,
@@ -126,39 +128,27 @@ class PMACBacklash(OneMotor):
 
     options = (
         AlongOption(
-            "count",
-            "length of one count of the motor, or its angle",
-            "length or angle",
-            required=True,
-            positive=True,
+            "count", "length of one count of the motor, or its angle", required=True, positive=True
         ),
         motor("motor", "number of the motor; 1 if omitted"),
         signed("source_sign", "the"),
-        AlongOption(
-            "motor_zero",
-            "position of the axis where the motor reads zero",
-            "length or angle",
-            default=0.0,
-        ),
+        AlongOption("motor_zero", "position of the axis where the motor reads zero", default=0.0),
         Option(
             "comp",
             "file of the forward corrections that act besides (controller pmac), for the dry-run "
             "and for simulating both together",
             "text",
         ),
-        Option(
+        flag(
             "forward_active",
             "the forward direction was compensated already while the runs were measured: only the "
             "lost motion is judged, without comp=",
-            "flag",
-            default=False,
         ),
-        Option(
+        whole(
             "rate",
             "Ixx85, sixteenths of a count taken up per background cycle; set elsewhere if omitted",
-            "integer",
-            lowest=1,
-            highest=LARGEST,
+            1,
+            LARGEST,
         ),
         *GRID,
     )

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.compensation.area_errors import bilinear, is_rotary
+from metrosep.compensation.area_errors import bilinear, format_along, format_amount, is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers._facts import printable, settled
@@ -32,14 +32,6 @@ from metrosep.controllers._grids import (
     rolled_weights,
     rolling_grid,
 )
-from metrosep.controllers._turns import (
-    AlongOption,
-    chosen,
-    format_along,
-    format_amount,
-    in_axes,
-    is_angle,
-)
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -48,7 +40,15 @@ from metrosep.controllers.base import (
     map_identity,
     one_way,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import (
+    AlongOption,
+    Option,
+    chosen,
+    flag,
+    in_axes,
+    is_angle,
+    pick,
+)
 from metrosep.controllers.pmac import (
     ACTIVATION,
     LONG_SPAN,
@@ -127,7 +127,7 @@ def _side_options(name: str, which: str, number: int) -> tuple[Option, ...]:
 def _along(name: str, what: str, text: str) -> AlongOption:
     """Return an option along one of the two axes that are looked up."""
     positive = what in ("count", "span", "spacing")
-    return AlongOption(f"{name}_{what}", text, "length or angle", positive=positive, of=name)
+    return AlongOption(f"{name}_{what}", text, positive=positive, of=name)
 
 
 class PMACPlane(Dialect):
@@ -152,17 +152,11 @@ class PMACPlane(Dialect):
     )
 
     options = (
-        AlongOption(
-            "count", "length of one count of the target motor, or its angle", "length or angle",
-            required=True, positive=True, of="compensates",
-        ),
+        AlongOption("count", "length of one count of the target motor, or its angle", required=True, positive=True, of="compensates"),
         motor("target_motor", "motor that is corrected; 3 if omitted, or the source that it is"),
         motor("owner", "motor the table belongs to; the target if omitted"),
-        Option("desired", "look up desired positions (D), not actual ones", "flag", default=True),
-        Option(
-            "target_sign", "-1 if the counts of the target motor fall where its axis rises",
-            "choice", choices=(1, -1),
-        ),
+        flag("desired", "look up desired positions (D), not actual ones", default=True),
+        pick("target_sign", "-1 if the counts of the target motor fall where its axis rises", (1, -1)),
         LONG_SPAN,
         *_side_options("x", "first", 1),
         *_side_options("y", "second", 2),

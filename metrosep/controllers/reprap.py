@@ -40,7 +40,7 @@ from metrosep.controllers.base import (
     nearest_zero,
     one_way,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import Option, pick, whole
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
 from metrosep.core.units import format_length
@@ -122,7 +122,7 @@ class Klipper(Dialect):
         *SPACINGS,
         Option("split_delta_z", "as in printer.cfg", "length", default=25e-6, lowest=10e-6),
         Option("move_check_distance", "as in printer.cfg", "length", default=5e-3, lowest=3e-3),
-        Option("decimals", "of a height in mm", "integer", default=_PLACES, lowest=3, highest=12),
+        whole("decimals", "of a height in mm", 3, 12, default=_PLACES),
     )
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
@@ -361,13 +361,8 @@ class RepRap(Dialect):
     )
     options = (
         *SPACINGS,
-        Option(
-            "max_nodes", "441, or 961 of boards 6HC and 6XD", "choice", default=441, choices=(441, 961)
-        ),
-        Option(
-            "decimals", "of a height in mm; as many as fit if omitted", "integer",
-            lowest=_FEWEST, highest=_MOST,
-        ),
+        pick("max_nodes", "441, or 961 of boards 6HC and 6XD", (441, 961), default=441),
+        whole("decimals", "of a height in mm; as many as fit if omitted", _FEWEST, _MOST),
     )  # fmt: skip
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from metrosep.compensation.area_errors import format_along, format_amount
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.polynomial import PolynomialFit
-from metrosep.controllers._turns import format_along, format_amount
 from metrosep.controllers.base import DialectInfo, Encoded
 from metrosep.core.errors import DataError, LimitError, TableError
 

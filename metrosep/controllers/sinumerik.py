@@ -13,7 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.compensation.area_errors import format_position, is_rotary
+from metrosep.compensation.area_errors import (
+    format_amount,
+    format_position,
+    format_span,
+    is_rotary,
+)
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.products import ProductTables, rank_one
@@ -48,12 +53,6 @@ from metrosep.controllers._sinumerik_file import (
     units,
     write_program,
 )
-from metrosep.controllers._turns import (
-    AlongOption,
-    along_axis,
-    format_amount,
-    format_span,
-)
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -63,7 +62,15 @@ from metrosep.controllers.base import (
     map_identity,
     table_lookup,
 )
-from metrosep.controllers.options import ENTRY_SIGN, Option
+from metrosep.controllers.options import (
+    ENTRY_SIGN,
+    AlongOption,
+    Option,
+    along_axis,
+    flag,
+    pick,
+    whole,
+)
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
@@ -92,14 +99,12 @@ _SHARED = (
     Option(
         "output_axis", "name of the corrected machine axis, such as AX3", "text", required=True
     ),
-    Option("table_index", "index of the first table", "integer", default=0, lowest=0),
+    whole("table_index", "index of the first table", 0, default=0),
     ENTRY_SIGN,
-    Option("channel", "number in CHANDATA", "integer", default=1, lowest=1),
-    Option("points_limit", "MD18342 of a table; 200 on 828D", "integer", lowest=2),
-    AlongOption(
-        "value_limit", "MD32720, the most the control adds", "length or angle", positive=True
-    ),
-    Option("decimals", "of an entry", "integer", default=9, lowest=1, highest=12),
+    whole("channel", "number in CHANDATA", 1, default=1),
+    whole("points_limit", "MD18342 of a table; 200 on 828D", 2),
+    AlongOption("value_limit", "MD32720, the most the control adds", positive=True),
+    whole("decimals", "of an entry", 1, 12, default=9),
 )
 
 _ACTIVATION = (
@@ -137,12 +142,10 @@ class SinumerikCec(Repeating):
             "input_axis", "name of the machine axis that is looked up, AX1", "text", required=True
         ),
         *_SHARED,
-        Option("modulo", "the table repeats, for an axis that turns on", "flag", default=False),
-        Option("input_turns", "the input axis turns: degrees", "flag", default=False),
-        Option("output_turns", "the output axis turns: degrees", "flag", default=False),
-        AlongOption(
-            "spacing", "spacing of the entries, to resample", "length or angle", positive=True
-        ),
+        flag("modulo", "the table repeats, for an axis that turns on"),
+        flag("input_turns", "the input axis turns: degrees"),
+        flag("output_turns", "the output axis turns: degrees"),
+        AlongOption("spacing", "spacing of the entries, to resample", positive=True),
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
@@ -269,32 +272,20 @@ class SinumerikCecProduct(Dialect):
         ),
         Option("second_input_axis", "machine axis of its rows, AX2", "text", required=True),
         *_SHARED,
-        Option(
+        flag(
             "accept_residual",
             "write although the product misses more than a tenth of the map's span",
-            "flag",
-            default=False,
         ),
-        Option(
+        flag(
             "keep_zero",
             "let the product add no constant to the map: more of it stays, the zero moves less",
-            "flag",
-            default=False,
         ),
-        AlongOption(
-            "first_spacing",
-            "spacing of the columns, to resample",
-            "length or angle",
-            positive=True,
-        ),
-        AlongOption(
-            "second_spacing", "spacing of the rows, to resample", "length or angle", positive=True
-        ),
-        Option(
+        AlongOption("first_spacing", "spacing of the columns, to resample", positive=True),
+        AlongOption("second_spacing", "spacing of the rows, to resample", positive=True),
+        pick(
             "turning",
             "to read files that do not tell: which input axes turn",
-            "choice",
-            choices=("none", "1", "2", "12"),
+            ("none", "1", "2", "12"),
         ),
     )
 
@@ -481,24 +472,19 @@ class SinumerikEnc(Repeating):
 
     options = (
         Option("machine_axis", "name of the machine axis, such as X1", "text", required=True),
-        Option(
+        pick(
             "measuring_system",
             "0 for the first encoder of the axis, 1 for the second",
-            "choice",
+            (0, 1),
             default=0,
-            choices=(0, 1),
         ),
-        Option("channel", "number in CHANDATA", "integer", default=1, lowest=1),
-        Option("modulo", "the table repeats, for an axis that turns on", "flag", default=False),
-        Option("turns", "the axis turns: rad in the table, degrees here", "flag", default=False),
-        Option("points_limit", "MD38000 of the axis; 200 on 808D and 828D", "integer", lowest=2),
-        AlongOption(
-            "reference_point", "machine position of the reference point", "length or angle"
-        ),
-        AlongOption(
-            "spacing", "spacing of the entries, to resample", "length or angle", positive=True
-        ),
-        Option("decimals", "of an entry", "integer", default=9, lowest=1, highest=12),
+        whole("channel", "number in CHANDATA", 1, default=1),
+        flag("modulo", "the table repeats, for an axis that turns on"),
+        flag("turns", "the axis turns: rad in the table, degrees here"),
+        whole("points_limit", "MD38000 of the axis; 200 on 808D and 828D", 2),
+        AlongOption("reference_point", "machine position of the reference point"),
+        AlongOption("spacing", "spacing of the entries, to resample", positive=True),
+        whole("decimals", "of an entry", 1, 12, default=9),
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:

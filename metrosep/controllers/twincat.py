@@ -19,7 +19,7 @@ import numpy as np
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import own_axis
+from metrosep.controllers._facts import letter_in_file, own_axis
 from metrosep.controllers._grammar import (
     Line,
     Text,
@@ -40,17 +40,17 @@ from metrosep.controllers._grids import (
     require_sizes,
     uniform_positions,
 )
-from metrosep.controllers._turns import (
+from metrosep.controllers.base import DialectInfo, Encoded, identity
+from metrosep.controllers.options import (
     INTERVAL,
+    Option,
     axes_of,
     chosen,
+    flag,
     in_axes,
-    letter_in_file,
     require_turn,
     require_whole_turn,
 )
-from metrosep.controllers.base import DialectInfo, Encoded, identity
-from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, TableError
 
@@ -164,17 +164,13 @@ class TwinCAT(Repeating, Resampling):
 
     options = (
         replace(INTERVAL, help="spacing; that of the table if omitted"),
-        Option(
+        flag(
             "modulo",
             "Modulo := TRUE: the table of 0 to 360 deg repeats, for an axis that turns on",
-            "flag",
-            default=False,
         ),
-        Option(
+        flag(
             "bidirectional",
             "write a table for each direction (Direction of the parameter structure)",
-            "flag",
-            default=False,
         ),
         Option("name", "name of the variable", "text", default="CompTable"),
     )

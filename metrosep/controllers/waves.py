@@ -37,7 +37,7 @@ from metrosep.controllers._grammar import (
     row_of,
 )
 from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, identity, one_way
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import Option, pick, whole
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 from metrosep.core.units import format_length
@@ -53,12 +53,11 @@ _WHOLE = 1e-6
 """Fraction of a point within which a turn must be a whole number of points."""
 
 PLAYBACK_OPTIONS = (
-    Option(
+    pick(
         "polarity",
         "1 if the piezo and the corrected axis count up the same way, -1 if they are opposed",
-        "choice",
+        (1, -1),
         required=True,
-        choices=(1, -1),
     ),
     Option("travel", "of the piezo stage, from 0", "length", required=True, positive=True),
     Option(
@@ -66,12 +65,11 @@ PLAYBACK_OPTIONS = (
         "where the piezo rests (d_off), so that it can move both ways; half the travel if omitted",
         "length",
     ),
-    Option(
+    pick(
         "motion",
         "what runs while the wave is played: one pass at constant speed, or turn after turn",
-        "choice",
+        ("pass", "turn"),
         default="pass",
-        choices=("pass", "turn"),
     ),
     Option("speed", "constant speed of the pass", "speed", positive=True),
     Option(
@@ -79,11 +77,11 @@ PLAYBACK_OPTIONS = (
         "position at which the generator starts, in a pass: an end of the table, to use all of it",
         "length",
     ),
-    Option("direction", "of motion while the wave plays", "choice", default=1, choices=(1, -1)),
+    pick("direction", "of motion while the wave plays", (1, -1), default=1),
     Option("start_angle", "angle at which the generator starts, in a turn", "angle", default=0.0),
-    Option("points", "of one turn", "integer", lowest=2, highest=1_000_000),
+    whole("points", "of one turn", 2, 1_000_000),
     Option("rotation", "speed of the spindle, turns per second", "frequency", positive=True),
-    Option("rate", "servo periods that each point lasts", "integer", default=1, lowest=1),
+    whole("rate", "servo periods that each point lasts", 1, default=1),
     Option(
         "closing",
         "largest jump of the table from the end of a turn to its beginning",
@@ -91,7 +89,7 @@ PLAYBACK_OPTIONS = (
         default=1e-9,
         lowest=0.0,
     ),
-    Option("decimals", "of a value in um", "integer", default=6, lowest=1, highest=9),
+    whole("decimals", "of a value in um", 1, 9, default=6),
 )
 """What every wave needs to know of the machine."""
 
@@ -551,21 +549,13 @@ class PiGcs(_Wave):
     )
     options = (
         *PLAYBACK_OPTIONS,
-        Option("generator", "number of the wave generator (of the axis)", "integer", default=1, lowest=1),
-        Option("wave_table", "number of the wave table", "integer", default=1, lowest=1),
-        Option(
-            "interpolation",
-            "0 holds each point, 1 draws lines between points at every servo period",
-            "choice",
-            default=1,
-            choices=(0, 1),
-        ),
+        whole("generator", "number of the wave generator (of the axis)", 1, default=1),
+        whole("wave_table", "number of the wave table", 1, default=1),
+        pick("interpolation", "0 holds each point, 1 draws lines between points at every servo period", (0, 1), default=1),
         Option("servo_time", "servo period of the controller", "time", default=50e-6, positive=True),
-        Option("memory", "points that the wave table holds, where you know it", "integer", lowest=2),
-        Option("bunch", "points in one command", "integer", default=10, lowest=1, highest=1000),
-        Option(
-            "start_mode", "of WGO: 1 at once, 2 by the trigger input", "choice", default=1, choices=(1, 2)
-        ),
+        whole("memory", "points that the wave table holds, where you know it", 2),
+        whole("bunch", "points in one command", 1, 1000, default=10),
+        pick("start_mode", "of WGO: 1 at once, 2 by the trigger input", (1, 2), default=1),
     )  # fmt: skip
     adds_offset = True
     endless = "WGC"
