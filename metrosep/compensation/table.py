@@ -23,7 +23,6 @@ from metrosep.compensation.area_errors import (
     is_rotary,
 )
 from metrosep.compensation.entry_covariance import Covariance
-from metrosep.compensation.folds import Folds, source_hashes
 from metrosep.compensation.limits import (
     Corrections,
     Finding,
@@ -32,7 +31,7 @@ from metrosep.compensation.limits import (
     coarse_finding,
     require_findings,
 )
-from metrosep.compensation.measured import at_reference
+from metrosep.compensation.measured import Folds, at_reference, source_hashes
 from metrosep.compensation.polynomial import exact_correction
 from metrosep.compensation.sampling import (
     Direction,

@@ -152,7 +152,7 @@ class Aerotech(Dialect):
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
         axes = {"x": table.axes[0], "y": table.axes[1], "compensates": table.compensates}
-        o = in_axes(self.options, {**{x.name: x.default for x in self.options}, **options}, axes)
+        o = in_axes(self.options, self.filled(options), axes)
         units = _units(table.axes, table.compensates, o)
         _check_numbers(o)
         _check_names(o, (*table.axes, table.compensates))
@@ -195,24 +195,16 @@ class Aerotech(Dialect):
 class AerotechLine(Dialect):
     """Writer and reader for corrections over one axis, as a 2-D table of two equal rows."""
 
-    info = DialectInfo(
+    info = replace(
+        Aerotech.info,
         id="aerotech-line",
         title="Aerotech A3200 / Automation1 calibration of one axis, as a 2-D table of two equal rows",
-        entry="-s*e, added to the corrected axis; s = 1 where its encoder counts with the axis, else -1",
-        units="mm for positions, um for entries (POSUNIT=METRIC CORUNIT=METRIC/1000); with "
-        "position_unit=deg degrees and 0.001 deg (PRIMARY, PRIMARY/1000) of axes that turn",
         outside="value of the nearest end",
-        sign_status="documented to follow the encoder, whose direction you state; not run",
-        activation=_ACTIVATION,
-        sign="stated",
-        spacing="uniform",
-        directions="one",
-        resolution="0.1 nm with 4 decimals",
         reference_rule="none",
-        suffix=".cal",
         example={"row_axis": 2, "column_axis": 1, "corrected_axis": 1}
         | {"column_sign": 1, "corrected_sign": 1},
-        page="aerotech",
+        carries="table",
+        proof="own strict parser and simulated lookup",
     )
 
     options = (
@@ -228,7 +220,7 @@ class AerotechLine(Dialect):
         table = require_one_direction(
             table, "an Aerotech calibration", "into the backlash parameter"
         )
-        o = {**{x.name: x.default for x in self.options}, **options, "row_sign": 1}
+        o = {**self.filled(options), "row_sign": 1}
         o = in_axes(self.options, o, axes_of(table))
         units = _units((table.axis,), table.compensates, o)
         if o["row_axis"] == o["corrected_axis"]:
@@ -446,8 +438,7 @@ def _offset_findings(grid: Grid) -> tuple[Finding, ...]:
     if not shifted:
         return ()
     return (
-        Finding(
-            "warning",
+        Finding.warning(
             f"{' and '.join(shifted)} belongs to an encoder that counts against its axis: public "
             "writers of this format disagree whether its sign follows",
             "try a map with one bump first; if it appears mirrored about zero, say offset_follows='axis'",

@@ -7,13 +7,18 @@ file appears; the sidecar JSON beside the file carries what the file itself cann
 
 from __future__ import annotations
 
+import contextlib
+import filecmp
 import hashlib
 import json
+import os
+import shutil
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
-from typing import Any, ClassVar, Literal, cast
+from typing import Any, BinaryIO, ClassVar, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,25 +27,30 @@ from metrosep.compensation.area_errors import is_rotary, numbers_of
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
-from metrosep.core.atomic import require_plain
+from metrosep.core.atomic import atomic_stream, atomic_write, require_plain
 from metrosep.core.errors import (
     CorruptFileError,
     DataError,
     FileMissingError,
     ReadError,
     TableError,
+    WriteError,
 )
 
 __all__ = [
     "Dialect",
     "DialectInfo",
     "Encoded",
+    "Prepared",
     "Simulator",
     "load_bytes",
     "load_sidecar",
+    "paired_stream",
+    "refuse_existing",
     "sidecar_path",
     "stored_table",
     "table_lookup",
+    "write_pair",
 ]
 
 ALONE = "alone"
@@ -147,6 +157,10 @@ class Dialect(ABC):
     @abstractmethod
     def encode(self, table: Any, **options: Any) -> Encoded:
         """Return bytes and what they cost of a CompensationTable, CompensationMap or PolynomialFit."""
+
+    def filled(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Return options, those that nobody gave with their defaults."""
+        return {**{o.name: o.default for o in self.options}, **options}
 
     @abstractmethod
     def decode(self, data: bytes, path: Path, **options: Any) -> Any:
@@ -418,3 +432,138 @@ def one_way(function: Any, n_places: int = 1) -> Simulator:
         return np.asarray(function(*looked_up((x, y), direction)[0]))
 
     return along if n_places == 1 else over
+
+
+# ---- a file and its sidecar on the disk ---------------------------------------------------------
+# A file and its sidecar: never replaced unasked, written both or neither, the old pair kept.
+
+
+def refuse_existing(target: Path) -> None:
+    """Refuse if a file or its sidecar is there already."""
+    for path in (target, sidecar_path(target)):
+        if _exists(path):
+            raise WriteError(
+                f"{path}: exists already and a machine may be using it; choose another name or say "
+                "overwrite"
+            )
+
+
+def is_written(target: Path, data: bytes, sidecar: bytes, *, overwrite: bool) -> bool:
+    """Return whether just these bytes are there; other ones are refused without `overwrite`."""
+    pair = ((target, data), (sidecar_path(target), sidecar))
+    if all(_exists(p) and p.is_file() and load_bytes(p) == wanted for p, wanted in pair):
+        return True
+    if not overwrite:
+        refuse_existing(target)
+    return False
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError as exc:
+        raise WriteError(
+            f"{path}: cannot be written ({exc.strerror or exc}); choose another name or folder"
+        ) from None
+
+
+def keep_old(target: Path) -> list[Path]:
+    """Keep a file and its sidecar beside them as NAME.1, NAME.1.json, or the next free number."""
+    pair = [p for p in (target, sidecar_path(target)) if p.is_file()]
+    if not pair:
+        return []
+    names = (target.with_name(f"{target.name}.{k}") for k in count(1))
+    name = next(n for n in names if not (_exists(n) or _exists(sidecar_path(n))))
+    kept = []
+    for old in pair:
+        new = name if old == target else sidecar_path(name)
+        try:
+            try:
+                os.link(old, new)
+            except OSError:  # a disk without links
+                shutil.copy2(old, new)
+        except OSError as exc:
+            raise WriteError(
+                f"{new}: the old file cannot be kept there ({exc.strerror or exc}); choose another "
+                "name or folder"
+            ) from None
+        kept.append(new)
+    return kept
+
+
+@contextlib.contextmanager
+def paired_stream(
+    end: Path, text: Callable[[Path], str], *, overwrite: bool
+) -> Iterator[BinaryIO]:
+    """Give a binary file to write into; file and sidecar appear together or not at all.
+
+    The same bytes stay; others are refused, or with `overwrite` kept under another name (`keep_old`).
+
+    Notes
+    -----
+    The sidecar is written first and put back if the file does not get its name. Between the two only
+    a killed process can stop; the sidecar then holds the hash of another file.
+    """
+    beside = sidecar_path(end)
+    before = load_bytes(beside) if beside.is_file() else None
+    wrote = False
+    kept: list[Path] = []
+
+    def check(written: Path) -> None:
+        nonlocal wrote
+        said = text(written)
+        if _is_same(end, written) and before == said.encode("utf-8"):
+            return
+        if not overwrite:
+            refuse_existing(end)
+        kept.extend(keep_old(end))
+        wrote = True
+        atomic_write(beside, said.encode("utf-8"))
+
+    try:
+        with atomic_stream(end, check=check) as out:
+            yield out
+    except BaseException:
+        for file in kept:
+            file.unlink(missing_ok=True)
+        if wrote:
+            with contextlib.suppress(WriteError, OSError):
+                if before is None:
+                    beside.unlink(missing_ok=True)
+                else:
+                    atomic_write(beside, before)
+        raise
+
+
+def _is_same(one: Path, other: Path) -> bool:
+    """Return whether two files are there and hold the same bytes."""
+    return one.is_file() and filecmp.cmp(one, other, shallow=False)
+
+
+def write_pair(target: Path, data: bytes, sidecar: bytes, *, overwrite: bool) -> None:
+    """Write a file and its sidecar; both appear, or what was there before stays."""
+    said = sidecar.decode("utf-8")
+    with paired_stream(target, lambda _written: said, overwrite=overwrite) as out:
+        out.write(data)
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A table that passed its checks, ready to be written: bytes, sidecar and dry-run."""
+
+    target: Path
+    data: bytes
+    sidecar: bytes
+    verification: Any
+    overwrite: bool
+
+    def require_free(self) -> bool:
+        """Return whether these bytes are there; refuse other ones that may not be replaced."""
+        return is_written(self.target, self.data, self.sidecar, overwrite=self.overwrite)
+
+    def write(self, stage: Path | None = None) -> None:
+        """Write file and sidecar, into `stage` if given; replace other bytes only if that was said."""
+        if self.require_free() and stage is None:
+            return
+        place = self.target if stage is None else stage / self.target.name
+        write_pair(place, self.data, self.sidecar, overwrite=self.overwrite)

@@ -96,7 +96,7 @@ class Etalon(Dialect):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        o = {**{x.name: x.default for x in self.options}, **options}
+        o = self.filled(options)
         parameter = _parameter(table, o["parameter"])
         table = require_one_direction(table, "an error parameter", "into the backlash parameter")
         n = table.positions.size

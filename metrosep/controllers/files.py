@@ -12,25 +12,25 @@ from typing import Any
 
 from metrosep._version import __version__
 from metrosep.compensation.area_errors import AxisUnits
-from metrosep.compensation.folds import Folds
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.map_verify import judged_map
 from metrosep.compensation.maps import CompensationMap
+from metrosep.compensation.measured import Folds
 from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.trial import TrialMap, TrialTable
 from metrosep.compensation.verify import Unknown, judged_table
-from metrosep.controllers._columns import columns_beside, in_columns
 from metrosep.controllers._grids import carry
-from metrosep.controllers._pairs import Prepared, refuse_existing
-from metrosep.controllers.active import Active, active_file
+from metrosep.controllers.active import Active, active_file, columns_beside, in_columns
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
+    Prepared,
     Simulator,
     columns_in,
     load_bytes,
     load_sidecar,
+    refuse_existing,
     require_unchanged,
     sidecar_options,
     table_lookup,
@@ -255,7 +255,7 @@ def prepare(
         findings = (
             *findings,
             *getattr(verification, "findings", ()),
-            *(Finding("error", r.text, "", r.check) for r in getattr(verification, "reasons", ())),
+            *(Finding.error(r.text, "", r.check) for r in getattr(verification, "reasons", ())),
         )
     held = heat or getattr(increment, "heat", None)
     told = {} if was is None else was.described(verified_against, held)
@@ -458,8 +458,7 @@ def _iteration(carried: Any, target: Path, kept: Collection[str] = ()) -> list[F
     held = [beside, *columns_in(beside).values()]
     if beside.get("file_sha256") != hashlib.sha256(target.read_bytes()).hexdigest():
         return [
-            Finding(
-                "warning",
+            Finding.warning(
                 f"{target} was not written by metrosep or was changed since, and a machine may be using it: "
                 "if it was active while the readings were taken, the new table is what is left and must be "
                 "added to it",
@@ -477,8 +476,7 @@ def _iteration(carried: Any, target: Path, kept: Collection[str] = ()) -> list[F
     if any(step.name == "combine" for step in carried.history):
         return []
     return [
-        Finding(
-            "error",
+        Finding.error(
             f"{target} holds a table made of other readings: if it was active while these were "
             "taken, the new table is what is left and must be added to it, not replace it",
             way,

@@ -418,8 +418,7 @@ def _alone(table: CompensationTable) -> tuple[Finding, ...]:
     if table.is_on_axis:
         return ()
     return (
-        Finding(
-            "warning",
+        Finding.warning(
             f"one table over {table.axis} is active at a time: this one, {table.axis} -> "
             f"{table.compensates}, switches off a table {table.axis} -> {table.axis}",
             "if there is one, write both as columns of one file: name it with beside=",
@@ -467,8 +466,7 @@ def _steep(table: CompensationTable) -> tuple[Finding, ...]:
     if worst <= _STEEPEST * step or turns[0] != turns[1]:
         return ()
     return (
-        Finding(
-            "warning",
+        Finding.warning(
             f"neighbours differ by {format_amount(table.compensates, worst)}, more than 1/64 of their "
             f"spacing {format_along(table.axis, step)}: older controls (TNC 407) refuse that",
             "check the units of the table",

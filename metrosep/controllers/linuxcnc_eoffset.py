@@ -104,16 +104,9 @@ class LinuxCNCEoffset(Dialect):
         ),
     )
 
-    def encode(
-        self,
-        table: CompensationMap,
-        *,
-        count: float = 1e-10,
-        av_ratio: float = 0.1,
-        period: float = 2e-3,
-        **options: Any,
-    ) -> Encoded:
+    def encode(self, table: CompensationMap, **options: Any) -> Encoded:
         """Return the program with the map in it."""
+        count, av_ratio, period = (self.filled(options)[o.name] for o in self.options)
         letters = [*table.axes, table.compensates]
         wrong = [a for a in letters if a not in tuple(LETTERS)]
         if wrong:

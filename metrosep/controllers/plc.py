@@ -16,8 +16,8 @@ import os
 import re
 import sys
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, ClassVar
@@ -150,7 +150,7 @@ class _Polynomial(Dialect):
         return Encoded(
             data=data,
             quantisation=cost,
-            findings=_warnings(y, cost + rounding, options),
+            findings=tuple(_warnings(y, cost + rounding, options)),
             notes={
                 "y_range_m": [float(y.min()), float(y.max())],
                 "quantity_of_the_fit": table.quantity,
@@ -311,39 +311,28 @@ def _comments(fit: PolynomialFit, options: Mapping[str, Any], y: FloatArray) -> 
     ]
 
 
-def _warnings(y: FloatArray, cost: float, options: Mapping[str, Any]) -> tuple[Finding, ...]:
-    found = []
+def _warnings(y: FloatArray, cost: float, options: Mapping[str, Any]) -> Iterator[Finding]:
     stroke, low, high = options["stroke"], float(y.min()), float(y.max())
     if stroke is not None and max(abs(low), abs(high)) > stroke:
-        found.append(
-            Finding(
-                "error",
-                f"y reaches {format_length(low)} ... {format_length(high)}, the stroke is "
-                f"{format_length(stroke)}",
-                "remove alignment from the error, change offset=, or use an actuator with more stroke",
-                "stroke",
-            )
+        yield Finding.error(
+            f"y reaches {format_length(low)} ... {format_length(high)}, the stroke is "
+            f"{format_length(stroke)}",
+            "remove alignment from the error, change offset=, or use an actuator with more stroke",
+            "stroke",
         )
     if options["unipolar"] and low < 0.0:
-        found.append(
-            Finding(
-                "error",
-                f"y falls to {format_length(low)}, the actuator takes no negative y",
-                f"say offset= of at least {format_length(options['offset'] - low)}",
-                "stroke",
-            )
+        yield Finding.error(
+            f"y falls to {format_length(low)}, the actuator takes no negative y",
+            f"say offset= of at least {format_length(options['offset'] - low)}",
+            "stroke",
         )
     if cost > _COARSE * float(np.ptp(y)) and cost > 0.0:
-        found.append(
-            Finding(
-                "error",
-                f"printed digits and the controller's arithmetic cost up to {format_length(cost)}, "
-                f"the corrections span {format_length(float(np.ptp(y)))}",
-                "say more digits=, a lower degree, or put the zero of x near the domain",
-                "quantisation",
-            )
+        yield Finding.error(
+            f"printed digits and the controller's arithmetic cost up to {format_length(cost)}, "
+            f"the corrections span {format_length(float(np.ptp(y)))}",
+            "say more digits=, a lower degree, or put the zero of x near the domain",
+            "quantisation",
         )
-    return tuple(found)
 
 
 class PLCStructuredText(_Polynomial):
@@ -414,13 +403,11 @@ class PLCStructuredText(_Polynomial):
 class PLCTurboPMAC(_Polynomial):
     """Writer and reader of Turbo PMAC PLC programs; see the module."""
 
-    info = DialectInfo(
+    info = replace(
+        PLCStructuredText.info,
         id="plc-pmac",
         title="Polynomial for a Turbo PMAC PLC program",
-        entry="coefficients of y, which is added to the command: y = actuator_sign * -e + offset",
-        units="x in mm, y in um unless said otherwise; named in a comment",
         outside="held at the ends of the domain",
-        sign_status="stated by the user: actuator_sign, no default; y is added by your program",
         activation=(
             (
                 "have another program write the position of the axis into the variable of x, in the unit "
@@ -434,14 +421,8 @@ class PLCTurboPMAC(_Polynomial):
                 "with a known error and see that the sensor moves towards zero"
             ),
         ),
-        sign="stated",
-        carries="polynomial",
-        directions="one",
         resolution="digits of the coefficients; 48-bit arithmetic",
-        reference_rule="none: the constant is that of the fit, plus offset",
         suffix=".plc",
-        example={"actuator_sign": 1},
-        page="plc",
     )
     comment = (";", "")
     mantissa = 35

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -418,8 +418,7 @@ def turn_of(axis: str, span: float | None, travel: float, count: float) -> float
 def rolls_over(axes: Iterable[tuple[str, int]]) -> tuple[Finding, ...]:
     """Return what the motors of axes that turn must agree with."""
     return tuple(
-        Finding(
-            "warning",
+        Finding.warning(
             f"the table over {axis} rolls over after {counts} counts",
             "Ixx27 of its motor, if it is set, must be that number",
             "coverage",
@@ -763,19 +762,12 @@ def _checked_motors(table: CompensationTable, options: Mapping[str, Any]) -> dic
     return given
 
 
-def _warnings(options: Mapping[str, Any], given: Mapping[str, Any]) -> tuple[Finding, ...]:
-    found = []
+def _warnings(options: Mapping[str, Any], given: Mapping[str, Any]) -> Iterator[Finding]:
     if options["source_motor"] is None:
-        found.append(
-            Finding("warning", "motor #1 was taken as the source", "say source_motor=", "motors")
-        )
+        yield Finding.warning("motor #1 was taken as the source", "say source_motor=", "motors")
     if given["source_motor"] == given["target_motor"] and not given["desired"]:
-        found.append(
-            Finding(
-                "warning",
-                "a motor that is corrected over its own actual position follows its own noise",
-                "look up the desired position (desired=True)",
-                "desired",
-            )
+        yield Finding.warning(
+            "a motor that is corrected over its own actual position follows its own noise",
+            "look up the desired position (desired=True)",
+            "desired",
         )
-    return tuple(found)

@@ -34,7 +34,6 @@ from metrosep.controllers._grids import (
 )
 from metrosep.controllers.base import (
     Dialect,
-    DialectInfo,
     Encoded,
     Simulator,
     map_identity,
@@ -50,8 +49,8 @@ from metrosep.controllers.options import (
     pick,
 )
 from metrosep.controllers.pmac import (
-    ACTIVATION,
     LONG_SPAN,
+    PMAC,
     SCALE,
     Program,
     define_line,
@@ -133,22 +132,15 @@ def _along(name: str, what: str, text: str) -> AlongOption:
 class PMACPlane(Dialect):
     """Writer and reader of tables over two motors; see the module."""
 
-    info = DialectInfo(
+    info = replace(
+        PMAC.info,
         id="pmac-plane",
         title="Turbo PMAC position compensation over two motors (DEFINE COMP rows.columns)",
-        entry="correction added to the target motor in 1/16 count: round(-16 e / count)",
         units="1/16 count of the target motor; spans in counts of the source motors",
         outside="rolls over: each position is taken modulo its span",
-        sign_status="documented: added to the target's desired position (Software Reference)",
-        activation=ACTIVATION,
         carries="map",
-        spacing="uniform",
-        directions="one",
-        resolution="1/16 count of the target motor",
         reference_rule="zero where both source motors read zero, by definition",
-        suffix=".pmc",
         example={"count": "10 nm", "x_motor": 1, "y_motor": 2, "target_motor": 3},
-        page="pmac",
     )
 
     options = (
@@ -449,8 +441,8 @@ def _warnings(options: Mapping[str, Any]) -> tuple[Finding, ...]:
     if not missing:
         return ()
     return (
-        Finding(
-            "warning", f"{', '.join(missing)} not given: motors 1, 2 and 3 were assumed",
+        Finding.warning(
+f"{', '.join(missing)} not given: motors 1, 2 and 3 were assumed",
             "say which motors they are", "motors",
         ),
     )  # fmt: skip

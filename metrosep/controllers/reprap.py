@@ -231,8 +231,7 @@ def _klipper_findings(table: CompensationMap, options: dict[str, Any]) -> tuple[
     step_x, step_y = float(table.x[1] - table.x[0]), float(table.y[1] - table.y[0])
     span = float(np.ptp(table.values))
     found = [
-        Finding(
-            "warning",
+        Finding.warning(
             "Klipper looks at the mesh at the end of a move, and within it every "
             f"{format_length(check)} for changes of {format_length(delta)}; the corrections span "
             f"{format_length(span)}"
@@ -244,8 +243,7 @@ def _klipper_findings(table: CompensationMap, options: dict[str, Any]) -> tuple[
     ]
     if min(step_x, step_y) < check:
         found.append(
-            Finding(
-                "warning",
+            Finding.warning(
                 f"nodes lie {format_length(min(step_x, step_y))} apart, nearer than the "
                 f"{format_length(check)} at which Klipper looks",
                 "lower move_check_distance (3 mm at least), or write a denser path",
@@ -481,8 +479,7 @@ def _findings(places: int, wanted: int | None) -> tuple[Finding, ...]:
     if wanted is not None or places == _MOST:
         return ()
     return (
-        Finding(
-            "warning",
+        Finding.warning(
             f"only {places} decimals of a mm fit a line: heights in steps of "
             f"{format_length(10.0**-places * _MM)}",
             "fewer columns (x_spacing=) leave room for more",

@@ -8,6 +8,7 @@ manual is a suggestion, and a table is written only after a trial on the machine
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -150,7 +151,7 @@ class SinumerikCec(Repeating):
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         """Return the text of a file; two tables where the directions differ."""
-        o = {**{x.name: x.default for x in self.options}, **options}
+        o = self.filled(options)
         names = [checked_name(o[k], k) for k in ("input_axis", "output_axis")]
         if table.is_on_axis != (names[0] == names[1]):
             raise DataError(
@@ -240,30 +241,24 @@ class SinumerikCec(Repeating):
 class SinumerikCecProduct(Dialect):
     """Writer and reader of a map as a product of two tables; see the module."""
 
-    info = DialectInfo(
+    info = replace(
+        SinumerikCec.info,
         id="sinumerik-cec-product",
         title="SINUMERIK sag compensation over two axes, f(x) g(y) ($AN_CEC_MULT_BY_TABLE)",
         entry="first table +e with entry_sign=1, -e with -1; second a factor with peak 1 mm; multiplied",
         units="mm, positions of a turning axis degrees (basic system metric)",
         outside="end values hold",
-        sign_status=(
-            "not stated in the pages of the compensation manual that could be read; nor whether the "
-            "second table acts by itself too"
-        ),
+        sign_status="not stated in the pages of the compensation manual that could be read; nor whether the "
+        "second table acts by itself too",
         activation=(
             *_ACTIVATION[:3],
             "enable the second table alone (SD41300): its correction must read 0, else do not go on",
             *_ACTIVATION[3:],
         ),
-        sign="unconfirmed",
         carries="map",
-        spacing="uniform",
         directions="one",
-        resolution="1 pm with 9 decimals; float64 inside",
         reference_rule="none; what the product leaves at the map's reference is in the sidecar",
-        suffix=".INI",
         example={"first_input_axis": "AX1", "second_input_axis": "AX2", "output_axis": "AX3"},
-        page="sinumerik",
     )
 
     options = (
@@ -291,7 +286,7 @@ class SinumerikCecProduct(Dialect):
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
         """Return the text of a file of two tables."""
-        o = {**{x.name: x.default for x in self.options}, **options}
+        o = self.filled(options)
         names = [
             checked_name(o[k], k) for k in ("first_input_axis", "second_input_axis", "output_axis")
         ]
@@ -414,7 +409,7 @@ def _require_fine(product: ProductTables, step: float) -> None:
 def _findings(product: ProductTables, missed: float) -> tuple[Finding, ...]:
     shown = [missed > _SAME, abs(product.at_reference) > _SAME]
     return tuple(
-        Finding("warning", message, "see the residual in the sidecar", "product")
+        Finding.warning(message, "see the residual in the sidecar", "product")
         for message, show in zip(product.messages, shown, strict=False)
         if show
     )
@@ -448,12 +443,11 @@ def _words(values: FloatArray, decimals: int) -> list[str]:
 class SinumerikEnc(Repeating):
     """Writer and reader of ``AX_EEC_INI``; see the module."""
 
-    info = DialectInfo(
+    info = replace(
+        SinumerikCec.info,
         id="sinumerik-enc",
         title="SINUMERIK encoder error compensation ($AA_ENC_COMP)",
         entry="+e, added to the actual value: a positive entry moves the axis in negative direction",
-        units="mm, of a turning axis degrees (basic system metric)",
-        outside="end values hold; with modulo=True it repeats",
         sign_status="documented explicitly in the compensation manual K3; not run",
         activation=(
             "save the memory, set MD38000 MM_ENC_COMP_MAX_POINTS to the number of entries or more",
@@ -461,13 +455,10 @@ class SinumerikEnc(Repeating):
             "set MD32700 = 1, power on, reference the axis",
             "check in 'service axes' that the correction at a bump is the opposite of its error",
         ),
-        spacing="uniform",
         directions="one",
-        resolution="1 pm with 9 decimals; float64 inside",
         reference_rule="zero at the reference point, or the axis jumps when it is referenced",
-        suffix=".INI",
         example={"machine_axis": "X1"},
-        page="sinumerik",
+        sign="documented",
     )
 
     options = (
@@ -488,7 +479,7 @@ class SinumerikEnc(Repeating):
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        o = {**{x.name: x.default for x in self.options}, **options}
+        o = self.filled(options)
         axis = checked_name(o["machine_axis"], "machine_axis")
         if not table.is_on_axis:
             raise TableError(

@@ -382,8 +382,7 @@ def _warnings(quantisation: float, step: float) -> tuple[Finding, ...]:
     if quantisation <= _ROUGH * step:
         return ()
     return (
-        Finding(
-            "warning",
+        Finding.warning(
             f"the voltages miss the corrections by up to {format_length(quantisation, digits=3)}, a step of "
             f"the DAC is {format_length(step, digits=3)}: the branches of the calibration do not fit",
             "check which sweep is up and which is down, use more positions, or branch='mean'",

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -261,8 +261,7 @@ def dropped(play: Playback, table: CompensationTable) -> tuple[Finding, ...]:
     if play.is_cyclic or play.direction * (play.start - begin) <= 0.5 * abs(play.step):
         return ()
     return (
-        Finding(
-            "error",
+        Finding.error(
             f"the wave starts at {format_length(play.start)}, the table begins at {format_length(begin)} "
             "in this direction: the part before it is not played, the first point is held there",
             f"say start='{begin * 1e3:.9g} mm', or cut the table",
@@ -303,7 +302,7 @@ def encoded(
     table: CompensationTable,
     options: Mapping[str, Any],
     *,
-    findings: tuple[Finding, ...] = (),
+    findings: Iterable[Finding] = (),
     **more: Any,
 ) -> Encoded:
     """Return the bytes of a wave with what it carries of a table, and where a pass starts."""
@@ -423,7 +422,7 @@ class _Wave(Dialect):
 
     def _findings(
         self, play: Playback, stage: FloatArray, options: Mapping[str, Any]
-    ) -> tuple[Finding, ...]:
+    ) -> Iterable[Finding]:
         """Return what is doubtful about a wave."""
         return ()
 
@@ -616,12 +615,11 @@ class PiGcs(_Wave):
 
     def _findings(
         self, play: Playback, stage: FloatArray, options: Mapping[str, Any]
-    ) -> tuple[Finding, ...]:
+    ) -> Iterable[Finding]:
         """Return what is doubtful about a wave."""
-        found = []
         if options["memory"] is None:
             text = f"{play.n} points: how many the controller holds was not checked"
-            found.append(Finding("warning", text, "state memory=", "memory"))
+            yield Finding.warning(text, "state memory=", "memory")
         rest = rest_position(options)
         start = abs(float(stage[0]) - rest)
         if start > 1e-9:
@@ -629,10 +627,7 @@ class PiGcs(_Wave):
                 f"the wave begins {start * 1e9:.4g} nm from the rest position {rest / _UM:.6g} um: "
                 "started from there the stage jumps by it"
             )
-            found.append(
-                Finding("warning", text, f"move it to {stage[0] / _UM:.6f} um before", "start")
-            )
-        return tuple(found)
+            yield Finding.warning(text, f"move it to {stage[0] / _UM:.6f} um before", "start")
 
 
 # ---- piezosystem jena ---------------------------------------------------------------------------
@@ -655,7 +650,8 @@ class NV200(_Wave):
     is the displacement d_off + polarity x c, with c = -e.
     """
 
-    info = DialectInfo(
+    info = replace(
+        PiGcs.info,
         id="nv200",
         title="piezosystem jena NV200 arbitrary waveform",
         entry="displacement of the stage: offset + polarity x correction = d_off + polarity x (-e)",
@@ -671,15 +667,10 @@ class NV200(_Wave):
             "send grun,1 as the axis passes the start at its speed",
             "try it once with the tool off the part: the stage must move against the error",
         ),
-        sign="stated",
-        spacing="uniform",
-        directions="one",
         resolution="1 pm as printed; the amplifier's is coarser",
-        reference_rule="none: the offset may stand anywhere in the travel",
         proof="own strict parser and simulated staircase",
         suffix=".txt",
         example={"polarity": 1, "travel": "15 um", "speed": "60 mm/min", "rate": 1000},
-        page="pi",
     )  # fmt: skip
     options = PLAYBACK_OPTIONS
     adds_offset = False

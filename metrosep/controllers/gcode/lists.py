@@ -19,8 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from metrosep._version import __version__
-from metrosep.controllers._pairs import paired_stream
-from metrosep.controllers.base import sidecar_path
+from metrosep.controllers.base import paired_stream, sidecar_path
 from metrosep.controllers.gcode.columns import (
     check_files,
     mark_text,

@@ -21,8 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from metrosep._version import __version__
-from metrosep.controllers._pairs import paired_stream
-from metrosep.controllers.base import sidecar_path
+from metrosep.controllers.base import paired_stream, sidecar_path
 from metrosep.controllers.gcode.columns import (
     Outside,
     Settings,
