@@ -299,18 +299,11 @@ def tables_from_machine(
         raise DataError(f"a machine is a Chain, got {type(chain).__name__}")
     axes = (over,) if isinstance(over, str) else tuple(over)
     grid = positions_to_axes(axes, positions, chain)
-    stand = standing(at, axes)
-    q = _mesh(axes, grid, stand)
-    source = volumetric_source(
-        chain, errors, axes=axes, grid=grid, at=stand, corrects=corrects, tool=tool, exact=exact
+    source, zero, offset, c, before, rest = _corrected(
+        chain, errors, axes, grid, reference, at=at, corrects=corrects, tool=tool, exact=exact
     )
-    zero = references(axes, grid, reference)
-    place = {**stand, **dict(zip(axes, zero, strict=True))}
-    offset = source.in_axes(place)
-    c = solved(source, q, offset)
-    rest = source.remaining(q, c, {a: v - offset[a] for a, v in c.items()})
+    q = _at_nodes(axes, grid, source.at)
     tables = _tables(source, axes, grid, zero, c, offset, q)
-    before = source.remaining(q, {}, {a: -offset[a] + np.zeros(()) for a in c})
     left = _left_over(rest, source.correctable(q), tuple(c))
     messages = (*source.messages, *left, *_zero_moves(tables))
     for array in (before, rest):
@@ -318,12 +311,41 @@ def tables_from_machine(
     return MachineTables(
         tables=freeze_mapping(tables),
         over=axes,
-        at=freeze_mapping(stand),
+        at=freeze_mapping(source.at),
         error=before,
         left=rest,
         messages=messages,
         source=source,
     )
+
+
+def _corrected(
+    chain: Chain,
+    errors: Any,
+    axes: tuple[str, ...],
+    grid: tuple[FloatArray, ...],
+    reference: float | Sequence[float] | None,
+    *,
+    at: Mapping[str, float] | None,
+    **how: Any,
+) -> tuple[
+    VolumetricError,
+    tuple[float, ...],
+    dict[str, FloatArray],
+    dict[str, FloatArray],
+    FloatArray,
+    FloatArray,
+]:
+    """Return the error as a function, reference, the errors there, corrections, error before and after."""
+    stand = standing(at, axes)
+    source = volumetric_source(chain, errors, axes=axes, grid=grid, at=stand, **how)
+    zero = references(axes, grid, reference)
+    offset = source.in_axes({**stand, **dict(zip(axes, zero, strict=True))})
+    q = _at_nodes(axes, grid, stand)
+    c = solved(source, q, offset)
+    before = source.remaining(q, {}, {a: -offset[a] + np.zeros(()) for a in c})
+    after = source.remaining(q, c, {a: v - offset[a] for a, v in c.items()})
+    return source, zero, offset, c, before, after
 
 
 def standing(at: Mapping[str, float] | None, axes: tuple[str, ...]) -> dict[str, float]:
@@ -341,15 +363,6 @@ def standing(at: Mapping[str, float] | None, axes: tuple[str, ...]) -> dict[str,
             raise DataError(f"at[{axis!r}] is {value!r}; one finite position is needed")
         stand[axis] = float(value)
     return stand
-
-
-def _mesh(
-    axes: tuple[str, ...], grid: tuple[FloatArray, ...], stand: Mapping[str, float]
-) -> dict[str, Any]:
-    if len(axes) == 1:
-        return {**stand, axes[0]: grid[0]}
-    x, y = np.meshgrid(*grid)
-    return {**stand, axes[0]: x, axes[1]: y}
 
 
 def references(
@@ -426,7 +439,7 @@ def _tables(
 ) -> dict[str, Table]:
     sd = source.sd_in_axes(q)
     fine = tuple(_finer(p) for p in grid)
-    between = solved(source, _mesh(axes, fine, source.at), offset)
+    between = solved(source, _at_nodes(axes, fine, source.at), offset)
     step = Step(
         "from_machine",
         {"chain": source.chain.name, "over": list(axes), "at_si": dict(source.at), **source.facts},
@@ -621,7 +634,7 @@ class MachineVolume:
             A term is not known there.
         """
         read = {k: t.correction for k, t in self.parts.items()} if lookups is None else lookups
-        q = _volume(self.over, self.positions, self.source.at)
+        q = _at_nodes(self.over, self.positions, self.source.at)
         c = {axis: np.zeros(self.error.shape[:-1]) for axis in self.corrections}
         for (looked, axis), lookup in read.items():
             place = self.positions[self.over.index(looked)]
@@ -691,18 +704,11 @@ def volume_from_machine(
             f"{', '.join(chain.axes)}"
         )
     grid = tuple(rising(positions[a], a) for a in axes)
-    stand = standing(at, axes)
-    source = volumetric_source(
-        chain, errors, axes=axes, grid=grid, at=stand, corrects=corrects, tool=tool, exact=False
+    source, zero, offset, found, error, left = _corrected(
+        chain, errors, axes, grid, reference, at=at, corrects=corrects, tool=tool, exact=False
     )
-    zero = references(axes, grid, reference)
-    place = {**stand, **dict(zip(axes, zero, strict=True))}
-    offset = source.in_axes(place)
-    q = _volume(axes, grid, stand)
-    found = solved(source, q, offset)
+    place = {**source.at, **dict(zip(axes, zero, strict=True))}
     c = {a: found[a] for a in (*(a for a in axes if a in found), *(set(found) - set(axes)))}
-    left = source.remaining(q, c, {a: v - offset[a] for a, v in c.items()})
-    error = source.remaining(q, {}, {a: -offset[a] + np.zeros(()) for a in c})
     parts: dict[tuple[str, str], CompensationTable] = {}
     for axis, nodes, here in zip(axes, grid, zero, strict=True):
         others = {a: v for a, v in place.items() if a != axis}
@@ -726,9 +732,9 @@ def volume_from_machine(
     )
 
 
-def _volume(
+def _at_nodes(
     axes: tuple[str, ...], grid: tuple[FloatArray, ...], stand: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Return the commands at every node, (n3, n2, n1)."""
+    """Return the commands at every node, of three axes (n3, n2, n1)."""
     mesh = np.meshgrid(*grid[::-1], indexing="ij")
     return {**stand, **dict(zip(axes, mesh[::-1], strict=True))}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
@@ -67,6 +67,32 @@ class Corrections(Stated):
         """
         raise NotImplementedError
 
+    if TYPE_CHECKING:  # what each knows of its own axes
+
+        def limits(self, limits: Limits | None = None, **more: Any) -> tuple[Finding, ...]: ...
+
+    def require_limits(self, limits: Limits, **more: Any) -> tuple[Finding, ...]:
+        """Return the warnings, and refuse on an error.
+
+        Parameters
+        ----------
+        limits : Limits
+            Of machine and controller.
+        **more
+            Of a map ``feeds``, as for its `limits`.
+
+        Returns
+        -------
+        tuple of Finding
+            The findings that are not errors.
+
+        Raises
+        ------
+        LimitError
+            If a limit is exceeded.
+        """
+        return require_findings(self.limits(limits, **more))
+
     def negated(self) -> Self:
         """Return the corrections with the sign reversed, for tests of sign checks.
 
@@ -101,7 +127,12 @@ class Finding:
 
     @classmethod
     def error(cls, problem: str, fix: str, check: str = "") -> Finding:
-        """Return what refuses a table; parameters as for the class.
+        """Return what refuses a table.
+
+        Parameters
+        ----------
+        problem, fix, check : str
+            As of the class.
 
         Returns
         -------
@@ -112,7 +143,12 @@ class Finding:
 
     @classmethod
     def warning(cls, problem: str, fix: str, check: str = "") -> Finding:
-        """Return what is recorded; parameters as for the class.
+        """Return what is recorded.
+
+        Parameters
+        ----------
+        problem, fix, check : str
+            As of the class.
 
         Returns
         -------

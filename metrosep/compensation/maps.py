@@ -28,7 +28,6 @@ from metrosep.compensation.limits import (
     Finding,
     Limits,
     coarse_finding,
-    require_findings,
     slope_finding,
     stroke_finding,
 )
@@ -36,7 +35,6 @@ from metrosep.compensation.map_verify import MapRemoved, MapVerification, judged
 from metrosep.compensation.measured import source_hashes
 from metrosep.compensation.sampling import inverse_along, sample_area
 from metrosep.core._arrays import FloatArray, frozen_float
-from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, history_as_dicts
@@ -381,31 +379,6 @@ class CompensationMap(Corrections):
             there = float(self.correction(*self.reference)[0])
             findings += reference_finding(there, self._reference_text())
         return (*findings, *coarse_finding(self.interpolation_error, self.values, "map"))
-
-    @described_by(limits)
-    def require_limits(
-        self, limits: Limits, *, feeds: Mapping[str, float] | None = None
-    ) -> tuple[Finding, ...]:
-        """Return the warnings, and refuse on an error.
-
-        Parameters
-        ----------
-        limits : Limits
-            Of machine and controller.
-
-        Returns
-        -------
-        tuple of Finding
-            The findings that are not errors.
-
-        Raises
-        ------
-        LimitError
-            If a limit is exceeded.
-        DataError
-            If feeds name another axis.
-        """
-        return require_findings(self.limits(limits, feeds=feeds))
 
     def verify(
         self, against: AreaSource | None = None, *, free_zero: bool = False

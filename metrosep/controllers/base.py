@@ -66,64 +66,29 @@ not known: to be tried on the machine."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DialectInfo:
-    """Facts about a dialect, for lists, pages and sidecars.
+    """Facts about a dialect, for lists, pages and sidecars."""
 
-    Parameters
-    ----------
-    id, title : str
-        Name in commands; name for people.
-    entry : str
-        What one entry is, for error e at position p.
-    units : str
-        Units in the file.
-    max_points : int or None, optional
-        Most entries.
-    outside : str
-        What the controller does outside the table.
-    sign_status : str
-        How the sign was confirmed.
-    activation : tuple of str
-        Steps to load the file.
-    sign : {"confirmed", "documented", "stated", "unconfirmed"}, optional
-        The same in one word; an unconfirmed one is not written unless the user has tried it.
-    carries : {"table", "map", "polynomial"}, optional
-        What the file holds: corrections over one axis, over two, or coefficients.
-    spacing : {"free", "uniform"}, optional
-        Of the entries.
-    directions : {"one", "two"}, optional
-        Whether forward and reverse may differ in one file.
-    resolution : str, optional
-        Smallest step of an entry.
-    reference_rule : str, optional
-        Where the entry must be zero.
-    proof : str, optional
-        What the dialect was verified by.
-    suffix : str, optional
-        Usual end of the file name.
-    example : mapping, optional
-        Options for an example: every required one, in SI or as texts with units.
-    page : str, optional
-        Name of its page in the documentation's controllers folder.
-    """
-
-    id: str
-    title: str
-    entry: str
-    units: str
-    max_points: int | None = None
-    outside: str
-    sign_status: str
-    activation: tuple[str, ...] = ()
+    id: str  # name in commands
+    title: str  # name for people
+    entry: str  # what one entry is, for error e at position p
+    units: str  # in the file
+    max_points: int | None = None  # most entries
+    outside: str  # what the controller does outside the table
+    sign_status: str  # how the sign was confirmed
+    activation: tuple[str, ...] = ()  # steps to load the file
+    # the sign status in one word; an unconfirmed one is not written unless the user has tried it
     sign: Sign = "documented"
+    # what the file holds: corrections over one axis, over two, or coefficients
     carries: Literal["table", "map", "polynomial"] = "table"
-    spacing: Literal["free", "uniform"] = "free"
-    directions: Literal["one", "two"] = "two"
-    resolution: str = ""
-    reference_rule: str = ""
-    proof: str = "own strict parser and simulated lookup"
-    suffix: str = ".txt"
+    spacing: Literal["free", "uniform"] = "free"  # of the entries
+    directions: Literal["one", "two"] = "two"  # whether they may differ in one file
+    resolution: str = ""  # smallest step of an entry
+    reference_rule: str = ""  # where the entry must be zero
+    proof: str = "own strict parser and simulated lookup"  # what the dialect was verified by
+    suffix: str = ".txt"  # usual end of the file name
+    # options for an example: every required one, in SI or as texts with units
     example: Mapping[str, Any] = field(default_factory=dict)
-    page: str = ""
+    page: str = ""  # name of its page in the documentation's controllers folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,23 +172,15 @@ class Dialect(ABC):
 def table_lookup(table: Any) -> Simulator:
     """Return a lookup that is linear between entries and constant outside, over one axis or two."""
 
-    def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
-        return _both_ways(table, (position,), direction)
+    def both_ways(places: tuple[FloatArray, ...], d: NDArray[Any]) -> FloatArray:
+        flat = [a.ravel() for a in places]
+        forward = np.asarray(table.correction(*flat, 1)).reshape(d.shape)
+        if (d > 0).all():
+            return forward
+        reverse = np.asarray(table.correction(*flat, -1)).reshape(d.shape)
+        return np.asarray(np.where(d > 0, forward, reverse))
 
-    def over(x: ArrayLike, y: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
-        return _both_ways(table, (x, y), direction)
-
-    return over if hasattr(table, "values") else along
-
-
-def _both_ways(table: Any, places: tuple[ArrayLike, ...], direction: ArrayLike) -> FloatArray:
-    arrays, d = looked_up(places, direction)
-    flat = [a.ravel() for a in arrays]
-    forward = np.asarray(table.correction(*flat, 1)).reshape(d.shape)
-    if (d > 0).all():
-        return forward
-    reverse = np.asarray(table.correction(*flat, -1)).reshape(d.shape)
-    return np.asarray(np.where(d > 0, forward, reverse))
+    return _simulator(both_ways, 2 if hasattr(table, "values") else 1)
 
 
 def sidecar_path(path: Path) -> Path:
@@ -424,12 +381,17 @@ def looked_up(
 
 def one_way(function: Any, n_places: int = 1) -> Simulator:
     """Return a lookup that is the same in both directions of motion."""
+    return _simulator(lambda places, _: np.asarray(function(*places)), n_places)
+
+
+def _simulator(function: Callable[..., FloatArray], n_places: int) -> Simulator:
+    """Return a lookup over one axis or two of a function of places and directions of one shape."""
 
     def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
-        return np.asarray(function(*looked_up((position,), direction)[0]))
+        return function(*looked_up((position,), direction))
 
     def over(x: ArrayLike, y: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
-        return np.asarray(function(*looked_up((x, y), direction)[0]))
+        return function(*looked_up((x, y), direction))
 
     return along if n_places == 1 else over
 
@@ -512,7 +474,8 @@ def paired_stream(
     def check(written: Path) -> None:
         nonlocal wrote
         said = text(written)
-        if _is_same(end, written) and before == said.encode("utf-8"):
+        same = end.is_file() and filecmp.cmp(end, written, shallow=False)
+        if same and before == said.encode("utf-8"):
             return
         if not overwrite:
             refuse_existing(end)
@@ -533,11 +496,6 @@ def paired_stream(
                 else:
                     atomic_write(beside, before)
         raise
-
-
-def _is_same(one: Path, other: Path) -> bool:
-    """Return whether two files are there and hold the same bytes."""
-    return one.is_file() and filecmp.cmp(one, other, shallow=False)
 
 
 def write_pair(target: Path, data: bytes, sidecar: bytes, *, overwrite: bool) -> None:

@@ -81,8 +81,6 @@ IntArray = NDArray[np.int64]
 
 _TITLE = "Fanuc pitch error compensation"
 LAST_NUMBER = 1023
-FARTHEST, _LARGEST = 1e3, 1.0
-"""Position and correction beyond which units are mistaken, m."""
 _POINT = 10_000
 """Number of the file's word for point 0."""
 _BLOCKS_PER_MINUTE = 7500.0
@@ -218,7 +216,7 @@ class Fanuc(Repeating, Resampling):
         o = in_axes(self.options, options, axes_of(table))
         o["increment"] = o["increment"] or _LEAST[turns]
         table = _directions(table, o)
-        require_sizes(table, _TITLE, farthest=FARTHEST, largest=_LARGEST)
+        require_sizes(table, _TITLE)
         unit = o["detection_unit"] * o["magnification"]
         if turn:
             zero = o["reference_position"]
@@ -586,7 +584,7 @@ class FanucStraightness(Resampling):
             table, _STRAIGHT, "into parameter 1851 (backlash) of the moving axis"
         )
         _require_axes(table, options)
-        require_sizes(table, _STRAIGHT, farthest=FARTHEST, largest=_LARGEST_ENTRY)
+        require_sizes(table, _STRAIGHT, largest=_LARGEST_ENTRY)
         zero = options["reference_position"]
         zero = table.reference if zero is None else zero
         step, unit, number = (

@@ -69,8 +69,8 @@ _STEEPEST = 1.0 / 64.0
 _FEWEST, _MOST = 3, 9
 """Decimals of an entry; positions have four at least."""
 _USUAL = 4
-_FARTHEST, _LARGEST = 1e3, 9.0
-"""Largest position and entry that fit their columns, m or rad."""
+_LARGEST = 9.0
+"""Largest entry that fits its column, m or rad."""
 
 _COLUMNS = (6, 16, 16, 16)
 """Width of the columns NR, AXISPOS, BACKLASH and that of each dependent axis."""
@@ -78,6 +78,10 @@ _BEGIN = Line("BEGIN {name}.COM MM", name=Word(r"\w{1,16}"))
 _NAME = Line("{axis}_{targets}", axis=AXIS, targets=Word(r"[A-Z]\d?(?:_[A-Z]\d?)*"))
 _LONGEST = 16
 """Characters of the name of a table."""
+_ASSIGNMENT = (
+    "in the .CMA file of the control (config.cma), which metrosep never writes: the name of this .COM "
+    "in the column {}, and * in ACTIVE of that line; only one line is active"
+)
 _TITLES = ("NR", "AXISPOS", "BACKLASH")
 _VALUE = re.compile(r"[+-]?\d{1,6}\.\d{1,9}")
 
@@ -156,7 +160,7 @@ class Heidenhain(Repeating, Resampling):
         unit = across / 10.0**decimals
         if is_rotary(table.axis):
             table = _turned(table, o, unit)
-        require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
+        require_sizes(table, _TITLE, largest=_LARGEST)
         digits = max(decimals, _USUAL)
         digit = along / 10.0**digits
         positions = uniform_positions(
@@ -177,7 +181,7 @@ class Heidenhain(Repeating, Resampling):
         return Encoded(
             _file(name, [table.compensates], zip(places, backlash, texts[0], strict=True)),
             max(r.error for r in rounded),
-            notes={"cma": _assignment(table.axis)},
+            notes={"cma": _ASSIGNMENT.format(table.axis)},
             step=unit,
             carried=made,
             resampling_error=carried.error,
@@ -311,14 +315,6 @@ def _file(name: str, targets: list[str], rows: Iterable[tuple[str, ...]]) -> byt
         "[END]",
     ]
     return joined(lines, "\r\n")
-
-
-def _assignment(axis: str) -> str:
-    """Return what to enter in the file that assigns tables to axes."""
-    return (
-        f"in the .CMA file of the control (config.cma), which metrosep never writes: the name of this .COM "
-        f"in the column {axis}, and * in ACTIVE of that line; only one line is active"
-    )
 
 
 def _unit(axis: str) -> float:

@@ -492,7 +492,7 @@ def placed(table: CompensationTable, options: Mapping[str, Any], title: str) -> 
     made = replace(table, positions=at, forward=values, u=None)
     everywhere = np.union1d(at, table.positions)
     error = np.abs(made.correction(everywhere) - table.correction(everywhere)).max()
-    return Carried(made, float(error), True)
+    return Carried(made, float(error))
 
 
 def to_units(values: FloatArray, kind: str, unit: float) -> list[str]:
@@ -771,9 +771,9 @@ class IsgPlane(CompensationList):
         reserved = _reserved(x.size, y.size, step, options["capacity"])
         same = x.size == table.x.size and y.size == table.y.size
         if same and max(np.abs(x - table.x).max(), np.abs(y - table.y).max()) <= 1e-12:
-            carried = Carried(table, 0.0, False)
+            carried = Carried(table, 0.0)
         else:
-            carried = Carried(*map_at(table, x, y), True)
+            carried = Carried(*map_at(table, x, y))
         wanted = (-options["entry_sign"] * carried.table.values).ravel()
         entries = to_units(wanted, kind, unit_of(table.compensates))
         settings = {

@@ -49,8 +49,6 @@ __all__ = ["Mitsubishi"]
 _TITLE = "Mitsubishi machine error compensation"
 _FIRST, _LAST = 4101, 5124
 _LOW, _HIGH = -128, 127
-_FARTHEST, _LARGEST = 1e3, 1.0
-"""Position and correction beyond which units are mistaken, m."""
 _CAPACITY = _LAST - _FIRST + 1
 
 _HEAD = Line(
@@ -134,7 +132,7 @@ class Mitsubishi(Resampling):
         _require_linear(table)
         table = require_one_direction(table, _TITLE, "into #2011 and #2012 (backlash)")
         _require_axes(table, options["cross_axis"])
-        require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
+        require_sizes(table, _TITLE)
         unit = 0.5 * options["output_unit"] * options["scale"]
         made = sections(
             table,

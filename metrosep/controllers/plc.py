@@ -29,6 +29,7 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.controllers._facts import facts_of, settled
 from metrosep.controllers._grammar import (
+    IEC_WORDS,
     Line,
     Text,
     Word,
@@ -388,7 +389,7 @@ class PLCStructuredText(_Polynomial):
     def _stated(self, **options: Any) -> dict[str, Any]:
         """Return the name of the function, its variable and its unit."""
         function = options["function"]
-        if not re.fullmatch(IDENTIFIER, function) or f" {function.upper()} " in RESERVED:
+        if not re.fullmatch(IDENTIFIER, function) or f" {function.upper()} " in f" X H{IEC_WORDS}":
             raise DataError(
                 f"plc-st: function={function!r} is not an identifier that is free: letters, digits and _, no word, "
                 "type or function of IEC 61131-3"
@@ -523,25 +524,3 @@ def parsed_horner(text: str, x: str) -> FloatArray | None:
         found.append(sign * float(match[2]))
         at = match.end()
     return np.array(found) if text[at:] == ")" * (len(found) - 1) else None
-
-
-RESERVED = (
-    " X H ACTION AND ANY ARRAY AT BEGIN BY CASE CLASS CONFIGURATION CONSTANT CONTINUE DO ELSE"
-    " ELSIF END END_ACTION END_CASE END_CLASS END_CONFIGURATION END_FOR END_FUNCTION"
-    " END_FUNCTION_BLOCK END_IF END_INTERFACE END_METHOD END_NAMESPACE END_PROGRAM END_REPEAT"
-    " END_RESOURCE END_STEP END_STRUCT END_TRANSITION END_TYPE END_VAR END_WHILE EN ENO EXIT"
-    " EXTENDS EXTERNAL FALSE FINAL FOR FROM FUNCTION FUNCTION_BLOCK F_EDGE R_EDGE IF IMPLEMENTS"
-    " INITIAL_STEP INTERFACE INTERNAL JMP METHOD MOD NAMESPACE NON_RETAIN NOT NULL OF ON OR"
-    " OVERLAP OVERRIDE PERSISTENT POINTER PRIORITY PRIVATE PROGRAM PROPERTY PROTECTED PUBLIC"
-    " READ_ONLY READ_WRITE REF REF_TO REFERENCE REPEAT RESOURCE RETAIN RETURN SINGLE STEP STRUCT"
-    " SUPER TASK THEN THIS TO TRANSITION TRUE TYPE UNION UNTIL USING VAR VAR_ACCESS VAR_CONFIG"
-    " VAR_EXTERNAL VAR_GLOBAL VAR_INPUT VAR_IN_OUT VAR_OUTPUT VAR_STAT VAR_TEMP WHILE WITH XOR"
-    " BOOL BYTE CHAR DATE DATE_AND_TIME DINT DT DWORD INT LDATE LDT LINT LREAL LTIME LTOD LWORD"
-    " REAL SINT STRING TIME TIME_OF_DAY TOD UDINT UINT ULINT USINT WCHAR WORD WSTRING ANY_NUM"
-    " ANY_REAL ANY_INT ANY_BIT ABS ACOS ADD ASIN ATAN ATAN2 CONCAT COS CTD CTU CTUD DELETE DIV"
-    " EQ EXP EXPT FIND F_TRIG GE GT INSERT LE LEFT LEN LIMIT LN LOG LT MAX MID MIN MOVE MUL MUX"
-    " NE REPLACE RIGHT ROL ROR RS R_TRIG SEL SHL SHR SIN SIZEOF ADR SQRT SR SUB TAN TOF TON TP"
-    " TRUNC"
-    " "
-)
-"""Names that a function of structured text cannot have: words, types, functions and blocks of IEC 61131-3."""

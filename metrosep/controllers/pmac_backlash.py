@@ -238,7 +238,9 @@ class PMACBacklash(OneMotor):
         axis = named_axes(path, program, 0.0, known["axes"])["axis"]
         besides = None
         if known.get("comp") is not None:
-            besides = _besides(known["comp"], {**known, "axis": axis}, _hash_of_comp(path))
+            besides = _besides(
+                known["comp"], {**known, "axis": axis}, load_sidecar(path).get("comp_sha256")
+            )
 
         def added(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
             (p,), d = looked_up((position,), direction)
@@ -370,10 +372,6 @@ def _besides(name: str, known: Mapping[str, Any], written_with: object = None) -
 
 def _digest(name: str | None) -> str | None:
     return None if name is None else hashlib.sha256(load_bytes(Path(name))).hexdigest()
-
-
-def _hash_of_comp(path: Path) -> object:
-    return load_sidecar(path).get("comp_sha256")
 
 
 def _warnings(

@@ -299,7 +299,12 @@ def require_read_back(wanted: Any, parsed: Any, encoded: Encoded) -> None:
         if a is None and b is None:
             continue
         near = 1e-9 if name in ("positions", "x", "y") else margin
-        if a is None or b is None or np.shape(a) != np.shape(b) or _apart(a, b) > near:
+        if (
+            a is None
+            or b is None
+            or np.shape(a) != np.shape(b)
+            or np.abs(np.subtract(a, b)).max(initial=0.0) > near
+        ):
             raise _not_read_back(name)
 
 
@@ -308,7 +313,3 @@ def _not_read_back(what: str) -> TableError:
         f"what was encoded does not read back as the table ({what}); this is a bug in metrosep, "
         "nothing was written"
     )
-
-
-def _apart(a: Any, b: Any) -> float:
-    return float(np.abs(np.asarray(a) - np.asarray(b)).max(initial=0.0))

@@ -31,7 +31,7 @@ from metrosep.controllers.gcode.columns import (
     require_unmarked,
 )
 from metrosep.controllers.gcode.corrections import PathCorrection, as_path_correction
-from metrosep.controllers.gcode.words import decimals_of, format_number
+from metrosep.controllers.gcode.state import decimals_of, format_number
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
