@@ -19,7 +19,7 @@ from metrosep.app.opening import Opened
 from metrosep.app.separations import Separations, described_controllers, machine_facts, sign_words
 from metrosep.app.sessions import Session, mark_of
 from metrosep.app.wire import Answer, Arrays, Cancel, Message, Tell, plain
-from metrosep.compensation.folds import Folds
+from metrosep.compensation.measured import Folds
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.trial import TrialTable, trial_table
 from metrosep.compensation.verify import Verification

@@ -21,9 +21,8 @@ from metrosep.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from metrosep.compensation.from_machine import MachineTables
-    from metrosep.compensation.from_volume import MachineVolume
-    from metrosep.controllers._pairs import Prepared
+    from metrosep.compensation.from_machine import MachineTables, MachineVolume
+    from metrosep.controllers.base import Prepared
     from metrosep.machine.chains import Chain
 
 __all__ = ["machine_tables", "terms_of"]
@@ -212,8 +211,11 @@ def _volume(
     *, force: bool,
 ) -> dict[str, Any]:  # fmt: skip
     """Write corrections over three axes: as tables to be added up, or as a neutral grid."""
-    from metrosep.compensation.from_machine import rms_of_vectors, tables_from_machine
-    from metrosep.compensation.from_volume import volume_from_machine
+    from metrosep.compensation.from_machine import (
+        rms_of_vectors,
+        tables_from_machine,
+        volume_from_machine,
+    )
 
     made = volume_from_machine(chain, terms, **common)
     before = rms_of_vectors(made.error)
@@ -251,7 +253,7 @@ def _grid(made: MachineVolume, folder: Path, *, force: bool) -> Prepared:
     import hashlib
 
     from metrosep._version import __version__
-    from metrosep.controllers._pairs import Prepared
+    from metrosep.controllers.base import Prepared
 
     axes = made.over
     head = [f"{a.lower()}_mm" for a in axes] + [f"c{a.lower()}_um" for a in made.corrections]
@@ -349,7 +351,7 @@ def _prepared(
 
 def _in_one_file(dialect: Any, ready: list[Prepared], keys: Iterable[Any], folder: Path) -> Any:
     """Return the files, those over one axis as columns of one where only one can be active."""
-    from metrosep.controllers._columns import in_columns
+    from metrosep.controllers.active import in_columns
 
     if not dialect.has_columns:
         return ready

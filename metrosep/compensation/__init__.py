@@ -19,10 +19,8 @@ if TYPE_CHECKING:
     from metrosep.compensation.combine import combine_tables as combine_tables
     from metrosep.compensation.from_machine import (
         MachineTables as MachineTables,
-        tables_from_machine as tables_from_machine,
-    )
-    from metrosep.compensation.from_volume import (
         MachineVolume as MachineVolume,
+        tables_from_machine as tables_from_machine,
         volume_from_machine as volume_from_machine,
     )
     from metrosep.compensation.knots import (
@@ -57,7 +55,6 @@ if TYPE_CHECKING:
         fit_polynomial as fit_polynomial,
     )
     from metrosep.compensation.products import ProductTables as ProductTables, rank_one as rank_one
-    from metrosep.compensation.reversal import LostMotion as LostMotion
     from metrosep.compensation.rounding import (
         Rounded as Rounded,
         round_entries as round_entries,
@@ -78,6 +75,7 @@ if TYPE_CHECKING:
     )
     from metrosep.compensation.verification import (
         DirectionResidual as DirectionResidual,
+        LostMotion as LostMotion,
         Verification as Verification,
     )
     from metrosep.compensation.verify import dry_run as dry_run

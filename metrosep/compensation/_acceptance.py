@@ -14,7 +14,7 @@ table. Equations of the specification of tables, section 1, with R runs m_k on K
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -441,23 +441,21 @@ def _refusals(stack: Stack, improved: Improvement, pv: _Peaks) -> list[Reason]:
     return [Reason("refused", "dry-run", text) for text in found] + _spike(stack, pv)
 
 
-def _directions(stack: Stack) -> list[str]:
+def _directions(stack: Stack) -> Iterator[str]:
     """Return the directions that get worse, and lost motion that grows (21)."""
     ways = [d for d in (1.0, -1.0) if (stack.way == d).any()]
     if len(ways) < 2:
-        return []
-    found = []
+        return
     for d in ways:
         if _improvement(stack, stack.way == d).is_worse:
             name = "forward" if d > 0 else "reverse"
-            found.append(f"the {name} direction gets worse")
+            yield f"the {name} direction gets worse"
     step, change, margin = lost_motion_change(stack)
     if abs(step) > ROUNDING and change + margin < 0.0:
-        found.append(
+        yield (
             f"the table makes the lost motion (reverse minus forward) larger, its step is {stack.units.amount(step)}: "
             "check the sign of the reverse column"
         )
-    return found
 
 
 def lost_motion_change(stack: Stack) -> tuple[float, float, float]:
@@ -580,10 +578,9 @@ def _pointless(energy: float, rest: float, energy_c: float) -> list[Reason]:
     ]
 
 
-def _regions(stack: Stack) -> list[str]:
+def _regions(stack: Stack) -> Iterator[str]:
     """Return the windows, eight over the span, that get worse with 99.9 % confidence."""
     edges = np.linspace(float(stack.x.min()), float(stack.x.max()), _WINDOWS + 1)
-    found = []
     for low, high in pairwise(edges):
         where = (stack.x >= low) & (stack.x <= high)
         if int(where.sum()) < _FEWEST_LAGS:
@@ -592,12 +589,11 @@ def _regions(stack: Stack) -> list[str]:
         if part.value + part.strict * part.u < 0.0:
             before = float((stack.known[:, where] ** 2).mean())
             after = float((stack.rest[:, where] ** 2).mean()) + stack.zero**2
-            found.append(
+            yield (
                 f"between {stack.units.place(float(low))} and {stack.units.place(float(high))} the table makes it "
                 "worse: RMS "
                 f"{_rms(stack, before)} -> {_rms(stack, after)}"
             )
-    return found
 
 
 def outside_is_worse(stack: Stack) -> tuple[str, bool]:

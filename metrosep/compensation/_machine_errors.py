@@ -143,7 +143,8 @@ def positions_to_axes(
             )
         listed = [positions[a] for a in axes]
     else:
-        listed = [positions] if len(axes) == 1 else _several(positions)
+        several = len(axes) > 1 and isinstance(positions, tuple | list | np.ndarray)
+        listed = list(positions) if several else [positions]
     if len(listed) != len(axes):
         raise DataError(f"positions hold {len(listed)} arrays for {len(axes)} axes")
     return tuple(rising(p, a) for a, p in zip(axes, listed, strict=True))
@@ -298,7 +299,3 @@ def _shaped(vectors: Vectors, axes: tuple[str, ...]) -> Vectors:
         return vectors(q).reshape(*shape, 3)
 
     return at
-
-
-def _several(positions: Any) -> list[Any]:
-    return list(positions) if isinstance(positions, tuple | list | np.ndarray) else [positions]

@@ -8,7 +8,7 @@ play and noise. A table with its sign reversed must make the part worse, or the 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.compensation.loop_machines import FaceMachine, LoopMachine
 from metrosep.compensation.table import CompensationTable
+from metrosep.compensation.verify import u_of_pv, u_of_rms
 from metrosep.core._arrays import FloatArray
 from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, SignCheckFailedError, TooFewSamplesError
@@ -266,9 +267,7 @@ def run_closed_loop(
         before, after, wrong = (float(np.mean(raw[-1][i] - raw[1][i])) for i in range(3))
         lost = (before, after, wrong)
     result = LoopResult(machine.places, passes, removed, lost, machine.audit)
-    return LoopResult(
-        result.places, passes, removed, lost, machine.audit, _messages(result, int(n_repeats))
-    )
+    return replace(result, messages=_messages(result, int(n_repeats)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -454,16 +453,12 @@ def _judged(repeats: FloatArray, places: FloatArray, removed: str) -> LoopCut:
     runs = _levelled(repeats, places, removed)
     mean = runs.mean(axis=0)
     rms, pv = float(np.sqrt(np.mean(mean**2))), float(np.ptp(mean))
-    u_rms = u_pv = None
-    if len(runs) > 1:
-        # to first order: what each repeat contributes to the figure
-        u_pv = _scatter(runs[:, int(mean.argmax())] - runs[:, int(mean.argmin())])
-        u_rms = _scatter(runs @ mean / mean.size / rms) if rms > 0.0 else 0.0
+    u_rms = u_of_rms(runs) if rms > 0.0 or len(runs) < 2 else 0.0
     what = f"of the mean of {len(runs)} passes, {removed} removed, no filter"
     mean.setflags(write=False)
     return LoopCut(
         mean,
-        Quantity(pv, "m", f"P-V {what}", u_pv, "PV"),
+        Quantity(pv, "m", f"P-V {what}", u_of_pv(runs), "PV"),
         Quantity(rms, "m", f"RMS {what}", u_rms, "Rq"),
     )
 
@@ -478,22 +473,13 @@ def _levelled(runs: FloatArray, places: FloatArray, removed: str) -> FloatArray:
     return np.asarray(runs - (design @ np.linalg.lstsq(design, runs.T, rcond=None)[0]).T)
 
 
-def _scatter(shares: FloatArray) -> float:
-    return float(shares.std(ddof=1) / np.sqrt(shares.size))
-
-
 def _pass(
     machine: LoopMachine, way: int, three: tuple[FloatArray, ...], removed: str, rest: float
 ) -> LoopPass:
     before, after, wrong = (_judged(runs, machine.places, removed) for runs in three)
-    noise = _offset_noise(three, machine)
-    return LoopPass(way, before, after, wrong, rest=rest, noise=noise)
-
-
-def _offset_noise(runs: tuple[FloatArray, ...], machine: LoopMachine) -> float:
-    """Return how much the mean of a pass scatters by repeatability and noise."""
+    # by how much repeatability and noise scatter the mean of a pass
     sd = float(np.hypot(machine.repeatability, machine.measuring_noise))
-    return sd / float(np.sqrt(runs[0].size))
+    return LoopPass(way, before, after, wrong, rest=rest, noise=sd / float(np.sqrt(three[0].size)))
 
 
 def _offset_message(lost: tuple[float, float, float]) -> str:

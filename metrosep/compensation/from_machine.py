@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from metrosep.compensation._machine_errors import (
     positions_to_axes,
     volumetric_source,
 )
-from metrosep.compensation.area_errors import format_position
+from metrosep.compensation.area_errors import format_position, rising
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
 from metrosep.core._arrays import FloatArray
@@ -34,7 +35,7 @@ from metrosep.core.units import format_length
 from metrosep.machine.chains import Chain
 from metrosep.machine.error_sets import ErrorSet
 
-__all__ = ["MachineTables", "tables_from_machine"]
+__all__ = ["MachineTables", "MachineVolume", "tables_from_machine", "volume_from_machine"]
 
 Table = CompensationTable | CompensationMap
 
@@ -298,31 +299,53 @@ def tables_from_machine(
         raise DataError(f"a machine is a Chain, got {type(chain).__name__}")
     axes = (over,) if isinstance(over, str) else tuple(over)
     grid = positions_to_axes(axes, positions, chain)
-    stand = standing(at, axes)
-    q = _mesh(axes, grid, stand)
-    source = volumetric_source(
-        chain, errors, axes=axes, grid=grid, at=stand, corrects=corrects, tool=tool, exact=exact
+    source, zero, offset, c, before, rest = _corrected(
+        chain, errors, axes, grid, reference, at=at, corrects=corrects, tool=tool, exact=exact
     )
-    zero = references(axes, grid, reference)
-    place = {**stand, **dict(zip(axes, zero, strict=True))}
-    offset = source.in_axes(place)
-    c = solved(source, q, offset)
-    rest = source.remaining(q, c, {a: v - offset[a] for a, v in c.items()})
+    q = _at_nodes(axes, grid, source.at)
     tables = _tables(source, axes, grid, zero, c, offset, q)
-    before = source.remaining(q, {}, {a: -offset[a] + np.zeros(()) for a in c})
-    messages = (*source.messages, *_left_over(rest, source.correctable(q), tuple(c)))
-    messages += _zero_moves(tables)
+    left = _left_over(rest, source.correctable(q), tuple(c))
+    messages = (*source.messages, *left, *_zero_moves(tables))
     for array in (before, rest):
         array.setflags(write=False)
     return MachineTables(
         tables=freeze_mapping(tables),
         over=axes,
-        at=freeze_mapping(stand),
+        at=freeze_mapping(source.at),
         error=before,
         left=rest,
         messages=messages,
         source=source,
     )
+
+
+def _corrected(
+    chain: Chain,
+    errors: Any,
+    axes: tuple[str, ...],
+    grid: tuple[FloatArray, ...],
+    reference: float | Sequence[float] | None,
+    *,
+    at: Mapping[str, float] | None,
+    **how: Any,
+) -> tuple[
+    VolumetricError,
+    tuple[float, ...],
+    dict[str, FloatArray],
+    dict[str, FloatArray],
+    FloatArray,
+    FloatArray,
+]:
+    """Return the error as a function, reference, the errors there, corrections, error before and after."""
+    stand = standing(at, axes)
+    source = volumetric_source(chain, errors, axes=axes, grid=grid, at=stand, **how)
+    zero = references(axes, grid, reference)
+    offset = source.in_axes({**stand, **dict(zip(axes, zero, strict=True))})
+    q = _at_nodes(axes, grid, stand)
+    c = solved(source, q, offset)
+    before = source.remaining(q, {}, {a: -offset[a] + np.zeros(()) for a in c})
+    after = source.remaining(q, c, {a: v - offset[a] for a, v in c.items()})
+    return source, zero, offset, c, before, after
 
 
 def standing(at: Mapping[str, float] | None, axes: tuple[str, ...]) -> dict[str, float]:
@@ -340,15 +363,6 @@ def standing(at: Mapping[str, float] | None, axes: tuple[str, ...]) -> dict[str,
             raise DataError(f"at[{axis!r}] is {value!r}; one finite position is needed")
         stand[axis] = float(value)
     return stand
-
-
-def _mesh(
-    axes: tuple[str, ...], grid: tuple[FloatArray, ...], stand: Mapping[str, float]
-) -> dict[str, Any]:
-    if len(axes) == 1:
-        return {**stand, axes[0]: grid[0]}
-    x, y = np.meshgrid(*grid)
-    return {**stand, axes[0]: x, axes[1]: y}
 
 
 def references(
@@ -425,7 +439,7 @@ def _tables(
 ) -> dict[str, Table]:
     sd = source.sd_in_axes(q)
     fine = tuple(_finer(p) for p in grid)
-    between = solved(source, _mesh(axes, fine, source.at), offset)
+    between = solved(source, _at_nodes(axes, fine, source.at), offset)
     step = Step(
         "from_machine",
         {"chain": source.chain.name, "over": list(axes), "at_si": dict(source.at), **source.facts},
@@ -490,9 +504,8 @@ def _looked_up(table: Table, places: Sequence[FloatArray]) -> FloatArray:
     return table.correction(places[0]).reshape(shape)
 
 
-def _zero_moves(tables: Mapping[str, Table]) -> tuple[str, ...]:
+def _zero_moves(tables: Mapping[str, Table]) -> Iterator[str]:
     """Return what the interpolation leaves at a reference that is not a node, by axis."""
-    found: list[str] = []
     for axis, table in tables.items():
         zero = table.reference
         places = zero if isinstance(zero, tuple) else (zero,)
@@ -500,32 +513,29 @@ def _zero_moves(tables: Mapping[str, Table]) -> tuple[str, ...]:
         if abs(there) > ZERO:
             over = table.axes if isinstance(table, CompensationMap) else (table.axis,)
             where = ", ".join(format_position(a, p) for a, p in zip(over, places, strict=True))
-            found.append(
+            yield (
                 f"at the reference {where}, which is not a node, {axis} is corrected by "
                 f"{format_length(there, digits=3)}, not zero: make the reference a node"
             )
-    return tuple(found)
 
 
 def _left_over(
     rest: FloatArray, correctable: tuple[bool, ...], axes: tuple[str, ...]
-) -> tuple[str, ...]:
-    said = []
+) -> Iterator[str]:
     for k, direction in enumerate("XYZ"):
         part = rest[..., k]
         if np.isnan(part).all():
-            said.append(f"workpiece {direction}: not measured, nothing is known about it")
+            yield f"workpiece {direction}: not measured, nothing is known about it"
         elif not correctable[k]:
             size = float(np.abs(part).max())
             amount = "nothing to correct there" if size < _NOTHING else (
                 f"up to {format_length(size, digits=3)} stay, P-V "
                 f"{format_length(float(np.ptp(part)), digits=3)}"
             )  # fmt: skip
-            said.append(
+            yield (
                 f"workpiece {direction}: {', '.join(axes)} cannot move the tool there everywhere; "
                 + amount
             )
-    return tuple(said)
 
 
 def _finer(positions: FloatArray) -> FloatArray:
@@ -544,3 +554,187 @@ def rms_of_vectors(vectors: FloatArray) -> float:
 def _pv(vectors: FloatArray) -> list[float | None]:
     parts = [vectors[..., k] for k in range(3)]
     return [None if np.isnan(p).any() else float(np.ptp(p)) for p in parts]
+
+
+# ---- corrections over three axes: on a grid, and as tables of one axis each ---------------------
+# From the errors of a machine to corrections over three axes: on a grid, and as tables of one axis each.
+#
+# No controller here holds a map over three axes. Where it adds several tables up, each looked-up axis
+# a has one for each corrected axis k, made with the other axes at the reference:
+#
+#     c_k(x, y, z) = sum over a of c_k^a(q_a).
+#
+# What depends on two axes at once (the lever of an angle) is left; the RMS over the volume says how much.
+# On a grid of (x, y, z) the corrections are exact at the nodes.
+
+_AXES = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class MachineVolume:
+    """Corrections of a machine over three axes.
+
+    Parameters
+    ----------
+    over : tuple of str
+        The three axes whose positions are looked up.
+    positions : tuple of ndarray, m or rad
+        Nodes of each.
+    corrections : mapping of str to ndarray, shape (n3, n2, n1), m
+        What is added to the command of each corrected axis at the nodes, zero at the reference.
+    parts : mapping of (str, str) to CompensationTable
+        By looked-up and corrected axis: one table of one axis each, to be added up.
+    error : ndarray, shape (n3, n2, n1, 3), m
+        Error at the nodes in workpiece X, Y, Z, about the reference.
+    left : ndarray, shape of error, m
+        The same with `corrections` at the nodes.
+    messages : tuple of str
+        What no axis corrects, and other things to know.
+    source : VolumetricError
+        The error as a function of the commands.
+    offset : mapping of str to float, m
+        Error of each corrected axis at the reference, which the corrections leave.
+    """
+
+    over: tuple[str, ...]
+    positions: tuple[FloatArray, ...]
+    corrections: Mapping[str, FloatArray]
+    parts: Mapping[tuple[str, str], CompensationTable]
+    error: FloatArray
+    left: FloatArray
+    messages: tuple[str, ...]
+    source: VolumetricError = field(repr=False)
+    offset: Mapping[str, float] = field(repr=False)
+
+    def __repr__(self) -> str:
+        return (
+            f"MachineVolume({', '.join(self.over)} -> {', '.join(self.corrections)}, error "
+            f"{format_length(rms_of_vectors(self.error))} RMS, left "
+            f"{format_length(rms_of_vectors(self.left))})"
+        )
+
+    def residual(
+        self, lookups: Mapping[tuple[str, str], Callable[..., FloatArray]] | None = None
+    ) -> FloatArray:
+        """Return the error at the nodes with the sum of tables active.
+
+        Parameters
+        ----------
+        lookups : mapping of (str, str) to callable, optional
+            What a controller adds, by looked-up and corrected axis; that of `parts` if omitted.
+
+        Returns
+        -------
+        ndarray, shape (n3, n2, n1, 3), m
+            In workpiece X, Y, Z, about the reference.
+
+        Raises
+        ------
+        DataError
+            A term is not known there.
+        """
+        read = {k: t.correction for k, t in self.parts.items()} if lookups is None else lookups
+        q = _at_nodes(self.over, self.positions, self.source.at)
+        c = {axis: np.zeros(self.error.shape[:-1]) for axis in self.corrections}
+        for (looked, axis), lookup in read.items():
+            place = self.positions[self.over.index(looked)]
+            shape = [1, 1, 1]
+            shape[2 - self.over.index(looked)] = place.size
+            c[axis] = c[axis] + np.asarray(lookup(place)).reshape(shape)
+        return self.source.remaining(q, c, {a: v - self.offset[a] for a, v in c.items()})
+
+
+def volume_from_machine(
+    chain: Chain,
+    errors: Any,
+    *,
+    over: Sequence[str],
+    positions: Mapping[str, ArrayLike],
+    corrects: Sequence[str] | None = None,
+    at: Mapping[str, float] | None = None,
+    reference: Sequence[float] | None = None,
+    tool: ArrayLike = (0.0, 0.0, 0.0),
+) -> MachineVolume:
+    """Return corrections of a machine over three axes, on a grid and as tables to be added up.
+
+    Parameters
+    ----------
+    chain : Chain
+        The machine.
+    errors : ErrorSet or mapping of str to term
+        Error terms by name.
+    over : sequence of str
+        Three axes.
+    positions : mapping of str to array_like, m or rad
+        Nodes of each.
+    corrects, at, tool : optional
+        As for `tables_from_machine`.
+    reference : three floats, m or rad, optional
+        Place of zero correction; of each axis 0 if it is in range, else its first position.
+
+    Returns
+    -------
+    MachineVolume
+        Corrections, tables and what is left.
+
+    Raises
+    ------
+    DataError
+        Not three axes, or as of `tables_from_machine`.
+    TableError
+        Positions do not rise, a reference lies outside, or an axis would turn back.
+    NotConvergedError
+        The errors are so steep that the corrections do not settle.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from metrosep.machine.chains import presets
+    >>> grid = {a: np.linspace(0.0, 0.1, 3) for a in "XYZ"}
+    >>> volume_from_machine(presets("mill_xyz"), {"EZX": lambda x: 1e-5 * x}, over="XYZ", positions=grid)
+    MachineVolume(X, Y, Z -> X, Y, Z, error 645.5 nm RMS, left 0 m)
+    """
+    axes = tuple(over)
+    if len(axes) != _AXES or len(set(axes)) != _AXES:
+        raise DataError(f"over names three different axes here; got {', '.join(axes) or 'none'}")
+    missing = [a for a in axes if a not in positions or a not in chain.axes]
+    if missing:
+        raise DataError(
+            f"{missing[0]!r} has no positions, or is not an axis of chain {chain.name!r}; its axes are "
+            f"{', '.join(chain.axes)}"
+        )
+    grid = tuple(rising(positions[a], a) for a in axes)
+    source, zero, offset, found, error, left = _corrected(
+        chain, errors, axes, grid, reference, at=at, corrects=corrects, tool=tool, exact=False
+    )
+    place = {**source.at, **dict(zip(axes, zero, strict=True))}
+    c = {a: found[a] for a in (*(a for a in axes if a in found), *(set(found) - set(axes)))}
+    parts: dict[tuple[str, str], CompensationTable] = {}
+    for axis, nodes, here in zip(axes, grid, zero, strict=True):
+        others = {a: v for a, v in place.items() if a != axis}
+        made = tables_from_machine(
+            chain, errors, over=axis, positions=nodes, corrects=source.names, at=others,
+            reference=here, tool=tool,
+        )  # fmt: skip
+        for name, table in made.items():
+            if isinstance(table, CompensationTable):
+                parts[axis, name] = table
+    return MachineVolume(
+        over=axes,
+        positions=grid,
+        corrections=freeze_mapping(c),
+        parts=MappingProxyType(parts),
+        error=error,
+        left=left,
+        messages=source.messages,
+        source=source,
+        offset=freeze_mapping({a: float(v) for a, v in offset.items()}),
+    )
+
+
+def _at_nodes(
+    axes: tuple[str, ...], grid: tuple[FloatArray, ...], stand: Mapping[str, float]
+) -> dict[str, Any]:
+    """Return the commands at every node, of three axes (n3, n2, n1)."""
+    mesh = np.meshgrid(*grid[::-1], indexing="ij")
+    return {**stand, **dict(zip(axes, mesh[::-1], strict=True))}

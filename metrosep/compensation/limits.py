@@ -6,8 +6,9 @@ controllers notes, section 8, checks 5 to 9, and the dead zone of LinuxCNC in se
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
@@ -66,6 +67,32 @@ class Corrections(Stated):
         """
         raise NotImplementedError
 
+    if TYPE_CHECKING:  # what each knows of its own axes
+
+        def limits(self, limits: Limits | None = None, **more: Any) -> tuple[Finding, ...]: ...
+
+    def require_limits(self, limits: Limits, **more: Any) -> tuple[Finding, ...]:
+        """Return the warnings, and refuse on an error.
+
+        Parameters
+        ----------
+        limits : Limits
+            Of machine and controller.
+        **more
+            Of a map ``feeds``, as for its `limits`.
+
+        Returns
+        -------
+        tuple of Finding
+            The findings that are not errors.
+
+        Raises
+        ------
+        LimitError
+            If a limit is exceeded.
+        """
+        return require_findings(self.limits(limits, **more))
+
     def negated(self) -> Self:
         """Return the corrections with the sign reversed, for tests of sign checks.
 
@@ -97,6 +124,38 @@ class Finding:
     problem: str
     fix: str
     check: str = ""
+
+    @classmethod
+    def error(cls, problem: str, fix: str, check: str = "") -> Finding:
+        """Return what refuses a table.
+
+        Parameters
+        ----------
+        problem, fix, check : str
+            As of the class.
+
+        Returns
+        -------
+        Finding
+            Of the level "error".
+        """
+        return cls("error", problem, fix, check)
+
+    @classmethod
+    def warning(cls, problem: str, fix: str, check: str = "") -> Finding:
+        """Return what is recorded.
+
+        Parameters
+        ----------
+        problem, fix, check : str
+            As of the class.
+
+        Returns
+        -------
+        Finding
+            Of the level "warning".
+        """
+        return cls("warning", problem, fix, check)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +210,7 @@ def coarse_finding(error: float | None, corrections: FloatArray, what: str) -> t
         f"between the {nodes} the {what} misses the error by up to {format_length(error, digits=2)}, "
         f"its corrections span {format_length(span, digits=3)}"
     )
-    return (Finding("warning", text, "use a finer spacing", "coarse"),)
+    return (Finding.warning(text, "use a finer spacing", "coarse"),)
 
 
 def dead_zone(acceleration: float, servo_period: float) -> tuple[float, float]:
@@ -214,8 +273,7 @@ def check_limits(
     findings: list[Finding] = []
     if limits.max_points is not None and positions.size > limits.max_points:
         findings.append(
-            Finding(
-                "error",
+            Finding.error(
                 f"{positions.size} points, the controller takes {limits.max_points}",
                 "use a coarser spacing",
                 "points",
@@ -237,7 +295,7 @@ def stroke_finding(largest: float, limits: Limits) -> list[Finding]:
         f"{format_length(limits.stroke)}"
     )
     fix = "remove alignment from the error or use an axis with more stroke"
-    return [Finding("error", text, fix, "stroke")]
+    return [Finding.error(text, fix, "stroke")]
 
 
 def slope_finding(steepest: float, fall: float, along: str = "") -> list[Finding]:
@@ -246,77 +304,62 @@ def slope_finding(steepest: float, fall: float, along: str = "") -> list[Finding
         text = (
             f"{along}the correction falls by {fall:.3g} m per m: the corrected command turns back"
         )
-        return [Finding("error", text, "check the units of position and error", "turning-back")]
+        return [Finding.error(text, "check the units of position and error", "turning-back")]
     if steepest <= _STEEP:
         return []
     text = f"{along}the correction changes by {steepest:.3g} m per m"
     fix = "check the units; a geometric error is rarely steeper than 1e-3"
-    return [Finding("warning", text, fix, "steepness")]
+    return [Finding.warning(text, fix, "steepness")]
 
 
 def _slopes(
     positions: FloatArray, columns: list[FloatArray], limits: Limits, *, on_axis: bool
-) -> list[Finding]:
+) -> Iterator[Finding]:
     steps = np.diff(positions)
     slopes = [np.diff(c) / steps for c in columns]
     slope = max(float(np.abs(s).max()) for s in slopes)
-    found = slope_finding(slope, -min(float(s.min()) for s in slopes) if on_axis else 0.0)
+    yield from slope_finding(slope, -min(float(s.min()) for s in slopes) if on_axis else 0.0)
     if limits.feed is not None and limits.velocity_share is not None:
         speed = slope * limits.feed
         if speed > limits.velocity_share:
-            found.append(
-                Finding(
-                    "error",
-                    f"at {limits.feed * 6e4:.6g} mm/min the correction moves with "
-                    f"{speed * 6e4:.4g} mm/min, allowed are {limits.velocity_share * 6e4:.4g}",
-                    "drive slower or drop the shortest wavelengths (shortest=)",
-                    "velocity",
-                )
+            yield Finding.error(
+                f"at {limits.feed * 6e4:.6g} mm/min the correction moves with "
+                f"{speed * 6e4:.4g} mm/min, allowed are {limits.velocity_share * 6e4:.4g}",
+                "drive slower or drop the shortest wavelengths (shortest=)",
+                "velocity",
             )
     if limits.feed is not None and limits.acceleration_share is not None and steps.size > 1:
         middle = 0.5 * (steps[1:] + steps[:-1])
         curvature = max(float(np.abs(np.diff(s) / middle).max()) for s in slopes)
         acceleration = curvature * limits.feed**2
         if acceleration > limits.acceleration_share:
-            found.append(
-                Finding(
-                    "error",
-                    f"at {limits.feed * 6e4:.6g} mm/min the correction accelerates with "
-                    f"{acceleration:.3g} m/s2, allowed are {limits.acceleration_share:.3g}",
-                    "drive slower or drop the shortest wavelengths (shortest=)",
-                    "acceleration",
-                )
+            yield Finding.error(
+                f"at {limits.feed * 6e4:.6g} mm/min the correction accelerates with "
+                f"{acceleration:.3g} m/s2, allowed are {limits.acceleration_share:.3g}",
+                "drive slower or drop the shortest wavelengths (shortest=)",
+                "acceleration",
             )
-    return found
 
 
-def _reversal(forward: FloatArray, reverse: FloatArray, limits: Limits) -> list[Finding]:
+def _reversal(forward: FloatArray, reverse: FloatArray, limits: Limits) -> Iterator[Finding]:
     jumps = np.abs(forward - reverse)
-    found = []
     if limits.reversal_jump is not None and float(jumps.max()) > limits.reversal_jump:
-        found.append(
-            Finding(
-                "error",
-                f"the correction jumps by {format_length(float(jumps.max()))} at a reversal, allowed are "
-                f"{format_length(limits.reversal_jump)}",
-                "put the lost motion into the controller's backlash parameter",
-                "reversal",
-            )
+        yield Finding.error(
+            f"the correction jumps by {format_length(float(jumps.max()))} at a reversal, allowed are "
+            f"{format_length(limits.reversal_jump)}",
+            "put the lost motion into the controller's backlash parameter",
+            "reversal",
         )
     if limits.acceleration is not None and limits.servo_period is not None:
         low, high = dead_zone(limits.acceleration, limits.servo_period)
         stuck = int(((jumps > low * (1 - _EDGE)) & (jumps <= high * (1 + _EDGE))).sum())
         if stuck:
-            found.append(
-                Finding(
-                    "warning",
-                    f"at {stuck} of {jumps.size} positions the step at reversal lies between "
-                    f"{format_length(low)} and {format_length(high)}, which LinuxCNC never executes from rest",
-                    "raise MAX_ACCELERATION of the joint, which moves the window",
-                    "dead-zone",
-                )
+            yield Finding.warning(
+                f"at {stuck} of {jumps.size} positions the step at reversal lies between "
+                f"{format_length(low)} and {format_length(high)}, which LinuxCNC never executes from rest",
+                "raise MAX_ACCELERATION of the joint, which moves the window",
+                "dead-zone",
             )
-    return found
 
 
 def require_findings(findings: tuple[Finding, ...], *, waive: bool = False) -> tuple[Finding, ...]:

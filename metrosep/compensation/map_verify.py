@@ -26,7 +26,6 @@ from metrosep.compensation._acceptance import (
     judge,
     pv_with_zero,
 )
-from metrosep.compensation._coverage import COVERED
 from metrosep.compensation.area_errors import (
     AreaFunction,
     ErrorMap,
@@ -34,9 +33,10 @@ from metrosep.compensation.area_errors import (
     format_position,
     format_range,
 )
-from metrosep.compensation.folds import source_hashes
 from metrosep.compensation.limits import Finding
+from metrosep.compensation.measured import source_hashes
 from metrosep.compensation.verification import judgement_dict, numbers_text
+from metrosep.compensation.verify import COVERED
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.surface import Surface
@@ -65,14 +65,12 @@ _AGAINST = {
     "map": "judged against a second map",
 }
 _ONLY = {
-    "stated": Finding(
-        "warning",
+    "stated": Finding.warning(
         "stated, not measured: the bytes are right if the error that was stated is",
         "verify against a measured map",
         "single",
     ),
-    "made": Finding(
-        "warning",
+    "made": Finding.warning(
         "one map: what repeats is not known",
         "verify against a second map",
         "single",
@@ -156,7 +154,7 @@ class MapVerification(Judged):
                 f"{100.0 * (1.0 - self.coverage):.3g} % of the area of the map was not measured"
             )
             found.append(
-                Finding("warning", f"{share}: the rest is not proven", "measure it", "coverage")
+                Finding.warning(f"{share}: the rest is not proven", "measure it", "coverage")
             )
         return tuple(found)
 

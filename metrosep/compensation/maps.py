@@ -23,20 +23,18 @@ from metrosep.compensation.area_errors import (
     is_rotary,
     rising,
 )
-from metrosep.compensation.folds import source_hashes
 from metrosep.compensation.limits import (
     Corrections,
     Finding,
     Limits,
     coarse_finding,
-    require_findings,
     slope_finding,
     stroke_finding,
 )
 from metrosep.compensation.map_verify import MapRemoved, MapVerification, judged_map
+from metrosep.compensation.measured import source_hashes
 from metrosep.compensation.sampling import inverse_along, sample_area
 from metrosep.core._arrays import FloatArray, frozen_float
-from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, history_as_dicts
@@ -382,31 +380,6 @@ class CompensationMap(Corrections):
             findings += reference_finding(there, self._reference_text())
         return (*findings, *coarse_finding(self.interpolation_error, self.values, "map"))
 
-    @described_by(limits)
-    def require_limits(
-        self, limits: Limits, *, feeds: Mapping[str, float] | None = None
-    ) -> tuple[Finding, ...]:
-        """Return the warnings, and refuse on an error.
-
-        Parameters
-        ----------
-        limits : Limits
-            Of machine and controller.
-
-        Returns
-        -------
-        tuple of Finding
-            The findings that are not errors.
-
-        Raises
-        ------
-        LimitError
-            If a limit is exceeded.
-        DataError
-            If feeds name another axis.
-        """
-        return require_findings(self.limits(limits, feeds=feeds))
-
     def verify(
         self, against: AreaSource | None = None, *, free_zero: bool = False
     ) -> MapVerification:
@@ -605,7 +578,9 @@ def check_map_limits(
     findings: list[Finding] = []
     if limits.max_points is not None and values.size > limits.max_points:
         text = f"{y.size} rows of {x.size} make {values.size} points, the controller takes "
-        findings.append(_error(f"{text}{limits.max_points}", "use a coarser spacing", "points"))
+        findings.append(
+            Finding.error(f"{text}{limits.max_points}", "use a coarser spacing", "points")
+        )
     findings += stroke_finding(float(np.abs(values).max()), limits)
     slopes = (np.diff(values, axis=1) / np.diff(x), np.diff(values, axis=0) / np.diff(y)[:, None])
     for slope, axis in zip(slopes, axes, strict=True):
@@ -635,8 +610,7 @@ def _motion(
         if feed is None:
             unit = "rad/s" if is_rotary(axis) else "m/s"
             found.append(
-                Finding(
-                    "warning",
+                Finding.warning(
                     f"speed and acceleration along {axis} were not checked: its feed is not known",
                     f"give feeds={{{axis!r}: ...}} in {unit}",
                     "feed",
@@ -647,7 +621,7 @@ def _motion(
     speed = float(cells.max())
     if limits.velocity_share is not None and speed > limits.velocity_share:
         found.append(
-            _error(
+            Finding.error(
                 f"with {axes[0]} and {axes[1]} at their feeds the correction moves with "
                 f"{speed * 6e4:.4g} mm/min ({axes[0]} alone {along_x.max() * 6e4:.4g}, {axes[1]} alone "
                 f"{along_y.max() * 6e4:.4g}), allowed are {limits.velocity_share * 6e4:.4g}",
@@ -678,7 +652,7 @@ def _acceleration(
     if total <= allowed:
         return []
     return [
-        _error(
+        Finding.error(
             f"the correction accelerates with up to {total:.3g} m/s2 ({axes[0]} {parts[0]:.3g}, "
             f"{axes[1]} {parts[1]:.3g}, both at once {parts[2]:.3g}), allowed are {allowed:.3g}",
             "drive slower or smooth the error",
@@ -694,10 +668,6 @@ def _bend(position: FloatArray, slope: FloatArray) -> float:
     return float(np.abs(np.diff(slope, axis=1) / middle).max())
 
 
-def _error(problem: str, fix: str, check: str) -> Finding:
-    return Finding("error", problem, fix, check)
-
-
 def reference_finding(there: float, reference: str) -> tuple[Finding, ...]:
     """Return a warning where the correction looked up at the reference is not zero.
 
@@ -709,8 +679,7 @@ def reference_finding(there: float, reference: str) -> tuple[Finding, ...]:
     if not abs(there) > _SAME:
         return ()
     return (
-        Finding(
-            "warning",
+        Finding.warning(
             f"the correction at the reference {reference} is {format_length(there, digits=3)}, not "
             "zero: the zero of the machine moves by it",
             "make the reference a node: put it among the positions of both axes",

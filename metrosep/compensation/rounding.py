@@ -120,8 +120,7 @@ def round_entries(
     if bad.size:
         i = int(bad[0])
         findings.append(
-            Finding(
-                "error",
+            Finding.error(
                 f"entry {i} is {entries[i]}, allowed are {low} to {high} ({bad.size} of "
                 f"{entries.size} entries are out of range)",
                 "use a larger unit or remove alignment from the error",
@@ -228,8 +227,7 @@ def _coarse(wanted: FloatArray, step: float) -> list[Finding]:
     if step * _COARSE <= span * (1.0 + 1e-12) or span == 0.0:
         return []
     return [
-        Finding(
-            "error",
+        Finding.error(
             f"one step of an entry is {format_length(step)}, the values span {format_length(span)}: "
             f"fewer than {_COARSE:.0f} steps",
             "use a smaller unit or magnification, or another carrier",
@@ -257,8 +255,7 @@ def _out_of_range(
     worst = int(entries[bad[int(np.argmax(shares))]])
     enough = _enough(wanted, step, limits, max(shares))
     larger = f"a magnification of {enough}" if enough else "a larger magnification"
-    return Finding(
-        "error",
+    return Finding.error(
         f"interval {i}{where} needs an increment of {entries[i]}, allowed are {low} to {high} "
         f"({bad.size} of {entries.size} are out of range, the worst is {worst})",
         f"use {larger} (coarser steps) or a finer interval between the points",

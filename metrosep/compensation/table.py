@@ -23,16 +23,14 @@ from metrosep.compensation.area_errors import (
     is_rotary,
 )
 from metrosep.compensation.entry_covariance import Covariance
-from metrosep.compensation.folds import Folds, source_hashes
 from metrosep.compensation.limits import (
     Corrections,
     Finding,
     Limits,
     check_limits,
     coarse_finding,
-    require_findings,
 )
-from metrosep.compensation.measured import at_reference
+from metrosep.compensation.measured import Folds, at_reference, source_hashes
 from metrosep.compensation.polynomial import exact_correction
 from metrosep.compensation.sampling import (
     Direction,
@@ -410,26 +408,6 @@ class CompensationTable(Corrections):
             self.positions, self.forward, self.reverse, chosen, on_axis=self.is_on_axis
         )
         return (*findings, *coarse_finding(self.interpolation_error, self.forward, "table"))
-
-    def require_limits(self, limits: Limits) -> tuple[Finding, ...]:
-        """Return the warnings, and refuse on an error.
-
-        Parameters
-        ----------
-        limits : Limits
-            Of machine and controller.
-
-        Returns
-        -------
-        tuple of Finding
-            The findings that are not errors.
-
-        Raises
-        ------
-        LimitError
-            If a limit is exceeded.
-        """
-        return require_findings(self.limits(limits))
 
     def remade(self, error: ErrorEstimate | RunSet) -> CompensationTable:
         """Return the table that the same settings make of another estimate.

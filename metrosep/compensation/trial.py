@@ -417,7 +417,8 @@ def trial_map(table: CompensationMap, amplitude: float | str) -> TrialMap:
     if min(table.x.size, table.y.size) < 5:
         raise TableError("a trial needs at least 5 positions along each axis of the map")
     for share_x, share_y in _PLACES:
-        place, values = _maps_bump(table, share_x, share_y, amplitude)
+        (px, f), (py, g) = _peak(table.x, share_x), _peak(table.y, share_y)
+        place, values = (px, py), amplitude * np.outer(g, f)
         made = replace(
             table,
             values=values,
@@ -432,13 +433,6 @@ def trial_map(table: CompensationMap, amplitude: float | str) -> TrialMap:
             own = ErrorMap(made.x, made.y, -made.values)
             return _maps_described(replace(made, source=own), place, float(amplitude))
     raise TableError("no place of the map lies apart from its reference")  # pragma: no cover
-
-
-def _maps_bump(
-    table: CompensationMap, share_x: float, share_y: float, amplitude: float
-) -> tuple[tuple[float, float], FloatArray]:
-    (px, f), (py, g) = (_peak(p, s) for p, s in ((table.x, share_x), (table.y, share_y)))
-    return (px, py), amplitude * np.outer(g, f)
 
 
 def _peak(positions: FloatArray, share: float) -> tuple[float, FloatArray]:

@@ -26,34 +26,43 @@ from metrosep.compensation._acceptance import (
     judge,
     outside_is_worse,
 )
-from metrosep.compensation._coverage import alignment, coverage
-from metrosep.compensation._diagnosis import diagnosis
-from metrosep.compensation.area_errors import LENGTHS, AxisUnits, is_rotary
-from metrosep.compensation.folds import Folds, own_runs
+from metrosep.compensation.area_errors import LENGTHS, AxisUnits, format_amount, is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.measured import (
     Against,
+    Folds,
     Measured,
     Row,
     at_reference,
     cooled,
     measured_error,
+    own_runs,
 )
-from metrosep.compensation.reversal import judge_lost_motion
-from metrosep.compensation.verification import DirectionResidual, Unknown, Verification
-from metrosep.core._arrays import FloatArray
+from metrosep.compensation.verification import (
+    DirectionResidual,
+    Unknown,
+    Verification,
+    judge_lost_motion,
+)
+from metrosep.core._arrays import FloatArray, IntArray
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.numbers import choice, not_negative
 from metrosep.core.runset import RunSet
 from metrosep.separation.positions.expansion import Expansion
 
 __all__ = [
+    "COVERED",
+    "REVERSED",
     "Against",
     "DirectionResidual",
     "Removed",
     "Unknown",
     "Verification",
+    "alignment",
+    "coverage",
+    "diagnosis",
     "dry_run",
+    "half_of",
     "judged_table",
 ]
 
@@ -210,7 +219,7 @@ def dry_run(
     return Verification(
         residuals, space, (first, last), result,
         reasons=tuple(sorted(reasons, key=lambda r: rank[r.grade])),
-        findings=tuple(Finding("warning", w, "", "dry-run") for w in warnings),
+        findings=tuple(Finding.warning(w, "", "dry-run") for w in warnings),
         n_runs=stack.n_runs if how == "runs" else 0,
         left_out=len(folds or ()),
         is_reversed=is_reversed,
@@ -294,7 +303,7 @@ def judged_table(
         **more,
     )
     said = [*([warning] if warning else []), *getattr(carried, "notes", ())]
-    more_findings = (Finding("warning", text, "", "dry-run") for text in said)
+    more_findings = (Finding.warning(text, "", "dry-run") for text in said)
     return replace(result, findings=(*result.findings, *more_findings))
 
 
@@ -563,10 +572,10 @@ def _residual(direction: int, stack: Stack) -> DirectionResidual:
         wrong_sign_rms=_rms(wrong.mean(axis=0)),
         run_before_rms=float(np.mean([_rms(run) for run in before])),
         run_after_rms=float(np.mean([_rms(run) for run in after])),
-        u_after_rms=_u_rms(after),
-        u_before_rms=_u_rms(before),
-        u_after_pv=_u_pv(after),
-        u_before_pv=_u_pv(before),
+        u_after_rms=u_of_rms(after),
+        u_before_rms=u_of_rms(before),
+        u_after_pv=u_of_pv(after),
+        u_before_pv=u_of_pv(before),
     )
 
 
@@ -574,13 +583,15 @@ def _rms(values: FloatArray) -> float:
     return math.sqrt(float((values**2).mean()))
 
 
-def _u_rms(runs: FloatArray) -> float | None:
+def u_of_rms(runs: FloatArray) -> float | None:
+    """Return the standard uncertainty of the RMS of the mean run, to first order; None for one run."""
     mean = runs.mean(axis=0)
     rms = _rms(mean)
     return _scatter(runs @ mean / mean.size / rms) if len(runs) > 1 and rms > 0.0 else None
 
 
-def _u_pv(runs: FloatArray) -> float | None:
+def u_of_pv(runs: FloatArray) -> float | None:
+    """Return the same of its P-V: scatter between the places where the mean is largest and smallest."""
     mean = runs.mean(axis=0)
     if len(runs) < 2:
         return None
@@ -590,3 +601,235 @@ def _u_pv(runs: FloatArray) -> float | None:
 def _scatter(shares: FloatArray) -> float:
     """Return the standard uncertainty of the mean of what each run contributes."""
     return float(shares.std(ddof=1) / np.sqrt(shares.size))
+
+
+# ---- the share of the table that was measured ---------------------------------------------------
+
+COVERED, _HOLE, _LONG_STEP, _OF_RUNS = 0.95, 0.05, 2.5, 0.5
+
+
+def coverage(
+    measured: Measured,
+    span: tuple[float, float],
+    common: tuple[float, float],
+    entries: FloatArray | None,
+    how: str,
+    units: AxisUnits,
+) -> tuple[list[Reason], list[str]]:
+    """Return 1.9: the share of the table that was measured, holes in it, and the share of the runs."""
+    refused, warnings = [], []
+    length = span[1] - span[0]
+    n = 2 if entries is None else entries.size
+    spacing = length / max(n - 1, 1)
+    share = (common[1] - common[0]) / length
+    ranges = (
+        f"the table covers {units.place(span[0])} ... {units.place(span[1])}, the measurement "
+        f"{units.place(common[0])} ... {units.place(common[1])} of it"
+    )
+    if share < COVERED:
+        refused.append(
+            f"{ranges} ({100.0 * share:.3g} %): measure the whole table, or make it shorter"
+        )
+    elif length * (1.0 - share) > spacing * (1.0 + 1e-9):
+        warnings.append(f"{ranges}: the rest is not proven")
+    if how == "runs":
+        refused += _holes(measured, common, spacing, length, units)
+        whole = measured.span[1] - measured.span[0]
+        if (common[1] - common[0]) / whole < _OF_RUNS:
+            warnings.append(
+                f"the table covers {100.0 * (common[1] - common[0]) / whole:.3g} % of what was measured: "
+                "check the origin and the unit of the positions"
+            )
+    return [Reason("refused", "coverage", text) for text in refused], warnings
+
+
+def _holes(
+    measured: Measured,
+    common: tuple[float, float],
+    spacing: float,
+    length: float,
+    units: AxisUnits,
+) -> list[str]:
+    """Return the first hole of the readings inside the table, of each run that has one."""
+    found = []
+    for row in measured.rows:
+        for x in row.places.values():
+            steps = np.diff(x)
+            inside = (x[1:] > common[0]) & (x[:-1] < common[1])
+            usual = float(np.median(steps))
+            most = max(2.0 * spacing, _HOLE * length)
+            if _HOLE * length < 2.0 * usual:  # a list of targets
+                most = _LONG_STEP * usual
+            wide = np.flatnonzero(inside & (steps > most * (1.0 + 1e-9)))
+            if wide.size:
+                i = int(wide[0])
+                found.append(
+                    f"run {row.name} was not measured between {units.place(float(x[i]), digits=6)} and "
+                    f"{units.place(float(x[i + 1]), digits=6)}, inside the table: measure there, or leave it out"
+                )
+    return found[:1]
+
+
+def alignment(
+    measured: Measured, space: str, aligned: tuple[float, float], units: AxisUnits
+) -> list[Reason]:
+    """Return that a line cannot be compared where the runs do not reach as far as it was removed."""
+    if space != "line":
+        return []
+    low, high = max(aligned[0], measured.span[0]), min(aligned[1], measured.span[1])
+    if high - low >= COVERED * (aligned[1] - aligned[0]):
+        return []
+    return [
+        Reason(
+            "inconclusive",
+            "inconclusive",
+            f"the line of the table was removed over {units.place(aligned[0])} ... "
+            f"{units.place(aligned[1])}, the runs cover {units.place(low)} ... "
+            f"{units.place(high)} of it: they cannot show its tilt; measure the whole range",
+        )
+    ]
+
+
+# ---- what is probably wrong with a table that is refused or pointless; it changes no grade ------
+# Each likely mistake is undone on paper, to first order and on the mean of the runs, and the first one
+# is named whose undoing leaves less than half of the RMS, and less than half of what the table leaves:
+#
+#     D' = -2 <a c'~> - <c'~^2> - c'_0^2,   q' = sqrt(max(E - D', 0) / E) < min(q / 2, 1 / 2)
+
+_HALF = 0.5
+_FACTORS = (
+    (1000.0, "a unit: mm and um, or um and nm"),
+    (25.4, "inch and mm"),
+    (2.0, "diameter and radius"),
+    (180.0 / math.pi, "degree and radian"),
+)
+_NEAR = 0.1
+"""Share by which the gain may miss a factor."""
+
+_SOME = 0.2
+"""Gain above which the readings confirm a part of a table that fits in no other way."""
+
+_SHIFTS, _FARTHEST = 200, 0.9
+"""Shifts that are tried to each side, up to this share of the travel."""
+
+_AT_ONCE = 1_000_000
+"""Corrections that are looked up at a time, 8 MB."""
+
+REVERSED = "the reversed sign would shrink it: the sign of the readings or of the table is wrong"
+
+
+def half_of(rest: float, other: float) -> bool:
+    """Return whether a rest is less than half of the RMS and of another rest."""
+    return rest < _HALF * other and rest < _HALF
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Paper:
+    """Mean run and mean correction, shape (K,), m, with what repeats and what the table adds at zero."""
+
+    stack: Stack
+    energy: float
+    a: FloatArray
+    c: FloatArray
+
+    def rest(self, c: FloatArray, zero: float) -> float:
+        """Return q' of another correction."""
+        return float(self.rests(c[None], zero)[0])
+
+    def rests(self, c: FloatArray, zero: float) -> FloatArray:
+        """Return q' of corrections, shape (n, K)."""
+        level = c - c.mean(axis=1, keepdims=True)
+        left = self.energy + 2.0 * (level @ self.a) / self.a.size + (level**2).mean(axis=1)
+        return np.asarray(np.sqrt(np.maximum(left + zero**2, 0.0) / self.energy))
+
+    def ways(self) -> list[IntArray]:
+        """Return the indices of each direction, positions rising."""
+        x, way = self.stack.x, self.stack.way
+        found = (np.flatnonzero(way == d) for d in (1.0, -1.0))
+        return [i[np.argsort(x[i])] for i in found if i.size]
+
+    def moved(self, place: FloatArray) -> FloatArray:
+        """Return corrections looked up elsewhere, `place` of shape (n, K)."""
+        c = np.empty(place.shape)
+        for i in self.ways():
+            c[:, i] = np.interp(place[:, i], self.stack.x[i], self.c[i])
+        return c
+
+
+def diagnosis(stack: Stack, result: Judgement, *, is_reversed: bool) -> str:
+    """Return what is probably wrong with a table, one sentence."""
+    if result.energy == 0.0 or not stack.applied.any():
+        return ""
+    paper = _Paper(stack, result.energy, stack.known.mean(axis=0), stack.applied.mean(axis=0))
+
+    def fits(c: FloatArray, zero: float = 0.0) -> bool:
+        return half_of(paper.rest(c, zero), result.rest)
+
+    if stack.zero != 0.0 and fits(paper.c):
+        return f"it would fit but for its zero, which moves the machine by {format_amount(stack.units.corrected, stack.zero)}"
+    text = _factor(paper, result)
+    if text:
+        return text
+    if is_reversed:
+        return REVERSED
+    ways = paper.ways()
+    if len(ways) == 2 and ways[0].size == ways[1].size:
+        exchanged = np.empty_like(paper.c)
+        exchanged[ways[0]], exchanged[ways[1]] = paper.c[ways[1]], paper.c[ways[0]]
+        if fits(exchanged):
+            return "it would fit with its forward and reverse columns exchanged"
+    x = stack.x
+    if fits(paper.moved((x.min() + x.max() - x)[None])[0]):
+        return "it would fit mirrored: its positions run the other way"
+    shift = _shift(paper)
+    if shift != 0.0 and fits(paper.moved((x + shift)[None])[0]):
+        return f"it would fit if it were moved by {stack.units.place(-shift)}: check the origin of the positions"
+    away = x - x.mean()
+    has, needs = (float((v * away).mean() / (away**2).mean()) for v in (paper.c, -paper.a))
+    if fits(paper.c + (needs - has) * away, 0.0):
+        return (
+            f"its shape fits and its slope does not: the table has {stack.units.slope(has)}, the readings "
+            f"ask for {stack.units.slope(needs)}"
+        )
+    return _foreign(stack, result)
+
+
+def _factor(paper: _Paper, result: Judgement) -> str:
+    """Return by which factor of units a table is too large or too small."""
+    for size, why in _FACTORS:
+        for factor, word in ((size, "small"), (1.0 / size, "large")):
+            near = abs(result.gain / factor - 1.0) <= _NEAR  # g times the table would fit
+            if near and half_of(
+                paper.rest(factor * paper.c, factor * paper.stack.zero), result.rest
+            ):
+                return f"it is {size:.4g} times too {word} ({why})"
+    return ""
+
+
+def _shift(paper: _Paper) -> float:
+    """Return how far from each position the table holds what fits there, m."""
+    x = paper.stack.x
+    most = _FARTHEST * float(np.ptp(x))
+
+    def best(tried: FloatArray) -> float:
+        parts = np.array_split(tried, 1 + tried.size * x.size // _AT_ONCE)
+        rests = [paper.rests(paper.moved(x + part[:, None]), 0.0) for part in parts]
+        return float(tried[int(np.argmin(np.concatenate(rests)))])
+
+    coarse = best(np.linspace(-most, most, 2 * _SHIFTS + 1))
+    return best(coarse + np.linspace(-1.0, 1.0, 21) * most / _SHIFTS)
+
+
+def _foreign(stack: Stack, result: Judgement) -> str:
+    """Return what is left where no single mistake explains a table."""
+    gain = result.gain
+    other = (
+        "it belongs to another axis, place or state, or was active while the readings were taken"
+    )
+    if gain > _HALF:
+        return "its shape helps, its zero or a part of it does not"
+    if gain > _SOME:
+        return f"the readings confirm {gain:.2g} of it: {other}"
+    if gain < -_SOME:
+        return f"the readings run against it (gain {gain:.2g}): {other}"
+    return f"neither sign shrinks it: {other}"

@@ -15,8 +15,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from metrosep.controllers.base import load_sidecar, sidecar_options
-from metrosep.controllers.options import Option
+from metrosep.compensation.area_errors import is_rotary
+from metrosep.controllers.base import identity, load_sidecar, sidecar_options
+from metrosep.controllers.options import Option, is_angle
 from metrosep.core.errors import CorruptFileError, DataError, TableError
 
 _MARK = "metrosep: "
@@ -133,6 +134,24 @@ def own_axis(fields: dict[str, Any], path: Path) -> dict[str, Any]:
             hint="do not load it; write the table for a controller that corrects another axis",
         )
     return fields
+
+
+def letter_in_file(
+    path: Path, turns: bool | None, options: Mapping[str, Any], otherwise: str = "X"
+) -> str:
+    """Return an axis that a file does not name: of its sidecar, its unit, or the units that a person types."""
+    if load_sidecar(path).get("table"):
+        axis = str(identity(path, first=0.0)["axis"])
+        if turns is not None and is_rotary(axis) != turns:
+            raise CorruptFileError(
+                path,
+                f"the file is one of {'degrees' if turns else 'mm'}, its sidecar says axis {axis}",
+                hint="use the sidecar that fits, or write the table again",
+            )
+        return axis
+    if turns is None:
+        turns = any(map(is_angle, options.values()))
+    return "C" if turns else otherwise
 
 
 # ---- comments -----------------------------------------------------------------------------------

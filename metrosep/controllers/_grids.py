@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.area_errors import format_along, format_amount, format_span, is_rotary
 from metrosep.compensation.limits import Limits
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.rounding import Rounded, round_increments
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import is_uniform, resample_uniform, resampling_error
-from metrosep.controllers._turns import format_along, format_amount, format_span
 from metrosep.controllers.base import Dialect, Simulator, sidecar_options, table_lookup
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import LimitError, TableError
@@ -332,7 +331,6 @@ class Carried:
 
     table: Any  # or CompensationMap: at these positions, not rounded
     error: float  # m: largest deviation from the table it was made of, in both directions
-    is_new: bool  # whether its positions are others
 
 
 def carry(table: CompensationTable, positions: FloatArray) -> Carried:
@@ -340,7 +338,7 @@ def carry(table: CompensationTable, positions: FloatArray) -> Carried:
     margin = _UNIFORM * float(np.diff(positions).min())
     same = positions.size == table.positions.size
     if same and float(np.abs(positions - table.positions).max()) <= margin:
-        return Carried(table, 0.0, False)
+        return Carried(table, 0.0)
     made = replace(
         table,
         positions=positions,
@@ -353,7 +351,7 @@ def carry(table: CompensationTable, positions: FloatArray) -> Carried:
         float(np.abs(made.correction(everywhere, d) - table.correction(everywhere, d)).max())
         for d in (1, -1)
     )
-    return Carried(made, error, True)
+    return Carried(made, error)
 
 
 def uniform_positions(
@@ -370,7 +368,9 @@ def uniform_positions(
     span = high - low
     anchor = low if through is None else through
     own = span / (table.positions.size - 1)
-    if interval is None and _is_grid(table.positions, own, anchor):
+    off = (anchor - low) / own
+    on_grid = abs(off - round(off)) <= _UNIFORM * table.positions.size
+    if interval is None and on_grid and is_uniform(table.positions):
         interval = own
     elif interval is None:
         spare = 3 if through is not None else 1
@@ -407,9 +407,9 @@ def require_interval(interval: float, span: float, title: str, axis: str) -> Non
 
 
 def require_sizes(
-    table: CompensationTable, title: str, *, farthest: float, largest: float
+    table: CompensationTable, title: str, *, farthest: float = 1e3, largest: float = 1.0
 ) -> None:
-    """Refuse positions and corrections that no number of the format holds."""
+    """Refuse positions and corrections, in m or rad, beyond which units are mistaken or no number holds them."""
     p = table.positions
     columns = [table.forward] if table.reverse is None else [table.forward, table.reverse]
     for what, values, most, axis in (
@@ -422,11 +422,6 @@ def require_sizes(
                 f"{title}: the {what} {format_along(axis, float(values[worst]))} of entry {worst} "
                 f"exceeds {format_along(axis, most)}; check the units of the table"
             )
-
-
-def _is_grid(positions: FloatArray, spacing: float, anchor: float) -> bool:
-    steps = (anchor - positions[0]) / spacing
-    return is_uniform(positions) and abs(steps - round(steps)) <= _UNIFORM * positions.size
 
 
 def require_one_direction(table: CompensationTable, title: str, way: str) -> CompensationTable:

@@ -11,7 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.compensation.area_errors import format_position, is_rotary
+from metrosep.compensation.area_errors import (
+    format_amount,
+    format_position,
+    format_span,
+    is_rotary,
+)
 from metrosep.controllers._facts import note, read_notes, settled
 from metrosep.controllers._grammar import (
     REAL,
@@ -24,10 +29,6 @@ from metrosep.controllers._grammar import (
     is_real,
     joined,
     short,
-)
-from metrosep.controllers._turns import (
-    format_amount,
-    format_span,
 )
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray

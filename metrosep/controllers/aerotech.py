@@ -35,7 +35,6 @@ from metrosep.controllers._grammar import (
     short,
 )
 from metrosep.controllers._grids import even_map, even_table, require_one_direction
-from metrosep.controllers._turns import AlongOption, axes_of, chosen, in_axes
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -44,7 +43,16 @@ from metrosep.controllers.base import (
     load_sidecar,
     map_identity,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import (
+    AlongOption,
+    Option,
+    axes_of,
+    chosen,
+    flag,
+    in_axes,
+    pick,
+    whole,
+)
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, TableError, UnsupportedFeatureError
 
@@ -53,39 +61,36 @@ __all__ = ["Aerotech", "AerotechLine"]
 _SIGN = "direction in which the encoder of the {} counts, moving the axis in +: 1 or -1"
 
 _OPTIONS = (
-    Option("row_axis", "number of the axis along the rows, the first is 1", "integer", lowest=1),
-    Option("column_axis", "number of the axis along the columns", "integer", lowest=1),
-    Option("corrected_axis", "number of the corrected axis", "integer", lowest=1),
-    Option("row_sign", _SIGN.format("row axis"), "choice", choices=(1, -1)),
-    Option("column_sign", _SIGN.format("column axis"), "choice", choices=(1, -1)),
-    Option("corrected_sign", _SIGN.format("corrected axis"), "choice", choices=(1, -1)),
+    whole("row_axis", "number of the axis along the rows, the first is 1", 1),
+    whole("column_axis", "number of the axis along the columns", 1),
+    whole("corrected_axis", "number of the corrected axis", 1),
+    pick("row_sign", _SIGN.format("row axis"), (1, -1)),
+    pick("column_sign", _SIGN.format("column axis"), (1, -1)),
+    pick("corrected_sign", _SIGN.format("corrected axis"), (1, -1)),
 )
 _REQUIRED = tuple(replace(o, required=True) for o in _OPTIONS)
 _COMMON = (
-    Option(
+    pick(
         "offset_follows",
         "whether OFFSETROW and OFFSETCOL are along the encoder or along the axis",
-        "choice",
+        ("encoder", "axis"),
         default="encoder",
-        choices=("encoder", "axis"),
     ),
     Option(
         "primary_unit", "length of a primary unit, to read PRIMARY files", "length", positive=True
     ),
-    Option(
+    pick(
         "position_unit",
         "unit of the axes that turn, which no document states: say deg if theirs is the degree; positions "
         "are then PRIMARY, entries of a corrected axis that turns PRIMARY/1000",
-        "choice",
-        choices=("deg",),
+        ("deg",),
     ),
-    Option(
+    whole(
         "decimals",
         "of an entry in um, or in 0.001 deg of a corrected axis that turns",
-        "integer",
+        0,
+        9,
         default=4,
-        lowest=0,
-        highest=9,
     ),
     Option(
         "names",
@@ -137,29 +142,17 @@ class Aerotech(Dialect):
     options = (
         *_REQUIRED,
         *_COMMON,
-        Option("zero_ring", "surround the map by one ring of zeros", "flag", default=False),
-        Option(
-            "subtract_corner", "make the entry of the first corner zero", "flag", default=False
-        ),
+        flag("zero_ring", "surround the map by one ring of zeros"),
+        flag("subtract_corner", "make the entry of the first corner zero"),
         AlongOption(
-            "row_spacing",
-            "spacing along the rows' axis, to resample",
-            "length or angle",
-            positive=True,
-            of="y",
+            "row_spacing", "spacing along the rows' axis, to resample", positive=True, of="y"
         ),
-        AlongOption(
-            "column_spacing",
-            "spacing along the columns' axis",
-            "length or angle",
-            positive=True,
-            of="x",
-        ),
+        AlongOption("column_spacing", "spacing along the columns' axis", positive=True, of="x"),
     )
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
         axes = {"x": table.axes[0], "y": table.axes[1], "compensates": table.compensates}
-        o = in_axes(self.options, {**{x.name: x.default for x in self.options}, **options}, axes)
+        o = in_axes(self.options, self.filled(options), axes)
         units = _units(table.axes, table.compensates, o)
         _check_numbers(o)
         _check_names(o, (*table.axes, table.compensates))
@@ -202,24 +195,16 @@ class Aerotech(Dialect):
 class AerotechLine(Dialect):
     """Writer and reader for corrections over one axis, as a 2-D table of two equal rows."""
 
-    info = DialectInfo(
+    info = replace(
+        Aerotech.info,
         id="aerotech-line",
         title="Aerotech A3200 / Automation1 calibration of one axis, as a 2-D table of two equal rows",
-        entry="-s*e, added to the corrected axis; s = 1 where its encoder counts with the axis, else -1",
-        units="mm for positions, um for entries (POSUNIT=METRIC CORUNIT=METRIC/1000); with "
-        "position_unit=deg degrees and 0.001 deg (PRIMARY, PRIMARY/1000) of axes that turn",
         outside="value of the nearest end",
-        sign_status="documented to follow the encoder, whose direction you state; not run",
-        activation=_ACTIVATION,
-        sign="stated",
-        spacing="uniform",
-        directions="one",
-        resolution="0.1 nm with 4 decimals",
         reference_rule="none",
-        suffix=".cal",
         example={"row_axis": 2, "column_axis": 1, "corrected_axis": 1}
         | {"column_sign": 1, "corrected_sign": 1},
-        page="aerotech",
+        carries="table",
+        proof="own strict parser and simulated lookup",
     )
 
     options = (
@@ -228,16 +213,14 @@ class AerotechLine(Dialect):
         ),
         *(replace(o, required=True) for o in (_OPTIONS[1], _OPTIONS[2], _OPTIONS[4], _OPTIONS[5])),
         *_COMMON,
-        AlongOption(
-            "spacing", "spacing of the entries, to resample", "length or angle", positive=True
-        ),
+        AlongOption("spacing", "spacing of the entries, to resample", positive=True),
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         table = require_one_direction(
             table, "an Aerotech calibration", "into the backlash parameter"
         )
-        o = {**{x.name: x.default for x in self.options}, **options, "row_sign": 1}
+        o = {**self.filled(options), "row_sign": 1}
         o = in_axes(self.options, o, axes_of(table))
         units = _units((table.axis,), table.compensates, o)
         if o["row_axis"] == o["corrected_axis"]:
@@ -455,8 +438,7 @@ def _offset_findings(grid: Grid) -> tuple[Finding, ...]:
     if not shifted:
         return ()
     return (
-        Finding(
-            "warning",
+        Finding.warning(
             f"{' and '.join(shifted)} belongs to an encoder that counts against its axis: public "
             "writers of this format disagree whether its sign follows",
             "try a map with one bump first; if it appears mirrored about zero, say offset_follows='axis'",

@@ -7,13 +7,18 @@ file appears; the sidecar JSON beside the file carries what the file itself cann
 
 from __future__ import annotations
 
+import contextlib
+import filecmp
 import hashlib
 import json
+import os
+import shutil
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
-from typing import Any, ClassVar, Literal, cast
+from typing import Any, BinaryIO, ClassVar, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,25 +27,30 @@ from metrosep.compensation.area_errors import is_rotary, numbers_of
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
-from metrosep.core.atomic import require_plain
+from metrosep.core.atomic import atomic_stream, atomic_write, require_plain
 from metrosep.core.errors import (
     CorruptFileError,
     DataError,
     FileMissingError,
     ReadError,
     TableError,
+    WriteError,
 )
 
 __all__ = [
     "Dialect",
     "DialectInfo",
     "Encoded",
+    "Prepared",
     "Simulator",
     "load_bytes",
     "load_sidecar",
+    "paired_stream",
+    "refuse_existing",
     "sidecar_path",
     "stored_table",
     "table_lookup",
+    "write_pair",
 ]
 
 ALONE = "alone"
@@ -56,64 +66,29 @@ not known: to be tried on the machine."""
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DialectInfo:
-    """Facts about a dialect, for lists, pages and sidecars.
+    """Facts about a dialect, for lists, pages and sidecars."""
 
-    Parameters
-    ----------
-    id, title : str
-        Name in commands; name for people.
-    entry : str
-        What one entry is, for error e at position p.
-    units : str
-        Units in the file.
-    max_points : int or None, optional
-        Most entries.
-    outside : str
-        What the controller does outside the table.
-    sign_status : str
-        How the sign was confirmed.
-    activation : tuple of str
-        Steps to load the file.
-    sign : {"confirmed", "documented", "stated", "unconfirmed"}, optional
-        The same in one word; an unconfirmed one is not written unless the user has tried it.
-    carries : {"table", "map", "polynomial"}, optional
-        What the file holds: corrections over one axis, over two, or coefficients.
-    spacing : {"free", "uniform"}, optional
-        Of the entries.
-    directions : {"one", "two"}, optional
-        Whether forward and reverse may differ in one file.
-    resolution : str, optional
-        Smallest step of an entry.
-    reference_rule : str, optional
-        Where the entry must be zero.
-    proof : str, optional
-        What the dialect was verified by.
-    suffix : str, optional
-        Usual end of the file name.
-    example : mapping, optional
-        Options for an example: every required one, in SI or as texts with units.
-    page : str, optional
-        Name of its page in the documentation's controllers folder.
-    """
-
-    id: str
-    title: str
-    entry: str
-    units: str
-    max_points: int | None = None
-    outside: str
-    sign_status: str
-    activation: tuple[str, ...] = ()
+    id: str  # name in commands
+    title: str  # name for people
+    entry: str  # what one entry is, for error e at position p
+    units: str  # in the file
+    max_points: int | None = None  # most entries
+    outside: str  # what the controller does outside the table
+    sign_status: str  # how the sign was confirmed
+    activation: tuple[str, ...] = ()  # steps to load the file
+    # the sign status in one word; an unconfirmed one is not written unless the user has tried it
     sign: Sign = "documented"
+    # what the file holds: corrections over one axis, over two, or coefficients
     carries: Literal["table", "map", "polynomial"] = "table"
-    spacing: Literal["free", "uniform"] = "free"
-    directions: Literal["one", "two"] = "two"
-    resolution: str = ""
-    reference_rule: str = ""
-    proof: str = "own strict parser and simulated lookup"
-    suffix: str = ".txt"
+    spacing: Literal["free", "uniform"] = "free"  # of the entries
+    directions: Literal["one", "two"] = "two"  # whether they may differ in one file
+    resolution: str = ""  # smallest step of an entry
+    reference_rule: str = ""  # where the entry must be zero
+    proof: str = "own strict parser and simulated lookup"  # what the dialect was verified by
+    suffix: str = ".txt"  # usual end of the file name
+    # options for an example: every required one, in SI or as texts with units
     example: Mapping[str, Any] = field(default_factory=dict)
-    page: str = ""
+    page: str = ""  # name of its page in the documentation's controllers folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +122,10 @@ class Dialect(ABC):
     @abstractmethod
     def encode(self, table: Any, **options: Any) -> Encoded:
         """Return bytes and what they cost of a CompensationTable, CompensationMap or PolynomialFit."""
+
+    def filled(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Return options, those that nobody gave with their defaults."""
+        return {**{o.name: o.default for o in self.options}, **options}
 
     @abstractmethod
     def decode(self, data: bytes, path: Path, **options: Any) -> Any:
@@ -193,23 +172,15 @@ class Dialect(ABC):
 def table_lookup(table: Any) -> Simulator:
     """Return a lookup that is linear between entries and constant outside, over one axis or two."""
 
-    def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
-        return _both_ways(table, (position,), direction)
+    def both_ways(places: tuple[FloatArray, ...], d: NDArray[Any]) -> FloatArray:
+        flat = [a.ravel() for a in places]
+        forward = np.asarray(table.correction(*flat, 1)).reshape(d.shape)
+        if (d > 0).all():
+            return forward
+        reverse = np.asarray(table.correction(*flat, -1)).reshape(d.shape)
+        return np.asarray(np.where(d > 0, forward, reverse))
 
-    def over(x: ArrayLike, y: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
-        return _both_ways(table, (x, y), direction)
-
-    return over if hasattr(table, "values") else along
-
-
-def _both_ways(table: Any, places: tuple[ArrayLike, ...], direction: ArrayLike) -> FloatArray:
-    arrays, d = looked_up(places, direction)
-    flat = [a.ravel() for a in arrays]
-    forward = np.asarray(table.correction(*flat, 1)).reshape(d.shape)
-    if (d > 0).all():
-        return forward
-    reverse = np.asarray(table.correction(*flat, -1)).reshape(d.shape)
-    return np.asarray(np.where(d > 0, forward, reverse))
+    return _simulator(both_ways, 2 if hasattr(table, "values") else 1)
 
 
 def sidecar_path(path: Path) -> Path:
@@ -410,11 +381,147 @@ def looked_up(
 
 def one_way(function: Any, n_places: int = 1) -> Simulator:
     """Return a lookup that is the same in both directions of motion."""
+    return _simulator(lambda places, _: np.asarray(function(*places)), n_places)
+
+
+def _simulator(function: Callable[..., FloatArray], n_places: int) -> Simulator:
+    """Return a lookup over one axis or two of a function of places and directions of one shape."""
 
     def along(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
-        return np.asarray(function(*looked_up((position,), direction)[0]))
+        return function(*looked_up((position,), direction))
 
     def over(x: ArrayLike, y: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
-        return np.asarray(function(*looked_up((x, y), direction)[0]))
+        return function(*looked_up((x, y), direction))
 
     return along if n_places == 1 else over
+
+
+# ---- a file and its sidecar on the disk ---------------------------------------------------------
+# A file and its sidecar: never replaced unasked, written both or neither, the old pair kept.
+
+
+def refuse_existing(target: Path) -> None:
+    """Refuse if a file or its sidecar is there already."""
+    for path in (target, sidecar_path(target)):
+        if _exists(path):
+            raise WriteError(
+                f"{path}: exists already and a machine may be using it; choose another name or say "
+                "overwrite"
+            )
+
+
+def is_written(target: Path, data: bytes, sidecar: bytes, *, overwrite: bool) -> bool:
+    """Return whether just these bytes are there; other ones are refused without `overwrite`."""
+    pair = ((target, data), (sidecar_path(target), sidecar))
+    if all(_exists(p) and p.is_file() and load_bytes(p) == wanted for p, wanted in pair):
+        return True
+    if not overwrite:
+        refuse_existing(target)
+    return False
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError as exc:
+        raise WriteError(
+            f"{path}: cannot be written ({exc.strerror or exc}); choose another name or folder"
+        ) from None
+
+
+def keep_old(target: Path) -> list[Path]:
+    """Keep a file and its sidecar beside them as NAME.1, NAME.1.json, or the next free number."""
+    pair = [p for p in (target, sidecar_path(target)) if p.is_file()]
+    if not pair:
+        return []
+    names = (target.with_name(f"{target.name}.{k}") for k in count(1))
+    name = next(n for n in names if not (_exists(n) or _exists(sidecar_path(n))))
+    kept = []
+    for old in pair:
+        new = name if old == target else sidecar_path(name)
+        try:
+            try:
+                os.link(old, new)
+            except OSError:  # a disk without links
+                shutil.copy2(old, new)
+        except OSError as exc:
+            raise WriteError(
+                f"{new}: the old file cannot be kept there ({exc.strerror or exc}); choose another "
+                "name or folder"
+            ) from None
+        kept.append(new)
+    return kept
+
+
+@contextlib.contextmanager
+def paired_stream(
+    end: Path, text: Callable[[Path], str], *, overwrite: bool
+) -> Iterator[BinaryIO]:
+    """Give a binary file to write into; file and sidecar appear together or not at all.
+
+    The same bytes stay; others are refused, or with `overwrite` kept under another name (`keep_old`).
+
+    Notes
+    -----
+    The sidecar is written first and put back if the file does not get its name. Between the two only
+    a killed process can stop; the sidecar then holds the hash of another file.
+    """
+    beside = sidecar_path(end)
+    before = load_bytes(beside) if beside.is_file() else None
+    wrote = False
+    kept: list[Path] = []
+
+    def check(written: Path) -> None:
+        nonlocal wrote
+        said = text(written)
+        same = end.is_file() and filecmp.cmp(end, written, shallow=False)
+        if same and before == said.encode("utf-8"):
+            return
+        if not overwrite:
+            refuse_existing(end)
+        kept.extend(keep_old(end))
+        wrote = True
+        atomic_write(beside, said.encode("utf-8"))
+
+    try:
+        with atomic_stream(end, check=check) as out:
+            yield out
+    except BaseException:
+        for file in kept:
+            file.unlink(missing_ok=True)
+        if wrote:
+            with contextlib.suppress(WriteError, OSError):
+                if before is None:
+                    beside.unlink(missing_ok=True)
+                else:
+                    atomic_write(beside, before)
+        raise
+
+
+def write_pair(target: Path, data: bytes, sidecar: bytes, *, overwrite: bool) -> None:
+    """Write a file and its sidecar; both appear, or what was there before stays."""
+    said = sidecar.decode("utf-8")
+    with paired_stream(target, lambda _written: said, overwrite=overwrite) as out:
+        out.write(data)
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A table that passed its checks, ready to be written: bytes, sidecar and dry-run."""
+
+    target: Path
+    data: bytes
+    sidecar: bytes
+    verification: Any
+    overwrite: bool
+
+    def require_free(self) -> bool:
+        """Return whether these bytes are there; refuse other ones that may not be replaced."""
+        return is_written(self.target, self.data, self.sidecar, overwrite=self.overwrite)
+
+    def write(self, stage: Path | None = None) -> None:
+        """Write file and sidecar, into `stage` if given; replace other bytes only if that was said."""
+        if self.require_free() and stage is None:
+            return
+        place = self.target if stage is None else stage / self.target.name
+        write_pair(place, self.data, self.sidecar, overwrite=self.overwrite)

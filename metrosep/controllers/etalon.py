@@ -28,7 +28,7 @@ from metrosep.controllers.base import (
     load_sidecar,
     sidecar_options,
 )
-from metrosep.controllers.options import ENTRY_SIGN, Option
+from metrosep.controllers.options import ENTRY_SIGN, Option, whole
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
@@ -91,12 +91,12 @@ class Etalon(Dialect):
     options = (
         Option("parameter", "name after ISO 230-1 such as EXY; from the axes if omitted", "text"),
         ENTRY_SIGN,
-        Option("records_limit", "max_records of hochlauf.lis", "integer", lowest=2),
-        Option("decimals", "of an entry", "integer", default=12, lowest=1, highest=15),
+        whole("records_limit", "max_records of hochlauf.lis", 2),
+        whole("decimals", "of an entry", 1, 15, default=12),
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        o = {**{x.name: x.default for x in self.options}, **options}
+        o = self.filled(options)
         parameter = _parameter(table, o["parameter"])
         table = require_one_direction(table, "an error parameter", "into the backlash parameter")
         n = table.positions.size

@@ -6,31 +6,31 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from metrosep._version import __version__
 from metrosep.compensation.area_errors import AxisUnits
-from metrosep.compensation.folds import Folds
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.map_verify import judged_map
 from metrosep.compensation.maps import CompensationMap
+from metrosep.compensation.measured import Folds
 from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.trial import TrialMap, TrialTable
 from metrosep.compensation.verify import Unknown, judged_table
-from metrosep.controllers._columns import columns_beside, in_columns
 from metrosep.controllers._grids import carry
-from metrosep.controllers._pairs import Prepared, refuse_existing
-from metrosep.controllers.active import Active, active_file
+from metrosep.controllers.active import Active, active_file, columns_beside, in_columns
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
+    Prepared,
     Simulator,
     columns_in,
     load_bytes,
     load_sidecar,
+    refuse_existing,
     require_unchanged,
     sidecar_options,
     table_lookup,
@@ -45,6 +45,7 @@ from metrosep.controllers.safety import (
     table_findings,
     waived_names,
 )
+from metrosep.core.docs import described_by
 from metrosep.core.errors import (
     DataError,
     MetrosepError,
@@ -255,7 +256,7 @@ def prepare(
         findings = (
             *findings,
             *getattr(verification, "findings", ()),
-            *(Finding("error", r.text, "", r.check) for r in getattr(verification, "reasons", ())),
+            *(Finding.error(r.text, "", r.check) for r in getattr(verification, "reasons", ())),
         )
     held = heat or getattr(increment, "heat", None)
     told = {} if was is None else was.described(verified_against, held)
@@ -273,7 +274,11 @@ def prepare(
         "outside": dialect.info.outside,
         "sign_status": dialect.info.sign_status,
         "sign_confirmed_by_user": bool(sign_confirmed),
-        "trial": None if trial is None else _described_trial(trial),
+        "trial": trial
+        and {
+            "note": "TRIAL: one bump that tells the sign; it corrects nothing and is not for cutting",
+            **{k: getattr(trial, k) for k in ("instruction", "if_right", "if_wrong")},
+        },
         "activation": list(dialect.info.activation),
         "file_sha256": hashlib.sha256(encoded.data).hexdigest(),
         "quantisation_m": encoded.quantisation,
@@ -384,27 +389,12 @@ def _names(waive: Sequence[str], *, allow_unverified: bool) -> tuple[str, ...]:
     )
 
 
-def _described_trial(trial: TrialTable | TrialMap) -> dict[str, Any]:
-    return {
-        "note": "TRIAL: one bump that tells the sign; it corrects nothing and is not for cutting",
-        "instruction": trial.instruction,
-        "if_right": trial.if_right,
-        "if_wrong": trial.if_wrong,
-    }
-
-
 def _is_plain(value: object) -> bool:
     return isinstance(value, str | int | float | bool)
 
 
 def _described_finding(finding: Finding, waived: Sequence[str]) -> dict[str, Any]:
-    text: dict[str, Any] = {
-        "level": finding.level,
-        "problem": finding.problem,
-        "fix": finding.fix,
-        "check": finding.check,
-    }
-    return {**text, "waived": True} if finding.check in waived else text
+    return {**asdict(finding), **({"waived": True} if finding.check in waived else {})}
 
 
 def _described(verification: Any, *, own: bool) -> dict[str, Any] | str:
@@ -458,8 +448,7 @@ def _iteration(carried: Any, target: Path, kept: Collection[str] = ()) -> list[F
     held = [beside, *columns_in(beside).values()]
     if beside.get("file_sha256") != hashlib.sha256(target.read_bytes()).hexdigest():
         return [
-            Finding(
-                "warning",
+            Finding.warning(
                 f"{target} was not written by metrosep or was changed since, and a machine may be using it: "
                 "if it was active while the readings were taken, the new table is what is left and must be "
                 "added to it",
@@ -477,8 +466,7 @@ def _iteration(carried: Any, target: Path, kept: Collection[str] = ()) -> list[F
     if any(step.name == "combine" for step in carried.history):
         return []
     return [
-        Finding(
-            "error",
+        Finding.error(
             f"{target} holds a table made of other readings: if it was active while these were "
             "taken, the new table is what is left and must be added to it, not replace it",
             way,
@@ -589,17 +577,9 @@ def read(path: PathLike, controller: str = "linuxcnc", **options: Any) -> Any:
     return dialect.decode(data, Path(path), **given)
 
 
+@described_by(read)
 def simulate(path: PathLike, controller: str = "linuxcnc", **options: Any) -> Simulator:
     """Return the controller's lookup of a file, as a function.
-
-    Parameters
-    ----------
-    path : str or path
-        The file.
-    controller : str, optional
-        One of `names`.
-    **options
-        Options of the dialect that neither the file nor its sidecar tells.
 
     Returns
     -------
@@ -607,13 +587,6 @@ def simulate(path: PathLike, controller: str = "linuxcnc", **options: Any) -> Si
         ``(position, direction=1) -> correction`` in m, of a map ``(x, y, direction=1)``; arrays
         in, arrays out; what the controller adds to the command at that position, moving in that
         direction, with its own roll-over, end values and rounding.
-
-    Raises
-    ------
-    ReadError
-        If the file cannot be read or is damaged, or its sidecar describes another file.
-    DataError
-        If controller or option is unknown, or one is needed that nothing states.
     """
     dialect, data, given = _opened(path, controller, options)
     return dialect.lookup(data, Path(path), **given)

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.area_errors import format_along, format_amount, format_span, is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.rounding import round_entries
 from metrosep.compensation.table import CompensationTable
@@ -42,22 +42,20 @@ from metrosep.controllers._grids import (
     require_sizes,
     uniform_positions,
 )
-from metrosep.controllers._turns import (
+from metrosep.controllers.base import ALONE, DialectInfo, Encoded, identity, stored_table
+from metrosep.controllers.options import (
     INTERVAL,
     TURN,
     AlongOption,
+    Option,
     axes_of,
     chosen,
     closed,
-    format_along,
-    format_amount,
-    format_span,
     in_axes,
     is_one_turn,
+    pick,
     require_whole_turn,
 )
-from metrosep.controllers.base import ALONE, DialectInfo, Encoded, identity, stored_table
-from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 
@@ -71,8 +69,8 @@ _STEEPEST = 1.0 / 64.0
 _FEWEST, _MOST = 3, 9
 """Decimals of an entry; positions have four at least."""
 _USUAL = 4
-_FARTHEST, _LARGEST = 1e3, 9.0
-"""Largest position and entry that fit their columns, m or rad."""
+_LARGEST = 9.0
+"""Largest entry that fits its column, m or rad."""
 
 _COLUMNS = (6, 16, 16, 16)
 """Width of the columns NR, AXISPOS, BACKLASH and that of each dependent axis."""
@@ -80,6 +78,10 @@ _BEGIN = Line("BEGIN {name}.COM MM", name=Word(r"\w{1,16}"))
 _NAME = Line("{axis}_{targets}", axis=AXIS, targets=Word(r"[A-Z]\d?(?:_[A-Z]\d?)*"))
 _LONGEST = 16
 """Characters of the name of a table."""
+_ASSIGNMENT = (
+    "in the .CMA file of the control (config.cma), which metrosep never writes: the name of this .COM "
+    "in the column {}, and * in ACTIVE of that line; only one line is active"
+)
 _TITLES = ("NR", "AXISPOS", "BACKLASH")
 _VALUE = re.compile(r"[+-]?\d{1,6}\.\d{1,9}")
 
@@ -127,11 +129,10 @@ class Heidenhain(Repeating, Resampling):
         AlongOption(
             "resolution",
             "last digit of an entry, a power of ten of mm or deg, from 0.001 to 1e-9; 0.0001 if omitted",
-            "length or angle",
             positive=True,
             of="compensates",
         ),
-        Option("entry_sign", "k in entry = k e", "choice", default=1, choices=(-1, 1)),
+        pick("entry_sign", "k in entry = k e", (-1, 1), default=1),
         Option(
             "looked_up_axis", "axis that is looked up, to read tables that do not name it", "text"
         ),
@@ -159,7 +160,7 @@ class Heidenhain(Repeating, Resampling):
         unit = across / 10.0**decimals
         if is_rotary(table.axis):
             table = _turned(table, o, unit)
-        require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
+        require_sizes(table, _TITLE, largest=_LARGEST)
         digits = max(decimals, _USUAL)
         digit = along / 10.0**digits
         positions = uniform_positions(
@@ -180,7 +181,7 @@ class Heidenhain(Repeating, Resampling):
         return Encoded(
             _file(name, [table.compensates], zip(places, backlash, texts[0], strict=True)),
             max(r.error for r in rounded),
-            notes={"cma": _assignment(table.axis)},
+            notes={"cma": _ASSIGNMENT.format(table.axis)},
             step=unit,
             carried=made,
             resampling_error=carried.error,
@@ -316,14 +317,6 @@ def _file(name: str, targets: list[str], rows: Iterable[tuple[str, ...]]) -> byt
     return joined(lines, "\r\n")
 
 
-def _assignment(axis: str) -> str:
-    """Return what to enter in the file that assigns tables to axes."""
-    return (
-        f"in the .CMA file of the control (config.cma), which metrosep never writes: the name of this .COM "
-        f"in the column {axis}, and * in ACTIVE of that line; only one line is active"
-    )
-
-
 def _unit(axis: str) -> float:
     """Return the unit of an axis in the file, m or rad."""
     return math.radians(1.0) if is_rotary(axis) else 1e-3
@@ -421,8 +414,7 @@ def _alone(table: CompensationTable) -> tuple[Finding, ...]:
     if table.is_on_axis:
         return ()
     return (
-        Finding(
-            "warning",
+        Finding.warning(
             f"one table over {table.axis} is active at a time: this one, {table.axis} -> "
             f"{table.compensates}, switches off a table {table.axis} -> {table.axis}",
             "if there is one, write both as columns of one file: name it with beside=",
@@ -470,8 +462,7 @@ def _steep(table: CompensationTable) -> tuple[Finding, ...]:
     if worst <= _STEEPEST * step or turns[0] != turns[1]:
         return ()
     return (
-        Finding(
-            "warning",
+        Finding.warning(
             f"neighbours differ by {format_amount(table.compensates, worst)}, more than 1/64 of their "
             f"spacing {format_along(table.axis, step)}: older controls (TNC 407) refuse that",
             "check the units of the table",

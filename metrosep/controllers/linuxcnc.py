@@ -9,29 +9,52 @@ stops at the first other line without a word. Of a joint that turns all three ar
 
 from __future__ import annotations
 
+import itertools
 import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.area_errors import format_along, is_rotary
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._grammar import Line, Word, decoded, joined
-from metrosep.controllers._turns import TURN, format_along
+from metrosep.controllers._facts import agreed
+from metrosep.controllers._grammar import (
+    Line,
+    Word,
+    code_rows,
+    damaged,
+    decoded,
+    joined,
+    require_rising,
+)
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
     Encoded,
+    Simulator,
     identity,
+    one_way,
     sidecar_options,
     sidecar_path,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import TURN, Option, pick, whole
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 
-__all__ = ["MAX_POINTS", "LinuxCNC"]
+__all__ = [
+    "CHAIN_POINTS",
+    "MAX_CURVES",
+    "MAX_POINTS",
+    "POINTS_PER_CURVE",
+    "LinuxCNC",
+    "LinuxCNCLincurve",
+]
 
 
 MAX_POINTS = 256
@@ -80,48 +103,37 @@ class LinuxCNC(Dialect):
     )
 
     options = (
-        Option(
+        pick(
             "cross_axis",
             "a table that corrects another axis than it looks up is refused, or routed in HAL",
-            "choice",
+            ("refuse", "hal"),
             default="refuse",
-            choices=("refuse", "hal"),
         ),
-        Option(
+        pick(
             "joint_type",
             "TYPE of the joint in the INI file; a table of A, B or C needs angular: degrees",
-            "choice",
+            ("linear", "angular"),
             default="linear",
-            choices=("linear", "angular"),
         ),
-        Option(
+        pick(
             "linear_units",
             "[TRAJ]LINEAR_UNITS of the INI file: all numbers of a linear joint are in it",
-            "choice",
+            tuple(_LINEAR),
             default="mm",
-            choices=tuple(_LINEAR),
         ),
-        Option(
+        pick(
             "angular_units",
             "[TRAJ]ANGULAR_UNITS of the INI file: all numbers of an angular joint are in it",
-            "choice",
+            tuple(_ANGULAR),
             default="deg",
-            choices=tuple(_ANGULAR),
         ),
     )
 
-    def encode(
-        self,
-        table: CompensationTable,
-        *,
-        cross_axis: str = "refuse",
-        joint_type: str = "linear",
-        linear_units: str = "mm",
-        angular_units: str = "deg",
-        **options: Any,
-    ) -> Encoded:
+    def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         """Return bare triples."""
-        if not table.is_on_axis and cross_axis != "hal":
+        o = self.filled(options)
+        joint_type, angular = o["joint_type"], o["joint_type"] == "angular"
+        if not table.is_on_axis and o["cross_axis"] != "hal":
             raise TableError(
                 f"a LinuxCNC compensation file corrects its own joint, this table is {table.axis} -> "
                 f"{table.compensates}: loaded as it is it would move {table.axis}; say "
@@ -129,7 +141,7 @@ class LinuxCNC(Dialect):
                 f"{table.axis} and route it to {table.compensates} in HAL, or write controller='csv'"
             )
         _check_type(table, joint_type)
-        unit, name = _unit(joint_type, linear_units, angular_units)
+        unit, name = _unit(o)
         n = table.positions.size
         if n > MAX_POINTS:
             raise LimitError(
@@ -154,9 +166,9 @@ class LinuxCNC(Dialect):
             notes={
                 "ini": [
                     f"TYPE = {joint_type.upper()}",
-                    f"[TRAJ]ANGULAR_UNITS = {angular_units}"
-                    if joint_type == "angular"
-                    else f"[TRAJ]LINEAR_UNITS = {linear_units}",
+                    f"[TRAJ]ANGULAR_UNITS = {o['angular_units']}"
+                    if angular
+                    else f"[TRAJ]LINEAR_UNITS = {o['linear_units']}",
                     "COMP_FILE_TYPE = 0",
                     "COMP_FILE = <this file>",
                 ],
@@ -171,8 +183,7 @@ class LinuxCNC(Dialect):
         if not is_rotary(table.axis) or high - low < TURN - 1e-9 or stated:
             return []
         return [
-            Finding(
-                "error",
+            Finding.error(
                 f"the table covers {format_along(table.axis, low)} ... {format_along(table.axis, high)}, and "
                 "LinuxCNC knows no modulo: the joint of a wrapped axis counts on, and beyond its ends the "
                 "table holds their values",
@@ -191,25 +202,15 @@ class LinuxCNC(Dialect):
             )
         ]
         table = np.array(rows)
-        falling = np.flatnonzero(np.diff(table[:, 0]) <= 0)
-        if falling.size:
-            raise CorruptFileError(
-                path,
-                f"line {int(falling[0]) + 2}: the nominal position does not rise; LinuxCNC would drop "
-                "this line and use the rest",
-                hint="sort the lines",
-            )
+        hint = "LinuxCNC would drop this line and use the rest; sort the lines"
+        require_rising(table[:, 0], path, "line", hint)
         if len(rows) > MAX_POINTS:
             raise LimitError(
                 f"{path}: {len(rows)} lines, LinuxCNC uses the first {MAX_POINTS} and ignores the rest"
             )
         if len(rows) < 2:
             raise CorruptFileError(path, "a table needs at least 2 lines", found=len(rows))
-        known = {
-            **{o.name: o.default for o in self.options},
-            **sidecar_options(path, self.options),
-            **options,
-        }
+        known = self.filled({**sidecar_options(path, self.options), **options})
         joint_type = known["joint_type"]
         if (
             joint_type == "linear"
@@ -221,7 +222,7 @@ class LinuxCNC(Dialect):
                 "linear_units=inch, [TRAJ]LINEAR_UNITS of the INI file (joint_type=angular for an axis that "
                 "turns) as a keyword, or --machine linear_units=mm on the command line"
             )
-        unit, _ = _unit(joint_type, known["linear_units"], known["angular_units"])
+        unit, _ = _unit(known)
         forward, reverse = (table[:, 0] - table[:, 1]) * unit, (table[:, 0] - table[:, 2]) * unit
         return CompensationTable(
             positions=table[:, 0] * unit,
@@ -232,9 +233,10 @@ class LinuxCNC(Dialect):
         )
 
 
-def _unit(joint_type: str, linear_units: str, angular_units: str) -> tuple[float, str]:
+def _unit(o: Mapping[str, Any]) -> tuple[float, str]:
     """Return the unit of a joint in SI, and its name."""
-    return _ANGULAR[angular_units] if joint_type == "angular" else _LINEAR[linear_units]
+    angular = o["joint_type"] == "angular"
+    return _ANGULAR[o["angular_units"]] if angular else _LINEAR[o["linear_units"]]
 
 
 def _check_type(table: CompensationTable, joint_type: str) -> None:
@@ -319,3 +321,413 @@ def _triple(line: str, number: int, path: Path) -> list[float]:
             hint="write nothing but 'nominal forward reverse' lines: no header, comma or blank line",
         )
     return [*found.values()]
+
+
+# ---- a table across axes as a chain of lincurves of HAL -----------------------------------------
+# LinuxCNC: a table across axes as a chain of HAL's ``lincurve`` components.
+#
+# A lincurve interpolates at most 16 points and is constant outside them. A longer table f is cut into
+# pieces that share their end points; every piece but the first starts at zero, so that at any position
+# the pieces before it have run to their ends, those behind it are still zero, and the sum is f. The
+# sum is added to the motor command of the corrected joint and taken out of its feedback again.
+# Of an axis that turns the numbers are degrees, and the first comment of the file says so.
+# Confirmed by running the controller (tests/acceptance/linuxcnc).
+
+# ---- text of a chain of lincurves in HAL: cut a table into curves, write the commands, read them back ----
+# The reader takes no other wiring than the one that was proven on the controller: it makes the commands
+# again from the numbers that it found, and refuses a file in which any word differs.
+
+POINTS_PER_CURVE = 16
+"""Points of one lincurve."""
+MAX_CURVES = 64
+"""Personalities that LinuxCNC 2.9 takes for one component; the 65th keeps it from loading."""
+CHAIN_POINTS = MAX_CURVES * (POINTS_PER_CURVE - 1) + 1
+"""Neighbouring curves share a point."""
+
+UNIT = 10**_DECIMALS
+"""Units in which entries are whole numbers, per millimetre."""
+
+_PLAIN_NUMBER = re.compile(r"[+-]?(\d{1,12}(\.\d{0,30})?|\.\d{1,30})")
+THREAD = re.compile(r"[A-Za-z][A-Za-z0-9_.-]{0,39}")
+"""Name of a thread in HAL."""
+
+Curve = tuple[tuple[Decimal, Decimal], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """What the file says."""
+
+    # of tuple of (Decimal, Decimal), mm: points of each lincurve; degrees of an axis that turns
+    curves: tuple[Curve, ...]
+    source: int  # joints that are looked up and corrected
+    target: int
+    thread: str  # servo thread
+
+    def knots(self) -> list[tuple[Decimal, Decimal]]:
+        """Return the points of the sum of the curves, mm."""
+        found = list(self.curves[0])
+        for curve in self.curves[1:]:
+            before = found[-1][1]
+            found += [(x, before + y) for x, y in curve[1:]]
+        return found
+
+
+def cut(x: Sequence[int], y: Sequence[int]) -> tuple[Curve, ...]:
+    """Return the curves: the first as it is, every other one from the zero at its first point."""
+    step = POINTS_PER_CURVE - 1
+    curves = []
+    for start in range(0, len(x) - 1, step):
+        stop = min(start + step, len(x) - 1)
+        zero = y[start] if start else 0
+        points = range(start, stop + 1)
+        curves.append(tuple((Decimal(x[i]) / UNIT, Decimal(y[i] - zero) / UNIT) for i in points))
+    return tuple(curves)
+
+
+def hal_lines(chain: Chain) -> list[str]:
+    """Return the file without its comments: values, order in the thread, wiring."""
+    n = len(chain.curves)
+    curves = [f"comp-{i}" for i in range(n)]
+    sums = [f"comp-sum-{i}" for i in range(1, n)]
+    sizes = ",".join(str(len(c)) for c in chain.curves)
+    order = ["comp-fb", "motion-command-handler", "motion-controller", *curves, *sums, "comp-cmd"]
+    value = f"{sums[-1]}.out" if sums else f"{curves[0]}.out"
+    lines = [
+        f"loadrt lincurve names={','.join(curves)} personality={sizes}",
+        f"loadrt sum2 names={','.join([*sums, 'comp-cmd', 'comp-fb'])}",
+        "setp comp-fb.gain1 -1",
+    ]
+    for name, curve in zip(curves, chain.curves, strict=True):
+        for i, (x, y) in enumerate(curve):
+            lines.append(f"setp {name}.x-val-{i:02d} {_printed(x)}")
+            lines.append(f"setp {name}.y-val-{i:02d} {_printed(y)}")
+    lines += [f"addf {name} {chain.thread}" for name in order]
+    lines.append(f"net comp-position joint.{chain.source}.pos-cmd")
+    lines += [f"net comp-position {name}.in" for name in curves]
+    for i in range(1, n):
+        before = f"{curves[0]}.out" if i == 1 else f"comp-sum-{i - 1}.out"
+        lines.append(f"net comp-below-{i} {before} comp-sum-{i}.in0")
+        lines.append(f"net comp-piece-{i} comp-{i}.out comp-sum-{i}.in1")
+    return [
+        *lines,
+        f"net comp-value {value} comp-cmd.in1 comp-fb.in1",
+        f"net comp-motor joint.{chain.target}.motor-pos-cmd comp-cmd.in0",
+        "net comp-drive comp-cmd.out",
+        "net comp-encoder comp-fb.in0",
+        f"net comp-feedback comp-fb.out joint.{chain.target}.motor-pos-fb",
+    ]
+
+
+def _printed(value: Decimal) -> str:
+    return f"{value:.{_DECIMALS}f}"
+
+
+def parsed(data: bytes, path: Path) -> Chain:
+    """Return what the file says; the wiring must be, word for word, that of `hal_lines`."""
+    rows = _rows(data, path)
+    chain = Chain(
+        _curves(rows, path),
+        int(_found(rows, r"net comp-position joint\.(\d{1,2})\.pos-cmd", path)),
+        int(_found(rows, r"net comp-motor joint\.(\d{1,2})\.motor-pos-cmd comp-cmd\.in0", path)),
+        _found(rows, rf"addf comp-fb ({THREAD.pattern})", path),
+    )
+    wanted = hal_lines(chain)
+    for (number, text), line in zip(rows, wanted, strict=False):
+        if _plain(text) != _plain(line):
+            raise _damaged(path, number, text, line)
+    if len(rows) != len(wanted):
+        number, text = rows[len(wanted)] if len(rows) > len(wanted) else (rows[-1][0] + 1, "")
+        raise _damaged(path, number, text, wanted[len(rows)] if len(rows) < len(wanted) else "")
+    return chain
+
+
+def _plain(line: str) -> list[str]:
+    """Return the words of a line, numbers in one spelling."""
+    words = line.split()
+    if words[0] == "setp" and len(words) == 3 and _PLAIN_NUMBER.fullmatch(words[2]):
+        words[2] = _printed(Decimal(words[2]))
+    return words
+
+
+def _damaged(path: Path, number: int, found: str, wanted: str) -> CorruptFileError:
+    return CorruptFileError(
+        path,
+        f"line {number} is not that of a lincurve chain",
+        expected=repr(wanted[:80]) if wanted else "the end",
+        found=repr(found[:80]) if found else "the end",
+        hint="write the table again; only comments may be changed in this file",
+    )
+
+
+def _rows(data: bytes, path: Path) -> list[tuple[int, str]]:
+    """Return the lines that are neither blank nor comments, each with its number."""
+    hint = "this is not a HAL file of metrosep, or it was converted; LinuxCNC wants ASCII and LF"
+    text = decoded(data, path, "HAL file of metrosep")
+    if "\\" in text:
+        line = text[: text.index("\\")].count("\n") + 1
+        raise CorruptFileError(
+            path,
+            f"line {line} holds a backslash: HAL joins that line with the next, comments too",
+            hint="take it out, or write the table again",
+        )
+    if not text.endswith("\n") or not text.replace("\n", " ").isprintable():
+        raise CorruptFileError(path, "cut in a line, or with control characters", hint=hint)
+    rows, _ = code_rows(text.split("\n"), "#")
+    if not rows:
+        raise CorruptFileError(path, "no HAL command in it", hint=hint)
+    return rows
+
+
+def _found(rows: Sequence[tuple[int, str]], pattern: str, path: Path) -> str:
+    for _, line in rows:
+        match = re.fullmatch(pattern, " ".join(line.split()))
+        if match:
+            return match[1]
+    raise damaged(path, "a line of the wiring is missing", expected=pattern.replace("\\", ""))
+
+
+def _curves(rows: Sequence[tuple[int, str]], path: Path) -> tuple[Curve, ...]:
+    """Return the points of the curves in their order, checked to be a chain."""
+    sizes = _found(rows, r"loadrt lincurve names=\S+ personality=(\d{1,2}(?:,\d{1,2})*)", path)
+    counts = [int(s) for s in sizes.split(",")]
+    if len(counts) > MAX_CURVES or not all(2 <= c <= POINTS_PER_CURVE for c in counts):
+        raise damaged(
+            path,
+            "LinuxCNC would not load these curves or change them",
+            field="personality",
+            expected=f"at most {MAX_CURVES} numbers from 2 to {POINTS_PER_CURVE}",
+            found=sizes[:80],
+        )
+    values: dict[str, tuple[int, Decimal]] = {}
+    for number, line in rows:
+        words = line.split()
+        if words[0] != "setp" or len(words) != 3 or "-val-" not in words[1]:
+            continue
+        if not _PLAIN_NUMBER.fullmatch(words[2]) or words[1] in values:
+            raise _damaged(path, number, line, f"setp {words[1]} <a number, once>")
+        values[words[1]] = number, Decimal(words[2])
+    curves = []
+    for k, count in enumerate(counts):
+        curves.append(tuple(_point(values, k, i, path) for i in range(count)))
+    _check_chain(curves, values, path)
+    return tuple(curves)
+
+
+def _point(
+    values: dict[str, tuple[int, Decimal]], curve: int, i: int, path: Path
+) -> tuple[Decimal, Decimal]:
+    x, y = (f"comp-{curve}.{axis}-val-{i:02d}" for axis in "xy")
+    for name in (x, y):
+        if name not in values:
+            raise damaged(path, f"{name} is not set: it would be 0")
+    return values[x][1], values[y][1]
+
+
+def _check_chain(
+    curves: Sequence[Curve], values: dict[str, tuple[int, Decimal]], path: Path
+) -> None:
+    for k, curve in enumerate(curves):
+        for i in range(1, len(curve)):
+            if curve[i][0] <= curve[i - 1][0]:
+                line = values[f"comp-{k}.x-val-{i:02d}"][0]
+                raise damaged(path, f"line {line}: the position does not rise")
+        if k and (curve[0][0] != curves[k - 1][-1][0] or curve[0][1] != 0):
+            line = values[f"comp-{k}.x-val-00"][0]
+            raise damaged(
+                path, f"line {line}: curve comp-{k} does not start at zero where comp-{k - 1} ends"
+            )
+
+
+# ------------------------------------------------------------------------------------------------
+
+_MM = 1e-3
+_DEGREE = math.pi / 180.0
+
+_NAME = re.compile(r"[!-'*-\[\]-~]{1,40}( [!-'*-\[\]-~]{1,40}){0,3}")
+"""A name that a comment of HAL holds as it is: printable ASCII, without backslash and parentheses."""
+_COMMENT = re.compile(
+    r"# metrosep: (.+?) \(joint \d+(, degrees)?\) -> (.+?) \(joint \d+(, degrees)?\), \d+ points"
+)
+
+
+class LinuxCNCLincurve(Dialect):
+    """Writer and reader of HAL files with chained lincurves; see the module."""
+
+    info = DialectInfo(
+        id="linuxcnc-lincurve",
+        title="LinuxCNC table across axes, chained lincurves in HAL",
+        entry="correction added to the motor command: -e; of curve 2 and on, less its first point",
+        units="mm (machine units of the configuration); of an axis that turns degrees",
+        max_points=CHAIN_POINTS,
+        outside="constant beyond both ends",
+        sign_status="confirmed by running LinuxCNC 2.9",
+        activation=(
+            "take out of your HAL files the addf lines of motion-command-handler and motion-controller",
+            "take out the nets of the corrected joint's motor-pos-cmd and motor-pos-fb",
+            "put HALFILE = <name of the file> into [HAL], after the file that loads motmod and encoders",
+            "add the functions that write the drives to the thread after this file",
+            "connect signal comp-drive to the drive and comp-encoder to the encoder of that joint",
+            "HAL loads lincurve and sum2 once: if you use them elsewhere, put all names into one line",
+            "the TYPE of a joint that turns must be ANGULAR: its numbers are degrees",
+            "restart LinuxCNC, move the looked-up axis, read pin comp-cmd.in1: the correction in mm",
+        ),
+        sign="confirmed",
+        directions="one",
+        resolution="0.1 pm (double inside HAL)",
+        reference_rule="zero where the looked-up joint is zero; it acts before homing too",
+        proof="LinuxCNC 2.9 itself, headless",
+        suffix=".hal",
+        example={"source_joint": 0, "target_joint": 2},
+        page="linuxcnc",
+    )
+
+    options = (
+        whole(
+            "source_joint", "number of the joint whose position is looked up", 0, 15, required=True
+        ),
+        whole("target_joint", "number of the joint that is corrected", 0, 15, required=True),
+        Option("thread", "name of the servo thread in HAL", "text", default="servo-thread"),
+    )
+
+    def encode(self, table: CompensationTable, **options: Any) -> Encoded:
+        """Return HAL commands."""
+        o = self.filled(options)
+        source_joint, target_joint, thread = (o[n.name] for n in self.options)
+        _check_table(table, source_joint, target_joint)
+        if not THREAD.fullmatch(thread):
+            raise DataError(
+                f"linuxcnc-lincurve: thread={thread!r} is not a name of a thread in HAL"
+            )
+        (unit, name), (unit_c, name_c) = _unit_along(table.axis), _unit_along(table.compensates)
+        x = [round(v / unit * UNIT) for v in table.positions.tolist()]
+        y = [round(v / unit_c * UNIT) for v in table.forward.tolist()]
+        if any(b <= a for a, b in itertools.pairwise(x)):
+            raise TableError(f"positions closer than 1e-{_DECIMALS} {name} cannot be written")
+        chain = Chain(cut(x, y), source_joint, target_joint, thread)
+        carried = [float(v) * unit_c for _, v in chain.knots()]
+        lines = [
+            _comment(table, source_joint, target_joint),
+            f"# adds the correction -e ({name_c}) to the motor command and takes it out of the feedback",
+            *hal_lines(chain),
+        ]
+        return Encoded(
+            data=("\n".join(lines) + "\n").encode("ascii", "replace"),
+            quantisation=float(np.abs(np.array(carried) - table.forward).max()),
+            notes={
+                "hal_file": "[HAL] HALFILE = <this file>, in place of the addf lines of motmod",
+                "signals": {"comp-drive": "to the drive", "comp-encoder": "from the encoder"},
+            },
+        )
+
+    def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
+        """Return the table, refusing wiring that is not the one that was proven.
+
+        Notes
+        -----
+        Without the comment that names the axes and without a sidecar nothing states degrees: the numbers are
+        taken as millimetres, and the axes are called after their joints.
+        """
+        chain = parsed(data, path)
+        stated = (chain.source, chain.target, chain.thread)
+        for option, found in zip(self.options, stated, strict=True):
+            agreed(path, option.name, {"the file": found, "you": options.get(option.name)})
+        knots = chain.knots()
+        axes = _chain_axes(data, chain, path)
+        unit, unit_c = _unit_along(axes["axis"])[0], _unit_along(axes["compensates"])[0]
+        positions = [float(x) * unit for x, _ in knots]
+        return CompensationTable(
+            positions=np.array(positions),
+            forward=np.array([float(y) * unit_c for _, y in knots]),
+            reverse=None,
+            is_exact_inverse=True,
+            **{**identity(path, first=positions[0]), **axes},
+        )
+
+    def lookup(self, data: bytes, path: Path, **options: Any) -> Simulator:
+        """Return the sum of the clamped curves, as HAL's sum2 adds them."""
+        table = self.decode(data, path, **options)
+        unit, unit_c = _unit_along(table.axis)[0], _unit_along(table.compensates)[0]
+        curves = [np.array(c, dtype=np.float64).T for c in parsed(data, path).curves]
+
+        def along(p: FloatArray) -> FloatArray:
+            parts = [np.interp(p / unit, x, y) for x, y in curves]
+            total = parts[0]
+            for part in parts[1:]:
+                total = total + part
+            return np.asarray(total * unit_c)
+
+        return one_way(along)
+
+
+def _check_table(table: CompensationTable, source: int, target: int) -> None:
+    if table.reverse is not None:
+        raise TableError(
+            "a lincurve knows no direction, this table has a column for each: make it with "
+            "direction='both', or write controller='linuxcnc' with cross_axis='hal', which has two"
+        )
+    if table.is_on_axis != (source == target):
+        raise TableError(
+            f"the table is {table.axis} -> {table.compensates}, the joints are {source} -> {target}: "
+            "one of the two is wrong"
+        )
+    for axis in (table.axis, table.compensates):
+        if not _NAME.fullmatch(axis):
+            raise TableError(
+                f"the axis name {axis!r} cannot stand in a comment of HAL: use printable ASCII without "
+                "backslash and parentheses, such as 'X'"
+            )
+    n = table.positions.size
+    unit, name = _unit_along(table.axis)
+    if n > CHAIN_POINTS:
+        raise LimitError(
+            f"{n} points, {MAX_CURVES} lincurves take {CHAIN_POINTS}; use a spacing of at least "
+            f"{(table.span[1] - table.span[0]) / (CHAIN_POINTS - 1) / unit:.4g} {name}"
+        )
+
+
+def _unit_along(axis: str) -> tuple[float, str]:
+    """Return the unit of an axis in SI, and its name."""
+    return (_DEGREE, "degrees") if is_rotary(axis) else (_MM, "mm")
+
+
+def _comment(table: CompensationTable, source: int, target: int) -> str:
+    ends = [
+        f"{axis} (joint {joint}{', degrees' if is_rotary(axis) else ''})"
+        for axis, joint in ((table.axis, source), (table.compensates, target))
+    ]
+    return f"# metrosep: {ends[0]} -> {ends[1]}, {table.positions.size} points"
+
+
+def _chain_axes(data: bytes, chain: Chain, path: Path) -> dict[str, str]:
+    """Return the names in the sidecar, in a comment of the file, or those of the joints."""
+    lines = {line.strip() for line in data.decode("ascii").split("\n")}
+    found = [m for m in map(_COMMENT.fullmatch, sorted(lines)) if m]
+    if len(found) > 1:
+        raise CorruptFileError(
+            path,
+            f"{len(found)} comments that name the axes contradict each other",
+            found=repr([m[0][:60] for m in found[:2]]),
+            hint="keep the one that was written",
+        )
+    match = found[0] if found else None
+    names = (match[1], match[3]) if match else (f"joint {chain.source}", f"joint {chain.target}")
+    said = tuple(map(is_rotary, names))
+    if match and said != (match[2] is not None, match[4] is not None):
+        raise CorruptFileError(
+            path,
+            "a comment does not say of every axis that turns, and of no other, that it is in degrees",
+            found=repr(match[0][:80]),
+            hint="write the table again; earlier versions wrote thousandths of a radian",
+        )
+    if sidecar_path(path).is_file():
+        known = identity(path, first=0.0)
+        names = known["axis"], known["compensates"]
+        if tuple(map(is_rotary, names)) != said:
+            raise damaged(
+                path,
+                "file and sidecar contradict each other on what is in degrees",
+                expected=" -> ".join(names),
+                found=repr(match[0][:80]) if match else "no comment that names the axes",
+            )
+    return {"axis": names[0], "compensates": names[1]}

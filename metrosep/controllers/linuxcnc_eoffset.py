@@ -104,16 +104,9 @@ class LinuxCNCEoffset(Dialect):
         ),
     )
 
-    def encode(
-        self,
-        table: CompensationMap,
-        *,
-        count: float = 1e-10,
-        av_ratio: float = 0.1,
-        period: float = 2e-3,
-        **options: Any,
-    ) -> Encoded:
+    def encode(self, table: CompensationMap, **options: Any) -> Encoded:
         """Return the program with the map in it."""
+        count, av_ratio, period = (self.filled(options)[o.name] for o in self.options)
         letters = [*table.axes, table.compensates]
         wrong = [a for a in letters if a not in tuple(LETTERS)]
         if wrong:
@@ -340,7 +333,12 @@ _OPEN = "0" * 64
 """What stands in place of the checksum while it is taken."""
 _AXES = re.compile(rf'AXES = \("([{LETTERS}])", "([{LETTERS}])", "([{LETTERS}])"\)')
 _CHECKSUM = re.compile(r'CHECKSUM = "[0-9a-f]{64}"')
-_HINT = "write the map again; nothing in this file may be changed"
+
+
+def _broken(path: Path, reason: str, **more: Any) -> CorruptFileError:
+    """Return the error of a program that is not as it was written."""
+    hint = "write the map again; nothing in this file may be changed"
+    return CorruptFileError(path, reason, **more, hint=hint)
 
 
 @dataclass(frozen=True, slots=True)
@@ -416,7 +414,7 @@ def grid_of(data: bytes, path: Path) -> Grid:
     lines = decoded(data, path, "HAL component of metrosep").split("\n")
     axes = next((m for m in map(_AXES.fullmatch, lines) if m), None)
     if axes is None:
-        raise CorruptFileError(path, "no line AXES = (...) of a map in it", hint=_HINT)
+        raise _broken(path, "no line AXES = (...) of a map in it")
     entries = _block(lines, "COUNTS", r"    \((-?\d{1,15}(?:, -?\d{1,15})+)\),", path)
     grid = Grid(
         axes=(axes[1], axes[2], axes[3]),
@@ -429,13 +427,9 @@ def grid_of(data: bytes, path: Path) -> Grid:
     )
     for number, row in zip((n for n, _ in entries), grid.counts, strict=True):
         if len(row) != len(grid.x):
-            raise CorruptFileError(
-                path, f"line {number}: {len(row)} entries, X_MM has {len(grid.x)}", hint=_HINT
-            )
+            raise _broken(path, f"line {number}: {len(row)} entries, X_MM has {len(grid.x)}")
     if len(grid.counts) != len(grid.y):
-        raise CorruptFileError(
-            path, f"COUNTS has {len(grid.counts)} rows, Y_MM has {len(grid.y)}", hint=_HINT
-        )
+        raise _broken(path, f"COUNTS has {len(grid.counts)} rows, Y_MM has {len(grid.y)}")
     _require_program(lines, grid.text().split("\n"), path)
     return grid
 
@@ -443,29 +437,26 @@ def grid_of(data: bytes, path: Path) -> Grid:
 def _require_program(found: Sequence[str], wanted: Sequence[str], path: Path) -> None:
     for number, (line, right) in enumerate(zip(found, wanted, strict=False), start=1):
         if line != right and _CHECKSUM.fullmatch(line):
-            raise CorruptFileError(
+            raise _broken(
                 path,
                 "the numbers are not those that were written: some were changed or exchanged",
                 field="CHECKSUM",
                 expected=right[12:28],
                 found=line[12:28],
-                hint=_HINT,
             )
         if line != right:
-            raise CorruptFileError(
+            raise _broken(
                 path,
                 f"line {number} is not that of the program",
                 expected=repr(right[:80]),
                 found=repr(line[:80]),
-                hint=_HINT,
             )
     if len(found) != len(wanted):
-        raise CorruptFileError(
+        raise _broken(
             path,
             "the program is longer or shorter",
             expected=f"{len(wanted)} lines",
             found=len(found),
-            hint=_HINT,
         )
 
 
@@ -474,25 +465,23 @@ def _value(lines: Sequence[str], name: str, path: Path) -> Decimal:
         match = re.fullmatch(rf"{name} = ({_NUMBER})", line)
         if match and Decimal(match[1]) > 0:
             return Decimal(match[1])
-    raise CorruptFileError(path, f"no line {name} = <a number above zero>", hint=_HINT)
+    raise _broken(path, f"no line {name} = <a number above zero>")
 
 
 def _block(lines: Sequence[str], name: str, pattern: str, path: Path) -> list[tuple[int, str]]:
     """Return number and inside of each line of a tuple."""
     opening = f"{name} = ("
     if opening not in lines or ")" not in lines[lines.index(opening) :]:
-        raise CorruptFileError(path, f"no lines {opening} ... ) in it", hint=_HINT)
+        raise _broken(path, f"no lines {opening} ... ) in it")
     start = lines.index(opening) + 1
     found = []
     for number, line in enumerate(lines[start : lines.index(")", start)], start=start + 1):
         match = re.fullmatch(pattern, line)
         if match is None:
-            raise CorruptFileError(
-                path, f"line {number} is not an entry of {name}", found=repr(line[:60]), hint=_HINT
-            )
+            raise _broken(path, f"line {number} is not an entry of {name}", found=repr(line[:60]))
         found.append((number, match[1]))
     if len(found) < 2:
-        raise CorruptFileError(path, f"{name} needs at least 2 entries", hint=_HINT)
+        raise _broken(path, f"{name} needs at least 2 entries")
     return found
 
 
@@ -501,7 +490,5 @@ def _rising(lines: Sequence[str], name: str, path: Path) -> tuple[Decimal, ...]:
     values = [Decimal(text) for _, text in entries]
     for i in range(1, len(values)):
         if values[i] <= values[i - 1]:
-            raise CorruptFileError(
-                path, f"line {entries[i][0]}: the position does not rise", hint=_HINT
-            )
+            raise _broken(path, f"line {entries[i][0]}: the position does not rise")
     return tuple(values)

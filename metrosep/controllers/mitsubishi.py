@@ -41,7 +41,7 @@ from metrosep.controllers._grids import (
     walked,
 )
 from metrosep.controllers.base import DialectInfo, Encoded, identity
-from metrosep.controllers.options import Option, unit_option
+from metrosep.controllers.options import Option, pick, unit_option, whole
 from metrosep.core.errors import CorruptFileError, TableError
 
 __all__ = ["Mitsubishi"]
@@ -49,8 +49,6 @@ __all__ = ["Mitsubishi"]
 _TITLE = "Mitsubishi machine error compensation"
 _FIRST, _LAST = 4101, 5124
 _LOW, _HIGH = -128, 127
-_FARTHEST, _LARGEST = 1e3, 1.0
-"""Position and correction beyond which units are mistaken, m."""
 _CAPACITY = _LAST - _FIRST + 1
 
 _HEAD = Line(
@@ -97,14 +95,13 @@ class Mitsubishi(Resampling):
 
     options = (
         unit_option("output_unit", "unit of output of the control"),
-        Option("scale", "parameter #4006", "integer", default=1, lowest=1, highest=99),
-        Option("set_number", "set of parameters, 1 for #4001", "integer", 1, lowest=1, highest=10),
-        Option(
+        whole("scale", "parameter #4006", 1, 99, default=1),
+        whole("set_number", "set of parameters, 1 for #4001", 1, 10, default=1),
+        whole(
             "reference_number",
             "parameter #4003; the lowest that fits if omitted",
-            "integer",
-            lowest=_FIRST - 1,
-            highest=_LAST,
+            _FIRST - 1,
+            _LAST,
         ),
         Option("reference_position", "machine coordinate of the reference point", "length"),
         Option(
@@ -122,12 +119,11 @@ class Mitsubishi(Resampling):
             lowest=1e-9,
             highest=1e-3,
         ),
-        Option(
+        pick(
             "cross_axis",
             "a table that corrects another axis than it looks up: its sign is not documented",
-            "choice",
+            ("refuse", "tried"),
             default="refuse",
-            choices=("refuse", "tried"),
         ),
     )
 
@@ -136,7 +132,7 @@ class Mitsubishi(Resampling):
         _require_linear(table)
         table = require_one_direction(table, _TITLE, "into #2011 and #2012 (backlash)")
         _require_axes(table, options["cross_axis"])
-        require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
+        require_sizes(table, _TITLE)
         unit = 0.5 * options["output_unit"] * options["scale"]
         made = sections(
             table,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -180,23 +181,14 @@ _NAMES = {(False, False): ("X", "Y"), (True, False): ("C", "Y"), (False, True): 
 class NeutralMap(Dialect):
     """Writer and reader of neutral maps; see the module."""
 
-    info = DialectInfo(
+    info = replace(
+        Neutral.info,
         id="csv-map",
         title="Neutral CSV of a map with JSON sidecar",
-        entry="correction c = -e that is added to the command",
         units="positions in mm, correction in um; rad and urad of axes that turn; by the column names",
         outside="that of the nearest edge",
-        sign_status="by definition",
-        activation=(
-            "import it into the controller's own tool and dry-run the sign on the machine",
-        ),
-        sign="confirmed",
         carries="map",
         directions="one",
-        resolution="full precision",
-        proof="by definition",
-        suffix=".csv",
-        page="neutral",
     )
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:

@@ -16,8 +16,8 @@ import os
 import re
 import sys
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, ClassVar
@@ -29,6 +29,7 @@ from metrosep.compensation.limits import Finding
 from metrosep.compensation.polynomial import PolynomialFit
 from metrosep.controllers._facts import facts_of, settled
 from metrosep.controllers._grammar import (
+    IEC_WORDS,
     Line,
     Text,
     Word,
@@ -47,7 +48,7 @@ from metrosep.controllers.base import (
     load_sidecar,
     one_way,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import Option, flag, pick, whole
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, LimitError, TableError
 from metrosep.core.units import format_length
@@ -88,22 +89,14 @@ _NAME, _VARIABLE = Word(IDENTIFIER, str.lower), Word(r"P\d{1,4}", str.upper)
 _EXPRESSION = Word(".+?")
 
 _COMMON = (
-    Option(
-        "actuator_sign",
-        "-1 if a positive y moves the tool against the corrected axis (a piezo opposite to Z)",
-        "choice",
-        required=True,
-        choices=(1, -1),
-    ),
+    pick("actuator_sign", "-1 if a positive y moves the tool against the corrected axis (a piezo opposite to Z)", (1, -1), required=True),
     Option("stroke", "largest y that the actuator can do", "length", positive=True),
-    Option("unipolar", "the actuator takes no negative y", "flag", default=False),
+    flag("unipolar", "the actuator takes no negative y"),
     Option("offset", "constant added to y, so that an actuator can go both ways", "length",
            default=0.0),
-    Option("digits", "significant digits of a coefficient", "integer", default=9, lowest=3,
-           highest=17),
-    Option("x_unit", "unit of the position in the PLC", "choice", default="mm",
-           choices=("m", "mm", "um")),
-    Option("y_unit", "unit of y in the PLC", "choice", default="um", choices=("mm", "um", "nm")),
+    whole("digits", "significant digits of a coefficient", 3, 17, default=9),
+    pick("x_unit", "unit of the position in the PLC", ("m", "mm", "um"), default="mm"),
+    pick("y_unit", "unit of y in the PLC", ("mm", "um", "nm"), default="um"),
 )  # fmt: skip
 
 
@@ -158,7 +151,7 @@ class _Polynomial(Dialect):
         return Encoded(
             data=data,
             quantisation=cost,
-            findings=_warnings(y, cost + rounding, options),
+            findings=tuple(_warnings(y, cost + rounding, options)),
             notes={
                 "y_range_m": [float(y.min()), float(y.max())],
                 "quantity_of_the_fit": table.quantity,
@@ -319,39 +312,28 @@ def _comments(fit: PolynomialFit, options: Mapping[str, Any], y: FloatArray) -> 
     ]
 
 
-def _warnings(y: FloatArray, cost: float, options: Mapping[str, Any]) -> tuple[Finding, ...]:
-    found = []
+def _warnings(y: FloatArray, cost: float, options: Mapping[str, Any]) -> Iterator[Finding]:
     stroke, low, high = options["stroke"], float(y.min()), float(y.max())
     if stroke is not None and max(abs(low), abs(high)) > stroke:
-        found.append(
-            Finding(
-                "error",
-                f"y reaches {format_length(low)} ... {format_length(high)}, the stroke is "
-                f"{format_length(stroke)}",
-                "remove alignment from the error, change offset=, or use an actuator with more stroke",
-                "stroke",
-            )
+        yield Finding.error(
+            f"y reaches {format_length(low)} ... {format_length(high)}, the stroke is "
+            f"{format_length(stroke)}",
+            "remove alignment from the error, change offset=, or use an actuator with more stroke",
+            "stroke",
         )
     if options["unipolar"] and low < 0.0:
-        found.append(
-            Finding(
-                "error",
-                f"y falls to {format_length(low)}, the actuator takes no negative y",
-                f"say offset= of at least {format_length(options['offset'] - low)}",
-                "stroke",
-            )
+        yield Finding.error(
+            f"y falls to {format_length(low)}, the actuator takes no negative y",
+            f"say offset= of at least {format_length(options['offset'] - low)}",
+            "stroke",
         )
     if cost > _COARSE * float(np.ptp(y)) and cost > 0.0:
-        found.append(
-            Finding(
-                "error",
-                f"printed digits and the controller's arithmetic cost up to {format_length(cost)}, "
-                f"the corrections span {format_length(float(np.ptp(y)))}",
-                "say more digits=, a lower degree, or put the zero of x near the domain",
-                "quantisation",
-            )
+        yield Finding.error(
+            f"printed digits and the controller's arithmetic cost up to {format_length(cost)}, "
+            f"the corrections span {format_length(float(np.ptp(y)))}",
+            "say more digits=, a lower degree, or put the zero of x near the domain",
+            "quantisation",
         )
-    return tuple(found)
 
 
 class PLCStructuredText(_Polynomial):
@@ -407,7 +389,7 @@ class PLCStructuredText(_Polynomial):
     def _stated(self, **options: Any) -> dict[str, Any]:
         """Return the name of the function, its variable and its unit."""
         function = options["function"]
-        if not re.fullmatch(IDENTIFIER, function) or f" {function.upper()} " in RESERVED:
+        if not re.fullmatch(IDENTIFIER, function) or f" {function.upper()} " in f" X H{IEC_WORDS}":
             raise DataError(
                 f"plc-st: function={function!r} is not an identifier that is free: letters, digits and _, no word, "
                 "type or function of IEC 61131-3"
@@ -422,13 +404,11 @@ class PLCStructuredText(_Polynomial):
 class PLCTurboPMAC(_Polynomial):
     """Writer and reader of Turbo PMAC PLC programs; see the module."""
 
-    info = DialectInfo(
+    info = replace(
+        PLCStructuredText.info,
         id="plc-pmac",
         title="Polynomial for a Turbo PMAC PLC program",
-        entry="coefficients of y, which is added to the command: y = actuator_sign * -e + offset",
-        units="x in mm, y in um unless said otherwise; named in a comment",
         outside="held at the ends of the domain",
-        sign_status="stated by the user: actuator_sign, no default; y is added by your program",
         activation=(
             (
                 "have another program write the position of the axis into the variable of x, in the unit "
@@ -442,25 +422,18 @@ class PLCTurboPMAC(_Polynomial):
                 "with a known error and see that the sensor moves towards zero"
             ),
         ),
-        sign="stated",
-        carries="polynomial",
-        directions="one",
         resolution="digits of the coefficients; 48-bit arithmetic",
-        reference_rule="none: the constant is that of the fit, plus offset",
         suffix=".plc",
-        example={"actuator_sign": 1},
-        page="plc",
     )
     comment = (";", "")
     mantissa = 35
 
     options = (
         *_COMMON,
-        Option("plc", "number of the PLC program", "integer", default=10, lowest=0, highest=31),
-        Option("x_variable", "P-variable of x", "integer", default=100, lowest=0, highest=8191),
-        Option("y_variable", "P-variable of y", "integer", default=101, lowest=0, highest=8191),
-        Option("held_variable", "P-variable for the held position", "integer", default=102,
-               lowest=0, highest=8191),
+        whole("plc", "number of the PLC program", 0, 31, default=10),
+        whole("x_variable", "P-variable of x", 0, 8191, default=100),
+        whole("y_variable", "P-variable of y", 0, 8191, default=101),
+        whole("held_variable", "P-variable for the held position", 0, 8191, default=102),
     )  # fmt: skip
 
     layout = tuple(
@@ -551,25 +524,3 @@ def parsed_horner(text: str, x: str) -> FloatArray | None:
         found.append(sign * float(match[2]))
         at = match.end()
     return np.array(found) if text[at:] == ")" * (len(found) - 1) else None
-
-
-RESERVED = (
-    " X H ACTION AND ANY ARRAY AT BEGIN BY CASE CLASS CONFIGURATION CONSTANT CONTINUE DO ELSE"
-    " ELSIF END END_ACTION END_CASE END_CLASS END_CONFIGURATION END_FOR END_FUNCTION"
-    " END_FUNCTION_BLOCK END_IF END_INTERFACE END_METHOD END_NAMESPACE END_PROGRAM END_REPEAT"
-    " END_RESOURCE END_STEP END_STRUCT END_TRANSITION END_TYPE END_VAR END_WHILE EN ENO EXIT"
-    " EXTENDS EXTERNAL FALSE FINAL FOR FROM FUNCTION FUNCTION_BLOCK F_EDGE R_EDGE IF IMPLEMENTS"
-    " INITIAL_STEP INTERFACE INTERNAL JMP METHOD MOD NAMESPACE NON_RETAIN NOT NULL OF ON OR"
-    " OVERLAP OVERRIDE PERSISTENT POINTER PRIORITY PRIVATE PROGRAM PROPERTY PROTECTED PUBLIC"
-    " READ_ONLY READ_WRITE REF REF_TO REFERENCE REPEAT RESOURCE RETAIN RETURN SINGLE STEP STRUCT"
-    " SUPER TASK THEN THIS TO TRANSITION TRUE TYPE UNION UNTIL USING VAR VAR_ACCESS VAR_CONFIG"
-    " VAR_EXTERNAL VAR_GLOBAL VAR_INPUT VAR_IN_OUT VAR_OUTPUT VAR_STAT VAR_TEMP WHILE WITH XOR"
-    " BOOL BYTE CHAR DATE DATE_AND_TIME DINT DT DWORD INT LDATE LDT LINT LREAL LTIME LTOD LWORD"
-    " REAL SINT STRING TIME TIME_OF_DAY TOD UDINT UINT ULINT USINT WCHAR WORD WSTRING ANY_NUM"
-    " ANY_REAL ANY_INT ANY_BIT ABS ACOS ADD ASIN ATAN ATAN2 CONCAT COS CTD CTU CTUD DELETE DIV"
-    " EQ EXP EXPT FIND F_TRIG GE GT INSERT LE LEFT LEN LIMIT LN LOG LT MAX MID MIN MOVE MUL MUX"
-    " NE REPLACE RIGHT ROL ROR RS R_TRIG SEL SHL SHR SIN SIZEOF ADR SQRT SR SUB TAN TOF TON TP"
-    " TRUNC"
-    " "
-)
-"""Names that a function of structured text cannot have: words, types, functions and blocks of IEC 61131-3."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.area_errors import format_along, format_amount, is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
@@ -37,18 +37,6 @@ from metrosep.controllers._grammar import (
     scaled,
 )
 from metrosep.controllers._grids import RollingGrid, enclosing_nodes, rolled_values, rolling_grid
-from metrosep.controllers._turns import (
-    TURN,
-    AlongOption,
-    axes_of,
-    chosen,
-    closed,
-    format_along,
-    format_amount,
-    in_axes,
-    is_angle,
-    is_one_turn,
-)
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -58,7 +46,20 @@ from metrosep.controllers.base import (
     load_sidecar,
     one_way,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import (
+    TURN,
+    AlongOption,
+    Option,
+    axes_of,
+    chosen,
+    closed,
+    flag,
+    in_axes,
+    is_angle,
+    is_one_turn,
+    pick,
+    whole,
+)
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
 
@@ -289,25 +290,21 @@ def rounded_entries(
 
 def motor(name: str, which: str) -> Option:
     """Return the option for the number of a motor."""
-    return Option(name, which, "integer", lowest=1, highest=MOTORS)
+    return whole(name, which, 1, MOTORS)
 
 
 def signed(name: str, whose: str) -> Option:
     """Return the option for the direction of a motor."""
-    return Option(
+    return pick(
         name,
         f"-1 if the counts of {whose} motor fall where its axis rises (#1->-1000X)",
-        "choice",
+        (1, -1),
         default=1,
-        choices=(1, -1),
     )
 
 
-LONG_SPAN = Option(
-    "long_span",
-    "you listed a table of more than 8388607 counts back from the controller",
-    "flag",
-    default=False,
+LONG_SPAN = flag(
+    "long_span", "you listed a table of more than 8388607 counts back from the controller"
 )
 _READING = "for reading a file that does not say: {} position of its travel"
 GRID = (
@@ -315,18 +312,12 @@ GRID = (
         "span",
         "length after which positions roll over; chosen with a margin if omitted, one turn of an axis "
         "that turns",
-        "length or angle",
         positive=True,
     ),
-    AlongOption(
-        "spacing",
-        "distance of the entries; that of the table if omitted",
-        "length or angle",
-        positive=True,
-    ),
+    AlongOption("spacing", "distance of the entries; that of the table if omitted", positive=True),
     LONG_SPAN,
-    AlongOption("first", _READING.format("lowest"), "length or angle"),
-    AlongOption("last", _READING.format("highest"), "length or angle"),
+    AlongOption("first", _READING.format("lowest")),
+    AlongOption("last", _READING.format("highest")),
 )
 """Options of a table over one motor."""
 
@@ -427,8 +418,7 @@ def turn_of(axis: str, span: float | None, travel: float, count: float) -> float
 def rolls_over(axes: Iterable[tuple[str, int]]) -> tuple[Finding, ...]:
     """Return what the motors of axes that turn must agree with."""
     return tuple(
-        Finding(
-            "warning",
+        Finding.warning(
             f"the table over {axis} rolls over after {counts} counts",
             "Ixx27 of its motor, if it is set, must be that number",
             "coverage",
@@ -610,7 +600,6 @@ class PMAC(OneMotor):
         AlongOption(
             "count",
             "length of one count of the target motor, or its angle",
-            "length or angle",
             required=True,
             positive=True,
             of="compensates",
@@ -618,7 +607,6 @@ class PMAC(OneMotor):
         AlongOption(
             "source_count",
             "length of one count of the source motor, or its angle; as count if omitted",
-            "length or angle",
             positive=True,
         ),
         motor("source_motor", "number of the motor whose position is looked up; 1 if omitted"),
@@ -628,22 +616,16 @@ class PMAC(OneMotor):
             "the table corrects its own axis",
         ),
         motor("owner", "motor the table belongs to; the target if omitted"),
-        Option(
-            "desired", "look up the desired position (D), not the actual one", "flag", default=True
-        ),
+        flag("desired", "look up the desired position (D), not the actual one", default=True),
         signed("source_sign", "the source"),
-        Option(
+        pick(
             "target_sign",
             "-1 if the counts of the target motor fall where its axis rises; as "
             "source_sign on one axis",
-            "choice",
-            choices=(1, -1),
+            (1, -1),
         ),
         AlongOption(
-            "motor_zero",
-            "position of the axis where the source motor reads zero",
-            "length or angle",
-            default=0.0,
+            "motor_zero", "position of the axis where the source motor reads zero", default=0.0
         ),
         *GRID,
     )
@@ -780,19 +762,12 @@ def _checked_motors(table: CompensationTable, options: Mapping[str, Any]) -> dic
     return given
 
 
-def _warnings(options: Mapping[str, Any], given: Mapping[str, Any]) -> tuple[Finding, ...]:
-    found = []
+def _warnings(options: Mapping[str, Any], given: Mapping[str, Any]) -> Iterator[Finding]:
     if options["source_motor"] is None:
-        found.append(
-            Finding("warning", "motor #1 was taken as the source", "say source_motor=", "motors")
-        )
+        yield Finding.warning("motor #1 was taken as the source", "say source_motor=", "motors")
     if given["source_motor"] == given["target_motor"] and not given["desired"]:
-        found.append(
-            Finding(
-                "warning",
-                "a motor that is corrected over its own actual position follows its own noise",
-                "look up the desired position (desired=True)",
-                "desired",
-            )
+        yield Finding.warning(
+            "a motor that is corrected over its own actual position follows its own noise",
+            "look up the desired position (desired=True)",
+            "desired",
         )
-    return tuple(found)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,23 +23,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from metrosep.compensation.area_errors import format_amount
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.measured import measured_error
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
 from metrosep.controllers._facts import is_same, printable, settled
 from metrosep.controllers._grammar import damaged
-from metrosep.controllers._turns import (
-    AlongOption,
-    axes_of,
-    chosen,
-    closed,
-    format_amount,
-    in_axes,
-    is_one_turn,
-)
 from metrosep.controllers.base import (
-    DialectInfo,
     Encoded,
     Simulator,
     load_bytes,
@@ -47,7 +38,17 @@ from metrosep.controllers.base import (
     looked_up,
     require_unchanged,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import (
+    AlongOption,
+    Option,
+    axes_of,
+    chosen,
+    closed,
+    flag,
+    in_axes,
+    is_one_turn,
+    whole,
+)
 from metrosep.controllers.pmac import (
     ACTIVATION,
     GRID,
@@ -96,13 +97,13 @@ _CLOSE = 0.1
 class PMACBacklash(OneMotor):
     """Writer and reader of backlash tables; see the module."""
 
-    info = DialectInfo(
+    info = replace(
+        PMAC.info,
         id="pmac-backlash",
         title="Turbo PMAC backlash compensation over position (DEFINE BLCOMP)",
         entry="subtracted while moving negative, in 1/16 count: round(16 (e_rev - e_fwd) / count), "
         "less Ixx86",
         units="1/16 count; span in counts",
-        outside="rolls over: the position is taken modulo the span",
         sign_status="documented: subtracted in the negative direction (Software Reference)",
         activation=(
             (
@@ -115,50 +116,35 @@ class PMACBacklash(OneMotor):
                 "the reversal that is needed before it is"
             ),
         ),
-        spacing="uniform",
         directions="two",
         resolution="1/16 count",
         reference_rule="zero at the zero of the motor, by definition; the lost motion there is Ixx86",
-        suffix=".pmc",
         example={"count": "10 nm", "motor": 1},
-        page="pmac",
     )
 
     options = (
         AlongOption(
-            "count",
-            "length of one count of the motor, or its angle",
-            "length or angle",
-            required=True,
-            positive=True,
+            "count", "length of one count of the motor, or its angle", required=True, positive=True
         ),
         motor("motor", "number of the motor; 1 if omitted"),
         signed("source_sign", "the"),
-        AlongOption(
-            "motor_zero",
-            "position of the axis where the motor reads zero",
-            "length or angle",
-            default=0.0,
-        ),
+        AlongOption("motor_zero", "position of the axis where the motor reads zero", default=0.0),
         Option(
             "comp",
             "file of the forward corrections that act besides (controller pmac), for the dry-run "
             "and for simulating both together",
             "text",
         ),
-        Option(
+        flag(
             "forward_active",
             "the forward direction was compensated already while the runs were measured: only the "
             "lost motion is judged, without comp=",
-            "flag",
-            default=False,
         ),
-        Option(
+        whole(
             "rate",
             "Ixx85, sixteenths of a count taken up per background cycle; set elsewhere if omitted",
-            "integer",
-            lowest=1,
-            highest=LARGEST,
+            1,
+            LARGEST,
         ),
         *GRID,
     )
@@ -252,7 +238,9 @@ class PMACBacklash(OneMotor):
         axis = named_axes(path, program, 0.0, known["axes"])["axis"]
         besides = None
         if known.get("comp") is not None:
-            besides = _besides(known["comp"], {**known, "axis": axis}, _hash_of_comp(path))
+            besides = _besides(
+                known["comp"], {**known, "axis": axis}, load_sidecar(path).get("comp_sha256")
+            )
 
         def added(position: ArrayLike, direction: ArrayLike = 1) -> FloatArray:
             (p,), d = looked_up((position,), direction)
@@ -386,48 +374,33 @@ def _digest(name: str | None) -> str | None:
     return None if name is None else hashlib.sha256(load_bytes(Path(name))).hexdigest()
 
 
-def _hash_of_comp(path: Path) -> object:
-    return load_sidecar(path).get("comp_sha256")
-
-
 def _warnings(
     table: CompensationTable, options: Mapping[str, Any], lost: FloatArray
-) -> tuple[Finding, ...]:
-    found = []
+) -> Iterator[Finding]:
     besides = None
     if options["comp"] is not None:
         besides = _besides(options["comp"], {**options, "axis": table.axis})
     if besides is None and not options["forward_active"]:
-        found.append(
-            Finding(
-                "warning",
-                "this file alone leaves the error of one direction as it is",
-                "write the forward corrections as controller='pmac' and name their file in comp=: "
-                "the dry-run is then of both together",
-                "comp",
-            )
+        yield Finding.warning(
+            "this file alone leaves the error of one direction as it is",
+            "write the forward corrections as controller='pmac' and name their file in comp=: "
+            "the dry-run is then of both together",
+            "comp",
         )
     elif besides is not None:
         way = 1 if options["source_sign"] > 0 else -1
         apart = float(np.abs(besides(table.positions) - _column(table, way)).max())
         if apart > _CLOSE * float(np.ptp(table.forward)):
-            found.append(
-                Finding(
-                    "warning",
-                    f"the table in comp= differs from the corrections of the direction in which the "
-                    f"motor moves positive by up to {format_amount(table.axis, apart, digits=3)}",
-                    "make that table with direction='forward' ('reverse' where source_sign is -1)",
-                    "comp",
-                )
-            )
-    if (lost < -0.5 * options["count"] / SCALE).any():
-        found.append(
-            Finding(
-                "warning",
-                f"e_rev - e_fwd falls to {format_amount(table.axis, float(lost.min()), digits=3)}: a lost motion is "
-                "not negative",
-                "check which runs are forward, and whether backlash is compensated already",
+            yield Finding.warning(
+                f"the table in comp= differs from the corrections of the direction in which the "
+                f"motor moves positive by up to {format_amount(table.axis, apart, digits=3)}",
+                "make that table with direction='forward' ('reverse' where source_sign is -1)",
                 "comp",
             )
+    if (lost < -0.5 * options["count"] / SCALE).any():
+        yield Finding.warning(
+            f"e_rev - e_fwd falls to {format_amount(table.axis, float(lost.min()), digits=3)}: a lost motion is "
+            "not negative",
+            "check which runs are forward, and whether backlash is compensated already",
+            "comp",
         )
-    return tuple(found)

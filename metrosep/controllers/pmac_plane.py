@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metrosep.compensation.area_errors import bilinear, is_rotary
+from metrosep.compensation.area_errors import bilinear, format_along, format_amount, is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.controllers._facts import printable, settled
@@ -32,26 +32,25 @@ from metrosep.controllers._grids import (
     rolled_weights,
     rolling_grid,
 )
-from metrosep.controllers._turns import (
-    AlongOption,
-    chosen,
-    format_along,
-    format_amount,
-    in_axes,
-    is_angle,
-)
 from metrosep.controllers.base import (
     Dialect,
-    DialectInfo,
     Encoded,
     Simulator,
     map_identity,
     one_way,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import (
+    AlongOption,
+    Option,
+    chosen,
+    flag,
+    in_axes,
+    is_angle,
+    pick,
+)
 from metrosep.controllers.pmac import (
-    ACTIVATION,
     LONG_SPAN,
+    PMAC,
     SCALE,
     Program,
     define_line,
@@ -127,42 +126,29 @@ def _side_options(name: str, which: str, number: int) -> tuple[Option, ...]:
 def _along(name: str, what: str, text: str) -> AlongOption:
     """Return an option along one of the two axes that are looked up."""
     positive = what in ("count", "span", "spacing")
-    return AlongOption(f"{name}_{what}", text, "length or angle", positive=positive, of=name)
+    return AlongOption(f"{name}_{what}", text, positive=positive, of=name)
 
 
 class PMACPlane(Dialect):
     """Writer and reader of tables over two motors; see the module."""
 
-    info = DialectInfo(
+    info = replace(
+        PMAC.info,
         id="pmac-plane",
         title="Turbo PMAC position compensation over two motors (DEFINE COMP rows.columns)",
-        entry="correction added to the target motor in 1/16 count: round(-16 e / count)",
         units="1/16 count of the target motor; spans in counts of the source motors",
         outside="rolls over: each position is taken modulo its span",
-        sign_status="documented: added to the target's desired position (Software Reference)",
-        activation=ACTIVATION,
         carries="map",
-        spacing="uniform",
-        directions="one",
-        resolution="1/16 count of the target motor",
         reference_rule="zero where both source motors read zero, by definition",
-        suffix=".pmc",
         example={"count": "10 nm", "x_motor": 1, "y_motor": 2, "target_motor": 3},
-        page="pmac",
     )
 
     options = (
-        AlongOption(
-            "count", "length of one count of the target motor, or its angle", "length or angle",
-            required=True, positive=True, of="compensates",
-        ),
+        AlongOption("count", "length of one count of the target motor, or its angle", required=True, positive=True, of="compensates"),
         motor("target_motor", "motor that is corrected; 3 if omitted, or the source that it is"),
         motor("owner", "motor the table belongs to; the target if omitted"),
-        Option("desired", "look up desired positions (D), not actual ones", "flag", default=True),
-        Option(
-            "target_sign", "-1 if the counts of the target motor fall where its axis rises",
-            "choice", choices=(1, -1),
-        ),
+        flag("desired", "look up desired positions (D), not actual ones", default=True),
+        pick("target_sign", "-1 if the counts of the target motor fall where its axis rises", (1, -1)),
         LONG_SPAN,
         *_side_options("x", "first", 1),
         *_side_options("y", "second", 2),
@@ -455,8 +441,8 @@ def _warnings(options: Mapping[str, Any]) -> tuple[Finding, ...]:
     if not missing:
         return ()
     return (
-        Finding(
-            "warning", f"{', '.join(missing)} not given: motors 1, 2 and 3 were assumed",
+        Finding.warning(
+f"{', '.join(missing)} not given: motors 1, 2 and 3 were assumed",
             "say which motors they are", "motors",
         ),
     )  # fmt: skip

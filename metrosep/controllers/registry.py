@@ -13,13 +13,13 @@ from metrosep.core.errors import DataError
 __all__ = ["describe", "find", "names"]
 
 _DIALECT = re.compile(
-    r"^class (\w+)\([\w, ]+\):(?:(?!^class ).)*?DialectInfo\(\s*id=\"([\w-]+)\"",
+    r"^class (\w+)\([\w, ]+\):(?:(?!^class ).)*?info = \w+\(\s*(?:\w+\.info,\s*)?id=\"([\w-]+)\"",
     re.MULTILINE | re.DOTALL,
 )
 """A class with its facts, as the text of a module states them."""
 
-_FIRST = ("linuxcnc", "neutral", "linuxcnc_lincurve", "linuxcnc_eoffset", "pmac")
-"""Modules whose dialects are listed first; the others follow by name."""
+_FIRST = ("linuxcnc", "csv", "csv-map", "linuxcnc-lincurve", "linuxcnc-eoffset", "pmac")
+"""Dialects that are listed first; the others follow by the name of their module."""
 
 
 @functools.cache
@@ -27,9 +27,8 @@ def _places() -> dict[str, tuple[str, str]]:
     """Return module and class of each dialect: of every module of this package that has one."""
     package = "metrosep.controllers"
     found = [m.name for m in pkgutil.iter_modules(importlib.import_module(package).__path__)]
-    ranks = {name: i for i, name in enumerate(_FIRST)}
     places: dict[str, tuple[str, str]] = {}
-    for module in sorted(found, key=lambda m: (ranks.get(m, len(ranks)), m)):
+    for module in sorted(found):
         spec = importlib.util.find_spec(f"{package}.{module}")
         source = getattr(spec and spec.loader, "get_source", lambda _: None)(f"{package}.{module}")
         for name, known in _DIALECT.findall(source or ""):
@@ -38,7 +37,7 @@ def _places() -> dict[str, tuple[str, str]]:
                     f"two classes are the controller {known!r}: {name} and {places[known][1]}"
                 )
             places[known] = (f"{package}.{module}", name)
-    return places
+    return {known: places[known] for known in dict.fromkeys((*_FIRST, *places))}
 
 
 def names() -> tuple[str, ...]:

@@ -40,7 +40,7 @@ from metrosep.controllers.base import (
     nearest_zero,
     one_way,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import Option, pick, whole
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, LimitError, TableError
 from metrosep.core.units import format_length
@@ -122,7 +122,7 @@ class Klipper(Dialect):
         *SPACINGS,
         Option("split_delta_z", "as in printer.cfg", "length", default=25e-6, lowest=10e-6),
         Option("move_check_distance", "as in printer.cfg", "length", default=5e-3, lowest=3e-3),
-        Option("decimals", "of a height in mm", "integer", default=_PLACES, lowest=3, highest=12),
+        whole("decimals", "of a height in mm", 3, 12, default=_PLACES),
     )
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
@@ -231,8 +231,7 @@ def _klipper_findings(table: CompensationMap, options: dict[str, Any]) -> tuple[
     step_x, step_y = float(table.x[1] - table.x[0]), float(table.y[1] - table.y[0])
     span = float(np.ptp(table.values))
     found = [
-        Finding(
-            "warning",
+        Finding.warning(
             "Klipper looks at the mesh at the end of a move, and within it every "
             f"{format_length(check)} for changes of {format_length(delta)}; the corrections span "
             f"{format_length(span)}"
@@ -244,8 +243,7 @@ def _klipper_findings(table: CompensationMap, options: dict[str, Any]) -> tuple[
     ]
     if min(step_x, step_y) < check:
         found.append(
-            Finding(
-                "warning",
+            Finding.warning(
                 f"nodes lie {format_length(min(step_x, step_y))} apart, nearer than the "
                 f"{format_length(check)} at which Klipper looks",
                 "lower move_check_distance (3 mm at least), or write a denser path",
@@ -361,13 +359,8 @@ class RepRap(Dialect):
     )
     options = (
         *SPACINGS,
-        Option(
-            "max_nodes", "441, or 961 of boards 6HC and 6XD", "choice", default=441, choices=(441, 961)
-        ),
-        Option(
-            "decimals", "of a height in mm; as many as fit if omitted", "integer",
-            lowest=_FEWEST, highest=_MOST,
-        ),
+        pick("max_nodes", "441, or 961 of boards 6HC and 6XD", (441, 961), default=441),
+        whole("decimals", "of a height in mm; as many as fit if omitted", _FEWEST, _MOST),
     )  # fmt: skip
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
@@ -486,8 +479,7 @@ def _findings(places: int, wanted: int | None) -> tuple[Finding, ...]:
     if wanted is not None or places == _MOST:
         return ()
     return (
-        Finding(
-            "warning",
+        Finding.warning(
             f"only {places} decimals of a mm fit a line: heights in steps of "
             f"{format_length(10.0**-places * _MM)}",
             "fewer columns (x_spacing=) leave room for more",

@@ -7,14 +7,14 @@ Source: controllers notes, section 8. Sign and reading back are checked in
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from metrosep.compensation.area_errors import format_along, format_amount
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.polynomial import PolynomialFit
-from metrosep.controllers._turns import format_along, format_amount
 from metrosep.controllers.base import DialectInfo, Encoded
 from metrosep.core.errors import DataError, LimitError, TableError
 
@@ -130,35 +130,29 @@ def _refuse_one_axis(limits: Limits, info: DialectInfo) -> None:
         )
 
 
-def carried_findings(carried: Any, table: Any, limits: Limits, info: DialectInfo) -> list[Finding]:
+def carried_findings(
+    carried: Any, table: Any, limits: Limits, info: DialectInfo
+) -> Iterator[Finding]:
     """Return what is lost between a table and what the file holds of it, and what was not checked."""
     if info.carries != "table":
-        return []
-    found = []
+        return
     low, high = table.span
     margin = 1e-6 * (high - low)
     if carried.span[0] > low + margin or carried.span[1] < high - margin:
-        found.append(
-            Finding(
-                "error",
-                f"the file holds {format_along(table.axis, carried.span[0])} ... "
-                f"{format_along(table.axis, carried.span[1])} of a table over "
-                f"{format_along(table.axis, low)} ... {format_along(table.axis, high)}",
-                "state where it shall begin and end, or cut the table",
-                "coverage",
-            )
+        yield Finding.error(
+            f"the file holds {format_along(table.axis, carried.span[0])} ... "
+            f"{format_along(table.axis, carried.span[1])} of a table over "
+            f"{format_along(table.axis, low)} ... {format_along(table.axis, high)}",
+            "state where it shall begin and end, or cut the table",
+            "coverage",
         )
     if limits.travel_low is None and limits.travel_high is None and "roll" in info.outside:
-        found.append(
-            Finding(
-                "warning",
-                f"the travel is not stated, and outside the table the controller does this: "
-                f"{info.outside}",
-                "state travel_low and travel_high of the machine",
-                "coverage",
-            )
+        yield Finding.warning(
+            f"the travel is not stated, and outside the table the controller does this: "
+            f"{info.outside}",
+            "state travel_low and travel_high of the machine",
+            "coverage",
         )
-    return found
 
 
 def _coverage(
@@ -171,8 +165,7 @@ def _coverage(
     if wanted_low >= low - margin and wanted_high <= high + margin:
         return []
     return [
-        Finding(
-            "error",
+        Finding.error(
             f"the corrections cover {format_along(axis, low)} ... {format_along(axis, high)}, the travel is "
             f"{format_along(axis, wanted_low)} ... {format_along(axis, wanted_high)}; outside the controller "
             f"does this: {info.outside}",
@@ -193,8 +186,7 @@ def _soft_limits(table: Any, limits: Limits) -> list[Finding]:
     if not short:
         return []
     return [
-        Finding(
-            "error",
+        Finding.error(
             f"the travel {format_along(table.axis, low)} ... {format_along(table.axis, high)} with "
             f"corrections up to {format_amount(table.compensates, table.stroke)} leaves the software limits",
             "keep the largest correction as a margin to them",
@@ -203,32 +195,24 @@ def _soft_limits(table: Any, limits: Limits) -> list[Finding]:
     ]
 
 
-def _reference(table: Any) -> list[Finding]:
-    found = []
+def _reference(table: Any) -> Iterator[Finding]:
     if abs(table.offset_removed) > _SAME:
-        found.append(
-            Finding(
-                "warning",
-                f"{format_amount(table.compensates, table.offset_removed)} was subtracted so that the "
-                f"correction is zero at the reference {format_along(table.axis, table.reference)}",
-                "set the reference to where the axis is homed or zeroed",
-                "reference",
-            )
+        yield Finding.warning(
+            f"{format_amount(table.compensates, table.offset_removed)} was subtracted so that the "
+            f"correction is zero at the reference {format_along(table.axis, table.reference)}",
+            "set the reference to where the axis is homed or zeroed",
+            "reference",
         )
     low, high = table.span
     if low <= table.reference <= high:
         there = table.at_reference
         if abs(there) > _SAME:
-            found.append(
-                Finding(
-                    "warning",
-                    f"the correction at the reference {format_along(table.axis, table.reference)} is "
-                    f"{format_amount(table.compensates, there)}, not zero: the zero of the machine moves by it",
-                    "subtract it from all entries, or state another reference",
-                    "reference",
-                )
+            yield Finding.warning(
+                f"the correction at the reference {format_along(table.axis, table.reference)} is "
+                f"{format_amount(table.compensates, there)}, not zero: the zero of the machine moves by it",
+                "subtract it from all entries, or state another reference",
+                "reference",
             )
-    return found
 
 
 def _uncertainty(table: Any) -> list[Finding]:
@@ -245,9 +229,9 @@ def _uncertainty(table: Any) -> list[Finding]:
         f"{format_amount(table.compensates, 2.0 * float(table.u.max()), digits=2)})"
     )
     if below == n:
-        return [Finding("error", text, "measure more runs: this is noise", "uncertainty")]
+        return [Finding.error(text, "measure more runs: this is noise", "uncertainty")]
     if below > n // 2:
-        return [Finding("warning", text, "measure more runs", "uncertainty")]
+        return [Finding.warning(text, "measure more runs", "uncertainty")]
     return []
 
 
@@ -264,35 +248,28 @@ def _area_uncertainty(carried: Any) -> list[Finding]:
     return [Finding(level, text, "measure more often: this is noise", "uncertainty")]
 
 
-def file_findings(carried: Any, encoded: Encoded) -> list[Finding]:
+def file_findings(carried: Any, encoded: Encoded) -> Iterator[Finding]:
     """Return what is wrong or doubtful about the bytes."""
-    found = list(encoded.findings)
+    yield from encoded.findings
     span = _span(carried)
     axis = getattr(carried, "compensates", "X")
     if span is None or span == 0.0:
-        return found
+        return
     if encoded.step > _COARSEST * span:
-        found.append(
-            Finding(
-                "error",
-                f"an entry has steps of {format_amount(axis, encoded.step, digits=3)}, the corrections span "
-                f"{format_amount(axis, span, digits=3)}: rounding would dominate",
-                "use a controller or a count of finer steps",
-                "quantisation",
-            )
+        yield Finding.error(
+            f"an entry has steps of {format_amount(axis, encoded.step, digits=3)}, the corrections span "
+            f"{format_amount(axis, span, digits=3)}: rounding would dominate",
+            "use a controller or a count of finer steps",
+            "quantisation",
         )
     if encoded.resampling_error > _COARSEST * span:
-        found.append(
-            Finding(
-                "error",
-                f"between its entries the file misses the table by up to "
-                f"{format_amount(axis, encoded.resampling_error, digits=3)}, the corrections span "
-                f"{format_amount(axis, span, digits=3)}",
-                "use a finer spacing of the file, or a coarser error",
-                "resampling",
-            )
+        yield Finding.error(
+            f"between its entries the file misses the table by up to "
+            f"{format_amount(axis, encoded.resampling_error, digits=3)}, the corrections span "
+            f"{format_amount(axis, span, digits=3)}",
+            "use a finer spacing of the file, or a coarser error",
+            "resampling",
         )
-    return found
 
 
 def _span(carried: Any) -> float | None:
@@ -322,7 +299,12 @@ def require_read_back(wanted: Any, parsed: Any, encoded: Encoded) -> None:
         if a is None and b is None:
             continue
         near = 1e-9 if name in ("positions", "x", "y") else margin
-        if a is None or b is None or np.shape(a) != np.shape(b) or _apart(a, b) > near:
+        if (
+            a is None
+            or b is None
+            or np.shape(a) != np.shape(b)
+            or np.abs(np.subtract(a, b)).max(initial=0.0) > near
+        ):
             raise _not_read_back(name)
 
 
@@ -331,7 +313,3 @@ def _not_read_back(what: str) -> TableError:
         f"what was encoded does not read back as the table ({what}); this is a bug in metrosep, "
         "nothing was written"
     )
-
-
-def _apart(a: Any, b: Any) -> float:
-    return float(np.abs(np.asarray(a) - np.asarray(b)).max(initial=0.0))

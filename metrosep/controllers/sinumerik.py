@@ -8,12 +8,18 @@ manual is a suggestion, and a table is written only after a trial on the machine
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from metrosep.compensation.area_errors import format_position, is_rotary
+from metrosep.compensation.area_errors import (
+    format_amount,
+    format_position,
+    format_span,
+    is_rotary,
+)
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.products import ProductTables, rank_one
@@ -48,12 +54,6 @@ from metrosep.controllers._sinumerik_file import (
     units,
     write_program,
 )
-from metrosep.controllers._turns import (
-    AlongOption,
-    along_axis,
-    format_amount,
-    format_span,
-)
 from metrosep.controllers.base import (
     Dialect,
     DialectInfo,
@@ -63,7 +63,15 @@ from metrosep.controllers.base import (
     map_identity,
     table_lookup,
 )
-from metrosep.controllers.options import ENTRY_SIGN, Option
+from metrosep.controllers.options import (
+    ENTRY_SIGN,
+    AlongOption,
+    Option,
+    along_axis,
+    flag,
+    pick,
+    whole,
+)
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,
@@ -92,14 +100,12 @@ _SHARED = (
     Option(
         "output_axis", "name of the corrected machine axis, such as AX3", "text", required=True
     ),
-    Option("table_index", "index of the first table", "integer", default=0, lowest=0),
+    whole("table_index", "index of the first table", 0, default=0),
     ENTRY_SIGN,
-    Option("channel", "number in CHANDATA", "integer", default=1, lowest=1),
-    Option("points_limit", "MD18342 of a table; 200 on 828D", "integer", lowest=2),
-    AlongOption(
-        "value_limit", "MD32720, the most the control adds", "length or angle", positive=True
-    ),
-    Option("decimals", "of an entry", "integer", default=9, lowest=1, highest=12),
+    whole("channel", "number in CHANDATA", 1, default=1),
+    whole("points_limit", "MD18342 of a table; 200 on 828D", 2),
+    AlongOption("value_limit", "MD32720, the most the control adds", positive=True),
+    whole("decimals", "of an entry", 1, 12, default=9),
 )
 
 _ACTIVATION = (
@@ -137,17 +143,15 @@ class SinumerikCec(Repeating):
             "input_axis", "name of the machine axis that is looked up, AX1", "text", required=True
         ),
         *_SHARED,
-        Option("modulo", "the table repeats, for an axis that turns on", "flag", default=False),
-        Option("input_turns", "the input axis turns: degrees", "flag", default=False),
-        Option("output_turns", "the output axis turns: degrees", "flag", default=False),
-        AlongOption(
-            "spacing", "spacing of the entries, to resample", "length or angle", positive=True
-        ),
+        flag("modulo", "the table repeats, for an axis that turns on"),
+        flag("input_turns", "the input axis turns: degrees"),
+        flag("output_turns", "the output axis turns: degrees"),
+        AlongOption("spacing", "spacing of the entries, to resample", positive=True),
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         """Return the text of a file; two tables where the directions differ."""
-        o = {**{x.name: x.default for x in self.options}, **options}
+        o = self.filled(options)
         names = [checked_name(o[k], k) for k in ("input_axis", "output_axis")]
         if table.is_on_axis != (names[0] == names[1]):
             raise DataError(
@@ -237,30 +241,24 @@ class SinumerikCec(Repeating):
 class SinumerikCecProduct(Dialect):
     """Writer and reader of a map as a product of two tables; see the module."""
 
-    info = DialectInfo(
+    info = replace(
+        SinumerikCec.info,
         id="sinumerik-cec-product",
         title="SINUMERIK sag compensation over two axes, f(x) g(y) ($AN_CEC_MULT_BY_TABLE)",
         entry="first table +e with entry_sign=1, -e with -1; second a factor with peak 1 mm; multiplied",
         units="mm, positions of a turning axis degrees (basic system metric)",
         outside="end values hold",
-        sign_status=(
-            "not stated in the pages of the compensation manual that could be read; nor whether the "
-            "second table acts by itself too"
-        ),
+        sign_status="not stated in the pages of the compensation manual that could be read; nor whether the "
+        "second table acts by itself too",
         activation=(
             *_ACTIVATION[:3],
             "enable the second table alone (SD41300): its correction must read 0, else do not go on",
             *_ACTIVATION[3:],
         ),
-        sign="unconfirmed",
         carries="map",
-        spacing="uniform",
         directions="one",
-        resolution="1 pm with 9 decimals; float64 inside",
         reference_rule="none; what the product leaves at the map's reference is in the sidecar",
-        suffix=".INI",
         example={"first_input_axis": "AX1", "second_input_axis": "AX2", "output_axis": "AX3"},
-        page="sinumerik",
     )
 
     options = (
@@ -269,38 +267,26 @@ class SinumerikCecProduct(Dialect):
         ),
         Option("second_input_axis", "machine axis of its rows, AX2", "text", required=True),
         *_SHARED,
-        Option(
+        flag(
             "accept_residual",
             "write although the product misses more than a tenth of the map's span",
-            "flag",
-            default=False,
         ),
-        Option(
+        flag(
             "keep_zero",
             "let the product add no constant to the map: more of it stays, the zero moves less",
-            "flag",
-            default=False,
         ),
-        AlongOption(
-            "first_spacing",
-            "spacing of the columns, to resample",
-            "length or angle",
-            positive=True,
-        ),
-        AlongOption(
-            "second_spacing", "spacing of the rows, to resample", "length or angle", positive=True
-        ),
-        Option(
+        AlongOption("first_spacing", "spacing of the columns, to resample", positive=True),
+        AlongOption("second_spacing", "spacing of the rows, to resample", positive=True),
+        pick(
             "turning",
             "to read files that do not tell: which input axes turn",
-            "choice",
-            choices=("none", "1", "2", "12"),
+            ("none", "1", "2", "12"),
         ),
     )
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
         """Return the text of a file of two tables."""
-        o = {**{x.name: x.default for x in self.options}, **options}
+        o = self.filled(options)
         names = [
             checked_name(o[k], k) for k in ("first_input_axis", "second_input_axis", "output_axis")
         ]
@@ -423,7 +409,7 @@ def _require_fine(product: ProductTables, step: float) -> None:
 def _findings(product: ProductTables, missed: float) -> tuple[Finding, ...]:
     shown = [missed > _SAME, abs(product.at_reference) > _SAME]
     return tuple(
-        Finding("warning", message, "see the residual in the sidecar", "product")
+        Finding.warning(message, "see the residual in the sidecar", "product")
         for message, show in zip(product.messages, shown, strict=False)
         if show
     )
@@ -457,12 +443,11 @@ def _words(values: FloatArray, decimals: int) -> list[str]:
 class SinumerikEnc(Repeating):
     """Writer and reader of ``AX_EEC_INI``; see the module."""
 
-    info = DialectInfo(
+    info = replace(
+        SinumerikCec.info,
         id="sinumerik-enc",
         title="SINUMERIK encoder error compensation ($AA_ENC_COMP)",
         entry="+e, added to the actual value: a positive entry moves the axis in negative direction",
-        units="mm, of a turning axis degrees (basic system metric)",
-        outside="end values hold; with modulo=True it repeats",
         sign_status="documented explicitly in the compensation manual K3; not run",
         activation=(
             "save the memory, set MD38000 MM_ENC_COMP_MAX_POINTS to the number of entries or more",
@@ -470,39 +455,31 @@ class SinumerikEnc(Repeating):
             "set MD32700 = 1, power on, reference the axis",
             "check in 'service axes' that the correction at a bump is the opposite of its error",
         ),
-        spacing="uniform",
         directions="one",
-        resolution="1 pm with 9 decimals; float64 inside",
         reference_rule="zero at the reference point, or the axis jumps when it is referenced",
-        suffix=".INI",
         example={"machine_axis": "X1"},
-        page="sinumerik",
+        sign="documented",
     )
 
     options = (
         Option("machine_axis", "name of the machine axis, such as X1", "text", required=True),
-        Option(
+        pick(
             "measuring_system",
             "0 for the first encoder of the axis, 1 for the second",
-            "choice",
+            (0, 1),
             default=0,
-            choices=(0, 1),
         ),
-        Option("channel", "number in CHANDATA", "integer", default=1, lowest=1),
-        Option("modulo", "the table repeats, for an axis that turns on", "flag", default=False),
-        Option("turns", "the axis turns: rad in the table, degrees here", "flag", default=False),
-        Option("points_limit", "MD38000 of the axis; 200 on 808D and 828D", "integer", lowest=2),
-        AlongOption(
-            "reference_point", "machine position of the reference point", "length or angle"
-        ),
-        AlongOption(
-            "spacing", "spacing of the entries, to resample", "length or angle", positive=True
-        ),
-        Option("decimals", "of an entry", "integer", default=9, lowest=1, highest=12),
+        whole("channel", "number in CHANDATA", 1, default=1),
+        flag("modulo", "the table repeats, for an axis that turns on"),
+        flag("turns", "the axis turns: rad in the table, degrees here"),
+        whole("points_limit", "MD38000 of the axis; 200 on 808D and 828D", 2),
+        AlongOption("reference_point", "machine position of the reference point"),
+        AlongOption("spacing", "spacing of the entries, to resample", positive=True),
+        whole("decimals", "of an entry", 1, 12, default=9),
     )
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
-        o = {**{x.name: x.default for x in self.options}, **options}
+        o = self.filled(options)
         axis = checked_name(o["machine_axis"], "machine_axis")
         if not table.is_on_axis:
             raise TableError(

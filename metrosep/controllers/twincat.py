@@ -19,8 +19,9 @@ import numpy as np
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import own_axis
+from metrosep.controllers._facts import letter_in_file, own_axis
 from metrosep.controllers._grammar import (
+    IEC_WORDS,
     Line,
     Text,
     Word,
@@ -40,17 +41,17 @@ from metrosep.controllers._grids import (
     require_sizes,
     uniform_positions,
 )
-from metrosep.controllers._turns import (
+from metrosep.controllers.base import DialectInfo, Encoded, identity
+from metrosep.controllers.options import (
     INTERVAL,
+    Option,
     axes_of,
     chosen,
+    flag,
     in_axes,
-    letter_in_file,
     require_turn,
     require_whole_turn,
 )
-from metrosep.controllers.base import DialectInfo, Encoded, identity
-from metrosep.controllers.options import Option
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, TableError
 
@@ -60,29 +61,12 @@ __all__ = ["TwinCAT"]
 _TITLE = "TwinCAT 3 Tc2_MC2 position compensation table"
 _CAPACITY = 100_000
 """No limit is documented; a table beyond this is a mistake of units."""
-_FARTHEST, _LARGEST = 1e3, 1.0
-"""Position and correction beyond which units are mistaken, m."""
 _DECIMALS = 9
 """Decimals of a mm, 1 pm, or of a degree; LREAL holds them."""
 _UNIFORM = 1e-8
 """Deviation of printed positions from equal spacing in mm or mrad: rounding of the last decimal."""
 
 _NAME = re.compile(r"[A-Za-z]\w{0,59}", re.ASCII)
-_KEYWORDS = (
-    " ABS ACTION ADD ADR AND AND_THEN ANY ARRAY AT BIT BOOL BY BYTE CAL CASE CLASS CONFIGURATION "
-    "CONSTANT CONTINUE DATE DATE_AND_TIME DINT DIV DO DT DWORD ELSE ELSIF END_ACTION END_CASE "
-    "END_CLASS END_CONFIGURATION END_FOR END_FUNCTION END_FUNCTION_BLOCK END_IF END_INTERFACE "
-    "END_METHOD END_NAMESPACE END_PROGRAM END_PROPERTY END_REPEAT END_RESOURCE END_STEP END_STRUCT "
-    "END_TRANSITION END_TYPE END_UNION END_VAR END_WHILE EQ EXIT EXTENDS EXTERNAL FALSE FINAL FOR "
-    "FROM FUNCTION FUNCTION_BLOCK GE GT IF IMPLEMENTS INITIAL_STEP INT INTERFACE INTERNAL JMP LDATE "
-    "LE LIMIT LINT LREAL LT LTIME LTOD LWORD MAX METHOD MIN MOD MOVE MUL MUX NAMESPACE NE NOT OF ON "
-    "OR OR_ELSE OVERRIDE PERSISTENT POINTER PRIVATE PROGRAM PROPERTY PROTECTED PUBLIC READ_ONLY "
-    "READ_WRITE REAL REFERENCE REPEAT RESOURCE RET RETAIN RETURN SEL SINGLE SINT SIZEOF STEP STRING "
-    "STRUCT SUB SUPER TASK THEN THIS TIME TIME_OF_DAY TO TOD TRANSITION TRUE TRUNC TYPE UDINT UINT "
-    "ULINT UNION UNTIL USING USINT VAR VAR_ACCESS VAR_CONFIG VAR_EXTERNAL VAR_GLOBAL VAR_INPUT "
-    "VAR_INST VAR_IN_OUT VAR_OUTPUT VAR_STAT VAR_TEMP WCHAR WHILE WITH WORD WSTRING XOR "
-)
-"""Words of ST (IEC 61131-3 with the additions of TwinCAT); capitals do not matter."""
 _IDENTIFIER = Word(r"\w+")
 _TYPE = "ST_PositionCompensationTableElement"
 _WAYS = {0: "", 1: "WorkDirectionPositive", -1: "WorkDirectionNegative"}
@@ -164,17 +148,13 @@ class TwinCAT(Repeating, Resampling):
 
     options = (
         replace(INTERVAL, help="spacing; that of the table if omitted"),
-        Option(
+        flag(
             "modulo",
             "Modulo := TRUE: the table of 0 to 360 deg repeats, for an axis that turns on",
-            "flag",
-            default=False,
         ),
-        Option(
+        flag(
             "bidirectional",
             "write a table for each direction (Direction of the parameter structure)",
-            "flag",
-            default=False,
         ),
         Option("name", "name of the variable", "text", default="CompTable"),
     )
@@ -197,7 +177,7 @@ class TwinCAT(Repeating, Resampling):
         if o["modulo"]:
             table = require_turn(table, unit * 10.0**-_DECIMALS, first=0.0)
             require_whole_turn(o["interval"], _TITLE)
-        require_sizes(table, _TITLE, farthest=_FARTHEST, largest=_LARGEST)
+        require_sizes(table, _TITLE)
         _require_name(o["name"])
         positions = uniform_positions(
             table, interval=o["interval"], max_points=_CAPACITY, title=_TITLE
@@ -345,7 +325,7 @@ def _require_turn(tables: Iterable[_Declared], axis: str, path: Path) -> None:
 
 def _require_name(name: str) -> None:
     """Refuse what IEC 61131-3 does not take as the name of a variable."""
-    is_word = f" {name.upper()} " in _KEYWORDS
+    is_word = f" {name.upper()} " in IEC_WORDS
     if not _NAME.fullmatch(name) or "__" in name or name.endswith("_") or is_word:
         raise TableError(
             f"name={name[:60]!r} is not an ST identifier: letters, digits and single underscores, up to 60, "

@@ -42,7 +42,7 @@ from metrosep.controllers.base import (
     looked_up,
     sidecar_options,
 )
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import Option, pick, whole
 from metrosep.controllers.waves import (
     PLAYBACK_OPTIONS,
     STATED,
@@ -110,21 +110,13 @@ class Voltage(Dialect):
             "object",
             required=True,
         ),
-        Option(
-            "branch",
-            "of the hysteresis: mean, up, down, or sweep (up where the voltage rises, else down)",
-            "choice",
-            default="mean",
-            choices=("mean", "up", "down", "sweep"),
-        ),
+        pick("branch", "of the hysteresis: mean, up, down, or sweep (up where the voltage rises, else down)", ("mean", "up", "down", "sweep"), default="mean"),
         Option("offset", "where the stage rests (d_off); middle of its stroke if omitted", "length"),
-        Option(
-            "over", "what the table is over", "choice", default="position", choices=("position", "time")
-        ),
+        pick("over", "what the table is over", ("position", "time"), default="position"),
         Option("sample_time", "period of the DAC, over time", "time", default=1e-3, positive=True),
         Option("v_min", "lowest voltage the amplifier takes", "voltage", default=0.0),
         Option("v_max", "highest voltage the amplifier takes", "voltage", default=10.0),
-        Option("bits", "of the DAC over v_min ... v_max", "integer", default=16, lowest=4, highest=24),
+        whole("bits", "of the DAC over v_min ... v_max", 4, 24, default=16),
         Option("slew", "fastest change of the voltage, V/s", "number", positive=True),
         Option("current", "of the amplifier's output, A", "number", positive=True),
         Option("capacitance", "of the piezo, F", "number", positive=True),
@@ -390,8 +382,7 @@ def _warnings(quantisation: float, step: float) -> tuple[Finding, ...]:
     if quantisation <= _ROUGH * step:
         return ()
     return (
-        Finding(
-            "warning",
+        Finding.warning(
             f"the voltages miss the corrections by up to {format_length(quantisation, digits=3)}, a step of "
             f"the DAC is {format_length(step, digits=3)}: the branches of the calibration do not fit",
             "check which sweep is up and which is down, use more positions, or branch='mean'",

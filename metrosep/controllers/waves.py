@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -37,7 +37,7 @@ from metrosep.controllers._grammar import (
     row_of,
 )
 from metrosep.controllers.base import Dialect, DialectInfo, Encoded, Simulator, identity, one_way
-from metrosep.controllers.options import Option
+from metrosep.controllers.options import Option, pick, whole
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, LimitError, TableError
 from metrosep.core.units import format_length
@@ -53,12 +53,11 @@ _WHOLE = 1e-6
 """Fraction of a point within which a turn must be a whole number of points."""
 
 PLAYBACK_OPTIONS = (
-    Option(
+    pick(
         "polarity",
         "1 if the piezo and the corrected axis count up the same way, -1 if they are opposed",
-        "choice",
+        (1, -1),
         required=True,
-        choices=(1, -1),
     ),
     Option("travel", "of the piezo stage, from 0", "length", required=True, positive=True),
     Option(
@@ -66,12 +65,11 @@ PLAYBACK_OPTIONS = (
         "where the piezo rests (d_off), so that it can move both ways; half the travel if omitted",
         "length",
     ),
-    Option(
+    pick(
         "motion",
         "what runs while the wave is played: one pass at constant speed, or turn after turn",
-        "choice",
+        ("pass", "turn"),
         default="pass",
-        choices=("pass", "turn"),
     ),
     Option("speed", "constant speed of the pass", "speed", positive=True),
     Option(
@@ -79,11 +77,11 @@ PLAYBACK_OPTIONS = (
         "position at which the generator starts, in a pass: an end of the table, to use all of it",
         "length",
     ),
-    Option("direction", "of motion while the wave plays", "choice", default=1, choices=(1, -1)),
+    pick("direction", "of motion while the wave plays", (1, -1), default=1),
     Option("start_angle", "angle at which the generator starts, in a turn", "angle", default=0.0),
-    Option("points", "of one turn", "integer", lowest=2, highest=1_000_000),
+    whole("points", "of one turn", 2, 1_000_000),
     Option("rotation", "speed of the spindle, turns per second", "frequency", positive=True),
-    Option("rate", "servo periods that each point lasts", "integer", default=1, lowest=1),
+    whole("rate", "servo periods that each point lasts", 1, default=1),
     Option(
         "closing",
         "largest jump of the table from the end of a turn to its beginning",
@@ -91,7 +89,7 @@ PLAYBACK_OPTIONS = (
         default=1e-9,
         lowest=0.0,
     ),
-    Option("decimals", "of a value in um", "integer", default=6, lowest=1, highest=9),
+    whole("decimals", "of a value in um", 1, 9, default=6),
 )
 """What every wave needs to know of the machine."""
 
@@ -263,8 +261,7 @@ def dropped(play: Playback, table: CompensationTable) -> tuple[Finding, ...]:
     if play.is_cyclic or play.direction * (play.start - begin) <= 0.5 * abs(play.step):
         return ()
     return (
-        Finding(
-            "error",
+        Finding.error(
             f"the wave starts at {format_length(play.start)}, the table begins at {format_length(begin)} "
             "in this direction: the part before it is not played, the first point is held there",
             f"say start='{begin * 1e3:.9g} mm', or cut the table",
@@ -305,7 +302,7 @@ def encoded(
     table: CompensationTable,
     options: Mapping[str, Any],
     *,
-    findings: tuple[Finding, ...] = (),
+    findings: Iterable[Finding] = (),
     **more: Any,
 ) -> Encoded:
     """Return the bytes of a wave with what it carries of a table, and where a pass starts."""
@@ -425,7 +422,7 @@ class _Wave(Dialect):
 
     def _findings(
         self, play: Playback, stage: FloatArray, options: Mapping[str, Any]
-    ) -> tuple[Finding, ...]:
+    ) -> Iterable[Finding]:
         """Return what is doubtful about a wave."""
         return ()
 
@@ -551,21 +548,13 @@ class PiGcs(_Wave):
     )
     options = (
         *PLAYBACK_OPTIONS,
-        Option("generator", "number of the wave generator (of the axis)", "integer", default=1, lowest=1),
-        Option("wave_table", "number of the wave table", "integer", default=1, lowest=1),
-        Option(
-            "interpolation",
-            "0 holds each point, 1 draws lines between points at every servo period",
-            "choice",
-            default=1,
-            choices=(0, 1),
-        ),
+        whole("generator", "number of the wave generator (of the axis)", 1, default=1),
+        whole("wave_table", "number of the wave table", 1, default=1),
+        pick("interpolation", "0 holds each point, 1 draws lines between points at every servo period", (0, 1), default=1),
         Option("servo_time", "servo period of the controller", "time", default=50e-6, positive=True),
-        Option("memory", "points that the wave table holds, where you know it", "integer", lowest=2),
-        Option("bunch", "points in one command", "integer", default=10, lowest=1, highest=1000),
-        Option(
-            "start_mode", "of WGO: 1 at once, 2 by the trigger input", "choice", default=1, choices=(1, 2)
-        ),
+        whole("memory", "points that the wave table holds, where you know it", 2),
+        whole("bunch", "points in one command", 1, 1000, default=10),
+        pick("start_mode", "of WGO: 1 at once, 2 by the trigger input", (1, 2), default=1),
     )  # fmt: skip
     adds_offset = True
     endless = "WGC"
@@ -626,12 +615,11 @@ class PiGcs(_Wave):
 
     def _findings(
         self, play: Playback, stage: FloatArray, options: Mapping[str, Any]
-    ) -> tuple[Finding, ...]:
+    ) -> Iterable[Finding]:
         """Return what is doubtful about a wave."""
-        found = []
         if options["memory"] is None:
             text = f"{play.n} points: how many the controller holds was not checked"
-            found.append(Finding("warning", text, "state memory=", "memory"))
+            yield Finding.warning(text, "state memory=", "memory")
         rest = rest_position(options)
         start = abs(float(stage[0]) - rest)
         if start > 1e-9:
@@ -639,10 +627,7 @@ class PiGcs(_Wave):
                 f"the wave begins {start * 1e9:.4g} nm from the rest position {rest / _UM:.6g} um: "
                 "started from there the stage jumps by it"
             )
-            found.append(
-                Finding("warning", text, f"move it to {stage[0] / _UM:.6f} um before", "start")
-            )
-        return tuple(found)
+            yield Finding.warning(text, f"move it to {stage[0] / _UM:.6f} um before", "start")
 
 
 # ---- piezosystem jena ---------------------------------------------------------------------------
@@ -665,7 +650,8 @@ class NV200(_Wave):
     is the displacement d_off + polarity x c, with c = -e.
     """
 
-    info = DialectInfo(
+    info = replace(
+        PiGcs.info,
         id="nv200",
         title="piezosystem jena NV200 arbitrary waveform",
         entry="displacement of the stage: offset + polarity x correction = d_off + polarity x (-e)",
@@ -681,15 +667,10 @@ class NV200(_Wave):
             "send grun,1 as the axis passes the start at its speed",
             "try it once with the tool off the part: the stage must move against the error",
         ),
-        sign="stated",
-        spacing="uniform",
-        directions="one",
         resolution="1 pm as printed; the amplifier's is coarser",
-        reference_rule="none: the offset may stand anywhere in the travel",
         proof="own strict parser and simulated staircase",
         suffix=".txt",
         example={"polarity": 1, "travel": "15 um", "speed": "60 mm/min", "rate": 1000},
-        page="pi",
     )  # fmt: skip
     options = PLAYBACK_OPTIONS
     adds_offset = False

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from metrosep.compensation import CompensationTable, PolynomialFit, Verification
 from metrosep.compensation.area_errors import is_rotary
-from metrosep.compensation.folds import Folds
+from metrosep.compensation.measured import Folds
 from metrosep.controllers.active import Active, active_file
 from metrosep.controllers.options import split_machine
 from metrosep.controllers.registry import find
@@ -387,8 +387,7 @@ def keep_replaced(
     stage: Path, folder: Path, tables: Collection[str], *, overwrite: bool = True
 ) -> None:
     """Keep the tables of a folder that other ones of a stage will replace, or refuse that."""
-    from metrosep.controllers._pairs import is_written, keep_old
-    from metrosep.controllers.base import sidecar_path
+    from metrosep.controllers.base import is_written, keep_old, sidecar_path
 
     for name in tables:
         new = stage / name

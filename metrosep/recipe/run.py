@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metrosep._version import __version__
-from metrosep.compensation.folds import fold_estimates, source_hashes, used_runs
+from metrosep.compensation.measured import fold_estimates, source_hashes, used_runs
 from metrosep.core._arrays import by_number
 from metrosep.core.errors import MetrosepError, ReadError, RecipeError
 from metrosep.core.provenance import Step, history_as_dicts

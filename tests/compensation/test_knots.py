@@ -376,7 +376,7 @@ def test_thousands_of_samples_with_noise_are_searched_to_their_tolerance():
 
 
 def test_a_thinned_curve_stays_within_its_tolerance():
-    from metrosep.compensation._knot_search import thinned
+    from metrosep.compensation.knots import thinned
 
     rng = np.random.default_rng(3)
     x = np.sort(rng.uniform(0, 1, 3000))

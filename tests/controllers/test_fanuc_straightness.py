@@ -11,7 +11,7 @@ from scipy.optimize import linprog
 
 from metrosep import Profile, controllers
 from metrosep.compensation import CompensationTable
-from metrosep.controllers.fanuc_straightness import FanucStraightness
+from metrosep.controllers.fanuc import FanucStraightness
 from metrosep.controllers.options import checked_options
 from metrosep.errors import (
     CorruptFileError,

@@ -5,7 +5,12 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, strategies as st
 
-from metrosep.controllers.gcode.words import decimals_of, format_number, shape_of, tokenize
+from metrosep.controllers.gcode.state import (
+    decimals_of,
+    format_number,
+    shape_of,
+    tokenize,
+)
 from metrosep.core.errors import CorruptFileError, UnsupportedFeatureError
 
 WORDS = st.builds(

@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
 from metrosep.compensation.maps import CompensationMap
-from metrosep.controllers.isg_plane import IsgPlane
+from metrosep.controllers.isg import IsgPlane
 from metrosep.controllers.options import checked_options
 from metrosep.errors import (
     CorruptFileError,

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from metrosep import controllers
 from metrosep.compensation import CompensationTable
-from metrosep.controllers.linuxcnc_lincurve import LinuxCNCLincurve
+from metrosep.controllers.linuxcnc import LinuxCNCLincurve
 from metrosep.errors import (
     CorruptFileError,
     DataError,

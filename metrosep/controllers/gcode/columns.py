@@ -21,11 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep._version import __version__
-from metrosep.controllers._pairs import refuse_existing
-from metrosep.controllers.base import load_bytes, load_sidecar, sidecar_path
+from metrosep.controllers.base import load_bytes, load_sidecar, refuse_existing, sidecar_path
 from metrosep.controllers.gcode.corrections import MAX_LOOKS, MAX_PARTS
-from metrosep.controllers.gcode.state import ModalState
-from metrosep.controllers.gcode.words import Token, decimals_of, refuse_block, shape_of, tokenize
+from metrosep.controllers.gcode.state import (
+    ModalState,
+    Token,
+    decimals_of,
+    refuse_block,
+    shape_of,
+    tokenize,
+)
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     CorruptFileError,

@@ -19,8 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from metrosep._version import __version__
-from metrosep.controllers._pairs import paired_stream
-from metrosep.controllers.base import sidecar_path
+from metrosep.controllers.base import paired_stream, sidecar_path
 from metrosep.controllers.gcode.columns import (
     check_files,
     mark_text,
@@ -32,7 +31,7 @@ from metrosep.controllers.gcode.columns import (
     require_unmarked,
 )
 from metrosep.controllers.gcode.corrections import PathCorrection, as_path_correction
-from metrosep.controllers.gcode.words import decimals_of, format_number
+from metrosep.controllers.gcode.state import decimals_of, format_number
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (

@@ -21,8 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from metrosep._version import __version__
-from metrosep.controllers._pairs import paired_stream
-from metrosep.controllers.base import sidecar_path
+from metrosep.controllers.base import paired_stream, sidecar_path
 from metrosep.controllers.gcode.columns import (
     Outside,
     Settings,
@@ -300,7 +299,11 @@ def _stream(
                 data = "".join(new).encode("latin-1")
                 hashes[1].update(data)
                 out.write(data)
-            _require_moves(rewriter, start)
+            if rewriter.tally.moves == 0:
+                raise DataError(
+                    f"{start}: holds no move of X, C or Z (G0 or G1 with such a word); is this the "
+                    "program?"
+                )
             rewriter.finish()
             same = not (rewriter.tally.changed or rewriter.tally.added)
             if same and stream.seekable():  # nothing to mark: the program as it was
@@ -314,13 +317,6 @@ def _stream(
             raise _named(error, start) from None
         raise
     return result[0]
-
-
-def _require_moves(rewriter: Rewriter, path: Path) -> None:
-    if rewriter.tally.moves == 0:
-        raise DataError(
-            f"{path}: holds no move of X, C or Z (G0 or G1 with such a word); is this the program?"
-        )
 
 
 def _named(error: MetrosepError, path: Path) -> MetrosepError:
@@ -473,11 +469,10 @@ def _result(
     return PathResult(
         target=end,
         sidecar=sidecar_path(end),
-        n_blocks=tally.blocks,
-        n_moves=tally.moves,
-        n_changed=tally.changed,
-        n_inserted=tally.inserted,
-        n_added=tally.added,
+        **{
+            n: getattr(tally, n[2:])
+            for n in ("n_blocks", "n_moves", "n_changed", "n_inserted", "n_added")
+        },
         correction=(float(low), float(high)),
         pv=float(high - low),
         rms=rms,

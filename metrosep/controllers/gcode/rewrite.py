@@ -33,8 +33,8 @@ from metrosep.controllers.gcode.corrections import (
     chord_errors,
     part_counts,
 )
-from metrosep.controllers.gcode.state import ModalState
-from metrosep.controllers.gcode.words import (
+from metrosep.controllers.gcode.state import (
+    ModalState,
     Token,
     decimals_of,
     format_number,

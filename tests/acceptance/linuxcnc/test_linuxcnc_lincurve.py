@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from metrosep.compensation import CompensationTable
-from metrosep.controllers.linuxcnc_lincurve import MAX_POINTS, LinuxCNCLincurve
+from metrosep.controllers.linuxcnc import CHAIN_POINTS, LinuxCNCLincurve
 
 pytestmark = [
     pytest.mark.controller,
@@ -162,14 +162,14 @@ def test_display_shows_the_target_and_x_is_not_moved(seen):
 
 
 def test_as_many_curves_as_the_controller_loads(tmp_path):
-    table = table_of(np.random.default_rng(SEED + 1), MAX_POINTS)
+    table = table_of(np.random.default_rng(SEED + 1), CHAIN_POINTS)
     written = LinuxCNCLincurve().encode(table, source_joint=0, target_joint=1).data
 
     seen = visit(tmp_path, written, targets_of(table, 8))
 
     expected = table.correction(seen["x"] * MM) / MM
     print(
-        f"{MAX_POINTS} points, largest deviation {np.abs(seen['correction'] - expected).max():.2e} mm"
+        f"{CHAIN_POINTS} points, largest deviation {np.abs(seen['correction'] - expected).max():.2e} mm"
     )
     assert written.count(b"addf comp-sum-") == 63
     assert seen["messages"] == []

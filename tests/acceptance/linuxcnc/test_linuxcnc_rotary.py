@@ -16,7 +16,7 @@ import pytest
 
 from metrosep import controllers
 from metrosep.compensation import CompensationTable
-from metrosep.controllers.linuxcnc_lincurve import LinuxCNCLincurve
+from metrosep.controllers.linuxcnc import LinuxCNCLincurve
 
 pytestmark = [
     pytest.mark.controller,
