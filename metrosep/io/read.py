@@ -154,10 +154,7 @@ def channels(path: str | os.PathLike[str], *, format: str | None = None) -> tupl
 PACKAGE = "SurfaceTopography"
 
 SUFFIXES = {
-    ".spm": "di",
-    ".di": "di",
     ".mdt": "mdt",
-    ".ibw": "ibw",
     ".mi": "mi",
     ".vk3": "vk",
     ".vk4": "vk",
@@ -166,13 +163,10 @@ SUFFIXES = {
     ".zmg": "zmg",
     ".zon": "zon",
     ".os3d": "os3d",
-    ".ezd": "ezd",
-    ".nid": "ezd",
     ".frt": "frt",
     ".lext": "lext",
     ".oir": "oir",
     ".poir": "poir",
-    ".stp": "wsxm",
     ".plux": "plux",
     ".jpk": "jpk",
     ".mnt": "mnt",

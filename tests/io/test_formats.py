@@ -11,6 +11,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.io import registry
+from metrosep.io.objects import EVIDENCE
 from metrosep.io.source import open_file
 
 FOLDERS = sorted(p.parent for p in Path(__file__).parents[2].glob("data_formats/*/format.toml"))
@@ -65,6 +66,9 @@ def test_descriptor_is_complete(folder):
     assert all(s.startswith(".") for s in fmt.suffixes)
     assert {"unit", "invalid", "axis_order", "sources"} <= set(fmt.facts)
     assert (folder / "SPEC.md").is_file()
+    if "surface" in fmt.kind:
+        assert fmt.facts["orientation"]["evidence"] in EVIDENCE
+        assert fmt.facts["orientation"]["shown_by"]
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda f: f.name)
