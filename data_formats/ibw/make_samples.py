@@ -53,7 +53,7 @@ def wave(
         0,
     )
     fields = struct.pack(
-        f"{order}4xIIihh6xh32s4x4x4i4d4d4s4s4s4s4s", 0, 0, len(data), kind, 0, 1, b"wave0", *n, *steps, 1.0, 1.0,
+        f"{order}4xIIihh6xh32s4x4x4i4d4d4s4s4s4s4s", 0, 0, len(data) // struct.calcsize(code), kind, 0, 1, b"wave0", *n, *steps, 1.0, 1.0,
         *starts, 0.0, 0.0, z.encode(), xy.encode(), xy.encode(), b"", b"",
     )  # fmt: skip
     front = (head + fields).ljust(384, b"\0")

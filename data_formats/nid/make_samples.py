@@ -9,9 +9,11 @@ import sys
 from pathlib import Path
 
 ROWS = [[0, 100, -200], [32767, 4, -32768]]  # the lowest row first
-KEYS = "Points=3\r\nLines=2\r\nFrame=Scan forward\r\nSaveMode={mode}\r\nSaveBits={bits}\r\nSaveSign={sign}\r\n" \
-       "SaveOrder={order}\r\nDim0Range=6e-06\r\nDim0Unit=m\r\nDim1Range=1e-06\r\nDim1Unit=m\r\n" \
-       "Dim2Name={name}\r\nDim2Range=0.000128\r\nDim2Min=-6.4e-05\r\nDim2Unit={unit}\r\n"  # fmt: skip
+KEYS = (
+    "Points=3\r\nLines=2\r\nFrame=Scan forward\r\nSaveMode={mode}\r\nSaveBits={bits}\r\nSaveSign={sign}\r\n"
+    "SaveOrder={order}\r\nDim0Range=6e-06\r\nDim0Unit=m\r\nDim1Range=1e-06\r\nDim1Unit=m\r\n"
+    "Dim2Name={name}\r\nDim2Range=0.000128\r\nDim2Min=-6.4e-05\r\nDim2Unit={unit}\r\n"
+)
 USUAL = {
     "mode": "Binary",
     "bits": 16,
@@ -29,7 +31,7 @@ def nid(*channels, blocks, end="#!"):
     for k, keys in enumerate(channels):
         text += f"\r\n[DataSet-0:{k}]\r\n" + KEYS.format(**{**USUAL, **keys})
     text += "\r\n[DataSet-Info]\r\nDate=04-03-2026\r\nTime=10:20:30\r\n"
-    return text.encode("latin-1") + b"\r\n" + end.encode() + b"".join(blocks)
+    return text.encode("latin-1") + end.encode() + b"".join(blocks)
 
 
 def counts(order="<", code="h", shift=0):

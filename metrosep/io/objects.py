@@ -201,10 +201,11 @@ def make_surface(
     dx, dy = override or own_steps
     facts.setdefault("orientation_evidence", registry.evidence(format_id))
     if facts["orientation_evidence"] == "assumed":
-        notes += (
+        said = (
             f"nothing shows whether such a file begins with the top row ({row_order} was taken): compare "
-            "the map with the picture of the instrument, and say row_order= if it is upside down",
+            "the map with the picture of the instrument, and say row_order= if it is upside down"
         )
+        notes += (said,)
     metadata = file.metadata(
         format_id,
         header,
