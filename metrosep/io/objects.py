@@ -22,6 +22,7 @@ from metrosep.core.errors import (
     FormatMismatchError,
     ReadError,
     UnsupportedFeatureError,
+    WriteError,
 )
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
@@ -42,6 +43,7 @@ __all__ = [
     "make_surface",
     "map_reader",
     "only_channels",
+    "rows_to_write",
     "scaled",
     "scaled_file",
     "to_grid",
@@ -75,6 +77,27 @@ _BLOCK_VALUES = 2**17
 
 _MAX_LATERAL = 1.0
 """Largest lateral step in m that is taken for a calibration."""
+
+
+def rows_to_write(
+    obj: Surface | Profile, title: str
+) -> tuple[FloatArray, float, float, tuple[float, float]]:
+    """Return heights by rows, steps and origin for a format that has one step; refuse what it cannot hold."""
+    if np.isnan(obj.z).all():
+        raise WriteError(f"nothing was measured, so there is nothing to write as {title}")
+    if isinstance(obj, Profile):
+        if not obj.is_uniform:
+            raise WriteError(
+                f"the points of the profile are not equally spaced and {title} holds one step; resample "
+                "the profile, or write X3P or CSV"
+            )
+        return obj.z[np.newaxis, :], obj.dx, 0.0, (float(obj.x[0]), 0.0)
+    if obj.dx is None or obj.dy is None:
+        raise WriteError(
+            f"the surface is laterally not calibrated and {title} needs both steps; give them on reading "
+            "with lateral_step=(dx, dy)"
+        )
+    return obj.z, obj.dx, obj.dy, obj.origin
 
 
 def height_only(file: RawFile) -> tuple[str, ...]:
@@ -313,7 +336,6 @@ def map_reader(
     no_steps: str = "",
 ) -> Callable[[Callable[..., _Made]], Callable[..., _Made]]:
     """Return what makes ``read`` of a module from a function of a `Request` and its own options."""
-
     assumed = registry.evidence(format_id) == "assumed"
 
     def made(build: Callable[..., _Made]) -> Callable[..., _Made]:
