@@ -16,7 +16,8 @@ from metrosep.io import registry
 
 SIZES = [0, 1, 63 * 1024, 64 * 1024, 65 * 1024, 200 * 1024, 3 * 2**20]
 FIXED = {
-    "al3d", "bcr-stm", "contour-dat", "digital-surf", "gwy", "ibw", "imc", "matlab", "metropro",
+    "al3d", "bcr-stm", "contour-dat", "digital-surf", "gwy", "ibw", "imc", "matlab", "mdf4",
+    "metropro",
     "nanoscope", "nid", "nmm", "npy", "opd", "opdx", "plu", "sdf", "smd", "tdms", "wsxm", "zygo-xyz",
 }  # fmt: skip
 NOT_RECOGNISED = {"pmac-gather"}  # bare columns: the format must be named
