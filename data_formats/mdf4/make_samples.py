@@ -35,9 +35,11 @@ class File:
         return at
 
     def text(self, text, name="TX"):
+        """Return the offset of a text."""
         return self.add(name, (), text.encode() + b"\0")
 
     def finish(self, first):
+        """Return the file, whose header leads to its first data group."""
         self.add(
             "HD",
             (first, 0, 0, 0, 0, 0),

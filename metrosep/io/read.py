@@ -156,18 +156,11 @@ PACKAGE = "SurfaceTopography"
 SUFFIXES = {
     ".mdt": "mdt",
     ".mi": "mi",
-    ".vk3": "vk",
-    ".vk4": "vk",
-    ".vk6": "vk",
-    ".vk7": "vk",
     ".zmg": "zmg",
     ".zon": "zon",
-    ".os3d": "os3d",
     ".frt": "frt",
-    ".lext": "lext",
     ".oir": "oir",
     ".poir": "poir",
-    ".plux": "plux",
     ".jpk": "jpk",
     ".mnt": "mnt",
 }

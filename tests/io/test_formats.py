@@ -97,7 +97,7 @@ def test_sample_reads_as_expected(folder, sample):
     truth = truth_of(folder, sample)
     if "error" in truth:
         with pytest.raises(getattr(ms.errors, truth["error"]), match=re.escape(truth["match"])):
-            ms.read(sample)
+            ms.read(sample, **options_of(truth))
         return
 
     obj = ms.read(sample, **options_of(truth))

@@ -16,9 +16,9 @@ from metrosep.io import registry
 
 SIZES = [0, 1, 63 * 1024, 64 * 1024, 65 * 1024, 200 * 1024, 3 * 2**20]
 FIXED = {
-    "al3d", "bcr-stm", "contour-dat", "digital-surf", "gwy", "ibw", "imc", "matlab", "mdf4",
-    "metropro",
-    "nanoscope", "nid", "nmm", "npy", "opd", "opdx", "plu", "sdf", "smd", "tdms", "wsxm", "zygo-xyz",
+    "al3d", "bcr-stm", "contour-dat", "digital-surf", "gwy", "ibw", "imc", "matlab", "mdf4", "metropro",
+    "nanoscope", "nid", "nmm", "nms", "npy", "opd", "opdx", "os3d", "plu", "sdf", "smd", "tdms", "tmd", "wsxm",
+    "zygo-xyz",
 }  # fmt: skip
 NOT_RECOGNISED = {"pmac-gather"}  # bare columns: the format must be named
 NM = 1e-9
@@ -94,13 +94,36 @@ def zip_behind(source, target, size):
             new.writestr(item.filename, old.read(item))
 
 
+def behind_picture(source, target, size):
+    """Write the archive of a Keyence file behind a longer picture."""
+    data = source.read_bytes()
+    at = data.index(b"PK\x03\x04")
+    target.write_bytes(data[:at] + bytes(size) + data[at:])
+
+
+def tiff_behind(source, target, size):
+    """Put a page without pictures in front of the others, a long way before them."""
+    data = source.read_bytes()
+    first = int.from_bytes(data[4:8], "little")
+    text = b"x" * size + b"\0"
+    at = len(data)
+    page = (1).to_bytes(2, "little") + (270).to_bytes(2, "little") + (2).to_bytes(2, "little")
+    page += len(text).to_bytes(4, "little")
+    page += (at + 18).to_bytes(4, "little") if len(text) > 4 else text.ljust(4, b"\0")
+    page += first.to_bytes(4, "little") + text
+    target.write_bytes(data[:4] + at.to_bytes(4, "little") + data[8:] + page)
+
+
 CONTAINER = {
     "datx": ("nanometres.datx", hdf5_behind),
     "fourd": ("one.h5", hdf5_behind),
     "hdf5": ("one-map.h5", hdf5_behind),
+    "lext": ("little.lext", tiff_behind),
     "metrosep-h5": ("surface.h5", hdf5_behind),
     "mitutoyo-xlsx": ("plain.xlsx", zip_behind),
+    "plux": ("plain.plux", zip_behind),
     "talyrond": ("turn.xlsx", zip_behind),
+    "vk": ("packed.vk6", behind_picture),
     "x3p": ("double.x3p", zip_behind),
 }
 

@@ -12,7 +12,7 @@ from metrosep.io import read as via
 
 NM = 1e-9
 TOP = "top row first"
-CONTENT = b"\x89VK6\x00\x01\x02\x03 not known to any reader of metrosep"
+CONTENT = b"\x89ZMG\x00\x01\x02\x03 not known to any reader of metrosep"
 
 
 class StandIn:
@@ -30,7 +30,7 @@ class StandIn:
 
     @classmethod
     def format(cls):
-        return "vk"
+        return "zmg"
 
     def topography(self, channel_index):
         scale = 1e-3 * (channel_index + 1)
@@ -59,7 +59,7 @@ def package(monkeypatch):
 
 @pytest.fixture
 def unknown(tmp_path):
-    path = tmp_path / "tool.vk6"
+    path = tmp_path / "tool.zmg"
     path.write_bytes(CONTENT)
     return path
 
@@ -73,7 +73,7 @@ def test_map_is_turned_to_rows_of_y_and_marked(unknown):
     assert (surface.dx, surface.dy) == pytest.approx((1.5e-6, 2.5e-6), rel=1e-12, abs=0.0)
     assert surface.metadata["via"] == "SurfaceTopography 9.9"
     assert "not verified" in surface.metadata["warnings"][0]
-    assert surface.history[0].parameters["format"] == "via-vk"
+    assert surface.history[0].parameters["format"] == "via-zmg"
 
 
 @pytest.mark.usefixtures("package")
@@ -131,7 +131,7 @@ def test_missing_package_is_named(monkeypatch, unknown):
 
 @pytest.mark.usefixtures("package")
 def test_a_map_that_may_be_mirrored_is_refused_until_its_rows_are_declared(unknown):
-    """The user of a Keyence map whose orientation nobody proved must say it, in one of two words."""
+    """The user of a map whose orientation nobody proved must say it, in one of two words."""
     with pytest.raises(ms.errors.UnsupportedFeatureError, match="mirrored map") as caught:
         ms.read(unknown)
     for word in ("top row first", "smallest y first"):
