@@ -158,20 +158,15 @@ SUFFIXES = {
     ".mi": "mi",
     ".zmg": "zmg",
     ".zon": "zon",
-    ".frt": "frt",
     ".oir": "oir",
     ".poir": "poir",
     ".jpk": "jpk",
-    ".mnt": "mnt",
 }
 """File name suffix to the name of SurfaceTopography's reader."""
 
 
-_PAIR, _PEER, _STATED = "pair", "peer", "stated"
-_EVIDENCE = {
-    "mnt": _PAIR,  # a measurement that was also stored as BCRF
-    **dict.fromkeys(("di", "ezd", "frt", "ibw", "jpk", "mdt", "mi", "wsxm"), _PEER),
-}
+_PEER, _STATED = "peer", "stated"
+_EVIDENCE = dict.fromkeys(("jpk", "mdt", "mi"), _PEER)
 """What shows that a reader hands the top row over first; ``peer``: it is drawn as Gwyddion draws it."""
 
 _TESTED = "1.27."

@@ -5,6 +5,7 @@ allows in front of them: comments, keys, long lines, members, a dataset written 
 are recognised by bytes at a fixed place, which nothing can move.
 """
 
+import struct
 import zipfile
 
 import h5py
@@ -16,7 +17,7 @@ from metrosep.io import registry
 
 SIZES = [0, 1, 63 * 1024, 64 * 1024, 65 * 1024, 200 * 1024, 3 * 2**20]
 FIXED = {
-    "al3d", "bcr-stm", "contour-dat", "digital-surf", "gwy", "ibw", "imc", "matlab", "mdf4", "metropro",
+    "al3d", "bcr-stm", "contour-dat", "digital-surf", "frt", "gwy", "ibw", "imc", "matlab", "mdf4", "metropro",
     "nanoscope", "nid", "nmm", "nms", "npy", "opd", "opdx", "os3d", "plu", "sdf", "smd", "tdms", "tmd", "wsxm",
     "zygo-xyz",
 }  # fmt: skip
@@ -101,6 +102,34 @@ def behind_picture(source, target, size):
     target.write_bytes(data[:at] + bytes(size) + data[at:])
 
 
+def ole_behind(source, target, size):
+    """Move table, directory and stream behind sectors that belong to nothing; more tables list them."""
+    data = source.read_bytes()
+    free, table, end = 0xFFFFFFFF, 0xFFFFFFFD, 0xFFFFFFFE
+    skip = -(-size // 512)
+    n_old = len(data) // 512 - 1
+    links = list(struct.unpack_from("<128I", data, 512))[1:n_old]
+    moved = [skip + s if s < 0xFFFFFFFA else s for s in links]  # directory, then the stream
+    total = skip + n_old
+    n_tables = -(-total // 127)
+    first = total  # tables behind the stream
+    whole = [free] * skip + [free] + moved + [table] * n_tables
+    whole += [free] * (128 * n_tables - len(whole))
+    assert n_tables <= 109, "no further list of tables is written here"
+    head = bytearray(data[:512])
+    struct.pack_into("<2I", head, 44, n_tables, skip + 1)
+    struct.pack_into(
+        "<109I", head, 76, *range(first, first + n_tables), *[free] * (109 - n_tables)
+    )
+    stream = bytearray(data[512:])
+    entry = 512 + 128 + 116  # where the stream begins, in the second entry of the directory
+    struct.pack_into("<I", stream, entry, struct.unpack_from("<I", stream, entry)[0] + skip)
+    assert end in moved
+    target.write_bytes(
+        bytes(head) + bytes(512 * skip) + bytes(stream) + struct.pack(f"<{len(whole)}I", *whole)
+    )
+
+
 def tiff_behind(source, target, size):
     """Put a page without pictures in front of the others, a long way before them."""
     data = source.read_bytes()
@@ -121,6 +150,7 @@ CONTAINER = {
     "lext": ("little.lext", tiff_behind),
     "metrosep-h5": ("surface.h5", hdf5_behind),
     "mitutoyo-xlsx": ("plain.xlsx", zip_behind),
+    "mnt": ("plain.mnt", ole_behind),
     "plux": ("plain.plux", zip_behind),
     "talyrond": ("turn.xlsx", zip_behind),
     "vk": ("packed.vk6", behind_picture),
