@@ -60,9 +60,14 @@ TEXT = {
     "iso230-2": ("count.dat", lambda p, n: below(p, 0, lines_of("# ", n))),
     "lvm": ("comma.lvm", lambda p, n: below(p, 1, f"Description\t{'x' * n}\n")),
     "mitaka-mlp": ("lines.csv", lambda p, n: below(p, 1, f"Comment,{'x' * n}\n")),
+    "mtconnect": ("agent.xml", lambda p, n: below(p, 1, f"<!-- {'x' * n} -->\n")),
     "mx-slice": (
         "one-slice.csv",
         lambda p, n: p.read_bytes().replace(b" ,Y", b" " * (n + 1) + b",Y", 1),
+    ),
+    "opcua": (
+        "items.csv",
+        lambda p, n: below(p, 1, f"2026-03-05T14:07:09.120Z,{'x' * n},1.0,Good\n"),
     ),
     "pi-gcs": ("blank.dat", lambda p, n: below(p, 0, lines_of("# REM ", n))),
     "twincat-scope": (
