@@ -30,7 +30,6 @@ _BLOCK = structure(FORMAT, "block")
 _FIELDS = {name: structure(FORMAT, name) for name in ("HD", "DG", "CG", "CN", "CC", "DZ")}
 _HEADER_BYTES = 24
 _FIRST = 64
-_MAX_BLOCKS = 200_000
 _MAX_LINKS = 2**20
 _MAX_RATIO = 1040
 """A deflate stream grows by 1032 at most."""
@@ -63,12 +62,12 @@ class _Tree:
 
     def __init__(self, file: RawFile) -> None:
         self.file = file
-        self._seen = 0
+        self._left = 1000 + file.size // 6  # a block has 24 bytes, and few are led to four times
 
     def block(self, at: int, *names: str) -> _Block:
         """Return the block at an offset, which must be of one of these kinds."""
-        self._seen += 1
-        if self._seen > _MAX_BLOCKS:
+        self._left -= 1
+        if self._left < 0:
             raise self.file.corrupt("the blocks lead to one another without end", offset=at)
         head = _BLOCK.read(self.file, at)
         name = head["name"].removeprefix("##")

@@ -427,6 +427,8 @@ def _lext_read(asked: Request) -> Surface:
 
 def _lext_sniff(file: RawFile) -> Match:
     """Return how sure we are: the pages of a TIFF say what they hold, wherever they lie."""
+    if not sniffer(_LEXT)(file):
+        return Match.NO
     try:
         names = [_tag_text(file, page, 270) for page in _pages(file)]
     except ReadError:

@@ -29,6 +29,9 @@ _STAMP = re.compile(
     r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d)(?:[.,](\d{1,9}))?\s*(Z|[+-]\d\d:?\d\d)?"
 )
 
+_YEARS = (1970, 2200)
+"""Years of a log; nanoseconds in 64 bits end in 2262."""
+
 
 @dataclass
 class _Items:
@@ -59,6 +62,8 @@ class _Items:
             if found is None:
                 raise ValueError  # noqa: TRY301  (the same refusal as a day that does not exist)
             moment = datetime.fromisoformat(f"{found[1]}T{found[2]}+00:00")
+            if not _YEARS[0] <= moment.year < _YEARS[1]:
+                raise ValueError  # noqa: TRY301
         except ValueError:
             raise self.file.corrupt(
                 "a stamp is not a date and a clock",
