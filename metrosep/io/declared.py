@@ -321,6 +321,12 @@ class Cursor:
             self.file, self._data, start, self.place, order=self.order, start=self._start
         )
 
+    def again(self) -> Cursor:
+        """Return a cursor on the same bytes, which moves by itself."""
+        return type(self)(
+            self.file, self._data, self.place, self._end, order=self.order, start=self._start
+        )
+
     def wrong(
         self, reason: str, name: str | None, expected: object = None, found: object = None
     ) -> CorruptFileError:

@@ -20,14 +20,18 @@ from metrosep.core._arrays import CheckedArray, FloatArray
 from metrosep.core.errors import (
     DataError,
     FormatMismatchError,
+    ReadError,
     UnsupportedFeatureError,
+    WriteError,
 )
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
+from metrosep.io import registry
 from metrosep.io.source import MAX_PIXELS, RawFile, lateral_steps, refuse_options
 
 __all__ = [
+    "EVIDENCE",
     "ROW_ORDERS",
     "SI_NAMES",
     "Request",
@@ -39,6 +43,7 @@ __all__ = [
     "make_surface",
     "map_reader",
     "only_channels",
+    "rows_to_write",
     "scaled",
     "scaled_file",
     "to_grid",
@@ -46,6 +51,11 @@ __all__ = [
 
 ROW_ORDERS = ("smallest y first", "top row first")
 """Order of the rows in a file; the second is turned on reading."""
+
+EVIDENCE = (
+    "coordinates", "standard", "pair", "rotation", "writer", "peer", "convention", "assumed"
+)  # fmt: skip
+"""What can show which way up a map lies, declared by each format; `assumed` warns."""
 
 SI_NAMES = {
     "length": "m",
@@ -67,6 +77,27 @@ _BLOCK_VALUES = 2**17
 
 _MAX_LATERAL = 1.0
 """Largest lateral step in m that is taken for a calibration."""
+
+
+def rows_to_write(
+    obj: Surface | Profile, title: str
+) -> tuple[FloatArray, float, float, tuple[float, float]]:
+    """Return heights by rows, steps and origin for a format that has one step; refuse what it cannot hold."""
+    if np.isnan(obj.z).all():
+        raise WriteError(f"nothing was measured, so there is nothing to write as {title}")
+    if isinstance(obj, Profile):
+        if not obj.is_uniform:
+            raise WriteError(
+                f"the points of the profile are not equally spaced and {title} holds one step; resample "
+                "the profile, or write X3P or CSV"
+            )
+        return obj.z[np.newaxis, :], obj.dx, 0.0, (float(obj.x[0]), 0.0)
+    if obj.dx is None or obj.dy is None:
+        raise WriteError(
+            f"the surface is laterally not calibrated and {title} needs both steps; give them on reading "
+            "with lateral_step=(dx, dy)"
+        )
+    return obj.z, obj.dx, obj.dy, obj.origin
 
 
 def height_only(file: RawFile) -> tuple[str, ...]:
@@ -191,6 +222,13 @@ def make_surface(
     if row_order == ROW_ORDERS[1] and not turned:
         z = z[::-1]
     dx, dy = override or own_steps
+    facts.setdefault("orientation_evidence", registry.evidence(format_id))
+    if facts["orientation_evidence"] == "assumed":
+        said = (
+            f"nothing shows whether such a file begins with the top row ({row_order} was taken): compare "
+            "the map with the picture of the instrument, and say row_order= if it is upside down"
+        )
+        notes += (said,)
     metadata = file.metadata(
         format_id,
         header,
@@ -259,6 +297,7 @@ class Request:
     override: tuple[float, float] | None
     unit: Any
     max_pixels: int | None
+    row_order: str | None = None  # what the caller states where the format does not show it
     warnings: list[str] = field(default_factory=list)
 
     @property
@@ -275,6 +314,10 @@ class Request:
     ) -> Surface:
         """Return `make_surface` of the heights."""
         facts["warnings"] = (*self.warnings, *facts.get("warnings", ()))
+        if self.row_order is not None:
+            if facts.get("turned") and self.row_order != facts["row_order"]:
+                z = z[::-1]
+            facts |= {"row_order": self.row_order, "orientation_evidence": "stated"}
         return make_surface(self.file, self.format_id, z, steps, override=self.override, **facts)
 
     def profile(self, x: FloatArray, z: FloatArray, **facts: Any) -> Profile:
@@ -293,6 +336,7 @@ def map_reader(
     no_steps: str = "",
 ) -> Callable[[Callable[..., _Made]], Callable[..., _Made]]:
     """Return what makes ``read`` of a module from a function of a `Request` and its own options."""
+    assumed = registry.evidence(format_id) == "assumed"
 
     def made(build: Callable[..., _Made]) -> Callable[..., _Made]:
         def read(
@@ -311,12 +355,17 @@ def map_reader(
                 only_channels(file, title, channel)
             most = own.pop("max_pixels", None) if pixels else None
             override = lateral_steps(lateral_step)
-            return build(Request(file, format_id, title, channel, override, unit, most), **own)
+            order = own.pop("row_order", None) if assumed else None
+            if order not in (None, *ROW_ORDERS):
+                known = " or ".join(map(repr, ROW_ORDERS))
+                raise ReadError(f"{file.path}: row_order = {order!r} is unknown; use {known}")
+            request = Request(file, format_id, title, channel, override, unit, most, order)
+            return build(request, **own)
 
         usual = list(inspect.signature(read).parameters.values())[:-1]
-        if pixels:
-            keyword = inspect.Parameter.KEYWORD_ONLY
-            usual.append(inspect.Parameter("max_pixels", keyword, default=None))
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        more = ["max_pixels"] * pixels + ["row_order"] * assumed
+        usual += [inspect.Parameter(name, keyword, default=None) for name in more]
         options = list(inspect.signature(build).parameters.values())[1:]
         shown: Any = read
         shown.__signature__ = inspect.Signature([*usual, *options])

@@ -154,37 +154,19 @@ def channels(path: str | os.PathLike[str], *, format: str | None = None) -> tupl
 PACKAGE = "SurfaceTopography"
 
 SUFFIXES = {
-    ".spm": "di",
-    ".di": "di",
     ".mdt": "mdt",
-    ".ibw": "ibw",
     ".mi": "mi",
-    ".vk3": "vk",
-    ".vk4": "vk",
-    ".vk6": "vk",
-    ".vk7": "vk",
     ".zmg": "zmg",
     ".zon": "zon",
-    ".os3d": "os3d",
-    ".ezd": "ezd",
-    ".nid": "ezd",
-    ".frt": "frt",
-    ".lext": "lext",
     ".oir": "oir",
     ".poir": "poir",
-    ".stp": "wsxm",
-    ".plux": "plux",
     ".jpk": "jpk",
-    ".mnt": "mnt",
 }
 """File name suffix to the name of SurfaceTopography's reader."""
 
 
-_PAIR, _PEER, _STATED = "pair", "peer", "stated"
-_EVIDENCE = {
-    "mnt": _PAIR,  # a measurement that was also stored as BCRF
-    **dict.fromkeys(("di", "ezd", "frt", "ibw", "jpk", "mdt", "mi", "wsxm"), _PEER),
-}
+_PEER, _STATED = "peer", "stated"
+_EVIDENCE = dict.fromkeys(("jpk", "mdt", "mi"), _PEER)
 """What shows that a reader hands the top row over first; ``peer``: it is drawn as Gwyddion draws it."""
 
 _TESTED = "1.27."

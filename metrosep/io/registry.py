@@ -40,6 +40,7 @@ __all__ = [
     "Format",
     "Reader",
     "demand",
+    "evidence",
     "find",
     "formats",
     "get",
@@ -266,6 +267,14 @@ def get(format_id: str) -> Format:
 def own(format_id: str) -> Format:
     """Return the description of a format that metrosep brings; plug-ins are not looked for."""
     return _own_by_id()[format_id]
+
+
+def evidence(format_id: str) -> str:
+    """Return what shows which way up the maps of a format lie; ``"assumed"`` where nothing does."""
+    described = _own_by_id().get(format_id)
+    if described is None or "orientation" not in described.facts:
+        return "assumed" if described is None or "surface" in described.kind else ""
+    return str(described.facts["orientation"]["evidence"])
 
 
 @functools.cache

@@ -35,6 +35,8 @@ _SUFFIXES = {
     ".xyz": "xyz",
     ".int": "int",
     ".sur": "sur",
+    ".pro": "pro",
+    ".smd": "smd",
     ".sdf": "sdf",
     ".h5": "h5",
 }
@@ -42,7 +44,7 @@ _SUFFIXES = {
 SUFFIXES = tuple(_SUFFIXES)
 """Ends of the names of files that `write` makes."""
 
-WITHOUT_HISTORY = ("int", "sdf", "sur")
+WITHOUT_HISTORY = ("int", "pro", "sdf", "smd", "sur")
 """Formats that do not tell what was removed from a map or filtered off before it was written."""
 
 _Writer = tuple[str, str, tuple[type, ...]]
@@ -51,7 +53,9 @@ _BINARY: dict[str, _Writer] = {
     "x3p": ("metrosep.io.maps.x3p", "x3p_bytes", (Surface, Profile)),
     "int": ("metrosep.io.text.codev_int", "int_bytes", (Surface,)),
     "sur": ("metrosep.io.maps.digital_surf", "sur_bytes", (Surface,)),
-    "sdf": ("metrosep.io.maps.sdf", "sdf_bytes", (Surface,)),
+    "pro": ("metrosep.io.maps.digital_surf", "sur_bytes", (Profile,)),
+    "sdf": ("metrosep.io.maps.sdf", "sdf_bytes", (Surface, Profile)),
+    "smd": ("metrosep.io.text.smd", "smd_bytes", (Profile,)),
     "h5": ("metrosep.io.containers.native", "native_bytes", (Surface, Profile, Recording, RunSet)),
 }
 """Format to module, function and the objects that it holds."""
@@ -72,11 +76,11 @@ def write(
         What to write.
     path : str or path
         The file; its folder must exist.
-    format : {"csv", "h5", "int", "sdf", "sur", "x3p", "xyz"}, optional
-        Follows from the suffix of the name if omitted. CSV and h5 take everything, X3P surfaces
-        and profiles, the others surfaces.
+    format : {"csv", "h5", "int", "pro", "sdf", "smd", "sur", "x3p", "xyz"}, optional
+        Follows from the suffix of the name if omitted. CSV and h5 take everything, X3P and SDF
+        surfaces and profiles, pro and smd profiles, the others surfaces.
     **options
-        Of the format. int: ``wavelength`` (m, the unit of its scale), ``kind`` ("SUR" or "WFR";
+        Of the format. int: ``wavelength`` (m, the unit of its scale, 1 um if omitted), ``kind`` ("SUR" or "WFR";
         heights are not converted) and ``title`` (up to 48 printable ASCII characters, to which the
         step of the counts is added). sdf: ``binary`` (bISO-1.0 instead of text).
 
@@ -95,10 +99,11 @@ def write(
 
     Notes
     -----
-    csv, xyz, x3p, sdf and h5 keep every digit. csv, xyz, x3p and h5 keep the history, and of a
+    csv, xyz, x3p, sdf, smd and h5 keep every digit. csv, xyz, x3p and h5 keep the history, and of a
     profile its kind and cut-offs, so that what was filtered is not filtered again; h5 keeps all
-    metadata and gives the same object back. sdf, sur and int keep no history. int has 16 bits and sur 32: they round heights to steps of P-V/65534 and about
-    P-V/2.1e9. In text "not measured" is an empty field in CSV and ``nan`` in xyz. ``read`` gives a
+    metadata and gives the same object back. sdf, smd, sur, pro and int keep no history. int has 16
+    bits, sur and pro 32: they round heights to steps of P-V/65534 and about P-V/2.1e9. sdf, smd and
+    pro hold profiles of equal steps only, smd no point that was not measured. In text "not measured" is an empty field in CSV and ``nan`` in xyz. ``read`` gives a
     profile, a recording or a surface back, `read_runs` a set of runs from CSV (``x="x_m"``,
     ``z="z_m"``, ``feed="feed_m_s"``, ``time="t_s"``, ``run="run"``).
     """

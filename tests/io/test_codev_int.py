@@ -215,3 +215,27 @@ def test_what_does_not_fit_the_format_is_not_written(bump, options, match):
 def test_nothing_measured_is_not_written():
     with pytest.raises(ms.errors.WriteError, match="nothing was measured"):
         int_bytes(ms.Surface(np.full((2, 2), np.nan)))
+
+
+def test_a_program_that_divides_by_the_wavelength_reads_the_same_heights(tmp_path):
+    """prysm 0.21 computes 1000 / WVL / SSZ nm per count, the manual says 1000 WVL / SSZ."""
+    z = np.arange(25.0).reshape(5, 5) ** 2 * NM
+    z[4, 0] = np.nan
+    text = ms.write(ms.Surface(z, 1e-6, 1e-6), tmp_path / "map.int").read_text()
+    lines = [line for line in text.splitlines() if not line.startswith("!")]
+    words = lines[1].split()
+    wvl, ssz, nda = (float(words[words.index(key) + 1]) for key in ("WVL", "SSZ", "NDA"))
+    counts = np.array([float(v) for line in lines[2:] for v in line.split()]).reshape(5, 5)
+    counts[counts == nda] = np.nan
+
+    for nm_per_count in (1000 * wvl / ssz, 1000 / wvl / ssz):
+        heights = counts[::-1] * nm_per_count * NM
+        half = 0.5 * 576 * NM / 65534
+        np.testing.assert_allclose(heights - heights[0, 0] + z[0, 0], z, rtol=0, atol=2.1 * half)
+
+
+def test_a_title_with_an_exclamation_mark_would_hide_the_grid(tmp_path):
+    surface = ms.Surface(np.arange(4.0).reshape(2, 2) * NM, 1e-6, 1e-6)
+
+    with pytest.raises(ms.errors.WriteError, match="without !"):
+        ms.write(surface, tmp_path / "map.int", title="part 3! odd")

@@ -141,7 +141,7 @@ def test_first_row_of_the_file_is_taken_as_the_top(make, read):
 
     assert np.unravel_index(obj.z.argmax(), obj.shape) == (1, 0)
     assert obj.metadata["row_order_in_file"] == "top row first"
-    assert obj.metadata["row_order_is_assumed"]
+    assert obj.metadata["orientation_evidence"] == "peer"
 
 
 def test_steps_may_differ_and_are_replaced(make, read):

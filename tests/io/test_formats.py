@@ -11,6 +11,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.io import registry
+from metrosep.io.objects import EVIDENCE
 from metrosep.io.source import open_file
 
 FOLDERS = sorted(p.parent for p in Path(__file__).parents[2].glob("data_formats/*/format.toml"))
@@ -65,6 +66,9 @@ def test_descriptor_is_complete(folder):
     assert all(s.startswith(".") for s in fmt.suffixes)
     assert {"unit", "invalid", "axis_order", "sources"} <= set(fmt.facts)
     assert (folder / "SPEC.md").is_file()
+    if "surface" in fmt.kind:
+        assert fmt.facts["orientation"]["evidence"] in EVIDENCE
+        assert fmt.facts["orientation"]["shown_by"]
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda f: f.name)
@@ -93,7 +97,7 @@ def test_sample_reads_as_expected(folder, sample):
     truth = truth_of(folder, sample)
     if "error" in truth:
         with pytest.raises(getattr(ms.errors, truth["error"]), match=re.escape(truth["match"])):
-            ms.read(sample)
+            ms.read(sample, **options_of(truth))
         return
 
     obj = ms.read(sample, **options_of(truth))

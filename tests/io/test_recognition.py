@@ -5,6 +5,7 @@ allows in front of them: comments, keys, long lines, members, a dataset written 
 are recognised by bytes at a fixed place, which nothing can move.
 """
 
+import struct
 import zipfile
 
 import h5py
@@ -16,8 +17,9 @@ from metrosep.io import registry
 
 SIZES = [0, 1, 63 * 1024, 64 * 1024, 65 * 1024, 200 * 1024, 3 * 2**20]
 FIXED = {
-    "al3d", "bcr-stm", "contour-dat", "digital-surf", "gwy", "matlab", "metropro", "nmm", "npy",
-    "opd", "opdx", "plu", "sdf", "smd", "tdms", "zygo-xyz",
+    "al3d", "bcr-stm", "contour-dat", "digital-surf", "frt", "gwy", "ibw", "imc", "matlab", "mdf4", "metropro",
+    "nanoscope", "nid", "nmm", "nms", "npy", "opd", "opdx", "os3d", "plu", "sdf", "smd", "tdms", "tmd", "wsxm",
+    "zygo-xyz",
 }  # fmt: skip
 NOT_RECOGNISED = {"pmac-gather"}  # bare columns: the format must be named
 NM = 1e-9
@@ -58,9 +60,14 @@ TEXT = {
     "iso230-2": ("count.dat", lambda p, n: below(p, 0, lines_of("# ", n))),
     "lvm": ("comma.lvm", lambda p, n: below(p, 1, f"Description\t{'x' * n}\n")),
     "mitaka-mlp": ("lines.csv", lambda p, n: below(p, 1, f"Comment,{'x' * n}\n")),
+    "mtconnect": ("agent.xml", lambda p, n: below(p, 1, f"<!-- {'x' * n} -->\n")),
     "mx-slice": (
         "one-slice.csv",
         lambda p, n: p.read_bytes().replace(b" ,Y", b" " * (n + 1) + b",Y", 1),
+    ),
+    "opcua": (
+        "items.csv",
+        lambda p, n: below(p, 1, f"2026-03-05T14:07:09.120Z,{'x' * n},1.0,Good\n"),
     ),
     "pi-gcs": ("blank.dat", lambda p, n: below(p, 0, lines_of("# REM ", n))),
     "twincat-scope": (
@@ -93,13 +100,65 @@ def zip_behind(source, target, size):
             new.writestr(item.filename, old.read(item))
 
 
+def behind_picture(source, target, size):
+    """Write the archive of a Keyence file behind a longer picture."""
+    data = source.read_bytes()
+    at = data.index(b"PK\x03\x04")
+    target.write_bytes(data[:at] + bytes(size) + data[at:])
+
+
+def ole_behind(source, target, size):
+    """Move table, directory and stream behind sectors that belong to nothing; more tables list them."""
+    data = source.read_bytes()
+    free, table, end = 0xFFFFFFFF, 0xFFFFFFFD, 0xFFFFFFFE
+    skip = -(-size // 512)
+    n_old = len(data) // 512 - 1
+    links = list(struct.unpack_from("<128I", data, 512))[1:n_old]
+    moved = [skip + s if s < 0xFFFFFFFA else s for s in links]  # directory, then the stream
+    total = skip + n_old
+    n_tables = -(-total // 127)
+    first = total  # tables behind the stream
+    whole = [free] * skip + [free] + moved + [table] * n_tables
+    whole += [free] * (128 * n_tables - len(whole))
+    assert n_tables <= 109, "no further list of tables is written here"
+    head = bytearray(data[:512])
+    struct.pack_into("<2I", head, 44, n_tables, skip + 1)
+    struct.pack_into(
+        "<109I", head, 76, *range(first, first + n_tables), *[free] * (109 - n_tables)
+    )
+    stream = bytearray(data[512:])
+    entry = 512 + 128 + 116  # where the stream begins, in the second entry of the directory
+    struct.pack_into("<I", stream, entry, struct.unpack_from("<I", stream, entry)[0] + skip)
+    assert end in moved
+    target.write_bytes(
+        bytes(head) + bytes(512 * skip) + bytes(stream) + struct.pack(f"<{len(whole)}I", *whole)
+    )
+
+
+def tiff_behind(source, target, size):
+    """Put a page without pictures in front of the others, a long way before them."""
+    data = source.read_bytes()
+    first = int.from_bytes(data[4:8], "little")
+    text = b"x" * size + b"\0"
+    at = len(data)
+    page = (1).to_bytes(2, "little") + (270).to_bytes(2, "little") + (2).to_bytes(2, "little")
+    page += len(text).to_bytes(4, "little")
+    page += (at + 18).to_bytes(4, "little") if len(text) > 4 else text.ljust(4, b"\0")
+    page += first.to_bytes(4, "little") + text
+    target.write_bytes(data[:4] + at.to_bytes(4, "little") + data[8:] + page)
+
+
 CONTAINER = {
     "datx": ("nanometres.datx", hdf5_behind),
     "fourd": ("one.h5", hdf5_behind),
     "hdf5": ("one-map.h5", hdf5_behind),
+    "lext": ("little.lext", tiff_behind),
     "metrosep-h5": ("surface.h5", hdf5_behind),
     "mitutoyo-xlsx": ("plain.xlsx", zip_behind),
+    "mnt": ("plain.mnt", ole_behind),
+    "plux": ("plain.plux", zip_behind),
     "talyrond": ("turn.xlsx", zip_behind),
+    "vk": ("packed.vk6", behind_picture),
     "x3p": ("double.x3p", zip_behind),
 }
 

@@ -87,7 +87,7 @@ def test_format_that_does_not_hold_the_object_is_refused(tmp_path, name, kind):
     ("name", "match"),
     [
         ("a.doc", "'doc'"),
-        ("a", "csv, h5, int, sdf, sur, x3p, xyz"),
+        ("a", "csv, h5, int, pro, sdf, smd, sur, x3p, xyz"),
     ],
 )
 def test_format_that_is_not_written_says_so(tmp_path, bump, name, match):

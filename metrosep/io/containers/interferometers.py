@@ -77,7 +77,6 @@ def _datx_read(asked: Request) -> Surface:
         header={"surface": own, **general},
         surface_path=path,
         **chain,
-        row_order_is_assumed=True,
     )
 
 
@@ -260,7 +259,6 @@ def _fourd_read(asked: Request) -> Surface:
         wavelength_m=wavelength,
         wedge=wedge,
         height_per_wave_m=wavelength * wedge,
-        orientation_evidence="rotation",
     )
 
 

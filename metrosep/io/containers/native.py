@@ -161,7 +161,8 @@ def _surface(stored: _Stored, metadata: dict[str, Any], history: tuple[Step, ...
         "lateral_step_in_file_m": steps,
         "lateral_step_override_m": stored.override,
     }
-    return Surface(z, dx, dy, origin=(x, y), metadata={**metadata, **facts}, history=history)
+    metadata = {"orientation_evidence": "standard", **metadata, **facts}
+    return Surface(z, dx, dy, origin=(x, y), metadata=metadata, history=history)
 
 
 def _profile(stored: _Stored, metadata: dict[str, Any], history: tuple[Step, ...]) -> Profile:

@@ -28,6 +28,7 @@ from metrosep.io.declared import Fields, Structure, need_bytes
 from metrosep.io.objects import (
     Request,
     map_reader,
+    rows_to_write,
     scaled,
 )
 from metrosep.io.registry import demand, sniffer, structure
@@ -326,7 +327,7 @@ def _inflate(file: RawFile, place: int, size: int, packed: int) -> bytes:
     )
 
 
-# ---- bytes of a Digital Surf surface (``.sur``, 32 bit, not compressed); the same surface, the same bytes ----
+# ---- bytes of a Digital Surf surface or profile (32 bit, not compressed); the same surface, the same bytes ----
 # Heights are rounded to steps of about P-V / 2^31, counted from zmin = 0, so that programs which
 # subtract zmin and programs which do not agree. Spacings and offsets are single precision by the
 # format: the spacing of the heights is chosen as a single-precision number before the counts are
@@ -335,7 +336,7 @@ def _inflate(file: RawFile, place: int, size: int, packed: int) -> bytes:
 _MM = 1e-3
 _MAX_COUNT = 2**31 - 1
 _NOT_MEASURED = -2
-_SURFACE, _BITS = 2, 32
+_PROFILE, _SURFACE, _BITS = 1, 2, 32
 _FINEST = 1e-21
 """Smallest step of the heights in mm; finer than any height means something."""
 
@@ -343,28 +344,45 @@ _LARGEST = 1e9
 """Largest height, offset or step in mm that is written."""
 
 
-def sur_bytes(surface: Surface) -> bytes:
-    """Return a surface as the content of a Digital Surf file."""
-    valid = ~np.isnan(surface.z)
-    if not valid.any():
-        raise WriteError("nothing was measured, so there is nothing to write as SUR")
-    if surface.dx is None or surface.dy is None:
-        raise WriteError(
-            "the surface is laterally not calibrated and SUR needs both steps; give them on reading "
-            "with lateral_step=(dx, dy)"
-        )
-    low, high = (float(f(surface.z)) / _MM for f in (np.nanmin, np.nanmax))
-    values = (low, high, surface.dx / _MM, surface.dy / _MM, *(o / _MM for o in surface.origin))
+def sur_bytes(surface: Surface | Profile) -> bytes:
+    """Return a surface, or a profile, as the content of a Digital Surf file."""
+    z, *steps, origin = rows_to_write(surface, "SUR" if isinstance(surface, Surface) else "PRO")
+    valid = ~np.isnan(z)
+    low, high = (float(f(z)) / _MM for f in (np.nanmin, np.nanmax))
+    values = (low, high, *(s / _MM for s in steps), *(o / _MM for o in origin))
     if max(abs(v) for v in values) > _LARGEST:
         raise WriteError(f"SUR is written up to {_LARGEST * _MM:g} m, got {max(values) * _MM:g} m")
     offset, step = _grid_of_heights(low, high)
-    counts = np.full(surface.shape, _NOT_MEASURED, dtype="<i4")
-    heights = surface.z[valid] / _MM
+    counts = np.full(z.shape, _NOT_MEASURED, dtype="<i4")
+    heights = z[valid] / _MM
     counts[valid] = np.rint((heights - offset) / step).clip(0, _MAX_COUNT).astype("<i4")
     comment = f"metrosep: heights rounded to steps of {step!r} mm\r\n".encode("latin-1")
-    top = int(counts.max())
-    header = _header(surface, top=top, offset=offset, step=step, n_comment=len(comment))
-    return header + comment + counts[::-1].tobytes()
+    rows, columns = z.shape
+    fields = {
+        "signature": "DIGITAL SURF",
+        "n_objects": 1,
+        "version": 1,
+        "object_type": _SURFACE if isinstance(surface, Surface) else _PROFILE,
+        "object_name": "",
+        "operator_name": "metrosep",
+        "special_points": int(not valid.all()),
+        "absolute": 1,
+        "bits_per_point": _BITS,
+        "zmax": int(counts.max()),
+        "points_per_line": columns,
+        "lines": rows,
+        "total_points": columns * rows,
+        **{f"{axis}_spacing": value / _MM for axis, value in zip("xy", steps, strict=True)},
+        **{f"{axis}_offset": o / _MM for axis, o in zip("xy", origin, strict=True)},
+        "z_spacing": step,
+        "z_offset": offset,
+        **{f"{axis}_axis": axis.upper() for axis in "xyzt"},
+        **{f"{axis}_{kind}_unit": "mm" for axis in "xyz" for kind in ("step", "length")},
+        **{f"{axis}_unit_ratio": 1.0 for axis in "xyz"},
+        "comment_bytes": len(comment),
+        "t_step_unit": "s",
+    }  # date and time are left at zero
+    return _HEADER.pack(fields, _HEADER_BYTES) + comment + counts[::-1].tobytes()
 
 
 def _grid_of_heights(low: float, high: float) -> tuple[float, float]:
@@ -376,34 +394,3 @@ def _grid_of_heights(low: float, high: float) -> tuple[float, float]:
     if float(step) * _MAX_COUNT < high - float(offset):
         step = np.nextafter(step, np.float32(math.inf))
     return float(offset), float(step)
-
-
-def _header(surface: Surface, *, top: int, offset: float, step: float, n_comment: int) -> bytes:
-    """Return the 512 bytes of the header; date and time are left at zero."""
-    rows, columns = surface.shape
-    axes = {"x": surface.dx or 0.0, "y": surface.dy or 0.0}
-    fields = {
-        "signature": "DIGITAL SURF",
-        "n_objects": 1,
-        "version": 1,
-        "object_type": _SURFACE,
-        "object_name": "",
-        "operator_name": "metrosep",
-        "special_points": int(np.isnan(surface.z).any()),
-        "absolute": 1,
-        "bits_per_point": _BITS,
-        "zmax": top,
-        "points_per_line": columns,
-        "lines": rows,
-        "total_points": columns * rows,
-        **{f"{axis}_spacing": value / _MM for axis, value in axes.items()},
-        **{f"{axis}_offset": o / _MM for axis, o in zip("xy", surface.origin, strict=True)},
-        "z_spacing": step,
-        "z_offset": offset,
-        **{f"{axis}_axis": axis.upper() for axis in "xyzt"},
-        **{f"{axis}_{kind}_unit": "mm" for axis in "xyz" for kind in ("step", "length")},
-        **{f"{axis}_unit_ratio": 1.0 for axis in "xyz"},
-        "comment_bytes": n_comment,
-        "t_step_unit": "s",
-    }
-    return _HEADER.pack(fields, _HEADER_BYTES)

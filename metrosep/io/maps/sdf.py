@@ -27,6 +27,7 @@ from metrosep.io.objects import (
     height_only as channels,
     lateral_or_none,
     map_reader,
+    rows_to_write,
     scaled,
 )
 from metrosep.io.registry import demand, sniffer, structure
@@ -242,21 +243,14 @@ _NO_DATE = "010119700000"
 _DOUBLE = 7
 
 
-def sdf_bytes(surface: Surface, *, binary: bool = False) -> bytes:
-    """Return a surface as an SDF file, version 1.0: text ``aISO-1.0`` or ``bISO-1.0``."""
-    if np.isnan(surface.z).all():
-        raise WriteError("nothing was measured, so there is nothing to write as SDF")
-    if surface.dx is None or surface.dy is None:
-        raise WriteError(
-            "the surface is laterally not calibrated and SDF needs both steps; give them on reading "
-            "with lateral_step=(dx, dy)"
-        )
-    rows, columns = surface.shape
+def sdf_bytes(surface: Surface | Profile, *, binary: bool = False) -> bytes:
+    """Return a surface or a profile as an SDF file, version 1.0: text ``aISO-1.0`` or ``bISO-1.0``."""
+    z, dx, dy, (x, y) = rows_to_write(surface, "SDF")
+    rows, columns = z.shape
     if max(rows, columns) > _MAX_SIZE:
         raise WriteError(
             f"SDF version 1.0 holds at most {_MAX_SIZE} points a side, got {columns} x {rows}; write X3P"
         )
-    x, y = surface.origin
     trailer = f"<Origin> {x!r} {y!r} </Origin>\n"
     fields = {
         "ManufacID": "metrosep",
@@ -264,8 +258,8 @@ def sdf_bytes(surface: Surface, *, binary: bool = False) -> bytes:
         "ModDate": _NO_DATE,
         "NumPoints": columns,
         "NumProfiles": rows,
-        "Xscale": surface.dx,
-        "Yscale": surface.dy,
+        "Xscale": dx,
+        "Yscale": dy,
         "Zscale": 1.0,
         "Zresolution": -1.0,
         "Compression": 0,
@@ -274,7 +268,7 @@ def sdf_bytes(surface: Surface, *, binary: bool = False) -> bytes:
     }
     if binary:
         header = _HEADER.pack({"version": "bISO-1.0", **fields}, _HEADER.size)
-        return header + surface.z.astype("<f8").tobytes() + trailer.encode("ascii")
+        return header + z.astype("<f8").tobytes() + trailer.encode("ascii")
     lines = ["aISO-1.0", *(f"{k:<12}= {v}" for k, v in fields.items()), "*"]
-    lines += [" ".join("BAD" if v != v else repr(v) for v in row) for row in surface.z.tolist()]
+    lines += [" ".join("BAD" if v != v else repr(v) for v in row) for row in z.tolist()]
     return ("\n".join(lines) + f"\n*\n{trailer}*\n").encode("ascii")

@@ -147,6 +147,7 @@ def _surface(content: _Content) -> Surface:
     dx, dy = override or own
     described = content.described(
         {"lateral_step_m": override},
+        orientation_evidence="standard",
         row_order_in_file="smallest y first" if axes[1].increment > 0 else "largest y first",
         lateral_step_in_file_m=own,
         lateral_step_override_m=override,
@@ -160,6 +161,7 @@ def _gridded(content: _Content) -> Surface:
     refuse_options(asked.file, title, lateral_step=asked.override)
     z, steps, origin = on_grid(asked.file, content.axes, shape, content.values, asked.warnings)
     described = content.described(
+        orientation_evidence="coordinates",
         row_order_in_file="points placed by their positions",
         lateral_step_in_file_m=steps,
         lateral_step_override_m=None,

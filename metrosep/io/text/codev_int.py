@@ -187,7 +187,9 @@ def _missing(
 # ---- bytes of a Code V ``.int`` grid from a surface; the same surface gives the same bytes -----
 # The format holds 16-bit counts: heights are rounded to steps of P-V / 65534. The middle between
 # the largest and smallest height becomes 0, since a constant would cost resolution; comments state
-# it, and the title states the step. Written top row first; lines have at most 80 characters.
+# it, and the title states the step. Written top row first; lines have at most 80 characters. WVL is
+# only the unit of SSZ: with 1 um, programs that divide by it where they should multiply (prysm 0.21)
+# read the right heights too.
 
 _LARGEST = 32767
 _MISSING = -32768
@@ -208,7 +210,7 @@ def quantisation_step(surface: Surface) -> float:
 def int_bytes(
     surface: Surface,
     *,
-    wavelength: float = 632.8e-9,
+    wavelength: float = 1e-6,
     kind: str = "SUR",
     title: str = "metrosep",
 ) -> bytes:
@@ -219,9 +221,9 @@ def int_bytes(
     if not 1e-8 <= wavelength <= 1e-3:  # also catches NaN
         raise WriteError(f"wavelength is {wavelength} m; Code V needs one from 10 nm to 1 mm")
     clean = title.strip()
-    if not (clean.isascii() and clean.isprintable() and len(clean) <= _TITLE) or clean[:1] == "!":
+    if not (clean.isascii() and clean.isprintable() and len(clean) <= _TITLE) or "!" in clean:
         raise WriteError(
-            f"title {title[:60]!r} does not fit; use up to {_TITLE} ASCII characters, no ! at the start"
+            f"title {title[:60]!r} does not fit; use up to {_TITLE} ASCII characters without !"
         )
     step = quantisation_step(surface)
     micrometres = f"{wavelength * 1e6:.12g}"

@@ -16,6 +16,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     UnitError,
     UnsupportedFeatureError,
+    WriteError,
 )
 from metrosep.core.profile import Profile
 from metrosep.core.units import parse_unit
@@ -25,6 +26,7 @@ from metrosep.io.objects import (
     check_scale,
     height_only as channels,
     map_reader,
+    rows_to_write,
 )
 from metrosep.io.registry import demand, sniffer
 from metrosep.io.source import RawFile
@@ -180,3 +182,26 @@ def _header(records: list[bytes], lines: list[str]) -> dict[str, Any]:
         "information": [t for t in info if t],
         "checksum": _plain(records[3])[:40],
     }
+
+
+# ---- bytes of an ISO 5436-2 profile: metres, incremental x, a sum of the bytes modulo 65536 ---------
+
+
+def smd_bytes(profile: Profile) -> bytes:
+    """Return a profile as an ISO 5436-2 file; the same profile gives the same bytes."""
+    z, dx, _, (start, _) = rows_to_write(profile, "SMD")
+    missing = int(np.isnan(z).sum())
+    if missing:
+        raise WriteError(
+            f"{missing} points of the profile were not measured and SMD has no mark for them; fill them, or "
+            "write X3P"
+        )
+    n = z.size
+    records = (
+        ("ISO 5436 - 2000\0metrosep\0", "PRF\0 1 metrosep\0", f"CX\0 I\0 {n} m\0 1.0e0 D\0 {dx!r}",
+         f"CZ\0 A\0 {n} m\0 1.0e0 D\0"),
+        ("CREATED_BY metrosep\0", f"COMMENT /* first point at {start!r} m */\0"),
+        tuple(map(repr, z[0].tolist())),
+    )  # fmt: skip
+    body = "".join("\r\n".join((*lines, "\x03\r\n")) for lines in records).encode("ascii")
+    return body + f"{sum(body) % _SUMS[0]}\r\n\x03\r\n\x1a".encode("ascii")
