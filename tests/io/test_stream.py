@@ -5,7 +5,7 @@ import pytest
 
 import metrosep as ms
 from metrosep.io.stream import open_stream
-from metrosep.io.text import delimited as stream_text
+from metrosep.io.text import table as text_table
 
 PM = 1e-12
 
@@ -33,8 +33,7 @@ def table(tmp_path, rng):
 
 @pytest.fixture
 def small_blocks(monkeypatch):
-    monkeypatch.setattr(stream_text, "_BLOCK", 1000)
-    monkeypatch.setattr(stream_text, "_HEAD", 800)
+    monkeypatch.setattr(text_table, "_BLOCK", 1000)
 
 
 def gathered(stream, size):

@@ -9,10 +9,11 @@ reason that the rest fits.
 from __future__ import annotations
 
 import contextlib
+import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -25,13 +26,15 @@ from metrosep.core.text_options import TextOptions
 from metrosep.io.source import RawFile
 from metrosep.io.text.dialect import BEYOND, NO_READING, Layout, is_comment, n_used
 
-__all__ = ["Block", "Body", "Ledger", "bad_field", "marker_of", "refuse_quotes"]
+__all__ = ["Block", "Body", "Ledger", "bad_field", "joined", "marker_of", "refuse_quotes"]
 
 _LISTED: Final = 100
 """Lines of a class that are listed with their text."""
 
-_PART: Final = 2**18
+_PART: Final = 2**20
 """Characters that are parsed at once: what is odd in one part does not slow the others."""
+_LONG: Final = 2**18
+"""Characters from which pandas is faster, also when it must be loaded first."""
 
 _PLAIN = frozenset("0123456789+-.,;|eE \t\n")
 
@@ -122,6 +125,20 @@ class Block:
     lines: NDArray[np.int64]
 
 
+def joined(blocks: list[Block], labels: Sequence[bool]) -> Block:
+    """Return blocks one below the other; those that were given are used up."""
+    if len(blocks) == 1:
+        return blocks[0]
+    lines = [b.lines for b in blocks]
+    columns: list[FloatArray | list[str]] = []
+    for label in reversed(labels):
+        parts: list[Any] = [b.columns.pop() for b in blocks]
+        columns.insert(
+            0, [t for p in parts for t in p] if label else np.concatenate([np.empty(0), *parts])
+        )
+    return Block(columns, np.concatenate([np.empty(0, dtype=np.int64), *lines]))
+
+
 class Body:
     """The lines from the first row on, taken block by block; each enters the ledger."""
 
@@ -132,11 +149,12 @@ class Body:
         options: TextOptions,
         ledger: Ledger,
         *,
+        first: int,
         names: Sequence[str],
         header: Iterable[Sequence[str]] = (),
         is_map: bool = False,
     ) -> None:
-        self._file, self._layout, self._options, self._ledger = file, layout, options, ledger
+        self._file, self._layout, self._options, self.ledger = file, layout, options, ledger
         self._names = tuple(names)
         self._n = len(self._names)
         self._labels = [*layout.labels, *[False] * self._n][: self._n]
@@ -156,7 +174,8 @@ class Body:
         self._groups: list[tuple[int, str]] = []
         self._markers = [m for m in options.missing or () if isinstance(m, float)]
         self.comments: list[str] = []
-        self.last_row = ""
+        self.line = first  # number of the line that comes next
+        self.last_row, self.last_line = "", 0
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -185,8 +204,8 @@ class Body:
                 found.append(
                     f"{len(found_at)} fields such as {text!r} (first: line {line}) {what}"
                 )
-        if texts := self._ledger.texts("remark"):
-            line, _ = self._ledger.first("remark")
+        if texts := self.ledger.texts("remark"):
+            line, _ = self.ledger.first("remark")
             found.append(
                 f"line {line}: {texts[0][:40]!r} stands behind the row and was taken as a remark "
                 f"({len(texts)} such row(s))"
@@ -195,8 +214,8 @@ class Body:
             ("repeated header", "repeats the header within the table"),
             ("footer", "stands below the table and is not a row of it"),
         ):
-            if n := self._ledger[kind]:
-                line, text = self._ledger.first(kind)
+            if n := self.ledger[kind]:
+                line, text = self.ledger.first(kind)
                 more = f" (and {n - 1} more)" if n > 1 else ""
                 found.append(
                     f"line {line} ({text[:40]!r}){more} {what}; look whether parts of the file belong "
@@ -204,52 +223,49 @@ class Body:
                 )
         return tuple(found)
 
-    def take(self, text: str, first: int, *, last: bool, start: int = 0) -> Block:
-        r"""Return the rows of whole lines from `start` on; ends of lines are ``\n``, `first` counts from 1."""
-        blocks = []
+    def take(self, text: str, *, last: bool) -> Iterator[Block]:
+        r"""Yield the rows of the whole lines that come next, which end with ``\n``."""
+        start = 0
         while start < len(text):
             end = text.find("\n", start + _PART) + 1 or len(text)
-            part = text[start:end]
-            blocks.append(self._take_part(part, first, last=last and end == len(text)))
-            first, start = first + part.count("\n"), end
-        if len(blocks) == 1:
-            return blocks[0]
-        columns: list[FloatArray | list[str]] = []
-        for k, label in enumerate(self._labels):
-            parts: list[Any] = [b.columns[k] for b in blocks]
-            columns.append([t for p in parts for t in p] if label else np.concatenate(parts))
-        return Block(columns, np.concatenate([b.lines for b in blocks]))
+            block = self._take_part(text[start:end], last=last and end == len(text))
+            start = end
+            if block.lines.size:
+                yield block
 
-    def _take_part(self, text: str, first: int, *, last: bool) -> Block:
-        n_lines = text.count("\n") + (not text.endswith("\n") and text != "")
+    def _take_part(self, text: str, *, last: bool) -> Block:
+        first, n_lines = self.line, text.count("\n") + (not text.endswith("\n"))
+        self.line += n_lines
         numbers = self._fast(text, n_lines, first)
         if numbers is not None:
             lines = np.arange(first, first + n_lines, dtype=np.int64)
-            self._ledger.count("data", n_lines)
+            self.ledger.count("data", n_lines)
             begin = text.rfind("\n", 0, len(text) - 1) + 1
             self.last_row = text[begin:]
             block = Block([numbers[:, k] for k in range(self._n)], lines)
         else:
             block = self._line_by_line(text, first, last=last)
+        if block.lines.size:
+            self.last_line = int(block.lines[-1])
         if self._markers:
             for values in block.columns:
                 if not isinstance(values, list):
                     values[np.isin(values, self._markers)] = np.nan
         return block
 
-    def finish(self, n_lines: int) -> None:
+    def finish(self) -> None:
         """Close the table: what still waits is a footer or blank; every line must be accounted for."""
         for number, line, empty in self._pending:
             if empty:
-                self._ledger.count("blank", 1)
+                self.ledger.count("blank", 1)
             else:
-                self._ledger.add("footer", number, line)
+                self.ledger.add("footer", number, line)
         self._pending = []
-        if self._ledger.total != n_lines:
+        if self.ledger.total != self.line - 1:
             raise self._file.corrupt(
                 "the lines do not add up",
-                expected=f"{n_lines} lines",
-                found=f"{self._ledger.to_dict()}",
+                expected=f"{self.line - 1} lines",
+                found=f"{self.ledger.to_dict()}",
                 hint="report this file: it is an error of metrosep",
             )
 
@@ -269,15 +285,13 @@ class Body:
         ):
             return None
         if mark != " ":
-            surplus = layout.n_raw - self._n
             if text.count(mark) != n_lines * (layout.n_raw - 1):
                 return None
-            if (
-                surplus
-                and (text if text[-1:] == "\n" else text + "\n").count(mark * surplus + "\n")
-                != n_lines
-            ):
-                return None
+            if surplus := mark * (layout.n_raw - self._n):
+                text = text if text.endswith("\n") else text + "\n"
+                if text.count(surplus + "\n") != n_lines:
+                    return None
+                text = text.replace(surplus + "\n", "\n")
         if self._unproven and not self._prove(text):
             return None
         if dialect.decimal == ",":
@@ -285,13 +299,7 @@ class Body:
                 return None
             text = text.replace(",", ".")
         try:
-            values = np.loadtxt(
-                io.StringIO(text),
-                delimiter=None if mark == " " else mark,
-                comments=None,
-                usecols=range(self._n) if mark != " " and layout.n_raw > self._n else None,
-                ndmin=2,
-            )
+            values = _numbers(text, mark)
         except ValueError:
             return None
         fits = values.shape == (n_lines, self._n) and bool(np.isfinite(values).all())
@@ -320,16 +328,16 @@ class Body:
             self._prove(text)
         for number, line in enumerate(every, first):
             if options.skip_lines and options.sets_aside(number):
-                self._ledger.add("set aside", number, line)
+                self.ledger.add("set aside", number, line)
                 continue
             if not line.strip(blanks):
-                self._ledger.count("blank", 1)
+                self.ledger.count("blank", 1)
                 continue
             fields = dialect.split([line])[0]
             if is_comment(line, options.comment) and not (
                 line.lstrip().startswith(dialect.separator) and len(fields) >= self._n
             ):
-                self._ledger.add("comment", number, line)
+                self.ledger.add("comment", number, line)
                 self.comments.append(line.strip().lstrip('#%!;/" \t').rstrip('"'))
                 continue
             if '"' in line:
@@ -342,7 +350,7 @@ class Body:
                 self._pending.append((number, line, True))
                 continue
             if [f.strip() for f in fields[:used]] in self._header:
-                self._ledger.add("repeated header", number, line)
+                self.ledger.add("repeated header", number, line)
                 continue
             if self._is_text(fields):
                 self._pending.append((number, line, False))
@@ -363,7 +371,7 @@ class Body:
             waiting = self._flush()  # rows of a map in which nothing was measured
             rows += [[""] * self._n for _ in waiting]
             numbers += waiting
-        self._ledger.count("data", len(rows))
+        self.ledger.count("data", len(rows))
         lines = np.array(numbers, dtype=np.int64)
         return Block(self._columns(rows, lines), lines)
 
@@ -372,7 +380,7 @@ class Body:
         fields = self._layout.dialect.split([line[: remark.start()]])[0]
         if n_used(fields) != self._n or self._labels[-1]:
             return None
-        self._ledger.note("remark", number, remark.group().strip())
+        self.ledger.note("remark", number, remark.group().strip())
         return fields
 
     def _is_text(self, fields: Sequence[str]) -> bool:
@@ -514,6 +522,32 @@ class Body:
         if plain is None or (not is_sure and any(dialect.decimal in f for f in column)):
             return None
         return float(plain)
+
+
+def _numbers(text: str, mark: str) -> FloatArray:
+    """Return the numbers of lines of which the separators were counted; ValueError where one is odd.
+
+    NumPy reads short texts, since pandas takes long to load; both give the nearest float.
+    """
+    if len(text) < _LONG:
+        return np.loadtxt(
+            io.StringIO(text), delimiter=None if mark == " " else mark, comments=None, ndmin=2
+        )
+    import pandas as pd
+
+    # from 3.1 on the usual way is exact, and naming it is deprecated
+    before = tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1)
+    frame = pd.read_csv(
+        io.StringIO(text),
+        header=None,
+        sep=r"\s+" if mark == " " else mark,
+        dtype=np.float64,
+        keep_default_na=False,
+        quoting=csv.QUOTE_NONE,
+        low_memory=False,
+        **({"float_precision": "round_trip"} if before else {}),
+    )
+    return frame.to_numpy()
 
 
 def _rows(n: int) -> str:

@@ -13,7 +13,7 @@ from metrosep.core.errors import FormatMismatchError, ReadError
 from metrosep.core.units import FOREIGN_SPELLINGS
 from metrosep.io.source import HEAD_BYTES, RawFile
 
-__all__ = ["ROLE_WORDS", "Role", "decode", "head_text", "plain_ends"]
+__all__ = ["ROLE_WORDS", "Role", "decode", "encoding_of", "head_text", "plain_ends"]
 
 Role: TypeAlias = Literal[
     "position", "height", "time", "feed", "run", "direction", "angle", "temperature", "index"
@@ -63,7 +63,7 @@ _LINES = 100
 """Lines that are looked at for their code page."""
 _ENOUGH = 1 / 3
 """Share of known characters: in a wrong page some bytes are a degree sign by chance."""
-_CONTROL = re.compile(rb"[\x00-\x08\x0e-\x1a\x1c-\x1f]")
+_CONTROL = bytes({*range(0x20)} - {*b"\t\n\v\f\r\x1b"})
 
 
 def decode(data: bytes, path: object, encoding: str | None = None) -> tuple[str, str]:
@@ -78,10 +78,42 @@ def decode(data: bytes, path: object, encoding: str | None = None) -> tuple[str,
     except (UnicodeDecodeError, LookupError) as exc:
         raise ReadError(f"{path}: is not {name} text ({exc}); name it with encoding=") from None
     if _is_binary(data, text, name):
-        raise FormatMismatchError(
-            f"{path}: holds binary data, not text; if it is a text file, name it with encoding="
-        )
+        raise _binary(path)
     return plain_ends(text), name
+
+
+def _binary(path: object) -> FormatMismatchError:
+    return FormatMismatchError(
+        f"{path}: holds binary data, not text; if it is a text file, name it with encoding="
+    )
+
+
+def encoding_of(file: RawFile, size: int) -> str:
+    """Return the encoding of a long text, which is looked at in parts of about `size` bytes to its end.
+
+    It is what `decode` would find of the whole: strict UTF-8, or the code page of its words.
+    """
+    name = _encoding(file.head)
+    if name.startswith("utf-16"):
+        return name
+    beyond, is_unicode = b"", name in ("utf-8", "utf-8-sig")
+    with file.stream() as handle:
+        while data := handle.read(size):
+            data += handle.readline(size)
+            if b"\0" in data:
+                raise _binary(file.path)
+            if data.isascii():
+                continue
+            if is_unicode:
+                try:
+                    data.decode(name)
+                except UnicodeDecodeError:
+                    is_unicode = False
+            if len(beyond) < HEAD_BYTES:
+                beyond += b"\n".join(
+                    m.group() for m in itertools.islice(_BEYOND_ASCII.finditer(data), _LINES)
+                )
+    return name if is_unicode else _legacy_page(beyond)
 
 
 def head_text(file: RawFile) -> str | None:
@@ -94,8 +126,9 @@ def head_text(file: RawFile) -> str | None:
 
 def plain_ends(text: str) -> str:
     """Return text whose lines end with LF alone; no other character ends a line."""
-    for end in ("\r\r\n", "\r\n", "\r"):
-        text = text.replace(end, "\n")
+    if "\r" in text:
+        for end in ("\r\r\n", "\r\n", "\r"):
+            text = text.replace(end, "\n")
     return text.removeprefix("\ufeff")
 
 
@@ -112,7 +145,7 @@ def _decoded_head(data: bytes) -> tuple[str, str] | None:
 
 def _is_binary(data: bytes, text: str, name: str) -> bool:
     by_byte = name in {"utf-8", "utf-8-sig", "latin-1", *_PAGES}
-    return "\0" in text or (by_byte and _CONTROL.search(data) is not None)
+    return "\0" in text or (by_byte and len(data.translate(None, _CONTROL)) != len(data))
 
 
 def _encoding(data: bytes) -> str:

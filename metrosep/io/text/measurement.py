@@ -72,7 +72,9 @@ def measurement(
     undeclared = all(c.unit is None for c in table.numbers)
     table = _with_units(file, table, unit)
     timed = _time_column(file, table, time)
+    n_columns = len(table.columns)
     made = _Made(file, table, format_id, sensitivity(scale), {"labels": labels} if labels else {})
+    del table  # what was read is given up as soon as an object holds it
     try:
         if y is not None and (x is None or z is None):
             raise made.mismatch("a surface needs x=, y= and z=; give all three")
@@ -89,15 +91,15 @@ def measurement(
                 raise ReadError(f"{file.path}: a recording takes no lateral_step or scale")
             return made.recording(timed, sampling_rate, channel)
         steps = lateral_steps(lateral_step)
-        said = unit is not None or steps is not None or len(table.columns) > _FEW
+        said = unit is not None or steps is not None or n_columns > _FEW
         unnamed = bare and x is None and z is None and channel is None
-        if unnamed and (said or looks_like_points(file, table)):
-            return matrix(file, table, format_id, steps=steps, scale=sensitivity(scale))
+        if unnamed and (said or looks_like_points(file, made.table)):
+            return matrix(file, made.table, format_id, steps=steps, scale=sensitivity(scale))
         return made.profile(x, z, steps)
     except UnitError:
         raise
     except DataError as exc:
-        found = runs_in(table)
+        found = runs_in(made.table)
         if found is not None:
             why = f"{file.path}: {found}; {found.advice(file.path)}"
             raise FormatMismatchError(why) from None
@@ -360,7 +362,10 @@ class _Made:
                 )
         if np.isnan(heights).all():
             raise self.mismatch(f"column {self.used['z']!r} holds no number; nothing was measured")
-        return Profile(positions, heights, **self.described(is_profile=True))
+        described = self.described(is_profile=True)
+        if _is_monotonic(positions):  # else the runs in the table may be what is meant
+            self.table = table = replace(table, columns=(), lines=table.lines[:0])
+        return Profile(positions, heights, **described)
 
 
 def position_and_height(file: RawFile, table: Table) -> tuple[str, str, tuple[str, ...]]:
@@ -374,7 +379,7 @@ def position_and_height(file: RawFile, table: Table) -> tuple[str, str, tuple[st
     either = [is_read_too(c.name) for c in (first, second)]
     if roles == ["position", "position"] and either.count(True) == 1:
         roles = ["height" if e else "position" for e in either]
-    rises = [_is_monotonic(c) for c in (first, second)]
+    rises = [_is_monotonic(c.values) for c in (first, second)]
     calls = [f"x={a.name!r}, z={b.name!r}" for a, b in ((first, second), (second, first))]
     named = [r == "position" for r in roles], [r == "height" for r in roles]
     if named[0].count(True) == 1 or named[1].count(True) == 1:
@@ -382,7 +387,7 @@ def position_and_height(file: RawFile, table: Table) -> tuple[str, str, tuple[st
         x, z = (second, first) if swapped else (first, second)
         if _profile_role(z) != "height":
             _refuse_two_positions(file, x, z)
-        if _is_monotonic(x, strictly=False) or not rises[not swapped]:
+        if _is_monotonic(x.values, strictly=False) or not rises[not swapped]:
             return x.name, z.name, ()
         raise FormatMismatchError(
             f"{file.path}: column {x.name!r} is the position by its name, but it does not rise and "
@@ -435,8 +440,8 @@ def _refuse_two_positions(file: RawFile, x: Column, z: Column) -> None:
         )
 
 
-def _is_monotonic(column: Column, *, strictly: bool = True) -> bool:
-    values = column.values if column.values is not None else np.empty(0)
+def _is_monotonic(values: FloatArray | None, *, strictly: bool = True) -> bool:
+    values = np.empty(0) if values is None else values
     if strictly:
         steps = np.diff(values)
         return bool(steps.size) and bool((steps > 0.0).all() or (steps < 0.0).all())

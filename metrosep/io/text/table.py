@@ -7,9 +7,10 @@ row with a field too many is named by its line instead of being filled or shifte
 
 from __future__ import annotations
 
+import copy
 import itertools
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
@@ -25,7 +26,15 @@ from metrosep.core.errors import (
 from metrosep.core.text_options import TextOptions
 from metrosep.core.units import Unit, likely_meaning, parse_sensitivity, parse_unit
 from metrosep.io.source import RawFile
-from metrosep.io.text._rows import Body, Ledger, bad_field, marker_of, refuse_quotes
+from metrosep.io.text._rows import (
+    Block,
+    Body,
+    Ledger,
+    bad_field,
+    joined,
+    marker_of,
+    refuse_quotes,
+)
 from metrosep.io.text.dialect import (
     NO_READING,
     Layout,
@@ -40,14 +49,13 @@ from metrosep.io.text.dialect import (
     split_header,
     unmeasured_rows,
 )
-from metrosep.io.text.encoding import decode
+from metrosep.io.text.encoding import decode, encoding_of, plain_ends
 
 __all__ = [
     "Column",
     "ColumnSpec",
     "Table",
-    "TableHead",
-    "cut_off",
+    "TextTable",
     "interruption",
     "pick",
     "read_table",
@@ -111,26 +119,102 @@ class Table:
 
 def read_table(file: RawFile, **text: Any) -> Table:
     """Return the columns of a text file; every one of its lines is accounted for."""
-    options = TextOptions.of(text)
-    content, encoding = decode(file.data, file.path, options.encoding)
-    head = TableHead(file, content, encoding, options)
-    body = head.body()
-    rows = body.take(content, head.first_line, last=True, start=head.offset)
-    whole = content.endswith("\n")
-    body.finish(content.count("\n") + (not whole))
-    lines = rows.lines
+    source = TextTable(file, TextOptions.of(text))
+    rows = joined(list(source.blocks()), source.head.layout.labels)
     columns = [
         Column(name, unit, None, tuple(values))
         if isinstance(values, list)
         else Column(name, unit, values)
-        for name, unit, values in zip(head.names, head.units, rows.columns, strict=True)
+        for name, unit, values in zip(
+            source.head.names, source.head.units, rows.columns, strict=True
+        )
     ]
-    warnings = [*head.warnings(len(lines)), *body.warnings]
-    warnings += refuse_markers(file, columns, lines, options)
-    if not whole and body.last_row and content.endswith(body.last_row):
-        warnings += cut_off(file, content, body.last_row, int(lines[-1]))
-    header = {**head.facts, "comments": (*head.comments, *body.comments)}
-    return Table(tuple(columns), lines, header, tuple(warnings), head.ledger.to_dict())
+    markers = refuse_markers(file, columns, rows.lines, source.head.options)
+    header = {**source.head.facts, "comments": source.comments}
+    warnings = (*source.warnings, *markers)
+    return Table(tuple(columns), rows.lines, header, warnings, source.lines)
+
+
+class TextTable:
+    """A table of a text file: what stands above it at once, its rows block by block."""
+
+    def __init__(self, file: RawFile, options: TextOptions) -> None:
+        self._file = file
+        whole = file.size <= _BLOCK
+        self._encoding = options.encoding or ("" if whole else encoding_of(file, _BLOCK))
+        self._text: str | None = None
+        if whole or re.match("utf.?(16|32)", self._encoding, re.IGNORECASE):
+            self._text, self._encoding = decode(file.data, file.path, options.encoding)
+            self.head = TableHead(file, self._text, self._encoding, options)
+            return
+        with file.stream() as handle:
+            raw = handle.read(_BLOCK)
+            top = _plain(file, raw[: raw.rfind(_end_of(raw)) + 1], self._encoding, 1)
+            further: list[str] = []
+            for k in range(1, _PLACES + 1):
+                handle.seek(max(file.size - _PLACE, 0) * k // _PLACES)
+                part = plain_ends(handle.read(_PLACE).decode(self._encoding, "replace"))
+                further += _usable(part, options)
+        self.head = TableHead(file, top, self._encoding, options, further)
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield the rows; at the end the lines must add up, and what was odd is known."""
+        body = self.head.body()
+        self.warnings: tuple[str, ...] = ()
+        self.comments: tuple[str, ...] = ()
+        text, hidden, n_rows = "", self.head.first_line - 1, 0
+        for part, last in self._texts():
+            text = "".join(part.split("\n", hidden)[hidden:]) if hidden else part
+            hidden -= min(hidden, part.count("\n")) if hidden else 0
+            for block in body.take(text, last=last):
+                n_rows += block.lines.size
+                yield block
+        body.finish()
+        self.comments = (*self.head.comments, *body.comments)
+        self.warnings = (*self.head.warnings(n_rows), *body.warnings)
+        if body.last_row and not text.endswith("\n") and text.endswith(body.last_row):
+            self.warnings += tuple(cut_off(self._file, text, body.last_row, body.last_line))
+        self.lines: Mapping[str, Any] = body.ledger.to_dict()
+
+    def _texts(self) -> Iterator[tuple[str, bool]]:
+        """Yield whole lines, and whether they are the last."""
+        if self._text is not None:
+            yield self._text, True
+            return
+        mark = _end_of(self._file.head)
+        left, n_lines = b"", 0
+        with self._file.stream() as handle:
+            data = handle.read(_BLOCK)
+            while data:
+                follows = handle.read(_BLOCK)
+                raw = left + data
+                end = raw.rfind(mark) + 1 if follows else len(raw)
+                if follows and mark == b"\r" and end == len(raw):
+                    end = raw.rfind(mark, 0, -1) + 1  # a line feed may follow
+                raw, left, data = raw[:end], raw[end:], follows
+                if len(left) > _BLOCK:
+                    raise FormatMismatchError(
+                        f"{self._file.path}: holds a line longer than {_BLOCK} bytes: not a table"
+                    )
+                yield _plain(self._file, raw, self._encoding, n_lines + 1), not follows
+                n_lines += raw.count(mark)
+
+
+_BLOCK = 2**22
+"""Bytes of text that are taken at once; a shorter file is taken whole."""
+
+
+def _end_of(head: bytes) -> bytes:
+    r"""Return the byte that ends lines: CR only where there is no LF."""
+    return b"\n" if b"\n" in head else b"\r"
+
+
+def _plain(file: RawFile, raw: bytes, encoding: str, line: int) -> str:
+    try:
+        return plain_ends(raw.decode(encoding))
+    except (UnicodeDecodeError, LookupError) as exc:
+        at = line + (raw[: exc.start].count(b"\n") if isinstance(exc, UnicodeDecodeError) else 0)
+        raise file.corrupt(f"is not {encoding} text", field=f"line {at}") from None
 
 
 def refuse_markers(
@@ -217,16 +301,23 @@ def cut_off(file: RawFile, content: str, row: str, line: int) -> list[str]:
 class TableHead:
     """What stands above the rows of a table: its layout, names and units; each line is classified."""
 
-    def __init__(self, file: RawFile, text: str, encoding: str, options: TextOptions) -> None:
-        self._file, self.ledger = file, Ledger()
+    def __init__(
+        self,
+        file: RawFile,
+        text: str,
+        encoding: str,
+        options: TextOptions,
+        further: Sequence[str] = (),
+    ) -> None:
+        self._file, self._ledger = file, Ledger()
         self.comments: list[str] = []
-        content: list[tuple[int, int, str]] = []  # line, place in the text, and the line itself
+        content: list[tuple[int, str]] = []  # number of the line, and the line itself
         others: list[tuple[int, str, str]] = []
         position = number = n_measured = 0
         while position < len(text) and n_measured <= _SAMPLE:
             end = text.find("\n", position)
             end = len(text) if end < 0 else end
-            line, at = text[position:end], position
+            line = text[position:end]
             position, number = end + 1, number + 1
             declared = _DECLARATION.fullmatch(line) if number == 1 else None
             if options.sets_aside(number):
@@ -241,31 +332,31 @@ class TableHead:
             else:
                 if line.count('"') % 2:
                     refuse_quotes(file, number, line)
-                content.append((number, at, line))
+                content.append((number, line))
                 n_measured += unmeasured_rows([line]) == 0 or n_measured > 0
         self.options = options
-        lines = [line for *_, line in content]
-        further = _further(text[position:], options)
+        lines = [line for _, line in content]
+        further = further or _further(text[position:], options)
         layout = find_layout(lines, file.path, options=options, further=further)
-        self.first_line, self.offset, _ = content[layout.start]
+        self.first_line = content[layout.start][0]
         preamble = _Preamble(file, layout)
         kinds = {
             place: preamble.take(line, place) or "preamble"
-            for place, _, line in content[: layout.start]
+            for place, line in content[: layout.start]
         }
         for place, line, kind in others:
             if place >= self.first_line:
                 break
             if kind == "blank":
-                self.ledger.count(kind, 1)
+                self._ledger.count(kind, 1)
                 continue
-            self.ledger.add(kind, place, line)
+            self._ledger.add(kind, place, line)
             if kind == "comment":
                 self.comments.append(line.strip().lstrip('#%!;/" \t').rstrip('"'))
         preamble.take_comment(self.comments)
         kinds |= dict.fromkeys(preamble.rest(), "preamble")
-        for place, _, line in content[: layout.start]:
-            self.ledger.add(kinds[place], place, line)
+        for place, line in content[: layout.start]:
+            self._ledger.add(kinds[place], place, line)
         self.names, self.units = preamble.columns()
         self.warnings = preamble.warnings
         self.layout, self._header = layout, preamble.rows
@@ -286,7 +377,8 @@ class TableHead:
             self._file,
             self.layout,
             self.options,
-            self.ledger,
+            copy.deepcopy(self._ledger),
+            first=self.first_line,
             names=self.names,
             header=self._header,
             is_map=not self.facts["named"] and len(self.names) > _FEW,
@@ -295,12 +387,14 @@ class TableHead:
 
 def _further(rest: str, options: TextOptions) -> list[str]:
     """Return whole lines from all over the rest of a text: they decide with the first ones."""
-    found: list[str] = []
-    for k in range(_PLACES):
-        at = len(rest) * k // _PLACES
-        lines = rest[at : at + _PLACE].split("\n")[1:-1]
-        found += [line for line in lines if line.strip() and not is_comment(line, options.comment)]
-    return found
+    places = (len(rest) * k // _PLACES for k in range(_PLACES))
+    return [line for at in places for line in _usable(rest[at : at + _PLACE], options)]
+
+
+def _usable(part: str, options: TextOptions) -> list[str]:
+    """Return the whole lines of a part that may be rows."""
+    lines = part.split("\n")[1:-1]
+    return [line for line in lines if line.strip() and not is_comment(line, options.comment)]
 
 
 class _Preamble:
