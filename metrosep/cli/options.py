@@ -12,6 +12,7 @@ from metrosep.core.text_options import TEXT_OPTIONS
 
 __all__ = [
     "USUAL_SPACING",
+    "USUAL_TURN",
     "expansion_options",
     "file_options",
     "force_option",
@@ -27,7 +28,8 @@ __all__ = [
 ]
 
 USUAL_SPACING = "1 mm"
-"""Between the entries of a table over runs or a map."""
+USUAL_TURN = "1 deg"
+"""Between the entries of a table over runs or a map; over an axis that turns."""
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -209,7 +211,7 @@ def table_options(command: F) -> F:
             ),
             click.option(
                 "--spacing",
-                help=f"Between the entries: {USUAL_SPACING} if left out; of a list its targets.",
+                help=f"Between the entries: {USUAL_SPACING} ({USUAL_TURN}) if left out; of a list its targets.",
             ),
             click.option(
                 "--cross-axis",
