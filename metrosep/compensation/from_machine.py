@@ -24,9 +24,10 @@ from metrosep.compensation._machine_errors import (
     positions_to_axes,
     volumetric_source,
 )
-from metrosep.compensation.area_errors import format_position
+from metrosep.compensation.area_errors import format_position, is_rotary
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotConvergedError, SignCheckFailedError, TableError
 from metrosep.core.provenance import Step, freeze_mapping
@@ -335,10 +336,7 @@ def standing(at: Mapping[str, float] | None, axes: tuple[str, ...]) -> dict[str,
             raise DataError(
                 f"at holds {axis!r}, whose positions are looked up; leave it out of at"
             )
-        number = np.asarray(value)
-        if number.ndim or number.dtype.kind not in "fiu" or not np.isfinite(number):
-            raise DataError(f"at[{axis!r}] is {value!r}; one finite position is needed")
-        stand[axis] = float(value)
+        stand[axis] = numbers.quantity(value, f"at[{axis!r}]", _dimension(axis))
     return stand
 
 
@@ -351,18 +349,23 @@ def _mesh(
     return {**stand, axes[0]: x, axes[1]: y}
 
 
+def _dimension(axis: str) -> str:
+    return "angle" if is_rotary(axis) else "length"
+
+
 def references(
     axes: tuple[str, ...], grid: tuple[FloatArray, ...], reference: float | Sequence[float] | None
 ) -> tuple[float, ...]:
     """Return the place of zero correction of each axis."""
     given: list[float | None] = [None] * len(axes)
     if reference is not None:
-        try:
-            given = [float(r) for r in np.atleast_1d(np.asarray(reference, dtype=np.float64))]
-        except (TypeError, ValueError):
-            raise TableError(f"reference {reference!r} is not a position") from None
-        if len(given) != len(axes):
-            raise TableError(f"reference has {len(given)} positions for {len(axes)} axes")
+        stated = [*reference] if np.ndim(reference) else [reference]  # type: ignore[misc]
+        if len(stated) != len(axes):
+            raise TableError(f"reference has {len(stated)} positions for {len(axes)} axes")
+        given = [
+            numbers.quantity(r, "reference", _dimension(a))
+            for r, a in zip(stated, axes, strict=True)
+        ]
     zero = []
     for axis, positions, wanted in zip(axes, grid, given, strict=True):
         low, high = float(positions[0]), float(positions[-1])

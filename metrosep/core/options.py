@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, dataclass, field as new_field
 from typing import Any, Literal
 
 from metrosep.core.errors import InvalidSamplesError, OptionError, UnitError
 from metrosep.core.limits import FROM_FIT, Limit, parse_limit
-from metrosep.core.units import TYPICAL, parse_quantity, parse_unit
+from metrosep.core.units import TYPICAL, parse_quantity, unit_dimension
 
 __all__ = ["KINDS", "Kind", "Option", "checked", "option", "options_of"]
 
@@ -269,24 +268,15 @@ def _spacing(value: Any, name: str, bare: bool) -> Any:
             raise OptionError("a table needs at least 2 points")
         return value
     if isinstance(value, str):
-        angle = _dimension_of(value) == "angle"
+        angle = unit_dimension(value) == "angle"
         _quantity("angle" if angle else "length", "positive")(value, name, bare)
         return value
     raise OptionError('a spacing such as "1 mm" or a number of points is needed here')
 
 
-def _dimension_of(text: str) -> str | None:
-    """Return what a text with a unit measures; None where it has none that is known."""
-    found = re.search(r"[A-Za-zµ°\"'][^\s]*\s*$", text)
-    try:
-        return parse_unit(found.group().strip()).dimension if found else None
-    except UnitError:
-        return None
-
-
 def _position(value: Any, name: str, bare: bool) -> Limit:
     """Return a position of an axis that moves along or turns, which knows what it is."""
-    angle = isinstance(value, str) and _dimension_of(value) == "angle"
+    angle = isinstance(value, str) and unit_dimension(value) == "angle"
     number = _quantity("angle" if angle else "length")(value, name, bare)
     return Limit(number, "rad" if angle else "m")
 
