@@ -36,6 +36,7 @@ from metrosep.batch.units import (
 )
 from metrosep.batch.work import DISK_FULL, Task, earlier_row, input_hash
 from metrosep.core.errors import DataError, MetrosepError, ReadError, RecipeError, WriteError
+from metrosep.core.numbers import positive
 from metrosep.recipe.outputs import recipe_hash
 from metrosep.recipe.parts import order_notes
 from metrosep.recipe.preflight import guard_notes
@@ -149,8 +150,8 @@ def run_batch(
     if wrong is not None:
         raise wrong
     count = _workers(workers)
-    if watch is not None and not watch > 0.0:
-        raise DataError(f"watch = {watch!r}: seconds between two looks are needed, such as 5")
+    if watch is not None:
+        watch = positive(watch, "watch", dimension="time", why="seconds between two looks")
     source, target = Path(folder), Path(os.path.abspath(out))  # noqa: PTH100
     if target.resolve() == source.resolve():
         raise WriteError(

@@ -225,9 +225,9 @@ def one_file_each(recipe: Recipe) -> bool:
     """Return whether each file is a unit: a pipeline, or a method that takes one map or table."""
     if recipe.is_pipeline or recipe.batch_options.get("each") == "file":
         return True
-    if not recipe.is_method or recipe.batch_options.get("each") == "folder":
+    method = recipe.method
+    if method is None or recipe.batch_options.get("each") == "folder":
         return False
-    method = METHODS[recipe.steps[0]["op"]]
     if method.reads == "maps":
         return len(method.readings) == 1
     if method.reads == "curves":
@@ -327,7 +327,7 @@ def _usual(recipe: Recipe, *, any_file: bool) -> tuple[str, ...]:
     """Return patterns for a recipe that states none."""
     if any_file:
         return ("*",)
-    if not recipe.is_pipeline and METHODS[recipe.steps[0]["op"]].reads != "maps":
+    if not recipe.is_pipeline and (recipe.method is None or recipe.method.reads != "maps"):
         return ("*.csv",)
     from metrosep.io.registry import formats
 

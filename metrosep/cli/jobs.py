@@ -20,10 +20,12 @@ from metrosep.cli.options import (
     say,
     table_options,
 )
+from metrosep.cli.printed import print_files
 from metrosep.cli.tables import print_table
 from metrosep.core.errors import ReadError
 
 if TYPE_CHECKING:
+    from metrosep.recipe.recipe import Recipe
     from metrosep.recipe.result import Result
 
 __all__ = ["demo", "progress", "run", "separate"]
@@ -74,18 +76,14 @@ def run(
     new appears in the output folder.
     """
     from metrosep.cli.errors import verdict_code
-    from metrosep.cli.printed import print_named, recipe_words
+    from metrosep.cli.printed import recipe_words
     from metrosep.recipe.recipe import Recipe
 
     loaded = Recipe.load(recipe, overrides=overrides)
     if context.obj is not None:
         context.obj["words"] = functools.partial(recipe_words, loaded)
     result = loaded.run(list(inputs) or None, out=out, progress=progress(context), overwrite=force)
-    if loaded.is_method:
-        _print_tables(result, warnings_only=as_json)
-        print_named(loaded, result, as_json=as_json)
-    else:
-        _print_result(result, as_json=as_json)
+    _print_of(loaded, result, as_json=as_json)
     return verdict_code(result.verdict)
 
 
@@ -195,7 +193,7 @@ def separate(
     result = run_recipe(
         recipe, runs, out=out, progress=progress(context), overwrite=force, beside=beside
     )
-    _print_result(result, as_json=as_json)
+    _print_of(recipe, result, as_json=as_json)
     return 0
 
 
@@ -247,6 +245,17 @@ def _separate_named(
     return 0
 
 
+def _print_of(recipe: Recipe, result: Result, *, as_json: bool) -> None:
+    """Print the result of a recipe, and its tables."""
+    from metrosep.cli.printed import print_named
+
+    if recipe.is_method:
+        _print_tables(result, warnings_only=as_json)
+        print_named(recipe, result, as_json=as_json)
+    else:
+        _print_result(result, as_json=as_json)
+
+
 def _print_result(result: Result, *, as_json: bool) -> None:
     """Print a result and its tables."""
     files = [str(f) for f in result.files]
@@ -266,14 +275,7 @@ def _print_result(result: Result, *, as_json: bool) -> None:
         _print_polynomial_u(result.document["polynomial"])
     if result.verdict is not None:
         say(f"verdict: {result.verdict}")
-    labels = {".json": "result", ".html": "report", ".comp": "table", ".csv": "table"}
-    for file in files:
-        label = (
-            "sidecar"
-            if file.endswith((".comp.json", ".csv.json"))
-            else labels.get(Path(file).suffix, "table")
-        )
-        say(f"{label:8} {file}")
+    print_files(result, "table")
 
 
 def _print_polynomial_u(polynomial: dict[str, Any]) -> None:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "USUAL_SPACING",
+    "USUAL_TURN",
     "chain_of",
     "expansion_options",
     "file_options",
@@ -32,7 +33,8 @@ __all__ = [
 ]
 
 USUAL_SPACING = "1 mm"
-"""Between the entries of a table over runs or a map."""
+USUAL_TURN = "1 deg"
+"""Between the entries of a table over runs or a map; over an axis that turns."""
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -240,7 +242,7 @@ def table_options(command: F) -> F:
             ),
             click.option(
                 "--spacing",
-                help=f"Between the entries: {USUAL_SPACING} if left out; of a list its targets.",
+                help=f"Between the entries: {USUAL_SPACING} ({USUAL_TURN}) if left out; of a list its targets.",
             ),
             click.option(
                 "--cross-axis",

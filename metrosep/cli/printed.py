@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
     from metrosep.recipe.result import Result
 
-__all__ = ["print_named", "recipe_words"]
+__all__ = ["print_files", "print_named", "recipe_words"]
 
 _SUMMARY = ("op", "what", "method", "null_space", "noise", "audit", "units", "runs", "result")
 
@@ -55,9 +55,20 @@ def print_named(recipe: Recipe, result: Result, *, as_json: bool, command: bool 
             say(f"{entry['metric']}: {entry['verdict']}: {entry.get('reason') or entry['u_note']}")
     if result.verdict is not None:
         say(f"verdict: {result.verdict}")
-    labels = {".json": "result", ".html": "report"}
+    print_files(result, "parts")
+
+
+def print_files(result: Result, usual: str) -> None:
+    """Print what was written: tables and their sidecars are known by the document."""
+    of_tables = [result.document.get("table"), *result.document.get("more_tables", ())]
+    tables = {t.get("path") for t in of_tables if t}
     for file in result.files:
-        say(f"{labels.get(file.suffix, 'parts'):8} {file}")
+        label = {".json": "result", ".html": "report"}.get(file.suffix, usual)
+        if file.name in tables:
+            label = "table"
+        elif file.name.removesuffix(".json") in tables:
+            label = "sidecar"
+        say(f"{label:8} {file}")
 
 
 def _values(entries: Iterable[Mapping[str, Any]]) -> list[str]:

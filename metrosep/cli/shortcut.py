@@ -80,13 +80,13 @@ def _with_own(
     label: str, controller: str, texts: Iterable[str], options: Mapping[str, Any]
 ) -> dict[str, Any]:
     """Return the options of one table."""
-    from metrosep.cli.options import USUAL_SPACING, name_values
+    from metrosep.cli.options import USUAL_SPACING, USUAL_TURN, name_values
+    from metrosep.compensation.area_errors import is_rotary
     from metrosep.controllers.registry import find, names
     from metrosep.recipe.preflight import which_axis
 
     known = of_table()
     made: dict[str, Any] = {k: options.get(k) for k in dict.fromkeys(known.values())}
-    made["spacing"] = made["spacing"] or USUAL_SPACING
     machine = dict(name_values(tuple(options.get("machine") or ()), "--machine"))
     if options.get("cross_axis") is not None:
         machine["cross_axis"] = options["cross_axis"]
@@ -116,6 +116,8 @@ def _with_own(
             made[known[key]] = value
         else:
             machine[fact] = value
+    turns = is_rotary(made["axis"] or "X")
+    made["spacing"] = made["spacing"] or (USUAL_TURN if turns else USUAL_SPACING)
     if made["compensates"] is None:
         raise click.UsageError(f"{label}: {which_axis(made['axis'] or 'X', '--compensates ')}")
     return {

@@ -155,6 +155,7 @@ def _separated(
 def turned_runs(files: tuple[str, ...], options: dict[str, Any]) -> RunSet | None:
     """Return continuous runs of an axis that turns as cycles; None where their positions are lengths."""
     from metrosep.core.units import parse_quantity
+    from metrosep.recipe.methods.turned import cell_of
     from metrosep.separation.positions.pitch import celled_runs
 
     runs = read_runs_of(files, options, angles=True)
@@ -169,11 +170,6 @@ def turned_runs(files: tuple[str, ...], options: dict[str, Any]) -> RunSet | Non
         raise click.UsageError('--spacing is needed over an angle, such as --spacing "5 deg"')
     spacing = parse_quantity(options["spacing"], dimension="angle", name="--spacing")
     return celled_runs(runs, cell_of(spacing))
-
-
-def cell_of(spacing: float) -> float:
-    """Return the width of the cells that runs are averaged in, for a table of a spacing."""
-    return spacing / 4.0
 
 
 def _carried_of(
@@ -513,6 +509,7 @@ def _cells_of(loaded: Any) -> float | None:
     import numpy as np
 
     from metrosep.compensation.area_errors import is_rotary
+    from metrosep.recipe.methods.turned import cell_of
 
     if not hasattr(loaded, "positions"):
         return None

@@ -25,9 +25,10 @@ from metrosep.compensation._machine_errors import (
     positions_to_axes,
     volumetric_source,
 )
-from metrosep.compensation.area_errors import format_position, rising
+from metrosep.compensation.area_errors import format_position, is_rotary, rising
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotConvergedError, SignCheckFailedError, TableError
 from metrosep.core.provenance import Step, freeze_mapping
@@ -358,11 +359,12 @@ def standing(at: Mapping[str, float] | None, axes: tuple[str, ...]) -> dict[str,
             raise DataError(
                 f"at holds {axis!r}, whose positions are looked up; leave it out of at"
             )
-        number = np.asarray(value)
-        if number.ndim or number.dtype.kind not in "fiu" or not np.isfinite(number):
-            raise DataError(f"at[{axis!r}] is {value!r}; one finite position is needed")
-        stand[axis] = float(value)
+        stand[axis] = numbers.quantity(value, f"at[{axis!r}]", _dimension(axis))
     return stand
+
+
+def _dimension(axis: str) -> str:
+    return "angle" if is_rotary(axis) else "length"
 
 
 def references(
@@ -371,12 +373,13 @@ def references(
     """Return the place of zero correction of each axis."""
     given: list[float | None] = [None] * len(axes)
     if reference is not None:
-        try:
-            given = [float(r) for r in np.atleast_1d(np.asarray(reference, dtype=np.float64))]
-        except (TypeError, ValueError):
-            raise TableError(f"reference {reference!r} is not a position") from None
-        if len(given) != len(axes):
-            raise TableError(f"reference has {len(given)} positions for {len(axes)} axes")
+        stated = [*reference] if np.ndim(reference) else [reference]  # type: ignore[misc]
+        if len(stated) != len(axes):
+            raise TableError(f"reference has {len(stated)} positions for {len(axes)} axes")
+        given = [
+            numbers.quantity(r, "reference", _dimension(a))
+            for r, a in zip(stated, axes, strict=True)
+        ]
     zero = []
     for axis, positions, wanted in zip(axes, grid, given, strict=True):
         low, high = float(positions[0]), float(positions[-1])

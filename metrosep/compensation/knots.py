@@ -318,7 +318,7 @@ def _with_reference(
     """Make the reference a sample, and refuse a curve that is not zero there."""
     if reference is None:
         return x, c, None
-    zero = float(reference)
+    zero = numbers.quantity(reference, "reference", "length")
     if not x[0] <= zero <= x[-1]:
         raise TableError(
             f"the reference {format_length(zero)} lies outside {format_length(float(x[0]))} ... "

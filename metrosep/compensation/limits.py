@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import LimitError
 from metrosep.core.units import format_length
@@ -239,7 +240,8 @@ def dead_zone(acceleration: float, servo_period: float) -> tuple[float, float]:
     >>> [round(v * 1e6, 6) for v in dead_zone(1.0, 1e-3)]
     [0.25, 0.5]
     """
-    product = acceleration * servo_period**2
+    a = numbers.real(acceleration, "acceleration", dimension="acceleration")
+    product = a * numbers.quantity(servo_period, "servo_period", "time") ** 2
     return 0.25 * product, 0.5 * product
 
 

@@ -152,6 +152,7 @@ def resample_uniform(
     """
     start = numbers.quantity(start, "start", "length")
     step = numbers.positive(step, "step", dimension="length")
+    taper = None if taper is None else numbers.quantity(taper, "taper", "length")
     grid = _grid(start, step, n, span)
     p = table.positions
     margin = _SAME * step

@@ -18,7 +18,7 @@ from metrosep.core.options import Option, options_of
 
 __all__ = ["METHODS", "Method", "Methods"]
 
-Reads = Literal["curves", "table", "tables", "maps", "results", "nothing"]
+Reads = Literal["curves", "runs", "table", "tables", "maps", "results", "nothing"]
 
 
 class _Keys:
@@ -42,7 +42,7 @@ class Method:
     """What it separates, for the list of methods."""
 
     reads: ClassVar[Reads] = "curves"
-    """Columns over positions; columns by their role, of all files together or file by file; maps;
+    """Columns over positions; repeated runs; columns by their role, of all files together or file by file; maps;
     documents of results; nothing where the options say all."""
 
     readings: ClassVar[tuple[str, ...]] = ()

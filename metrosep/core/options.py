@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 from metrosep.core.errors import InvalidSamplesError, OptionError, UnitError
 from metrosep.core.limits import FROM_FIT, Limit, parse_limit
-from metrosep.core.units import TYPICAL, parse_quantity
+from metrosep.core.units import TYPICAL, parse_quantity, unit_dimension
 
 __all__ = ["KINDS", "Kind", "Option", "checked", "option", "options_of"]
 
@@ -268,9 +268,17 @@ def _spacing(value: Any, name: str, bare: bool) -> Any:
             raise OptionError("a table needs at least 2 points")
         return value
     if isinstance(value, str):
-        _quantity("length", "positive")(value, name, bare)
+        angle = unit_dimension(value) == "angle"
+        _quantity("angle" if angle else "length", "positive")(value, name, bare)
         return value
     raise OptionError('a spacing such as "1 mm" or a number of points is needed here')
+
+
+def _position(value: Any, name: str, bare: bool) -> Limit:
+    """Return a position of an axis that moves along or turns, which knows what it is."""
+    angle = isinstance(value, str) and unit_dimension(value) == "angle"
+    number = _quantity("angle" if angle else "length")(value, name, bare)
+    return Limit(number, "rad" if angle else "m")
 
 
 def _limit(value: Any, name: str, bare: bool) -> Limit:
@@ -401,7 +409,11 @@ KINDS: Mapping[str, Kind] = {
     "lag": Kind('a time with its unit, "1 ms", auto or fit', _lag, "time", "2 ms"),
     "degree": Kind("a whole number, or auto", _degree, None, "2"),
     "spacing": Kind(
-        'a length with its unit, "1 mm", or a number of points', _spacing, "length", "1 mm"
+        'a length with its unit, "1 mm" ("5 deg" where the axis turns), or a number of points', _spacing,
+        "length", "1 mm",
+    ),
+    "position": Kind(
+        'a length with its unit, "20 mm"; an angle where the axis turns', _position, "length", "20 mm"
     ),
     "limit": Kind(
         "a length or an angle with its unit, or a plain number", _limit, None, "2 nm"

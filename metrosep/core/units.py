@@ -430,6 +430,21 @@ def parse_quantity(value: str | float, *, dimension: str, name: str = "value") -
     return number
 
 
+def unit_dimension(text: str) -> str | None:
+    """Return what a text with a unit measures; None where it has no unit that is known.
+
+    Examples
+    --------
+    >>> unit_dimension("15 deg"), unit_dimension("1e-3 m"), unit_dimension("3")
+    ('angle', 'length', None)
+    """
+    match = _QUANTITY.match(text)
+    try:
+        return parse_unit(match.group(2)).dimension if match and match.group(2) else None
+    except UnitError:
+        return None
+
+
 def _scaled(digits: str, factor: float) -> float:
     """Return a typed number times a factor: the float nearest to it where the factor is a power of ten.
 

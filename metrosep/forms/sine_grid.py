@@ -71,7 +71,9 @@ class SineGrid(Shape):
 
     def __post_init__(self) -> None:
         units = {"amplitude": "m", "wavelength": "m"}
-        units |= {n: "m" for n in ("amplitude_y", "wavelength_y") if getattr(self, n) != "same"}
+        units |= {
+            n: "m" for n in ("amplitude_y", "wavelength_y") if str(getattr(self, n)) != "same"
+        }
         units |= {"phase_x": "rad", "phase_y": "rad"}
         self._set(units=units)
         super().__post_init__()

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
+from metrosep.core.numbers import positive
 from metrosep.plot.placing import place_grid
 from metrosep.plot.style import (
     BAND_FACTOR,
@@ -88,6 +89,10 @@ def separation_maps(
     >>> figure.axes[0].get_title()
     'A\nP-V 2 nm'
     """
+    dx, dy = (
+        None if v is None else positive(v, name, dimension="length")
+        for v, name in ((dx, "dx"), (dy, "dy"))
+    )
     maps = _flattened(parts, titles)
     known = [m[np.isfinite(m)] for _, m in maps]
     largest = max((float(np.abs(k).max()) for k in known if k.size), default=0.0)

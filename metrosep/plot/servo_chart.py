@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.numbers import positive, quantity
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.plot.style import (
@@ -325,8 +326,11 @@ def setting_profiles(
     """
     shown = [("before" if after is not None else "", setting)]
     shown += [("after", after)] if after is not None else []
+    radius = positive(radius, "radius", dimension="length")
+    azimuth = quantity(azimuth, "azimuth", "angle")
     core = max(abs(tool.dy) for _, tool in shown)
-    first = max(0.01 * radius, 1.001 * core) if inner is None else float(inner)
+    first = max(0.01 * radius, 1.001 * core)
+    first = first if inner is None else quantity(inner, "inner", "length")
     if not 0.0 <= first < radius:
         raise DataError(
             f"the line from rho = {format_length(first)} to {format_length(radius)} is empty: "

@@ -10,9 +10,10 @@ from metrosep._version import __version__
 from metrosep.core.errors import DataError, FormatMismatchError, InvalidSamplesError
 from metrosep.core.inputs import Readings, Results, RoleColumns
 from metrosep.core.limits import limit_problem
-from metrosep.core.methods import METHODS, Method
+from metrosep.core.methods import Method
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
+from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.io.readings import read_readings
 from metrosep.io.runs import Role, read_roles
@@ -20,6 +21,7 @@ from metrosep.io.source import open_file
 from metrosep.recipe.characteristics import DECISION_RULE, judged
 from metrosep.recipe.describe.described import describe
 from metrosep.recipe.describe.description import Description
+from metrosep.recipe.methods.turned import TurnedError
 from metrosep.recipe.outputs import (
     WrittenTable,
     dry_runs,
@@ -38,6 +40,7 @@ from metrosep.recipe.result import (
     run_records,
     stored_estimate,
 )
+from metrosep.recipe.schema import reading_options
 from metrosep.separation.contract import Separation
 from metrosep.separation.inputs import require_count
 
@@ -56,10 +59,12 @@ def run_method(
     with_result: bool = True,
     more: Mapping[str, Any] | None = None,
     overwrite: bool = False,
+    beside: Sequence[Path] = (),
 ) -> Result:
     """Read, separate, judge and write."""
-    step = recipe.steps[0]
-    method = METHODS[step["op"]]
+    step, method = recipe.steps[0], recipe.method
+    if method is None:
+        raise DataError(f"{recipe.name}: is not a recipe of a named method")
     if method.reads != "nothing":
         tell(f"reading {len(files)} file(s)")
     inputs = load_inputs(method, files, {k: v for k, v in recipe.input.items() if k != "files"})
@@ -67,18 +72,24 @@ def run_method(
     tell(f"{'computing' if method.reads == 'nothing' else 'separating'}: {method.what}")
     options = _options(method, step, recipe.folder)
     named = named_files(options, method.fields)
-    produced = method.from_inputs(inputs, options)
+    tables = [o for o in recipe.outputs if o["kind"] == "table"]
+    turned = {"tables": tables} if method.reads == "runs" else {}
+    produced = method.from_inputs(inputs, {**options, **turned})
     history, warnings = sources(inputs)
     history = (*history, *getattr(produced, "beside", ()))
     described = describe(produced, inputs)
     records = input_records(history, inputs if isinstance(inputs, tuple) else (inputs,))
     known = {(i["name"], i["sha256"]) for i in records}
     records += [n for n in named if (n["name"], n["sha256"]) not in known]
-    document = _document(recipe, produced, described, history, warnings, records)
+    document = _document(recipe, method, produced, described, history, warnings, records)
     cycles = getattr(produced, "cycles", None)
     if cycles is not None:
         document["runs"] = run_records(cycles)
     document |= more or {}
+    if out is None and beside:
+        made = write_tables(recipe, document, beside, None, tell, overwrite=overwrite)
+        files_of = tuple(f for t in made for f in t.files)
+        return Result({**document, **_described(made)}, produced, files_of)
     if out is None:
         return Result({**document, **_described(dry_runs(recipe, document))}, produced)
     with staged(out, tables=table_names(recipe)) as stage:
@@ -113,7 +124,7 @@ _OF_ROLE = {"tolerance": "value", "u_reading": "reading"}
 def _require_kind(recipe: Recipe, inputs: Any) -> None:
     """Refuse a key of a step that is an angle where the readings are lengths, and the like."""
     step, units = recipe.steps[0], getattr(inputs, "units", None) or {}
-    for key, field in METHODS[step["op"]].fields.items():
+    for key, field in (recipe.method.fields if recipe.method else {}).items():
         unit = units.get(_OF_ROLE.get(key, "")) if field.kind == "limit" else None
         if key not in step or unit is None:
             continue
@@ -135,6 +146,7 @@ def _options(method: type[Method], step: Mapping[str, Any], folder: Path) -> dic
 
 def _document(
     recipe: Recipe,
+    method: type[Method],
     produced: Any,
     described: Description,
     history: Iterable[Step],
@@ -143,19 +155,21 @@ def _document(
 ) -> dict[str, Any]:
     from metrosep.recipe.result import versions
 
-    steps = tuple(history)
-    name = recipe.steps[0]["op"]
+    if isinstance(produced, TurnedError):  # what its tables are made of, as of any list of targets
+        steps = produced.cycles.history
+    else:
+        steps = (*history, Step(method.name, dict(recipe.steps[0])))
     messages = (*getattr(produced, "messages", ()), *described.messages)
     return clean(  # type: ignore[no-any-return]
         {
             "schema": SCHEMA,
             "metrosep": __version__,
-            "title": recipe.title or METHODS[name].what.capitalize(),
+            "title": recipe.title or method.what.capitalize(),
             "inputs": inputs,
             "estimate": None,
             "separation": {
-                "op": name,
-                "what": METHODS[name].what,
+                "op": method.name,
+                "what": method.what,
                 "result": type(produced).__name__,
                 "audit": dict(described.audit),
                 "messages": list(messages),
@@ -167,7 +181,7 @@ def _document(
             "more_tables": [],
             "polynomial": None,
             "messages": [*warnings, *messages],
-            "provenance": history_as_dicts((*steps, Step(name, dict(recipe.steps[0])))),
+            "provenance": history_as_dicts(steps),
             "recipe": recipe.recorded,
             "versions": versions(),
             "decision_rule": DECISION_RULE,
@@ -178,7 +192,14 @@ def _document(
 
 # ---- inputs of the separations that recipes name: curves and columns from tables, maps from files ----
 
-Inputs = Readings | RoleColumns | Results | tuple[RoleColumns, ...] | tuple[Surface | Profile, ...]
+Inputs = (
+    Readings
+    | RunSet
+    | RoleColumns
+    | Results
+    | tuple[RoleColumns, ...]
+    | tuple[Surface | Profile, ...]
+)
 _POSITIONS = ("target", "direction", "readings")
 
 
@@ -188,6 +209,10 @@ def load_inputs(method: type[Method], files: Sequence[Path], options: Mapping[st
         return ()
     if method.reads == "results":
         return _results(method, files)
+    if method.reads == "runs":
+        from metrosep.io.runs import read_runs
+
+        return read_runs(files, angles=True, **reading_options(options))
     if method.reads == "maps":
         return _maps(method, files, options)
     roles, rest = _roles(method, options)
@@ -297,7 +322,7 @@ def sources(inputs: Inputs) -> tuple[tuple[Step, ...], tuple[str, ...]]:
         history += item.history
         own = (
             item.metadata.get("warnings", ())
-            if isinstance(item, Surface | Profile)
+            if isinstance(item, Surface | Profile | RunSet)
             else item.warnings
         )
         warnings += [str(w) for w in own]

@@ -26,6 +26,7 @@ from metrosep.core.methods import METHODS
 from metrosep.core.provenance import hash_bytes
 from metrosep.core.runset import RunSet
 from metrosep.core.units import format_length, parse_quantity
+from metrosep.recipe.methods.turned import lengths_only
 from metrosep.recipe.pipeline import STEPS as MEASURING, checked_step
 from metrosep.recipe.preflight import RESULT_NAME, machine_limits, output_name, report_formats
 from metrosep.recipe.result import is_positioning, measured_runs, stored_estimate
@@ -72,10 +73,7 @@ def make_table(estimate: ErrorEstimate, output: Mapping[str, Any]) -> Compensati
     """Return the table that an output describes."""
     turning = [a for a in (output["axis"], output.get("compensates") or "") if is_rotary(a)]
     if turning:
-        raise DataError(
-            f"{turning[0]} turns, and the runs are lengths over lengths: name axes that move along (X, Y, Z, "
-            "U, V, W); runs over an angle go through 'metrosep table RUNS --axis C'"
-        )
+        raise lengths_only(turning[0])
     spacing = output["spacing"]
     n = (
         spacing

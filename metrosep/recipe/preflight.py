@@ -11,10 +11,13 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from metrosep.compensation.area_errors import is_rotary
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.core.limits import FROM_FIT, Limit, limit_problem, order_problem
 from metrosep.core.readable import typed_number
+from metrosep.core.units import parse_quantity
 from metrosep.parameters.decision import decide
+from metrosep.recipe.methods.turned import AVERAGED, TurnedRuns
 from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.pipeline_checks import known_unit, makes_metric
 from metrosep.recipe.result import POSITIONING
@@ -62,6 +65,8 @@ def check_recipe(recipe: Recipe) -> None:
             raise place.error("laser_setup corrects the readings: one step, before separate", "op")
         seen.add(op)
     _check_tables(recipe)
+    if recipe.method is TurnedRuns:
+        _check_turned(recipe)
     has_table = any(o["kind"] == "table" for o in recipe.outputs)
     for i, check in enumerate(recipe.checks):
         _check_limits(check, recipe.place("[[check]]", i), has_table=has_table)
@@ -78,12 +83,48 @@ def check_recipe(recipe: Recipe) -> None:
 
 def _check_tables(recipe: Recipe) -> None:
     """Refuse a table of a method that gives no error over the position of an axis."""
-    for i, output in enumerate(recipe.outputs if recipe.is_method else ()):
+    named = recipe.is_method and recipe.method is not TurnedRuns
+    for i, output in enumerate(recipe.outputs if named else ()):
         if output["kind"] == "table" and recipe.steps[0]["op"] != POSITIONING:
             raise recipe.place("[[output]]", i).error(
                 f'a table is made by "separate" and "{POSITIONING}", not by "{recipe.steps[0]["op"]}"',
                 "kind",
             )
+
+
+def _check_turned(recipe: Recipe) -> None:
+    """Refuse what belongs to runs along a length where the runs are over an angle."""
+    if len(recipe.steps) > 1:
+        op = recipe.steps[1]["op"]
+        raise recipe.place("[[step]]", 1).error(
+            f"over an angle the runs are averaged: {op} is of runs along a length, leave it out",
+            "op",
+        )
+    for key, value in recipe.steps[0].items():
+        if key != "op" and (key, value) != ("method", "mean"):
+            raise recipe.place("[[step]]", 0).error(AVERAGED, key)
+    for i, output in enumerate(recipe.outputs):
+        if isinstance(output.get("spacing"), int):
+            raise recipe.place("[[output]]", i).error(
+                'over an angle the spacing is an angle, such as "5 deg"', "spacing"
+            )
+
+
+def _check_places(output: Mapping[str, Any], place: Place) -> None:
+    """Refuse a position of a table that is a length where its axis turns, and the like."""
+    dimension = "angle" if is_rotary(output["axis"]) else "length"
+    spacing, reference = output.get("spacing"), output.get("reference")
+    try:
+        if isinstance(spacing, str):
+            parse_quantity(spacing, dimension=dimension)
+    except DataError as exc:
+        raise place.error(f"spacing = {spacing!r}: {exc}", "spacing") from None
+    unit = "rad" if dimension == "angle" else "m"
+    problem = reference is not None and limit_problem(
+        "reference", reference, f"the position of {output['axis']}", unit
+    )
+    if problem:
+        raise place.error(problem, "reference")
 
 
 def _check_limits(check: Mapping[str, Any], place: Place, *, has_table: bool) -> None:
@@ -181,6 +222,7 @@ def _names(output: Mapping[str, Any], place: Place) -> list[str]:
                 "controller",
             )
         _require_carrier(output, place)
+        _check_places(output, place)
         if "compensates" not in output:
             raise place.error(which_axis(output["axis"], "compensates = "), "compensates")
         machine_limits(output, place)

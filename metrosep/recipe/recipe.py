@@ -13,8 +13,9 @@ from typing import Any
 
 from metrosep.core.atomic import MACHINE_BYTES, RECIPE_BYTES, read_plain_text, require_plain
 from metrosep.core.errors import RecipeError, RecipeMissingError, UnsupportedFeatureError
-from metrosep.core.methods import METHODS
+from metrosep.core.methods import METHODS, Method
 from metrosep.core.provenance import freeze_mapping
+from metrosep.recipe.methods.turned import TurnedRuns, turning_axis
 from metrosep.recipe.pipeline import measuring_steps
 from metrosep.recipe.preflight import check_recipe, require_limits
 from metrosep.recipe.result import Result
@@ -88,8 +89,19 @@ class Recipe:
 
     @property
     def is_method(self) -> bool:
-        """Whether it is not the separation of repeated runs: a named one, or steps that measure."""
-        return self.is_pipeline or self.steps[0]["op"] in METHODS
+        """Whether it is not the separation of runs along an axis: a method, or steps that measure."""
+        return self.is_pipeline or self._turns or self.steps[0]["op"] in METHODS
+
+    @property
+    def _turns(self) -> bool:
+        """Whether runs over an angle are averaged."""
+        is_separate = any(s["op"] == "separate" for s in self.steps)
+        return is_separate and turning_axis(self.outputs) is not None
+
+    @property
+    def method(self) -> type[Method] | None:
+        """The method of its step; None of runs along an axis, and of steps that measure."""
+        return TurnedRuns if self._turns else METHODS.get(self.steps[0]["op"])
 
     @property
     def is_pipeline(self) -> bool:
@@ -99,8 +111,7 @@ class Recipe:
     @property
     def reads_nothing(self) -> bool:
         """Whether the keys of its step say all, and no input is read."""
-        op = self.steps[0]["op"]
-        return op in METHODS and METHODS[op].reads == "nothing"
+        return self.method is not None and self.method.reads == "nothing"
 
     @property
     def sha256(self) -> str:
@@ -236,6 +247,13 @@ class Recipe:
         plain = method is None and not pipeline
         if "input" not in data and not (method is not None and method.reads == "nothing"):
             raise top.error('the recipe needs the key "input"')
+        outputs = several_tables(
+            data.get("output", []),
+            OUTPUTS if plain else METHOD_OUTPUTS,
+            "kind",
+            "[[output]]",
+            top,
+        )
         recipe = cls(
             name=name,
             text=text,
@@ -247,18 +265,12 @@ class Recipe:
             steps=steps,
             checks=several_tables(
                 data.get("check", []),
-                {"": CHECK if plain else METHOD_CHECK},
+                {"": CHECK if plain and not turning_axis(outputs) else METHOD_CHECK},
                 "",
                 "[[check]]",
                 top,
             ),
-            outputs=several_tables(
-                data.get("output", []),
-                OUTPUTS if plain else METHOD_OUTPUTS,
-                "kind",
-                "[[output]]",
-                top,
-            ),
+            outputs=outputs,
             batch_options=freeze_mapping(batch_table(data.get("batch", {}), place("[batch]"))),
             bases=bases,
         )

@@ -315,7 +315,7 @@ def _cell_means(run: Run) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
 
 def is_positioning(document: Mapping[str, Any]) -> bool:
     """Return whether a result holds the cycles of a positioning test, of which a table can be made."""
-    return (document.get("separation") or {}).get("op") == POSITIONING
+    return (document.get("separation") or {}).get("op") in (POSITIONING, "runs_over_angle")
 
 
 def measured_runs(document: Mapping[str, Any]) -> RunSet:

@@ -85,7 +85,7 @@ def run_recipe(
 
         return run_method(
             recipe, files, out=folder, tell=tell, with_result=with_result, more=more,
-            overwrite=overwrite,
+            overwrite=overwrite, beside=() if folder else places,
         )  # fmt: skip
     tell(f"reading {len(files)} file(s)")
     runs = read_inputs(recipe, files)

@@ -147,7 +147,7 @@ OUTPUTS = {
         "compensates": Field("text"),
         "spacing": Field("spacing", required=True),
         "direction": Field("text", choices=("auto", "both", "split", "forward", "reverse")),
-        "reference": Field("length"),
+        "reference": Field("position", help="where the correction is zero"),
         "reference_direction": Field(
             "text",
             choices=tuple(REFERENCE_DIRECTIONS),

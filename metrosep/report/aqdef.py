@@ -11,17 +11,20 @@ upper limit, K2142 unit, K2900 remark with definition, U and guard band.
 
 from __future__ import annotations
 
-import os
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from decimal import Decimal
-from pathlib import Path
 from typing import Any
 
-from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError
 from metrosep.core.readable import readable_unit
-from metrosep.report.text import CharacteristicRow, characteristic_rows, decimals_for, one_line
+from metrosep.report.text import (
+    CharacteristicRow,
+    characteristic_rows,
+    decimals_for,
+    document_writer,
+    one_line,
+)
 
 __all__ = ["render_dfq", "write_dfq"]
 
@@ -75,29 +78,10 @@ def render_dfq(documents: Sequence[Mapping[str, Any]]) -> bytes:
     return ("\r\n".join(lines) + "\r\n").encode(_ENCODING, errors="replace")
 
 
-def write_dfq(document: Mapping[str, Any], path: str | os.PathLike[str]) -> Path:
-    """Write a result as a .dfq file.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of a result.json.
-    path : str or path
-        File.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    DataError
-        If the result is damaged or holds no characteristic.
-    WriteError
-        If it cannot be written.
-    """
-    return atomic_write(path, render_dfq([document]))
+write_dfq = document_writer(
+    "write_dfq", lambda document: render_dfq([document]), "a result as a .dfq file",
+    DataError="If the result is damaged or holds no characteristic.",
+)  # fmt: skip
 
 
 def _require_same(

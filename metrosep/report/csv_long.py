@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 from collections.abc import Iterable, Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
-from metrosep.core.atomic import atomic_write
-from metrosep.report.text import cell_text, characteristic_rows, one_line
+from metrosep.report.text import cell_text, characteristic_rows, document_writer, one_line
 
 __all__ = ["COLUMNS", "NUMBERS", "long_rows", "render_csv", "write_csv"]
 
@@ -74,29 +71,10 @@ def long_rows(documents: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str | fl
             )
 
 
-def write_csv(document: Mapping[str, Any], path: str | os.PathLike[str]) -> Path:
-    """Write the characteristics of a result.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of a result.json.
-    path : str or path
-        File.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    DataError
-        If the result is damaged.
-    WriteError
-        If it cannot be written.
-    """
-    return atomic_write(path, render_csv([document]).encode("utf-8"))
+write_csv = document_writer(
+    "write_csv", lambda document: render_csv([document]), "the characteristics of a result",
+    DataError="If the result is damaged.",
+)  # fmt: skip
 
 
 def _recipe_of(document: Mapping[str, Any]) -> str:

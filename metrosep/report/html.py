@@ -8,15 +8,12 @@ from __future__ import annotations
 
 import base64
 import math
-import os
 import re
 from collections.abc import Mapping
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from metrosep.core.atomic import atomic_write
-from metrosep.report.text import span
+from metrosep.report.text import document_writer, span
 from metrosep.report.view import view
 
 if TYPE_CHECKING:
@@ -61,29 +58,10 @@ def _template() -> Template:
     return environment.from_string(source)
 
 
-def write_html(document: Mapping[str, Any], path: str | os.PathLike[str]) -> Path:
-    """Write the report of a result; the file appears whole or not at all.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of a result.json.
-    path : str or path
-        File.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    WriteError
-        If it cannot be written.
-    DataError
-        If a verdict in the document is unknown.
-    """
-    return atomic_write(path, render_html(document).encode("utf-8"))
+write_html = document_writer(
+    "write_html", render_html, "the report of a result",
+    DataError="If a verdict in the document is unknown.",
+)  # fmt: skip
 
 
 def _figures(document: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -9,18 +9,16 @@ from __future__ import annotations
 
 import io
 import json
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
-from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, UnsupportedFeatureError
 from metrosep.recipe import index_rows
 from metrosep.report import csv_long
 from metrosep.report.comparison import known_number
 from metrosep.report.index import require_index
+from metrosep.report.text import document_writer
 
 __all__ = [
     "INDEX_SCHEMA",
@@ -62,31 +60,10 @@ def render_parquet(documents: Iterable[Mapping[str, Any]]) -> bytes:
     return _table(csv_long.COLUMNS, rows, csv_long.NUMBERS, SCHEMA)
 
 
-def write_parquet(document: Mapping[str, Any], path: str | os.PathLike[str]) -> Path:
-    """Write the characteristics of a result.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of a result.json.
-    path : str or path
-        File.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    DataError
-        If the result is damaged.
-    UnsupportedFeatureError
-        If pyarrow is not installed.
-    WriteError
-        If it cannot be written.
-    """
-    return atomic_write(path, render_parquet([document]))
+write_parquet = document_writer(
+    "write_parquet", lambda document: render_parquet([document]), "the characteristics of a result",
+    DataError="If the result is damaged.", UnsupportedFeatureError="If pyarrow is not installed.",
+)  # fmt: skip
 
 
 def render_index_parquet(document: Mapping[str, Any]) -> bytes:
@@ -117,31 +94,11 @@ def render_index_parquet(document: Mapping[str, Any]) -> bytes:
     return _table(names, rows, index_rows.NUMBERS, INDEX_SCHEMA)
 
 
-def write_index_parquet(document: Mapping[str, Any], path: str | os.PathLike[str]) -> Path:
-    """Write the index of a batch.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of an index.json.
-    path : str or path
-        File.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    DataError
-        If it is not an index, or is damaged.
-    UnsupportedFeatureError
-        If pyarrow is not installed.
-    WriteError
-        If it cannot be written.
-    """
-    return atomic_write(path, render_index_parquet(document))
+write_index_parquet = document_writer(
+    "write_index_parquet", render_index_parquet, "the index of a batch", of="index.json",
+    DataError="If it is not an index, or is damaged.",
+    UnsupportedFeatureError="If pyarrow is not installed.",
+)  # fmt: skip
 
 
 def _table(

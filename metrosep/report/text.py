@@ -6,14 +6,17 @@ Micro is printed as "µ" here, since a report is typeset; programs and files wri
 from __future__ import annotations
 
 import math
+import os
 import re
 import tomllib
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from metrosep.core import readable
+from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError
 from metrosep.core.units import format_length
 from metrosep.recipe.step_help import step_words
@@ -26,6 +29,7 @@ __all__ = [
     "cell_text",
     "characteristic_rows",
     "decimals_for",
+    "document_writer",
     "length",
     "not_seen",
     "number",
@@ -355,3 +359,49 @@ def _unobservable(item: Document) -> str:
         first = ", ".join(str(i) for i in indices[:_MOST_INDICES])
         shown = f"{first}, … ({len(indices)} in all)"
     return f"{kind} {shown}: {item.get('reason')}"
+
+
+# ---- from a function that renders a document to the one that writes it as a file ---------------
+
+_WRITER = """Write {what}; the file appears whole or not at all.
+
+Parameters
+----------
+document : mapping
+    Content of {article} {of}.
+path : str or path
+    File.
+
+Returns
+-------
+Path
+    The file.
+
+Raises
+------
+{raises}
+WriteError
+    If it cannot be written.
+"""
+
+
+def document_writer(
+    name: str,
+    render: Callable[[Mapping[str, Any]], str | bytes],
+    what: str,
+    *,
+    of: str = "result.json",
+    **raises: str,
+) -> Callable[[Mapping[str, Any], str | os.PathLike[str]], Path]:
+    """Return the public function of a name that writes what `render` makes of a document."""
+
+    def write(document: Mapping[str, Any], path: str | os.PathLike[str]) -> Path:
+        made = render(document)
+        return atomic_write(path, made.encode("utf-8") if isinstance(made, str) else made)
+
+    errors = "\n".join(f"{error}\n    {when}" for error, when in raises.items())
+    article = "an" if of[0] in "aeiou" else "a"
+    write.__doc__ = _WRITER.format(what=what, article=article, of=of, raises=errors)
+    write.__name__ = write.__qualname__ = name
+    write.__module__ = render.__module__
+    return write

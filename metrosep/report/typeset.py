@@ -19,7 +19,7 @@ from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, UnsupportedFeatureError
 from metrosep.recipe.result import clean
 from metrosep.report.html import captions_of, figures_of, is_narrow
-from metrosep.report.text import one_line
+from metrosep.report.text import document_writer, one_line
 from metrosep.report.view import view
 
 __all__ = ["PDF_STANDARDS", "render_pdf", "write_pdf", "write_plain_pdf"]
@@ -256,29 +256,10 @@ def render_plain_pdf(document: Mapping[str, Any]) -> bytes:
     return plain_pages(document, lines, captions, footer)
 
 
-def write_plain_pdf(document: Mapping[str, Any], path: str | os.PathLike[str]) -> Path:
-    """Write the report of a result as plain pages.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of a result.json.
-    path : str or path
-        File.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    DataError
-        If the result is damaged or a verdict is unknown.
-    WriteError
-        If it cannot be written.
-    """
-    return atomic_write(path, render_plain_pdf(document))
+write_plain_pdf = document_writer(
+    "write_plain_pdf", render_plain_pdf, "the report of a result as plain pages",
+    DataError="If the result is damaged or a verdict is unknown.",
+)  # fmt: skip
 
 
 def _lines(shown: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -6,14 +6,11 @@ Texts are texts: nothing in a cell is taken for a formula or a link. Same docume
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from importlib import import_module
-from pathlib import Path
 from typing import Any, NamedTuple
 
-from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, UnsupportedFeatureError
 from metrosep.report.comparison import known_number
 from metrosep.report.index import Series, require_index, series_of, status_stamp
@@ -21,6 +18,7 @@ from metrosep.report.text import (
     CharacteristicRow,
     characteristic_rows,
     decimals_for,
+    document_writer,
     one_line,
     readable_unit,
     stamp,
@@ -66,31 +64,11 @@ def render_workbook(document: Mapping[str, Any]) -> bytes:
     return stream.getvalue()
 
 
-def write_workbook(document: Mapping[str, Any], path: str | os.PathLike[str]) -> Path:
-    """Write a result as an xlsx file.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of a result.json.
-    path : str or path
-        File.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    DataError
-        If the result is damaged, or a verdict is unknown.
-    UnsupportedFeatureError
-        If xlsxwriter is not installed.
-    WriteError
-        If it cannot be written.
-    """
-    return atomic_write(path, render_workbook(document))
+write_workbook = document_writer(
+    "write_workbook", render_workbook, "a result as an xlsx file",
+    DataError="If the result is damaged, or a verdict is unknown.",
+    UnsupportedFeatureError="If xlsxwriter is not installed.",
+)  # fmt: skip
 
 
 def new_workbook(stream: io.BytesIO, title: str) -> Workbook:
@@ -350,31 +328,11 @@ def render_index_workbook(document: Document) -> bytes:
     return stream.getvalue()
 
 
-def write_index_workbook(document: Document, path: str | os.PathLike[str]) -> Path:
-    """Write the index of a batch as an xlsx file.
-
-    Parameters
-    ----------
-    document : mapping
-        Content of an index.json.
-    path : str or path
-        File.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    DataError
-        If it is not an index, or is damaged.
-    UnsupportedFeatureError
-        If xlsxwriter is not installed.
-    WriteError
-        If it cannot be written.
-    """
-    return atomic_write(path, render_index_workbook(document))
+write_index_workbook = document_writer(
+    "write_index_workbook", render_index_workbook, "the index of a batch as an xlsx file",
+    of="index.json", DataError="If it is not an index, or is damaged.",
+    UnsupportedFeatureError="If xlsxwriter is not installed.",
+)  # fmt: skip
 
 
 def _text(sheet: Any, row: int, column: int, text: Any, style: Any = None) -> None:

@@ -300,7 +300,7 @@ def checked_sd(value: Any, unit: str = "") -> float | None:
     """Return the standard deviation of one reading, or None."""
     if value is None:
         return None
-    return not_negative(real(value, "sd", what=f"a number{unit and f' in {unit}'}"), "sd")
+    return not_negative(value, "sd", dimension=_DIMENSIONS.get(unit))
 
 
 def checked_count(value: Any, name: str, *, low: int = 0) -> int:
@@ -614,7 +614,10 @@ _N_IN_RANGE = 121
 def positive(value: Any, name: str, unit: str, *, zero: bool = False) -> float:
     """Return a number that is positive and finite, or zero where that is taken."""
     check = not_negative if zero else numbers.positive
-    return check(real(value, name, what=f"a number in {unit}"), name)
+    return check(value, name, dimension=_DIMENSIONS.get(unit))
+
+
+_DIMENSIONS = {"m": "length", "s": "time"}
 
 
 def checked_feeds(values: ArrayLike, name: str) -> FloatArray:

@@ -175,3 +175,114 @@ def test_what_is_separated_is_the_same_at_every_door(tmp_path, case):
     assert_same(doors)
     for own in ("x.comp", "y.comp"):
         assert (tmp_path / "own" / own).read_bytes() == doors["run"]["x.comp"], own
+
+
+# ---- the commands that have a recipe of their own: form, rank, predict, verify -------------------
+
+PREDICTED = """metrosep = 1
+[[step]]
+op = "predict"
+form = "sine_grid: amplitude=50 nm, wavelength=100 um"
+radius = "0.5 mm"
+feed = "5 um"
+rpm = 30
+tolerance = "20 nm"
+"""
+
+
+def by_page(folder, recipe):
+    """Return result.json as the workbench writes it, of a recipe that reads nothing."""
+    session = Session(Places([folder]))
+    session.open(str(recipe))
+    target = folder / "page"
+    export(session, {"what": "result", "path": str(target)}, lambda: False, lambda _: None)
+    return (target / "result.json").read_bytes()
+
+
+def without_recipe(content):
+    """Return a document without the name and text of its recipe, which a command makes."""
+    document = json.loads(content)
+    del document["recipe"]
+    return document
+
+
+@pytest.mark.parametrize("case", ["map, plane off", "map with a hole, sphere off, limit"])
+def test_a_fitted_form_is_the_same_at_form_measure_and_run(tmp_path, capsys, case):
+    obj, words = MEASURED[case]
+    data = tmp_path / "part.h5"
+    ms.write(obj, data)
+    name = words[words.index("--form") + 1]
+    capsys.readouterr()
+    assert call("form", data, "--form", name, "--json", "--residual", tmp_path / "left.h5") == 0
+    by_form = json.loads(capsys.readouterr().out)
+    recipe = Recipe.parse(
+        f'metrosep = 1\n[input]\n[[step]]\nop = "form"\nform = "{name}"\n[[step]]\nop = "parameters"\n'
+        'names = ["PV", "RMS"]\n'
+    )
+    result = recipe.run(data)
+    found = {c["metric"]: c for c in result.document["characteristics"]}
+    call("measure", data, "--form", name, "--params", "PV,RMS", "--json")
+    by_measure = json.loads(capsys.readouterr().out)["parameters"]
+
+    assert by_form["pv_nm"] == found["PV"]["value"] * 1e9 == by_measure["PV"]["value"] * 1e9
+    assert by_form["rms_nm"] == found["residual.rms"]["value"] * 1e9
+    left = ms.read(tmp_path / "left.h5").z
+    np.testing.assert_array_equal(left, result.produced.obj.z)
+
+
+def test_what_is_ranked_is_the_same_at_every_door(tmp_path, capsys):
+    words = (
+        "rank", "fts_lathe", "--form", "toric: Rb=265 mm, Rd=132.5 mm", "--radius", "10 mm",
+        "--all-lengths", "1 um", "--all-angles", "0.2 arcsec",
+    )  # fmt: skip
+    assert call(*words, "--print-recipe") == 0
+    recipe = tmp_path / "rank.toml"
+    recipe.write_text(capsys.readouterr().out)
+    (tmp_path / "own").mkdir()
+    assert call(*words, "-o", tmp_path / "own") == 0
+    assert call("run", recipe, "-o", tmp_path / "run") == 0
+    by_run = (tmp_path / "run" / "result.json").read_bytes()
+    Recipe.load(recipe).run(out=tmp_path / "python")
+
+    assert (tmp_path / "python" / "result.json").read_bytes() == by_run
+    assert by_page(tmp_path, recipe) == by_run
+    own = (tmp_path / "own" / "result.json").read_bytes()
+    assert without_recipe(own) == without_recipe(by_run)
+    by_name = ms.separation.separate(
+        None, method="rank", machine="fts_lathe", form="toric: Rb=265 mm, Rd=132.5 mm",
+        radius="10 mm", all_lengths="1 um", all_angles="0.2 arcsec",
+    )  # fmt: skip
+    assert by_name.report() == Recipe.load(recipe).run().produced.report()
+
+
+def test_what_is_predicted_is_the_same_at_every_door(tmp_path):
+    recipe = tmp_path / "job.toml"
+    recipe.write_text(PREDICTED)
+    assert call("predict", recipe, "-o", tmp_path / "own") == 0
+    assert call("run", recipe, "-o", tmp_path / "run") == 0
+    by_run = (tmp_path / "run" / "result.json").read_bytes()
+    Recipe.load(recipe).run(out=tmp_path / "python")
+
+    assert (tmp_path / "python" / "result.json").read_bytes() == by_run
+    assert by_page(tmp_path, recipe) == by_run
+    own = (tmp_path / "own" / "result.json").read_bytes()
+    assert without_recipe(own) == without_recipe(by_run)
+
+
+@pytest.mark.parametrize("compensates", ["X", "Z"])
+def test_a_table_is_judged_the_same_where_it_is_made_and_by_verify(tmp_path, capsys, compensates):
+    data = tmp_path / "runs.csv"
+    runs(data, seed=5, ways=(1, -1, 1, -1), travel=60.0)
+    recipe = tmp_path / "recipe.toml"
+    recipe.write_text(
+        "metrosep = 1\n" + COLUMNS + '[[step]]\nop = "separate"\nmethod = "mean"\n'
+        + TABLE.format(c=compensates, kind="csv")
+    )  # fmt: skip
+    made = Recipe.load(recipe).run(data, out=tmp_path / "out").document["table"]["verification"]
+    capsys.readouterr()
+    columns = ("--x", "x_mm", "--z", "z_um", "--feed", "feed_mm_min", "--run", "run")
+    assert call("verify", tmp_path / "out" / "x.comp", "--against", data, *columns, "--json") == 0
+    again = json.loads(capsys.readouterr().out)
+
+    assert again["residuals"] == made["residuals"]
+    assert again["sentences"] == made["sentences"]

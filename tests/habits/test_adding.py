@@ -5,6 +5,7 @@ A method with an option is planted as one module of metrosep.separation and one 
 tests/io/test_registry.py. Parameters: below.
 """
 
+import dataclasses
 import importlib
 import json
 import sys
@@ -16,6 +17,8 @@ import pytest
 import metrosep as ms
 from metrosep import separation
 from metrosep.cli.main import main
+from metrosep.cli.shortcut import typed
+from metrosep.core.options import KINDS, option, options_of
 from metrosep.errors import DataError, RecipeError
 from metrosep.recipe import Recipe
 from metrosep.recipe.step_help import described_steps
@@ -134,3 +137,82 @@ def test_a_wrong_value_of_a_planted_option_is_refused_where_it_stands(planted, w
         ms.separation.separate(
             [np.zeros(5)], method="planted_method", x=np.arange(5.0), width=width
         )
+
+
+# ---- an option of every kind that there is -----------------------------------------------------
+
+EXAMPLES = {"text": "north", "any": "3", "table": "{ a = 1 }", "file": "a.csv", "column": "x_mm", "texts": "a,b"}  # fmt: skip
+"""Of kinds whose own example is dots."""
+WRONG = {
+    "text": "3", "flag": "3", "table": "3", "column": "3", "file": "3", "texts": "3", "lag": "true",
+    "degree": "1.5", "spacing": "1.5",
+}  # fmt: skip
+"""As TOML has it; of the others a word."""
+
+
+@pytest.fixture
+def every_kind(planted, monkeypatch):
+    """Plant one field of each kind on the class; its help names it."""
+    fields = {
+        f"of_{kind.replace(' ', '_')}": option(None, kind=kind, help=f"planted, a {kind} zzz")
+        for kind in KINDS
+    }
+    annotations = dict.fromkeys(fields, object)
+    made = dataclasses.dataclass(frozen=True)(
+        type("Every", (planted.NamedMethod,), {
+            "name": "every_kind", "what": "all kinds", "readings": ("curve",), "over": "x",
+            "__annotations__": annotations, **fields,
+        })
+    )  # fmt: skip
+    planted.Every = made
+    monkeypatch.setitem(separation.METHODS, "every_kind", "zz_planted:Every")
+    return made
+
+
+def test_an_option_of_every_kind_is_found_at_every_door(
+    every_kind, capsys, repository, monkeypatch
+):
+    declared = options_of(every_kind)
+    assert [o.kind for o in declared.values()] == list(KINDS)
+    code, listed, _ = printed(capsys, "ops", "every_kind")
+    assert code == 0
+    (form,) = (s for s in described_steps()["steps"] if s["op"] == "every_kind")
+    monkeypatch.syspath_prepend(str(repository / "docs" / "_ext"))
+    page = importlib.import_module("generated_reference").steps_page()
+    for name, known in declared.items():
+        assert name in listed, name
+        assert known.help in " ".join(listed.split()), name
+        (key,) = (k for k in form["keys"] if k["name"] == name)
+        assert (key["kind"], key["help"]) == (known.kind, known.help)
+        assert key["dimension"] == KINDS[known.kind].dimension
+        assert known.help in page, name
+
+
+KEYED = 'metrosep = 1\n[input]\nx = "x_mm"\nreadings = ["z"]\n[[step]]\nop = "every_kind"\n{}\n'
+
+
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_a_value_of_every_kind_is_taken_as_it_is_typed_and_a_wrong_one_refused(
+    every_kind, capsys, tmp_path, kind
+):
+    name = f"of_{kind.replace(' ', '_')}"
+    example = EXAMPLES.get(kind, KINDS[kind].example)
+    if kind in ("any", "table"):
+        line = f"{name} = {example}"
+    else:  # the recipe that --set makes
+        line = f"{name} = {typed(name, example, options_of(every_kind))}"
+    (tmp_path / "a.csv").write_text("x_mm,z_um\n0,1\n1,2\n")
+    recipe = Recipe.parse(KEYED.format(line), folder=tmp_path)
+    assert name in recipe.steps[0]
+    if kind not in ("any", "table"):
+        code, out, err = printed(
+            capsys, "separate", tmp_path / "a.csv", "--method", "every_kind", "--x", "x_mm",
+            "--readings", "z_um", "--set", f"{name}={example}", "--print-recipe",
+        )  # fmt: skip
+        assert code == 0, err
+        assert line in out
+    if kind == "any":
+        return
+    with pytest.raises(RecipeError, match=name) as caught:
+        Recipe.parse(KEYED.format(f"{name} = {WRONG.get(kind, chr(34) + 'nonsense' + chr(34))}"))
+    assert caught.value.line == 7

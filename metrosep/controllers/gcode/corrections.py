@@ -132,7 +132,7 @@ def error_correction(
     >>> (1e9 * c.z(np.array([0.5e-3, 0.5e-3]), np.array([0.0, np.pi]))).round(6).tolist()
     [-1.5, -0.5]
     """
-    _check_sense(c_sense, c_zero)
+    c_zero = _checked_sense(c_sense, c_zero)
     if move_x and slope is None:
         raise DataError("to move X the slope of the form is needed; give slope=")
     lookup, edge, audit, pitch, around = _error_lookup(error)
@@ -230,6 +230,7 @@ def nose_correction(
     def steep(x: FloatArray, c: FloatArray) -> FloatArray:
         return np.arctan(np.asarray(slope(x, c), dtype=np.float64))
 
+    pitch = None if pitch is None else numbers.positive(pitch, "pitch", dimension="length")
     if not move_x:
         return PathCorrection(
             lambda x, c: -error(x, c) / np.cos(steep(x, c)),
@@ -342,7 +343,7 @@ def _of_table(table: CompensationTable) -> PathCorrection:
 
 
 def _of_area(area: _Area, c_sense: int, c_zero: float) -> PathCorrection:
-    _check_sense(c_sense, c_zero)
+    c_zero = _checked_sense(c_sense, c_zero)
     axes = [str(a).upper() for a in getattr(area, "axes", ("X", "Y"))][:2]
     if axes not in (["X", "Y"], ["X", "C"]):
         raise DataError(
@@ -406,10 +407,11 @@ def _within_a_turn(angle: FloatArray, span: tuple[float, float]) -> FloatArray:
     return np.asarray(first + np.where(turned > 2.0 * math.pi * (1.0 - _EDGE), 0.0, turned))
 
 
-def _check_sense(c_sense: int, c_zero: float) -> None:
+def _checked_sense(c_sense: int, c_zero: float) -> float:
+    """Return the angle at C = 0, both being right."""
     if c_sense not in (1, -1):
         raise DataError(f"c_sense is {c_sense!r}; it is 1 or -1")
-    numbers.real(c_zero, "c_zero")
+    return numbers.quantity(c_zero, "c_zero", "angle")
 
 
 def _error_lookup(

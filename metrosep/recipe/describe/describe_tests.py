@@ -32,6 +32,7 @@ __all__ = [
     "separation_of",
     "spindle_of",
     "straightness_of",
+    "turned_of",
     "zero_of",
 ]
 
@@ -51,6 +52,33 @@ def positions_of(produced: Any, inputs: Any = None) -> Description:
         document={"by_target": {k: plain(v, digits=12) for k, v in columns.items()}},
         audit=_with_unit(produced.audit, ("travel",), *_TRAVEL[produced.audit.get("unit", "m")]),
     )
+
+
+def turned_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of a `TurnedError`."""
+    errors, unit = produced.errors, produced.cycles.metadata.get("z_unit", "m")
+    found: dict[str, Quantity] = {}
+    columns: dict[str, Any] = {"position_deg": np.degrees(errors.positions)}
+    curves = []
+    for name in ("forward", "reverse"):
+        values, u = getattr(errors, name), getattr(errors, f"u_{name}")
+        if values is not None:
+            u = np.full(values.shape, np.nan) if u is None else u
+            found |= extremes(name, values, u, unit)
+            columns |= {f"{name}_{unit}": values, f"u_{name}_{unit}": u}
+            curves.append(curve(name, errors.positions, values, u=u))
+    if errors.lost_motion is not None:
+        text = "mean of forward minus reverse over the positions"
+        found["lost_motion"] = quantity(
+            errors.lost_motion, unit, text, u=errors.u_lost_motion, symbol="B"
+        )
+    chart = curve_chart(
+        "Mean error over the angle",
+        ("angle", "rad"),
+        [panel("error ± 2 u", unit, curves)],
+        caption="Error = actual − nominal, zero at the reference; the correction is its negative.",
+    )
+    return Description(found, (chart,), {"": columns})
 
 
 _TRAVEL = {"m": ("_mm", 1e3), "rad": ("_deg", 180.0 / math.pi)}

@@ -34,6 +34,7 @@ from metrosep.recipe.describe.describe_tests import (
     separation_of,
     spindle_of,
     straightness_of,
+    turned_of,
     zero_of,
 )
 from metrosep.recipe.describe.description import Description, extremes, named, quantity
@@ -556,6 +557,7 @@ def speed_sweep_of(produced: Any, inputs: Any = None) -> Description:
 _KINDS: Mapping[str, Any] = {
     "Separation": separation_of,
     "PositioningTest": positions_of,
+    "TurnedError": turned_of,
     "LaserReadings": laser_of,
     "SpindleMotion": spindle_of,
     "MotionStraightness": straightness_of,

@@ -210,7 +210,7 @@ def iso230_3_drift(
     }
     linear = [q for name, q in ranges.items() if name not in angular]
     combined = tuple(_combined([q[i] for q in linear], kind) for i in range(len(spans)))
-    length = math.nan if span is None else real(span, "span", what="a length of time in s")
+    length = math.nan if span is None else real(span, "span", dimension="time")
     worst = {} if span is None else _worst(times, table, length, noise, angular)
     return DriftTest(
         kind=kind,

@@ -105,6 +105,13 @@ def zero_calibration(
     >>> round(found.zero * 1e9, 9)
     5.0
     """
+    for value, name, dimension in (
+        (step, "step", "length"),
+        (u_pitch, "u_pitch", "angle"),
+        (u_flat, "u_flat", "length"),
+    ):
+        if value is not None:
+            not_negative(value, name, dimension=dimension)
     given = [reversed_m is not None, flat is not None, pitch is not None]
     if sum(given) != 1:
         raise DataError(

@@ -205,6 +205,8 @@ def fit_plane_model(
     >>> fit.interaction.p > 0.05
     True
     """
+    if u_reading is not None:
+        u_reading = positive(u_reading, "u_reading", dimension="length")
     stack, step_x, step_y, corner, history = plane_stack(maps, dx, dy, origin)
     count = (~np.isnan(stack)).sum(axis=0)
     rows, columns = count.any(axis=1), count.any(axis=0)
@@ -405,7 +407,7 @@ def coupling(
         source, noise_dof = "repeats", float(spare)
         variance = float(np.nansum((stack - mean) ** 2)) / spare
     elif u_reading is not None:
-        variance = positive(u_reading, "u_reading", dimension="length") ** 2
+        variance = u_reading**2
         source, noise_dof = "u_reading", math.inf
     else:
         source = "residual of smooth terms"

@@ -328,7 +328,7 @@ def periodic_error(
         raise DataError(
             f"periodic_error needs positions and readings of one length, got {x.shape} and {z.shape}"
         )
-    length = real(period, "periodic_error: period", what="a length in m", finite=False)
+    length = real(period, "periodic_error: period", dimension="length", finite=False)
     method = FringeError(tuple(x.tolist()), length, harmonics, degree, unit)
     return method.separate(z[None, :], u_reading=u_reading)
 

@@ -27,6 +27,7 @@ from metrosep.core._arrays import ComplexArray, FloatArray, benjamini_hochberg
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError, NotSeparableError
 from metrosep.core.inputs import RoleColumns
+from metrosep.core.numbers import quantity
 from metrosep.core.options import Option
 from metrosep.core.runset import Run, RunSet
 from metrosep.core.units import format_length
@@ -157,6 +158,12 @@ def evidence_table(
     >>> bool(table["selected"].any())
     True
     """
+    length, start, shortest = (
+        None if v is None else quantity(v, name, "length")
+        for v, name in ((length, "length"), (start, "start"), (shortest, "shortest"))
+    )
+    if bandwidth is not None:
+        bandwidth = quantity(bandwidth, "bandwidth", "frequency")
     _check(runs, bandwidth, false_discovery_rate)
     n_given, runs = len(runs), _balanced(runs)
     first, last = evaluation_range(runs, start=start, length=length)

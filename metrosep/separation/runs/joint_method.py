@@ -592,7 +592,7 @@ def joint_drift(
     if np.isinf(table).any():
         raise InvalidSamplesError("a reading is infinite; write NaN where nothing was measured")
     sd = checked_sd(sd)
-    zero = float(times[0]) if reference is None else real(reference, "reference")
+    zero = float(times[0]) if reference is None else real(reference, "reference", dimension="time")
     drift_design, model = _drift_design(times, zero, degree, n_pieces)
     known = tuple(dict.fromkeys(names))
     which = np.array([[name == k for k in known] for name in names], dtype=np.float64)

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotSeparableError, TooFewSamplesError
-from metrosep.core.numbers import count
+from metrosep.core.numbers import count, quantity
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import freeze_mapping
 from metrosep.separation._readings import (
@@ -172,10 +172,10 @@ def plan_feedrates(
     plan = _predict(density, waves, feeds, done, usable, audit, limits)
     audit = {
         **plan.audit,
-        "v_min_mm_per_min": float(v_min) * 6e4,
-        "v_max_mm_per_min": float(v_max) * 6e4,
-        "min_ratio": float(min_ratio),
-        "max_time_s": None if max_time is None else float(max_time),
+        "v_min_mm_per_min": limits.v_min * 6e4,
+        "v_max_mm_per_min": limits.v_max * 6e4,
+        "min_ratio": limits.ratio,
+        "max_time_s": None if max_time is None else limits.max_time,
         "criterion": "largest smallest information over all wavelengths up to the travel",
         "weight_of_listed_waves": weight if listed.size else 1.0,
         "efficiency": efficiency,
@@ -315,10 +315,8 @@ def _limits(
     min_ratio: float,
     fixed: ArrayLike,
 ) -> tuple[Limits, FloatArray]:
-    pair = checked_feeds([v_min, v_max], "v_min and v_max")
-    if pair.size != 2:
-        raise DataError("v_min and v_max must be one speed each, in m/s")
-    low, high = pair
+    speeds = [quantity(v, n, "speed") for v, n in ((v_min, "v_min"), (v_max, "v_max"))]
+    low, high = checked_feeds(speeds, "v_min and v_max")
     done = np.sort(checked_feeds(fixed, "fixed"))
     ratio = positive(min_ratio, "min_ratio", "1")
     if not ratio > 1.0:

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.provenance import Step
@@ -140,6 +141,14 @@ def machine_axis(
     """
     if disturbance not in ("none", "sine", "locked", "modal", "floor"):
         raise DataError(f"unknown disturbance {disturbance!r}")
+    length = numbers.positive(length, "length", dimension="length")
+    sampling_rate = numbers.positive(sampling_rate, "sampling_rate", dimension="frequency")
+    start, offset, lost_motion = (
+        numbers.quantity(value, name, "length")
+        for value, name in ((start, "start"), (offset, "offset"), (lost_motion, "lost_motion"))
+    )
+    noise = numbers.not_negative(noise, "noise", dimension="length")
+    lag = numbers.quantity(lag, "lag", "time")
     rng = np.random.default_rng(seed)
     table = dict(KONO_WAVES if waves is None else waves)
     wavelengths = np.array(list(table), dtype=np.float64)
