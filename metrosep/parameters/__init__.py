@@ -11,6 +11,10 @@ if TYPE_CHECKING:
         ProfileElements as ProfileElements,
         profile_elements as profile_elements,
     )
+    from metrosep.parameters.acceptance import (
+        Acceptance as Acceptance,
+        judge_values as judge_values,
+    )
     from metrosep.parameters.areal import (
         ArealParameterTable as ArealParameterTable,
         areal_parameters as areal_parameters,

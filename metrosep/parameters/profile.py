@@ -34,7 +34,7 @@ from metrosep.parameters._profile_rows import (
 )
 from metrosep.parameters.arguments import PROFILE, Call, call_of, canonical, is_call, unknown
 from metrosep.parameters.material_ratio import CoreLine
-from metrosep.parameters.sections import Evaluation, sections_in
+from metrosep.parameters.sections import Evaluation, section_slices, sections_in, trim
 from metrosep.parameters.table import (
     TABLE,
     Context,
@@ -207,6 +207,30 @@ def profile_parameters(
         notes=tuple(_notes(profile, evaluation, kind, wanted, centre=centre)),
     )
     return ProfileParameterTable(quantities, context, unavailable=unavailable)
+
+
+def section_values(profile: Profile, symbol: str, table: ProfileParameterTable) -> list[float]:
+    """Return a parameter of each section of the profile of a table, evaluated as one of its own."""
+    settings = table.context.settings
+    kept = trim(profile.z)
+    x, z = profile.x[kept], profile.z[kept]
+    found = []
+    for k, part in enumerate(section_slices(z.size, settings["sections"])):
+        section = Profile(x[part], z[part], metadata=profile.metadata, history=profile.history)
+        one = profile_parameters(
+            section,
+            kind=settings["kind"],
+            edition=table.context.edition,
+            sections=1,
+            centre=settings["centre"],
+            line=settings["line"],
+            names=[symbol],
+        )
+        if symbol not in one:
+            reason = "; ".join(one.unavailable.values())
+            raise DataError(f"{symbol} of section {k + 1} cannot be given: {reason}")
+        found.append(one[symbol].value)
+    return found
 
 
 def _plain(symbol: str, kind: str) -> str:

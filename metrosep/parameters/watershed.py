@@ -470,7 +470,7 @@ def _around(values: NDArray[Any], rows: IntArray, columns: IntArray, reach: int)
     steps = np.arange(-reach, reach + 1)
     y = rows[:, None, None] + steps[:, None]
     x = columns[:, None, None] + steps
-    return np.asarray(values[y, x].reshape(rows.size, -1))
+    return np.asarray(values[y, x].reshape(rows.size, steps.size**2))
 
 
 @dataclass(frozen=True, slots=True)

@@ -395,7 +395,7 @@ def _form(obj: Measured, options: Mapping[str, Any]) -> Done:
 def _filter(obj: Measured, options: Mapping[str, Any]) -> Done:
     kind = options.get("kind", "gaussian")
     if isinstance(obj, Surface):
-        for key in ("profile", "sections"):
+        for key in ("profile", "sections", "core_filter"):
             if key in options:
                 raise StepError(f"{key} belongs to profiles, and this is a map", key)
     if "lambda_s" in options or "lambda_c" in options:
@@ -406,6 +406,7 @@ def _filter(obj: Measured, options: Mapping[str, Any]) -> Done:
             end=options.get("end", "moment"),
             kind=options.get("profile"),
             sections=options.get("sections"),
+            core_filter=options.get("core_filter", "gaussian"),
         )
     else:
         result = _one_cutoff(obj, kind, options)

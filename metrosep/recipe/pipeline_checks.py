@@ -155,6 +155,7 @@ _OF_KIND = {
         "lambda_c",
         "profile",
         "sections",
+        "core_filter",
         "cutoff",
         "band",
         "end",
@@ -189,7 +190,7 @@ def _check_filter(options: Mapping[str, Any]) -> None:
         for key in ("band", "refilter"):
             if key in given:
                 raise StepError(f"{key} goes with cutoff, not with lambda_s and lambda_c", key)
-    for key in ("profile", "sections"):
+    for key in ("profile", "sections", "core_filter"):
         if key in given and "lambda_c" not in given:
             raise StepError(f'{key} goes with lambda_c = "0.8 mm"', key)
     ends = (
@@ -435,6 +436,12 @@ FILTER: Mapping[str, Option] = {
         help="what lambda_c leaves of a profile: R roughness, W waviness",
         default="R",
     ),
+    "core_filter": Option(
+        "text",
+        choices=("gaussian", "13565-1", "robust"),
+        help="how lambda_c makes roughness: 13565-1 and robust do not follow deep valleys, for the Rk family",
+        default="gaussian",
+    ),
     "cutoff": Option("size", help="one cut-off wavelength, in place of lambda_s and lambda_c"),
     "band": Option(
         "text",
@@ -471,7 +478,7 @@ PARAMETERS: Mapping[str, Option] = {
     ),
     "edition": Option(
         "text",
-        choices=("ISO 21920-2:2021", "ISO 4287:1997"),
+        choices=("ISO 21920-2:2021", "ISO 4287:1997", "ASME B46.1"),
         help="whose definitions of profile parameters",
         default="ISO 21920-2:2021",
     ),
@@ -524,6 +531,7 @@ def iso_filtered(
     end: str = "moment",
     kind: str | None = None,
     sections: int | None = None,
+    core_filter: str = "gaussian",
 ) -> Any:
     """Return an object after the S-filter and the L-filter, both Gaussian."""
     from metrosep.filters import Band, chain, gaussian
@@ -546,6 +554,8 @@ def iso_filtered(
         return chain.waviness(obj, lambda_c=lambda_c, lambda_s=lambda_s, **options)
     if sections is not None:
         options["sections"] = sections
+    if core_filter != "gaussian":
+        options["core_filter"] = core_filter
     return chain.roughness(obj, lambda_c=lambda_c, lambda_s=lambda_s, **options)
 
 

@@ -79,6 +79,20 @@ class Measurement:
         """What each step did, by its number and name."""
         return {f"step {s.index + 1}, {s.op}": dict(s.audit) for s in self.stages if s.enabled}
 
+    def values(self, metric: str) -> list[float]:
+        """Return a parameter of each section of a profile, in the order of x."""
+        from metrosep.parameters.profile import section_values
+
+        symbol = metric.partition("#")[0]
+        for stage in (s for s in self.stages if s.op == "parameters"):
+            for table in stage.detail or ():
+                if isinstance(stage.obj, Profile) and symbol in table:
+                    return section_values(stage.obj, symbol, table)
+        raise DataError(
+            f"{metric} is one value, and a rule counts several: it is for parameters of the sections "
+            "of a profile, or for several files of metrosep measure"
+        )
+
     def metric(self, name: str) -> str:
         """Return the metric that a check means."""
         known = self.found
@@ -247,8 +261,13 @@ def _carried_out(measured: Measurement) -> Iterator[str]:
             yield stage.op
 
 
-def judge_measurement(recipe: Recipe, measured: Measurement) -> Mapping[str, Any]:
-    """Return characteristics and verdict; checks may use the spelling of the other edition."""
+def judge_measurement(
+    recipe: Recipe, measured: Measurement, *, values: Callable[[str], list[float]] | None = None
+) -> Mapping[str, Any]:
+    """Return characteristics and verdict; checks may use the spelling of the other edition.
+
+    Rules over several values take those of `values`, else of the sections of the profile.
+    """
     from dataclasses import replace
 
     from metrosep.recipe.characteristics import judged
@@ -259,4 +278,6 @@ def judge_measurement(recipe: Recipe, measured: Measurement) -> Mapping[str, Any
             checks.append({**check, "metric": measured.metric(check["metric"])})
         except DataError as exc:
             raise recipe.place("[[check]]", i).error(str(exc), "metric") from None
-    return judged(replace(recipe, checks=tuple(checks)), measured.found)
+    return judged(
+        replace(recipe, checks=tuple(checks)), measured.found, values=values or measured.values
+    )
