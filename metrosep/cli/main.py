@@ -20,7 +20,7 @@ _HOMES = {
     "report": "reporting", "diff": "reporting", "verify": "tables",
     "verify-softgauge": "measuring", "run": "jobs", "batch": "batches", "plan": "planning",
     "air": "modelling", "rank": "modelling", "predict": "modelling", "formats": "files", "controllers": "files",
-    "ops": "ops", "ui": "workbench",
+    "ops": "ops", "psd": "spectra", "ui": "workbench",
 }  # fmt: skip
 """The module of each command, which is loaded when the command is called."""
 

@@ -92,6 +92,13 @@ if TYPE_CHECKING:
         scale_effect as scale_effect,
         shortest_interval as shortest_interval,
     )
+    from metrosep.parameters.psd_limits import (
+        BandResult as BandResult,
+        PsdLimit as PsdLimit,
+        PsdVerdict as PsdVerdict,
+        judge_psd as judge_psd,
+        psd_limit as psd_limit,
+    )
     from metrosep.parameters.repeats import (
         NoiseFreeRms as NoiseFreeRms,
         RepeatResult as RepeatResult,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from metrosep.core.errors import DataError
@@ -136,8 +137,12 @@ def judged(
     *,
     unlisted: Collection[str] = (),
     values: Values | None = None,
+    decided: Mapping[str, tuple[Verdict, str]] = MappingProxyType({}),
 ) -> dict[str, Any]:
-    """Return what was measured, and the verdict of each check; `values` serves rules over several."""
+    """Return what was measured, and the verdict of each check.
+
+    `values` serves rules over several; `decided` has the verdicts that a step brings, with its words.
+    """
     entries = []
     verdicts = []
     for i, check in enumerate(recipe.checks):
@@ -159,7 +164,10 @@ def judged(
         expanded: float | None
         verdict: Verdict
         more: dict[str, Any] = {"u_source": "stated"}
-        if given == FROM_FIT or (given is None and quantity.u_source == _OF_FIT):
+        if metric in decided:
+            expanded, (verdict, words) = None, decided[metric]
+            more = {"u_source": "scatter of the spectrum", "u_note": words}
+        elif given == FROM_FIT or (given is None and quantity.u_source == _OF_FIT):
             expanded, guard, verdict, more = _by_the_fit(check, found, limits, place)
         elif given is None and quantity.u is None:
             expanded, verdict = None, "inconclusive"

@@ -34,6 +34,9 @@ USUAL_OF_MAPS = ("PV", "RMS", "Sa", "Sq", "Sz", "Ssk", "Sku")
 USUAL_OF_PROFILES = ("a", "q", "z", "t", "sk", "ku")
 """Parameters that are evaluated where none are named; those of profiles behind P, W or R."""
 
+SPECTRUM = "PSD"
+"""Metric of a step `psd`: its verdict is that of the bands, so a check of it has no limits."""
+
 Check = Callable[[Mapping[str, Any]], None]
 
 
@@ -245,7 +248,19 @@ def _check_parameters(options: Mapping[str, Any]) -> None:
         raise StepError("sections is a whole number from 1", "sections")
 
 
+def _check_psd(options: Mapping[str, Any]) -> None:
+    from metrosep.parameters.psd_limits import psd_limit
+
+    try:
+        psd_limit(options["limit"])
+    except DataError as exc:
+        raise StepError(f"limit: {exc}", "limit") from None
+    if not 0.0 <= options.get("max_filled", 0.1) <= 1.0:
+        raise StepError("max_filled is a share from 0 to 1", "max_filled")
+
+
 CHECKS: Mapping[str, Check] = {
+    "psd": _check_psd,
     "mask": _check_mask,
     "outliers": _check_outliers,
     "form": _check_form,
@@ -306,6 +321,8 @@ def _named(step: Mapping[str, Any]) -> set[str]:
     if step["op"] == "parameters":
         usual = {*USUAL_OF_MAPS, *(k + s for k in "PWR" for s in USUAL_OF_PROFILES)}
         return set(step.get("names") or usual) - {"all"}
+    if step["op"] == "psd":
+        return {SPECTRUM}
     if step["op"] != "form":
         return set()
     return set(_units_of_form(step))
@@ -316,6 +333,8 @@ def _unit_in(step: Mapping[str, Any], symbol: str) -> str | None:
         from metrosep.parameters.symbol_units import unit_of_symbol
 
         return unit_of_symbol(symbol)
+    if step["op"] == "psd":
+        return "1" if symbol == SPECTRUM else None
     if step["op"] != "form":
         return None
     return _units_of_form(step).get(symbol)
@@ -464,6 +483,23 @@ FILTER: Mapping[str, Option] = {
         "integer", help="section lengths of lambda_c that a roughness profile keeps"
     ),
     "refilter": Option("flag", help="filter once more what was filtered already", default=False),
+}
+
+PSD: Mapping[str, Option] = {
+    "limit": Option(
+        "text",
+        required=True,
+        help='"A = 0.02 um^3, B = 2 from 0.1 mm to 5 mm", or "rms = 5 nm from 0.1 mm to 5 mm"; checked by metric = "PSD"',
+    ),
+    "detrend": Option(
+        "text",
+        choices=("mean", "plane", "quadratic"),
+        help="taken off before the spectrum",
+        default="plane",
+    ),
+    "max_filled": Option(
+        "number", help="largest share of holes inside the outline that is closed", default=0.1
+    ),
 }
 
 PARAMETERS: Mapping[str, Option] = {

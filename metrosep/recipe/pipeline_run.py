@@ -20,6 +20,7 @@ from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.recipe.pipeline import Stage, StepError, run_step
+from metrosep.recipe.pipeline_checks import SPECTRUM
 from metrosep.recipe.pipeline_mask import Measured
 from metrosep.recipe.schema import reading_options
 
@@ -78,6 +79,15 @@ class Measurement:
     def audit(self) -> dict[str, Any]:
         """What each step did, by its number and name."""
         return {f"step {s.index + 1}, {s.op}": dict(s.audit) for s in self.stages if s.enabled}
+
+    @property
+    def decided(self) -> dict[str, tuple[Any, str]]:
+        """Verdict and words of each step that compares a spectrum with its limit, by metric."""
+        done = [s.detail for s in self.stages if s.enabled and s.op == "psd"]
+        return {
+            SPECTRUM if n == 1 else f"{SPECTRUM}#{n}": (d.verdict, d.sentence.partition(": ")[2])
+            for n, d in enumerate(done, start=1)
+        }
 
     def values(self, metric: str) -> list[float]:
         """Return a parameter of each section of a profile, in the order of x."""
@@ -279,5 +289,8 @@ def judge_measurement(
         except DataError as exc:
             raise recipe.place("[[check]]", i).error(str(exc), "metric") from None
     return judged(
-        replace(recipe, checks=tuple(checks)), measured.found, values=values or measured.values
+        replace(recipe, checks=tuple(checks)),
+        measured.found,
+        values=values or measured.values,
+        decided=measured.decided,
     )

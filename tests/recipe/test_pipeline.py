@@ -549,6 +549,7 @@ NEEDED = {
     "form": {"op": "form", "form": "plane"},
     "filter": {"op": "filter", "cutoff": "0.2 mm"},
     "parameters": {"op": "parameters", "names": ["Sq"]},
+    "psd": {"op": "psd", "limit": "rms = 1 mm from 1 mm to 2 mm"},
 }
 
 
