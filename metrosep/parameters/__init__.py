@@ -86,8 +86,10 @@ if TYPE_CHECKING:
     from metrosep.parameters.propagation import (
         Effect as Effect,
         MonteCarloResult as MonteCarloResult,
+        MonteCarloTable as MonteCarloTable,
         drift_effect as drift_effect,
         monte_carlo as monte_carlo,
+        monte_carlo_table as monte_carlo_table,
         nonlinearity_effect as nonlinearity_effect,
         scale_effect as scale_effect,
         shortest_interval as shortest_interval,
