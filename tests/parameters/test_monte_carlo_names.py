@@ -42,7 +42,7 @@ def test_mean_square_slope_of_a_profile_grows_as_the_stencil_says():
 
 
 def test_mean_square_slope_of_a_map_counts_both_steps():
-    surface, sigma = bumps(120), 1 * NM
+    surface, sigma = bumps(120), 10 * NM
     found = monte_carlo("Sdq", surface, noise=WhiteNoise(sigma), draws=40)
     grown = np.mean(found.draws**2) - found.value**2
     # At the rim: one-sided three points, three, five; elsewhere seven.
