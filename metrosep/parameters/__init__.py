@@ -115,6 +115,10 @@ if TYPE_CHECKING:
         part_series as part_series,
     )
     from metrosep.parameters.softgauge import verify_softgauge as verify_softgauge
+    from metrosep.parameters.step_height import (
+        StepHeight as StepHeight,
+        step_height as step_height,
+    )
     from metrosep.parameters.table import Context as Context, ParameterTable as ParameterTable
     from metrosep.parameters.uncertainty import (
         NoiseInfluence as NoiseInfluence,
