@@ -19,8 +19,9 @@ _HOMES = {
     "form": "measuring", "separate": "jobs", "table": "tables", "machine-tables": "machine_tables", "path": "paths",
     "report": "reporting", "diff": "reporting", "verify": "tables",
     "verify-softgauge": "measuring", "run": "jobs", "batch": "batches", "plan": "planning",
-    "calibrate": "machines", "circle": "machines", "read": "machines", "air": "modelling", "rank": "modelling", "predict": "modelling", "formats": "files", "controllers": "files",
-    "ops": "ops", "ui": "workbench",
+    "calibrate": "machines", "circle": "machines", "read": "machines",
+    "air": "modelling", "rank": "modelling", "predict": "modelling", "formats": "files", "controllers": "files",
+    "ops": "ops", "psd": "spectra", "ui": "workbench",
 }  # fmt: skip
 """The module of each command, which is loaded when the command is called."""
 

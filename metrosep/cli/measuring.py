@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +12,7 @@ import click
 
 from metrosep.cli.options import file_options, json_option, name_values, read_aloud, say
 from metrosep.cli.shortcut import input_lines, option_error, quoted
+from metrosep.core.limits import RULES
 from metrosep.core.text_options import TEXT_OPTIONS
 
 if TYPE_CHECKING:
@@ -39,7 +40,8 @@ def _pairs(texts: tuple[str, ...], option: str) -> dict[str, str]:
 
 
 def _names(text: str | None) -> tuple[str, ...]:
-    return tuple(n.strip() for n in (text or "").split(",") if n.strip())
+    """Return the symbols of a list; commas between brackets are those of arguments."""
+    return tuple(n.strip() for n in re.split(r",(?![^(]*\))", text or "") if n.strip())
 
 
 def flat_values(quantities: Any) -> dict[str, float | None]:
@@ -60,6 +62,9 @@ def flat_values(quantities: Any) -> dict[str, float | None]:
             suffix, factor = "_per_mm", 1e-3
         elif quantity.unit == "1/m^2":
             suffix, factor = "_per_mm2", 1e-6
+        elif quantity.unit in ("m^2", "m^3"):
+            power = int(quantity.unit[-1])
+            suffix, factor = f"_um{power}", 1e6**power
         value = quantity.value * factor
         found[name + suffix] = None if math.isnan(value) else value
     return found
@@ -84,8 +89,13 @@ def flat_values(quantities: Any) -> dict[str, float | None]:
     show_default=True,
     help="What the filters do at the ends.",
 )
+@click.option(
+    "--core-filter",
+    type=click.Choice(["gaussian", "13565-1", "robust"]),
+    help="How --lambda-c makes roughness: the last two stay on a plateau with valleys (Rk).",
+)
 @click.option("--kind", type=click.Choice(["P", "W", "R"]), help="Which profile it is then.")
-@click.option("--edition", help='"ISO 21920-2:2021" (default) or "ISO 4287:1997".')
+@click.option("--edition", help='"ISO 21920-2:2021" (default), "ISO 4287:1997" or "ASME B46.1".')
 @click.option(
     "--sections",
     type=click.IntRange(min=1),
@@ -106,6 +116,12 @@ def flat_values(quantities: Any) -> dict[str, float | None]:
 @click.option("--U", "expanded", multiple=True, metavar="SYMBOL=VALUE", help="Expanded U.")
 @click.option("--guard-factor", default=1.0, show_default=True, help="Guard band over U.")
 @click.option(
+    "--rule",
+    type=click.Choice(RULES),
+    help="Judge several values: those of the sections of one FILE, or of several FILES in turn.",
+)
+@click.option("--sequential", is_flag=True, help="Stages of the 16 % rule: 1, 3, 6, 12 values.")
+@click.option(
     "-o", "--out", metavar="DIR", help="Folder for the report and result.json of one FILE."
 )
 @click.option("--print-recipe", is_flag=True, help="Print the recipe of this call and stop.")
@@ -117,6 +133,7 @@ def measure(
     lambda_s: str | None,
     lambda_c: str | None,
     end: str,
+    core_filter: str | None,
     kind: str | None,
     edition: str | None,
     sections: int | None,
@@ -128,6 +145,8 @@ def measure(
     lower: tuple[str, ...],
     expanded: tuple[str, ...],
     guard_factor: float,
+    rule: str | None,
+    sequential: bool,
     out: str | None,
     print_recipe: bool,
     reading: dict[str, Any],
@@ -145,11 +164,14 @@ def measure(
         "form": form_text, "lambda_s": lambda_s, "lambda_c": lambda_c, "end": end, "kind": kind,
         "edition": edition, "sections": sections, "centre": centre, "line": line,
         "names": _names(params), "reference": reference, "guard_factor": guard_factor,
+        "rule": rule, "sequential": sequential, "core_filter": core_filter,
         "lower": _pairs(lower, "--lower"), "upper": _pairs(upper, "--upper"), "U": _pairs(expanded, "--U"),
     }  # fmt: skip
     idle = [s for s in options["U"] if s not in {**options["lower"], **options["upper"]}]
     if idle:
         raise click.UsageError(f"--U is given for {', '.join(idle)}, which has no limit")
+    if (rule or sequential) and not {**options["lower"], **options["upper"]}:
+        raise click.UsageError("--rule judges values by a limit: give --upper or --lower")
     if print_recipe or out is not None:
         _require_recipe_of_one(files, reading)
     recipe = _recipe(files[0] if print_recipe or out is not None else None, options, reading)
@@ -158,9 +180,10 @@ def measure(
         return 0
     results: list[dict[str, Any]] = []
     codes = []
+    several = _several(files, recipe, reading) if len(files) > 1 and rule else None
     for name in files:
         try:
-            found = _measured(name, recipe, reading)
+            found = _measured(name, recipe, reading, several)
         except MetrosepError as error:
             if len(files) == 1:
                 raise
@@ -212,6 +235,10 @@ def _recipe_text(file: str | None, given: Mapping[str, Any], reading: Mapping[st
         raise click.UsageError(
             "--end says what a filter does at the ends; give --lambda-s or --lambda-c"
         )
+    if given["core_filter"] is not None and given["lambda_c"] is None:
+        raise click.UsageError(
+            "--core-filter says how --lambda-c makes roughness: give --lambda-c"
+        )
     lines = ["metrosep = 1", "", "[input]"]
     if file is not None:
         lines += [f"files = [{quoted(file)}]", *input_lines(reading, _INPUT)]
@@ -225,6 +252,8 @@ def _recipe_text(file: str | None, given: Mapping[str, Any], reading: Mapping[st
             lines.append(f"sections = {given['sections']}")
         if given["end"] != "moment":
             lines.append(f"end = {quoted(given['end'])}")
+        if given["core_filter"] is not None:
+            lines.append(f"core_filter = {quoted(given['core_filter'])}")
     names = ", ".join(quoted(n) for n in given["names"] or ("all",))
     lines += ["", "[[step]]", 'op = "parameters"', f"names = [{names}]"]
     edition = given["edition"] and _edition(given["edition"])
@@ -245,13 +274,17 @@ def _recipe_text(file: str | None, given: Mapping[str, Any], reading: Mapping[st
         lines += [f"{k} = {_limit(text)}" for k, text in limits if text is not None]
         if given["guard_factor"] != 1.0:
             lines.append(f"guard_factor = {given['guard_factor']!r}")
+        if given["rule"] is not None:
+            lines.append(f"rule = {quoted(given['rule'])}")
+        if given["sequential"]:
+            lines.append("sequential = true")
     return "\n".join([*lines, "", "[[output]]", 'kind = "report"', ""])
 
 
 def _edition(text: str) -> str:
     """Return an edition as recipes spell it; spaces and case do not count."""
     plain = "".join(text.lower().split())
-    known = ("ISO 21920-2:2021", "ISO 4287:1997")
+    known = ("ISO 21920-2:2021", "ISO 4287:1997", "ASME B46.1")
     return next((e for e in known if "".join(e.lower().split()) == plain), text)
 
 
@@ -288,7 +321,23 @@ def _as_typed(error: RecipeError, text: str) -> RecipeError:
     return RecipeError(" ".join(message.split()))
 
 
-def _measured(name: str, recipe: Recipe, reading: Mapping[str, Any]) -> dict[str, Any]:
+def _several(
+    files: Sequence[str], recipe: Recipe, reading: Mapping[str, Any]
+) -> Callable[[str], list[float]]:
+    """Return the values of a metric in files, which one rule judges together."""
+    from metrosep.io.read import read
+    from metrosep.recipe.pipeline_run import measure_object
+
+    measured = [measure_object(recipe, read(Path(f), **reading)) for f in files]
+    return lambda metric: [m.found[metric].value for m in measured]
+
+
+def _measured(
+    name: str,
+    recipe: Recipe,
+    reading: Mapping[str, Any],
+    values: Callable[[str], list[float]] | None = None,
+) -> dict[str, Any]:
     """Return what the steps of a recipe find in a file, as it is printed, and the `Measurement`."""
     from metrosep.core.errors import RecipeError
     from metrosep.recipe.pipeline_run import judge_measurement, measure_object
@@ -296,11 +345,12 @@ def _measured(name: str, recipe: Recipe, reading: Mapping[str, Any]) -> dict[str
     obj = read_aloud(name, reading)
     try:
         measured = measure_object(recipe, obj)
-        judged = judge_measurement(recipe, measured)
+        judged = judge_measurement(recipe, measured, values=values)
     except RecipeError as error:
         raise _as_typed(error, recipe.text) from None
     tables = [t.to_dict() for t in measured.stages[-1].detail]
     limits = ("verdict", "lower", "upper", "U")
+    reasons = ("reason", "u_source", "u_note", "rule", "values")
     return {
         "measured": measured,
         "file": Path(name).name,
@@ -310,7 +360,7 @@ def _measured(name: str, recipe: Recipe, reading: Mapping[str, Any]) -> dict[str
             {k: v for k, v in t.items() if k not in ("parameters", "unavailable")} for t in tables
         ],
         "verdicts": {
-            c["metric"]: {k: c[k] for k in limits}
+            c["metric"]: {k: c[k] for k in limits} | {k: c[k] for k in reasons if k in c}
             for c in judged["characteristics"]
             if c["verdict"] is not None
         },
@@ -339,6 +389,10 @@ def _print_measured(name: str, found: Mapping[str, Any]) -> None:
             click.echo(f"    {symbol:<7} not available: {why}")
         for note in context.notes:
             click.echo(f"    note: {note}")
+    for symbol, verdict in found["verdicts"].items():
+        for key in ("u_note", "reason"):
+            if verdict.get(key):
+                click.echo(f"  {symbol}: {verdict[key]}")
     if found["verdict"] is not None:
         click.echo(f"  verdict: {found['verdict']}")
 

@@ -9,7 +9,18 @@ from metrosep.core.errors import UnitError
 from metrosep.core.readable import digits_of, readable_unit
 from metrosep.core.units import parse_quantity, parse_unit
 
-__all__ = ["FROM_FIT", "Limit", "dimension_of", "limit_problem", "order_problem", "parse_limit"]
+__all__ = [
+    "FROM_FIT",
+    "RULES",
+    "Limit",
+    "dimension_of",
+    "limit_problem",
+    "order_problem",
+    "parse_limit",
+]
+
+RULES = ("max", "16%", "median")
+"""Rules over several values of one parameter."""
 
 FROM_FIT = "from fit"
 """As U of a check: the uncertainty that the fit itself gives, asked for by name."""

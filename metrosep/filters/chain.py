@@ -9,9 +9,12 @@ no link of the chain is applied twice without `refilter`.
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Literal
+
+import numpy as np
 
 from metrosep.core.errors import DataError, TooFewSamplesError
-from metrosep.core.numbers import count, positive
+from metrosep.core.numbers import choice, count, positive
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.units import format_length
@@ -25,9 +28,12 @@ from metrosep.filters._arguments import (
     profile_kind,
 )
 from metrosep.filters.gaussian import End, gaussian
+from metrosep.filters.robust import robust_gaussian
 from metrosep.spectral.dft import instance_of
 
 __all__ = ["primary", "roughness", "waviness"]
+
+CoreFilter = Literal["gaussian", "13565-1", "robust"]
 
 _ALREADY = {
     "P": "a primary profile: it has passed lambda-s already",
@@ -96,6 +102,7 @@ def roughness(
     lambda_s: float | str | None = None,
     end: End = "moment",
     sections: int | None = None,
+    core_filter: CoreFilter = "gaussian",
     refilter: bool = False,
 ) -> Profile:
     """Return the roughness profile: what is shorter than lambda-c, and longer than lambda-s.
@@ -115,6 +122,10 @@ def roughness(
         Keep this many section lengths of lambda-c in the middle, each of ``floor(lambda_c / dx)``
         samples, or all where no more than a tenth of one section lacks; without it everything is
         kept.
+    core_filter : {"gaussian", "13565-1", "robust"}, optional
+        How the mean line is found. "13565-1" cuts what lies below a first Gaussian line and filters
+        once more, "robust" is the robust Gaussian regression of order 2 (end rule: its own); both
+        stay on a plateau that valleys interrupt, as the Rk family asks for.
     refilter : bool, optional
         Filter a profile that was filtered already.
 
@@ -140,6 +151,7 @@ def roughness(
     References
     ----------
     .. [1] ISO 21920-2:2021, clause 3.1; ISO 4287:1997, 3.1.6.
+    .. [2] ISO 13565-1:1996 (recalled; two passes as the NPL guide 37 describes them).
 
     Examples
     --------
@@ -159,6 +171,7 @@ def roughness(
         end,
         refilter,
         sections,
+        choice(core_filter, "core_filter", ("gaussian", "13565-1", "robust")),
         lambda_s_m=lambda_s,
         lambda_c_m=lambda_c,
     )
@@ -232,6 +245,7 @@ def _passed(
     end: End,
     refilter: bool,
     sections: int | None,
+    core_filter: str = "gaussian",
     /,
     **cutoffs: float | str | None,
 ) -> Profile:
@@ -249,7 +263,12 @@ def _passed(
     for key, cutoff in facts.items():
         is_long = key == {"R": "lambda_c_m", "W": "lambda_f_m"}.get(kind)
         band: FilterBand = "short" if is_long else "long"
-        result = gaussian(result, cutoff=cutoff, band=band, end=end, refilter=refilter)
+        if is_long and core_filter == "robust":
+            result = robust_gaussian(result, cutoff=cutoff, band=band, refilter=refilter)
+        elif is_long and core_filter == "13565-1":
+            result = _two_passes(result, cutoff, end)
+        else:
+            result = gaussian(result, cutoff=cutoff, band=band, end=end, refilter=refilter)
     if sections is not None:
         result = _middle(result, sections, facts["lambda_c_m"])
     facts = {k: facts[k] for k in ("lambda_c_m", "lambda_s_m", "lambda_f_m") if k in facts}
@@ -258,6 +277,23 @@ def _passed(
         result.z,
         metadata={**result.metadata, "profile_kind": kind, **facts},
         history=(*result.history, Step(name, facts)),
+    )
+
+
+def _two_passes(profile: Profile, cutoff: float, end: End) -> Profile:
+    """Return what the mean line of the profile without its valleys leaves (ISO 13565-1)."""
+    first = gaussian(profile, cutoff=cutoff, end=end, refilter=True)
+    inside = np.isin(profile.x, first.x) if len(first) < len(profile) else slice(None)
+    x, z = profile.x[inside], profile.z[inside]
+    plateau = Profile(x, np.maximum(z, first.z))
+    line = gaussian(plateau, cutoff=cutoff, end=end)
+    kept = np.isin(x, line.x) if len(line) < len(x) else slice(None)
+    step = Step("gaussian 13565-1", {"cutoff_m": cutoff, "band": "short", "end": end, "passes": 2})
+    return Profile(
+        line.x,
+        z[kept] - line.z,
+        metadata={**profile.metadata, "profile_kind": "R"},
+        history=(*profile.history, step),
     )
 
 

@@ -23,10 +23,11 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.docs import documented
 from metrosep.core.errors import DegenerateFitError, NotConvergedError
-from metrosep.core.numbers import choice, count, positive
+from metrosep.core.numbers import choice, count, flag, positive
 from metrosep.core.provenance import Step
 from metrosep.filters import _arguments as arguments
 from metrosep.filters._arguments import DOCS, FilterBand, Measured, Wavelength, Wavelengths
+from metrosep.filters._nodes import Grid, node_axis
 
 __all__ = [
     "regression_constant",
@@ -35,6 +36,9 @@ __all__ = [
 
 _BIWEIGHT = 4.4478
 """c over the median of abs(r): three standard deviations of Gaussian residuals (3 / 0.6745)."""
+
+_SETTLED, _SETTLED_ON_NODES = 1e-6, 1e-5
+"""Relative change of c at which the iteration ends; between nodes the spline is off by more."""
 
 _EXACT = 1e-13
 """Residuals below this part of the largest height are rounding: the sample lies on the line."""
@@ -91,7 +95,8 @@ def robust_gaussian(
     order: int = 2,
     robust: bool = True,
     unsupported: Literal["raise", "nan"] = "raise",
-    tolerance: float = 1e-6,
+    tolerance: float | None = None,
+    exact: bool = False,
     max_iterations: int = 100,
     refilter: bool = False,
 ) -> Measured:
@@ -110,7 +115,10 @@ def robust_gaussian(
     unsupported : {"raise", "nan"}, optional
         What to do where a measured sample has no accepted one near enough to carry the line.
     tolerance : float, dimensionless, > 0 and finite, optional
-        Relative change of c at which the iteration ends.
+        Relative change of c at which the iteration ends; 1e-6, of a map on nodes 1e-5.
+    exact : bool, optional
+        Of a map: evaluate at each pixel, to rounding. Else at nodes a tenth of the cut-off apart
+        with a cubic spline between them: 20 times faster, within 3e-3 of Sq.
     max_iterations : int, optional
         Largest number of regressions after the first.
     $refilter
@@ -143,7 +151,7 @@ def robust_gaussian(
     `tolerance`, or the line to rounding. c is at most halved in one step: where more than half of
     the samples lie exactly on the line, ``median|r|`` is 0 and would reject good samples before the
     line has come to them. Settled values of c are not touched by this. Cost of an iteration: 10
-    transforms of a profile, 23 of a surface (order 2).
+    transforms of a profile; a map of 2000 x 2000 takes about 5 s on one core, `exact` 20 times that.
 
     References
     ----------
@@ -165,7 +173,9 @@ def robust_gaussian(
     order = count(order, "order", least=0, most=2)
     choice(unsupported, "unsupported", ("raise", "nan"))
     max_iterations = count(max_iterations, "max_iterations")
-    tolerance = positive(tolerance, "tolerance")
+    if tolerance is not None:
+        tolerance = positive(tolerance, "tolerance")
+    exact = flag(exact, "exact")
     arguments.check_single_filtering(obj, refilter, band=band)
     task = arguments.task_of(
         obj,
@@ -176,32 +186,58 @@ def robust_gaussian(
         minimum=(3, max(3, (order + 1) * (order + 2) // 2)),
     )
     kernel = Kernel.of(task.steps, task.wavelengths, regression_constant(order), order)
-    low, facts = _iterate(task.z, kernel, tolerance, max_iterations if robust else 0)
+    iterations = max_iterations if robust else 0
+    grid = None if exact else _grid(task, kernel)
+    low, facts = _iterate(task.z, kernel, tolerance, iterations, grid)
     if facts["n_unsupported"] and unsupported == "raise":
         _refuse_unsupported(task, low)
     step = Step("robust_gaussian", {**task.named, "band": band, "order": order, **facts})
     return arguments.finish(obj, task.place(low, obj.z.shape), band=band, step=step)
 
 
+def _grid(task: arguments.Task, kernel: Kernel) -> Grid | None:
+    """Return the nodes of a map, None of a profile and where each pixel would be one."""
+    if task.z.ndim != 2:
+        return None
+    y, x = (
+        node_axis(n, scale, 2 * kernel.order)
+        for n, scale in zip(task.z.shape, kernel.scales, strict=True)
+    )
+    if y.positions.size * x.positions.size >= task.z.size:
+        return None
+    return Grid.of(y, x, ~np.isnan(task.z))
+
+
 def _iterate(
-    z: FloatArray, kernel: Kernel, tolerance: float, max_iterations: int
+    z: FloatArray,
+    kernel: Kernel,
+    given: float | None,
+    max_iterations: int,
+    grid: Grid | None,
 ) -> tuple[FloatArray, dict[str, Any]]:
-    """Return the line, NaN where not measured or not supported, and what to remember of it."""
+    """Return the line, NaN where not measured or not supported, and what to remember of it.
+
+    On the nodes of a grid, unless one beside a measured pixel is not supported: then at each pixel.
+    """
+    tolerance = given or (_SETTLED if grid is None else _SETTLED_ON_NODES)
     valid = ~np.isnan(z)
     trend = _polynomial(z, kernel)
     rest = np.where(valid, z - trend, 0.0)
     rounding = max(_EXACT * float(np.abs(z[valid]).max()), np.finfo(float).tiny)
-    low = local_regression(rest, valid.astype(np.float64), kernel)
+    line = _regression_at(rest, valid.astype(np.float64), kernel, grid)
     c, n, settled = math.inf, 0, max_iterations == 0
-    while n < max_iterations and not settled:
+    while line is not None and n < max_iterations and not settled:
         n += 1
-        residual = np.where(valid, rest - low, np.nan)
+        residual = np.where(valid, rest - line, np.nan)
         former, c = c, _next_c(_BIWEIGHT * _median_size(residual), c, rounding)
         if abs(former - c) <= tolerance * c:
             settled = True
             break
-        former_low, low = low, local_regression(rest, _biweight(residual, c), kernel)
-        settled = _stands_still(former_low, low, valid, rounding)
+        former_line, line = line, _regression_at(rest, _biweight(residual, c), kernel, grid)
+        settled = line is not None and _stands_still(former_line, line, valid, rounding)
+    if line is None:
+        return _iterate(z, kernel, given, max_iterations, None)
+    facts = {} if z.ndim == 1 else {"evaluated_at": "pixels" if grid is None else "nodes"}
     if not settled:
         raise NotConvergedError(
             "the robust filter did not settle in "
@@ -209,10 +245,22 @@ def _iterate(
             f"{tolerance:.1e} of itself; raise max_iterations or tolerance, or choose a longer "
             "cut-off"
         )
-    low += trend
-    low[~valid] = np.nan
-    n_unsupported = int(np.count_nonzero(np.isnan(low) & valid))
-    return low, {"n_iterations": n, "c_m": c, "n_unsupported": n_unsupported}
+    line += trend
+    line[~valid] = np.nan
+    n_unsupported = int(np.count_nonzero(np.isnan(line) & valid))
+    return line, {"n_iterations": n, "c_m": c, "n_unsupported": n_unsupported, **facts}
+
+
+def _regression_at(
+    z: FloatArray, weights: FloatArray, kernel: Kernel, grid: Grid | None
+) -> FloatArray | None:
+    """Return the regression at the pixels; None where a node beside a pixel is not supported."""
+    if grid is None:
+        return local_regression(z, weights, kernel)
+    unknowns, needed = kernel.unknowns(), kernel.products()
+    s = grid.moments(weights, needed)
+    t = grid.moments(weights * z, unknowns)
+    return grid.at_pixels(_solved(s, t, unknowns))
 
 
 def _biweight(residual: FloatArray, c: float) -> FloatArray:
@@ -328,6 +376,11 @@ class Kernel:
         powers = itertools.product(range(self.order + 1), repeat=len(self.scales))
         return sorted((e for e in powers if sum(e) <= self.order), key=lambda e: (-sum(e), e))
 
+    def products(self) -> list[Exponents]:
+        """Return the exponents of the products of two monomials."""
+        pairs = itertools.combinations_with_replacement(self.unknowns(), 2)
+        return sorted({_add(a, b) for a, b in pairs})
+
 
 def local_regression(z: FloatArray, weights: FloatArray, kernel: Kernel) -> FloatArray:
     """Return the regression value at each grid point; NaN where the samples do not determine it."""
@@ -350,16 +403,21 @@ def _strips(shape: tuple[int, ...], halo: int, kernel: Kernel) -> Iterator[slice
 
 def _regression(z: FloatArray, weights: FloatArray, kernel: Kernel) -> FloatArray:
     unknowns = kernel.unknowns()
-    pairs = itertools.combinations_with_replacement(unknowns, 2)
-    needed = {_add(a, b) for a, b in pairs}
-    s = _moments(weights, sorted(needed), kernel)
+    s = _moments(weights, kernel.products(), kernel)
     t = _moments(weights * z, unknowns, kernel)
+    return _solved(s, t, unknowns)
+
+
+def _solved(
+    s: dict[Exponents, FloatArray], t: dict[Exponents, FloatArray], unknowns: list[Exponents]
+) -> FloatArray:
+    """Return the constant of each polynomial from its moments; NaN where they do not determine it."""
     n = len(unknowns)
     matrix = {
         (i, j): s[_add(unknowns[i], unknowns[j])].copy() for i in range(n) for j in range(i, n)
     }
     right = [t[e] for e in unknowns]
-    supported = np.ones(z.shape, dtype=bool)
+    supported = np.ones(right[0].shape, dtype=bool)
     for k in range(n):
         floor = _SUPPORT if k == n - 1 else _PIVOT * s[_add(unknowns[k], unknowns[k])]
         supported &= matrix[k, k] > np.maximum(floor, 1e-15)

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,6 +102,41 @@ def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int
             return _unknown(p, n_effective)
         length = b * (0.5 * area if is_line else np.sqrt(area / np.pi))
         return Estimate(cov, max(1.0, min(dof, n_functions)), n_effective, float(length))
+
+
+class NoiseModel(Protocol):
+    """What a fit asks of a noise model: its covariance against lag, on a torus, m^2."""
+
+    def autocovariance(self, target: Any) -> FloatArray: ...
+
+
+def from_model(
+    points: Points, linearise: Linearise, covariance: FloatArray, valid: BoolArray, p: int
+) -> Estimate:
+    """Return the covariance (1) of p parameters under a noise of known covariance against lag."""
+    from scipy import fft
+
+    with one_blas_thread():
+        rows, columns = np.nonzero(valid)
+        J = linearise(points.x[columns], points.y[rows], points.z[valid])[:p]
+        N = rows.size
+        if p >= N:
+            return _unknown(p, N)
+        length = np.linalg.norm(J, axis=1)
+        length = np.where(length > 0.0, length, 1.0)
+        Q, R = np.linalg.qr((J / length[:, None]).T)
+        spectrum = np.asarray(fft.rfft2(np.atleast_2d(covariance)))
+        torus = np.atleast_2d(covariance).shape
+        image = np.zeros(valid.shape)
+        pushed = np.empty((p, N))
+        for k in range(p):
+            image[valid] = Q[:, k]
+            field = fft.irfft2(fft.rfft2(image, torus) * spectrum, torus)
+            pushed[k] = field[: valid.shape[0], : valid.shape[1]][valid]
+        M = pushed @ Q
+        inverse = np.linalg.inv(R * length)
+        cov = inverse @ (0.5 * (M + M.T)) @ inverse.T
+        return Estimate(cov, np.inf, float(N), np.nan)
 
 
 def _unknown(p: int, n_effective: float) -> Estimate:

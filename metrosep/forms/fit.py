@@ -9,6 +9,7 @@ least-squares best-fit geometric elements.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
+from metrosep.forms._correlated import NoiseModel
 from metrosep.forms.base import RIGID, Direction, Form, Freedoms, Placement, Tilt, choose_freedoms
 from metrosep.forms.conic import curvature_name, curvature_of, is_flat
 from metrosep.forms.iterate import find
@@ -43,6 +45,7 @@ def fit(
     centre: tuple[float, float] | None = None,
     start: Mapping[str, float] | None = None,
     max_iterations: int = 100,
+    noise: NoiseModel | None = None,
 ) -> FitResult:
     """Return the form that leaves the smallest sum of squared deviations.
 
@@ -71,6 +74,9 @@ def fit(
         Where to begin, instead of the guess from the data.
     max_iterations : int, optional
         Of the nonlinear iteration.
+    noise : StationaryNoise, optional
+        Model of `metrosep.parameters` (white, correlated, from a PSD): `u` is then made from it, not
+        from the residual. The fit itself stays least squares.
 
     Returns
     -------
@@ -131,7 +137,20 @@ def fit(
             direction=direction,
             max_iterations=max_iterations,
         )
-        return _result(obj, points, freedoms, placed, answer, robust, n_iterations=n_iterations)
+        result = _result(obj, points, freedoms, placed, answer, robust, n_iterations=n_iterations)
+        return result if noise is None else _with_noise(result, noise)
+
+
+def _with_noise(result: FitResult, noise: NoiseModel) -> FitResult:
+    """Return the result with a noise model, which is asked for its covariance now."""
+    if not callable(getattr(noise, "autocovariance", None)):
+        raise DataError(
+            "noise= is a model with a covariance against lag, such as WhiteNoise(2e-9) or "
+            f"CorrelatedNoise(...) of metrosep.parameters, got {noise!r}"
+        )
+    if isinstance(result.source, PointSet):
+        raise DataError("the points of a list have no lags: noise= is for maps and profiles")
+    return replace(result, covariance_of_noise=noise.autocovariance(result.source))
 
 
 def remove(

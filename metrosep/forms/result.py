@@ -14,7 +14,7 @@ from metrosep.core.errors import DataError, NotConvergedError
 from metrosep.core.profile import Profile, html_table
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering, format_length
-from metrosep.forms._correlated import Estimate, estimated
+from metrosep.forms._correlated import Estimate, estimated, from_model
 from metrosep.forms.base import RIGID, Form, Placement
 from metrosep.forms.conic import curvature_name
 from metrosep.forms.linear import Robust, winsorised
@@ -61,6 +61,8 @@ class FitResult:
         Rule that weighted the points.
     source : Surface, Profile, PointSet or None
         What was fitted.
+    covariance_of_noise : ndarray or None, m^2
+        Covariance against lag of the noise model that was given to the fit; `u` rests on it.
 
     Notes
     -----
@@ -84,6 +86,7 @@ class FitResult:
     n_iterations: int = 0
     robust: str | None = None
     source: Surface | Profile | PointSet | None = None
+    covariance_of_noise: FloatArray | None = None
     _estimates: list[Estimate] = field(default_factory=list, init=False, repr=False)
 
     @property
@@ -109,7 +112,14 @@ class FitResult:
         rigid = tuple(n for n in self.names if n in RIGID)
         shape = tuple(n for n in self.names if n not in RIGID)
         placed = replace(self.placement, form=self.form)
-        return estimated(points, lambda x, y, z: placed.linearised(x, y, z, rigid, shape), left, p)
+
+        def linearise(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
+            return placed.linearised(x, y, z, rigid, shape)
+
+        if self.covariance_of_noise is not None:
+            valid = ~np.isnan(np.atleast_2d(np.asarray(self.residual.z)))
+            return from_model(points, linearise, self.covariance_of_noise, valid, p)
+        return estimated(points, linearise, left, p)
 
     def _by_radius(self, cov: FloatArray) -> FloatArray:
         """Return a covariance by R from that by c: dR = -R^2 dc."""
@@ -217,6 +227,11 @@ class FitResult:
         """What `u` rests on, one sentence."""
         if not self.names:
             return "nothing was free, so there is no uncertainty of the fit"
+        if self.covariance_of_noise is not None:
+            return (
+                f"u from the noise model that was given, k = {self.coverage_factor:.3g} for 95 %; "
+                "what the residual says, scale, reference and repeatability are not in it"
+            )
         if not np.isfinite(self.dof_effective):
             return "u is not known: the residual has too few independent points"
         if np.isnan(self.correlation_length):

@@ -11,6 +11,10 @@ if TYPE_CHECKING:
         ProfileElements as ProfileElements,
         profile_elements as profile_elements,
     )
+    from metrosep.parameters.acceptance import (
+        Acceptance as Acceptance,
+        judge_values as judge_values,
+    )
     from metrosep.parameters.areal import (
         ArealParameterTable as ArealParameterTable,
         areal_parameters as areal_parameters,
@@ -82,11 +86,20 @@ if TYPE_CHECKING:
     from metrosep.parameters.propagation import (
         Effect as Effect,
         MonteCarloResult as MonteCarloResult,
+        MonteCarloTable as MonteCarloTable,
         drift_effect as drift_effect,
         monte_carlo as monte_carlo,
+        monte_carlo_table as monte_carlo_table,
         nonlinearity_effect as nonlinearity_effect,
         scale_effect as scale_effect,
         shortest_interval as shortest_interval,
+    )
+    from metrosep.parameters.psd_limits import (
+        BandResult as BandResult,
+        PsdLimit as PsdLimit,
+        PsdVerdict as PsdVerdict,
+        judge_psd as judge_psd,
+        psd_limit as psd_limit,
     )
     from metrosep.parameters.repeats import (
         NoiseFreeRms as NoiseFreeRms,
@@ -102,6 +115,10 @@ if TYPE_CHECKING:
         part_series as part_series,
     )
     from metrosep.parameters.softgauge import verify_softgauge as verify_softgauge
+    from metrosep.parameters.step_height import (
+        StepHeight as StepHeight,
+        step_height as step_height,
+    )
     from metrosep.parameters.table import Context as Context, ParameterTable as ParameterTable
     from metrosep.parameters.uncertainty import (
         NoiseInfluence as NoiseInfluence,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -18,14 +19,33 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.core.numbers import choice, not_negative, positive
 from metrosep.core.units import format_length
 from metrosep.filters._arguments import ProfileKind
-from metrosep.parameters.material_ratio import CoreHeight, CoreLine, abbott_curve, core_height
+from metrosep.parameters._profile_features import (
+    Points,
+    autocorrelation_length,
+    developed_length,
+    mean_of_highest,
+    significant_points,
+)
+from metrosep.parameters.autocorrelation import dominant_wavelength
+from metrosep.parameters.material_ratio import (
+    PEAK,
+    VALLEY,
+    AbbottCurve,
+    CoreHeight,
+    CoreLine,
+    ProbabilityLines,
+    abbott_curve,
+    core_height,
+    probability_lines,
+)
 from metrosep.parameters.sections import Evaluation
 from metrosep.parameters.table import Row
 
-Edition = Literal["ISO 21920-2:2021", "ISO 4287:1997"]
+Edition = Literal["ISO 21920-2:2021", "ISO 4287:1997", "ASME B46.1"]
 
 OLD: Edition = "ISO 4287:1997"
 NEW: Edition = "ISO 21920-2:2021"
+ASME: Edition = "ASME B46.1"
 
 _EDITIONS: dict[str, Edition] = {
     "iso4287:1997": OLD,
@@ -33,10 +53,15 @@ _EDITIONS: dict[str, Edition] = {
     "iso21920-2:2021": NEW,
     "iso21920-2": NEW,
     "iso21920:2021": NEW,
+    "asmeb46.1": ASME,
+    "asmeb46.1:2019": ASME,
 }
 
 HEIGHT_THRESHOLD = 0.1
 """Portions below this share of Rz (1997), of Rp or Rv (2021) do not count for RSm and Rc."""
+
+PRUNING = 0.05
+"""Of Rz: peaks and pits that stand less above their saddle are pruned (Wolf)."""
 
 SPACING_THRESHOLD = 0.01
 """Portions shorter than this share of a section do not count (1997 only)."""
@@ -46,7 +71,7 @@ def named_edition(edition: str) -> Edition:
     """Return the edition that a text names, spaces and case aside."""
     found = _EDITIONS.get("".join(str(edition).lower().split()))
     if found is None:
-        raise DataError(f'edition is "{NEW}" or "{OLD}", got {edition!r}')
+        raise DataError(f'edition is "{NEW}", "{OLD}" or "{ASME}", got {edition!r}')
     return found
 
 
@@ -56,22 +81,42 @@ class Work:
     def __init__(self, evaluation: Evaluation, line: CoreLine) -> None:
         self.evaluation = evaluation
         self._line = line
-        self._core: CoreHeight | None = None
-        self._elements: list[ProfileElements] | None = None
 
-    @property
+    @cached_property
+    def curve(self) -> AbbottCurve:
+        return abbott_curve(self.evaluation.whole)
+
+    @cached_property
     def core(self) -> CoreHeight:
-        if self._core is None:
-            curve = abbott_curve(self.evaluation.whole)
-            self._core = core_height(curve.heights, line=self._line)
-        return self._core
+        return core_height(self.curve.heights, line=self._line)
 
-    @property
+    @cached_property
+    def probability(self) -> ProbabilityLines:
+        return probability_lines(self.curve)
+
+    @cached_property
     def elements(self) -> list[ProfileElements]:
         """Elements of each section (1997), or of the whole in both directions (2021); none empty."""
-        if self._elements is None:
-            self._elements = _elements(self.evaluation)
-        return self._elements
+        return _elements(self.evaluation)
+
+    @cached_property
+    def peaks(self) -> Points:
+        return self._points(1.0)
+
+    @cached_property
+    def pits(self) -> Points:
+        return self._points(-1.0)
+
+    def _points(self, side: float) -> Points:
+        e = self.evaluation
+        threshold = PRUNING * float(np.mean(e.section_values(lambda a: a.z)))
+        return significant_points(side * e.whole, e.dx, threshold)
+
+    def highest(self, ranks: slice, share: float) -> float:
+        """Return the mean over the sections of hills and dales of these ranks."""
+        e = self.evaluation
+        least = share * float(np.mean(e.section_values(lambda a: a.z)))
+        return float(np.mean([mean_of_highest(z, ranks, least) for z in e.parts]))
 
     def gradient(self, of: Callable[[Any], float]) -> float:
         e = self.evaluation
@@ -134,12 +179,19 @@ class ProfileRow:
     reach: Literal["field", "sections", "whole", "largest"]
     clause: str
     evaluate: Callable[[Work], float] | str
+    asme: str | None = ""  # as in 2021 where empty
 
     def row(self, kind: ProfileKind, edition: Edition, e: Evaluation) -> Row:
         return Row(self.symbol(kind, edition), self.unit, self.text(edition, e), self.evaluate)
 
+    def name(self, edition: Edition) -> str | None:
+        """Return the symbol without kind, None where the edition lacks it."""
+        if edition == ASME:
+            return self.asme if self.asme != "" else self.new
+        return self.old if edition == OLD else self.new
+
     def symbol(self, kind: ProfileKind, edition: Edition) -> str:
-        name = self.old if edition == OLD else self.new
+        name = self.name(edition)
         if name in ("Mr1", "Mr2", "A1", "A2") and kind == "R":
             return name
         return f"{kind}{name}"
@@ -150,7 +202,7 @@ class ProfileRow:
         if self.reach == "largest" and n > 1:
             over = (
                 f"largest of {n} sections"
-                if e.by_section
+                if self.old is not None
                 else (
                     f"largest in a window of one section length, {format_length(e.window * e.dx)}, that "
                     "slides over the evaluation length"
@@ -160,8 +212,9 @@ class ProfileRow:
             over = f"mean of {n} sections"
         else:
             over = "over the evaluation length"
-        source = self.clause if edition == OLD else edition
-        return f"{self.what}, {over} ({source}, recalled)"
+        source = self.clause if edition == OLD or self.new in ("zJIS", "3z") else edition
+        alias = f"; {self.new or self.old} of ISO" if edition == ASME and self.asme else ""
+        return f"{self.what}, {over} ({source}, recalled{alias})"
 
 
 ROWS = (
@@ -174,13 +227,17 @@ ROWS = (
     ProfileRow("ku", "ku", "1", "kurtosis, 3 for Gauss", "field", "ISO 4287:1997, 4.2.4",
          lambda w: w.evaluation.field(lambda h: h.ku)),
     ProfileRow("p", "p", "m", "highest peak", "sections", "ISO 4287:1997, 4.1.1",
-         lambda w: float(np.mean(w.evaluation.section_values(lambda h: h.p)))),
+         lambda w: float(np.mean(w.evaluation.section_values(lambda h: h.p))), "pm"),
     ProfileRow("v", "v", "m", "deepest valley", "sections", "ISO 4287:1997, 4.1.2",
-         lambda w: float(np.mean(w.evaluation.section_values(lambda h: h.v)))),
+         lambda w: float(np.mean(w.evaluation.section_values(lambda h: h.v))), "vm"),
     ProfileRow("z", "z", "m", "highest peak plus deepest valley", "sections", "ISO 4287:1997, 4.1.3",
          lambda w: float(np.mean(w.evaluation.section_values(lambda h: h.z)))),
-    ProfileRow("z1max", "zx", "m", "highest peak plus deepest valley", "largest", "ISO 4288:1996",
-         "evaluation.largest_height"),
+    ProfileRow("z1max", None, "m", "highest peak plus deepest valley", "largest", "ISO 4288:1996",
+         lambda w: max(w.evaluation.section_values(lambda h: h.z)), "max"),
+    ProfileRow(None, "zx", "m", "highest peak plus deepest valley", "largest", "",
+         "evaluation.largest_height", None),
+    ProfileRow(None, "pt", "m", "highest peak", "whole", "", "evaluation.amplitude.p", "p"),
+    ProfileRow(None, "vt", "m", "deepest valley", "whole", "", "evaluation.amplitude.v", "v"),
     ProfileRow("t", "t", "m", "highest minus lowest sample", "whole", "ISO 4287:1997, 4.1.5",
          "evaluation.amplitude.z"),
     ProfileRow("c", "c", "m", "mean height of the profile elements", "field", "ISO 4287:1997, 4.1.4",
@@ -191,6 +248,16 @@ ROWS = (
          lambda w: w.gradient(lambda g: float(np.sqrt(np.mean(g * g))))),
     ProfileRow(None, "da", "1", "mean absolute gradient, 7-point", "field", "",
          lambda w: w.gradient(lambda g: float(np.mean(np.abs(g))))),
+    ProfileRow(None, "dt", "1", "largest absolute gradient, 7-point", "field", "",
+         lambda w: w.gradient(lambda g: float(np.max(np.abs(g))))),
+    ProfileRow(None, "dl", "m", "developed length", "whole", "",
+         lambda w: developed_length(w.evaluation.whole, w.evaluation.dx)[0]),
+    ProfileRow(None, "dr", "1", "developed length ratio, as a number (1 is 100 %)", "whole", "",
+         lambda w: developed_length(w.evaluation.whole, w.evaluation.dx)[1]),
+    ProfileRow(None, "sal", "m", "shortest lag at which the autocorrelation falls to 0.2", "whole", "",
+         lambda w: autocorrelation_length(w.evaluation.whole, w.evaluation.dx)),
+    ProfileRow(None, "sw", "m", "wavelength of the largest magnitude of the Fourier transform", "whole",
+         "", lambda w: dominant_wavelength(w.evaluation.whole[None, :], w.evaluation.dx)),
     ProfileRow("k", "k", "m", "core height", "whole", "ISO 13565-2:1996", "core.k"),
     ProfileRow("pk", "pk", "m", "reduced peak height", "whole", "ISO 13565-2:1996",
          "core.pk"),
@@ -208,6 +275,36 @@ ROWS = (
          "ISO 13565-2:1996", "core.a1"),
     ProfileRow("A2", "ak2", "m", "valley area per unit of material ratio", "whole",
          "ISO 13565-2:1996", "core.a2"),
+    ProfileRow("pq", "pq", "m", "slope of the plateau on the material probability curve", "whole",
+         "ISO 13565-3:1998", "probability.pq"),
+    ProfileRow("vq", "vq", "m", "slope of the valleys on the material probability curve", "whole",
+         "ISO 13565-3:1998", "probability.vq"),
+    ProfileRow("mq", "mq", "1", "material ratio where plateau and valleys meet", "whole",
+         "ISO 13565-3:1998", "probability.mq"),
+    ProfileRow(None, "vmp", "m", "peak material volume per area, Vm(10 %)", "whole", "",
+         lambda w: w.curve.material_volume(PEAK)),
+    ProfileRow(None, "vmc", "m", "core material volume per area, Vm(80 %) - Vm(10 %)", "whole", "",
+         lambda w: w.curve.material_volume(VALLEY) - w.curve.material_volume(PEAK)),
+    ProfileRow(None, "vvc", "m", "core void volume per area, Vv(10 %) - Vv(80 %)", "whole", "",
+         lambda w: w.curve.void_volume(PEAK) - w.curve.void_volume(VALLEY)),
+    ProfileRow(None, "vvv", "m", "valley void volume per area, Vv(80 %)", "whole", "",
+         lambda w: w.curve.void_volume(VALLEY)),
+    ProfileRow(None, "pd", "1/m", "density of significant peaks", "whole", "", "peaks.density"),
+    ProfileRow(None, "vd", "1/m", "density of significant pits", "whole", "", "pits.density"),
+    ProfileRow(None, "mpc", "1/m", "mean curvature of the significant peaks", "whole", "",
+         "peaks.curvature"),
+    ProfileRow(None, "mvc", "1/m", "mean curvature of the significant pits, positive", "whole", "",
+         "pits.curvature"),
+    ProfileRow(None, "5p", "m", "mean height of the five highest significant peaks", "whole", "",
+         "peaks.five"),
+    ProfileRow(None, "5v", "m", "mean depth of the five deepest significant pits", "whole", "",
+         "pits.five"),
+    ProfileRow(None, "10z", "m", "ten-point height, 5p + 5v", "whole", "",
+         lambda w: w.peaks.five + w.pits.five),
+    ProfileRow("zJIS", "zJIS", "m", "mean of the five highest hills plus the five deepest dales",
+         "sections", "JIS B 0601:2001", lambda w: w.highest(slice(0, 5), HEIGHT_THRESHOLD)),
+    ProfileRow("3z", "3z", "m", "third highest hill plus third deepest dale", "sections",
+         "a factory standard", lambda w: w.highest(slice(2, 3), 0.0)),
 )  # fmt: skip
 
 

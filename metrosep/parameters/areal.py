@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,24 +23,32 @@ from metrosep.core.numbers import choice, positive, real
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.parameters.areal_heights import HeightStatistics, height_statistics
+from metrosep.parameters.arguments import AREAL, canonical
 from metrosep.parameters.autocorrelation import (
     Autocorrelation,
     CentralLobe,
     autocorrelation,
     central_lobe,
+    dominant_wavelength,
     texture_direction,
 )
 from metrosep.parameters.material_ratio import (
+    PEAK,
+    VALLEY,
     AbbottCurve,
     CoreHeight,
     CoreLine,
+    ProbabilityLines,
     abbott_curve,
     core_height,
+    probability_lines,
 )
 from metrosep.parameters.table import TABLE, Context, ParameterTable, Row, chosen_rows, evaluated
 from metrosep.parameters.watershed import (
     LARGEST_HOLE,
+    Hills,
     Peaks,
+    closed_hills,
     five_point_height,
     mean_peak_curvature,
     significant_peaks,
@@ -55,8 +63,14 @@ EDITION = "ISO 25178-2:2021"
 _ALIASES = {"Smrk1": "Smr1", "Smrk2": "Smr2"}
 """Symbols of 2021 that stand in the table under the older ones."""
 
-_FEATURES = {"S5p", "S5v", "S10z", "Spd", "Spc"}
+_CORE = {"Sk", "Spk", "Svk", "Smr1", "Smr2", "Sak1", "Sak2", "Spkx", "Svkx"}
+_OF_PEAKS = {"S5p", "S10z", "Spd", "Spc", "Sha", "Shv"}
+_OF_PITS = {"S5v", "S10z", "Svd", "Svc", "Sda", "Sdv"}
+_FEATURES = _OF_PEAKS | _OF_PITS
 """Parameters of peaks and pits, from the segmentation."""
+
+_HALF = 0.5
+"""Material ratio at which Sha, Sda, Shv, Sdv cut the hills where none is given."""
 
 _NO_DECAY = (
     "the autocorrelation does not fall to 0.2 within half the map in its longest direction; "
@@ -86,7 +100,7 @@ class ArealParameterTable(ParameterTable):
     __slots__ = ()
 
     def own_symbol(self, symbol: str) -> str:
-        return _ALIASES.get(symbol, symbol)
+        return _ALIASES.get(symbol, canonical(symbol, AREAL))
 
 
 def areal_parameters(
@@ -95,6 +109,7 @@ def areal_parameters(
     names: Sequence[str] | None = None,
     line: CoreLine = "lsq",
     pruning: float = 0.05,
+    curvature_window: Literal[3, 5] = 3,
 ) -> ArealParameterTable:
     """Return the areal parameters of a map.
 
@@ -104,11 +119,14 @@ def areal_parameters(
         Form removed and filtered as the specification asks. Nothing is filtered here.
     names : sequence of str, optional
         Symbols wanted; all by default. What is not asked is not computed. Smrk1 and Smrk2 find
-        Smr1 and Smr2, here and in the table.
+        Smr1 and Smr2, here and in the table. With arguments: "Smr(0.5 um)", "Smr(5 %, 1 um)",
+        "Smc(20 %)", "Sdc(20 %, 80 %)", "Vm(10 %)", "Vv(80 %)", "Sha(30 %)" and Sda, Shv, Sdv.
     line : {"lsq", "secant"}, optional
         Core line of the Sk family.
     pruning : float, optional
         Wolf pruning of peaks and pits as a share of Sz, 0 to below 1.
+    curvature_window : {3, 5}, optional
+        Pixels across the square whose least-squares quadratic gives Spc and Svc.
 
     Returns
     -------
@@ -145,20 +163,24 @@ def areal_parameters(
     ['50.0000 nm', '200.0000 nm', '40.5218 nm']
     """
     instance_of(surface, Surface, "a table of areal parameters")
-    rows = chosen_rows(_ROWS, names, "an areal parameter", _ALIASES)
+    rows = chosen_rows(_ROWS, names, "an areal parameter", _ALIASES, functions=AREAL)
     choice(line, "line", ("lsq", "secant"))
+    if curvature_window not in (3, 5):
+        raise DataError(f"curvature_window is 3 or 5 pixels, got {curvature_window!r}")
     pruning = real(pruning, "pruning", what="a share of Sz")
     if not 0.0 <= pruning < 1.0:
         raise DataError(f"pruning is a share of Sz from 0 to below 1, got {pruning}")
-    work = _Work(surface, line, pruning)
+    work = _Work(surface, line, pruning, curvature_window // 2)
     n_valid = work.heights.n_valid
     quantities, unavailable = evaluated(rows, work)
-    given = {row.symbol for row in rows}
+    given = {row.symbol.partition("(")[0] for row in rows}
     settings: dict[str, Any] = {"dx_m": surface.dx, "dy_m": surface.dy}
-    if given & {"Sk", "Spk", "Svk", "Smr1", "Smr2"}:
+    if given & _CORE:
         settings["line"] = line
     if given & _FEATURES:
         settings["pruning"] = pruning
+    if given & {"Spc", "Svc"}:
+        settings["curvature_window"] = curvature_window
     context = Context(
         edition=EDITION,
         n_valid=n_valid,
@@ -190,6 +212,8 @@ class _Work:
     surface: Surface
     line: CoreLine
     pruning: float
+    reach: int = 1  # of the window of peak curvatures
+    _hills: dict[tuple[float, float], Hills] = field(default_factory=dict)
 
     @cached_property
     def heights(self) -> HeightStatistics:
@@ -231,8 +255,8 @@ class _Work:
         return core_height(self.curve.heights, line=self.line)
 
     @cached_property
-    def volumes(self) -> Volumes:
-        return volumes(self.curve)
+    def probability(self) -> ProbabilityLines:
+        return probability_lines(self.curve)
 
     @cached_property
     def peaks(self) -> Peaks:
@@ -242,10 +266,24 @@ class _Work:
     def pits(self) -> Peaks:
         return significant_peaks(-self.centred, pruning=self.pruning)
 
-    @property
-    def peak_density(self) -> float:
+    def density(self, peaks: Peaks) -> float:
+        """Return the number of peaks or pits over the measured and filled area."""
         dx, dy = self.steps
-        return len(self.peaks) / ((self.heights.n_valid + self.peaks.n_filled) * dx * dy)
+        return len(peaks) / ((self.heights.n_valid + peaks.n_filled) * dx * dy)
+
+    def hills_at(self, p: float) -> Hills:
+        """Return the closed hills at a material ratio."""
+        return self._closed(p, 1.0)
+
+    def dales_at(self, p: float) -> Hills:
+        """Return the closed dales at a material ratio."""
+        return self._closed(p, -1.0)
+
+    def _closed(self, p: float, side: float) -> Hills:
+        if (p, side) not in self._hills:
+            found = self.peaks if side > 0.0 else self.pits
+            self._hills[p, side] = closed_hills(found, side * self.curve.height(p), *self.steps)
+        return self._hills[p, side]
 
 
 def _given(value: float | None, reason: str) -> float:
@@ -260,7 +298,7 @@ def _filled_notes(work: _Work, given: set[str]) -> list[str]:
     if not given & _FEATURES or not missing or work.heights.Sz == 0.0:
         return []
     notes = []
-    found = work.pits if given & _FEATURES == {"S5v"} else work.peaks
+    found = work.peaks if given & _OF_PEAKS else work.pits
     if found.n_filled:
         notes.append(
             f"{found.n_filled} of {missing} missing pixels lie in holes of at most {LARGEST_HOLE} "
@@ -277,10 +315,12 @@ def _filled_notes(work: _Work, given: set[str]) -> list[str]:
             n = int((work.peaks if symbol == "S5p" else work.pits).on_filled[:5].sum())
             if n:
                 notes.append(f"{symbol}: {n} of its 5 {what} lie on filled pixels")
-    if "Spc" in given and (n := int(work.peaks.beside_filled.sum())):
-        notes.append(
-            f"Spc: {n} of {len(work.peaks)} peaks lie on or beside a filled pixel and are left out"
-        )
+    for symbol, what in (("Spc", "peaks"), ("Svc", "pits")):
+        found = work.peaks if symbol == "Spc" else work.pits
+        if symbol in given and (n := int(found.beside_filled.sum())):
+            notes.append(
+                f"{symbol}: {n} of {len(found)} {what} lie on or beside a filled pixel and are left out"
+            )
     return notes
 
 
@@ -316,6 +356,12 @@ _ROWS = (
         "angles to it",
         lambda w: texture_direction(w.acf),
     ),
+    Row(
+        "Ssw",
+        "m",
+        "dominant wavelength, that of the largest magnitude of the Fourier transform",
+        lambda w: dominant_wavelength(w.surface.z, *w.steps),
+    ),
     Row("Sdq", "1", "root mean square gradient", "gradients.Sdq"),
     Row("Sdr", "1", "developed interfacial area ratio, as a number (1 is 100 %)", "gradients.Sdr"),
     Row("Sk", "m", "core height", "core.k"),
@@ -325,10 +371,37 @@ _ROWS = (
     Row(
         "Smr2", "1", "material ratio at the bottom of the core, 0 to 1 (Smrk2 of 2021)", "core.mr2"
     ),
-    Row("Vmp", "m", "peak material volume per area, Vm(10 %)", "volumes.Vmp"),
-    Row("Vmc", "m", "core material volume per area, Vm(80 %) - Vm(10 %)", "volumes.Vmc"),
-    Row("Vvc", "m", "core void volume per area, Vv(10 %) - Vv(80 %)", "volumes.Vvc"),
-    Row("Vvv", "m", "dale void volume per area, Vv(80 %)", "volumes.Vvv"),
+    Row("Sak1", "m", "peak area above the core per unit of material ratio", "core.a1"),
+    Row("Sak2", "m", "dale area below the core per unit of material ratio", "core.a2"),
+    Row("Spkx", "m", "whole height of the peaks above the core", "core.pkx"),
+    Row("Svkx", "m", "whole depth of the dales below the core", "core.vkx"),
+    Row("Spq", "m", "slope of the plateau on the material probability curve", "probability.pq"),
+    Row("Svq", "m", "slope of the dales on the material probability curve", "probability.vq"),
+    Row("Smq", "1", "material ratio where plateau and dales meet, 0 to 1", "probability.mq"),
+    Row(
+        "Vmp",
+        "m",
+        "peak material volume per area, Vm(10 %)",
+        lambda w: w.curve.material_volume(PEAK),
+    ),
+    Row(
+        "Vmc",
+        "m",
+        "core material volume per area, Vm(80 %) - Vm(10 %)",
+        lambda w: w.curve.material_volume(VALLEY) - w.curve.material_volume(PEAK),
+    ),
+    Row(
+        "Vvc",
+        "m",
+        "core void volume per area, Vv(10 %) - Vv(80 %)",
+        lambda w: w.curve.void_volume(PEAK) - w.curve.void_volume(VALLEY),
+    ),
+    Row(
+        "Vvv",
+        "m",
+        "dale void volume per area, Vv(80 %)",
+        lambda w: w.curve.void_volume(VALLEY),
+    ),
     Row(
         "Sxp",
         "m",
@@ -353,12 +426,43 @@ _ROWS = (
         "ten-point height S5p + S5v",
         lambda w: five_point_height(w.peaks, 0.0) + five_point_height(w.pits, 0.0),
     ),
-    Row("Spd", "1/m^2", "density of significant peaks", "peak_density"),
+    Row("Spd", "1/m^2", "density of significant peaks", lambda w: w.density(w.peaks)),
+    Row("Svd", "1/m^2", "density of significant pits", lambda w: w.density(w.pits)),
     Row(
         "Spc",
         "1/m",
         "mean curvature of the significant peaks",
-        lambda w: mean_peak_curvature(w.surface.z, w.peaks, *w.steps),
+        lambda w: mean_peak_curvature(w.surface.z, w.peaks, *w.steps, reach=w.reach),
+    ),
+    Row(
+        "Svc",
+        "1/m",
+        "mean curvature of the significant pits, positive",
+        lambda w: mean_peak_curvature(-w.surface.z, w.pits, *w.steps, reach=w.reach),
+    ),
+    Row(
+        "Sha",
+        "m^2",
+        "mean area of the closed hills at the material ratio 50 %",
+        lambda w: w.hills_at(_HALF).mean_area,
+    ),
+    Row(
+        "Sda",
+        "m^2",
+        "mean area of the closed dales at the material ratio 50 %",
+        lambda w: w.dales_at(_HALF).mean_area,
+    ),
+    Row(
+        "Shv",
+        "m^3",
+        "mean volume of the closed hills above the material ratio 50 %",
+        lambda w: w.hills_at(_HALF).mean_volume,
+    ),
+    Row(
+        "Sdv",
+        "m^3",
+        "mean volume of the closed dales below the material ratio 50 %",
+        lambda w: w.dales_at(_HALF).mean_volume,
     ),
 )
 
@@ -505,84 +609,3 @@ def _fill_from_ladder(slope: FloatArray, tile: FloatArray, stride: int) -> None:
         found = ~np.isnan(value)
         slope[missing_y[found], missing_x[found]] = value[found]
         index, missing_y, missing_x = index[~found], missing_y[~found], missing_x[~found]
-
-
-# ---- material and void volumes of a map from its material ratio curve: Vm(p), Vv(p), Vmp to Vvv ----
-# A volume is per unit of area, m^3/m^2 = m. At the material ratio p the surface is cut at the height
-# Smc(p): the material above the cut is Vm(p), the void below the cut is Vv(p).
-
-_PEAK = 0.10
-_VALLEY = 0.80
-"""Material ratios that divide peak, core and dale (defaults of ISO 25178-3)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Volumes:
-    """Volume parameters at the ratios 10 % and 80 %, in m^3/m^2."""
-
-    Vmp: float  # m: peak material volume, Vm(10 %)
-    Vmc: float  # m: core material volume, Vm(80 %) - Vm(10 %)
-    Vvc: float  # m: core void volume, Vv(10 %) - Vv(80 %)
-    Vvv: float  # m: dale void volume, Vv(80 %)
-
-
-def material_volume(curve: AbbottCurve, p: float) -> float:
-    """Return the material volume Vm(p) above the height at a material ratio.
-
-    Vm(p) = integral from 0 to p of Smc(q) - Smc(p) over q, here as the mean of
-    max(z - Smc(p), 0) over the pixels.
-
-    Source: ISO 25178-2:2021, 4.5.6 (number recalled, not checked).
-
-    Examples
-    --------
-    >>> from metrosep.parameters.material_ratio import abbott_curve
-    >>> import numpy as np
-    >>> f"{material_volume(abbott_curve(np.linspace(0, 1e-6, 10001)), 0.5):.4g}"
-    '1.25e-07'
-    """
-    cut, above = _cut(curve, p)
-    return float(np.add.reduce(curve.heights[:above] - cut)) / curve.heights.size
-
-
-def void_volume(curve: AbbottCurve, p: float) -> float:
-    """Return the void volume Vv(p) below the height at a material ratio.
-
-    Vv(p) = integral from p to 1 of Smc(p) - Smc(q) over q, here as the mean of
-    max(Smc(p) - z, 0) over the pixels. Vv(p) - Vm(p) = Smc(p) - mean(z).
-
-    Source: ISO 25178-2:2021, 4.5.7 (number recalled, not checked).
-    """
-    cut, above = _cut(curve, p)
-    return float(np.add.reduce(cut - curve.heights[above:])) / curve.heights.size
-
-
-def volumes(curve: AbbottCurve, *, peak: float = _PEAK, valley: float = _VALLEY) -> Volumes:
-    """Return the four volume parameters.
-
-    Source: ISO 25178-2:2021, 4.5.6 and 4.5.7; ratios of ISO 25178-3 (recalled, not checked).
-
-    Examples
-    --------
-    >>> from metrosep.parameters.material_ratio import abbott_curve
-    >>> import numpy as np
-    >>> v = volumes(abbott_curve(np.linspace(0, 1e-6, 100001)))
-    >>> f"{v.Vmp:.3g} {v.Vmc:.3g} {v.Vvc:.3g} {v.Vvv:.3g}"
-    '5e-09 3.15e-07 3.85e-07 2e-08'
-    """
-    if not peak < valley:
-        raise DataError(f"the ratios must rise, peak < valley; got {peak} and {valley}")
-    peak_material, dale_void = material_volume(curve, peak), void_volume(curve, valley)
-    return Volumes(
-        Vmp=peak_material,
-        Vmc=material_volume(curve, valley) - peak_material,
-        Vvc=void_volume(curve, peak) - dale_void,
-        Vvv=dale_void,
-    )
-
-
-def _cut(curve: AbbottCurve, p: float) -> tuple[float, int]:
-    """Return the height of the cut and the number of pixels above it."""
-    cut = curve.height(p)
-    heights = curve.heights
-    return cut, int(heights.size - np.searchsorted(heights[::-1], cut, side="right"))

@@ -24,6 +24,7 @@ __all__ = [
     "CentralLobe",
     "autocorrelation",
     "central_lobe",
+    "dominant_wavelength",
     "texture_direction",
 ]
 
@@ -318,6 +319,27 @@ def _cubic_around(
         return float(ndimage.map_coordinates(cubic, at, order=3, prefilter=False)[0] - threshold)
 
     return excess
+
+
+def dominant_wavelength(z: ArrayLike, dx: float, dy: float = 1.0) -> float:
+    """Return Ssw (Rsw of one row): the wavelength of the largest magnitude of the Fourier transform.
+
+    The mean is removed, there is no window, and the zero frequency is left out. Pixels that were
+    not measured count as the mean: a hole has no height of its own.
+
+    Source: ISO 25178-2:2021, ISO 21920-2:2021, 4.3 (recalled, not checked).
+    """
+    from scipy import fft
+
+    heights = _cropped(np.asarray(z, dtype=np.float64))
+    measured = heights == heights
+    d = _centred(heights, measured, int(np.count_nonzero(measured)))
+    magnitude = np.abs(fft.rfft2(d, overwrite_x=True))
+    magnitude[0, 0] = 0.0
+    row, column = np.unravel_index(int(np.argmax(magnitude)), magnitude.shape)
+    f_y = fft.fftfreq(heights.shape[0], dy)[row]
+    f_x = fft.rfftfreq(heights.shape[1], dx)[column]
+    return 1.0 / math.hypot(float(f_x), float(f_y))
 
 
 def texture_direction(acf: Autocorrelation) -> float:

@@ -32,10 +32,18 @@ from metrosep.parameters._profile_rows import (
     Work,
     named_edition,
 )
+from metrosep.parameters.arguments import PROFILE, Call, call_of, canonical, is_call, unknown
 from metrosep.parameters.material_ratio import CoreLine
-from metrosep.parameters.sections import Evaluation, sections_in
-from metrosep.parameters.table import TABLE, Context, ParameterTable, evaluated
-from metrosep.spectral.dft import instance_of, symbols
+from metrosep.parameters.sections import Evaluation, section_slices, sections_in, trim
+from metrosep.parameters.table import (
+    TABLE,
+    Context,
+    ParameterTable,
+    evaluated,
+    rows_of_calls,
+    with_and_without_arguments,
+)
+from metrosep.spectral.dft import instance_of
 
 __all__ = [
     "SETTING_CLASSES",
@@ -63,7 +71,8 @@ _OTHER_SPELLINGS = {
     "mr2": "mrk2",
     "a1": "ak1",
     "a2": "ak2",
-    "z1max": "zx",
+    "max": "z1max",
+    "tm": "z",
     "\N{GREEK SMALL LETTER DELTA}q": "dq",
 }
 """Spelling without kind, small letters, to the one spelling that entries are compared by."""
@@ -93,6 +102,8 @@ class ProfileParameterTable(ParameterTable):
         if symbol in known:
             return symbol
         kind = str(self.context.settings.get("kind", "R"))
+        if is_call(symbol):
+            return canonical(_renamed(symbol, kind), PROFILE, kind)
         meant = _plain(symbol, kind)
         return next((s for s in known if _plain(s, kind) == meant), symbol)
 
@@ -115,7 +126,7 @@ def profile_parameters(
         Uniform; form removed and filtered as its kind asks. Nothing is filtered here.
     kind : {"P", "W", "R"}, optional
         Which profile it is; refused where the profile itself declares another.
-    edition : {"ISO 21920-2:2021", "ISO 4287:1997"}, optional
+    edition : {"ISO 21920-2:2021", "ISO 4287:1997", "ASME B46.1"}, optional
         Whose definitions and symbols.
     sections : int, >= 1, optional
         Section (sampling) lengths in the evaluation length; P always uses one.
@@ -125,7 +136,8 @@ def profile_parameters(
     line : {"lsq", "secant"}, optional
         Core line of the Rk family; Mitutoyo instruments use the secant.
     names : sequence of str, optional
-        Symbols wanted, in the spelling of either edition; all by default.
+        Symbols wanted, in the spelling of either edition; all by default. With arguments:
+        "Rmr(0.5 um)", "Rmr(5 %, 1 um)", "Rcm(20 %)", "Rdc(20 %, 80 %)", "Rvm(10 %)", "Rvv(80 %)".
 
     Returns
     -------
@@ -176,7 +188,7 @@ def profile_parameters(
     choice(line, "line", ("lsq", "secant"))
     centre = flag(centre, "centre")
     _check_kind(profile, kind)
-    wanted = _wanted(names, kind, chosen)
+    wanted, calls = _wanted(names, kind, chosen)
     evaluation = Evaluation.of(
         profile,
         sections=1 if kind == "P" else sections,
@@ -184,7 +196,7 @@ def profile_parameters(
         centre=centre,
     )
     work = Work(evaluation, line)
-    rows = [r.row(kind, chosen, evaluation) for r in wanted]
+    rows = [*(r.row(kind, chosen, evaluation) for r in wanted), *rows_of_calls(calls)]
     quantities, unavailable = evaluated(rows, work)
     context = Context(
         edition=chosen,
@@ -197,6 +209,30 @@ def profile_parameters(
     return ProfileParameterTable(quantities, context, unavailable=unavailable)
 
 
+def section_values(profile: Profile, symbol: str, table: ProfileParameterTable) -> list[float]:
+    """Return a parameter of each section of the profile of a table, evaluated as one of its own."""
+    settings = table.context.settings
+    kept = trim(profile.z)
+    x, z = profile.x[kept], profile.z[kept]
+    found = []
+    for k, part in enumerate(section_slices(z.size, settings["sections"])):
+        section = Profile(x[part], z[part], metadata=profile.metadata, history=profile.history)
+        one = profile_parameters(
+            section,
+            kind=settings["kind"],
+            edition=table.context.edition,
+            sections=1,
+            centre=settings["centre"],
+            line=settings["line"],
+            names=[symbol],
+        )
+        if symbol not in one:
+            reason = "; ".join(one.unavailable.values())
+            raise DataError(f"{symbol} of section {k + 1} cannot be given: {reason}")
+        found.append(one[symbol].value)
+    return found
+
+
 def _plain(symbol: str, kind: str) -> str:
     """Return a spelling that is the same for both editions, without the kind."""
     rest = symbol.lower()
@@ -205,21 +241,25 @@ def _plain(symbol: str, kind: str) -> str:
     return _OTHER_SPELLINGS.get(rest, rest)
 
 
-def _wanted(names: Sequence[str] | None, kind: ProfileKind, edition: Edition) -> list[ProfileRow]:
-    rows = [r for r in ROWS if (r.old if edition == OLD else r.new) is not None]
+def _renamed(name: str, kind: str) -> str:
+    """Return a name with arguments with the symbol of ISO: ASME's tp is mr."""
+    return f"{kind}mr{name[2:]}" if name.startswith("tp(") else name
+
+
+def _wanted(
+    names: Sequence[str] | None, kind: ProfileKind, edition: Edition
+) -> tuple[list[ProfileRow], list[Call]]:
+    rows = [r for r in ROWS if r.name(edition) is not None]
     if names is None:
-        return rows
-    names = symbols(names)
+        return rows, []
+    plain, called = with_and_without_arguments(names)
     by_plain = {_plain(r.symbol(kind, edition), kind): r for r in rows}
-    unknown = [n for n in names if _plain(n, kind) not in by_plain]
-    if unknown:
-        known = ", ".join(r.symbol(kind, edition) for r in rows)
-        raise DataError(
-            f"{', '.join(unknown)}: not offered for kind {kind} with edition {edition}; offered are "
-            f"{known}"
-        )
-    plain = {_plain(n, kind) for n in names}
-    return [r for p, r in by_plain.items() if p in plain]
+    if strange := [n for n in plain if _plain(n, kind) not in by_plain]:
+        known = [r.symbol(kind, edition) for r in rows]
+        raise unknown(strange, known, f"a parameter of kind {kind} with edition {edition}")
+    wanted = {_plain(n, kind) for n in plain}
+    calls = [call_of(_renamed(n, kind), PROFILE, kind) for n in called]
+    return [r for p, r in by_plain.items() if p in wanted], calls
 
 
 def _check_kind(profile: Profile, kind: ProfileKind) -> None:

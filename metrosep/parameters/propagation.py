@@ -7,24 +7,28 @@ in value and in spread. So each result gives, beside the spread, what noise adds
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.errors import DataError, FitError, TooFewSamplesError
 from metrosep.core.numbers import count, flag, real
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.parameters.budget import Contribution, Distribution
+from metrosep.parameters.draw_values import evaluated_names
 from metrosep.parameters.noise import Noise, StationaryNoise, sampling_of
 from metrosep.parameters.table import (
     EXTREMES,
+    NAMES,
     PEAK_TO_VALLEY,
-    check_name,
     is_centred,
     rows,
     valid_heights,
@@ -37,8 +41,10 @@ from metrosep.spectral.dft import instance_of
 __all__ = [
     "Effect",
     "MonteCarloResult",
+    "MonteCarloTable",
     "drift_effect",
     "monte_carlo",
+    "monte_carlo_table",
     "nonlinearity_effect",
     "scale_effect",
     "shortest_interval",
@@ -180,15 +186,19 @@ def monte_carlo(
     max_draws: int = 1_000_000,
     centre: bool | None = None,
     max_bytes: int = 16_000_000,
+    options: Mapping[str, Any] = MappingProxyType({}),
+    prepare: Prepare | None = None,
 ) -> MonteCarloResult:
     """Return how a parameter scatters, and shifts, under noise and common effects.
 
     Parameters
     ----------
     evaluate : str or callable
-        Name of a parameter ("PV", "Pt", "Rt", "Sz", "Pq", "Rq", "Sq", "RMS", "Ra", "Sa", "Sp",
-        "Ssk", ...; whole length, no sections), evaluated on many draws at once; or a function of
-        an object that returns a number or a `Quantity`.
+        Name of a parameter. Heights over the whole length ("PV", "Pt", "Rt", "Sz", "Rq", "Sq", "RMS",
+        "Ra", "Sa", "Sp", "Ssk", ...) are evaluated on many draws at once; every other symbol of the
+        tables ("Rdq", "Rz", "Smr(0.5 um)", "Spd", "FLTt") and parameters of fits ("sphere.R",
+        "conic.k", "plane.tilt_x") draw by draw. Or a function of an object that returns a number or
+        a `Quantity`.
     obj : Profile or Surface
         Form removed and filtered; a function may do that itself.
     noise : Noise, optional
@@ -211,6 +221,10 @@ def monte_carlo(
         not for P, R and W.
     max_bytes : int, optional
         Bound of the memory for blocks of draws; one draw at least.
+    options : mapping, optional
+        Of the parameter table that a symbol is from: edition, sections, line, pruning.
+    prepare : callable, optional
+        Takes each drawn object to the one that is evaluated: form removal, filters.
 
     Returns
     -------
@@ -258,8 +272,10 @@ def monte_carlo(
     _draws_inside(_SEQUENCE if adaptive else draws, coverage)
     if max_draws < 2 * _SEQUENCE and adaptive:
         raise DataError(f"max_draws must allow two sequences of {_SEQUENCE}, got {max_draws}")
-    if isinstance(evaluate, str):
-        check_name(evaluate)
+    if isinstance(evaluate, str) and (evaluate not in NAMES or prepare or options):
+        evaluate = _one_name(evaluate, obj, options, prepare)
+    elif prepare is not None:
+        raise DataError("prepare= goes with a name; a function prepares for itself")
     value = value_of(evaluate, obj, centre=centre)
     source = _Draws(evaluate, obj, noise, effects, seed, centre, max_bytes)
     stable: bool | None = None
@@ -281,6 +297,167 @@ def monte_carlo(
         results,
         stable,
         tuple(_notes(evaluate, obj, noise, (value, bias, u, u_bias), stable)),
+    )
+
+
+Prepare = Callable[[Profile | Surface], Profile | Surface]
+
+
+def _one_name(
+    name: str, obj: Profile | Surface, options: Mapping[str, Any], prepare: Prepare | None
+) -> Callable[[Profile | Surface], float]:
+    """Return the evaluation of one name, after the preparation of each draw."""
+    ready = obj if prepare is None else prepare(obj)
+    named = evaluated_names([name], ready, options)
+    return lambda drawn: named(drawn if prepare is None else prepare(drawn))[name]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MonteCarloTable:
+    """Several parameters on the same draws.
+
+    Parameters
+    ----------
+    results : mapping of str to MonteCarloResult
+        By name.
+    correlation : ndarray, shape (n, n)
+        Of the draws, in the order of the names.
+    n_failed : int
+        Draws that could not be evaluated and are left out.
+    notes : tuple of str
+        What a reader must know.
+    """
+
+    results: Mapping[str, MonteCarloResult]
+    correlation: FloatArray
+    n_failed: int
+    notes: tuple[str, ...]
+
+    def __getitem__(self, name: str) -> MonteCarloResult:
+        return self.results[name]
+
+
+_FORECAST = 5
+"""Draws after which the time of all of them is told."""
+_MOST_FAILED = 0.01
+
+
+def monte_carlo_table(
+    names: Sequence[str],
+    obj: Profile | Surface,
+    *,
+    noise: Noise | None = None,
+    effects: Sequence[Effect] = (),
+    draws: int = 1000,
+    seed: int = 1,
+    coverage: float = 0.95,
+    options: Mapping[str, Any] = MappingProxyType({}),
+    prepare: Prepare | None = None,
+    tell: Callable[[str], None] | None = None,
+) -> MonteCarloTable:
+    """Return how several parameters scatter, and hang together, under the same noise.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Symbols of the tables and parameters of fits, as for `monte_carlo`.
+    obj : Profile or Surface
+        Measurement.
+    noise : Noise, optional
+        What differs from point to point.
+    effects : sequence of Effect, optional
+        What is common to all points.
+    draws : int, optional
+        Number of draws, >= 2.
+    seed : int, optional
+        Same seed, same numbers.
+    coverage : float, optional
+        Probability of the intervals.
+    options : mapping, optional
+        Of the parameter tables: edition, sections, line, pruning.
+    prepare : callable, optional
+        Takes each drawn object to the one that is evaluated: form removal, filters.
+    tell : callable, optional
+        Takes a sentence with the expected time after five draws.
+
+    Returns
+    -------
+    MonteCarloTable
+        A result for each name, and their correlation.
+
+    Raises
+    ------
+    DataError
+        If there is neither noise nor effect, a name is unknown, or more than 1 % of the draws could
+        not be evaluated.
+    TooFewSamplesError
+        If there are too few draws or heights.
+
+    References
+    ----------
+    .. [1] JCGM 101:2008; JCGM 102:2011 for several quantities.
+
+    Examples
+    --------
+    >>> from metrosep.parameters.noise import WhiteNoise
+    >>> x = np.arange(400) * 1e-6
+    >>> wave = Profile(x, 50e-9 * np.cos(2 * np.pi * x / 100e-6))
+    >>> found = monte_carlo_table(["Pdq", "Pq"], wave, noise=WhiteNoise(1e-9), draws=100)
+    >>> sorted(found.results), found.n_failed
+    (['Pdq', 'Pq'], 0)
+    """
+    effects = _checked_causes(obj, noise, effects)
+    count(draws, "draws", least=2)
+    count(seed, "seed", least=0)
+    _draws_inside(draws, coverage)
+    ready = obj if prepare is None else prepare(obj)
+    evaluate = evaluated_names(names, ready, options)
+    nominal = evaluate(ready)
+    source = _Draws("mean", obj, noise, effects, seed, None, 16_000_000)
+    rows_of: list[list[float]] = []
+    failed: list[str] = []
+    began = time.perf_counter()
+    for n, drawn in enumerate(source.objects(draws), start=1):
+        try:
+            values = list(evaluate(drawn if prepare is None else prepare(drawn)).values())
+        except (DataError, FitError) as reason:
+            failed.append(str(reason))
+        else:
+            rows_of.append(values)
+        if n == _FORECAST and tell is not None:
+            each = (time.perf_counter() - began) / n
+            tell(f"{draws} draws take about {each * draws:.2g} s")
+    if len(failed) > _MOST_FAILED * draws or len(rows_of) < 2:
+        raise DataError(
+            f"{len(failed)} of {draws} draws could not be evaluated, more than 1 %; the first: "
+            f"{failed[0]}"
+        )
+    drawn_values = np.array(rows_of)
+    results = {
+        name: _result_of(column, nominal[name], coverage)
+        for name, column in zip(nominal, drawn_values.T, strict=True)
+    }
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = np.atleast_2d(np.corrcoef(drawn_values.T))
+    notes = (
+        [f"{len(failed)} of {draws} draws could not be evaluated and are left out: {failed[0]}"]
+        if failed
+        else []
+    )
+    return MonteCarloTable(results, correlation, len(failed), tuple(notes))
+
+
+def _result_of(values: FloatArray, value: float, coverage: float) -> MonteCarloResult:
+    values = values.copy()
+    values.setflags(write=False)
+    mean, u = float(values.mean()), float(values.std(ddof=1))
+    interval = shortest_interval(values, coverage)
+    error = u / math.sqrt(values.size)
+    notes = []
+    if abs(mean - value) > max(3.0 * error, _NOTABLE * u):
+        notes.append(f"this noise moves the parameter by {mean - value:+.3g} on the average")
+    return MonteCarloResult(
+        value, mean, u, interval, coverage, mean - value, error, values, None, tuple(notes)
     )
 
 
@@ -327,6 +504,12 @@ class _Draws:
 
     def take(self, count: int) -> FloatArray:
         return np.concatenate([self._values(k) for k in self._sizes(count)])
+
+    def objects(self, count: int) -> Iterator[Profile | Surface]:
+        """Give drawn objects one by one."""
+        for size in self._sizes(count):
+            for heights in self._heights(size):
+                yield self._object(heights)
 
     def _sizes(self, count: int) -> Iterator[int]:
         for start in range(0, count, self.block):

@@ -155,11 +155,9 @@ class Evaluation:
 
     @property
     def largest_height(self) -> float:
-        """Largest height of the sections (1997), or in a window of their length that slides, m."""
+        """Largest height in a window of one section length that slides, m."""
         from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-        if self.by_section:
-            return max(self.section_values(lambda a: a.z))
         n, z = self.window, self.whole
         valid = ~np.isnan(z)
         inside = slice(n // 2, n // 2 + z.size - n + 1)  # the middles of the complete windows

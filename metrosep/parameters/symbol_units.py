@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from functools import cache
 from types import MappingProxyType
 
+from metrosep.core.errors import DataError
+from metrosep.parameters.arguments import AREAL, PROFILE, Call, call_of, is_call
+
 __all__ = ["is_of_all", "same_parameter", "unit_of_symbol"]
 
 _FORM = ("STR", "FLT", "RON")
@@ -20,6 +23,11 @@ def unit_of_symbol(symbol: str) -> str | None:
     >>> unit_of_symbol("Sa"), unit_of_symbol("Sku"), unit_of_symbol("Spd"), unit_of_symbol("Xyz")
     ('m', '1', '1/m^2', None)
     """
+    if is_call(symbol):
+        try:
+            return _call(symbol).function.unit
+        except DataError:
+            return None
     return "m" if symbol[:3] in _FORM and len(symbol) > 3 else _units().get(symbol)
 
 
@@ -31,7 +39,7 @@ def is_of_all(symbol: str) -> bool:
     >>> is_of_all("Sku"), is_of_all("FLTt"), is_of_all("Xyz")
     (True, False, False)
     """
-    return symbol[:3] not in _FORM and unit_of_symbol(symbol) is not None
+    return symbol[:3] not in _FORM and not is_call(symbol) and unit_of_symbol(symbol) is not None
 
 
 def same_parameter(one: str, other: str) -> bool:
@@ -45,21 +53,37 @@ def same_parameter(one: str, other: str) -> bool:
     from metrosep.parameters.areal import _ALIASES
     from metrosep.parameters.profile import _plain
 
+    if is_call(one) or is_call(other):
+        return _one_spelling(one) == _one_spelling(other)
     if _ALIASES.get(one, one) == _ALIASES.get(other, other):
         return True
     return any(_plain(one, kind) == _plain(other, kind) for kind in "PWR")
 
 
+def _call(name: str) -> Call:
+    """Return what a name with arguments means, of a map or of any kind of profile."""
+    if name.lstrip().startswith(("S", "V")):
+        return call_of(name, AREAL)
+    return call_of(name, PROFILE, name.lstrip()[:1])
+
+
+def _one_spelling(name: str) -> str:
+    try:
+        return _call(name).name if is_call(name) else name
+    except DataError:
+        return name
+
+
 @cache
 def _units() -> Mapping[str, str]:
-    from metrosep.parameters._profile_rows import NEW, OLD, ROWS
+    from metrosep.parameters._profile_rows import ASME, NEW, OLD, ROWS
     from metrosep.parameters.areal import _ALIASES, _ROWS as AREAL
     from metrosep.parameters.interferometric import _ROWS as INTERFEROMETRIC
 
     found = {row.symbol: row.unit for row in (*AREAL, *INTERFEROMETRIC)}
     found |= {other: found[own] for other, own in _ALIASES.items()}
-    for edition in (OLD, NEW):
+    for edition in (OLD, NEW, ASME):
         for row in ROWS:
-            if (row.old if edition == OLD else row.new) is not None:
+            if row.name(edition) is not None:
                 found |= {row.symbol(kind, edition): row.unit for kind in ("P", "W", "R")}
     return MappingProxyType(found)

@@ -25,6 +25,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.parameters.arguments import Call, Function, call_of, is_call, unknown
 from metrosep.spectral.dft import symbols
 
 if TYPE_CHECKING:
@@ -289,19 +290,35 @@ def chosen_rows(
     names: Sequence[str] | None,
     what: str,
     aliases: Mapping[str, str] | None = None,
+    functions: Sequence[Function] = (),
 ) -> list[Row]:
-    """Return the rows of the wanted symbols in the order of the table; all without names."""
+    """Return the rows of the wanted symbols in the order of the table; all without names.
+
+    Those with arguments, such as ``Smr(0.5 um)``, follow in the order of the names.
+    """
     if names is None:
         return list(rows)
     other = aliases or {}
-    wanted = {other.get(n, n) for n in symbols(names)}
-    unknown = sorted(wanted - {r.symbol for r in rows})
-    if unknown:
-        raise DataError(
-            f"{', '.join(unknown)}: not offered as {what}; offered are "
-            + ", ".join(r.symbol for r in rows)
-        )
-    return [r for r in rows if r.symbol in wanted]
+    plain, called = with_and_without_arguments(names)
+    wanted = {other.get(n, n) for n in plain}
+    if strange := sorted(wanted - {r.symbol for r in rows}):
+        raise unknown(strange, [r.symbol for r in rows], what)
+    calls = [call_of(n, functions) for n in called]
+    return [*(r for r in rows if r.symbol in wanted), *rows_of_calls(calls)]
+
+
+def with_and_without_arguments(names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the plain symbols, and the names with arguments."""
+    given = symbols(names)
+    return [n for n in given if not is_call(n)], [n for n in given if is_call(n)]
+
+
+def rows_of_calls(calls: Iterable[Call]) -> list[Row]:
+    """Return a row for each parameter with arguments, once."""
+    return [
+        Row(name, c.function.unit, c.text, c.value)
+        for name, c in {c.name: c for c in calls}.items()
+    ]
 
 
 def evaluated(rows: Iterable[Row], work: object) -> tuple[list[Quantity], dict[str, str]]:

@@ -16,6 +16,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +24,14 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray, IntArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 
-__all__ = ["Peaks", "five_point_height", "mean_peak_curvature", "significant_peaks"]
+__all__ = [
+    "Hills",
+    "Peaks",
+    "closed_hills",
+    "five_point_height",
+    "mean_peak_curvature",
+    "significant_peaks",
+]
 
 
 _FIVE = 5
@@ -35,6 +43,8 @@ _SIGMA = 2.0
 _AMONG = 2.0 / 3.0
 """Of the window around a missing pixel at the border that must be measured: 20 % of dropouts leave
 80 +- 4 %; beside the straight edge of a part half is measured, beside a round one less."""
+_STRIP = 16
+"""Rows that are looked at together."""
 _NEAR, _FAR = 4, 8
 """Pixels around a filled one that its quadratic is fitted to; the second in the middle of a hole
 as round as 50 pixels can be, where the first leaves too few."""
@@ -53,6 +63,11 @@ class Peaks:
     prominences: FloatArray
     threshold: float  # m: least prominence that was asked for
     is_filled: NDArray[np.bool_]  # shape (n_y, n_x): pixels that were filled
+    filled: FloatArray  # shape (n_y, n_x), m: heights with the filled pixels; -inf not measured
+    # shape (n_y, n_x): hill of each pixel after pruning, 0 not measured; and of each peak, also of
+    # those that are not given because they stand at an edge
+    hills: NDArray[np.int32]
+    n_hills: int
 
     @property
     def n_filled(self) -> int:
@@ -66,19 +81,23 @@ class Peaks:
 
     @property
     def beside_filled(self) -> NDArray[np.bool_]:
-        """Whether each peak or one of its four neighbours was filled, shape (n,)."""
-        y, x = self.rows, self.columns
-        steps = ((0, 0), (0, -1), (0, 1), (-1, 0), (1, 0))
-        return np.asarray(np.any([self.is_filled[y + i, x + j] for i, j in steps], axis=0))
+        """Whether each peak or one of its eight neighbours was filled, shape (n,)."""
+        return np.asarray(np.any(_around(self.is_filled, self.rows, self.columns, 1), axis=1))
 
     def __len__(self) -> int:
         return int(self.heights.size)
 
 
 def significant_peaks(
-    z: ArrayLike, *, pruning: float = 0.05, largest_hole: int = LARGEST_HOLE
+    z: ArrayLike,
+    *,
+    pruning: float = 0.05,
+    largest_hole: int = LARGEST_HOLE,
+    threshold: float | None = None,
 ) -> Peaks:
-    """Return the peaks that stand a share of the total height above their saddle.
+    """Return the peaks that stand a share of the total height, or a threshold, above their saddle.
+
+    A map of one row is a profile.
 
     Neighbours are the eight pixels around one. A flat top is one peak, at the pixel nearest its
     middle. A hole of at most `largest_hole` pixels is filled by a quadratic through the measured
@@ -113,20 +132,31 @@ def significant_peaks(
     lowest = float(heights[measured].min())
     if highest == lowest:
         raise InvalidSamplesError("all heights are equal: there are no peaks")
-    threshold = pruning * (highest - lowest)
+    if threshold is None:
+        threshold = pruning * (highest - lowest)
     is_filled = _small_holes(measured, int(largest_hole))
     if is_filled.any():
         heights = _with_filled(heights, measured, is_filled)
         measured = measured | is_filled
     filled = np.where(measured, heights, -math.inf)
     labels, tops, complete = _hills(filled, measured)
-    prominences = _prominences(filled, labels, filled.reshape(-1)[tops])
+    prominences, hill = _prominences(filled, labels, filled.reshape(-1)[tops], threshold)
     _limit_to_region(prominences, filled, measured, tops)
     # A flat shoulder ends its own paths, at no height above the saddle to the hill behind it.
     kept = np.nonzero((prominences >= threshold) & (prominences > 0.0) & complete)[0]
     kept = kept[np.argsort(-filled.reshape(-1)[tops[kept]], kind="stable")]
     rows, columns = np.divmod(tops[kept], heights.shape[1])
-    return Peaks(rows, columns, heights[rows, columns], prominences[kept], threshold, is_filled)
+    return Peaks(
+        rows,
+        columns,
+        heights[rows, columns],
+        prominences[kept],
+        threshold,
+        is_filled,
+        filled,
+        np.append(np.int32(0), hill)[labels],
+        int(hill.max()),
+    )
 
 
 def _small_holes(measured: NDArray[np.bool_], largest: int) -> NDArray[np.bool_]:
@@ -137,6 +167,8 @@ def _small_holes(measured: NDArray[np.bool_], largest: int) -> NDArray[np.bool_]
     """
     from scipy import ndimage
 
+    if measured.all():
+        return np.zeros(measured.shape, dtype=bool)
     holes, n = ndimage.label(~measured, structure=np.ones((3, 3), dtype=bool))
     small = np.bincount(holes.reshape(-1), minlength=n + 1) <= largest
     small[0] = False
@@ -219,7 +251,8 @@ def _hills(
     ways = target.reshape(-1)
     while not np.array_equal(further := ways[ways], ways):
         ways = further
-    labels = np.where(measured, markers.reshape(-1)[ways].reshape(filled.shape), 0)
+    labels = markers.reshape(-1)[ways].reshape(filled.shape)
+    labels[~measured] = 0
     # Of a flat top: the pixel nearest its middle.
     index = np.nonzero(summits.reshape(-1))[0]
     of = markers.reshape(-1)[index] - 1
@@ -230,31 +263,56 @@ def _hills(
     off = (rows - middle_y[of]) ** 2 + (columns - middle_x[of]) ** 2
     order = np.lexsort((off, of))
     first = np.searchsorted(of[order], np.arange(n))
-    around = ndimage.binary_erosion(measured, structure=eight, border_value=0)
-    open_ = np.bincount(of, ~around.reshape(-1)[index], minlength=n) > 0
+    open_ = np.bincount(of, _at_edge(measured).reshape(-1)[index], minlength=n) > 0
     return np.asarray(labels, dtype=np.int32), index[order[first]], ~open_
+
+
+def _at_edge(measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the pixels at the border of the map (of a row: its ends) or beside one not measured."""
+    from scipy import ndimage
+
+    is_map = measured.shape[0] > 1
+    edge = np.zeros(measured.shape, dtype=bool)
+    if not measured.all():
+        window = np.ones((3, 3) if is_map else (1, 3), dtype=bool)
+        edge = ndimage.binary_dilation(~measured, structure=window)
+    edge[:, 0] = edge[:, -1] = True
+    if is_map:
+        edge[0] = edge[-1] = True
+    return np.asarray(edge)
 
 
 def _steepest_ascent(filled: FloatArray) -> NDArray[np.int64]:
     """Return the flat index of the highest of the nine pixels around each, itself on a tie."""
     n_y, n_x = filled.shape
     padded = np.pad(filled, 1, constant_values=-math.inf)
-    best = filled.copy()
-    step = np.zeros(filled.shape, dtype=np.int64)
-    for dy, dx in itertools.product((-1, 0, 1), repeat=2):
-        neighbour = padded[1 + dy : 1 + dy + n_y, 1 + dx : 1 + dx + n_x]
-        higher = neighbour > best
-        np.copyto(best, neighbour, where=higher)
-        np.copyto(step, dy * n_x + dx, where=higher)
-    step += np.arange(filled.size).reshape(filled.shape)
-    return step
+    target = np.arange(filled.size).reshape(filled.shape)
+    best, step = np.empty((_STRIP, n_x)), np.empty((_STRIP, n_x), dtype=np.int64)
+    for start in range(0, n_y, _STRIP):  # strips that stay in the cache
+        stop = min(start + _STRIP, n_y)
+        b, s = best[: stop - start], step[: stop - start]
+        b[:], s[:] = filled[start:stop], 0
+        for dy, dx in itertools.product((-1, 0, 1), repeat=2):
+            neighbour = padded[1 + dy + start : 1 + dy + stop, 1 + dx : 1 + dx + n_x]
+            higher = neighbour > b
+            np.copyto(b, neighbour, where=higher)
+            np.copyto(s, dy * n_x + dx, where=higher)
+        target[start:stop] += s
+    return target
 
 
-def _prominences(filled: FloatArray, labels: NDArray[np.int32], tops: FloatArray) -> FloatArray:
-    """Return the height of each peak above the saddle that joins it to a higher one."""
+def _prominences(
+    filled: FloatArray, labels: NDArray[np.int32], tops: FloatArray, threshold: float
+) -> tuple[FloatArray, NDArray[np.int32]]:
+    """Return the height of each peak above the saddle to a higher one, and its hill after pruning.
+
+    Hills count from 1. A hill that is pruned goes to the one across its saddle, with all that it took
+    before: what joined it stands still less above its own saddle.
+    """
     first, second, saddle = _highest_saddles(filled, labels, tops.size)
     prominence = np.full(tops.size, math.inf)
     parent = list(range(tops.size))
+    pruned: list[tuple[int, int]] = []
 
     def root(i: int) -> int:
         while parent[i] != i:
@@ -274,7 +332,19 @@ def _prominences(filled: FloatArray, labels: NDArray[np.int32], tops: FloatArray
             i, j = j, i
         parent[j] = i
         prominence[j] = height[j] - level
-    return prominence
+        if prominence[j] < threshold or prominence[j] <= 0.0:
+            pruned.append((a, b))
+    return prominence, _joined(pruned, tops.size)
+
+
+def _joined(pairs: Sequence[tuple[int, int]], n: int) -> NDArray[np.int32]:
+    """Return the number, from 1, of the group that each of n hills belongs to."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    a, b = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
+    joined = coo_array((np.ones(a.size, dtype=np.int8), (a, b)), shape=(n, n))
+    return np.asarray(connected_components(joined, directed=False)[1] + 1, dtype=np.int32)
 
 
 def _limit_to_region(
@@ -302,21 +372,27 @@ def _highest_saddles(
 
     keys: list[IntArray] = []
     levels: list[FloatArray] = []
-    for here, there in _neighbours():
-        a, b = labels[here], labels[there]
-        border = (a != b) & (a > 0) & (b > 0)
-        low = np.minimum(a[border], b[border]).astype(np.intp) - 1
-        high = np.maximum(a[border], b[border]).astype(np.intp) - 1
-        keys.append(low * n + high)
-        levels.append(np.minimum(filled[here][border], filled[there][border]))
+    flat, heights, width = labels.reshape(-1), filled.reshape(-1), labels.shape[1]
+    for (rows, columns), (below, right) in _neighbours():
+        border = np.flatnonzero(labels[rows, columns] != labels[below, right])
+        n_columns = width - (columns != slice(None))
+        row, column = np.divmod(border, n_columns)
+        here = (row + (rows.start or 0)) * width + column + (columns.start or 0)
+        there = (row + (below.start or 0)) * width + column + (right.start or 0)
+        a, b = flat[here].astype(np.intp), flat[there].astype(np.intp)
+        both = (a > 0) & (b > 0)
+        if not both.all():
+            a, b, here, there = a[both], b[both], here[both], there[both]
+        keys.append((np.minimum(a, b) - 1) * n + np.maximum(a, b) - 1)
+        levels.append(np.minimum(heights[here], heights[there]))
     key, level = np.concatenate(keys), np.concatenate(levels)
     if key.size == 0:
         empty = np.empty(0, dtype=np.intp)
         return empty, empty, np.empty(0)
-    order = np.lexsort((-level, key))
+    order = np.argsort(key)
     key, level = key[order], level[order]
-    new = np.concatenate([[True], key[1:] != key[:-1]])
-    key, level = key[new], level[new]
+    new = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
+    key, level = key[new], np.maximum.reduceat(level, new)
     # Weights of a spanning tree must not be zero: ranks from 1, the highest saddle first.
     rank = np.empty(level.size)
     rank[np.argsort(-level, kind="stable")] = np.arange(1.0, level.size + 1.0)
@@ -354,25 +430,88 @@ def five_point_height(peaks: Peaks, mean: float) -> float:
     return float(np.mean(peaks.heights[:_FIVE] - mean))
 
 
-def mean_peak_curvature(z: ArrayLike, peaks: Peaks, dx: float, dy: float) -> float:
+def mean_peak_curvature(
+    z: ArrayLike, peaks: Peaks, dx: float, dy: float, *, reach: int = 1
+) -> float:
     """Return Spc, the mean of the principal curvatures over the significant peaks.
 
-    Peaks on or beside a filled pixel have no second difference of measured heights and are left
-    out of the mean. -(d2z/dx2 + d2z/dy2) / 2 by second differences at the peak pixel. A noisy pixel is a sharp peak:
-    filter first.
+    -(d2z/dx2 + d2z/dy2) / 2 of the least-squares quadratic through the pixels within `reach` of the
+    peak: 3 x 3, or 5 x 5 where noise of single pixels matters. Peaks with a filled or missing pixel
+    among them are left out. A noisy pixel is a sharp peak: filter first.
 
     Source: ISO 25178-2:2021, clause 5.8 (Spc; recalled, not checked).
     """
     if len(peaks) == 0:
         raise TooFewSamplesError("no significant peak inside the map, so no curvature")
-    whole = ~peaks.beside_filled
-    if not whole.any():
+    heights = np.where(peaks.is_filled, np.nan, np.asarray(z, dtype=np.float64))
+    n_y, n_x = heights.shape
+    y, x = peaks.rows, peaks.columns
+    inside = (y >= reach) & (y < n_y - reach) & (x >= reach) & (x < n_x - reach)
+    around = _around(heights, y[inside], x[inside], reach)
+    around = around[~np.isnan(around).any(axis=1)]
+    if around.size == 0:
         raise TooFewSamplesError(
             f"each of the {len(peaks)} significant peaks lies on or beside a missing pixel, so no "
             "curvature was measured"
         )
-    heights = np.asarray(z, dtype=np.float64)
-    y, x = peaks.rows[whole], peaks.columns[whole]
-    bend_x = (heights[y, x - 1] - 2.0 * heights[y, x] + heights[y, x + 1]) / dx**2
-    bend_y = (heights[y - 1, x] - 2.0 * heights[y, x] + heights[y + 1, x]) / dy**2
+    # On a square window t^2 less its mean is at right angles to all other terms of the quadratic.
+    t = np.arange(-reach, reach + 1.0)
+    square = t * t - np.mean(t * t)
+    bend = 2.0 * square / (square @ square * t.size)
+    around = around.reshape(-1, t.size, t.size)
+    around = around - around[:, reach : reach + 1, reach : reach + 1]
+    bend_x = np.einsum("pij,j->p", around, bend) / dx**2
+    bend_y = np.einsum("pij,i->p", around, bend) / dy**2
     return float(np.mean(-0.5 * (bend_x + bend_y)))
+
+
+def _around(values: NDArray[Any], rows: IntArray, columns: IntArray, reach: int) -> NDArray[Any]:
+    """Return the values of the square window around each pixel, shape (n, (2 reach + 1)^2)."""
+    steps = np.arange(-reach, reach + 1)
+    y = rows[:, None, None] + steps[:, None]
+    x = columns[:, None, None] + steps
+    return np.asarray(values[y, x].reshape(rows.size, steps.size**2))
+
+
+@dataclass(frozen=True, slots=True)
+class Hills:
+    """Area and volume of closed hills at a height, means over the hills that reach it."""
+
+    n_closed: int
+    n_open: int
+    mean_area: float  # m^2
+    mean_volume: float  # m^3, above the height
+
+
+def closed_hills(peaks: Peaks, height: float, dx: float, dy: float) -> Hills:
+    """Return the mean area and volume of the closed hills above a height.
+
+    A hill is all pixels that the segmentation gives to one peak after pruning, at or above the
+    height; it is closed where none of these is at the border of the map or of a hole that was not
+    filled. Hills that meet above the height are told apart by their labels.
+
+    Source: ISO 25178-2:2021 (Sha, Shv; recalled); "closed" is read as no contact with the border
+       at this height.
+    """
+    high = np.flatnonzero(peaks.filled >= height)
+    edge = _at_edge(peaks.filled > -math.inf).reshape(-1)
+    size = peaks.n_hills + 1
+    label, z = peaks.hills.reshape(-1)[high], peaks.filled.reshape(-1)[high]
+    area = np.bincount(label, minlength=size)
+    volume = np.bincount(label, z - height, minlength=size)
+    touches = np.bincount(label, edge[high], minlength=size) > 0
+    reaching = area > 0
+    closed = reaching & ~touches
+    n = int(closed.sum())
+    if n == 0:
+        raise TooFewSamplesError(
+            "no hill or dale is closed at this height: each one touches the border of the map or of "
+            "a hole; map a larger area or choose another ratio"
+        )
+    cell = dx * dy
+    return Hills(
+        n,
+        int(reaching.sum()) - n,
+        float(area[closed].mean()) * cell,
+        float(volume[closed].mean()) * cell,
+    )

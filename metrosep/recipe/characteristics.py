@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+from metrosep.core.errors import DataError
 from metrosep.core.limits import FROM_FIT, limit_problem
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.decision import Verdict, decide, worst
@@ -125,10 +127,22 @@ def _metrics(
 # ---- named methods and steps that measure: by metric, also with the uncertainty of a fit ---------
 
 
+Values = Callable[[str], list[float]]
+"""From a metric to its values at several places, in the order of measuring."""
+
+
 def judged(
-    recipe: Recipe, found: Mapping[str, Quantity], *, unlisted: Collection[str] = ()
+    recipe: Recipe,
+    found: Mapping[str, Quantity],
+    *,
+    unlisted: Collection[str] = (),
+    values: Values | None = None,
+    decided: Mapping[str, tuple[Verdict, str]] = MappingProxyType({}),
 ) -> dict[str, Any]:
-    """Return what was measured, and the verdict of each check."""
+    """Return what was measured, and the verdict of each check.
+
+    `values` serves rules over several; `decided` has the verdicts that a step brings, with its words.
+    """
     entries = []
     verdicts = []
     for i, check in enumerate(recipe.checks):
@@ -147,21 +161,26 @@ def judged(
                     raise place.error(problem, key)
         limits = {k: float(check[k]) if k in check else None for k in ("lower", "upper")}
         guard = check.get("guard_factor", 1.0)
+        expanded: float | None
+        verdict: Verdict
         more: dict[str, Any] = {"u_source": "stated"}
-        if given == FROM_FIT or (given is None and quantity.u_source == _OF_FIT):
+        if metric in decided:
+            expanded, (verdict, words) = None, decided[metric]
+            more = {"u_source": "scatter of the spectrum", "u_note": words}
+        elif given == FROM_FIT or (given is None and quantity.u_source == _OF_FIT):
             expanded, guard, verdict, more = _by_the_fit(check, found, limits, place)
+        elif given is None and quantity.u is None:
+            expanded, verdict = None, "inconclusive"
+            more = {"reason": _no_u(metric, quantity.unit), "u_source": "not stated"}
         else:
-            if given is None and quantity.u is None:
-                raise place.error(
-                    f"the uncertainty of {metric} is not known; state it: U = "
-                    + ('"10 nm", or U = "0 nm"' if quantity.unit == "m" else "0.001, or U = 0")
-                    + " for simple acceptance",
-                    "metric",
-                )
             if given is None:
                 more = {"u_source": "of the method"}
             expanded = float(given) if given is not None else 2.0 * float(quantity.u or 0.0)
             verdict = decide(quantity.value, **limits, U=expanded, guard_factor=guard)
+        if "rule" in check or check.get("sequential"):
+            spread = (expanded, guard, quantity.unit)
+            verdict, said = _by_rule(check, limits, spread, values, place)
+            more = {**more, **said}
         verdicts.append(verdict)
         name = check.get("name", quantity.definition)
         entries.append(
@@ -176,6 +195,44 @@ def judged(
         if k not in checked and k not in unlisted
     ]
     return {"characteristics": [*entries, *rest], "verdict": worst(verdicts)}
+
+
+def _no_u(metric: str, unit: str) -> str:
+    """Return what to write where neither the value nor the check has an uncertainty."""
+    return (
+        f"the uncertainty of {metric} is not known; state it: U = "
+        + ('"10 nm", or U = "0 nm"' if unit == "m" else "0.001, or U = 0")
+        + " for simple acceptance"
+    )
+
+
+def _by_rule(
+    check: Mapping[str, Any],
+    limits: Mapping[str, float | None],
+    spread: tuple[float | None, float, str],
+    values: Values | None,
+    place: Place,
+) -> tuple[Verdict, dict[str, Any]]:
+    """Return the verdict of a rule over several values, and what to say of it."""
+    from metrosep.parameters.acceptance import judge_values
+
+    if values is None:
+        raise place.error("a rule over several values belongs to parameters of profiles", "rule")
+    U, factor, unit = spread
+    try:
+        found = judge_values(
+            values(check["metric"]),
+            **limits,
+            rule=check.get("rule", "16%"),
+            U=0.0 if U is None else U,
+            guard_factor=factor,
+            sequential=check.get("sequential", False),
+            unit=unit,
+        )
+    except DataError as exc:
+        raise place.error(str(exc), "rule" if "rule" in check else "sequential") from None
+    said = {"rule": found.rule, "values": list(found.values), "u_note": found.sentence}
+    return ("inconclusive" if U is None else found.verdict), said
 
 
 def _by_the_fit(

@@ -23,6 +23,7 @@ from metrosep.core.units import format_length
 from metrosep.recipe import pipeline_checks as keys
 from metrosep.recipe.pipeline_checks import (
     CHECKS,
+    SPECTRUM,
     USUAL_OF_MAPS,
     USUAL_OF_PROFILES,
     Evaluating,
@@ -99,6 +100,7 @@ STEPS: Mapping[str, PipelineOp] = {
         PipelineOp("form", "fit an ideal form and keep what it leaves", keys.FORM),
         PipelineOp("filter", "keep long or short waves", keys.FILTER),
         PipelineOp("parameters", "evaluate parameters of texture and form", keys.PARAMETERS),
+        PipelineOp("psd", "compare the spectrum with a limit, ISO 10110-8", keys.PSD),
     )
 }
 
@@ -395,7 +397,7 @@ def _form(obj: Measured, options: Mapping[str, Any]) -> Done:
 def _filter(obj: Measured, options: Mapping[str, Any]) -> Done:
     kind = options.get("kind", "gaussian")
     if isinstance(obj, Surface):
-        for key in ("profile", "sections"):
+        for key in ("profile", "sections", "core_filter"):
             if key in options:
                 raise StepError(f"{key} belongs to profiles, and this is a map", key)
     if "lambda_s" in options or "lambda_c" in options:
@@ -406,6 +408,7 @@ def _filter(obj: Measured, options: Mapping[str, Any]) -> Done:
             end=options.get("end", "moment"),
             kind=options.get("profile"),
             sections=options.get("sections"),
+            core_filter=options.get("core_filter", "gaussian"),
         )
     else:
         result = _one_cutoff(obj, kind, options)
@@ -469,6 +472,28 @@ def _parameters(obj: Measured, options: Mapping[str, Any]) -> Done:
     return Done(obj, found, tuple(dict.fromkeys(messages)), audit, tables)
 
 
+def _psd(obj: Measured, options: Mapping[str, Any]) -> Done:
+    from metrosep.parameters.psd_limits import judge_psd, psd_limit
+    from metrosep.spectral.masked import masked_psd
+
+    keys = ("detrend", "max_filled")
+    spectrum = masked_psd(obj, **{k: options[k] for k in keys if k in options})
+    found = judge_psd(spectrum, psd_limit(options["limit"]))
+    ratio = Quantity(
+        found.worst.ratio,
+        "1",
+        f"largest ratio of the spectrum to its limit, {found.limit.text}",
+        symbol=SPECTRUM,
+    )
+    bands = [
+        {"wavelength_m": [1.0 / b.high, 1.0 / b.low], "mean": b.mean, "limit": b.limit,
+         "ratio": b.ratio, "independent_values": b.n_independent, "verdict": b.verdict}
+        for b in found.bands
+    ]  # fmt: skip
+    audit = {"direction": found.direction, "filled_share": spectrum.filled_share, "bands": bands}
+    return Done(obj, {SPECTRUM: ratio}, (found.sentence, *found.notes), audit, found)
+
+
 def usual_names(obj: Measured, kind: str | None = None) -> tuple[str, ...]:
     """Return the parameters that are evaluated where none are named."""
     if isinstance(obj, Surface):
@@ -485,4 +510,5 @@ APPLY: Mapping[str, Callable[[Measured, Mapping[str, Any]], Done]] = {
     "form": _form,
     "filter": _filter,
     "parameters": _parameters,
+    "psd": _psd,
 }

@@ -34,6 +34,9 @@ USUAL_OF_MAPS = ("PV", "RMS", "Sa", "Sq", "Sz", "Ssk", "Sku")
 USUAL_OF_PROFILES = ("a", "q", "z", "t", "sk", "ku")
 """Parameters that are evaluated where none are named; those of profiles behind P, W or R."""
 
+SPECTRUM = "PSD"
+"""Metric of a step `psd`: its verdict is that of the bands, so a check of it has no limits."""
+
 Check = Callable[[Mapping[str, Any]], None]
 
 
@@ -155,6 +158,7 @@ _OF_KIND = {
         "lambda_c",
         "profile",
         "sections",
+        "core_filter",
         "cutoff",
         "band",
         "end",
@@ -189,7 +193,7 @@ def _check_filter(options: Mapping[str, Any]) -> None:
         for key in ("band", "refilter"):
             if key in given:
                 raise StepError(f"{key} goes with cutoff, not with lambda_s and lambda_c", key)
-    for key in ("profile", "sections"):
+    for key in ("profile", "sections", "core_filter"):
         if key in given and "lambda_c" not in given:
             raise StepError(f'{key} goes with lambda_c = "0.8 mm"', key)
     ends = (
@@ -244,7 +248,19 @@ def _check_parameters(options: Mapping[str, Any]) -> None:
         raise StepError("sections is a whole number from 1", "sections")
 
 
+def _check_psd(options: Mapping[str, Any]) -> None:
+    from metrosep.parameters.psd_limits import psd_limit
+
+    try:
+        psd_limit(options["limit"])
+    except DataError as exc:
+        raise StepError(f"limit: {exc}", "limit") from None
+    if not 0.0 <= options.get("max_filled", 0.1) <= 1.0:
+        raise StepError("max_filled is a share from 0 to 1", "max_filled")
+
+
 CHECKS: Mapping[str, Check] = {
+    "psd": _check_psd,
     "mask": _check_mask,
     "outliers": _check_outliers,
     "form": _check_form,
@@ -305,6 +321,8 @@ def _named(step: Mapping[str, Any]) -> set[str]:
     if step["op"] == "parameters":
         usual = {*USUAL_OF_MAPS, *(k + s for k in "PWR" for s in USUAL_OF_PROFILES)}
         return set(step.get("names") or usual) - {"all"}
+    if step["op"] == "psd":
+        return {SPECTRUM}
     if step["op"] != "form":
         return set()
     return set(_units_of_form(step))
@@ -315,6 +333,8 @@ def _unit_in(step: Mapping[str, Any], symbol: str) -> str | None:
         from metrosep.parameters.symbol_units import unit_of_symbol
 
         return unit_of_symbol(symbol)
+    if step["op"] == "psd":
+        return "1" if symbol == SPECTRUM else None
     if step["op"] != "form":
         return None
     return _units_of_form(step).get(symbol)
@@ -435,6 +455,12 @@ FILTER: Mapping[str, Option] = {
         help="what lambda_c leaves of a profile: R roughness, W waviness",
         default="R",
     ),
+    "core_filter": Option(
+        "text",
+        choices=("gaussian", "13565-1", "robust"),
+        help="how lambda_c makes roughness: 13565-1 and robust do not follow deep valleys, for the Rk family",
+        default="gaussian",
+    ),
     "cutoff": Option("size", help="one cut-off wavelength, in place of lambda_s and lambda_c"),
     "band": Option(
         "text",
@@ -459,6 +485,23 @@ FILTER: Mapping[str, Option] = {
     "refilter": Option("flag", help="filter once more what was filtered already", default=False),
 }
 
+PSD: Mapping[str, Option] = {
+    "limit": Option(
+        "text",
+        required=True,
+        help='"A = 0.02 um^3, B = 2 from 0.1 mm to 5 mm", or "rms = 5 nm from 0.1 mm to 5 mm"; checked by metric = "PSD"',
+    ),
+    "detrend": Option(
+        "text",
+        choices=("mean", "plane", "quadratic"),
+        help="taken off before the spectrum",
+        default="plane",
+    ),
+    "max_filled": Option(
+        "number", help="largest share of holes inside the outline that is closed", default=0.1
+    ),
+}
+
 PARAMETERS: Mapping[str, Option] = {
     "names": Option(
         "texts",
@@ -471,7 +514,7 @@ PARAMETERS: Mapping[str, Option] = {
     ),
     "edition": Option(
         "text",
-        choices=("ISO 21920-2:2021", "ISO 4287:1997"),
+        choices=("ISO 21920-2:2021", "ISO 4287:1997", "ASME B46.1"),
         help="whose definitions of profile parameters",
         default="ISO 21920-2:2021",
     ),
@@ -524,6 +567,7 @@ def iso_filtered(
     end: str = "moment",
     kind: str | None = None,
     sections: int | None = None,
+    core_filter: str = "gaussian",
 ) -> Any:
     """Return an object after the S-filter and the L-filter, both Gaussian."""
     from metrosep.filters import Band, chain, gaussian
@@ -546,6 +590,8 @@ def iso_filtered(
         return chain.waviness(obj, lambda_c=lambda_c, lambda_s=lambda_s, **options)
     if sections is not None:
         options["sections"] = sections
+    if core_filter != "gaussian":
+        options["core_filter"] = core_filter
     return chain.roughness(obj, lambda_c=lambda_c, lambda_s=lambda_s, **options)
 
 

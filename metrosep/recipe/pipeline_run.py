@@ -20,6 +20,7 @@ from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.recipe.pipeline import Stage, StepError, run_step
+from metrosep.recipe.pipeline_checks import SPECTRUM
 from metrosep.recipe.pipeline_mask import Measured
 from metrosep.recipe.schema import reading_options
 
@@ -78,6 +79,29 @@ class Measurement:
     def audit(self) -> dict[str, Any]:
         """What each step did, by its number and name."""
         return {f"step {s.index + 1}, {s.op}": dict(s.audit) for s in self.stages if s.enabled}
+
+    @property
+    def decided(self) -> dict[str, tuple[Any, str]]:
+        """Verdict and words of each step that compares a spectrum with its limit, by metric."""
+        done = [s.detail for s in self.stages if s.enabled and s.op == "psd"]
+        return {
+            SPECTRUM if n == 1 else f"{SPECTRUM}#{n}": (d.verdict, d.sentence.partition(": ")[2])
+            for n, d in enumerate(done, start=1)
+        }
+
+    def values(self, metric: str) -> list[float]:
+        """Return a parameter of each section of a profile, in the order of x."""
+        from metrosep.parameters.profile import section_values
+
+        symbol = metric.partition("#")[0]
+        for stage in (s for s in self.stages if s.op == "parameters"):
+            for table in stage.detail or ():
+                if isinstance(stage.obj, Profile) and symbol in table:
+                    return section_values(stage.obj, symbol, table)
+        raise DataError(
+            f"{metric} is one value, and a rule counts several: it is for parameters of the sections "
+            "of a profile, or for several files of metrosep measure"
+        )
 
     def metric(self, name: str) -> str:
         """Return the metric that a check means."""
@@ -247,8 +271,13 @@ def _carried_out(measured: Measurement) -> Iterator[str]:
             yield stage.op
 
 
-def judge_measurement(recipe: Recipe, measured: Measurement) -> Mapping[str, Any]:
-    """Return characteristics and verdict; checks may use the spelling of the other edition."""
+def judge_measurement(
+    recipe: Recipe, measured: Measurement, *, values: Callable[[str], list[float]] | None = None
+) -> Mapping[str, Any]:
+    """Return characteristics and verdict; checks may use the spelling of the other edition.
+
+    Rules over several values take those of `values`, else of the sections of the profile.
+    """
     from dataclasses import replace
 
     from metrosep.recipe.characteristics import judged
@@ -259,4 +288,9 @@ def judge_measurement(recipe: Recipe, measured: Measurement) -> Mapping[str, Any
             checks.append({**check, "metric": measured.metric(check["metric"])})
         except DataError as exc:
             raise recipe.place("[[check]]", i).error(str(exc), "metric") from None
-    return judged(replace(recipe, checks=tuple(checks)), measured.found)
+    return judged(
+        replace(recipe, checks=tuple(checks)),
+        measured.found,
+        values=values or measured.values,
+        decided=measured.decided,
+    )

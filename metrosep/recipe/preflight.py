@@ -19,7 +19,7 @@ from metrosep.core.units import parse_quantity
 from metrosep.parameters.decision import decide
 from metrosep.recipe.methods.turned import AVERAGED, TurnedRuns
 from metrosep.recipe.pipeline import STEPS as MEASURING
-from metrosep.recipe.pipeline_checks import known_unit, makes_metric
+from metrosep.recipe.pipeline_checks import SPECTRUM, known_unit, makes_metric
 from metrosep.recipe.result import POSITIONING
 from metrosep.recipe.schema import Place
 
@@ -133,6 +133,11 @@ def _check_limits(check: Mapping[str, Any], place: Place, *, has_table: bool) ->
             f'metric "{check["metric"]}" is of the dry-run of a table: add an [[output]] of kind "table"',
             "metric",
         )
+    if check["metric"].partition("#")[0] == SPECTRUM:
+        stray = next((k for k in check if k not in ("metric", "name")), None)
+        if stray is not None:
+            raise place.error("PSD is judged by the limit of its step; leave this key out", stray)
+        return
     try:
         decide(
             0.0,

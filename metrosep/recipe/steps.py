@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from metrosep.core.limits import RULES
 from metrosep.core.methods import METHODS
 from metrosep.core.options import options_of
 from metrosep.recipe.methods.plan import PLAN
@@ -178,6 +179,8 @@ METHOD_CHECK = {
     "lower": Field("limit"),
     "U": Field("expanded"),
     "guard_factor": Field("number"),
+    "rule": Field("text", choices=RULES),
+    "sequential": Field("flag"),
 }
 
 METHOD_OUTPUTS = {

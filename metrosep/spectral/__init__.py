@@ -12,6 +12,7 @@ from metrosep.spectral.density import (
     radial_psd,
 )
 from metrosep.spectral.dft import Band, fourier_basis, fourier_coefficients, fourier_sum
+from metrosep.spectral.masked import MaskedPsd, masked_psd
 from metrosep.spectral.spectra import AmplitudeSpectrum, ArealPsd, Psd, RadialPsd
 from metrosep.spectral.streaming import BinnedMean, StreamedPsd
 from metrosep.spectral.window import (
@@ -29,6 +30,7 @@ __all__ = [
     "AutoregressiveModel",
     "Band",
     "BinnedMean",
+    "MaskedPsd",
     "Psd",
     "RadialPsd",
     "StreamedPsd",
@@ -42,6 +44,7 @@ __all__ = [
     "fourier_sum",
     "hann_weights",
     "kono_weights",
+    "masked_psd",
     "noise_bandwidth",
     "pooled_periodogram",
     "profile_psd",

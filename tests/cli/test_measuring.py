@@ -121,8 +121,6 @@ def test_exit_code_is_the_verdict(metrosep, waves, limit, U, code):
 @pytest.mark.parametrize(
     ("options", "code", "match"),
     [
-        (("--params", "Sq", "--upper", "Sq=5 nm"), 2, "state it: --U"),
-        (("--params", "Sdr", "--upper", "Sdr=1 %"), 2, "--U Sdr=0.001, or --U Sdr=0 for"),
         (("--params", "Sdr", "--upper", "Sdr=1 nm"), 2, "is a length, but Sdr is a pure number"),
         (("--params", "Sq", "--upper", "Sa=5 nm"), 2, "Sa has a limit but is not among --params"),
         (("--params", "Sq", "--upper", "Sq=5", "--U", "Sq=1 nm"), 2, "unit"),
@@ -149,6 +147,46 @@ def test_wrong_words_are_one_sentence(metrosep, waves, options, code, match):
     assert found == code
     assert match in err
     assert err.count("error:") == (1 if code else 0)
+
+
+@pytest.mark.parametrize(
+    ("symbol", "limit", "example"),
+    [("Sq", "5 nm", 'U = "10 nm"'), ("Sdr", "1 %", "U = 0.001, or U = 0 for simple")],
+)
+def test_a_limit_without_u_is_inconclusive_and_says_what_to_write(
+    metrosep, waves, symbol, limit, example
+):
+    code, out, _ = metrosep("measure", waves, "--params", symbol, "--upper", f"{symbol}={limit}")
+
+    assert code == 3
+    assert f"the uncertainty of {symbol} is not known; state it: {example}" in out
+
+
+def test_names_with_arguments_have_limits_like_any_other(metrosep, sine):
+    """A cosine of 50 nm lies above +25 nm on a third of its length, above 0 on a half."""
+    words = ("--params", "Pmr(25 nm),Pdc(20 %, 80 %),Pmr(0 nm)", "--upper", "Pmr(0.025um)=35 %")
+    code, out, _ = metrosep("measure", sine, *words, "--U", "Pmr(0.025um)=1 %")
+
+    assert code == 0
+    assert "Pmr(25 nm)" in out
+    assert "Pdc(20 %, 80 %)" in out
+    assert "ACCEPT" in out
+
+
+def test_a_rule_counts_sections_or_files(metrosep, sine):
+    limits = ("--upper", "Pq=1 um", "--U", "Pq=1 nm")
+    code, out, _ = metrosep(
+        "measure", sine, sine, sine, "--params", "Pq", *limits, "--rule", "max"
+    )
+    assert code == 0
+    assert "maximum rule: 0 of 3 values outside" in out
+
+    code, out, _ = metrosep("measure", sine, "--params", "Pq", *limits, "--rule", "16%")
+    assert "0 of 1 values outside" in out  # a P profile is one section
+
+    code, _, err = metrosep("measure", sine, "--params", "Pq", "--rule", "max")
+    assert code == 2
+    assert "--upper" in err
 
 
 def test_filters_of_a_profile_are_in_order_or_refused(metrosep, sine):

@@ -196,3 +196,62 @@ def test_a_cutoff_may_be_a_text_with_its_unit() -> None:
 
     assert np.array_equal(text.z, number.z, equal_nan=True)
     assert text.metadata["lambda_c_m"] == pytest.approx(0.25e-3, rel=0, abs=1e-18)
+
+
+# ---- roughness for the Rk family ------------------------------------------------------------------
+
+
+def grooved():
+    """Plateau with two waves and a groove 2 um deep every 130 um, 8 mm long."""
+    x = np.arange(16_000) * 0.5
+    z = 0.15 * np.sin(2 * np.pi * x / 37) + 0.05 * np.sin(2 * np.pi * x / 9 + 1)
+    z -= np.where(x % 130 < 12, 2 * np.sin(np.pi * (x % 130) / 12) ** 2, 0.0)
+    return Profile(x * 1e-6, z * 1e-6)
+
+
+def two_passes(z):
+    """ISO 13565-1 with a kernel of our own, cut at one cut-off: 800 um in steps of 0.5 um."""
+    t = np.arange(-1600, 1601) / 1600
+    kernel = np.exp(-np.pi * t**2 / (np.log(2) / np.pi))
+
+    def line(v):
+        return np.convolve(v, kernel, "same") / np.convolve(np.ones_like(v), kernel, "same")
+
+    return line(np.maximum(z, line(z)))
+
+
+def test_two_passes_of_iso_13565_1_stay_on_the_plateau():
+    profile = grooved()
+
+    rough = roughness(profile, lambda_c="0.8 mm", core_filter="13565-1", end="renormalise")
+
+    line = profile.z - rough.z
+    assert np.abs(line - two_passes(profile.z)).max() < 5e-14  # m: the kernel is cut elsewhere
+    assert line[8000] == pytest.approx(0.0047630637e-6, rel=1e-6)
+    assert rough.metadata["profile_kind"] == "R"
+    # At the ends, one cut-off goes and the line inside stays.
+    cut = roughness(profile, lambda_c="0.8 mm", core_filter="13565-1", end="cut")
+    middle = slice(8000 - 100, 8000 + 100)
+    at = np.searchsorted(cut.x, profile.x[middle])
+    assert np.abs(cut.z[at] - rough.z[middle]).max() < 5e-14
+
+
+def test_core_filters_tell_the_table_which():
+    from metrosep.parameters import profile_parameters
+
+    expected = {"13565-1": (0.383244, 0.0312416, 2.054847, 0.0595, 0.9266667)}
+    for name in ("gaussian", "13565-1", "robust"):
+        rough = roughness(grooved(), lambda_c="0.8 mm", core_filter=name, end="renormalise")
+        part = slice(5000, 11_000)
+        piece = Profile(
+            rough.x[part], rough.z[part], metadata=rough.metadata, history=rough.history
+        )
+        table = profile_parameters(
+            piece, kind="R", sections=1, names=["Rk", "Rpk", "Rvk", "Mr1", "Mr2"]
+        )
+        warned = any("valley-suppressing" in note for note in table.context.notes)
+        assert warned == (name == "gaussian")
+        assert ("13565-1" in table.context.chain) == (name == "13565-1")
+        if name in expected:
+            found = [q.value * (1e6 if q.unit == "m" else 1.0) for q in table.values()]
+            assert found == pytest.approx(expected[name], rel=2e-6, abs=0.0)

@@ -25,6 +25,8 @@ EXACT = 1e-13
 """A polynomial of the degree of the regression, relative to its height: rounding only."""
 DIRECT = 1e-8
 """Against least squares at each point: the window is cut at 5e-13 and tolerance is 1e-11."""
+ON_NODES = 3e-3
+"""Of the standard deviation: a cubic spline through nodes a tenth of the cut-off apart."""
 GAIN = 1e-6
 """Against a closed-form gain: the sampled Gaussian and the cut window."""
 
@@ -125,9 +127,67 @@ def test_areal_gain_of_order_2_is_one_half_along_an_axis():
     x = np.arange(201) * UM
     z = np.broadcast_to(np.cos(2 * np.pi * (x - x[100]) / (30 * UM)), (151, 201))
 
-    low = robust_gaussian(Surface(z, UM, UM), nesting_index=30 * UM, robust=False)
+    low = robust_gaussian(Surface(z, UM, UM), nesting_index=30 * UM, robust=False, exact=True)
+    nodes = robust_gaussian(Surface(z, UM, UM), nesting_index=30 * UM, robust=False)
 
     assert abs(low.z[75, 100] - 0.5) < GAIN
+    assert np.abs(nodes.z - low.z).max() < ON_NODES
+
+
+def test_areal_reference_values():
+    """Heights worked out by a program of its own, and by a weighted regression at one pixel."""
+    y, x = np.mgrid[0:64, 0:64].astype(float)
+    z = 3 * np.sin(2 * np.pi * x / 50) + 0.5 * np.cos(2 * np.pi * y / 9) + 0.02 * x
+    z[20:24, 30:33] -= 40.0
+    z[40, 10] += 25.0
+    z[5:7, 50:60] = np.nan
+    expected = {
+        (32, 32): -1.35834962,
+        (0, 0): 0.41630020,
+        (22, 31): -1.09572783,
+        (63, 63): 4.75866803,
+    }
+
+    for exact, limit in ((True, 1e-5), (False, 2e-3)):
+        low = robust_gaussian(Surface(z, 1.0, 1.0), nesting_index=20.0, order=1, exact=exact)
+        assert np.isnan(low.z[6, 55])
+        assert max(abs(low.z[at] - value) for at, value in expected.items()) < limit
+        assert abs(low.history[-1].parameters["c_m"] - 1.39911058) < limit
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_nodes_are_the_pixels_to_a_thousandth(order):
+    """A disc with holes and patches, steps and cut-offs that differ in x and y, nothing symmetric."""
+    rng = np.random.default_rng(order)
+    y, x = np.mgrid[0:180, 0:260].astype(float)
+    z = 2 * np.sin(x / 31 + 1) * np.cos(y / 23) + 0.2 * rng.standard_normal(x.shape)
+    z[60:70, 150:160] -= 15.0
+    z[(x - 120) ** 2 + (1.3 * y - 110) ** 2 > 105**2] = np.nan
+    z[100:104, 90:99] = np.nan
+    surface = Surface(z, 1.0, 2.0)
+
+    nodes, pixels = (
+        robust_gaussian(surface, nesting_index=(40.0, 60.0), order=order, exact=exact).z
+        for exact in (False, True)
+    )
+
+    assert np.array_equal(np.isnan(nodes), np.isnan(pixels))
+    assert np.nanmax(np.abs(nodes - pixels)) < ON_NODES * np.nanstd(pixels)
+
+
+def test_an_island_without_support_is_treated_as_before():
+    """One pixel far from all others carries no plane: every pixel is then worked out on its own."""
+    z = np.random.default_rng(1).standard_normal((120, 150))
+    z[:, 40:] = np.nan
+    z[100, 140] = 1.0
+
+    low = robust_gaussian(Surface(z, 1.0, 1.0), nesting_index=30.0, unsupported="nan")
+    exact = robust_gaussian(
+        Surface(z, 1.0, 1.0), nesting_index=30.0, unsupported="nan", exact=True
+    )
+
+    assert np.array_equal(low.z, exact.z, equal_nan=True)
+    assert np.isnan(low.z[100, 140])
 
 
 @pytest.mark.parametrize("robust", [True, False])

@@ -326,7 +326,7 @@ def test_bad_options_raise(options, error, match):
 
 
 def test_bad_evaluations_raise():
-    with pytest.raises(DataError, match="not one of"):
+    with pytest.raises(DataError, match="not offered as"):
         monte_carlo("Rmax", WAVE, noise=NOISE)
     with pytest.raises(DataError, match="NaN"):
         monte_carlo(lambda _: math.nan, WAVE, noise=NOISE)

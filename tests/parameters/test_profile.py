@@ -26,7 +26,8 @@ OLD = "ISO 4287:1997"
 EXACT = 1e-9  # relative; closed forms on the samples themselves
 ROUNDING = 1e-9  # relative; other order of summation, other unit
 LENGTHS = {"Ra", "Rq", "Rp", "Rv", "Rz", "Rzx", "Rz1max", "Rt", "Rc"} | {
-    "Rk", "Rpk", "Rvk", "Rpkx", "Rvkx", "Rak1", "Rak2", "A1", "A2"
+    "Rk", "Rpk", "Rvk", "Rpkx", "Rvkx", "Rak1", "Rak2", "A1", "A2",
+    "Rpt", "Rvt", "Rpq", "Rvq", "Rvmp", "Rvmc", "Rvvc", "Rvvv", "R5p", "R5v", "R10z", "RzJIS", "R3z",
 }  # fmt: skip
 
 
@@ -200,7 +201,6 @@ def test_waviness_symbols():
     ("one", "other"),
     [
         ("RSm", "Rsm"),
-        ("Rz1max", "Rzx"),
         ("Mr1", "Rmrk1"),
         ("Rmr2", "Mr2"),
         ("RDq", "Rdq"),
@@ -483,7 +483,9 @@ def test_unit_of_height(rough, edition, scale):
 
     assert list(one) == list(other)
     for symbol in one:
-        slope = symbol in {"Rdq", "Rda"}
+        if symbol in {"Rdl", "Rdr", "Rmpc", "Rmvc"}:  # not proportional to the height
+            continue
+        slope = symbol in {"Rdq", "Rda", "Rdt"}
         factor = scale if symbol in LENGTHS or slope else 1.0
         assert other[symbol].value == pytest.approx(
             factor * one[symbol].value, rel=ROUNDING, abs=0.0
@@ -494,8 +496,9 @@ def test_unit_of_length(rough):
     one = profile_parameters(trace(rough), kind="R")
     other = profile_parameters(trace(rough, dx=1e-3), kind="R")
 
-    factor = {"Rsm": 1e3, "Rdq": 1e-3, "Rda": 1e-3}
-    for symbol in one:
+    factor = {"Rsm": 1e3, "Rsal": 1e3, "Rsw": 1e3, "Rpd": 1e-3, "Rvd": 1e-3}
+    factor |= {"Rdq": 1e-3, "Rda": 1e-3, "Rdt": 1e-3}
+    for symbol in set(one) - {"Rdl", "Rdr", "Rmpc", "Rmvc"}:
         expected = factor.get(symbol, 1.0) * one[symbol].value
         assert other[symbol].value == pytest.approx(expected, rel=ROUNDING, abs=0.0)
 
@@ -680,8 +683,8 @@ def test_bad_options_raise():
         profile_parameters(trace(sine()), kind="Q")
     with pytest.raises(DataError, match="secant"):
         profile_parameters(trace(sine()), line="tangent")
-    with pytest.raises(DataError, match="RzJIS: not offered for kind R with edition ISO 21920"):
-        profile_parameters(trace(sine()), kind="R", names=["Ra", "RzJIS"])
+    with pytest.raises(DataError, match=r"Rzq \(nearest: Rz.*of kind R with edition ISO 21920"):
+        profile_parameters(trace(sine()), kind="R", names=["Ra", "Rzq"])
     with pytest.raises(DataError, match="sequence"):
         profile_parameters(trace(sine()), kind="R", names="Ra")
 

@@ -161,10 +161,10 @@ def test_bad_options_are_refused_at_the_call(tmp_path, options, match):
 
 
 def test_reason_keeps_its_quotes(tmp_path):
-    lines = ["PROFILE_FILTER Gaussian LC 0.8 mm", "PARAMETER_VALUE RzJIS 1 um"]
+    lines = ["PROFILE_FILTER Gaussian LC 0.8 mm", "PARAMETER_VALUE Rzq 1 um"]
     (row,) = verify_softgauge(gauge(tmp_path / "a.smd", sine(), 1e-3, lines))
 
-    assert row.reason.startswith("'RzJIS' is not among")
+    assert row.reason.startswith("'Rzq' is not among")
 
 
 @pytest.mark.parametrize(

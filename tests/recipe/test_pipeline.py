@@ -549,6 +549,7 @@ NEEDED = {
     "form": {"op": "form", "form": "plane"},
     "filter": {"op": "filter", "cutoff": "0.2 mm"},
     "parameters": {"op": "parameters", "names": ["Sq"]},
+    "psd": {"op": "psd", "limit": "rms = 1 mm from 1 mm to 2 mm"},
 }
 
 
@@ -560,7 +561,7 @@ def test_a_stated_default_is_what_happens_without_it(op):
         if (
             key.default is None
             or name in step
-            or name in ("profile", "tension", "order", "edition")
+            or name in ("profile", "core_filter", "tension", "order", "edition")
         ):
             continue
         stated = done(sphere_map(), {**step, name: key.default})

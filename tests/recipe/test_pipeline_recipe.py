@@ -234,8 +234,10 @@ def test_errors_of_the_data_keep_their_kind_and_get_the_place(part):
 def test_a_check_of_what_was_not_measured(part):
     with pytest.raises(RecipeError, match='metric = "Sz" is made by no step; did you mean "Sq"'):
         recipe(part, HEAD + STEPS + check("Sz", upper="1 nm", U="1 nm")).run()
-    with pytest.raises(RecipeError, match="state it: U"):
-        recipe(part, HEAD + STEPS + check("PV", upper="1 nm")).run()
+    found = recipe(part, HEAD + STEPS + check("PV", upper="1 nm")).run()
+    (pv,) = [c for c in found.document["characteristics"] if c["metric"] == "PV"]
+    assert (pv["verdict"], pv["u_source"], pv["U"]) == ("inconclusive", "not stated", None)
+    assert "state it: U" in pv["reason"]
 
 
 def test_one_file_at_a_time(part):

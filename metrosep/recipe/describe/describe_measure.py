@@ -24,6 +24,8 @@ __all__ = ["measurement_of"]
 _PIXELS = 50_000
 """Of all maps of a document: it stays below a megabyte."""
 _BINS = 80
+_LOOKING = ("parameters", "psd")
+"""Steps that leave the map or profile as it is."""
 
 
 def measurement_of(produced: Measurement, inputs: Any = None) -> Description:
@@ -37,6 +39,7 @@ def measurement_of(produced: Measurement, inputs: Any = None) -> Description:
     else:
         charts, maps = [_profiles(produced, *before)], {}
         tables = {"": {"x_mm": last.x * 1e3, "z_nm": last.z * 1e9}}
+    charts += [_spectrum(s.detail) for s in produced.stages if s.enabled and s.op == "psd"]
     charts += _histogram(last)
     return Description(
         produced.found,
@@ -63,7 +66,7 @@ def _before_form(measured: Measurement) -> tuple[str, Measured]:
 def _maps_left(measured: Measurement) -> list[tuple[str, Measured]]:
     """Return what the last form leaves, and what is left at the end where that is another map."""
     shown: list[tuple[str, Measured]] = []
-    done = [s for s in measured.stages if s.enabled and s.op != "parameters"]
+    done = [s for s in measured.stages if s.enabled and s.op not in _LOOKING]
     forms = [s for s in done if s.op == "form"]
     if forms and done[-1] is not forms[-1]:
         shown.append(("What the form leaves", forms[-1].obj))
@@ -121,10 +124,40 @@ def _profiles(measured: Measurement, title: str, before: Measured) -> dict[str, 
     assert isinstance(before, Profile)  # noqa: S101
     assert isinstance(last, Profile)  # noqa: S101
     panels = [panel(title.lower(), "m", [curve("", before.x, before.z)])]
-    changed = [s.op for s in measured.stages if s.enabled and s.op != "parameters"]
+    changed = [s.op for s in measured.stages if s.enabled and s.op not in _LOOKING]
     if changed:
         panels.append(panel(f"after {', '.join(changed)}", "m", [curve("", last.x, last.z)]))
     return curve_chart("Profile", ("position", "m"), panels, caption="Gaps are gaps.")
+
+
+def _spectrum(found: Any) -> dict[str, Any]:
+    """Return the spectrum of the worse direction with its limit, band by band, both logarithmic."""
+    f, density = found.spectrum.frequency[1:], found.spectrum.density[1:]
+    keep = (density > 0.0) & (f >= 0.3 * found.bands[0].low) & (f <= 3.0 * found.bands[-1].high)
+    unit = 1e-21  # nm^2 mm in m^3
+    curves = [curve("measured", 1e-3 * f[keep], np.log10(density[keep] / unit))]
+    if found.limit.A is not None:
+        middles = [np.sqrt(b.low * b.high) for b in found.bands]
+        ends = np.array([found.bands[0].low, *middles, found.bands[-1].high])
+        limit = found.limit.A / ends**found.limit.B
+        curves.append(curve("limit", 1e-3 * ends, np.log10(limit / unit)))
+        failing = [
+            (m, b.mean) for m, b in zip(middles, found.bands, strict=True) if b.verdict != "accept"
+        ]
+        if failing:
+            at, mean = np.array(failing).T
+            curves.append(
+                curve("bands not accepted", 1e-3 * at, np.log10(mean / unit), points=True)
+            )
+    words = f"{found.sentence}. Lines along {found.direction}; limit: {found.limit.text}."
+    chart = curve_chart(
+        "Power spectral density",
+        ("frequency in 1/mm", "1"),
+        [panel("log10 of the density in nm^2 mm", "1", curves)],
+        caption=words,
+    )
+    chart["x"]["log"] = True
+    return chart
 
 
 def _histogram(obj: Measured) -> list[dict[str, Any]]:
@@ -180,5 +213,7 @@ def _words(stage: Stage) -> str:
         )
     if stage.op == "filter":
         return f"{audit['left']} heights left"
+    if stage.op == "psd":
+        return f"{len(audit['bands'])} bands of lines along {audit['direction']} compared"
     editions = dict.fromkeys(e["edition"] for e in audit["evaluations"])
     return f"{len(stage.found)} values after {'; '.join(editions)}"

@@ -1,0 +1,376 @@
+"""Limits of waviness and roughness by spectrum (ISO 10110-8): A / f^B over a band, or an RMS in it.
+
+The one-sided density of a line, PSD1(f), is compared in bands of a third of an octave with the mean of
+the limit over the same band. The mean of n independent values of a random surface scatters like
+chi-square with 2 n degrees of freedom, and a band is accepted or rejected by its 5 % points. Of a map
+the mean of the lines is taken in both directions, and the worse one counts. Scope of the standard as
+in public texts; the notation of A and B is recalled.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError
+from metrosep.core.numbers import positive, real
+from metrosep.core.units import format_length, parse_quantity, parse_unit
+from metrosep.parameters.decision import Verdict, worst
+from metrosep.spectral.masked import MaskedPsd
+from metrosep.spectral.spectra import Psd
+
+__all__ = ["BandResult", "PsdLimit", "PsdVerdict", "judge_psd", "psd_limit"]
+
+_PER_OCTAVE = 3
+_RISK = 0.05
+_GRAMMAR = (
+    'A limit is written as "A = 0.02 um^3, B = 2 from 0.1 mm to 5 mm" (PSD = A / f^B with f in '
+    '1/um; "nm^2 mm" counts f in 1/mm) or "rms = 5 nm from 0.1 mm to 5 mm"'
+)
+_POWER = re.compile(
+    r"\s*A\s*=\s*(?P<A>[^\s,;]+)\s*(?P<unit>[^,;]*?)\s*[,; ]\s*B\s*=\s*(?P<B>[\d.]+)\s*,?\s*"
+    r"from\s+(?P<low>.+?)\s+to\s+(?P<high>.+?)\s*"
+)
+_RMS = re.compile(
+    r"\s*rms\s*<?=\s*(?P<rms>.+?)\s*,?\s*from\s+(?P<low>.+?)\s+to\s+(?P<high>.+?)\s*"
+)
+_CUBE = re.compile(
+    r"(?P<one>[a-zA-Zµ]+)\^(?:3|\(3\s*-\s*B\))|(?P<two>[a-zA-Zµ]+)\^2\s*[* ]?\s*(?P<f>[a-zA-Zµ]+)"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class PsdLimit:
+    """A limit of a one-sided line spectrum over a band of wavelengths.
+
+    Parameters
+    ----------
+    shortest, longest : float, m, > 0
+        Wavelengths of the band.
+    A : float or None
+        PSD1(f) <= A / f^B with f in 1/m, m^(3 - B); None for a limit of the RMS.
+    B : float
+        Exponent.
+    rms : float or None, m
+        Limit of the RMS in the band.
+    text : str
+        As it was written.
+
+    Examples
+    --------
+    >>> limit = psd_limit("A = 1e-3 um^3, B = 2 from 10 um to 1 mm")
+    >>> f"{limit.root_mean_square() * 1e6:.9f}"
+    '0.994987437'
+    """
+
+    shortest: float
+    longest: float
+    A: float | None = None
+    B: float = 0.0
+    rms: float | None = None
+    text: str = ""
+
+    def __post_init__(self) -> None:
+        positive(self.shortest, "the shortest wavelength", dimension="length")
+        positive(self.longest, "the longest wavelength", dimension="length")
+        if not self.shortest < self.longest:
+            raise DataError(
+                f"the band of a limit goes from a shorter to a longer wavelength, got "
+                f"{format_length(self.shortest)} and {format_length(self.longest)}"
+            )
+        if (self.A is None) == (self.rms is None):
+            raise DataError("a limit of a spectrum has A and B, or an RMS")
+        positive(self.rms if self.A is None else self.A, "the limit")
+        real(self.B, "B")
+
+    def mean_square(self, low: float, high: float) -> float:
+        """Return the integral of A / f^B between two frequencies.
+
+        Parameters
+        ----------
+        low, high : float, 1/m
+            Frequencies, 0 < low < high.
+
+        Returns
+        -------
+        float, m^2
+            ``A (low^(1-B) - high^(1-B)) / (B - 1)``, for B = 1 ``A ln(high / low)``.
+        """
+        A = 0.0 if self.A is None else self.A
+        if self.B == 1.0:
+            return A * math.log(high / low)
+        return float(A * (low ** (1.0 - self.B) - high ** (1.0 - self.B)) / (self.B - 1.0))
+
+    def root_mean_square(self) -> float:
+        """Return the RMS that the limit allows over its band.
+
+        Returns
+        -------
+        float, m
+            The stated one, or that of A / f^B.
+        """
+        if self.rms is not None:
+            return self.rms
+        return math.sqrt(self.mean_square(1.0 / self.longest, 1.0 / self.shortest))
+
+
+def psd_limit(text: str) -> PsdLimit:
+    """Return the limit that a text means.
+
+    Parameters
+    ----------
+    text : str
+        ``"A = 0.02 um^3, B = 2 from 0.1 mm to 5 mm"`` or ``"rms = 5 nm from 0.1 mm to 5 mm"``. The
+        unit of A is that of the density: ``um^3`` (or ``um^(3-B)``) counts f in 1/um, ``nm^2 mm`` in
+        1/mm.
+
+    Returns
+    -------
+    PsdLimit
+        In SI.
+
+    Raises
+    ------
+    DataError
+        If the text cannot be read, or A has no unit.
+
+    Examples
+    --------
+    >>> limit = psd_limit("A = 2 nm^2 mm, B = 1 from 0.1 mm to 5 mm")
+    >>> f"{limit.A:.3g} {limit.B:g} {limit.shortest:g}"
+    '2e-18 1 0.0001'
+    """
+    found = _POWER.fullmatch(text)
+    if found is not None:
+        B, value = float(found["B"]), _number(found["A"], text)
+        return PsdLimit(
+            *_band(found),
+            A=value * _unit(found["unit"], B, text),
+            B=B,
+            text=" ".join(text.split()),
+        )
+    found = _RMS.fullmatch(text)
+    if found is None:
+        raise DataError(f"{text!r} is not a limit of a spectrum. {_GRAMMAR}")
+    rms = parse_quantity(found["rms"], dimension="length", name="rms")
+    return PsdLimit(*_band(found), rms=rms, text=" ".join(text.split()))
+
+
+def _band(found: re.Match[str]) -> tuple[float, float]:
+    ends = sorted(parse_quantity(found[k], dimension="length", name=k) for k in ("low", "high"))
+    return ends[0], ends[1]
+
+
+def _number(text: str, whole: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise DataError(f"A = {text!r} in {whole!r} is not a number. {_GRAMMAR}") from None
+
+
+def _unit(text: str, B: float, whole: str) -> float:
+    """Return the size of a unit of A in m^(3 - B)."""
+    found = _CUBE.fullmatch(text.strip())
+    if found is None:
+        what = f"the unit {text!r}" if text.strip() else "no unit"
+        raise DataError(
+            f"A of {whole!r} has {what}; the unit of the density is needed. {_GRAMMAR}"
+        )
+    one = parse_unit(found["one"] or found["two"], dimension="length").factor
+    wave = one if found["one"] else parse_unit(found["f"], dimension="length").factor
+    return float(one**2 * wave * wave**-B)
+
+
+@dataclass(frozen=True, slots=True)
+class BandResult:
+    """One band of a spectrum against its limit.
+
+    Parameters
+    ----------
+    low, high : float, 1/m
+        Frequencies.
+    mean, limit : float
+        Mean of the density over the band and of the limit, m^3; mean squares, m^2, for an RMS.
+    n_independent : float
+        Independent values in the band.
+    verdict : {"accept", "reject", "inconclusive"}
+        Of this band.
+    """
+
+    low: float
+    high: float
+    mean: float
+    limit: float
+    n_independent: float
+    verdict: Verdict
+
+    @property
+    def ratio(self) -> float:
+        """Mean over limit."""
+        return self.mean / self.limit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PsdVerdict:
+    """What a spectrum says about a limit.
+
+    Parameters
+    ----------
+    limit : PsdLimit
+        What was asked.
+    bands : tuple of BandResult
+        Of the worse direction, the lowest frequency first.
+    direction : {"x", "y"}
+        Of the lines.
+    verdict : {"accept", "reject", "inconclusive"}
+        Of both directions together.
+    spectrum : Psd
+        Of that direction.
+    notes : tuple of str
+        What a reader must know.
+    """
+
+    limit: PsdLimit
+    bands: tuple[BandResult, ...]
+    direction: str
+    verdict: Verdict
+    spectrum: Psd
+    notes: tuple[str, ...]
+
+    @property
+    def worst(self) -> BandResult:
+        """The band with the largest ratio."""
+        return max(self.bands, key=lambda b: b.ratio)
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words."""
+        band = self.worst
+        ratio, n = band.ratio, band.n_independent
+        n_open = sum(b.verdict != "accept" for b in self.bands)
+        what = "RMS^2" if self.limit.A is None else "mean density"
+        more, less = _factors(n)
+        short, long = (format_length(1.0 / f, digits=3) for f in (band.high, band.low))
+        return (
+            f"{self.verdict}: {what} reaches {ratio:.3g} of the limit, at wavelengths {short} to "
+            f"{long} along {self.direction} ({n:.3g} independent value{'s' if n > 1.0 else ''}, so "
+            f"the true ratio lies between {ratio * less:.3g} and {ratio * more:.3g} at 5 % each); "
+            f"{n_open} of {len(self.bands)} bands not accepted"
+        )
+
+
+def judge_psd(spectrum: MaskedPsd, limit: PsdLimit) -> PsdVerdict:
+    """Return whether a spectrum keeps a limit.
+
+    Parameters
+    ----------
+    spectrum : MaskedPsd
+        Of a map or a profile.
+    limit : PsdLimit
+        Of the one-sided density along a line.
+
+    Returns
+    -------
+    PsdVerdict
+        Bands, verdict and the worse direction.
+
+    Raises
+    ------
+    DataError
+        If no frequency of the spectrum lies in the band of the limit.
+
+    Notes
+    -----
+    Accept if ``mean 2 n / chi2_0.05(2 n) <= limit`` in all bands, reject if
+    ``mean 2 n / chi2_0.95(2 n) > limit`` in any. n is the width of the band times the effective
+    length of the window, times the evenness (sum P)^2 / (N sum P^2) of the density in it, at least 1;
+    parallel lines of a map hang together, so their number adds none. Bands beyond what the
+    measurement reaches are inconclusive.
+    """
+    names = ("x", "y")
+    results = []
+    for psd, length, lowest, name in zip(
+        spectrum.one_sided, spectrum.lengths, spectrum.lowest, names, strict=False
+    ):
+        bands, notes = _bands(psd, length, lowest, limit)
+        outcome = worst([b.verdict for b in bands]) or "inconclusive"
+        if notes and outcome == "accept":
+            outcome = "inconclusive"
+        results.append(PsdVerdict(limit, bands, name, outcome, psd, tuple(notes)))
+    order = {"reject": 2, "inconclusive": 1, "accept": 0}
+    chosen = max(results, key=lambda r: (order[r.verdict], r.worst.ratio))
+    if spectrum.filled_share:
+        closed = f"{100 * spectrum.filled_share:.3g} % of the outline were holes, closed before"
+        chosen = PsdVerdict(
+            limit, chosen.bands, chosen.direction, chosen.verdict, chosen.spectrum,
+            (*chosen.notes, closed),
+        )  # fmt: skip
+    return chosen
+
+
+def _bands(
+    psd: Psd, length: float, lowest: float, limit: PsdLimit
+) -> tuple[tuple[BandResult, ...], list[str]]:
+    f, P = psd.frequency, psd.density
+    low, high = 1.0 / limit.longest, 1.0 / limit.shortest
+    notes = []
+    if lowest > low * (1.0 + 1e-9):
+        notes.append(
+            f"wavelengths above {format_length(1 / lowest)} cannot be judged on this width"
+        )
+    if f[-1] < high * (1.0 - 1e-9):
+        notes.append(f"wavelengths below {format_length(1 / f[-1])} are shorter than two steps")
+    first, last = max(low, lowest), min(high, float(f[-1]))
+    if not ((f >= first) & (f <= last)).any():
+        raise DataError(
+            f"no frequency of the spectrum lies in the band of the limit, {format_length(limit.shortest)}"
+            f" to {format_length(limit.longest)}: it reaches from {format_length(1 / f[-1])} to "
+            f"{format_length(1 / lowest)}"
+        )
+    if limit.A is None:
+        edges = np.array([first, last])
+    else:
+        n = max(1, round(_PER_OCTAVE * math.log2(last / first)))
+        edges = np.geomspace(first, last, n + 1)
+    found = []
+    for a, b in pairwise(edges.tolist()):
+        square, independent = _in_band(f, P, a, b, length)
+        width = b - a
+        allowed = limit.rms**2 if limit.rms is not None else limit.mean_square(a, b)
+        scale = 1.0 if limit.rms is not None else width
+        more, less = _factors(independent)
+        verdict: Verdict = "inconclusive"
+        if square * more <= allowed:
+            verdict = "accept"
+        elif square * less > allowed:
+            verdict = "reject"
+        found.append(BandResult(a, b, square / scale, allowed / scale, independent, verdict))
+    return tuple(found), notes
+
+
+def _in_band(
+    f: FloatArray, P: FloatArray, a: float, b: float, length: float
+) -> tuple[float, float]:
+    """Return the integral of the density from a to b, and how many independent values it holds."""
+    step = float(f[1])
+    share = np.clip(
+        (np.minimum(f + 0.5 * step, b) - np.maximum(f - 0.5 * step, a)) / step, 0.0, 1.0
+    )
+    weighted = share * P
+    square = float(weighted.sum()) * step
+    total = float((weighted**2).sum())
+    evenness = float(weighted.sum()) ** 2 / (total * float(share.sum())) if total > 0.0 else 1.0
+    return square, max(1.0, (b - a) * length * min(evenness, 1.0))
+
+
+def _factors(n: float) -> tuple[float, float]:
+    """Return true mean over measured mean, largest and smallest, at 5 % each."""
+    from scipy.special import gammaincinv
+
+    low, high = (float(gammaincinv(n, share)) for share in (_RISK, 1.0 - _RISK))
+    return n / low, n / high

@@ -1,0 +1,314 @@
+"""Power spectral density of maps with an outline and holes, and of profiles with gaps.
+
+Inner holes are closed by the harmonic function (Laplace's equation, the measured pixels around as
+boundary), and the window falls to zero at the outline, whatever its shape: w = sin^2(pi d / 2 d_max),
+d the distance to the outside. On a disc that is the cos^2 of the radius. Without a window a spectrum
+that falls like f^-4 is wrong by up to a factor of twenty (metrology-2, 7.2); with it, by 1 to 10 %.
+At the highest frequencies closing loses about the share that was closed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.numbers import between, choice
+from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step
+from metrosep.core.surface import Surface
+from metrosep.spectral.dft import instance_of
+from metrosep.spectral.spectra import ArealPsd, Psd, RadialPsd
+
+__all__ = ["MaskedPsd", "masked_psd"]
+
+_PERIODS = 2.0
+"""Of the width of the outline: the lowest frequency that is more than the window."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MaskedPsd:
+    """Spectrum of what lies inside an outline.
+
+    Parameters
+    ----------
+    areal : ArealPsd or None
+        Two-sided density of a map, padded to twice its size; None of a profile.
+    one_sided : tuple of Psd
+        One-sided density along x, and of a map along y: the areal one integrated over the other
+        frequency.
+    lengths : tuple of float, m
+        Effective length of the window along each: a band of width df holds df times this many
+        independent values.
+    window_area : float, m^2 or m
+        The same for the areal density (of a profile its length).
+    lowest : tuple of float, 1/m
+        Lowest frequency along each axis that can be trusted, 2 over the width of the outline.
+    filled_share : float
+        Share of the pixels inside the outline that were closed.
+    """
+
+    areal: ArealPsd | None
+    one_sided: tuple[Psd, ...]
+    lengths: tuple[float, ...]
+    window_area: float
+    lowest: tuple[float, ...]
+    filled_share: float
+
+    def radial(self) -> RadialPsd:
+        """Return the mean over all directions.
+
+        Returns
+        -------
+        RadialPsd
+            In rings as wide as the frequency step of the map before padding; ``n_averaged`` counts
+            independent values, of which the window leaves fewer than samples.
+
+        Raises
+        ------
+        DataError
+            If it is the spectrum of a profile.
+        """
+        if self.areal is None:
+            raise DataError("the spectrum of a profile has one direction")
+        radius = self.areal.radial_frequency().ravel()
+        width = 2.0 * max(
+            float(np.diff(f[:2])[0]) for f in (self.areal.frequency_x, self.areal.frequency_y)
+        )
+        ring = np.rint(radius / width).astype(np.intp)
+        count = np.bincount(ring)
+        full = np.flatnonzero(count)
+        full = full[full > 0]
+        area = count[full] * self.areal.cell
+        independent = np.maximum(np.rint(0.5 * area * self.window_area), 1).astype(np.int64)
+        return RadialPsd(
+            np.bincount(ring, radius)[full] / count[full],
+            np.bincount(ring, self.areal.density.ravel())[full] / count[full],
+            np.asarray(area),
+            independent,
+            self.areal.history,
+        )
+
+
+def masked_psd(
+    obj: Surface | Profile,
+    *,
+    detrend: Literal["mean", "plane", "quadratic"] = "plane",
+    max_filled: float = 0.1,
+) -> MaskedPsd:
+    """Return the power spectral density of a map with an outline and holes, or a profile with gaps.
+
+    Parameters
+    ----------
+    obj : Surface or Profile
+        With its lateral steps; NaN = not measured.
+    detrend : {"mean", "plane", "quadratic"}, optional
+        What is taken off the measured heights first, by least squares.
+    max_filled : float, optional
+        Largest share of holes inside the outline, 0 to 1.
+
+    Returns
+    -------
+    MaskedPsd
+        Densities with what is known of them.
+
+    Raises
+    ------
+    DataError
+        If an option is out of range, a step is not known, or more than `max_filled` is missing.
+    InvalidSamplesError
+        If nothing was measured.
+    NotUniformError
+        If the positions of a profile are not uniform.
+    TooFewSamplesError
+        If the outline is narrower than 8 pixels.
+
+    Notes
+    -----
+    ``C = dx dy |FFT(w z)|^2 / sum w^2`` with the mean of weights w removed, zeros outside, padded to
+    twice the size. The sum of C over all frequencies times their cell is the weighted variance
+    ``sum (w z)^2 / sum w^2``. One-sided: ``PSD1(f) = 2 integral C(f, fy) dfy``. Independent values of
+    a ring: ``(pi / 2) (f2^2 - f1^2) dx dy (sum w^2)^2 / sum w^4``.
+
+    References
+    ----------
+    .. [1] J. M. Elson, J. M. Bennett, Appl. Opt. 34 (1995) 201 (one-dimensional form).
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> y, x = np.mgrid[-1:1:64j, -1:1:64j]
+    >>> disc = np.where(x * x + y * y <= 1.0, rng.standard_normal((64, 64)), np.nan)
+    >>> found = masked_psd(Surface(disc, 1e-6, 1e-6))
+    >>> along_x, along_y = found.one_sided
+    >>> bool(abs(along_x.variance() / along_y.variance() - 1.0) < 1e-6)
+    True
+    """
+    instance_of(obj, (Surface, Profile), "a spectrum")
+    choice(detrend, "detrend", ("mean", "plane", "quadratic"))
+    max_filled = between(max_filled, "max_filled", 0.0, 1.0)
+    steps = _steps(obj)
+    z = np.atleast_2d(np.asarray(obj.z, dtype=np.float64))
+    measured = ~np.isnan(z)
+    if not measured.any():
+        raise InvalidSamplesError("nothing was measured: there is no spectrum")
+    rows, columns = (np.flatnonzero(measured.any(axis=a)) for a in (1, 0))
+    part = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+    z, measured = z[part], measured[part]
+    is_map = isinstance(obj, Surface)
+    widths = [n for n, wanted in zip(z.shape, (is_map, True), strict=True) if wanted]
+    if min(widths) < 8:
+        raise TooFewSamplesError(f"a spectrum needs 8 samples across, got {min(widths)}")
+    outline = _outline(measured, is_map=is_map)
+    n_filled = int(outline.sum()) - int(measured.sum())
+    share = n_filled / int(outline.sum())
+    if share > max_filled:
+        raise DataError(
+            f"{100 * share:.3g} % of the outline is missing, more than max_filled = "
+            f"{100 * max_filled:.3g} %: closed holes would decide the spectrum; crop, or raise "
+            "max_filled"
+        )
+    z = np.where(measured, z - _trend(z, measured, detrend, is_map=is_map), np.nan)
+    z = _closed(z, outline, measured, steps)
+    w = _window(outline, steps, is_map=is_map)
+    z = np.where(outline, z - float((w * z)[outline].sum() / w.sum()), 0.0)
+    facts = {"detrend": detrend, "filled_share": share, "window": "sin2 of the distance"}
+    history = (*obj.history, Step("masked_psd", facts))
+    return _spectrum(w * z, w, steps, share, history, is_map=is_map)
+
+
+def _steps(obj: Surface | Profile) -> tuple[float, float]:
+    """Return the steps in y and x, 1 in y of a profile."""
+    if isinstance(obj, Profile):
+        return 1.0, obj.dx
+    if obj.dx is None or obj.dy is None:
+        raise DataError(
+            "the surface has no lateral step in both axes, so it has no frequencies in 1/m; give "
+            "the steps: Surface(z, dx, dy)"
+        )
+    return obj.dy, obj.dx
+
+
+def _outline(measured: NDArray[np.bool_], *, is_map: bool) -> NDArray[np.bool_]:
+    """Return the measured pixels with all holes inside; the outside is 8-connected."""
+    from scipy import ndimage
+
+    if not is_map:
+        return np.ones(measured.shape, dtype=bool)  # between its first and last sample
+    return np.asarray(ndimage.binary_fill_holes(measured, structure=np.ones((3, 3), dtype=bool)))
+
+
+def _trend(
+    z: FloatArray, measured: NDArray[np.bool_], detrend: str, *, is_map: bool
+) -> FloatArray:
+    """Return the least-squares mean, plane (line) or quadratic of the measured pixels."""
+    v, u = (np.linspace(-1.0, 1.0, n) if n > 1 else np.zeros(1) for n in z.shape)
+    terms = [np.ones(z.shape)]
+    if detrend != "mean":
+        terms.append(np.broadcast_to(u, z.shape))
+        terms += [np.broadcast_to(v[:, None], z.shape)] if is_map else []
+    if detrend == "quadratic":
+        terms.append(np.broadcast_to(u * u, z.shape))
+        if is_map:
+            terms += [np.broadcast_to((v * v)[:, None], z.shape), v[:, None] * u]
+    basis = np.stack([t[measured] for t in terms])
+    level = float(z[measured][0])
+    c = np.linalg.lstsq(basis @ basis.T, basis @ (z[measured] - level), rcond=None)[0]
+    trend = np.full(z.shape, level)
+    for coefficient, term in zip(c, terms, strict=True):
+        trend += coefficient * term
+    return trend
+
+
+def _closed(
+    z: FloatArray,
+    outline: NDArray[np.bool_],
+    measured: NDArray[np.bool_],
+    steps: tuple[float, float],
+) -> FloatArray:
+    """Return the heights with holes closed by the harmonic function; zeros outside."""
+    from scipy.sparse import coo_array, csc_array
+    from scipy.sparse.linalg import spsolve
+
+    hole = outline & ~measured
+    out = np.where(measured, z, 0.0)
+    n = int(hole.sum())
+    if n == 0:
+        return out
+    number = np.full(z.shape, -1)
+    number[hole] = np.arange(n)
+    rows, columns = np.nonzero(hole)
+    diagonal, right = np.zeros(n), np.zeros(n)
+    entries: list[tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]] = []
+    for axis, step in enumerate(steps):
+        for side in (-1, 1):
+            y, x = rows + (side if axis == 0 else 0), columns + (side if axis == 1 else 0)
+            there = (y >= 0) & (y < z.shape[0]) & (x >= 0) & (x < z.shape[1])
+            there[there] = outline[y[there], x[there]]
+            weight = 1.0 / step**2
+            diagonal[there] += weight
+            known = there.copy()
+            known[there] = measured[y[there], x[there]]
+            right[known] += weight * z[y[known], x[known]]
+            other = there & ~known
+            at = np.flatnonzero(other)
+            entries.append((at, number[y[other], x[other]], np.full(at.size, -weight)))
+    at, to, value = (np.concatenate(v) for v in zip(*entries, strict=True))
+    every = np.arange(n)
+    matrix = coo_array(
+        (
+            np.concatenate([value, diagonal]),
+            (np.concatenate([at, every]), np.concatenate([to, every])),
+        ),
+        shape=(n, n),
+    )
+    out[hole] = spsolve(csc_array(matrix), right)
+    return out
+
+
+def _window(outline: NDArray[np.bool_], steps: tuple[float, float], *, is_map: bool) -> FloatArray:
+    from scipy import ndimage
+
+    padded = np.pad(outline, ((1, 1) if is_map else (0, 0), (1, 1)))
+    distance = ndimage.distance_transform_edt(padded, sampling=steps)
+    distance = distance[1:-1, 1:-1] if is_map else distance[:, 1:-1]
+    return np.asarray(np.sin(0.5 * np.pi * distance / distance.max()) ** 2)
+
+
+def _spectrum(
+    weighted: FloatArray,
+    w: FloatArray,
+    steps: tuple[float, float],
+    share: float,
+    history: tuple[Step, ...],
+    *,
+    is_map: bool,
+) -> MaskedPsd:
+    from scipy import fft
+
+    squares = w * w
+    energy = float(squares.sum())
+    cell = math.prod(steps) if is_map else steps[1]
+    lengths, lowest, one_sided = [], [], []
+    areal = None
+    shape = tuple(2 * n if n > 1 else 1 for n in w.shape)
+    power = np.abs(fft.fft2(weighted, shape)) ** 2 * (cell / energy)
+    for axis in (1, 0) if is_map else (1,):
+        step, n = steps[axis], shape[axis]
+        other = steps[1 - axis] * shape[1 - axis] if is_map else 1.0
+        density = power.sum(axis=1 - axis)[: n // 2 + 1] / other
+        density[1 : (n + 1) // 2] *= 2.0
+        one_sided.append(Psd(np.arange(n // 2 + 1) / (n * step), density, history))
+        along = squares.sum(axis=1 - axis)
+        lengths.append(step * float(along.sum() ** 2 / (along**2).sum()))
+        lowest.append(_PERIODS / (w.shape[axis] * step))
+    if is_map:
+        f_y, f_x = (fft.fftshift(fft.fftfreq(n, s)) for n, s in zip(shape, steps, strict=True))
+        areal = ArealPsd(f_x, f_y, fft.fftshift(power), history)
+    area = cell * energy**2 / float((squares**2).sum())
+    return MaskedPsd(areal, tuple(one_sided), tuple(lengths), area, tuple(lowest), share)

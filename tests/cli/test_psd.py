@@ -1,0 +1,93 @@
+"""metrosep psd: a disc of known spectrum against limits, at the command line and by recipe."""
+
+import json
+
+import numpy as np
+import pytest
+
+import metrosep as ms
+
+STEP = 1e-5
+
+
+@pytest.fixture
+def disc(tmp_path):
+    """A disc of 3 mm with dropouts and a tilt; f^-3 in two dimensions, 20 nm RMS."""
+    rng, n, wide = np.random.default_rng(0), 300, 1024
+    fx = np.fft.fftfreq(wide)
+    f = np.hypot(fx[:, None], fx)
+    f[0, 0] = f[0, 1]
+    z = np.fft.ifft2(np.fft.fft2(rng.standard_normal((wide, wide))) * f**-1.5).real[:n, :n]
+    y, x = np.mgrid[-1 : 1 : n * 1j, -1 : 1 : n * 1j]
+    lost = (x * x + y * y > 1.0) | (rng.random(z.shape) < 0.01)
+    z = np.where(lost, np.nan, z / z.std() * 20e-9 + 1e-6 * x)
+    path = tmp_path / "disc.h5"
+    ms.write(ms.Surface(z, STEP, STEP), path)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("limit", "code", "verdict"),
+    [
+        ("A = 5 nm^2 mm, B = 2 from 0.05 mm to 0.5 mm", 1, "reject"),
+        ("rms = 60 nm from 0.05 mm to 0.5 mm", 0, "accept"),
+        ("rms = 7 nm from 0.05 mm to 0.5 mm", 3, "inconclusive"),
+    ],
+)
+def test_a_disc_is_judged(metrosep, disc, limit, code, verdict):
+    found, out, _ = metrosep("psd", disc, "--limit", limit)
+    assert found == code
+    assert f"verdict: {verdict}" in out
+    assert "of the outline were holes" in out
+
+    found, out, _ = metrosep("psd", disc, "--limit", limit, "--json")
+    content = json.loads(out)
+    assert (found, content["verdict"]) == (code, verdict)
+    assert all(b["wavelength_m"][0] < b["wavelength_m"][1] for b in content["bands"])
+
+
+def test_the_recipe_says_the_same_and_draws_the_limit(metrosep, disc, tmp_path):
+    recipe = tmp_path / "r.toml"
+    limit = "A = 5 nm^2 mm, B = 2 from 0.05 mm to 0.5 mm"
+    recipe.write_text(
+        f'metrosep = 1\n[input]\nfiles = ["disc.h5"]\n[[step]]\nop = "form"\nform = "plane"\n'
+        f'[[step]]\nop = "psd"\nlimit = "{limit}"\n[[check]]\nmetric = "PSD"\n'
+        '[[output]]\nkind = "report"\n',
+        encoding="utf-8",
+    )
+    code, _, err = metrosep("run", recipe, "-o", tmp_path / "out")
+    assert code == 1
+    assert "bands not accepted" in err
+    document = json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
+    (entry,) = [c for c in document["characteristics"] if c["metric"] == "PSD"]
+    assert entry["verdict"] == "reject"
+    assert entry["u_source"] == "scatter of the spectrum"
+    charts = [c["title"] for c in document["separation"]["charts"]]
+    assert "Power spectral density" in charts
+    assert "Power spectral density" in (tmp_path / "out" / "report.html").read_text("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--limit", "A = 5, B = 2 from 0.05 mm to 0.5 mm"), "the unit of the density is needed"),
+        (("--limit", "rms = 1 nm from 0.05 mm to 0.5 mm", "--max-filled", "0"), "max_filled"),
+    ],
+)
+def test_what_cannot_be_judged_is_one_sentence(metrosep, disc, words, message):
+    code, _, err = metrosep("psd", disc, *words)
+    assert code == 2
+    assert message in err
+    assert err.count("error:") == 1
+
+
+def test_a_psd_check_has_no_limits_of_its_own(metrosep, disc, tmp_path):
+    recipe = tmp_path / "r.toml"
+    recipe.write_text(
+        'metrosep = 1\n[input]\nfiles = ["disc.h5"]\n[[step]]\nop = "psd"\n'
+        'limit = "rms = 1 nm from 0.05 mm to 0.5 mm"\n[[check]]\nmetric = "PSD"\nupper = 1.0\n',
+        encoding="utf-8",
+    )
+    code, _, err = metrosep("run", recipe, "-o", tmp_path / "out")
+    assert code == 2
+    assert "r.toml:9" in err

@@ -1,0 +1,115 @@
+"""Rules over several values: the worked table of the specification, and binomial chances."""
+
+import itertools
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.parameters import judge_values
+
+TWELVE = [0.71, 0.78, 0.66, 0.83, 0.74, 0.69, 0.81, 0.92, 0.75, 0.70, 0.77, 0.73]
+
+
+@pytest.mark.parametrize(
+    ("limit", "outside", "verdicts"),
+    [
+        (0.80, 3, ("reject", "reject", "accept")),
+        (0.85, 1, ("accept", "reject", "accept")),
+        (0.90, 1, ("accept", "reject", "accept")),
+        (0.95, 0, ("accept", "accept", "accept")),
+    ],
+)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_worked_table(limit, outside, verdicts, side):
+    """For an upper limit, and turned over for a lower one."""
+    values = [side * v for v in TWELVE]
+    limits = {"upper": limit} if side > 0 else {"lower": -limit}
+    found = [judge_values(values, rule=r, **limits) for r in ("16%", "max", "median")]
+
+    assert tuple(f.verdict for f in found) == verdicts
+    assert {f.n_outside for f in found} == {outside}
+
+
+def test_stages_stop_at_the_first_that_decides():
+    three = judge_values(TWELVE, upper=0.80, rule="16%", sequential=True)
+    one = judge_values(TWELVE, upper=1.1, rule="16%", sequential=True)
+    six = judge_values([0.9, *TWELVE], upper=0.8, rule="16%", sequential=True)
+
+    assert (three.verdict, three.values) == ("accept", (0.71, 0.78, 0.66))
+    assert (one.verdict, one.values) == ("accept", (0.71,))
+    # 0.9 of the first three; 0.9 and 0.83 of six; 0.9, 0.83, 0.81, 0.92 of twelve
+    assert (six.verdict, len(six.values)) == ("reject", 12)
+    short = judge_values([0.9, 0.7, 0.7, 0.7], upper=0.8, rule="16%", sequential=True)
+    assert (short.verdict, short.values) == ("inconclusive", (0.9, 0.7, 0.7, 0.7))
+    assert "measure 2 more" in short.sentence
+
+
+@pytest.mark.parametrize(
+    ("share", "stages", "one_in_six", "largest"),
+    [
+        (0.05, 0.991404, 0.980432, 0.773781),
+        (0.10, 0.947988, 0.889130, 0.590490),
+        (0.16, 0.847175, 0.701004, 0.418212),
+        (0.25, 0.642089, 0.390675, 0.237305),
+        (0.40, 0.320922, 0.083443, 0.077760),
+    ],
+)
+def test_chances_of_acceptance(share, stages, one_in_six, largest):
+    """Every pattern of values inside and outside, weighted by its chance."""
+
+    def chance(n, rule, sequential=False):
+        return sum(
+            math.prod(share if b else 1 - share for b in bad)
+            for bad in accepted(n, rule, sequential=sequential)
+        )
+
+    assert chance(12, "16%", sequential=True) == pytest.approx(stages, abs=5e-7)
+    assert chance(12, "16%") == pytest.approx(one_in_six, abs=5e-7)
+    assert chance(5, "max") == pytest.approx(largest, abs=5e-7)
+
+
+@cache
+def accepted(n, rule, *, sequential):
+    """Patterns that are accepted: the limit is 1, a value 0.9 or 1.1."""
+    return [
+        bad
+        for bad in itertools.product([False, True], repeat=n)
+        if judge_values(
+            [1.1 if b else 0.9 for b in bad], upper=1.0, rule=rule, sequential=sequential
+        ).verdict
+        == "accept"
+    ]
+
+
+def test_guard_band_makes_a_count_inconclusive():
+    for rule in ("max", "16%", "median"):
+        near = judge_values([0.96] * 6, upper=1.0, rule=rule, U=0.1)
+        assert near.verdict == "inconclusive"
+        assert judge_values([0.89] * 6, upper=1.0, rule=rule, U=0.1).verdict == "accept"
+        assert judge_values([1.12] * 6, upper=1.0, rule=rule, U=0.1).verdict == "reject"
+        assert judge_values([0.96] * 6, upper=1.0, rule=rule, U=0.1, guard_factor=0.2).verdict == (
+            "accept"
+        )
+
+
+def test_few_values_say_that_the_rule_is_the_maximum_rule():
+    found = judge_values(TWELVE[:5], upper=0.80, rule="16%")
+
+    assert (found.verdict, found.n_allowed) == ("reject", 0)
+    assert "is the maximum rule" in found.sentence
+
+
+def test_what_cannot_be_judged_is_refused():
+    with pytest.raises(TooFewSamplesError, match="at least one value"):
+        judge_values([], upper=1.0)
+    with pytest.raises(DataError, match="limit"):
+        judge_values(TWELVE)
+    with pytest.raises(DataError, match="rule"):
+        judge_values(TWELVE, upper=1.0, rule="16 %")
+    with pytest.raises(DataError, match="belongs to the 16 % rule"):
+        judge_values(TWELVE, upper=1.0, rule="max", sequential=True)
+    with pytest.raises(DataError, match="finite"):
+        judge_values([0.7, np.nan], upper=1.0)

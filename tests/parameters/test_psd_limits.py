@@ -1,0 +1,116 @@
+"""Limits of ISO 10110-8 against closed forms, and their verdicts on made surfaces."""
+
+import numpy as np
+import pytest
+
+from metrosep import Profile, Surface
+from metrosep.core.errors import DataError, MetrosepError
+from metrosep.parameters import judge_psd, psd_limit
+from metrosep.spectral import masked_psd
+
+UM, NM, MM = 1e-6, 1e-9, 1e-3
+
+
+def test_rms_of_a_limit():
+    """A = 1e-3 um^(3-B), 1e-3 to 0.1 1/um: worked out by hand for B = 2 and 1."""
+    two = psd_limit("A = 1e-3 um^3, B = 2 from 10 um to 1 mm")
+    one = psd_limit("A=1e-3 um^(3-B) B=1 from 1 mm to 10 um")
+    assert two.root_mean_square() == pytest.approx(0.994987437 * UM, rel=1e-9)
+    assert one.root_mean_square() == pytest.approx(0.0678614042 * UM, rel=1e-9)
+    assert psd_limit("rms = 5 nm from 0.1 mm to 2 mm").root_mean_square() == 5 * NM
+
+
+@pytest.mark.parametrize("B", [0.0, 1.0, 1.55, 2.0, 3.0])
+def test_units_of_a_say_how_f_counts(B):
+    """nm^2 mm counts f in 1/mm: at f = 2/mm the density is A / 2^B nm^2 mm."""
+    limit = psd_limit(f"A = 3 nm^2 mm, B = {B} from 0.1 mm to 5 mm")
+    assert pytest.approx(3 / 2**B * NM**2 * MM, rel=1e-12) == limit.A / (2 / MM) ** B
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("A = 3, B = 2 from 0.1 mm to 5 mm", "no unit; the unit of the density is needed"),
+        ("A = 3 nm, B = 2 from 0.1 mm to 5 mm", "the unit 'nm'"),
+        ("A = x um^3, B = 2 from 0.1 mm to 5 mm", "'x'"),
+        ("A = 3 um^3, B = 2 from 0.1 to 5", "no unit"),
+        ("A = 3 um^3, B = 2 from 5 mm to 5 mm", "shorter to a longer"),
+        ("rms = 5 from 0.1 mm to 5 mm", "no unit"),
+        ("A < 3", "is not a limit of a spectrum"),
+        ("A = 0 um^3, B = 2 from 0.1 mm to 5 mm", "limit"),
+    ],
+)
+def test_what_is_no_limit_is_refused(text, message):
+    with pytest.raises(MetrosepError, match=message):
+        psd_limit(text)
+
+
+def profile(seed, amplitude=1.0, n=3000, step=2 * UM):
+    """Lines with PSD1 = 50 nm^2 mm / f^2 (f in 1/mm) times amplitude^2, cut from a longer one."""
+    wide = 16_384
+    f = np.fft.rfftfreq(wide, step)
+    f[0] = f[1]
+    density = 50 * NM**2 * MM / (f * MM) ** 2
+    rng = np.random.default_rng(seed)
+    spectrum = np.fft.rfft(rng.standard_normal(wide)) * np.sqrt(density / (2 * step))
+    return Profile(np.arange(n) * step, amplitude * np.fft.irfft(spectrum, wide)[:n])
+
+
+LIMIT = "A = 50 nm^2 mm, B = 2 from 0.02 mm to 0.5 mm"
+
+
+def test_verdicts_of_lines_below_at_and_above_a_limit():
+    """At the limit nothing may be accepted but by chance: 13 bands of 5 % each must all agree."""
+    limit = psd_limit(LIMIT)
+
+    def outcomes(amplitude):
+        found = [judge_psd(masked_psd(profile(s, amplitude)), limit) for s in range(20)]
+        return [f.verdict for f in found]
+
+    assert outcomes(1.0).count("accept") == 0
+    assert outcomes(0.1).count("accept") >= 17
+    assert outcomes(3.0).count("reject") == 20
+
+
+def test_the_mean_of_the_bands_is_that_of_the_made_lines():
+    limit = psd_limit(LIMIT)
+    ratios = np.array(
+        [[b.ratio for b in judge_psd(masked_psd(profile(s)), limit).bands] for s in range(60)]
+    )
+    assert np.abs(ratios.mean(axis=0) - 1.0).max() < 0.35  # one band of 60 lines scatters by 12 %
+    assert ratios[:, 4:].mean() == pytest.approx(1.0, abs=0.06)
+
+
+def test_false_accepts_of_one_band():
+    """A limit of the RMS at the true RMS: at most 5 % are accepted."""
+    true = psd_limit(LIMIT).root_mean_square()
+    limit = psd_limit(f"rms = {true / NM} nm from 0.02 mm to 0.5 mm")
+    found = [judge_psd(masked_psd(profile(s)), limit).verdict for s in range(200)]
+    assert found.count("accept") <= 16  # 10 expected
+
+
+def test_the_worse_direction_of_a_map_counts():
+    rng = np.random.default_rng(1)
+    x = np.arange(300) * 10 * UM
+    lines = 20 * NM * np.sin(2 * np.pi * x / (100 * UM))
+    z = NM * rng.standard_normal((260, 300)) + lines  # waves along x only
+    limit = psd_limit("rms = 5 nm from 50 um to 0.5 mm")
+
+    one = judge_psd(masked_psd(Surface(z, 10 * UM, 10 * UM)), limit)
+    turned = judge_psd(masked_psd(Surface(z.T, 10 * UM, 10 * UM)), limit)
+
+    assert (one.verdict, one.direction) == ("reject", "x")
+    assert (turned.verdict, turned.direction) == ("reject", "y")
+    assert one.worst.ratio == pytest.approx(200 / 25, rel=0.05)
+    assert "along x" in one.sentence
+
+
+def test_what_the_measurement_does_not_reach_is_inconclusive():
+    p = profile(1, 0.01)
+    short = judge_psd(masked_psd(p), psd_limit("A = 50 nm^2 mm, B = 2 from 1 um to 0.5 mm"))
+    long = judge_psd(masked_psd(p), psd_limit("A = 50 nm^2 mm, B = 2 from 0.02 mm to 50 mm"))
+    assert (short.verdict, long.verdict) == ("inconclusive", "inconclusive")
+    assert "shorter than two steps" in short.notes[0]
+    assert "cannot be judged on this width" in long.notes[0]
+    with pytest.raises(DataError, match="no frequency"):
+        judge_psd(masked_psd(p), psd_limit("rms = 1 nm from 100 mm to 200 mm"))
