@@ -560,6 +560,19 @@ class Chain:
 
         return read(self, instrument, q, errors, tool=tool, exact=exact, total=total)
 
+    def from_bed(self) -> Chain:
+        """Return the chain of the tool branch alone, with its other end on the bed.
+
+        Returns
+        -------
+        Chain
+            What an instrument on the bed sees of the machine.
+        """
+        tools = [e for e in self.elements if e.branch == "tool"]
+        return Chain(
+            [*tools, Element("BED", "workpiece", "fixed")], name=f"{self.name}, from the bed"
+        )
+
     def inverse(
         self, points: ArrayLike, *, tool: ArrayLike = (0.0, 0.0, 0.0), **axes: ArrayLike
     ) -> dict[str, FloatArray]:

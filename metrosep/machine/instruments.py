@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,10 +31,11 @@ from metrosep.core.errors import DataError, InvalidSamplesError, UnitError
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.machine._poses import tool_point
-from metrosep.machine.chains import Chain, Errors, Positions
-from metrosep.machine.elements import Element
 from metrosep.machine.error_sets import as_error_set
 from metrosep.machine.terms import positions_array
+
+if TYPE_CHECKING:
+    from metrosep.machine.chains import Chain, Errors, Positions
 
 __all__ = [
     "Angle", "Ballbar", "Displacement", "FunctionalCurves", "Instrument", "Length", "Nest",
@@ -479,16 +480,6 @@ class Nest(Instrument):
 # ---- the chain as an instrument sees it -------------------------------------------------------------
 
 
-def seen_chain(chain: Chain, instrument: Instrument) -> Chain:
-    """Return the part of a chain between the ends of an instrument."""
-    if instrument.end == "workpiece":
-        return chain
-    tools = [e for e in chain.elements if e.branch == "tool"]
-    return Chain(
-        [*tools, Element("BED", "workpiece", "fixed")], name=f"{chain.name}, from the bed"
-    )
-
-
 def seen(
     chain: Chain, instrument: Instrument, q: Positions, tool: ArrayLike
 ) -> tuple[Chain, dict[str, ArrayLike], FloatArray, View]:
@@ -497,7 +488,7 @@ def seen(
         raise DataError(
             f"an instrument is needed, got {instrument!r}; see metrosep.machine.Nest ..."
         )
-    part = seen_chain(chain, instrument)
+    part = chain.from_bed() if instrument.end == "bed" else chain
     at = {a: v for a, v in q.items() if a in part.axes or a not in chain.axes}
     point = getattr(instrument, "point", None)
     lever = tool_point(tool if point is None else point)

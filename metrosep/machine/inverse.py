@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,8 +21,10 @@ from metrosep.core.errors import DataError, InvalidSamplesError, NotConvergedErr
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.machine._poses import tool_point
-from metrosep.machine.chains import Chain, Errors, Positions
 from metrosep.machine.terms import positions_array
+
+if TYPE_CHECKING:
+    from metrosep.machine.chains import Chain, Errors, Positions
 
 __all__ = ["CorrectedPath", "correct_path", "inverse_kinematics"]
 
