@@ -181,3 +181,15 @@ def test_quarter_of_a_million_points_are_not_read_one_by_one(put, calls):
 @pytest.mark.parametrize("name", ["calibrated.xyz", "not-all-listed.xyz"])
 def test_damaged_files_are_refused_or_read(folder, survives_damage, name):
     survives_damage(zygo_xyz, folder / name)
+
+
+def test_the_command_line_takes_the_order_of_rows_as_its_warning_says(folder, capsys):
+    from metrosep.cli.main import main
+
+    path = str(folder / "uncalibrated.xyz")
+    assert main(["info", path]) == 0
+    hint = '--set "row_order=smallest y first"'
+    assert hint in capsys.readouterr().out
+
+    assert main(["info", path, "--set", hint.split('"')[1]]) == 0
+    assert "which row is on top" not in capsys.readouterr().out
