@@ -186,10 +186,12 @@ def test_damaged_files_are_refused_or_read(folder, survives_damage, name):
 def test_the_command_line_takes_the_order_of_rows_as_its_warning_says(folder, capsys):
     from metrosep.cli.main import main
 
-    path = str(folder / "uncalibrated.xyz")
-    assert main(["info", path]) == 0
-    hint = '--set "row_order=smallest y first"'
-    assert hint in capsys.readouterr().out
+    def said(*words):
+        with pytest.raises(SystemExit) as ended:
+            main(["info", str(folder / "uncalibrated.xyz"), *words])
+        assert ended.value.code == 0
+        return capsys.readouterr().out
 
-    assert main(["info", path, "--set", hint.split('"')[1]]) == 0
-    assert "which row is on top" not in capsys.readouterr().out
+    hint = "row_order=smallest y first"
+    assert f'--set "{hint}"' in said()
+    assert "which row is on top" not in said("--set", hint)
