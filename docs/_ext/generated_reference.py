@@ -138,14 +138,16 @@ def formats_page() -> str:
                 _words(entry.get("suffixes")),
                 ", ".join(verb for verb in ("reads", "writes") if entry.get(verb)),
                 _words(entry.get("status")),
+                ": ".join(map(str, entry.get("orientation", {}).values())),
             ]
         )
-    header = ["id", "title", "kind", "suffixes", "does", "status"]
+    header = ["id", "title", "kind", "suffixes", "does", "status", "rows of a map shown by"]
     lines = [*_heading("File formats", "=")]
     lines += [
         "From the descriptors in ``data_formats/``. *verified-on-real-file*: a file of a real",
         "instrument was read; *from-specification*: written from a description only;",
-        "*synthetic*: only files that we made ourselves.",
+        "*synthetic*: only files that we made ourselves. What the last column says about the",
+        "orientation of a map is explained in :doc:`/explanation/reading`.",
         "",
     ]
     return "\n".join(lines + _table([header, *rows])) + "\n"

@@ -32,7 +32,7 @@ _STDOUT_ERRORS = (errno.ENOSPC, errno.EIO, errno.EBADF, errno.EINVAL)
 
 _READER_OPTIONS = frozenset(
     {
-        *TEXT_OPTIONS, "group", "max_pixels", "names", "numbered", "overhang", "radius",
+        *TEXT_OPTIONS, "group", "max_pixels", "names", "numbered", "overhang", "radius", "row_order",
         "sampling_rate", "scale", "segment", "servo_period", "slope", "time", "x", "y", "z",
     }
 )  # fmt: skip

@@ -163,7 +163,7 @@ def convert(
     reading: dict[str, Any],
     force: bool,
 ) -> int:
-    """Read SRC and write it as DST (csv, h5, int, sdf, sur, x3p, xyz)."""
+    """Read SRC and write it as DST (csv, h5, int, pro, sdf, smd, sur, x3p, xyz)."""
     from pathlib import Path
 
     from metrosep.core.errors import WriteError

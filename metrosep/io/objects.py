@@ -224,9 +224,11 @@ def make_surface(
     dx, dy = override or own_steps
     facts.setdefault("orientation_evidence", registry.evidence(format_id))
     if facts["orientation_evidence"] == "assumed":
+        other = ROW_ORDERS[1 - ROW_ORDERS.index(row_order)]
         said = (
-            f"nothing shows whether such a file begins with the top row ({row_order} was taken): compare "
-            "the map with the picture of the instrument, and say row_order= if it is upside down"
+            f"nothing shows which row is on top ({row_order} was taken): compare the map with the picture "
+            f"of the instrument and pass row_order={other!r} if it is upside down, row_order={row_order!r} "
+            "if it is right"
         )
         notes += (said,)
     metadata = file.metadata(

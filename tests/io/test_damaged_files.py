@@ -179,3 +179,10 @@ def test_every_reader_refuses_the_files_of_the_others(repository):
     assert accepted == [
         ("contour-dat", "delimited")
     ]  # rows x, z with their unit: the same profile
+
+
+def test_a_long_line_of_numbers_with_one_odd_byte_is_looked_through_once(tmp_path):
+    """The page of a text was sought by a pattern that took the square of the length of a line."""
+    row = b" ".join(b"-1.0000000000000%d" % k for k in range(3000))
+
+    assert outcome(tmp_path / "long.dat", row + b"\n\x85\x01 1 2\n") is None

@@ -81,7 +81,7 @@ def test_declared_unit_replaces_the_assumption_and_is_recorded(folder):
     assert surface.peak_to_valley() == pytest.approx(0.907, abs=PM)
     assert surface.metadata["height_unit"] == "m"
     assert surface.metadata["height_unit_from"] == "caller"
-    assert [w for w in surface.metadata["warnings"] if "top row" not in w] == []
+    assert [w for w in surface.metadata["warnings"] if "which row" not in w] == []
 
 
 @pytest.mark.parametrize("order", ["top row first", "smallest y first"])
@@ -90,9 +90,9 @@ def test_rows_are_assumed_to_begin_at_the_top_until_the_caller_says_it(folder, o
     stated = ms.read(folder / "uncalibrated.xyz", row_order=order)
 
     assert assumed.metadata["orientation_evidence"] == "assumed"
-    assert "nothing shows" in " ".join(assumed.metadata["warnings"])
+    assert "nothing shows which row" in " ".join(assumed.metadata["warnings"])
     assert stated.metadata["orientation_evidence"] == "stated"
-    assert "nothing shows" not in " ".join(stated.metadata["warnings"])
+    assert "nothing shows which row" not in " ".join(stated.metadata["warnings"])
     turned = assumed.z if order == "top row first" else assumed.z[::-1]
     np.testing.assert_array_equal(stated.z, turned)
 
@@ -181,3 +181,17 @@ def test_quarter_of_a_million_points_are_not_read_one_by_one(put, calls):
 @pytest.mark.parametrize("name", ["calibrated.xyz", "not-all-listed.xyz"])
 def test_damaged_files_are_refused_or_read(folder, survives_damage, name):
     survives_damage(zygo_xyz, folder / name)
+
+
+def test_the_command_line_takes_the_order_of_rows_as_its_warning_says(folder, capsys):
+    from metrosep.cli.main import main
+
+    def said(*words):
+        with pytest.raises(SystemExit) as ended:
+            main(["info", str(folder / "uncalibrated.xyz"), *words])
+        assert ended.value.code == 0
+        return capsys.readouterr().out
+
+    hint = "row_order=smallest y first"
+    assert f'--set "{hint}"' in said()
+    assert "which row is on top" not in said("--set", hint)

@@ -58,7 +58,8 @@ _KNOWN = re.compile(
         )
     )
 )
-_BEYOND_ASCII = re.compile(rb"[^\r\n]*[\x80-\xff][^\r\n]*")
+_BEYOND_ASCII = re.compile(rb"(?<![^\r\n])[^\r\n\x80-\xff]*+[\x80-\xff][^\r\n]*")
+"""Whole lines with a byte beyond ASCII; a long line is looked through once."""
 _LINES = 100
 """Lines that are looked at for their code page."""
 _ENOUGH = 1 / 3
