@@ -27,7 +27,11 @@ _REPORT = ["", "[[output]]", 'kind = "parts"', "", "[[output]]", 'kind = "report
 @click.option("--radius", required=True, metavar="LENGTH", help='Of the part: "20 mm".')
 @click.option("--inner-radius", metavar="LENGTH", help="Of a hole in the part.")
 @click.option(
-    "--error", "errors", multiple=True, metavar="TERM=VALUE", help='"EXX=1 um", "EAC=0.2 arcsec".'
+    "--error",
+    "errors",
+    multiple=True,
+    metavar="TERM=VALUE",
+    help='"EXX=1 um", "EAC=0.2 arcsec", "EZX=wave 8 mm 1 um", "EZC=2 upr 50 nm".',
 )
 @click.option("--all-lengths", metavar="LENGTH", help="Every other term that is a length.")
 @click.option("--all-angles", metavar="ANGLE", help="Every other term that is an angle.")

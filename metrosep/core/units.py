@@ -423,7 +423,10 @@ def parse_quantity(value: str | float, *, dimension: str, name: str = "value") -
         raise UnitError(
             f"{name} {value!r} has no unit; write it with one of {_example(dimension)}"
         )
-    unit = parse_unit(unit_text, dimension=dimension)
+    try:
+        unit = parse_unit(unit_text, dimension=dimension)
+    except UnitError as error:
+        raise UnitError(f"{name} {value!r}: {error}") from None
     number = _scaled(digits, unit.factor) + unit.zero
     if not math.isfinite(number):
         raise UnitError(f"{name} {value!r} is not finite")

@@ -7,8 +7,9 @@ one part cannot tell apart, Monte Carlo. `error = actual - nominal`, z out of th
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,7 @@ from metrosep.machine.error_sets import ErrorSet
 from metrosep.machine.gram import AlignedGram, aligned_gram, check_covariance, groups_alike
 from metrosep.machine.sensitivity import SensitivityTable
 from metrosep.machine.sobol import DISTRIBUTIONS
+from metrosep.machine.terms import FourierTerm, TrialAmounts
 
 __all__ = ["rank"]
 
@@ -84,7 +86,9 @@ def rank(
         Outer radius of the part.
     errors : mapping of str to float or str, or ErrorSet
         Term -> magnitude in SI, or as text with a unit (``"1 um"``, ``"0.001 deg"``): an error that
-        is constant over the travel of its axis. Of an error set the magnitude is ``sqrt(value^2 + u^2)``, and terms that depend on their axis position
+        is constant over the travel of its axis. A text may also give a curve of random phase:
+        ``"wave 8 mm 1 um"`` (wavelength, amplitude), ``"2 upr 50 nm"`` (of a rotary axis),
+        ``"random 1 um length 5 mm"`` (sd, Gaussian covariance ``exp(-d^2 / (2 length^2))``). Of an error set the magnitude is ``sqrt(value^2 + u^2)``, and terms that depend on their axis position
         act with their shape.
     removed : str or iterable of str, optional
         Freedoms that an alignment removes: ``"none"``, ``"piston"``, ``"plane"``,
@@ -190,6 +194,11 @@ def rank(
         amounts = term_amounts(
             chain, errors, mean=mean, correlations=correlations, distribution=distribution
         )
+    random = _random_curves(chain, errors)
+    if random and correlations is not None:
+        raise DataError(
+            f"{next(iter(random))} has a random phase and correlates with nothing; leave correlations out"
+        )
     maker = MapMaker(
         chain,
         mesh,
@@ -199,11 +208,13 @@ def rank(
         place,
         positions,
         wavefront,
-        amounts.shapes,
+        {**amounts.shapes, **{n: curve.shown for n, curve in random.items()}},
     )
     columns = maker.freedoms(freedoms)
     space = alignment_space(freedoms, columns, mesh.weights, scales=_scales(freedoms, mesh))
     gram = aligned_gram(maker.make(), space)
+    for name, curve in random.items():
+        gram = _with_random(gram, amounts.names.index(name), curve, name, maker, space)
     audit = {
         "radius_mm": 1e3 * radius,
         "inner_radius_mm": 1e3 * inner_radius,
@@ -240,7 +251,7 @@ def rank(
             *getattr(chain, "messages", ()),
             *_large_angles(amounts, errors, mean),
             *_reach(maker),
-            *_messages(amounts, gram, space, mesh),
+            *_messages(amounts, gram, space, mesh, random),
         ),
     )
 
@@ -287,25 +298,34 @@ def _large_angles(
 
 
 def _messages(
-    amounts: TermAmounts, gram: AlignedGram, space: Alignment, mesh: SurfaceMesh
+    amounts: TermAmounts,
+    gram: AlignedGram,
+    space: Alignment,
+    mesh: SurfaceMesh,
+    random: Mapping[str, RandomCurve],
 ) -> tuple[str, ...]:
-    found = []
+    found = [
+        f"{n}: {curve.text} over the travel; Sq is the root of the mean square over all phases, P-V "
+        "and maps are those of one phase"
+        for n, curve in random.items()
+    ]
+    curves = {*amounts.shapes, *random}
     flat = [n for n, d in zip(amounts.names, np.diag(gram.raw), strict=True) if d == 0.0]
     gone = [n for n, g in zip(amounts.names, gram.is_removed, strict=True) if g and n not in flat]
     motions = {n for n in amounts.names if axis_of(n) is not None}
     for names, why in (
         ([n for n in gone if n not in motions], ""),
         (
-            [n for n in gone if n in motions and n not in amounts.shapes],
+            [n for n in gone if n in motions and n not in curves],
             " of this constant; a curve of the same term leaves a deviation",
         ),
-        ([n for n in gone if n in amounts.shapes], " of this curve"),
+        ([n for n in gone if n in curves], " of this curve"),
     ):
         if names:
             found.append(
                 f"{', '.join(names)}: the alignment ({', '.join(space.used)}) takes the whole effect{why}"
             )
-    constant = [n for n in amounts.names if n in motions and n not in amounts.shapes]
+    constant = [n for n in amounts.names if n in motions and n not in curves]
     if constant:
         found.append(
             f"{', '.join(constant)}: one number, so constant over the travel; a bow or a wave of "
@@ -333,6 +353,103 @@ def _messages(
     if zero:
         found.append(f"{', '.join(zero)}: magnitude zero, so no part in the ranking")
     return tuple(found)
+
+
+# ---- curves of which only the size and the wavelength are known -------------------------------------
+
+_CURVES = (
+    re.compile(r"wave\s+(?P<length>[\d.]+\s*[^\W\d]+)\s+(?P<size>\S.*)"),
+    re.compile(r"(?P<upr>\d+)\s*upr\s+(?P<size>\S.*)"),
+    re.compile(r"random\s+(?P<size>[\d.]+\s*[^\W\d]+)\s+length\s+(?P<length>\S.*)"),
+)
+_NODES = 24
+"""Of the Gauss-Hermite rule over the spectrum of a random curve; half of them are wavelengths."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RandomCurve:
+    """A curve of random phase: waves of amplitude 1 or of unit variance, with their weights."""
+
+    text: str
+    waves: tuple[tuple[float, float], ...]  # wavelength (m or rad), weight of its mean square
+    name: str
+
+    def shape(self, wavelength: float, phase: float) -> Shape:
+        """Return one wave along the axis."""
+        unit: Any = TrialAmounts()  # 1 m is no error of a machine, but the unit of its map
+        unit[self.name] = FourierTerm([1.0], [wavelength], [phase])
+        return Shape(ErrorSet(unit), self.name, False, 1.0)
+
+    @property
+    def shown(self) -> Shape:
+        """Return the wave that maps and P-V show."""
+        return self.shape(max(self.waves, key=lambda w: w[1])[0], 0.0)
+
+
+def curve_text(text: str) -> dict[str, str] | None:
+    """Return size and wavelength (or upr) of a text that describes a curve, as texts; else None."""
+    for pattern in _CURVES:
+        found = pattern.fullmatch(text.strip())
+        if found is not None:
+            return found.groupdict()
+    return None
+
+
+def _random_curves(chain: Any, errors: Any) -> dict[str, RandomCurve]:
+    """Return the terms that were given as a wave or as a random curve."""
+    if isinstance(errors, ErrorSet) or not isinstance(errors, Mapping):
+        return {}
+    kinds = {e.name: e.kind for e in chain.elements}
+    found = {}
+    for name, value in errors.items():
+        given = curve_text(value) if isinstance(value, str) else None
+        if given is None:
+            continue
+        axis = axis_of(name)
+        if axis is None:
+            raise DataError(f"{name} is a constant and has no wave; give its size alone")
+        if "upr" in given:
+            if kinds[axis] != "rotary" or int(given["upr"]) < 1:
+                raise DataError(
+                    f"{name} = {value!r}: undulations per revolution (1 or more) belong to a rotary axis"
+                )
+            waves: tuple[tuple[float, float], ...] = ((2.0 * np.pi / int(given["upr"]), 0.5),)
+        else:
+            dimension = "angle" if kinds[axis] == "rotary" else "length"
+            length = numbers.positive(
+                given["length"], f"wavelength of {name}", dimension=dimension
+            )
+            waves = ((length, 0.5),) if value.strip().startswith("wave") else _spectrum(length)
+        found[name] = RandomCurve(value.strip(), waves, name)
+    return found
+
+
+def _spectrum(length: float) -> tuple[tuple[float, float], ...]:
+    """Return waves that have the covariance ``exp(-d^2 / (2 length^2))`` in the mean."""
+    nodes, weights = np.polynomial.hermite.hermgauss(_NODES)
+    half = nodes > 0.0
+    wavelengths = 2.0 * np.pi * length / (np.sqrt(2.0) * nodes[half])
+    shares = 2.0 * weights[half] / np.sqrt(np.pi)
+    return tuple(zip(wavelengths.tolist(), shares.tolist(), strict=True))
+
+
+def _with_random(
+    gram: AlignedGram, k: int, curve: RandomCurve, name: str, maker: MapMaker, space: Alignment
+) -> AlignedGram:
+    """Return the Gram matrix with the mean square of a curve over all phases; it mixes with nothing."""
+    raw, matrix = gram.raw.copy(), gram.matrix.copy()
+    sums = np.zeros(2)
+    for wavelength, weight in curve.waves:
+        for phase in (0.0, -0.5 * np.pi):
+            alone = replace(maker, terms=(name,), shapes={name: curve.shape(wavelength, phase)})
+            part = aligned_gram(alone.make(), space)
+            sums += weight * np.array([part.raw[0, 0], part.matrix[0, 0]])
+    for whole, size in zip((raw, matrix), sums, strict=True):
+        whole[k, :] = whole[:, k] = 0.0
+        whole[k, k] = size
+    removed = gram.is_removed.copy()
+    removed[k] = sums[1] == 0.0
+    return replace(gram, raw=raw, matrix=matrix, is_removed=removed)
 
 
 # ---- how large each error term may be, from what a person writes --------------------------------
@@ -421,6 +538,8 @@ def amounts_of_set(chain: Any, errors: ErrorSet, q: Mapping[str, FloatArray]) ->
 
 
 def _amount(value: float | str, unit: str, name: str) -> float:
+    if isinstance(value, str) and (curve := curve_text(value)) is not None:
+        value = curve["size"]
     return numbers.quantity(value, name, "length" if unit == "m" else "angle")
 
 

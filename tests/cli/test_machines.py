@@ -186,3 +186,12 @@ def test_a_preset_that_needs_a_height_says_so(call, folder):
     done = call("calibrate", "mill_xyz", str(folder / "ball_1.csv"))
     assert done.code == 4
     assert "the machine mill_xyz has no axis A" in done.err
+
+
+def test_a_wave_is_ranked_from_the_command_line(call):
+    done = call(
+        "rank", "sts_lathe", "--form", "plane", "--radius", "25 mm", "--removed", "piston",
+        "--error", "EZX=wave 8 mm 1 um",
+    )  # fmt: skip
+    assert done.code == 0, done.err
+    assert "703.7" in done.out

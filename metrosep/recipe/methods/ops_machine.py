@@ -118,7 +118,10 @@ class Ranking(Method):
             required=True,
             help='the nominal surface with all its parameters, "sphere: R=50 mm"',
         ),
-        "errors": Option("table", help='a table, { EXX = "1 um", B0Z = "0.2 arcsec" }'),
+        "errors": Option(
+            "table",
+            help='a table, { EXX = "1 um", EZX = "wave 8 mm 1 um", EZC = "2 upr 50 nm", EYX = "random 1 um length 5 mm" }',
+        ),
         "all_lengths": Option(
             "size", help='magnitude of every other term that is a length, "1 um"'
         ),
@@ -172,8 +175,13 @@ def _check_radius(radius: float | None) -> None:
 
 def _checked_size(term: str, value: float | str, *, is_angle: bool) -> None:
     """Refuse a magnitude of the wrong dimension, or one that no machine has; name its term."""
+    from metrosep.machine.ranking import curve_text
+
     dimension = "angle" if is_angle else "length"
-    size = abs(parse_quantity(value, dimension=dimension, name=term))
+    curve = curve_text(value) if isinstance(value, str) else None
+    size = abs(
+        parse_quantity(value if curve is None else curve["size"], dimension=dimension, name=term)
+    )
     most, words = _LARGEST[dimension]
     if size > most:
         raise DataError(

@@ -1,0 +1,68 @@
+"""Ranking of waves and random curves: numbers of the specification, and curves drawn one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from metrosep.core.errors import DataError
+from metrosep.forms import Plane
+from metrosep.machine import presets, rank
+
+NM = 1e-9
+RADIUS = 25e-3
+
+
+def ranked(**errors):
+    return rank(presets("sts_lathe"), Plane(), radius=RADIUS, errors=errors, removed="piston")
+
+
+def sq(table, name):
+    row = table.to_frame().reset_index()
+    return float(row.loc[row.iloc[:, 0] == name, "sq_nm"].iloc[0])
+
+
+@pytest.mark.parametrize(
+    ("length", "value"), [("8 mm", 703.689), ("3 mm", 706.607), ("60 mm", 400.954)]
+)
+def test_a_wave_of_the_slide_on_a_face(length, value):
+    # the mesh has 300 rings: the printed values are integrals, 0.002 nm apart
+    assert_allclose(sq(ranked(EZX=f"wave {length} 1 um"), "EZX"), value, rtol=0, atol=0.003)
+
+
+def test_two_undulations_of_the_spindle_are_seen_whole():
+    assert_allclose(sq(ranked(EZC="2 upr 50 nm"), "EZC"), 50.0 / np.sqrt(2.0), rtol=1e-6, atol=0)
+
+
+def test_a_random_curve_is_the_mean_over_curves_that_were_drawn():
+    rho = RADIUS * np.sqrt((np.arange(300) + 0.5) / 300)
+    covariance = np.exp(-((rho[:, None] - rho) ** 2) / (2 * 5e-3**2)) + 1e-10 * np.eye(rho.size)
+    z = np.linalg.cholesky(covariance) @ np.random.default_rng(3).normal(size=(rho.size, 20000))
+    drawn = 1000.0 * np.sqrt(np.mean((z - z.mean(axis=0)) ** 2))
+    # 20,000 curves of a few correlation lengths each: 0.5 %
+    assert_allclose(sq(ranked(EZX="random 1 um length 5 mm"), "EZX"), drawn, rtol=0.015, atol=0)
+
+
+def test_waves_add_up_in_squares_and_are_said():
+    both = ranked(EZX="wave 8 mm 1 um", EZC="3 upr 1 um")
+    total = np.hypot(sq(both, "EZX"), sq(both, "EZC"))
+    assert f"expected Sq {total:.1f} nm"[:15] in repr(both)
+    assert "EZX: wave 8 mm 1 um over the travel" in " ".join(both.messages)
+    assert "constant over the travel" not in " ".join(both.messages)
+
+
+def test_curves_that_make_no_sense_are_refused():
+    with pytest.raises(DataError, match="belong to a rotary axis"):
+        ranked(EZX="2 upr 50 nm")
+    with pytest.raises(DataError, match="B0Z is a constant"):
+        ranked(B0Z="wave 8 mm 1 urad")
+    with pytest.raises(DataError):
+        ranked(EZX="wave 8 mm")
+    with pytest.raises(DataError, match="wavelength of EZX"):
+        ranked(EZX="wave 8 kg 1 um")
+    with pytest.raises(DataError, match="leave correlations out"):
+        rank(
+            presets("sts_lathe"), Plane(), radius=RADIUS, errors={"EZX": "wave 8 mm 1 um", "EXX": 1e-6},
+            correlations={("EZX", "EXX"): 0.5},
+        )  # fmt: skip
