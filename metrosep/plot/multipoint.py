@@ -34,8 +34,7 @@ if TYPE_CHECKING:
     from metrosep.separation.circles.probe_check import ProbeCheck
     from metrosep.separation.circles.speed_sweep import SpeedSweep
     from metrosep.separation.contract import Separation
-    from metrosep.separation.lines.three_points import MultiProbe
-    from metrosep.separation.lines.three_points import ThreePoint, TwoPoint
+    from metrosep.separation.lines.three_points import MultiProbe, ThreePoint, TwoPoint
 
 __all__ = [
     "probe_gain_chart",
