@@ -532,69 +532,36 @@ def plain(value: Any) -> Any:
 
 
 def reduced(result: Any) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-    """Return what ``__reduce__`` of a result with read-only mappings and arrays must return."""
-    parts = {name: _stored(getattr(result, name)) for name in _slots(type(result))}
-    return _restored, (type(result), parts)
-
-
-class _Stored:
-    """Stands for an object while it is copied; the copy is what ``make(*args)`` returns."""
-
-    def __init__(self, make: Callable[..., Any], *args: Any) -> None:
-        self.recipe = (make, args)
-
-    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        return self.recipe
-
-
-def _stored(value: Any) -> Any:
-    if isinstance(value, MappingProxyType):
-        return _Stored(_read_only_view, {k: _stored(v) for k, v in value.items()})
-    if isinstance(value, dict):
-        return {k: _stored(v) for k, v in value.items()}
-    if type(value) in (tuple, list):
-        return type(value)(_stored(v) for v in value)
-    if isinstance(value, np.ndarray):
-        return value if value.flags.writeable else _Stored(_read_only, np.array(value))
-    if type(value).__module__.startswith("metrosep.") and _slots(type(value)):
-        make, args = reduced(value)
-        return _Stored(make, *args)
-    return value
-
-
-def _read_only_view(items: dict[Any, Any]) -> MappingProxyType[Any, Any]:
-    """Return a read-only view."""
-    return MappingProxyType(items)
-
-
-def _read_only(values: Any) -> Any:
-    array = np.asarray(values)
-    array.setflags(write=False)
-    return array
-
-
-def _slots(kind: type) -> list[str]:
-    own = [getattr(base, "__slots__", ()) for base in kind.__mro__]
-    return [n for names in own for n in ((names,) if isinstance(names, str) else names)]
+    """Return what ``__reduce__`` of a result must return for a copy with read-only arrays."""
+    return _restored, (type(result), {n: getattr(result, n) for n in _slots(type(result))})
 
 
 def _restored(kind: type, parts: Mapping[str, Any]) -> Any:
     made: Any = object.__new__(kind)
     for name, value in parts.items():
-        object.__setattr__(made, name, _live(value))
+        object.__setattr__(made, name, value)
+    _make_read_only(made)
     return made
 
 
-def _live(value: Any) -> Any:
-    """Return the object that a shallow copy was given the recipe of."""
-    if isinstance(value, _Stored):
-        make, args = value.recipe
-        return make(*(_live(a) for a in args))
-    if isinstance(value, dict):
-        return {k: _live(v) for k, v in value.items()}
-    if type(value) in (tuple, list):
-        return type(value)(_live(v) for v in value)
-    return value
+def _make_read_only(value: Any) -> None:
+    """Make the arrays read-only that an object of this package, a mapping or a sequence holds."""
+    if isinstance(value, np.ndarray):
+        value.setflags(write=False)
+    elif isinstance(value, dict | MappingProxyType):
+        for one in value.values():
+            _make_read_only(one)
+    elif type(value) in (tuple, list):
+        for one in value:
+            _make_read_only(one)
+    elif type(value).__module__.startswith("metrosep."):
+        for name in _slots(type(value)):
+            _make_read_only(getattr(value, name))
+
+
+def _slots(kind: type) -> list[str]:
+    own = [getattr(base, "__slots__", ()) for base in kind.__mro__]
+    return [n for names in own for n in ((names,) if isinstance(names, str) else names)]
 
 
 # ---- checks on what a user of the planner types: speeds and lengths in SI, and hints where not ----

@@ -1,10 +1,15 @@
 """What one object says of a parameter or an error is said of another in its own order and with its own defaults."""
 
 import inspect
+import re
+import sys
 
 import pytest
 
-from metrosep.core.docs import described_by
+from metrosep import separation
+from metrosep.core.docs import describe_options, described_by
+from metrosep.core.methods import METHODS
+from metrosep.core.options import option, options_of
 
 
 def source(a, b=1.0, *rest, c=2, **more):
@@ -137,3 +142,64 @@ def test_without_docstrings_nothing_happens():
         pass
 
     assert described_by(source)(borrower).__doc__ is None
+
+
+def spring(readings, *, length=1e-3, ends="free", windows=()):
+    """Return the spring.
+
+    Parameters
+    ----------
+    readings : array_like
+        What was read.
+    """
+
+
+def test_an_option_is_described_at_class_and_function_by_its_field():
+    class Spring:  # a dataclass later: its decorator takes the fields away
+        """A spring.
+
+        Parameters
+        ----------
+        ends : {"free", "held"}
+            Its own words.
+
+        Returns
+        -------
+        Separation
+        """
+
+        length: float = option(kind="size", help="how long it is")
+        ends: str = option("free", kind="text", help="of the spring", choices=("free", "held"))
+        turns: int = option(3, kind="integer", help="of its wire", choices=(3, 4))
+        places: tuple[float, ...] = option((), kind="places", help="where it is held")
+
+    describe_options(Spring, spring)
+
+    assert section(Spring, "Parameters") == [
+        "length : float, m", "    How long it is.",
+        'ends : {"free", "held"}', "    Its own words.",
+        "turns : {3, 4}, optional", "    Of its wire.",
+        "places : sequence of (float, float), m, optional", "    Where it is held.",
+    ]  # fmt: skip
+    assert section(Spring, "Returns") == ["Separation"]
+    assert section(spring, "Parameters") == [
+        "readings : array_like", "    What was read.",
+        "length : float, m, optional", "    How long it is.",
+        'ends : {"free", "held"}, optional', "    Its own words.",
+    ]  # fmt: skip
+
+
+def test_every_option_of_a_separation_is_on_the_page_of_its_class_and_function():
+    missing = []
+    for name in separation.METHODS:
+        cls = METHODS[name]
+        function = vars(sys.modules[cls.__module__]).get(name)
+        for page in (cls, function) if inspect.isfunction(function) else (cls,):
+            taken = inspect.signature(page).parameters
+            said = "\n".join(section(page, "Parameters") or [])
+            missing += [
+                (page.__name__, option)
+                for option in options_of(cls)
+                if option in taken and not re.search(rf"(^|, ){option}(,| :)", said, re.MULTILINE)
+            ]
+    assert missing == []

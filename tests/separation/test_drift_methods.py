@@ -5,6 +5,7 @@ import pytest
 from contracts.separation import SeparationContract
 
 from metrosep.core.errors import MetrosepError
+from metrosep.core.options import options_of
 from metrosep.separation.contract import Separation
 from metrosep.separation.drift.alternation import AbbaDrift, abba
 from metrosep.separation.drift.drift import DriftFit
@@ -180,3 +181,31 @@ def test_a_coordinate_in_seconds_bears_seconds_in_the_table():
 def test_wrong_input_is_named(make, said):
     with pytest.raises(MetrosepError, match=said):
         make()
+
+
+def test_pieces_are_those_of_a_cubic_spline_as_the_help_says():
+    assert "cubic spline" in options_of(DriftFit)["n_pieces"].help
+    times = np.linspace(0.0, 10.0, 24)
+    bent = 1e-9 * times**3
+    labels = tuple("AB" * 12)
+
+    def left(**how):
+        return np.abs(
+            DriftFit(tuple(times), labels, **how).separate(bent[:, None]).drift[:, 0] - bent
+        )
+
+    assert left(n_pieces=1).max() < 1e-18  # one piece of a broken line leaves 0.4 um
+    assert left(degree=1).max() > 1e-7
+
+
+def test_noise_may_be_stated_with_its_unit():
+    readings = np.linspace(0.0, 1e-6, len(TIMES))[:, None]
+    stated = DriftFit(TIMES, LABELS).separate(readings, u_reading="2 nm")
+    same = DriftFit(TIMES, LABELS).separate(readings, u_reading=2e-9)
+    np.testing.assert_array_equal(stated.u["values"], same.u["values"])
+
+
+def test_tables_of_a_result_cannot_be_written_over():
+    found = abba(np.zeros((4, 3)))
+    with pytest.raises(TypeError):
+        found.audit["new"] = 1.0

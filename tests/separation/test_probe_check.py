@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.separation.circles.probe_check import check_probes
 
 N, K, S = 256, 20, 1e-10
@@ -91,3 +91,13 @@ def test_three_probes_and_no_noise_are_refused():
         check_probes(readings(PHI[:3]), PHI[:3], K, u_reading=S)
     with pytest.raises(DataError, match="u_reading"):
         check_probes(readings(PHI), PHI, K, u_reading=0.0)
+
+
+def test_the_angle_of_the_samples_may_stand_beside_them():
+    m = readings(PHI)
+    theta = 0.7 + 2 * math.pi * np.arange(N) / N
+
+    plain = check_probes(m, PHI, K, u_reading=S)
+    assert check_probes(m, PHI, K, u_reading=S, angle=theta).chi2 == plain.chi2
+    with pytest.raises(InvalidSamplesError):
+        check_probes(m, PHI, K, u_reading=S, angle=theta**2)

@@ -1,6 +1,7 @@
 """Registration of maps and fiducials: planted shift and turn, uncertainty, gradient times shift."""
 
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from metrosep.core.errors import (
 )
 from metrosep.separation.maps._map_input import map_stack, mirror, turned
 from metrosep.separation.maps.registration import (
+    Registration,
     register_maps,
     register_points,
     registration_uncertainty,
@@ -302,3 +304,16 @@ class TestTurnMap:
     def test_mirrors(self):
         np.testing.assert_array_equal(mirror(GX, "x"), GX[:, ::-1])
         np.testing.assert_array_equal(mirror(GY, "y"), GY[::-1])
+
+
+def test_a_registration_is_stored_and_copied_read_only():
+    found = Registration(1e-3, 0.0, 0.1, np.eye(3), 0.0, (0.0, 0.0), audit={"n_fiducials": 4})
+    found.cov.setflags(write=False)
+
+    again = pickle.loads(pickle.dumps(found))  # noqa: S301 - bytes of its own
+
+    assert again.to_dict() == found.to_dict()
+    assert again.to_dict()["audit"] == {"n_fiducials": 4}
+    assert not again.cov.flags.writeable
+    with pytest.raises(TypeError):
+        again.audit["n_fiducials"] = 5

@@ -20,7 +20,7 @@ from metrosep.core.inputs import Readings
 from metrosep.core.numbers import choice, count, not_negative
 from metrosep.core.options import Option
 from metrosep.core.profile import Profile
-from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.deviation import form_deviation
 from metrosep.parameters.form_result import FormDeviation
@@ -220,21 +220,19 @@ def straightness_iso230_1(
     }
     return MotionStraightness(
         reference=reference,
-        deviations=freeze_mapping(deviations),
-        values=freeze_mapping(values),
-        slopes=freeze_mapping({k: d.reference_parameters["slope"] for k, d in deviations.items()}),
-        audit=freeze_mapping(
-            {
-                "reference": reference,
-                "n_samples": len(curve),
-                "n_not_measured": curve.n_invalid,
-                "travel_mm": float(np.ptp(curve.x)) * 1e3,
-                "sd_nm": None if sd is None else sd * 1e9,
-                "bias_nm": None if sd is None else {k: b * 1e9 for k, (_, b) in noise.items()},
-            }
-        ),
+        deviations=deviations,
+        values=values,
+        slopes={k: d.reference_parameters["slope"] for k, d in deviations.items()},
+        audit={
+            "reference": reference,
+            "n_samples": len(curve),
+            "n_not_measured": curve.n_invalid,
+            "travel_mm": float(np.ptp(curve.x)) * 1e3,
+            "sd_nm": None if sd is None else sd * 1e9,
+            "bias_nm": None if sd is None else {k: b * 1e9 for k, (_, b) in noise.items()},
+        },
         messages=_messages(curve, sd, noise, reference),
-        bias=freeze_mapping({k: b for k, (_, b) in noise.items()}),
+        bias={k: b for k, (_, b) in noise.items()},
     )
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -24,6 +23,7 @@ from metrosep.core.inputs import RoleColumns
 from metrosep.core.numbers import not_negative, real
 from metrosep.core.options import Option
 from metrosep.core.surface import Surface
+from metrosep.separation._methods import StoredResult
 from metrosep.separation.contract import U_READING, NamedMethod
 from metrosep.separation.maps._map_input import (
     MapGrid,
@@ -161,7 +161,7 @@ def register_maps(
     }
     messages = _warnings(stack, rms, form, p, grid, free)
     x, y, angle = (float(v) for v in end.p)
-    return Registration(x, y, angle, cov, rms, grid.centre, messages, MappingProxyType(audit))
+    return Registration(x, y, angle, cov, rms, grid.centre, messages, audit)
 
 
 class MapsRegistered(NamedMethod):
@@ -475,7 +475,7 @@ def _warnings(
 
 
 @dataclass(frozen=True, slots=True)
-class Registration:
+class Registration(StoredResult):
     """Where a map lies against another one: turned about the centre, then shifted.
 
     ``moved(p) = fixed(R(-angle) (p - shift))`` with p from the centre: a feature at q in the fixed
@@ -506,7 +506,7 @@ class Registration:
     rms: float
     centre: tuple[float, float]
     messages: tuple[str, ...] = ()
-    audit: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
+    audit: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def u_shift(self) -> tuple[float, float]:
@@ -584,7 +584,7 @@ def register_points(fixed: ArrayLike, moved: ArrayLike) -> Registration:
                 "the moved fiducials look mirrored: with x reversed they fit much better"
             )
     rms = math.sqrt(float((rest**2).sum()) / len(p))
-    audit = MappingProxyType({"n_fiducials": len(p), "rms_um": rms * 1e6})
+    audit = {"n_fiducials": len(p), "rms_um": rms * 1e6}
     cov = design @ own @ design.T * variance
     return Registration(
         float(shift[0]), float(shift[1]), angle, cov, rms, (0.0, 0.0), tuple(messages), audit
