@@ -10,7 +10,7 @@ that is made without that run.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
@@ -633,7 +633,8 @@ def coverage(
     elif length * (1.0 - share) > spacing * (1.0 + 1e-9):
         warnings.append(f"{ranges}: the rest is not proven")
     if how == "runs":
-        refused += _holes(measured, common, spacing, length, units)
+        most = max(2.0 * spacing, _HOLE * length)
+        refused += list(_holes(measured, common, most, _HOLE * length, units))[:1]
         whole = measured.span[1] - measured.span[0]
         if (common[1] - common[0]) / whole < _OF_RUNS:
             warnings.append(
@@ -644,30 +645,23 @@ def coverage(
 
 
 def _holes(
-    measured: Measured,
-    common: tuple[float, float],
-    spacing: float,
-    length: float,
-    units: AxisUnits,
-) -> list[str]:
+    measured: Measured, common: tuple[float, float], most: float, long: float, units: AxisUnits
+) -> Iterator[str]:
     """Return the first hole of the readings inside the table, of each run that has one."""
-    found = []
     for row in measured.rows:
         for x in row.places.values():
             steps = np.diff(x)
             inside = (x[1:] > common[0]) & (x[:-1] < common[1])
             usual = float(np.median(steps))
-            most = max(2.0 * spacing, _HOLE * length)
-            if _HOLE * length < 2.0 * usual:  # a list of targets
-                most = _LONG_STEP * usual
-            wide = np.flatnonzero(inside & (steps > most * (1.0 + 1e-9)))
+            # of a list of targets the usual step counts
+            longest = _LONG_STEP * usual if long < 2.0 * usual else most
+            wide = np.flatnonzero(inside & (steps > longest * (1.0 + 1e-9)))
             if wide.size:
                 i = int(wide[0])
-                found.append(
+                yield (
                     f"run {row.name} was not measured between {units.place(float(x[i]), digits=6)} and "
                     f"{units.place(float(x[i + 1]), digits=6)}, inside the table: measure there, or leave it out"
                 )
-    return found[:1]
 
 
 def alignment(
