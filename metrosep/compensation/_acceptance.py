@@ -26,22 +26,6 @@ from metrosep.compensation.limits import Stated
 from metrosep.core._arrays import BoolArray, FloatArray
 from metrosep.core.errors import InconclusiveTableError, PointlessTableError, SignCheckFailedError
 
-__all__ = [
-    "ROUNDING",
-    "Improvement",
-    "Judgement",
-    "Reason",
-    "Stack",
-    "centre",
-    "graded",
-    "judge",
-    "lost_motion_change",
-    "outside_is_worse",
-    "pv_with_zero",
-    "rising",
-]
-
-
 ENOUGH = 0.7
 """Less than 30 % of the RMS goes above it: pointless."""
 
@@ -616,10 +600,22 @@ class Judged(Stated):
 
     __slots__ = ()
 
+    judgement: Judgement
+
     if TYPE_CHECKING:  # a field of one class, a property of the other
 
         @property
         def reasons(self) -> tuple[Reason, ...]: ...
+
+    @property
+    def gain(self) -> float:
+        """Share of the corrections that the readings confirm: 1 right, 0 nothing, below 0 the wrong way."""
+        return self.judgement.gain
+
+    @property
+    def rest(self) -> float:
+        """RMS that stays over RMS that was, of what repeats; infinite where there was no error."""
+        return self.judgement.rest
 
     @property
     def grade(self) -> str:

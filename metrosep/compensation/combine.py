@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, overload
 
 import numpy as np
@@ -142,7 +143,11 @@ def _tables(old: CompensationTable, new: CompensationTable) -> CompensationTable
     # what is zero at the reference is so exactly; the column of the other direction is not zero there
     for d, c in columns.items():
         columns[d] = np.where((positions == new.reference) & (np.abs(c) < _SETTLED), 0.0, c)
-    missed = max(_bends(old, new, total(d), positions, columns[d], d) for d in ways)
+    missed = 0.0  # by straight pieces of the sum, which bends where p + c_new meets old
+    for d in ways if old.is_on_axis else ():
+        bends = _solved(partial(new.correction, direction=d), old.positions)
+        off = total(d)(bends) - np.interp(bends, positions, columns[d])
+        missed = max(missed, float(np.abs(off).max()))
     return replace(
         new,
         positions=positions,
@@ -193,21 +198,6 @@ def _joined(old: CompensationTable, new: CompensationTable) -> dict[int, Covaria
         d: JoinedCovariance(RestOfOld(old.covariances[d], new.positions), c)
         for d, c in new.covariances.items()
     }
-
-
-def _bends(
-    old: CompensationTable,
-    new: CompensationTable,
-    total: Lookup,
-    positions: FloatArray,
-    values: FloatArray,
-    direction: int,
-) -> float:
-    """Return how far straight pieces are from the sum, which bends where p + c_new meets old."""
-    if not old.is_on_axis:
-        return 0.0
-    bends = _solved(lambda p: new.correction(p, direction), old.positions)
-    return float(np.abs(total(bends) - np.interp(bends, positions, values)).max())
 
 
 def _source(old: CompensationTable, new: CompensationTable) -> RunSet | None:

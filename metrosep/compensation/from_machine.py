@@ -456,37 +456,24 @@ def _tables(
             "offset_removed": float(offset[axis]),
             "history": (step,),
         }
-        tables[axis] = _table(axes, grid, zero, _zeroed(values, grid, zero), common)
+        entries = _zeroed(values, grid, zero)
+        if len(axes) == 1:
+            tables[axis] = CompensationTable(
+                grid[0], entries, None, axis=axes[0], reference=zero[0], **common
+            )
+        else:
+            tables[axis] = CompensationMap(
+                grid[0],
+                grid[1],
+                entries,
+                (axes[0], axes[1]),
+                reference=(zero[0], zero[1]),
+                **common,
+            )
         looked = [fine[0]] if len(axes) == 1 else [fine[0], fine[1][:, None]]
         missed = between[axis] - _looked_up(tables[axis], looked)
         tables[axis] = replace(tables[axis], interpolation_error=float(np.abs(missed).max()))
     return tables
-
-
-def _table(
-    axes: tuple[str, ...],
-    grid: tuple[FloatArray, ...],
-    zero: tuple[float, ...],
-    values: FloatArray,
-    common: dict[str, Any],
-) -> Table:
-    if len(axes) == 1:
-        return CompensationTable(
-            positions=grid[0],
-            forward=values,
-            reverse=None,
-            axis=axes[0],
-            reference=zero[0],
-            **common,
-        )
-    return CompensationMap(
-        x=grid[0],
-        y=grid[1],
-        values=values,
-        axes=(axes[0], axes[1]),
-        reference=(zero[0], zero[1]),
-        **common,
-    )
 
 
 def _zeroed(

@@ -510,7 +510,8 @@ def knots_of_number(
     if corners.size <= n and residual(x, c, corners, np.interp(corners, x, c)) <= nothing:
         return corners, np.interp(corners, x, c)
     if values == "free" and x.size > _FEW:
-        some = _some(x, zero)
+        some = np.linspace(0, x.size - 1, _FEW).round().astype(np.intp)
+        some = np.union1d(some, [] if zero is None else np.flatnonzero(x == zero)).astype(np.intp)
         rough = residual(x[some], c[some], *_halved(x[some], c[some], n, values, zero))
         kept = thinned(x, c, max(_THIN * rough, nothing), zero)
         return _halved(x[kept], c[kept], n, values, zero, near=rough)
@@ -568,11 +569,6 @@ def _corners_of(x: FloatArray, c: FloatArray, values: str, zero: float | None) -
     off = np.abs(c[1:-1] - (1.0 - share) * c[:-2] - share * c[2:])
     corners = x[np.r_[True, off > 1e-13 * float(np.abs(c).max()), True]]
     return corners if zero is None or values == "free" else np.union1d(corners, [zero])
-
-
-def _some(x: FloatArray, zero: float | None) -> NDArray[np.intp]:
-    some = np.linspace(0, x.size - 1, _FEW).round().astype(np.intp)
-    return np.union1d(some, np.flatnonzero(x == zero)) if zero is not None else np.unique(some)
 
 
 def thinned(

@@ -136,16 +136,6 @@ class MapVerification(Judged):
         return (*self.judgement.reasons, *_uncovered(self.coverage))
 
     @property
-    def rest(self) -> float:
-        """RMS that stays over RMS that was, of what repeats; infinite where there was no error."""
-        return self.judgement.rest
-
-    @property
-    def gain(self) -> float:
-        """Share of the map that the measurement confirms."""
-        return self.judgement.gain
-
-    @property
     def findings(self) -> tuple[Finding, ...]:
         """What one map cannot show, and what it did not measure."""
         found = [_ONLY[self.kind]] if self.kind in _ONLY else []

@@ -112,15 +112,16 @@ def sample_error(
     back = None
     if backward is not None:
         back = _held(_minus(backward, offset), p, _known(error if reverse is None else reverse))
+    u, covariances = _uncertainty(error, reverse, direction, p, zero, on_axis=on_axis, heat=heat)
     return SampledError(
         positions=p,
         forward=ahead,
         reverse=back,
         reference=zero,
         offset=offset,
-        u=_uncertainty(error, reverse, direction, p, zero, on_axis=on_axis, heat=heat),
+        u=u,
         interpolation_error=_interpolation_error([ahead, back], p),
-        covariances=_covariances(error, reverse, direction, p, zero, on_axis=on_axis, heat=heat),
+        covariances=covariances,
     )
 
 
@@ -341,24 +342,26 @@ def _uncertainty(
     *,
     on_axis: bool,
     heat: Expansion | None,
-) -> FloatArray | None:
+) -> tuple[FloatArray | None, dict[int, Covariance]]:
+    """Return u of the entries, of the less certain direction, and the covariance of each column, as known."""
     if isinstance(error, PitchErrors):
-        return _u_of_list(error, direction, p)
-    sources = _sources(error, reverse, direction)
-    bands = []
-    for e, d in sources:
-        if not isinstance(e, ErrorEstimate):
-            return None
+        return _u_of_list(error, direction, p), {}
+    sources = [
+        (e, d) for e, d in _sources(error, reverse, direction) if isinstance(e, ErrorEstimate)
+    ]
+    if len(sources) < 1 + (reverse is not None):
+        return None, {}
+    known, bands = sources[0][0].has_covariance, []
+    found: dict[int, Covariance] = {}
+    for way, (e, d) in zip((1, -1), sources, strict=False):
         # The zero is that of the first direction, whose errors are independent of the other's.
-        own = None if e is sources[0][0] and d == sources[0][1] else sources[0]
-        bands.append(
-            np.hypot(
-                _u_from_zero(e, d, p, zero, own),
-                (p - zero) * (_u_slope(e, d, heat) if on_axis else 0.0),
-            )
-        )
+        other = None if way == 1 else sources[0]
+        slope = _u_slope(e, d, heat) if on_axis else 0.0
+        bands.append(np.hypot(_u_from_zero(e, d, p, zero, other), (p - zero) * slope))
+        known &= e.has_covariance and math.isfinite(slope)
+        found[way] = EntryCovariance(p, partial(_from_zero, e, d, zero, slope, other))
     band = np.max(bands, axis=0)
-    return band if np.isfinite(band).all() else None
+    return band if np.isfinite(band).all() else None, found if known else {}
 
 
 def _sources(
@@ -370,33 +373,6 @@ def _sources(
     if _is_split(error, direction):
         return [(error, 1), (error, -1)]
     return [(error, {"forward": 1, "reverse": -1}.get(direction))]
-
-
-def _covariances(
-    error: ErrorSource,
-    reverse: ErrorSource | None,
-    direction: str,
-    p: FloatArray,
-    zero: float,
-    *,
-    on_axis: bool,
-    heat: Expansion | None,
-) -> dict[int, Covariance]:
-    """Return the covariance of each column of a table; empty where one is not known."""
-    sources = _sources(error, reverse, direction)
-    found: dict[int, Covariance] = {}
-    for way, (e, d) in zip((1, -1), sources, strict=False):
-        first = sources[0][0]
-        if not (isinstance(e, ErrorEstimate) and isinstance(first, ErrorEstimate)):
-            return {}
-        slope = _u_slope(e, d, heat) if on_axis else 0.0
-        if not (e.has_covariance and first.has_covariance and math.isfinite(slope)):
-            return {}
-        own = way == 1
-        found[way] = EntryCovariance(
-            p, partial(_from_zero, e, d, zero, slope, None if own else (first, sources[0][1]))
-        )
-    return found
 
 
 def _from_zero(
@@ -424,12 +400,12 @@ def _u_from_zero(
     direction: int | None,
     p: FloatArray,
     zero: float,
-    other: tuple[ErrorSource, int | None] | None,
+    other: tuple[ErrorEstimate, int | None] | None,
 ) -> FloatArray:
     """Return the uncertainty of ``e(p) - e(zero)``, the zero taken from another source if there is one."""
     if not estimate.has_covariance:
         return estimate.sd(p, direction=direction)
-    if other is not None and isinstance(other[0], ErrorEstimate):
+    if other is not None:
         of_zero = float(other[0].sd([zero], direction=other[1])[0])
         return np.hypot(estimate.sd(p, direction=direction), of_zero)
     return estimate.u_of_difference(p, zero, direction=direction)

@@ -130,11 +130,6 @@ class Verification(Judged):
     units: AxisUnits = LENGTHS
 
     @property
-    def gain(self) -> float:
-        """Share of the table that the readings confirm: 1 right, 0 nothing, below 0 the wrong way."""
-        return self.judgement.gain
-
-    @property
     def u_gain(self) -> float:
         """Standard uncertainty of `gain`."""
         return self.judgement.u_gain
@@ -148,11 +143,6 @@ class Verification(Judged):
     def u_improvement(self) -> float:
         """Standard uncertainty of `improvement`, m^2."""
         return self.judgement.improvement.u
-
-    @property
-    def rest(self) -> float:
-        """RMS that stays over RMS that was, of what repeats."""
-        return self.judgement.rest
 
     @property
     def before_pv(self) -> float:

@@ -10,7 +10,7 @@ that is made without that run.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
@@ -58,8 +58,6 @@ __all__ = [
     "Removed",
     "Unknown",
     "Verification",
-    "alignment",
-    "coverage",
     "diagnosis",
     "dry_run",
     "half_of",
@@ -191,12 +189,12 @@ def dry_run(
         )
         said = {r.text for r in reasons}
         reasons += [r for r in whole.reasons if r.grade == "refused" and r.text not in said]
-    covered, warnings = coverage(measured, span, (first, last), entries, how, units)
+    covered, warnings = _coverage(shape, span, (first, last), entries)
     there = _outside(shape, stack, grids, span, travel)
     beyond, more = _beyond(there)
     warnings += more
     # what is true of the negated table too
-    both = [*covered, *alignment(measured, space, aligned, units)]
+    both = [*covered, *_alignment(shape)]
     predicted, more = _predicted(stack, how, sd or measured.sd)
     both += predicted
     reasons += [*beyond, *both]
@@ -608,16 +606,14 @@ def _scatter(shares: FloatArray) -> float:
 COVERED, _HOLE, _LONG_STEP, _OF_RUNS = 0.95, 0.05, 2.5, 0.5
 
 
-def coverage(
-    measured: Measured,
+def _coverage(
+    shape: _Shape,
     span: tuple[float, float],
     common: tuple[float, float],
     entries: FloatArray | None,
-    how: str,
-    units: AxisUnits,
 ) -> tuple[list[Reason], list[str]]:
     """Return 1.9: the share of the table that was measured, holes in it, and the share of the runs."""
-    refused, warnings = [], []
+    refused, warnings, units = [], [], shape.units
     length = span[1] - span[0]
     n = 2 if entries is None else entries.size
     spacing = length / max(n - 1, 1)
@@ -632,9 +628,10 @@ def coverage(
         )
     elif length * (1.0 - share) > spacing * (1.0 + 1e-9):
         warnings.append(f"{ranges}: the rest is not proven")
-    if how == "runs":
-        refused += _holes(measured, common, spacing, length, units)
-        whole = measured.span[1] - measured.span[0]
+    if shape.how == "runs":
+        most = max(2.0 * spacing, _HOLE * length)
+        refused += list(_holes(shape.measured, common, most, _HOLE * length, units))[:1]
+        whole = shape.measured.span[1] - shape.measured.span[0]
         if (common[1] - common[0]) / whole < _OF_RUNS:
             warnings.append(
                 f"the table covers {100.0 * (common[1] - common[0]) / whole:.3g} % of what was measured: "
@@ -644,38 +641,30 @@ def coverage(
 
 
 def _holes(
-    measured: Measured,
-    common: tuple[float, float],
-    spacing: float,
-    length: float,
-    units: AxisUnits,
-) -> list[str]:
+    measured: Measured, common: tuple[float, float], most: float, long: float, units: AxisUnits
+) -> Iterator[str]:
     """Return the first hole of the readings inside the table, of each run that has one."""
-    found = []
     for row in measured.rows:
         for x in row.places.values():
             steps = np.diff(x)
             inside = (x[1:] > common[0]) & (x[:-1] < common[1])
             usual = float(np.median(steps))
-            most = max(2.0 * spacing, _HOLE * length)
-            if _HOLE * length < 2.0 * usual:  # a list of targets
-                most = _LONG_STEP * usual
-            wide = np.flatnonzero(inside & (steps > most * (1.0 + 1e-9)))
+            # of a list of targets the usual step counts
+            longest = _LONG_STEP * usual if long < 2.0 * usual else most
+            wide = np.flatnonzero(inside & (steps > longest * (1.0 + 1e-9)))
             if wide.size:
                 i = int(wide[0])
-                found.append(
+                yield (
                     f"run {row.name} was not measured between {units.place(float(x[i]), digits=6)} and "
                     f"{units.place(float(x[i + 1]), digits=6)}, inside the table: measure there, or leave it out"
                 )
-    return found[:1]
 
 
-def alignment(
-    measured: Measured, space: str, aligned: tuple[float, float], units: AxisUnits
-) -> list[Reason]:
+def _alignment(shape: _Shape) -> list[Reason]:
     """Return that a line cannot be compared where the runs do not reach as far as it was removed."""
-    if space != "line":
+    if shape.unknown != "line":
         return []
+    aligned, measured, units = shape.aligned, shape.measured, shape.units
     low, high = max(aligned[0], measured.span[0]), min(aligned[1], measured.span[1])
     if high - low >= COVERED * (aligned[1] - aligned[0]):
         return []

@@ -16,8 +16,10 @@ from pathlib import Path
 from typing import Any
 
 from metrosep.compensation.area_errors import is_rotary
+from metrosep.compensation.table import CompensationTable
 from metrosep.controllers.base import identity, load_sidecar, sidecar_options
 from metrosep.controllers.options import Option, is_angle
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import CorruptFileError, DataError, TableError
 
 _MARK = "metrosep: "
@@ -152,6 +154,13 @@ def letter_in_file(
     if turns is None:
         turns = any(map(is_angle, options.values()))
     return "C" if turns else otherwise
+
+
+def read_table(
+    positions: FloatArray, forward: FloatArray, reverse: FloatArray | None = None, **fields: Any
+) -> CompensationTable:
+    """Return the table that a file holds: its corrections are looked up at the command."""
+    return CompensationTable(positions, forward, reverse, is_exact_inverse=True, **fields)
 
 
 # ---- comments -----------------------------------------------------------------------------------

@@ -260,11 +260,13 @@ def even_table(
 
 
 def even_map(
-    table: CompensationMap, spacings: tuple[float | None, float | None], names: tuple[str, str]
+    table: CompensationMap, spacings: Mapping[str, float | None], names: tuple[str, str]
 ) -> tuple[CompensationMap, float]:
     """Return a map at even positions, and how far that takes it off."""
-    x = even_positions(table.x, spacings[0], names[0], table.axes[0])
-    y = even_positions(table.y, spacings[1], names[1], table.axes[1])
+    x, y = (
+        even_positions(p, spacings[name], name, axis)
+        for p, name, axis in zip((table.x, table.y), names, table.axes, strict=True)
+    )
     return (table, 0.0) if x is table.x and y is table.y else map_at(table, x, y)
 
 
@@ -473,7 +475,14 @@ def sections(
     """Return the increments of a table in units, refused where points or increments leave their range."""
     zero = options["reference_position"]
     zero = table.reference if zero is None else zero
-    require_zero(table, zero, title)
+    there = float(table.correction(zero, 1)[0])
+    if abs(there) > _SAME:
+        raise TableError(
+            f"{title} counts from the reference position {format_along(table.axis, zero)}, where the "
+            f"correction must be exactly 0 and is {format_amount(table.axis, there)}; make the reference "
+            f"one of the positions: CompensationTable.from_error(..., positions=[..., {zero:.9g}, ...], "
+            f"reference={zero:.9g})"
+        )
     positions = uniform_positions(
         table,
         through=zero,
@@ -556,15 +565,3 @@ def require_names(table: CompensationTable, control: str) -> None:
             raise TableError(
                 f"axis {name!r} is not a {control} axis: a capital and perhaps a digit"
             )
-
-
-def require_zero(table: CompensationTable, reference: float, title: str) -> None:
-    """Refuse a table that is not zero where the controller takes it to be."""
-    there = float(table.correction(reference, 1)[0])
-    if abs(there) > _SAME:
-        raise TableError(
-            f"{title} counts from the reference position {format_along(table.axis, reference)}, where the "
-            f"correction must be exactly 0 and is {format_amount(table.axis, there)}; make the reference "
-            f"one of the positions: CompensationTable.from_error(..., positions=[..., "
-            f"{reference:.9g}, ...], reference={reference:.9g})"
-        )

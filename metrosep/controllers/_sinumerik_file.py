@@ -378,14 +378,16 @@ def check_turns(axis: str, key: str, turns: bool) -> None:
         raise DataError(f"the axis is {axis}, but {key}={turns}: a turning axis is in degrees")
 
 
-def check_count(positions: FloatArray, o: Mapping[str, Any], axis: str) -> None:
+def check_count(
+    positions: FloatArray, o: Mapping[str, Any], axis: str, datum: str = "MD18342"
+) -> None:
     """Refuse more entries than a table holds."""
     most = o["points_limit"]
     if most is not None and positions.size > most:
         needed = float(positions[-1] - positions[0]) / (most - 1)
         raise LimitError(
             f"{positions.size} entries over {axis}, a table holds {most}; use a spacing of at least "
-            f"{format_span(axis, needed)} (an option of this dialect), or raise MD18342"
+            f"{format_span(axis, needed)} (an option of this dialect), or raise {datum}"
         )
 
 

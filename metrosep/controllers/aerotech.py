@@ -22,7 +22,7 @@ from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import agreed, note, read_notes, settled
+from metrosep.controllers._facts import agreed, note, read_notes, read_table, settled
 from metrosep.controllers._grammar import (
     LARGEST,
     REAL,
@@ -159,17 +159,9 @@ class Aerotech(Dialect):
         _check_axes(o, table)
         carried, error = _prepared(table, o)
         grid = _grid(carried.x, carried.y, carried.values, o)
-        wanted = o["corrected_sign"] * carried.values
-        text, printed = write_grid(grid, o, (*carried.axes, carried.compensates), units)
-        return Encoded(
-            data=text.encode("utf-8"),
-            quantisation=float(np.abs(printed - wanted).max()),
-            notes={"encoder_sign": o["corrected_sign"]},
-            step=10.0 ** -o["decimals"] * units[1],
-            carried=carried,
-            resampling_error=error,
-            findings=_offset_findings(grid),
-            options=chosen(self.options, o),
+        made = _encoded(grid, o, (*carried.axes, carried.compensates), units)
+        return replace(
+            made, carried=carried, resampling_error=error, options=chosen(self.options, o)
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationMap:
@@ -236,17 +228,9 @@ class AerotechLine(Dialect):
         p = carried.positions
         rows = np.array([0.0, p[-1] - p[0]])
         grid = _grid(p, rows, np.vstack([carried.forward] * 2), o)
-        text, printed = write_grid(grid, o, (table.axis, "any", table.compensates), units)
-        wanted = o["corrected_sign"] * carried.forward
-        return Encoded(
-            data=text.encode("utf-8"),
-            quantisation=float(np.abs(printed[0] - wanted).max()),
-            notes={"encoder_sign": o["corrected_sign"]},
-            step=10.0 ** -o["decimals"] * units[1],
-            carried=carried,
-            resampling_error=error,
-            findings=_offset_findings(grid),
-            options=chosen(self.options, o),
+        made = _encoded(grid, o, (table.axis, "any", table.compensates), units)
+        return replace(
+            made, carried=carried, resampling_error=error, options=chosen(self.options, o)
         )
 
     def decode(self, data: bytes, path: Path, **options: Any) -> CompensationTable:
@@ -271,7 +255,21 @@ class AerotechLine(Dialect):
             fields["axis"], fields["compensates"] = names or (usual, usual)
         _require_output(grid, {grid.column_axis: fields["axis"]}, fields["compensates"], path)
         forward = known["corrected_sign"] * grid.values[0]
-        return CompensationTable(x, forward, None, is_exact_inverse=True, **fields)
+        return read_table(x, forward, **fields)
+
+
+def _encoded(
+    grid: Grid, o: dict[str, Any], names: tuple[str, ...], units: tuple[float, float]
+) -> Encoded:
+    """Return the bytes of a table with what rounding costs."""
+    text, printed = write_grid(grid, o, names, units)
+    return Encoded(
+        data=text.encode("utf-8"),
+        quantisation=float(np.abs(printed - grid.values).max()),
+        notes={"encoder_sign": o["corrected_sign"]},
+        step=10.0 ** -o["decimals"] * units[1],
+        findings=_offset_findings(grid),
+    )
 
 
 def _units(axes: tuple[str, ...], corrected: str, o: dict[str, Any]) -> tuple[float, float]:
@@ -373,9 +371,7 @@ def _require_offset_rule(
 
 def _prepared(table: CompensationMap, o: dict[str, Any]) -> tuple[CompensationMap, float]:
     """Return the map as the file carries it, and how far resampling took it off."""
-    carried, error = even_map(
-        table, (o["column_spacing"], o["row_spacing"]), ("column_spacing", "row_spacing")
-    )
+    carried, error = even_map(table, o, ("column_spacing", "row_spacing"))
     if o["subtract_corner"]:
         corner = float(carried.values[0, 0])
         offset = carried.offset_removed - corner

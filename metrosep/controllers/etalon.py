@@ -17,7 +17,7 @@ import numpy as np
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import is_note, note, read_notes, settled
+from metrosep.controllers._facts import is_note, note, read_notes, read_table, settled
 from metrosep.controllers._grammar import decoded, fixed, is_real, joined, short
 from metrosep.controllers._grids import DRY_RUN, require_one_direction
 from metrosep.controllers.base import (
@@ -147,7 +147,7 @@ class Etalon(Dialect):
         if not load_sidecar(path):
             fields |= {"axis": chosen.parameter[2], "compensates": chosen.parameter[1]}
         forward = 0.0 - o["entry_sign"] * chosen.rows[:, 1] * unit
-        return CompensationTable(positions, forward, None, is_exact_inverse=True, **fields)
+        return read_table(positions, forward, **fields)
 
 
 def _parameter(table: CompensationTable, wanted: str | None) -> str:

@@ -24,7 +24,7 @@ from metrosep.compensation.knots import choose_knots
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.rounding import round_entries
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import letter_in_file, named_axes, own_axis, settled
+from metrosep.controllers._facts import letter_in_file, named_axes, own_axis, read_table, settled
 from metrosep.controllers._grammar import (
     AXIS,
     DEG,
@@ -647,11 +647,9 @@ class FanucStraightness(Resampling):
         fields = identity(path, first=zero)
         if head:
             fields = named_axes(fields, (head["axis"], head["compensates"]), path)
-        return CompensationTable(
+        return read_table(
             zero + known["interval"] * (points - known["reference_number"]),
             -known["entry_sign"] * entries * known["detection_unit"] + 0.0,
-            None,
-            is_exact_inverse=True,
             **fields,
         )
 

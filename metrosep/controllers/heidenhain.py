@@ -22,7 +22,7 @@ from metrosep.compensation.area_errors import format_along, format_amount, forma
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.rounding import round_entries
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import agreed, settled
+from metrosep.controllers._facts import agreed, read_table, settled
 from metrosep.controllers._grammar import (
     AXIS,
     Line,
@@ -175,7 +175,12 @@ class Heidenhain(Repeating, Resampling):
         rounded = [forward] if reverse is None else [forward, reverse]
         texts = [[fixed(float(v) / across, decimals) for v in r.values] for r in rounded]
         places = [fixed(float(p) / along, digits) for p in positions]
-        _require_width([*places, *(t for c in texts for t in c)])
+        longest = max([*places, *(t for c in texts for t in c)], key=len)
+        if len(longest) >= _COLUMNS[1]:
+            raise LimitError(
+                f"{longest} leaves no gap in a column of {_COLUMNS[1]} characters; use a coarser "
+                "resolution, or check the units"
+            )
         backlash = [""] * len(places) if reverse is None else texts[1]
         name = _NAME.write(axis=table.axis, targets=table.compensates)
         return Encoded(
@@ -260,13 +265,7 @@ class Heidenhain(Repeating, Resampling):
         if all(filled) and target == axis:
             reverse = k * np.array([value(r[1]) for r in file.rows]) + 0.0
         fields = {**identity(path, first=float(p[0]), column=target), "compensates": target}
-        made = CompensationTable(
-            positions=p,
-            forward=forward,
-            reverse=reverse,
-            is_exact_inverse=True,
-            **{**fields, "axis": axis},
-        )
+        made = read_table(p, forward, reverse, **{**fields, "axis": axis})
         _require_sign(made, path)
         repeats = is_one_turn(made)
         if repeats and any(c is not None and c[0] != c[-1] for c in (forward, reverse)):
@@ -398,15 +397,6 @@ def _require_sign(made: CompensationTable, path: Path) -> None:
             "the sign of entries in its sidecar contradicts the corrections in its sidecar",
             field="entry_sign",
             hint="the sidecar was changed: write the table again",
-        )
-
-
-def _require_width(texts: list[str]) -> None:
-    longest = max(texts, key=len)
-    if len(longest) >= _COLUMNS[1]:
-        raise LimitError(
-            f"{longest} leaves no gap in a column of {_COLUMNS[1]} characters; use a coarser "
-            "resolution, or check the units"
         )
 
 

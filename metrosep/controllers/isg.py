@@ -5,7 +5,6 @@ Setpoints are in the unit of the axis that is looked up, values in that of the c
 `IsgAxis`: leadscrew errors `kw.ssfk`, two columns; the documents calculate the entry as actual minus
 setpoint, so k = +1 in entry = k e. `IsgCross`: `kw.crosscomp`, one column at free setpoints of a
 master axis; "relative compensation values", so k = -1. Both signs must be tried on the machine.
-
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from metrosep.compensation.area_errors import format_along, format_span, is_rota
 from metrosep.compensation.knots import choose_knots
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import agreed, named_axes, settled
+from metrosep.controllers._facts import agreed, named_axes, read_table, settled
 from metrosep.controllers._grammar import (
     SIGN,
     Line,
@@ -338,11 +337,10 @@ class IsgAxis(Repeating, CompensationList):
                 hint="enter the value of 0 again at 360 deg",
             )
         unit = unit_of(found["name"])
-        table = CompensationTable(
+        table = read_table(
             p * unit,
             forward,
             None if np.array_equal(forward, reverse) else reverse,
-            is_exact_inverse=True,
             **named_axes(identity(path, first=float(p[0] * unit)), (found["name"],) * 2, path),
         )
         return table, modulo
@@ -450,13 +448,7 @@ class IsgCross(CompensationList):
         cells.end()
         _require_rising(p, path)
         fields = _fields(path, float(p[0]), found["name"], options)
-        return CompensationTable(
-            p * unit_of(fields["axis"]),
-            found["scale"] * c + 0.0,
-            None,
-            is_exact_inverse=True,
-            **fields,
-        )
+        return read_table(p * unit_of(fields["axis"]), found["scale"] * c + 0.0, **fields)
 
 
 # ---- what is written ------------------------------------------------------------------------------
@@ -814,7 +806,15 @@ class IsgPlane(CompensationList):
         sources = {"the file": name, "its sidecar": fields["compensates"]}
         agreed(path, "the corrected axis", sources)
         masters = [found[f"master{i}_ax_nr"] for i in (1, 2)]
-        _require_numbers(path, fields["axes"], name, masters, found["axis_number"])
+        number, axes = found["axis_number"], fields["axes"]
+        fits = ((a == name) == (k == number) for a, k in zip(axes, masters, strict=True))
+        if masters[0] == masters[1] or not all(fits):
+            raise CorruptFileError(
+                path,
+                f"numbers and names of the axes do not fit: {masters[0]}, {masters[1]} -> {number} and "
+                f"{axes[0]}, {axes[1]} -> {name}",
+                hint="an axis has one number: write the table again",
+            )
         return CompensationMap(
             x, y, found["scale"] * values + 0.0, is_exact_inverse=True, **fields
         )
@@ -877,17 +877,3 @@ def _grid(positions: FloatArray, step: float, quantum: float) -> FloatArray:
     if n > 10_000_000:
         raise LimitError(f"{n} points at {format_length(step)}; give a larger interval=")
     return np.asarray(start + step * np.arange(max(n, 2)), dtype=np.float64)
-
-
-def _require_numbers(
-    path: Path, axes: tuple[str, str], name: str, masters: list[int], number: int
-) -> None:
-    if masters[0] == masters[1] or any(
-        (a == name) != (m == number) for a, m in zip(axes, masters, strict=True)
-    ):
-        raise CorruptFileError(
-            path,
-            f"numbers and names of the axes do not fit: {masters[0]}, {masters[1]} -> {number} and "
-            f"{axes[0]}, {axes[1]} -> {name}",
-            hint="an axis has one number: write the table again",
-        )

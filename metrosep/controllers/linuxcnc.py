@@ -23,7 +23,7 @@ import numpy as np
 from metrosep.compensation.area_errors import format_along, is_rotary
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import agreed
+from metrosep.controllers._facts import agreed, read_table
 from metrosep.controllers._grammar import (
     Line,
     Word,
@@ -224,11 +224,10 @@ class LinuxCNC(Dialect):
             )
         unit, _ = _unit(known)
         forward, reverse = (table[:, 0] - table[:, 1]) * unit, (table[:, 0] - table[:, 2]) * unit
-        return CompensationTable(
-            positions=table[:, 0] * unit,
-            forward=forward,
-            reverse=None if np.array_equal(forward, reverse) else reverse,
-            is_exact_inverse=True,
+        return read_table(
+            table[:, 0] * unit,
+            forward,
+            None if np.array_equal(forward, reverse) else reverse,
             **_axes(path, joint_type, first=float(table[0, 0] * unit)),
         )
 
@@ -507,21 +506,21 @@ def _curves(rows: Sequence[tuple[int, str]], path: Path) -> tuple[Curve, ...]:
         if not _PLAIN_NUMBER.fullmatch(words[2]) or words[1] in values:
             raise _damaged(path, number, line, f"setp {words[1]} <a number, once>")
         values[words[1]] = number, Decimal(words[2])
-    curves = []
-    for k, count in enumerate(counts):
-        curves.append(tuple(_point(values, k, i, path) for i in range(count)))
-    _check_chain(curves, values, path)
-    return tuple(curves)
 
-
-def _point(
-    values: dict[str, tuple[int, Decimal]], curve: int, i: int, path: Path
-) -> tuple[Decimal, Decimal]:
-    x, y = (f"comp-{curve}.{axis}-val-{i:02d}" for axis in "xy")
-    for name in (x, y):
+    def value(name: str) -> Decimal:
         if name not in values:
             raise damaged(path, f"{name} is not set: it would be 0")
-    return values[x][1], values[y][1]
+        return values[name][1]
+
+    curves = tuple(
+        tuple(
+            (value(f"comp-{k}.x-val-{i:02d}"), value(f"comp-{k}.y-val-{i:02d}"))
+            for i in range(count)
+        )
+        for k, count in enumerate(counts)
+    )
+    _check_chain(curves, values, path)
+    return curves
 
 
 def _check_chain(
@@ -636,11 +635,9 @@ class LinuxCNCLincurve(Dialect):
         axes = _chain_axes(data, chain, path)
         unit, unit_c = _unit_along(axes["axis"])[0], _unit_along(axes["compensates"])[0]
         positions = [float(x) * unit for x, _ in knots]
-        return CompensationTable(
-            positions=np.array(positions),
-            forward=np.array([float(y) * unit_c for _, y in knots]),
-            reverse=None,
-            is_exact_inverse=True,
+        return read_table(
+            np.array(positions),
+            np.array([float(y) * unit_c for _, y in knots]),
             **{**identity(path, first=positions[0]), **axes},
         )
 

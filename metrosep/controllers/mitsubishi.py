@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import named_axes, settled
+from metrosep.controllers._facts import named_axes, read_table, settled
 from metrosep.controllers._grammar import (
     AXIS,
     INTEGER,
@@ -129,7 +129,13 @@ class Mitsubishi(Resampling):
 
     def encode(self, table: CompensationTable, **options: Any) -> Encoded:
         """Return parameters and numbers."""
-        _require_linear(table)
+        for axis in (table.axis, table.compensates):
+            if is_rotary(axis):
+                raise TableError(
+                    f"{_TITLE}: axis {axis} turns, and the rotary rule was not found in public pages (unit "
+                    "of the interval, points of one turn, what happens after it); write controller='csv' "
+                    "and enter it after your manual"
+                )
         table = require_one_direction(table, _TITLE, "into #2011 and #2012 (backlash)")
         _require_axes(table, options["cross_axis"])
         require_sizes(table, _TITLE)
@@ -212,18 +218,7 @@ class Mitsubishi(Resampling):
         zero, unit = known["reference_position"], 0.5 * known["output_unit"] * scale
         positions, forward = walked(entries, number + 1 - first, zero, interval, unit)
         fields = {**named_axes(identity(path, first=zero), axes, path), "reference": zero}
-        return CompensationTable(positions, forward, None, is_exact_inverse=True, **fields)
-
-
-def _require_linear(table: CompensationTable) -> None:
-    """Refuse axes that turn: what the control makes of them was not found."""
-    for axis in (table.axis, table.compensates):
-        if is_rotary(axis):
-            raise TableError(
-                f"{_TITLE}: axis {axis} turns, and the rotary rule was not found in public pages (unit of "
-                "the interval, points of one turn, what happens after it); write controller='csv' and "
-                "enter it after your manual"
-            )
+        return read_table(positions, forward, **fields)
 
 
 def _require_axes(table: CompensationTable, cross_axis: str) -> None:

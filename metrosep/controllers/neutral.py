@@ -19,6 +19,7 @@ import numpy as np
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
+from metrosep.controllers._facts import read_table
 from metrosep.controllers._grammar import (
     damaged,
     decoded,
@@ -140,11 +141,10 @@ class Neutral(Dialect):
                 f"line {lines[int(falling[0]) + 1]}: {header[0]} does not rise",
                 hint="sort the lines",
             )
-        return CompensationTable(
+        return read_table(
             values[:, 0],
             values[:, 1],
             values[:, 2] if len(header) == 3 else None,
-            is_exact_inverse=True,
             **_fields(path, float(values[0, 0]), turns),
         )
 

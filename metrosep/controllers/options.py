@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -275,17 +276,14 @@ class AlongOption(Option):
         if value is None:
             return None
         what = f"{controller}: {self.name}"
-        try:
-            along_axis(value, "X", what, positive=self.positive)
-        except DataError:
-            try:
-                along_axis(value, "C", what, positive=self.positive)
-            except DataError:
-                raise DataError(
-                    f"{what}={str(value)[:40]!r} must be a length such as '2 mm', or an angle such as "
-                    f"'2 deg' of an axis that turns{', above zero' if self.positive else ''}"
-                ) from None
-        return value
+        for axis in ("X", "C"):
+            with contextlib.suppress(DataError):
+                along_axis(value, axis, what, positive=self.positive)
+                return value
+        raise DataError(
+            f"{what}={str(value)[:40]!r} must be a length such as '2 mm', or an angle such as "
+            f"'2 deg' of an axis that turns{', above zero' if self.positive else ''}"
+        )
 
 
 INCREMENT = AlongOption(

@@ -25,7 +25,7 @@ from metrosep.compensation.area_errors import format_along, format_amount, is_ro
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
 from metrosep.compensation.uniform import resampling_error
-from metrosep.controllers._facts import agreed, facts_of, printable, settled
+from metrosep.controllers._facts import agreed, facts_of, printable, read_table, settled
 from metrosep.controllers._grammar import (
     Line,
     Word,
@@ -573,7 +573,7 @@ class OneMotor(Dialect):
         j = np.arange(low, high + 1)
         columns = self._in_axis(j * step, nodes[j % n], known)
         axes = named_axes(path, program, float(columns["positions"][0]), known["axes"])
-        return CompensationTable(**columns, is_exact_inverse=True, **axes)
+        return read_table(**columns, **axes)
 
 
 class PMAC(OneMotor):

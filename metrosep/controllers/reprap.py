@@ -133,9 +133,7 @@ class Klipper(Dialect):
                 f"profile={name[:60]!r} cannot be the name of a mesh; use letters, digits and _ . - "
                 "(60 at most)"
             )
-        carried, error = even_map(
-            table, (options["x_spacing"], options["y_spacing"]), ("x_spacing", "y_spacing")
-        )
+        carried, error = even_map(table, options, ("x_spacing", "y_spacing"))
         places = options["decimals"]
         printed = [[fixed(v / _MM, places) for v in row] for row in carried.values]
         back = np.array([[float(v) for v in row] for row in printed]) * _MM
@@ -365,9 +363,7 @@ class RepRap(Dialect):
 
     def encode(self, table: CompensationMap, **options: Any) -> Encoded:
         require_bed(table, "RepRapFirmware")
-        carried, error = even_map(
-            table, (options["x_spacing"], options["y_spacing"]), ("x_spacing", "y_spacing")
-        )
+        carried, error = even_map(table, options, ("x_spacing", "y_spacing"))
         _require_limits(carried, options["max_nodes"])
         places, rows = _fitting(carried.values / _MM, options["decimals"])
         back = (

@@ -107,7 +107,13 @@ def table_findings(carried: Any, limits: Limits, info: DialectInfo) -> list[Find
     """Return what is wrong or doubtful about corrections for a machine."""
     found = list(carried.limits(limits)) if hasattr(carried, "limits") else []
     if info.carries == "map":
-        _refuse_one_axis(limits, info)
+        names = ("travel_low", "travel_high", "soft_low", "soft_high")
+        given = [n for n in names if getattr(limits, n) is not None]
+        if given:
+            raise DataError(
+                f"{given[0]} is of one axis, {info.id} holds a map over two: make the map as large as both "
+                "travels (x= and y= of CompensationMap.from_error) and leave it out"
+            )
         return [*found, *_area_uncertainty(carried)]
     if info.carries == "polynomial":
         return [*found, *_coverage(carried.domain, limits, info)]
@@ -118,16 +124,6 @@ def table_findings(carried: Any, limits: Limits, info: DialectInfo) -> list[Find
         *_reference(carried),
         *_uncertainty(carried),
     ]
-
-
-def _refuse_one_axis(limits: Limits, info: DialectInfo) -> None:
-    names = ("travel_low", "travel_high", "soft_low", "soft_high")
-    given = [n for n in names if getattr(limits, n) is not None]
-    if given:
-        raise DataError(
-            f"{given[0]} is of one axis, {info.id} holds a map over two: make the map as large as both "
-            "travels (x= and y= of CompensationMap.from_error) and leave it out"
-        )
 
 
 def carried_findings(

@@ -17,14 +17,13 @@ import numpy as np
 from metrosep.compensation.area_errors import (
     format_amount,
     format_position,
-    format_span,
     is_rotary,
 )
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.products import ProductTables, rank_one
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import agreed, settled
+from metrosep.controllers._facts import agreed, read_table, settled
 from metrosep.controllers._grammar import short
 from metrosep.controllers._grids import (
     Repeating,
@@ -232,9 +231,7 @@ class SinumerikCec(Repeating):
         require_same_axes(named, (first.input_axis, first.output_axis), path)
         check_turns(named[0], "input_turns", turns_in)
         check_turns(named[1], "output_turns", turns_out)
-        table = CompensationTable(
-            positions=positions, forward=forward, reverse=reverse, is_exact_inverse=True, **fields
-        )
+        table = read_table(positions, forward, reverse, **fields)
         return table, first.grid.modulo
 
 
@@ -303,8 +300,8 @@ class SinumerikCecProduct(Dialect):
                 f"turning={o['turning']}, but by the axes of the map it is {_turning(table)}"
             )
         keys = ("first_spacing", "second_spacing")
-        spacings = tuple(along_axis(o[k], a, k) for k, a in zip(keys, table.axes, strict=True))
-        even, error = even_map(table, (spacings[0], spacings[1]), (keys[0], keys[1]))
+        spacings = {k: along_axis(o[k], a, k) for k, a in zip(keys, table.axes, strict=True)}
+        even, error = even_map(table, spacings, keys)
         product = rank_one(even, keep_zero=bool(o["keep_zero"]))
         missed = _missed(product, o)
         _require_fine(product, 10.0 ** -o["decimals"] * units(turns=False))
@@ -498,13 +495,7 @@ class SinumerikEnc(Repeating):
             )
         carried, error = even_table(table, along_axis(o["spacing"], table.axis, "spacing"))
         _require_zero(carried, o)
-        n = carried.positions.size
-        if o["points_limit"] is not None and n > o["points_limit"]:
-            needed = (table.span[1] - table.span[0]) / (o["points_limit"] - 1)
-            raise LimitError(
-                f"{n} entries, the control holds {o['points_limit']} for this axis; use a spacing of "
-                f"at least {format_span(table.axis, needed)} (spacing='...'), or raise MD38000"
-            )
+        check_count(carried.positions, o, table.axis, "MD38000")
         unit = units(turns=o["turns"])
         words = [short(-c / unit, o["decimals"], at_least=1) for c in carried.forward]
         if o["modulo"]:
@@ -519,7 +510,7 @@ class SinumerikEnc(Repeating):
         return Encoded(
             data=write_program("AX_EEC_INI", o["channel"], (), lines, facts),
             quantisation=float(np.abs(back - carried.forward).max()),
-            notes={"MD38000_at_least": n},
+            notes={"MD38000_at_least": carried.positions.size},
             step=10.0 ** -o["decimals"] * unit,
             carried=carried,
             resampling_error=error,
@@ -550,13 +541,7 @@ class SinumerikEnc(Repeating):
                 f"{path}: turns={turns}, but the axis is said to be {fields['axis']}; leave turns out, "
                 "or use the sidecar that fits"
             )
-        table = CompensationTable(
-            positions=positions,
-            forward=0.0 - grid.entries * unit,
-            reverse=None,
-            is_exact_inverse=True,
-            **fields,
-        )
+        table = read_table(positions, 0.0 - grid.entries * unit, **fields)
         return table, grid.modulo
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import letter_in_file, own_axis
+from metrosep.controllers._facts import letter_in_file, own_axis, read_table
 from metrosep.controllers._grammar import (
     IEC_WORDS,
     Line,
@@ -235,11 +235,10 @@ class TwinCAT(Repeating, Resampling):
         if one.modulo:
             _require_turn(ways.values(), letter, path)
         fields = own_axis(identity(path, first=float(one.p[0])), path)
-        table = CompensationTable(
+        table = read_table(
             one.p,
             ways[1].c if one.way else one.c,
             ways[-1].c if one.way else None,
-            is_exact_inverse=True,
             **{**fields, "axis": letter, "compensates": letter},
         )
         return table, one.modulo

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import is_described, settled
+from metrosep.controllers._facts import is_described, read_table, settled
 from metrosep.controllers._grammar import (
     NUMBER,
     Line,
@@ -187,11 +187,10 @@ class Voltage(Dialect):
         if len(header) == 3:
             falling = _corrections(rows[::-1, 2], curves, rest, known["polarity"])
             columns.append(falling[::-1])
-        return CompensationTable(
-            positions=positions,
-            forward=columns[0],
-            reverse=columns[1] if len(columns) == 2 else None,
-            is_exact_inverse=True,
+        return read_table(
+            positions,
+            columns[0],
+            columns[1] if len(columns) == 2 else None,
             **identity(path, first=float(positions[0])),
         )
 

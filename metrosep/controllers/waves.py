@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.compensation.limits import Finding, Limits
 from metrosep.compensation.table import CompensationTable
-from metrosep.controllers._facts import agreed, is_described, settled
+from metrosep.controllers._facts import agreed, is_described, read_table, settled
 from metrosep.controllers._grammar import (
     NUMBER,
     Line,
@@ -323,9 +323,7 @@ def read_wave(play: Playback, values: FloatArray, path: Path) -> CompensationTab
     names = identity(path, first=float(ends.min()))
     if not ends.min() <= names["reference"] <= ends.max():
         names["reference"] = float(ends.min())
-    blank = CompensationTable(
-        np.array([0.0, 1.0]), np.zeros(2), None, is_exact_inverse=True, **names
-    )
+    blank = read_table(np.array([0.0, 1.0]), np.zeros(2), **names)
     return rebuilt(play, values, blank)
 
 

@@ -537,10 +537,11 @@ def require_uncorrected(path: Path) -> None:
             own = hashlib.sha256(path.read_bytes()).hexdigest() == found.get("file_sha256")
             why = "" if own else " (changed since, or of a run that was cut off)"
             raise _corrected(path, beside, found, why)
-    others = {} if not path.is_file() else _sidecars(path.parent)
+    others = sorted(path.parent.glob("*.json")) if path.is_file() else []
     if others:
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
-        for other, said in others.items():
+        for other in others:
+            said = _said(other) or {}
             if said.get("file_sha256") == digest != said.get("source_sha256"):
                 raise _corrected(path, other, said, " (the same bytes under another name)")
 
@@ -551,12 +552,6 @@ def _corrected(path: Path, beside: Path, found: Mapping[str, Any], why: str) -> 
         f"added to it: take the original ({found.get('source', 'unknown')}), or say again if what was "
         "measured is a part cut with it"
     )
-
-
-def _sidecars(folder: Path) -> dict[Path, dict[str, Any]]:
-    """Return the sidecars of corrected files in a folder."""
-    found = {f: _said(f) for f in sorted(folder.glob("*.json"))}
-    return {f: said for f, said in found.items() if said is not None}
 
 
 def _said(beside: Path) -> dict[str, Any] | None:

@@ -16,7 +16,7 @@ import math
 import os
 import shutil
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -243,8 +243,8 @@ def rewrite_path(
     M30
     <BLANKLINE>
     """
-    settings = _settings(
-        axes, decimals, resolution, tolerance, outside, stroke, blocks_per_s, c_rollover
+    settings = _checked(
+        Settings(axes, decimals, resolution, tolerance, outside, stroke, blocks_per_s, c_rollover)
     )
     if unit is not None and unit not in _UNITS:
         raise UnitError(f"unit is {unit!r}; it is 'mm' or 'inch'")
@@ -327,38 +327,30 @@ def _named(error: MetrosepError, path: Path) -> MetrosepError:
     return named
 
 
-def _settings(
-    axes: tuple[str, ...],
-    decimals: int | None,
-    resolution: float,
-    tolerance: float | None,
-    outside: Outside,
-    stroke: float,
-    blocks_per_s: float | None,
-    c_rollover: bool | None,
-) -> Settings:
-    axes = tuple(a.upper() for a in axes)
+def _checked(given: Settings) -> Settings:
+    """Return settings in SI, and refuse what they cannot be."""
+    axes, decimals = tuple(a.upper() for a in given.axes), given.decimals
     if sorted(axes) not in (["Z"], ["X", "Z"]):
         raise DataError(f"axes are {axes}; they are ('Z',) or ('Z', 'X')")
-    numbers.choice(outside, "outside", ("refuse", "zero", "hold"))
+    numbers.choice(given.outside, "outside", ("refuse", "zero", "hold"))
     digits = None if decimals is None else numbers.count(decimals, "decimals", least=0)
     if digits is not None and not 1 <= digits <= 9:
         raise DataError(f"decimals is {decimals}; 1 to 9 digits can be written")
-    if c_rollover is not None:
-        numbers.flag(c_rollover, "c_rollover")
-    resolution, stroke = (
-        numbers.positive(v, name, dimension="length")
-        for v, name in ((resolution, "resolution"), (stroke, "stroke"))
-    )
-    if tolerance is not None:
-        tolerance = numbers.positive(tolerance, "tolerance", dimension="length")
-    if blocks_per_s is not None:
-        blocks_per_s = numbers.positive(blocks_per_s, "blocks_per_s", dimension="frequency")
-    if resolution < 1e-12:
-        raise DataError(f"resolution is {resolution} m; no controller resolves less than 1e-12 m")
-    if tolerance is not None and "X" in axes:
+    if given.c_rollover is not None:
+        numbers.flag(given.c_rollover, "c_rollover")
+    kinds = dict.fromkeys(("resolution", "stroke", "tolerance"), "length")
+    checked: dict[str, Any] = {
+        name: numbers.positive(value, name, dimension=kind)
+        for name, kind in {**kinds, "blocks_per_s": "frequency"}.items()
+        if (value := getattr(given, name)) is not None or name in ("resolution", "stroke")
+    }
+    if checked["resolution"] < 1e-12:
+        raise DataError(
+            f"resolution is {checked['resolution']} m; no controller resolves less than 1e-12 m"
+        )
+    if given.tolerance is not None and "X" in axes:
         raise DataError("blocks are split for Z only; leave out tolerance, or give axes=('Z',)")
-    return Settings(axes, digits, resolution, tolerance, outside, stroke, blocks_per_s, c_rollover)
+    return replace(given, axes=axes, decimals=digits, **checked)
 
 
 def _messages(rewriter: Rewriter) -> tuple[str, ...]:
