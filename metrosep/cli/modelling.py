@@ -126,8 +126,7 @@ def predict(context: click.Context, process: str, out: str | None, as_json: bool
     -o and no [[output]] in PROCESS, program, budget and report are written.
     """
     from metrosep.cli.errors import verdict_code
-    from metrosep.cli.jobs import progress
-    from metrosep.cli.printed import print_named
+    from metrosep.cli.jobs import print_named, progress
     from metrosep.recipe.recipe import Recipe
 
     recipe = Recipe.load(process)
@@ -181,8 +180,7 @@ def _carried_out(
     as_json: bool,
 ) -> int:
     """Carry out the recipe of a call."""
-    from metrosep.cli.jobs import progress
-    from metrosep.cli.printed import print_named
+    from metrosep.cli.jobs import print_named, progress
     from metrosep.cli.shortcut import option_error
     from metrosep.core.errors import RecipeError
     from metrosep.recipe.recipe import Recipe
@@ -210,7 +208,7 @@ def _own_words(context: click.Context, recipe: Recipe) -> None:
     """Let errors speak of the keys of the recipe."""
     import functools
 
-    from metrosep.cli.printed import recipe_words
+    from metrosep.cli.jobs import recipe_words
 
     if context.obj is not None:
         context.obj["words"] = functools.partial(recipe_words, recipe)

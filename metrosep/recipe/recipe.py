@@ -38,8 +38,13 @@ from metrosep.recipe.steps import (
     OUTPUTS,
     TOP,
 )
-from metrosep.recipe.written.extends import Admits, LayeredPlace, before_record, layers_of
-from metrosep.recipe.written.override_marks import overrides_in
+from metrosep.recipe.written.extends import (
+    Admits,
+    LayeredPlace,
+    before_record,
+    layers_of,
+    overrides_in,
+)
 from metrosep.recipe.written.overrides import with_overrides
 
 __all__ = [

@@ -318,7 +318,7 @@ def test_a_step_that_fails_is_said_in_the_words_of_the_recipe(part):
 
 
 def test_a_separation_that_fails_is_said_as_the_command_line_says_it(tmp_path):
-    from metrosep.cli.printed import recipe_words
+    from metrosep.cli.jobs import recipe_words
     from metrosep.errors import MetrosepError
     from metrosep.recipe import Recipe
 

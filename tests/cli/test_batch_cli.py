@@ -171,7 +171,7 @@ def test_dry_run_lists(home, capsys):
         (["--scheduler", "slurm"], 2, "scheduler 'slurm' is not known"),
         (["--workers", "0"], 2, "workers = 0"),
         (["--every", "3"], 2, "--every needs --watch"),
-        (["--watch", "--every", "-1"], 2, "watch = -1.0"),
+        (["--watch", "--every", "-1"], 2, "watch must be positive"),
     ],
 )
 def test_wrong_options(home, capsys, words, code, text):

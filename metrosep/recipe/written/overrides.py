@@ -35,15 +35,18 @@ from metrosep.recipe.steps import (
     OUTPUTS,
     STEPS,
 )
-from metrosep.recipe.written.extends import Layers, layers_of, texts_of, with_texts
-from metrosep.recipe.written.override_marks import (
+from metrosep.recipe.written.extends import (
+    Layers,
     holds_mark,
     key_parts,
+    layers_of,
     marks_after,
     overrides_in,
     parsed,
     split_override,
+    texts_of,
     toml_problem,
+    with_texts,
     without_marks,
 )
 
@@ -427,7 +430,7 @@ def near(word: str, known: Sequence[str]) -> str:
 
 
 # ---- a key of a recipe changed in its text: comments, order and the numbers of the lines stay ----
-# The changed line ends with what was given (`metrosep.recipe.written.override_marks`), so that the text says
+# The changed line ends with what was given (`metrosep.recipe.written.extends`), so that the text says
 # what was run and why it differs from the file.
 
 Keys = Sequence[str | int]
