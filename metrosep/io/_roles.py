@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.io.text.dialect import header_unit
@@ -68,14 +69,17 @@ _JUMP = 10.0
 """Median steps by which a position or a clock falls back where a new run begins."""
 
 
-def jumps_back(values: FloatArray) -> list[int]:
-    """Return the rows at which a position or a clock jumps back towards its first value."""
+def jumps_back(values: FloatArray, lines: NDArray[np.int64]) -> list[int]:
+    """Return the rows at which a position or a clock jumps back towards its first value.
+
+    Behind a line that is no row, such as a comment or names again, more than one step is a jump.
+    """
     steps = np.diff(values)
     known = steps[np.isfinite(steps)]
     usual = float(np.median(known)) if known.size else 0.0
     if usual == 0.0:
         return []
-    back = steps * np.sign(usual) < -_JUMP * abs(usual)
+    back = steps * np.sign(usual) < -abs(usual) * np.where(np.diff(lines) > 1, 1.0, _JUMP)
     return [int(i) + 1 for i in np.flatnonzero(back)]
 
 
@@ -165,7 +169,7 @@ def runs_in(table: Table) -> FoundRuns | None:
             return FoundRuns(begins.size, column.name, lines, columns, undeclared)
     for role in ("position", "time"):
         for column in by_role.get(role, ()):
-            starts = jumps_back(column.values) if column.values is not None else []
+            starts = jumps_back(column.values, table.lines) if column.values is not None else []
             if starts and _rises_between(column.values, starts):
                 lines = tuple(int(table.lines[i]) for i in (0, *starts))
                 return FoundRuns(len(lines), BLOCKS, lines, columns, undeclared)

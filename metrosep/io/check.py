@@ -49,6 +49,9 @@ SMALL_HEIGHT = 1e-12
 OFF_CENTRE = 0.05
 """Distance of the window's centre from the camera's, as a share of the camera, that is a finding."""
 
+_LEFT_OUT = ("preamble", "repeated header", "footer", "set aside")
+"""Classes of lines that might have been rows; comments and blank lines are not."""
+
 _TURNS = {"rad": 2.0 * math.pi, "": 360.0}
 
 
@@ -136,7 +139,7 @@ def _text_runs(
     except MetrosepError as exc:
         return (_unreadable(exc),)
     findings = [Finding("note", f"{found}", found.advice(path))]
-    findings += _of_reader({"warnings": table.warnings})
+    findings += _of_reader({"warnings": table.warnings, "lines": table.ledger})
     for run in runs or ():
         findings += [
             Finding(f.level, f"run {run.run_id!r}: {f.problem}", f.fix) for f in _values(run.z, "")
@@ -179,7 +182,18 @@ def check_object(obj: Surface | Profile | Recording) -> tuple[Finding, ...]:
 
 
 def _of_reader(metadata: Mapping[str, Any]) -> Iterator[Finding]:
-    """Yield what the reader noticed while it read."""
+    """Yield what the reader noticed while it read, and how many lines of a text are no rows."""
+    counts = metadata.get("lines") or {}
+    aside = {k: n for k, n in counts.items() if k in _LEFT_OUT and n}
+    if aside:
+        listed = "; ".join(
+            f"{kind}: {n} (line {counts['listed'][kind]['numbers']})" for kind, n in aside.items()
+        )
+        yield Finding(
+            "note",
+            f"{counts.get('data', 0)} of {counts['total']} lines are rows; left out were {listed}",
+            "nothing, if none of these lines is a measurement",
+        )
     for sentence in metadata.get("warnings", ()):
         problem, _, fix = sentence.partition("; ")
         yield Finding(

@@ -35,7 +35,6 @@ from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import (
     SURROUNDINGS,
     TYPICAL,
-    Unit,
     parse_quantity,
     parse_unit,
     surrounding_header,
@@ -256,7 +255,7 @@ def _runs_of(
     t = None
     if request.time is not None:
         t_column, t_unit = pick(file, table, request.time, role="time")
-        t = _seconds(file, table, t_column, t_unit, role="time")
+        t = to_si(file, t_column, t_unit, dimension="time", role="time")
     speeds = _feed_column(file, table, feed)
     signs = _direction_column(file, table, request.direction)
     for run_id, rows in _groups(file, table, request, signs, x):
@@ -317,32 +316,6 @@ def _clock(t: FloatArray | None, rows: NDArray[np.intp], request: _Request) -> F
     if request.sampling_rate is None:
         return None
     return np.arange(rows.size) / rate_of(request.sampling_rate)
-
-
-_TIME_OF_DAY = re.compile(r"(?:(\d{4}-\d\d-\d\d)[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)Z?")
-
-
-def _seconds(
-    file: RawFile, table: Table, column: Column, unit: Unit | None, *, role: str
-) -> FloatArray:
-    """Return times in s; texts are ``23:59:59.998`` or ``2026-01-31T12:00:00.5``, midnight may pass."""
-    if column.labels is None:
-        return to_si(file, column, unit, dimension="time", role=role)
-    days, seconds = np.zeros(len(table)), np.zeros(len(table))
-    for i, label in enumerate(column.labels):
-        found = _TIME_OF_DAY.fullmatch(label.strip())
-        if found is None:
-            raise FormatMismatchError(
-                f"{file.path}: line {int(table.lines[i])}: time {label!r} in column {column.name!r} is "
-                "neither a number nor hh:mm:ss.fff, with or without yyyy-mm-dd before it; give the "
-                "sampling rate instead"
-            )
-        day, hour, minute, second = found.groups()
-        days[i] = 0.0 if day is None else float(np.datetime64(day, "D").astype(np.int64))
-        seconds[i] = 3600.0 * int(hour) + 60.0 * int(minute) + float(second.replace(",", "."))
-    if not days.any():
-        days[1:] = np.cumsum(np.diff(seconds) < -43200.0)
-    return np.asarray((days - days[:1]) * 86400.0 + seconds)
 
 
 def _feed_column(
@@ -415,7 +388,7 @@ def _groups(
     if request.run is None:
         parts: list[tuple[str, NDArray[np.intp]]] = [(stem, everything)]
     elif request.run == BLOCKS and BLOCKS not in table.names:
-        blocks = np.split(everything, jumps_back(x))
+        blocks = np.split(everything, jumps_back(x, table.lines))
         parts = [(f"{stem}:{k}", rows) for k, rows in enumerate(blocks, start=1)]
     else:
         column, _ = pick(file, table, request.run, role="run")
@@ -579,8 +552,6 @@ def role_values(file: RawFile, table: Table, role: Role, *, name: str) -> NDArra
     if role.dimension == "position":
         dimension = "angle" if unit is not None and unit.dimension == "angle" else "length"
         return to_si(file, column, unit, dimension=dimension, role=name)
-    if role.dimension == "time":
-        return _seconds(file, table, column, unit, role=name)
     if role.dimension != "any":
         scale = sensitivity(role.scale) if role.dimension == "length" else None
         return to_si(file, column, unit, dimension=role.dimension, role=name, scale=scale)

@@ -392,7 +392,7 @@ class Body:
                 return True
         if not begin[:1].isalpha() or begin.lower() in self._words:
             return False
-        if not self._labels[0] or len(fields) < self._n:
+        if not self._labels[0] or self._layout.dated[0] or len(fields) < self._n:
             return True
         own = zip(fields, self._labels, strict=False)
         plain = self._layout.dialect.plain
@@ -545,9 +545,9 @@ def _numbers(text: str, mark: str) -> FloatArray:
         keep_default_na=False,
         quoting=csv.QUOTE_NONE,
         low_memory=False,
-        **({"float_precision": "round_trip"} if before else {}),
+        float_precision="round_trip" if before else None,
     )
-    return frame.to_numpy()
+    return np.asarray(frame.to_numpy(), dtype=np.float64)
 
 
 def _rows(n: int) -> str:
@@ -565,16 +565,18 @@ def refuse_quotes(file: RawFile, number: int, line: str) -> None:
         )
 
 
-def bad_field(file: RawFile, line: int, field: str, where: str) -> CorruptFileError:
-    """Return the error about a field that is not a number."""
+def bad_field(
+    file: RawFile, line: int, field: str, where: str, what: str = "number"
+) -> CorruptFileError:
+    """Return the error about a field that is not a number, or whatever the others are."""
     grouped = re.search(r"\d([.,'])\d{3}(?!\d)", field)
     options = f"missing='{field[:40]}' if it means not measured, skip_lines='{line}' to leave the line out"
     if grouped:
         options = f'thousands="{grouped.group(1)}" if its digits are in groups, {options}'
     return file.corrupt(
-        f"{where} holds something that is not a number",
+        f"{where} holds something that is not a {what}",
         field=f"line {line}",
-        expected="a number, or an empty field where nothing was measured",
+        expected=f"a {what}, or an empty field where nothing was measured",
         found=repr(field[:40]),
         hint=f"correct that line, or give {options}",
     )

@@ -23,6 +23,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.text_options import TextOptions
 from metrosep.core.units import Unit, column_unit, parse_unit
+from metrosep.io.text.times import is_moment
 
 __all__ = [
     "BEYOND",
@@ -374,6 +375,7 @@ def find_layout(
         best.n_raw,
         usual,
         best.labels,
+        best.dated,
         above + len(best.rows) + len(best.unmeasured),
         unproven,
         len(sample) - 1 in best.rows or len(sample) - 1 in best.unmeasured,
@@ -390,6 +392,7 @@ class Layout:
     n_raw: int
     n_usual: int
     labels: tuple[bool, ...]  # which columns hold words
+    dated: tuple[bool, ...]  # which of these hold dates or times of day
     n_fit: int  # lines that are rows
     unproven: bool  # no number shows what its decimal mark is
     ends: bool  # the last line looked at is a row
@@ -423,15 +426,18 @@ def _fit(sample: Sequence[str], n_head: int, dialect: Dialect) -> _Fit | None:
     n_raw = Counter(len(split[i]) for i in numbered).most_common(1)[0][0]
     n = max(n_used(split[i]) for i in numbered if len(split[i]) == n_raw)
     alike = [i for i in numbered if len(split[i]) >= n and n_used(split[i]) <= n]
-    labels = tuple(
-        2 * sum(kinds[i][k] == "label" for i in alike)
-        > sum(kinds[i][k] != "missing" for i in alike)
-        for k in range(n)
+    labels, dated = (
+        tuple(
+            2 * sum(kinds[i][k] in what for i in alike)
+            > sum(kinds[i][k] != "missing" for i in alike)
+            for k in range(n)
+        )
+        for what in (("label", "date"), ("date",))
     )
     rows = {
         i: split[i][:n]
         for i in alike
-        if not any(kinds[i][k] == "label" and not labels[k] for k in range(n))
+        if not any(kinds[i][k] in ("label", "date") and not labels[k] for k in range(n))
     }
     if not rows or min(rows) >= n_head:
         return None
@@ -445,7 +451,7 @@ def _fit(sample: Sequence[str], n_head: int, dialect: Dialect) -> _Fit | None:
         for i, k in enumerate(kinds)
         if start <= i and len(k) >= n and all(kind == "missing" for kind in k)
     }
-    return _Fit(dialect, start, n, n_raw, labels, rows, unmeasured)
+    return _Fit(dialect, start, n, n_raw, labels, dated, rows, unmeasured)
 
 
 def _is_row_of_words(fields: Sequence[str]) -> bool:
@@ -470,6 +476,8 @@ def _kind(field: str, dialect: Dialect, grouped: Dialect) -> str:
         return "missing"
     if dialect.plain(text) is not None:
         return "number"
+    if is_moment(text):
+        return "date"
     if NUMBER_LIKE.fullmatch(text):
         return "odd" if grouped.plain(text) is None else "number"
     if dialect.separator in {" ", ", "} and any(mark in text for mark in ",;\t"):
@@ -485,6 +493,7 @@ class _Fit(NamedTuple):
     n: int
     n_raw: int
     labels: tuple[bool, ...]
+    dated: tuple[bool, ...]
     rows: dict[int, list[str]]
     unmeasured: set[int]
 

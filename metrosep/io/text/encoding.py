@@ -51,7 +51,7 @@ _KNOWN = re.compile(
                 for w in words.casefold().split()
                 if not w.isascii() and len(w) > 1
             }
-            | set("µμ°℃å±²³")
+            | set("µμ°℃å±²³０１２３４５６７８９．，－＋")
             | FOREIGN_SPELLINGS,
             key=len,
             reverse=True,

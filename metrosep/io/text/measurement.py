@@ -5,7 +5,8 @@ Shared by plain column text and by the text formats that a ``format.toml`` descr
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -66,6 +67,7 @@ def measurement(
 ) -> Profile | Recording | Surface:
     """Return the object that a table holds; see `metrosep.io.text.delimited.read`."""
     table, channel, labels = _rows_of(file, table, channel)
+    table = _without_counter(table, given=(channel, x, y, z, time))
     unit = declared_units(unit)
     bare = is_matrix(table)
     each = unit is not None and not isinstance(unit, str)  # one for each column, not one for all
@@ -123,12 +125,36 @@ def _rows_of(
         different = tuple(dict.fromkeys(column.labels))
         if len(different) == 1:
             shared[column.name] = different[0]
-        elif len(table.numbers) == 2:
+        elif _is_stacked(column.labels, different) and len(table.numbers) == 2:
             raise FormatMismatchError(
                 f"{file.path}: column {column.name!r} stacks {len(different)} data sets "
                 f"({', '.join(different[:4])}); choose one with channel={different[0]!r}"
             )
     return table, channel, shared
+
+
+def _is_stacked(labels: tuple[str, ...], different: tuple[str, ...]) -> bool:
+    """Whether labels name one part of the rows after the other: a status that comes and goes does not."""
+    changes = sum(a != b for a, b in itertools.pairwise(labels))
+    return changes == len(different) - 1
+
+
+def _without_counter(table: Table, *, given: Sequence[ColumnSpec | None]) -> Table:
+    """Return the table without a column that numbers its rows, unless the caller names it."""
+    unnamed = table.header.get("unnamed", ())
+    asked = {header_unit(g if isinstance(g, str) else g[0])[0].casefold() for g in given if g}
+    counters = [
+        c
+        for c in table.numbers
+        if (c.name in unnamed or role_of(c.name) == "index")
+        and header_unit(c.name)[0].casefold() not in asked
+        and c.values is not None
+        and c.values.size > 1
+        and np.all(np.diff(c.values) == 1.0)
+    ]
+    if not counters or len(table.numbers) == len(counters):
+        return table
+    return replace(table, columns=tuple(c for c in table.columns if c not in counters))
 
 
 def _take(table: Table, keep: Any) -> Table:
@@ -193,8 +219,9 @@ def _with_units(file: RawFile, table: Table, unit: Any) -> Table:
 def _time_column(file: RawFile, table: Table, time: ColumnSpec | None) -> Column | None:
     if time is not None:
         column, unit = pick(file, table, time, role="time")
-        return Column(column.name, unit, column.values, column.labels)
-    for column in table.numbers:
+        return replace(column, unit=unit)
+    clocks = table.header.get("clocks", ())
+    for column in sorted(table.numbers, key=lambda c: c.name in clocks):
         if column.unit is not None and column.unit.dimension == "time":
             return column
     for column in table.numbers:
@@ -277,6 +304,20 @@ class _Made:
     ) -> Recording:
         """Return channels over the column of time, or over rows of one rate."""
         table = self.table
+        t = np.empty(0) if timed is None or timed.values is None else timed.values
+        repeats = np.flatnonzero(np.diff(t) == 0.0)
+        if repeats.size and sampling_rate is not None:
+            self.table = table = replace(
+                table, columns=tuple(c for c in table.columns if timed and c.name != timed.name)
+            )
+            timed = None
+        elif repeats.size and timed is not None:
+            line = int(table.lines[repeats[0] + 1])
+            raise self.mismatch(
+                f"line {line} has the same time in column {timed.name!r} as the row above ({repeats.size} such "
+                "row(s)): the clock is coarser than the samples; give sampling_rate= and the rows are "
+                "counted, or correct the column"
+            )
         if timed is not None and sampling_rate is not None:
             raise self.mismatch(
                 f"has a column of time ({timed.name!r}), and sampling_rate was given too; leave "
@@ -285,7 +326,7 @@ class _Made:
         if timed is not None:
             if "separator" in table.header:
                 self.table = table = without_empty_rows(table)
-                timed = table[timed.name]
+                timed = replace(table[timed.name], unit=timed.unit)
             t = to_si(self.file, timed, timed.unit, dimension="time", role="time")
             unknown = np.flatnonzero(~np.isfinite(t))
             if unknown.size and "separator" in table.header:
@@ -293,6 +334,18 @@ class _Made:
                 raise self.mismatch(
                     f"line {line} has no time ({unknown.size} such row(s)); correct it, or leave the line out "
                     f"with skip_lines='{line}'"
+                )
+            falls = np.flatnonzero(np.diff(t) < 0.0)
+            if (
+                falls.size
+                and timed.name in table.header.get("clocks", ())
+                and runs_in(table) is None
+            ):
+                line, by = int(table.lines[falls[0] + 1]), float(t[falls[0]] - t[falls[0] + 1])
+                why = "; summer time seems to end there" if 3000.0 < by <= 3600.0 else ""
+                raise self.mismatch(
+                    f"line {line}: the clock in column {timed.name!r} falls back by {by:g} s{why}; split the file "
+                    "there, or give the columns of a profile with x= and z="
                 )
         else:
             t = np.arange(len(table), dtype=np.float64) / rate_of(sampling_rate or 0.0)

@@ -50,6 +50,7 @@ from metrosep.io.text.dialect import (
     unmeasured_rows,
 )
 from metrosep.io.text.encoding import decode, encoding_of, plain_ends
+from metrosep.io.text.times import Moments, is_moment, moments
 
 __all__ = [
     "Column",
@@ -71,6 +72,8 @@ _PLACES, _PLACE = 9, 2000
 _TAIL = 5000
 _FEW = 3
 """Separators from which a line of nothing else, above or below a map, is a row of it."""
+_WHOLE = 2.0**53
+"""Largest number up to which every whole number is a float."""
 _DECLARATION = re.compile(r'\s*"?sep=(.)"?\s*', re.IGNORECASE)
 _BEGUN = re.compile(r"\s*\"?[+-]?(?:\d+[.,]?\d*|[.,]\d)")
 """How a number begins, whatever follows."""
@@ -129,10 +132,63 @@ def read_table(file: RawFile, **text: Any) -> Table:
             source.head.names, source.head.units, rows.columns, strict=True
         )
     ]
+    unnamed = source.head.facts["unnamed"]
+    columns = [c for c in columns if c.name not in unnamed or not _is_empty(c)]
+    columns, clocks = with_moments(file, columns, rows.lines, source.head.options)
     markers = refuse_markers(file, columns, rows.lines, source.head.options)
-    header = {**source.head.facts, "comments": source.comments}
+    header = {**source.head.facts, "comments": source.comments, "clocks": clocks}
     warnings = (*source.warnings, *markers)
     return Table(tuple(columns), rows.lines, header, warnings, source.lines)
+
+
+def _is_empty(column: Column) -> bool:
+    if column.values is None:
+        return not any(column.labels or ())
+    return bool(np.isnan(column.values).all())
+
+
+def with_moments(
+    file: RawFile, columns: Sequence[Column], lines: NDArray[np.int64], options: TextOptions
+) -> tuple[list[Column], dict[str, str]]:
+    """Return the columns with dates and times of day in s from the first row, and when that was.
+
+    A date beside a time of day belongs to it; one date for all rows stays a text.
+    """
+    found: dict[int, Moments] = {}
+    words = NO_READING | {m for m in options.missing or () if isinstance(m, str)}
+    texts = {
+        k: ["" if t.lower() in words else t.strip('"') for t in c.labels or ()]
+        for k, c in enumerate(columns)
+        if c.values is None
+    }
+    for k, own in texts.items():
+        odd = [i for i, t in enumerate(own) if t and not is_moment(t)]
+        if odd and 2 * len(odd) < len(own):
+            line = int(lines[odd[0]])
+            where = f"column {columns[k].name!r} of dates and times"
+            raise bad_field(file, line, own[odd[0]], where, "moment")
+        moment = None if odd else moments(own, lines, f"{file.path}: column {columns[k].name!r}")
+        if moment is not None:
+            found[k] = moment
+    dates = [k for k, m in found.items() if m.kind == "date"]
+    clocks = [k for k, m in found.items() if m.kind == "clock"]
+    if len(dates) == len(clocks) == 1:
+        (day,), (k,) = dates, clocks
+        where = f"{file.path}: column {columns[day].name!r}"
+        both = moments(texts[k], lines, where, days=texts[day])
+        if both is not None:
+            found = {**{i: m for i, m in found.items() if i != day}, k: both}
+    else:
+        day = -1
+    unit = parse_unit("s")
+    made = [
+        c
+        if (m := found.get(k)) is None or not np.any(m.seconds)
+        else Column(c.name, unit, m.seconds)
+        for k, c in enumerate(columns)
+    ]
+    kept = [c for k, c in enumerate(made) if k != day or k in found]
+    return kept, {columns[k].name: m.start for k, m in found.items()}
 
 
 class TextTable:
@@ -226,7 +282,16 @@ def refuse_markers(
     """Return warnings about values that may mean "not measured"."""
     found: list[str] = []
     for column in () if options.missing is not None else columns:
-        if column.values is None or (column.unit is not None and column.unit.dimension == "time"):
+        if column.values is None:
+            continue
+        whole = float(np.abs(column.values).max(initial=0.0, where=np.isfinite(column.values)))
+        if whole > _WHOLE and column.unit is not None and column.unit.dimension == "time":
+            step = np.spacing(whole) * column.unit.factor
+            found.append(
+                f"column {column.name!r} holds numbers of {len(f'{whole:.0f}')} digits, which are kept to "
+                f"{step:.2g} s; export the time from the start of the recording if that is too coarse"
+            )
+        if column.unit is not None and column.unit.dimension == "time":
             continue
         marker = marker_of(column.values)
         if marker is None:
@@ -368,6 +433,7 @@ class TableHead:
             "n_fields": layout.n_raw,
             "columns": self.names,
             "named": preamble.named,
+            "unnamed": preamble.unnamed,
             "preamble": tuple(lines[: layout.start]),
         }
 
@@ -411,6 +477,7 @@ class _Preamble:
         self._count: int | None = None
         self._named_at = (0, "")
         self._waiting: list[tuple[int, str]] = []
+        self.unnamed: tuple[str, ...] = ()
         self._lost: list[int] = []  # rows of names with units above another row of names
 
     def take(self, line: str, number: int) -> str | None:
@@ -471,7 +538,17 @@ class _Preamble:
             if names is not None and not any(is_number(m, self._dialect.decimal) for m in names):
                 self._n = n
                 return names
-        return split_header(line, mark, self._n)
+        names = split_header(line, mark, self._n)
+        if names is not None or mark in {" ", ", "}:
+            return names
+        # a column without a name among others: the row numbers of pandas, R and Excel
+        fields = [f.strip().strip('"').strip() for f in self._dialect.split([line])[0]]
+        fields = fields[: self._n] if n <= self._n else fields
+        few = 2 * sum(map(bool, fields)) < self._n or len(fields) != self._n
+        if few or not any(header_unit(f)[1] for f in fields if f):
+            return None
+        self.unnamed = tuple(f"column{k}" for k, f in enumerate(fields, 1) if not f)
+        return [f or f"column{k}" for k, f in enumerate(fields, 1)]
 
     @property
     def named(self) -> bool:

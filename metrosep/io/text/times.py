@@ -1,0 +1,199 @@
+"""Dates and times of day as loggers write them: seconds from the first row, and when that was.
+
+Arithmetic is in whole nanoseconds; a float of seconds since 1970 would keep 0.2 us. Nothing is
+converted between time zones, and a day that may be a month is settled by the dates themselves or
+refused.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import AmbiguousFormatError
+
+__all__ = ["Moments", "is_moment", "moments"]
+
+_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+_GERMAN = {"mrz": 3, "mär": 3, "mai": 5, "okt": 10, "dez": 12}
+_DATE = (
+    r"(?:(?P<y>\d{4})(?P<s1>[-/.年])(?P<m>\d{1,2})[-/.月](?P<d>\d{1,2})日?"
+    r"|(?P<a>\d{1,2})(?P<s2>[-/.])(?P<b>\d{1,2})(?P=s2)(?P<y2>\d{4}|\d{2})"
+    r"|(?P<d3>\d{1,2})[- .]+(?P<name>[A-Za-zä]{3})[a-z]*[- .]+(?P<y3>\d{4}))"
+)
+_CLOCK = (
+    r"(?:(?P<mi>\d{1,2}):(?P<sf>\d\d[.,]\d{1,9})"
+    r"|(?P<h>\d{1,4}):(?P<min>\d\d)(?::(?P<sec>\d\d(?:[.,:]\d{1,9})?))?\s?(?P<half>[AaPp]\.?[Mm]\.?)?)"
+)
+_ZONE = r"\s?(?P<zone>Z|UTC|[+-]\d\d:?\d\d)?"
+_MOMENT = re.compile(rf"{_DATE}(?:(?:T|,?\s+){_CLOCK}{_ZONE})?|{_CLOCK.replace('?P<', '?P<c_')}")
+_SECOND = 10**9
+_DAY = 86400 * _SECOND
+_HALF = 43200 * _SECOND
+
+
+class _Parts(NamedTuple):
+    """What one text says: the numbers of its date, whether these may be swapped, ns of the day."""
+
+    date: tuple[int, int, int] | None  # year, month, day; for a/b/y the month is taken as first
+    swappable: bool
+    ns: int | None
+    zone: str
+
+
+@dataclass(frozen=True, slots=True)
+class Moments:
+    """A column of moments: what it holds, and when each row was."""
+
+    kind: str  # "moment", "date" or "clock"
+    seconds: FloatArray  # shape (n,): from the first row, NaN where there is no text
+    start: str  # the first moment as ISO 8601; two of them where day and month may be swapped
+
+
+def is_moment(text: str) -> bool:
+    """Return whether a field is a date, a time of day, or both."""
+    return _MOMENT.fullmatch(text) is not None
+
+
+def moments(
+    texts: Sequence[str], lines: NDArray[np.int64], where: str, days: Sequence[str] | None = None
+) -> Moments | None:
+    """Return a column as moments, with the dates beside it; None where its texts are no moments."""
+    parts = [_parts(t) for t in texts]
+    known = [i for i, p in enumerate(parts) if p is not None]
+    if not known or any(t for t, p in zip(texts, parts, strict=True) if p is None):
+        return None
+    if days is not None:
+        beside = [_parts(d) for d in days]
+        if any(b is None or b.date is None for b in beside):
+            return None
+        parts = [
+            None if p is None or b is None else p._replace(date=b.date, swappable=b.swappable)
+            for p, b in zip(parts, beside, strict=True)
+        ]
+    own = [p for p in parts if p is not None]
+    dated = {p.date is not None for p in own}
+    timed = {p.ns is not None for p in own}
+    if len(dated) > 1 or len(timed) > 1:
+        return None
+    ns = np.zeros(len(own), dtype=np.int64)
+    start = texts[known[0]]
+    if dated == {True}:
+        dates, start = _days(own, lines, where)
+        ns = dates * _DAY
+    if timed == {True}:
+        clock = np.array([p.ns or 0 for p in own], dtype=np.int64)
+        if dated == {False}:  # a clock that falls by half a day and more has passed midnight
+            ns[1:] = np.cumsum(np.diff(clock) < -_HALF) * _DAY
+        ns = ns + clock
+        first = own[0]
+        if dated == {True}:
+            start = " or ".join(
+                f"{day}T{_iso(clock[0])}{first.zone}" for day in start.split(" or ")
+            )
+    seconds = np.full(len(texts), np.nan)
+    seconds[known] = (ns - ns[0]) * 1e-9
+    kind = "moment" if dated == timed == {True} else "date" if dated == {True} else "clock"
+    return Moments(kind, seconds, start)
+
+
+def _days(
+    own: Sequence[_Parts], lines: NDArray[np.int64], where: str
+) -> tuple[NDArray[np.int64], str]:
+    """Return the days since 1970, and the first; what may be day or month is settled or refused."""
+    dates = [p.date for p in own if p.date is not None]
+    readings = []
+    for swapped in (False, True) if any(p.swappable for p in own) else (False,):
+        try:
+            readings.append(
+                np.array(
+                    [_day(y, *((d, m) if swapped else (m, d))) for y, m, d in dates], dtype="M8[D]"
+                )
+            )
+        except ValueError:
+            continue
+    if not readings:
+        i = next((i for i, p in enumerate(dates) if not _is_date(*p)), 0)
+        raise AmbiguousFormatError(
+            f"{where}: line {int(lines[i])}: no order of day, month and year fits all dates; write them "
+            "as yyyy-mm-dd, or give sampling_rate="
+        )
+    first, last = readings[0], readings[-1]
+    start = str(first[0]) if first[0] == last[0] else f"{first[0]} or {last[0]}"
+    clock = np.array([p.ns or 0 for p in own], dtype=np.int64)
+    likely = [r for r in readings if _is_even(r.astype(np.int64) * _DAY + clock)]
+    if not np.array_equal(first - first[0], last - last[0]):
+        if len(likely) != 1:
+            raise AmbiguousFormatError(
+                f"{where}: line {int(lines[0])}: the dates may be day/month or month/day, and both give "
+                "steps of time; write them as yyyy-mm-dd, or give sampling_rate="
+            )
+        first, start = likely[0], str(likely[0][0])
+    return first.astype(np.int64), start
+
+
+def _is_even(ns: NDArray[np.int64]) -> bool:
+    """Whether the steps of a time agree with their median within a half."""
+    steps = np.diff(ns)
+    usual = np.median(steps) if steps.size else 0.0
+    return bool(usual > 0 and np.all(np.abs(steps - usual) <= 0.5 * usual))
+
+
+@lru_cache(maxsize=4096)
+def _day(year: int, month: int, day: int) -> np.datetime64:
+    return np.datetime64(f"{year:04d}-{month:02d}-{day:02d}", "D")
+
+
+def _is_date(year: int, month: int, day: int) -> bool:
+    try:
+        _day(year, month, day)
+    except ValueError:
+        return False
+    return True
+
+
+def _parts(text: str) -> _Parts | None:
+    """Return what a text says, None where it is no moment."""
+    found = _MOMENT.fullmatch(text)
+    if found is None:
+        return None
+    named = {k.removeprefix("c_"): v for k, v in found.groupdict().items() if v is not None}
+    date, swappable = None, False
+    if "y" in named:
+        date = int(named["y"]), int(named["m"]), int(named["d"])
+    elif "a" in named:
+        year = int(named["y2"]) + (2000 if len(named["y2"]) == 2 else 0)
+        one, two = int(named["a"]), int(named["b"])
+        swappable = named["s2"] != "."
+        date = (year, one, two) if swappable else (year, two, one)
+    elif "name" in named:
+        name = named["name"].casefold()
+        month = _GERMAN.get(name) or (_MONTHS.index(name) + 1 if name in _MONTHS else 0)
+        date = int(named["y3"]), month, int(named["d3"])
+    ns = None
+    if "sf" in named:
+        ns = int(named["mi"]) * 60 * _SECOND + _nanoseconds(named["sf"])
+    elif "h" in named:
+        hour, half = int(named["h"]), named.get("half", "")[:1].casefold()
+        hour = hour % 12 + 12 * (half == "p") if half else hour
+        ns = (hour * 60 + int(named["min"])) * 60 * _SECOND + _nanoseconds(named.get("sec", "0"))
+    zone = named.get("zone", "")
+    return _Parts(date, swappable, ns, zone)
+
+
+def _nanoseconds(text: str) -> int:
+    whole, _, part = re.sub("[,:]", ".", text).partition(".")
+    return int(whole) * _SECOND + int(part.ljust(9, "0") or 0)
+
+
+def _iso(ns: int) -> str:
+    seconds, rest = divmod(int(ns), _SECOND)
+    text = f"{seconds // 3600:02d}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
+    return f"{text}.{rest:09d}".rstrip("0") if rest else text
