@@ -158,6 +158,25 @@ def test_spikes_and_a_bad_stretch_do_not_move_the_estimate(
     assert 0.01 < robust.terms["robust"]["share_rejected"] < 0.03
 
 
+@pytest.mark.parametrize("first", [0, 3])
+def test_a_spike_in_the_first_samples_costs_these_samples_only(contract_machine, as_runset, first):
+    """The filter of full order holds the first sample with its last coefficient only."""
+
+    def hit(rng, i, x, z, t, v):
+        if i % 3 == 0:
+            z[first : first + 2] += (5.0, -3.0)
+        return z
+
+    clean, spoilt = (
+        machine(contract_machine, change, seed=752) for change in (lambda *a: a[3], hit)
+    )
+    before, after = (joint(as_runset(m), robust=True, shortest=1e-3) for m in (clean, spoilt))
+
+    assert after.terms["robust"]["share_rejected"] > before.terms["robust"]["share_rejected"]
+    assert spoilt.rms_nm(after) < clean.rms_nm(before) + 1.0
+    assert after.residual_rms == pytest.approx(before.residual_rms, rel=0.02, abs=0.0)
+
+
 @pytest.mark.slow
 def test_robust_costs_little_on_clean_data(contract_machine, as_runset):
     """Efficiency: ratio of mean squares over six sets; 95 % is asked, 5 % is the scatter of it."""

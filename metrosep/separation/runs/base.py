@@ -726,18 +726,10 @@ class FourierCurve:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampledCurve:
-    """Samples joined by straight lines.
+    """Samples joined by straight lines."""
 
-    Parameters
-    ----------
-    x : ndarray, shape (n,), m
-        Rising positions.
-    z : ndarray, shape (n,), m
-        Values; NaN = not known there.
-    """
-
-    x: FloatArray
-    z: FloatArray
+    x: FloatArray  # m, rising
+    z: FloatArray  # m, NaN: not known there
 
     def __call__(self, x: ArrayLike) -> FloatArray:
         """Return the values at positions in m; NaN outside the travel."""
@@ -756,24 +748,12 @@ Curve = FourierCurve | SampledCurve
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeedTerm:
-    """How an error changes with the feedrate: ``e(x, v) = e(x) + (v - reference) change(x)``.
+    """How an error changes with the feedrate: ``e(x, v) = e(x) + (v - reference) change(x)``."""
 
-    Parameters
-    ----------
-    reference : float, m/s
-        Feedrate for which the error itself stands.
-    change : SampledCurve
-        Change of the error in m for each m/s, line removed over the evaluation range.
-    covariance : SampledCurve
-        Of error and change, m^2 s/m.
-    variance : SampledCurve
-        Of the change, (m s/m)^2.
-    """
-
-    reference: float
-    change: SampledCurve
-    covariance: SampledCurve
-    variance: SampledCurve
+    reference: float  # m/s, for which the error itself stands
+    change: SampledCurve  # m for each m/s, line removed over the evaluation range
+    covariance: SampledCurve  # of error and change, m^2 s/m
+    variance: SampledCurve  # of the change, (m s/m)^2
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for JSON; see `FeedTerm.from_dict`."""

@@ -101,8 +101,8 @@ def separate(
         Runs that are kept although they are refused.
     **options
         Of the method: "joint" min_feeds, false_discovery_rate, drift, lines, line_phase,
-        false_alarm, robust, following, following_waves, probes, probe_gain, waves, slip; "kono"
-        sigma_t, p_t, norm, taper_fraction, taper, rule, modelling_length, values, feed, averaging,
+        false_alarm, robust, following, following_waves, probes, probe_gain, waves, slip,
+        position_offsets, position_reference; "kono" sigma_t, p_t, norm, taper_fraction, taper, rule, modelling_length, values, feed, averaging,
         ddof, relative, min_coherence, coefficients; "mean" feed, robust.
         ``metrosep ops separate`` describes each of them.
 

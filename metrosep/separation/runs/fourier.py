@@ -80,62 +80,10 @@ def separate_kono(
     min_coherence: float = 0.0,
     coefficients: Literal["tapered", "least_squares"] = "tapered",
 ) -> ErrorEstimate:
-    """Return the repeatable error by Kono's Fourier method.
+    """Return the repeatable error by Kono's Fourier method, with eq. 4 as its curve.
 
-    Parameters
-    ----------
-    runs : RunSet
-        Runs of one direction.
-    length, start : float, m, optional
-        Required range L; the flat part of the window over the common travel if omitted.
-    shortest : float, m, optional
-        Sets lambda* by hand; the thresholds are then not used.
-    sigma_t, p_t : float, SI, optional
-        Thresholds of standard deviation and mean over feedrates, in m, m^2 or m^3 according to
-        `norm`; the paper's 0.05 and 0.01 read in um, um^2, um^2 mm if omitted.
-    norm : {"amplitude", "power", "psd"}, optional
-        Normalisation of P, which the paper does not state.
-    taper_fraction : float, optional
-        N over the number of sampling points.
-    taper : {"kono", "tukey"}, optional
-        Eq. 5 to the letter or the symmetric cosine taper.
-    rule : {"shortest", "contiguous", "mask"}, optional
-        Keep all k up to the shortest wavelength that passes (the paper); up to the first that
-        fails from the long side; or only those that pass.
-    modelling_length : float, m, optional
-        l_x; the required length over ``1 - 2 taper_fraction``, as far as the travel allows.
-    values : {"one_feed", "all"}, optional
-        Coefficients from the mean run of one feedrate (the paper) or of all.
-    feed : float, m/s, optional
-        That feedrate; the middle one if omitted.
-    averaging : {"coherent", "power"}, optional
-        P of the mean run (the paper), or mean P of the runs.
-    ddof : {1, 0}, optional
-        Sample or population standard deviation over feedrates.
-    relative : bool, optional
-        Compare sigma over mean P, a number, with `sigma_t` (0.05 if omitted).
-    min_coherence : float, optional
-        Least coherence over feedrates; 0 ignores phase, as the paper does.
-    coefficients : {"tapered", "least_squares"}, optional
-        Fourier sums of the weighted data (the paper), or the kept harmonics fitted with the
-        weights, which does not decay in the ends but amplifies noise there.
-
-    Returns
-    -------
-    ErrorEstimate
-        With eq. 4 as its curve; sd from the scatter of the runs that were averaged, the RMS of
-        discarded waves that are seen to repeat, and the decay of the model in the tapered ends.
-
-    Raises
-    ------
-    NotSeparableError
-        If thresholds are to select from fewer than two feedrates, or nothing passes.
-    UnitError
-        If a threshold or `shortest` cannot be meant in SI.
-    DataError
-        If an option is not one of its choices.
-    InvalidSamplesError, TooFewSamplesError
-        If the range is not covered.
+    sd: the scatter of the runs that were averaged, the RMS of discarded waves that are seen to
+    repeat, and the decay of the model in the tapered ends.
     """
     _check_choices(
         norm=norm,

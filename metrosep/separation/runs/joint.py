@@ -115,70 +115,7 @@ def separate_joint(
     position_offsets: bool = False,
     position_reference: str = "",
 ) -> ErrorEstimate:
-    """Return the repeatable error of one direction of travel by joint least squares.
-
-    Parameters
-    ----------
-    runs : RunSet
-        Runs of one direction, with time.
-    length, start : float, m, optional
-        Evaluation range; the common travel if omitted.
-    shortest : float, m, optional
-        Shortest wavelength of the model; chosen by evidence if omitted.
-    lag : float, "auto" or "fit", s, optional
-        Delay of the reading against the position, positive when the reading is late. It is tested
-        for in every fit of two feedrates: "auto" corrects it as far as the readings show one, a
-        number is kept and what is found beside it is said, "fit" fits it in any case.
-    min_feeds : int, optional
-        Feedrates that must be there; 1 accepts that random vibration is only averaged.
-    false_discovery_rate : float, optional
-        For the column ``selected`` of the spectrum.
-    drift : {0, 1, 2}, optional
-        Degree of a polynomial in time that each run has for itself.
-    lines : "auto" or sequence of float, Hz, optional
-        Deterministic lines to remove; "auto" looks for them.
-    line_phase : {"free", "locked"}, optional
-        Whether each run has its own amplitude and phase, or all share them from their start.
-    false_alarm : float, optional
-        Chance that "auto" finds a line where there is none.
-    robust : bool, optional
-        Whether spikes, dropouts and bad stretches lose their weight.
-    following : {"off", "offset", "scale", "waves"}, optional
-        What grows with the feedrate: the offset, the whole error, or single waves of it.
-    following_waves : int or sequence of float, m, optional
-        How many of the strongest wavelengths grow with the feedrate, or which.
-    probes : sequence of str, optional
-        Name of the probe of each run; ``metadata["probe"]`` of the runs if omitted.
-    probe_gain : {"equal", "fit"}, optional
-        Whether the probes have the sensitivity of the first, or their own.
-    waves : sequence of float, m, optional
-        Wavelengths that the machine may have (leads, their halves and thirds): start values.
-    slip : {"geometry", "sparse"}, optional
-        Of a wave that differs from run to run: whether one of that length that repeats is as likely.
-    position_offsets : bool, optional
-        Whether a position offset of each run is fitted: it shows the error of ``x - d``. A delay of
-        the reading, which moves each run by the delay times its speed, is then part of it.
-    position_reference : str, optional
-        Name of the run whose offset is zero; the sum of all is zero if omitted.
-
-    Returns
-    -------
-    ErrorEstimate
-        With a Fourier curve.
-
-    Raises
-    ------
-    DataError
-        If a number is text, `false_discovery_rate` or an option is out of range, or the names of the probes do not
-        fit the runs.
-    NotSeparableError
-        If there are fewer feedrates than `min_feeds`, or lag, feed-dependent part or sensitivity
-        cannot be told apart with these runs.
-    UnitError
-        If `shortest`, `lag`, a line or a wavelength cannot be meant in SI.
-    InvalidSamplesError, NotUniformError, TooFewSamplesError
-        If the runs have no usable time, cover different travels or are too short.
-    """
+    """Return the repeatable error of one direction by joint least squares; options: `RUN_OPTIONS`."""
     share = "a share between 0 and 1, such as 0.05 for 5 %"
     if not 0.0 < real(false_discovery_rate, "false_discovery_rate", what=share) < 1.0:
         raise DataError(

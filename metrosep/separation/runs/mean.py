@@ -44,32 +44,7 @@ def separate_mean(
 ) -> ErrorEstimate:
     """Return the mean of the runs, line over the evaluation range removed.
 
-    Parameters
-    ----------
-    runs : RunSet
-        Runs of one direction; time is not needed.
-    length, start : float, m, optional
-        Evaluation range; the common travel if omitted.
-    feed : float, m/s, optional
-        Average the runs of this feedrate only.
-    robust : bool, optional
-        Whether readings beyond 6 robust standard deviations of the median of the other runs are
-        left out; what was left out is in ``terms["robust"]``.
-
-    Returns
-    -------
-    ErrorEstimate
-        Sampled; sd is the standard deviation over runs divided by the root of their number, NaN
-        for a single run.
-
-    Raises
-    ------
-    DataError
-        If the range holds too few grid points.
-    InvalidSamplesError
-        If the range is not covered.
-    TooFewSamplesError
-        If no run has that feed, or `robust` has fewer than three runs to compare.
+    sd: the standard deviation over the runs by the root of their number, NaN for a single run.
     """
     used = runs if feed is None else runs.select(feed=feed)
     left_out: dict[str, Any] = {}

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from metrosep.core._arrays import BoolArray, FloatArray
-from metrosep.separation.runs.noise import MAD, NoiseModel
+from metrosep.separation.runs.noise import MAD, NoiseModel, exact_rows, stretches
 
 __all__ = ["RowWeights"]
 
@@ -73,26 +73,6 @@ class RowWeights:
             marked.append(far & ~np.isnan(z) if far.mean() < _MAX_SHARE else np.zeros_like(far))
         return cls(list(positions), marked)
 
-    def marks(self, index: int) -> FloatArray:
-        """Return one column for each marked sample of a run."""
-        at = np.flatnonzero(self.marked[index])
-        columns = np.zeros((self.marked[index].size, at.size))
-        columns[at, np.arange(at.size)] = 1.0
-        return columns
-
-    def apply(
-        self, index: int, rows: FloatArray, values: FloatArray, n_design: int
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return weighted rows from which the marked samples are projected out."""
-        if self.weight:
-            root = np.sqrt(self.weight[index])
-            rows, values = rows * root[:, None], values * root
-        design, marks = rows[:, :n_design], rows[:, n_design:]
-        if not marks.shape[1]:
-            return design, values
-        q, _ = np.linalg.qr(marks)
-        return design - q @ (q.T @ design), values - q @ (q.T @ values)
-
     def information(self, index: int) -> float:
         """Return the information of a weighted row over that of an unweighted one."""
         return self.efficiency[index] if self.efficiency else 1.0
@@ -107,13 +87,12 @@ class RowWeights:
         cleaned = [r.copy() for r in residuals]
         apart = _without_common(residuals, self.positions)
         for group, model in zip(groups, noise, strict=True):
-            taps = np.concatenate([[1.0], -model.coefficients])
             own = [apart[i] for i in group]
-            scale = _robust_scale(own, model.coefficients)
+            scale = _robust_scale(own, model)
             for i, stretch in zip(group, _stretches(own), strict=True):
-                self.marked[i] = _mark(apart[i], taps, scale, stretch)
+                self.marked[i] = _mark(apart[i], model, scale, stretch)
                 if self.marked[i].any():
-                    cleaned[i] = _replaced(residuals[i], self.marked[i], taps)
+                    cleaned[i] = _replaced(residuals[i], self.marked[i], model)
         return cleaned
 
     def bridged(
@@ -125,10 +104,9 @@ class RowWeights:
         """Return the residuals, marked samples replaced by what the noise model expects there."""
         out = [r.copy() for r in residuals]
         for group, model in zip(groups, noise, strict=True):
-            taps = np.concatenate([[1.0], -model.coefficients])
             for i in group:
                 if self.marked[i].any():
-                    out[i] = _replaced(residuals[i], self.marked[i], taps)
+                    out[i] = _replaced(residuals[i], self.marked[i], model)
         return out
 
     def weigh(
@@ -141,16 +119,14 @@ class RowWeights:
         self.weight = [np.empty(0)] * len(cleaned)
         self.efficiency = [1.0] * len(cleaned)
         for group, model in zip(groups, noise, strict=True):
-            own = {i: _innovations(cleaned[i], model.coefficients) for i in group}
+            own = {i: _innovations(cleaned[i], model) for i in group}
             pooled = np.concatenate([e[~np.isnan(e)] for e in own.values()])
             scale = max(MAD * float(np.median(np.abs(pooled))), 1e-15)
             efficiency = _efficiency(pooled, scale)
             for i, innovation in own.items():
-                # One weight for each sample; the first rows, of lower order, keep theirs.
-                self.weight[i] = np.ones(cleaned[i].size)
-                known = np.flatnonzero(~np.isnan(innovation))
-                first = cleaned[i].size - innovation.size
-                self.weight[i][first + known] = _huber(innovation[known], scale)
+                known = ~np.isnan(innovation)
+                self.weight[i] = np.ones(known.size)
+                self.weight[i][known] = _huber(innovation[known], scale)
                 self.efficiency[i] = efficiency
 
 
@@ -163,14 +139,18 @@ def _running_median(z: FloatArray) -> FloatArray:
     return np.asarray(np.nanmedian(filled, axis=1))
 
 
-def _innovations(residual: FloatArray, coefficients: FloatArray) -> FloatArray:
-    """Return rows p ... n - 1 of the filtered residual; NaN where one touches a NaN."""
-    taps = np.concatenate([[1.0], -coefficients])
-    return np.convolve(residual, taps, mode="valid")
+def _innovations(residual: FloatArray, model: NoiseModel) -> FloatArray:
+    """Return the whitened residual from its first sample on, NaN where not measured."""
+    parts = stretches(residual)
+    out = np.full(residual.size, np.nan)
+    rows = exact_rows(residual[:, None], model, parts)[:, 0]
+    for part in parts:
+        out[part], rows = np.split(rows, [part.stop - part.start])
+    return out
 
 
-def _robust_scale(residuals: Sequence[FloatArray], coefficients: FloatArray) -> float:
-    pooled = np.concatenate([_innovations(r, coefficients) for r in residuals])
+def _robust_scale(residuals: Sequence[FloatArray], model: NoiseModel) -> float:
+    pooled = np.concatenate([_innovations(r, model) for r in residuals])
     return max(MAD * float(np.nanmedian(np.abs(pooled))), 1e-15)
 
 
@@ -225,20 +205,15 @@ def _moving_mean(values: FloatArray, width: int) -> FloatArray:
     return np.where(count > 0.5 * width, total / np.maximum(count, 1.0), np.nan)
 
 
-def _mark(residual: FloatArray, taps: FloatArray, scale: float, stretch: BoolArray) -> BoolArray:
+def _mark(residual: FloatArray, model: NoiseModel, scale: float, stretch: BoolArray) -> BoolArray:
     """Mark bad stretches, then the strongest samples; take them out, look again."""
-    p = taps.size - 1
     marked = stretch.copy()
-    cleaned = _replaced(residual, marked, taps) if marked.any() else residual
-    innovation = _innovations(cleaned, -taps[1:])
-    valid = ~np.isnan(innovation)
-    norm = np.correlate(np.pad(valid.astype(np.float64), p), taps**2, mode="valid")
     allowed = int(_MAX_SHARE * residual.size)
     for _ in range(_PASSES):
-        filled = np.pad(np.where(np.isnan(innovation), 0.0, innovation), p)
-        own = np.correlate(filled, taps, mode="valid")
+        cleaned = _replaced(residual, marked, model) if marked.any() else residual
+        own, norm = _own_errors(_innovations(cleaned, model), model, stretches(residual))
         statistic = np.abs(own) / (np.sqrt(np.maximum(norm, 1e-30)) * scale)
-        statistic[marked | np.isnan(residual) | (norm < 1e-3)] = 0.0
+        statistic[marked | np.isnan(residual)] = 0.0
         left = np.concatenate([[0.0], statistic[:-1]])
         right = np.concatenate([statistic[1:], [0.0]])
         new = (statistic > _MARK) & (statistic >= left) & (statistic >= right)
@@ -246,24 +221,41 @@ def _mark(residual: FloatArray, taps: FloatArray, scale: float, stretch: BoolArr
         if not new.any() or marked.sum() + new.sum() > allowed:
             break
         marked |= new
-        innovation = _innovations(_replaced(residual, marked, taps), -taps[1:])
     return marked
 
 
-def _replaced(residual: FloatArray, marked: BoolArray, taps: FloatArray) -> FloatArray:
-    """Replace the marked samples by the values of least squared innovations."""
+def _own_errors(
+    innovation: FloatArray, model: NoiseModel, parts: Sequence[slice]
+) -> tuple[FloatArray, FloatArray]:
+    """Return W'e and the diagonal of W'W, W the whitening: the error of each sample is their ratio."""
+    own, norm = np.zeros(innovation.size), np.zeros(innovation.size)
+    full, p = model.filters[-1] / np.sqrt(model.variance), model.order
+    for part in parts:
+        e = innovation[part]
+        late = np.arange(e.size) >= p
+        rows = np.pad(np.where(late, e, 0.0), (0, p))
+        own[part] = np.correlate(rows, full, mode="valid")
+        norm[part] = np.correlate(np.pad(late.astype(np.float64), (0, p)), full**2, mode="valid")
+        for i in range(min(p, e.size)):  # the first rows have filters of lower order
+            first = model.filters[i][::-1] / np.sqrt(model.variances[i])
+            own[part][: i + 1] += first * e[i]
+            norm[part][: i + 1] += first**2
+    return own, norm
+
+
+def _replaced(residual: FloatArray, marked: BoolArray, model: NoiseModel) -> FloatArray:
+    """Replace the marked samples by the values of least squared innovations.
+
+    The innovations are exact from the first sample on: rows of the full order alone hold the first
+    sample with its last coefficient only, and a mark there would be replaced by anything.
+    """
     at = np.flatnonzero(marked)
-    p = taps.size - 1
-    innovation = _innovations(residual, -taps[1:])
-    valid = ~np.isnan(innovation)
-    columns = np.zeros((innovation.size, at.size))
-    for j, i in enumerate(at.tolist()):
-        rows = np.arange(max(i - p, 0), min(i + 1, innovation.size))
-        columns[rows, j] = taps[rows + p - i]
-    columns = columns[valid]
-    own = np.linalg.lstsq(columns, innovation[valid], rcond=1e-10)[0]
+    table = np.zeros((residual.size, 1 + at.size))
+    table[:, 0] = residual
+    table[at, 1 + np.arange(at.size)] = 1.0
+    rows = exact_rows(table, model, stretches(residual))
     out = residual.copy()
-    out[at] -= own
+    out[at] -= np.linalg.lstsq(rows[:, 1:], rows[:, 0], rcond=None)[0]
     return out
 
 
