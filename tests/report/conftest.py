@@ -46,3 +46,8 @@ def mean_document(make_document):
 def whole_page(make_document):
     """Report with all figures."""
     return render_html(make_document("joint", (1, -1)))
+
+
+@pytest.fixture(autouse=True)
+def _once_here(separations_once):
+    """These tests ask what becomes of a separation, not whether it repeats itself."""
