@@ -6,7 +6,7 @@
 #   make test-clients     files against other makers' clients (mecode, PIPython), likewise
 #   make test-browser     the workbench in headless Chromium (skipped by name where there is none)
 #   make test-notebook    its widgets in JupyterLab and marimo, driven by Chromium
-#   make house           lines, files, circles of imports, modules that commands load
+#   make house           lines, files, circles of imports, what stands twice, modules that commands load
 #   make docs | bench | constraints | clean
 # Another interpreter: make PYTHON=python3.12 test
 

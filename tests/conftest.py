@@ -1,8 +1,10 @@
 """Fixtures shared by all tests."""
 
+import gc
 import importlib.util
 import math
 import os
+import pickle
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,6 +20,61 @@ settings.register_profile("metrosep", deadline=None)
 settings.load_profile(
     "metrosep"
 )  # speed is measured by benches, on a machine that does nothing else
+
+
+def pytest_collection_finish() -> None:
+    """Keep the collected tests out of every later walk of the garbage collector."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
+
+
+class Once:
+    """A separation of the same runs with the same options, made once by each worker.
+
+    Its result is frozen, so it may be shared. That a separation repeats itself bit by bit is for
+    tests that do not use this.
+    """
+
+    kept = 64
+
+    def __init__(self, separate_runs: Callable[..., Any]) -> None:
+        self.made: dict[bytes, Any] = {}
+        self.separate_runs = separate_runs
+
+    def __call__(self, *given: Any, **options: Any) -> Any:
+        try:
+            key = pickle.dumps((given, options))
+        except (TypeError, AttributeError, pickle.PicklingError):  # what a test made up
+            return self.separate_runs(*given, **options)
+        if key not in self.made:
+            while len(self.made) >= self.kept:
+                self.made.pop(next(iter(self.made)))
+            self.made[key] = self.separate_runs(*given, **options)
+        return self.made[key]
+
+
+@pytest.fixture(scope="session")
+def _once() -> Once:
+    from metrosep.separation.runs import entry
+
+    return Once(entry.separate_runs)
+
+
+@pytest.fixture
+def separations_once(_once: Once, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take a separation that this worker has made before; see `Once`."""
+    from metrosep.separation.runs import entry
+
+    monkeypatch.setattr(entry, "separate_runs", _once)
+
+
+@pytest.fixture
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write reports without their figures, where a test reads the text or only needs the folder."""
+    from metrosep.report import html
+
+    monkeypatch.setattr(html, "_figures", lambda document: [])
 
 
 @pytest.fixture(scope="session")

@@ -1,8 +1,8 @@
 """The measures of the house, before one number of it is believed: ``make house`` prints them.
 
 Lines, files and folders of the package, circles of imports, strings that name an upper layer,
-modules that a command loads, and the time of ``metrosep --help``. The exit code is the number of
-measures that are missed.
+declarations found twice, classes that only tests reach, modules that a command loads, and the time
+of ``metrosep --help``. The exit code is the number of measures that are missed.
 """
 
 from __future__ import annotations
@@ -135,6 +135,91 @@ def strings_upwards(known: dict[str, Path]) -> list[str]:
     return found
 
 
+def _declared(tree: ast.Module) -> Iterator[tuple[str, str]]:
+    """Yield name and content of each option that a class declares on a field, and of each constant.
+
+    An option is a field whose value is ``option(...)``; two with the same name and the same sentence of
+    help are one fact in two places. A constant is a table or a text of a module, of more than 40
+    characters: shorter ones are equal by chance.
+    """
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef):
+            for field in node.body:
+                value = getattr(field, "value", None)
+                if not isinstance(field, ast.AnnAssign) or not isinstance(value, ast.Call):
+                    continue
+                if ast.unparse(value.func).rpartition(".")[2] == "option":
+                    yield f"option {ast.unparse(field.target)}", ast.unparse(value)
+    for node in tree.body:
+        if isinstance(node, ast.Assign | ast.AnnAssign) and isinstance(
+            node.value, ast.Dict | ast.Set | ast.Tuple | ast.List | ast.Constant
+        ):
+            target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+            content = ast.unparse(node.value)
+            if ast.unparse(target) != "__all__" and len(content) > 40:
+                yield "constant", content
+
+
+def twice(trees: dict[str, ast.Module]) -> list[str]:
+    """Return the declarations that stand in more than one place, with these places."""
+    places: dict[tuple[str, str], list[str]] = {}
+    for name, tree in trees.items():
+        for key in _declared(tree):
+            places.setdefault(key, []).append(name)
+    return [
+        f"{kind} {content[:60]!r}: {', '.join(found)}"
+        for (kind, content), found in sorted(places.items())
+        if len(found) > 1
+    ]
+
+
+def only_tested(trees: dict[str, ast.Module], packages: dict[str, bool]) -> list[str]:
+    """Return the classes that nothing in the package names beside their own definition and exports.
+
+    A class that an ``__init__`` exports is public. Entries of ``__all__`` and the class's own body do not
+    count; a name in any other text (a lazy import, a registry) does.
+    """
+    defined: dict[str, str] = {}
+    named: set[str] = set()
+
+    def walk(node: ast.AST, inside: frozenset[str]) -> None:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+            return
+        if isinstance(node, ast.ClassDef):
+            for part in (*node.bases, *node.keywords, *node.decorator_list):
+                walk(part, inside)
+            inside |= {node.name}
+            for part in node.body:
+                walk(part, inside)
+            return
+        names: list[str] = []
+        if isinstance(node, ast.Name):
+            names = [node.id]
+        elif isinstance(node, ast.Attribute):
+            names = [node.attr]
+        elif isinstance(node, ast.ImportFrom):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            names = re.findall(r"\w+", node.value) if len(node.value) < 200 else []
+        named.update(n for n in names if n not in inside)
+        for part in ast.iter_child_nodes(node):
+            walk(part, inside)
+
+    for name, tree in trees.items():
+        if packages[name]:  # what it exports is the door of users
+            named.update(re.findall(r"\w+", ast.unparse(tree)))
+        for node in tree.body:
+            # a decorator registers, or the registry of controllers finds the class by its `info`
+            marks = [*getattr(node, "decorator_list", ()), *getattr(node, "body", ())]
+            registered = any(
+                re.match(r"\w*register|info = DialectInfo", ast.unparse(m)) for m in marks
+            )
+            if isinstance(node, ast.ClassDef) and not registered:
+                defined[node.name] = name
+        walk(tree, frozenset())
+    return sorted(f"{where}.{name}" for name, where in defined.items() if name not in named)
+
+
 def loaded(arguments: list[str]) -> int:
     """Return how many modules of metrosep a command loads."""
     call = [sys.executable, "-c", LOADED, json.dumps(arguments)]
@@ -169,6 +254,9 @@ def main() -> int:
     full = {f.relative_to(ROOT).as_posix(): n for f, n in folders.items() if n > MOST_IN_FOLDER}
     long_ = {n: k for n, k in lengths.items() if k > LONGEST}
     rings, upwards = circles(imports(known)), strings_upwards(known)
+    trees = {name: ast.parse(path.read_text()) for name, path in known.items()}
+    packages = {name: path.name == "__init__.py" for name, path in known.items()}
+    doubled, tested = twice(trees), only_tested(trees, packages)
     measures: list[tuple[str, object, object, bool]] = [
         ("lines", sum(lengths.values()), MOST_LINES, sum(lengths.values()) <= MOST_LINES),
         ("files", len(known), MOST_FILES, len(known) <= MOST_FILES),
@@ -176,6 +264,8 @@ def main() -> int:
         ("modules that are too long", long_ or 0, f"{LONGEST} lines", not long_),
         ("circles of imports", [len(r) for r in rings] or 0, 0, not rings),
         ("texts that name an upper layer", len(upwards), 0, not upwards),
+        ("declarations found twice", len(doubled), 0, not doubled),
+        ("classes that only tests reach", len(tested), 0, not tested),
     ]
     for title, call, most in (
         ("modules of `measure`", MEASURE, MOST_OF_MEASURE),
@@ -191,6 +281,10 @@ def main() -> int:
         print("circle:", ", ".join(r.removeprefix("metrosep.") for r in ring))
     for text in upwards:
         print("upwards:", text)
+    for text in doubled:
+        print("twice:", text)
+    for text in tested:
+        print("only tested:", text)
     folder_lines: dict[str, int] = {}
     for name, count in lengths.items():
         part = name.split(".")[1] if "." in name else "metrosep"

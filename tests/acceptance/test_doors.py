@@ -17,6 +17,8 @@ from metrosep.app.sessions import Session
 from metrosep.cli.main import main
 from metrosep.recipe import Recipe
 
+pytestmark = pytest.mark.usefixtures("without_figures")  # no test here looks at one
+
 COLUMNS = '[input]\nx = "x_mm"\nz = "z_um"\nfeed = "feed_mm_min"\nrun = "run"\n'
 TABLE = (
     '[[output]]\nkind = "table"\ncontroller = "{kind}"\naxis = "X"\ncompensates = "{c}"\n'

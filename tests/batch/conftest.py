@@ -72,3 +72,8 @@ def parts() -> Callable[..., Path]:
 @pytest.fixture
 def recipe_text() -> str:
     return RECIPE
+
+
+@pytest.fixture(autouse=True)
+def _once_here(separations_once):
+    """These tests ask what becomes of a separation, not whether it repeats itself."""

@@ -16,3 +16,8 @@ def metrosep(capsys):
         return stop.value.code, out.out, out.err
 
     return call
+
+
+@pytest.fixture(autouse=True)
+def _once_here(separations_once):
+    """These tests ask what becomes of a separation, not whether it repeats itself."""

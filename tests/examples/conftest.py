@@ -51,3 +51,8 @@ def scores():
         return float(rms.split()[0]), float(u.split()[0])
 
     return read
+
+
+@pytest.fixture(autouse=True)
+def _once_here(separations_once):
+    """These tests ask what becomes of a separation, not whether it repeats itself."""

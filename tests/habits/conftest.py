@@ -34,3 +34,8 @@ def files_to_commit() -> list[Path]:
     ).stdout
     found = [REPOSITORY / name for name in listing.split("\0") if name]
     return [path for path in found if path.is_file()]
+
+
+@pytest.fixture(autouse=True)
+def _once_here(separations_once):
+    """These tests ask what becomes of a separation, not whether it repeats itself."""

@@ -80,26 +80,52 @@ def test_no_comparison_with_hidden_tolerance(repository):
     assert not found, "np.allclose forgives 10 nm by default: " + ", ".join(found)
 
 
+def calls_of(folder, name):
+    """Yield path, line and syntax tree of each call of a name; only the calls are parsed."""
+    begin = re.compile(rf"\b{name}\(")
+    for path in sorted(folder.rglob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        for match in begin.finditer(text):
+            line = text.count("\n", 0, match.start()) + 1
+            end = text.find(")", match.end())
+            while end != -1:
+                try:
+                    yield path, line, ast.parse(text[match.start() : end + 1], mode="eval").body
+                    break
+                except SyntaxError:  # a bracket inside the call
+                    end = text.find(")", end + 1) if end - match.start() < LONGEST_CALL else -1
+
+
+LONGEST_CALL = 2000
+"""Characters; what is no call by then is text that names one."""
+
+
+def test_a_planted_call_is_found_with_its_keywords(tmp_path):
+    (tmp_path / "x.py").write_text("a = 1\nf(g(1), (2, 3),\n  h=')')\n'f(' + i(1)\n")
+
+    ((path, line, call),) = calls_of(tmp_path, "f")
+
+    assert (path.name, line) == ("x.py", 2)
+    assert [k.arg for k in call.keywords] == ["h"]
+
+
 def test_assert_allclose_always_names_its_tolerance(repository):
     found = []
-    for path, tree in trees_with(repository / "tests", "assert_allclose"):
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Call) and _called(node) == "assert_allclose":
-                given = {keyword.arg for keyword in node.keywords}
-                if not given & {"atol", "rtol", None}:
-                    found.append(f"{path.relative_to(repository)}:{node.lineno}")
+    for path, line, call in calls_of(repository / "tests", "assert_allclose"):
+        given = {keyword.arg for keyword in call.keywords}
+        if not given & {"atol", "rtol", None}:
+            found.append(f"{path.relative_to(repository)}:{line}")
 
     assert not found, "write atol= in metres (or rtol=, for a ratio): " + ", ".join(found)
 
 
 def test_approx_never_keeps_its_hidden_floor(repository):
     """Without abs= it forgives 1e-12, which is everything in a test of square nanometres."""
-    found = []
-    for path, tree in trees_with(repository / "tests", "approx"):
-        for node in ast.walk(tree):
-            is_call = isinstance(node, ast.Call) and _called(node) == "approx"
-            if is_call and "abs" not in {keyword.arg for keyword in node.keywords}:
-                found.append(f"{path.relative_to(repository)}:{node.lineno}")
+    found = [
+        f"{path.relative_to(repository)}:{line}"
+        for path, line, call in calls_of(repository / "tests", "approx")
+        if "abs" not in {keyword.arg for keyword in call.keywords}
+    ]
 
     assert not found, "write abs= (0.0 for a ratio): " + ", ".join(found)
 
@@ -145,12 +171,6 @@ def test_every_module_states_its_public_names(modules):
 
 def test_every_module_has_a_docstring(modules):
     assert not [path for path, tree in modules.items() if not ast.get_docstring(tree)]
-
-
-def _called(node: ast.Call) -> str:
-    """Return the last name of what is called."""
-    called = node.func
-    return called.attr if isinstance(called, ast.Attribute) else getattr(called, "id", "")
 
 
 def _assigned(node: ast.stmt) -> list[str]:

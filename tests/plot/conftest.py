@@ -1,7 +1,7 @@
 """Documents as json.load gives them from a result.json, made from a simulated axis."""
 
-import copy
 import importlib.util
+import pickle
 import sys
 from pathlib import Path
 
@@ -19,7 +19,8 @@ def make_document():
         sys.modules[NAME] = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(sys.modules[NAME])
     made = sys.modules[NAME].make_document
-    return lambda method, directions: copy.deepcopy(made(method, directions))
+    # a third of the time of copy.deepcopy
+    return lambda method, directions: pickle.loads(pickle.dumps(made(method, directions)))  # noqa: S301
 
 
 @pytest.fixture

@@ -12,6 +12,8 @@ import pytest
 from metrosep.cli.main import main
 from metrosep.recipe import Recipe
 
+pytestmark = pytest.mark.usefixtures("without_figures")  # no test here looks at one
+
 UM = 1e-6
 TILT = 20e-6
 """Of the artefact, rad; positive: the readings grow with x."""

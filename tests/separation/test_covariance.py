@@ -23,6 +23,8 @@ from metrosep.separation import ErrorEstimate, machine_axis, separate
 from metrosep.separation.covariance import CovarianceModes
 from metrosep.separation.runs.base import SampledCurve
 
+pytestmark = pytest.mark.usefixtures("separations_once")
+
 
 def test_modes_hold_a_known_covariance():
     estimate, whole = known()

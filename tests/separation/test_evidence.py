@@ -8,8 +8,19 @@ from scipy.stats import f as f_distribution
 
 from metrosep import Run, RunSet
 from metrosep.errors import DataError, NotSeparableError
-from metrosep.separation import ErrorEstimate, machine_axis, separate
+from metrosep.separation import ErrorEstimate, machine_axis, separate as separate_runs
 from metrosep.separation.runs.evidence import evidence_columns, evidence_table
+
+SHORTEST = 1.5e-3
+"""The shortest wave of the simulated axis is 3.3 mm; the harmonics below cost most of the time of a joint estimate."""
+
+
+def separate(runs, **options):
+    """Separate; a joint estimate goes down to SHORTEST unless the test says otherwise."""
+    if options.get("method", "joint") == "joint":
+        options = {"shortest": SHORTEST} | options
+    return separate_runs(runs, **options)
+
 
 ROUNDING = 1e-9
 
@@ -235,6 +246,6 @@ def test_a_strong_wave_off_the_grid_of_the_travel_is_not_called_missing_from_the
             t = np.arange(int(0.37 / v * 20)) / 20
             runs.append(Run(v * t, error(rng, v * t, t, v), t=t, feed=v))
 
-    messages = separate(RunSet(runs)).messages
+    messages = separate(RunSet(runs), shortest=None).messages
 
     assert not [m for m in messages if "repeat a wave" in m]

@@ -13,7 +13,18 @@ import pytest
 from metrosep import Run, RunSet
 from metrosep.cli.main import main
 from metrosep.errors import InvalidSamplesError
-from metrosep.separation import separate
+from metrosep.separation import separate as separate_runs
+
+SHORTEST = 1.5e-3
+"""The shortest wave of these shops is longer than 3 mm; the harmonics below cost most of the time of a joint estimate."""
+
+
+def separate(runs, **options):
+    """Separate; a joint estimate goes down to SHORTEST unless the test says otherwise."""
+    if options.get("method", "joint") == "joint":
+        options = {"shortest": SHORTEST} | options
+    return separate_runs(runs, **options)
+
 
 WAVES = ((15.0, 240.0), (8.0, 80.0), (5.0, 35.0), (90.0, 200.0), (33.0, 90.0))
 """Wavelength in mm, amplitude in nm."""

@@ -12,6 +12,8 @@ from metrosep.core.quantity import Quantity
 from metrosep.separation import plane_map, squareness_from_diagonals
 from metrosep.separation.covariance import CovarianceModes
 
+pytestmark = pytest.mark.usefixtures("separations_once")
+
 MM, UM = 1e-3, 1e-6
 STEP = 1.5 * MM
 LEFT_OUT = 0.6 * NM

@@ -11,6 +11,8 @@ from metrosep import Run, RunSet
 from metrosep.errors import DataError, NotSeparableError
 from metrosep.separation import ErrorEstimate, Separation, separate, straightedge_reversal
 
+pytestmark = pytest.mark.usefixtures("separations_once")
+
 PM = 1e-12
 EDGE = 80 * NM * np.exp(-(((X - 12e-3) / 4e-3) ** 2))
 SLIDE = 60 * NM * np.sin(2 * np.pi * X / 31e-3) * X / LENGTH

@@ -10,6 +10,8 @@ from metrosep.cli.main import main
 from metrosep.errors import DataError
 from metrosep.separation import ErrorEstimate, Separation, separate, straightedge_reversal
 
+pytestmark = pytest.mark.usefixtures("separations_once")
+
 PM = 1e-12
 EDGE = 80 * NM * np.exp(-(((X - 12e-3) / 4e-3) ** 2))
 """A bump left of the middle: upside down or mirrored it is another curve."""

@@ -9,6 +9,8 @@ from metrosep import Run, RunSet
 from metrosep.errors import DataError, NotSeparableError, UnitError
 from metrosep.separation import ErrorEstimate, separate
 
+pytestmark = pytest.mark.usefixtures("separations_once")
+
 L = 45e-3
 PULLS = 4.0
 """A value may lie so many of its standard uncertainties from truth: one in 16000 does by chance."""

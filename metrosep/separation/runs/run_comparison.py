@@ -577,12 +577,23 @@ def _share_of_others(feeds: FloatArray, reference: NDArray[np.bool_], index: int
     return max(1.0 - 1.0 / n, 0.5)
 
 
+def _medians(rows: FloatArray, axis: int = 0) -> FloatArray:
+    """Return the median of the known values of each column, as `numpy.nanmedian` of few rows does.
+
+    That of numpy goes through masked arrays, which here was a tenth of a separation.
+    """
+    known = np.sort(rows, axis=axis)  # NaN last
+    n = rows.shape[axis] - np.isnan(rows).sum(axis=axis)
+    low, high = (np.take_along_axis(known, k[None], axis=0)[0] for k in ((n - 1) // 2, n // 2))
+    return np.asarray((low + high) / 2.0)
+
+
 def _columns(
     x: FloatArray,
     aligned: FloatArray,
     others: NDArray[np.bool_],
     keep: FloatArray,
-    middle: Callable[..., Any] = np.nanmedian,
+    middle: Callable[..., Any] | None = None,
 ) -> FloatArray:
     """Return what the others read, its change with a shift, a constant and a line."""
     from scipy.fft import dct, idct
@@ -591,7 +602,7 @@ def _columns(
     rows = aligned[others]
     known = ~np.isnan(rows).all(axis=0)
     g = np.zeros(x.size)
-    g[known] = middle(rows[:, known], axis=0)
+    g[known] = (middle or _medians)(rows[:, known], axis=0)
     g = np.asarray(idct(keep * dct(g, norm="ortho"), norm="ortho"))
     slope = CubicSpline(x, g)(x, 1)
     return np.column_stack([g, -slope, np.ones(x.size), (x - x.mean()) / np.ptp(x)])
@@ -710,7 +721,7 @@ def _median(rows: FloatArray) -> FloatArray:
     """Return the median over rows, NaN where none has a value."""
     out = np.full(rows.shape[1], np.nan)
     known = ~np.isnan(rows).all(axis=0)
-    out[known] = np.nanmedian(rows[:, known], axis=0)
+    out[known] = _medians(rows[:, known])
     return out
 
 
