@@ -52,6 +52,20 @@ if TYPE_CHECKING:
         control_limits as control_limits,
         gauge_study as gauge_study,
     )
+    from metrosep.parameters.geometry import (
+        DatumAxis as DatumAxis,
+        DatumPlane as DatumPlane,
+        GeometricDeviation as GeometricDeviation,
+        axis_zone as axis_zone,
+        coaxiality as coaxiality,
+        cylindricity as cylindricity,
+        datum_axis as datum_axis,
+        datum_plane as datum_plane,
+        parallelism as parallelism,
+        perpendicularity as perpendicularity,
+        run_out as run_out,
+        surface_profile as surface_profile,
+    )
     from metrosep.parameters.interferometric import (
         interferometric_parameters as interferometric_parameters,
         robust_peak_to_valley as robust_peak_to_valley,
