@@ -93,7 +93,17 @@ class GeometricDeviation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DatumPlane:
-    """A plane: `normal` points out of the material, `offset` is its distance from the origin, m."""
+    """A plane that other features refer to.
+
+    Parameters
+    ----------
+    normal : ndarray, shape (3,)
+        Unit vector out of the material.
+    offset : float, m
+        Distance from the origin along the normal.
+    association : str
+        How it was found.
+    """
 
     normal: FloatArray
     offset: float
@@ -101,14 +111,24 @@ class DatumPlane:
 
     @property
     def slopes(self) -> tuple[float, float]:
-        """dz/dx and dz/dy of the plane."""
+        """Slopes dz/dx and dz/dy of the plane."""
         n = self.normal
         return float(-n[0] / n[2]), float(-n[1] / n[2])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DatumAxis:
-    """A straight line through `point`, m, along the unit vector `direction`."""
+    """A straight line that other features refer to.
+
+    Parameters
+    ----------
+    point : ndarray, shape (3,), m
+        On the line.
+    direction : ndarray, shape (3,)
+        Unit vector along it.
+    association : str
+        How it was found.
+    """
 
     point: FloatArray
     direction: FloatArray
