@@ -66,6 +66,10 @@ if TYPE_CHECKING:
         run_out as run_out,
         surface_profile as surface_profile,
     )
+    from metrosep.parameters.grooves import (
+        StepHeight as StepHeight,
+        step_height as step_height,
+    )
     from metrosep.parameters.interferometric import (
         interferometric_parameters as interferometric_parameters,
         robust_peak_to_valley as robust_peak_to_valley,
@@ -129,10 +133,6 @@ if TYPE_CHECKING:
         part_series as part_series,
     )
     from metrosep.parameters.softgauge import verify_softgauge as verify_softgauge
-    from metrosep.parameters.step_height import (
-        StepHeight as StepHeight,
-        step_height as step_height,
-    )
     from metrosep.parameters.table import Context as Context, ParameterTable as ParameterTable
     from metrosep.parameters.uncertainty import (
         NoiseInfluence as NoiseInfluence,

@@ -52,40 +52,40 @@ def faces():
 def test_cylindricity_in_any_frame(reference, value):
     points, _ = cylinder()
     found = cylindricity(points, direction=[0, 0, 1], reference=reference)
-    assert found.value == pytest.approx(value * UM, rel=1e-8)
+    assert found.value == pytest.approx(value * UM, rel=1e-8, abs=0.0)
     turned = cylindricity(moved(points), direction=TURN[:, 2] + 0.02, reference=reference)
-    assert turned.value == pytest.approx(value * UM, rel=1e-7)
+    assert turned.value == pytest.approx(value * UM, rel=1e-7, abs=0.0)
     if reference == "MZ":
         assert found.support.size >= 5  # four freedoms of the axis, and the width
 
 
 def test_run_out_and_coaxiality_about_a_given_axis():
     points, sections = cylinder()
-    assert run_out(points, Z_AXIS).value == pytest.approx(53.8576171 * UM, rel=1e-8)
+    assert run_out(points, Z_AXIS).value == pytest.approx(53.8576171 * UM, rel=1e-8, abs=0.0)
     circular = run_out(points, Z_AXIS, sections=sections)
-    assert circular.value == pytest.approx(46.5795197 * UM, rel=1e-8)
+    assert circular.value == pytest.approx(46.5795197 * UM, rel=1e-8, abs=0.0)
     assert np.unique(sections[circular.support]).size == 1
     found = coaxiality(points, sections, Z_AXIS)
-    assert found.value == pytest.approx(46.6904701 * UM, rel=1e-8)
+    assert found.value == pytest.approx(46.6904701 * UM, rel=1e-8, abs=0.0)
 
     own = datum_axis(points, direction=[0, 0, 1])
-    assert own.direction[:2] / own.direction[2] == pytest.approx([4e-4, 2e-4], rel=0.02)
-    assert run_out(points, own).value == pytest.approx(12.1574647 * UM, rel=1e-8)
+    assert own.direction[:2] / own.direction[2] == pytest.approx([4e-4, 2e-4], rel=0.02, abs=0.0)
+    assert run_out(points, own).value == pytest.approx(12.1574647 * UM, rel=1e-8, abs=0.0)
     axis = DatumAxis(moved(np.zeros((1, 3)))[0], TURN[:, 2], "given")
-    assert run_out(moved(points), axis).value == pytest.approx(53.8576171 * UM, rel=1e-7)
+    assert run_out(moved(points), axis).value == pytest.approx(53.8576171 * UM, rel=1e-7, abs=0.0)
 
 
 def test_parallelism_to_a_plane_that_touches_from_outside():
     top, bottom = faces()
     datum = datum_plane(bottom, outward=[0, 0, -1])
-    assert datum.slopes == pytest.approx((1.375e-4, 1.0e-4), rel=1e-9)
+    assert datum.slopes == pytest.approx((1.375e-4, 1.0e-4), rel=1e-9, abs=0.0)
     assert (bottom @ datum.normal).max() <= datum.offset + 1e-15  # outside, and touching
     found = parallelism(top, datum)
-    assert found.value == pytest.approx(11.25 * UM, rel=1e-7)
+    assert found.value == pytest.approx(11.25 * UM, rel=1e-7, abs=0.0)
     assert "tangent" in found.to_quantity().definition
 
     turned = datum_plane(moved(bottom), outward=-TURN[:, 2])
-    assert parallelism(moved(top), turned).value == pytest.approx(11.25 * UM, rel=1e-6)
+    assert parallelism(moved(top), turned).value == pytest.approx(11.25 * UM, rel=1e-6, abs=0.0)
     least = datum_plane(bottom, outward=[0, 0, -1], association="LS")
     assert least.offset < datum.offset  # through the middle of the bowl, not outside
 
@@ -97,17 +97,17 @@ def test_perpendicularity_turns_about_the_datum_only():
     face = np.stack([x, y, z], axis=1) * MM
     datum = DatumPlane(np.array([0.0, 0.0, 1.0]), 0.0, "given")
     found = perpendicularity(face, datum, normal=[1, 0.1, 0])
-    assert found.value == pytest.approx(2e-4 * 30 * MM, rel=1e-5)
+    assert found.value == pytest.approx(2e-4 * 30 * MM, rel=1e-5, abs=0.0)
     plane = DatumPlane(TURN[:, 2], 0.0, "given")
     turned = perpendicularity(moved(face), plane, normal=TURN[:, 0])
-    assert turned.value == pytest.approx(found.value, rel=1e-7)
+    assert turned.value == pytest.approx(found.value, rel=1e-7, abs=0.0)
 
 
 def test_axis_in_the_smallest_cylinder_of_a_direction():
     s = np.linspace(0, 0.1, 11)
     centres = np.stack([1e-4 * s, -2e-4 * s, s], axis=1)
     found = axis_zone(centres, [0, 0, 1])
-    assert found.value == pytest.approx(0.1 * np.hypot(1e-4, 2e-4), rel=1e-9)
+    assert found.value == pytest.approx(0.1 * np.hypot(1e-4, 2e-4), rel=1e-9, abs=0.0)
     assert axis_zone(centres, centres[-1] - centres[0]).value < 1e-15
 
 
@@ -121,11 +121,11 @@ def test_surface_profile_of_a_sphere():
     found = surface_profile(points, nominal)
     free = surface_profile(points, nominal, datum=False)
 
-    assert found.value == pytest.approx(2.8 * UM, rel=1e-6)
+    assert found.value == pytest.approx(2.8 * UM, rel=1e-6, abs=0.0)
     assert free.value < 0.592270 * UM + 1.4 * UM  # a shift alone balances both ends
     shifted = points + np.array([2e-6, -3e-6, 1e-6])
     again = surface_profile(shifted, nominal, datum=False)
-    assert again.value == pytest.approx(free.value, rel=1e-6)
+    assert again.value == pytest.approx(free.value, rel=1e-6, abs=0.0)
     assert surface_profile(shifted, nominal).value > found.value
 
 
