@@ -388,7 +388,7 @@ def gauge_map():
 
 
 def test_an_areal_gauge_is_compared_with_published_values():
-    expected = {"Sq": "0.0250 um", "Sa": "20.307 nm", "Sxx": "1 um"}
+    expected = {"Sq": "0.0250 um", "Sa": "20.306 nm", "Sxx": "1 um"}
     found = verify_softgauge(gauge_map(), expected=expected)
 
     agrees = {r.expected.symbol: r.agrees for r in found}
