@@ -11,10 +11,6 @@ if TYPE_CHECKING:
         ProfileElements as ProfileElements,
         profile_elements as profile_elements,
     )
-    from metrosep.parameters.acceptance import (
-        Acceptance as Acceptance,
-        judge_values as judge_values,
-    )
     from metrosep.parameters.areal import (
         ArealParameterTable as ArealParameterTable,
         areal_parameters as areal_parameters,
@@ -35,11 +31,13 @@ if TYPE_CHECKING:
         scale_line as scale_line,
     )
     from metrosep.parameters.decision import (
+        Acceptance as Acceptance,
         Decision as Decision,
         conformance_probability as conformance_probability,
         decide as decide,
         guard_factor as guard_factor,
         judge as judge,
+        judge_values as judge_values,
     )
     from metrosep.parameters.deviation import form_deviation as form_deviation
     from metrosep.parameters.form_result import FormDeviation as FormDeviation, Support as Support
