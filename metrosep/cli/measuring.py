@@ -560,6 +560,12 @@ _CODES = {"verified": 0, "differs": 1, "not verified": 3}
 @click.option("--centre", is_flag=True, help="Subtract the means again.")
 @click.option("--line", type=click.Choice(["lsq", "secant"]), default="lsq", show_default=True)
 @click.option(
+    "--expect",
+    multiple=True,
+    metavar="SYMBOL=VALUE",
+    help='Published value, "Sa=0.4213 um": of a map (SDF), or in place of those of the file.',
+)
+@click.option(
     "--relative-tolerance", default=0.0, show_default=True, help="Added, share of the value."
 )
 @file_options
@@ -572,11 +578,12 @@ def verify_softgauge(
     sections: int | None,
     centre: bool,
     line: str,
+    expect: tuple[str, ...],
     relative_tolerance: float,
     reading: dict[str, Any],
     as_json: bool,
 ) -> int:
-    """Compare our parameters with those that a software gauge FILE (ISO 5436-2 .smd) expects.
+    """Compare our parameters with those that a software gauge FILE (ISO 5436-2 .smd, or a map) expects.
 
     The exit code is 0 when all agree, 1 when one does not, 3 when nothing is proved: a value was
     not compared, or heights are missing. A wrong checksum is told with the result.
@@ -585,6 +592,7 @@ def verify_softgauge(
 
     from metrosep.core.errors import InvalidSamplesError
     from metrosep.core.profile import Profile
+    from metrosep.core.surface import Surface
     from metrosep.core.units import parse_quantity
     from metrosep.parameters.softgauge import verify_softgauge as compare
 
@@ -592,12 +600,13 @@ def verify_softgauge(
         None if lambda_c is None else parse_quantity(lambda_c, dimension="length", name="lambda_c")
     )
     profile = read_aloud(file, reading)
-    if not isinstance(profile, Profile):
+    if not isinstance(profile, Profile | Surface):
         raise InvalidSamplesError(
-            f"{file}: a software gauge is a profile, this is {type(profile).__name__}"
+            f"{file}: a software gauge is a profile or a map, this is {type(profile).__name__}"
         )
     found = compare(
         profile,
+        expected=_pairs(expect, "--expect") if expect else None,
         lambda_c=cutoff,
         kind=kind,
         edition=edition,

@@ -11,10 +11,6 @@ if TYPE_CHECKING:
         ProfileElements as ProfileElements,
         profile_elements as profile_elements,
     )
-    from metrosep.parameters.acceptance import (
-        Acceptance as Acceptance,
-        judge_values as judge_values,
-    )
     from metrosep.parameters.areal import (
         ArealParameterTable as ArealParameterTable,
         areal_parameters as areal_parameters,
@@ -35,11 +31,13 @@ if TYPE_CHECKING:
         scale_line as scale_line,
     )
     from metrosep.parameters.decision import (
+        Acceptance as Acceptance,
         Decision as Decision,
         conformance_probability as conformance_probability,
         decide as decide,
         guard_factor as guard_factor,
         judge as judge,
+        judge_values as judge_values,
     )
     from metrosep.parameters.deviation import form_deviation as form_deviation
     from metrosep.parameters.form_result import FormDeviation as FormDeviation, Support as Support
@@ -51,6 +49,24 @@ if TYPE_CHECKING:
         capability_of as capability_of,
         control_limits as control_limits,
         gauge_study as gauge_study,
+    )
+    from metrosep.parameters.geometry import (
+        DatumAxis as DatumAxis,
+        DatumPlane as DatumPlane,
+        GeometricDeviation as GeometricDeviation,
+        axis_zone as axis_zone,
+        coaxiality as coaxiality,
+        cylindricity as cylindricity,
+        datum_axis as datum_axis,
+        datum_plane as datum_plane,
+        parallelism as parallelism,
+        perpendicularity as perpendicularity,
+        run_out as run_out,
+        surface_profile as surface_profile,
+    )
+    from metrosep.parameters.grooves import (
+        StepHeight as StepHeight,
+        step_height as step_height,
     )
     from metrosep.parameters.interferometric import (
         interferometric_parameters as interferometric_parameters,
@@ -115,10 +131,6 @@ if TYPE_CHECKING:
         part_series as part_series,
     )
     from metrosep.parameters.softgauge import verify_softgauge as verify_softgauge
-    from metrosep.parameters.step_height import (
-        StepHeight as StepHeight,
-        step_height as step_height,
-    )
     from metrosep.parameters.table import Context as Context, ParameterTable as ParameterTable
     from metrosep.parameters.uncertainty import (
         NoiseInfluence as NoiseInfluence,

@@ -24,7 +24,7 @@ from metrosep.parameters.areal_heights import HeightStatistics, height_statistic
 from metrosep.parameters.table import Context, ParameterTable, Row, chosen_rows, evaluated
 from metrosep.spectral.dft import instance_of
 
-__all__ = ["interferometric_parameters", "robust_peak_to_valley"]
+__all__ = ["interferometric_parameters", "robust_peak_to_valley", "smallest_circle"]
 
 
 _EDITION = "ISO 14999-4:2015"
@@ -243,7 +243,7 @@ def _disc(surface: Surface) -> tuple[float, float, float, float]:
             "give it when reading the file (lateral_step=) or with Surface(z, dx, dy)"
         )
     corners, area = _hull(surface.z == surface.z, surface.dx, surface.dy)
-    x0, y0, radius = _smallest_circle(corners)
+    x0, y0, radius = smallest_circle(corners)
     # Pixels have a size: half a pixel belongs to the outline all around.
     full = math.pi * (radius + 0.25 * (surface.dx + surface.dy)) ** 2
     if area < _ROUND * full:
@@ -271,7 +271,7 @@ def _hull(valid: NDArray[np.bool_], dx: float, dy: float) -> tuple[FloatArray, f
     return np.unique(ends, axis=0), float(area)
 
 
-def _smallest_circle(points: FloatArray) -> tuple[float, float, float]:
+def smallest_circle(points: FloatArray) -> tuple[float, float, float]:
     """Return centre and radius of the smallest circle around points.
 
     The farthest point joins the two or three that carry the circle until none is outside; the

@@ -61,6 +61,11 @@ class PsdLimit:
     text : str
         As it was written.
 
+    Raises
+    ------
+    DataError
+        If the wavelengths are not in order, or A and an RMS are both given or both missing.
+
     Examples
     --------
     >>> limit = psd_limit("A = 1e-3 um^3, B = 2 from 10 um to 1 mm")

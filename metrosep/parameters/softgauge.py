@@ -18,6 +18,7 @@ from typing import Any, Literal
 from metrosep.core.errors import DataError, MetrosepError, UnitError
 from metrosep.core.numbers import choice, count, flag, not_negative, positive
 from metrosep.core.profile import Profile
+from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering, parse_unit
 from metrosep.filters._arguments import ProfileKind
 from metrosep.parameters._profile_rows import named_edition
@@ -167,8 +168,9 @@ class GaugeResult:
 
 
 def verify_softgauge(
-    profile: Profile,
+    profile: Profile | Surface,
     *,
+    expected: Mapping[str, str] | None = None,
     lambda_c: float | None = None,
     kind: ProfileKind = "P",
     edition: str = "ISO 4287:1997",
@@ -181,8 +183,12 @@ def verify_softgauge(
 
     Parameters
     ----------
-    profile : Profile
-        As read from an ``.smd`` file: record 2 in ``metadata["header"]["information"]``.
+    profile : Profile or Surface
+        As read from an ``.smd`` file: record 2 in ``metadata["header"]["information"]``. Or a map,
+        as the publishers of areal gauges give it in SDF (ISO 25178-71), form-free and filtered.
+    expected : mapping of str to str, optional
+        Symbol to value with unit and uncertainty as printed, ``{"Sa": "0.4213 um 0.0002"}``, in
+        place of those of the file; of a map they stand in another file, so it needs them.
     lambda_c : float, optional, m
         Cut-off for R and W parameters; that of the file if omitted.
     kind : {"P", "W", "R"}, optional
@@ -224,15 +230,23 @@ def verify_softgauge(
     ----------
     .. [1] ISO 5436-2:2012, type F1 (layout of the lines as recalled in the file's description).
     """
-    instance_of(profile, Profile, "a software gauge")
+    instance_of(profile, (Profile, Surface), "a software gauge")
     _check_options(kind, edition, sections, line, relative_tolerance)
     if lambda_c is not None:
         lambda_c = positive(lambda_c, "lambda_c", dimension="length")
     centre = flag(centre, "centre")
     header = profile.metadata.get("header")
     lines: Sequence[str] = header.get("information", ()) if isinstance(header, Mapping) else ()
-    expected, settings = expectations(lines)
-    if not expected:
+    if expected is not None:
+        kept = [text for text in lines if _keyword(text.strip()) == _FILTER]
+        lines = [*kept, *(f"{_VALUE} {symbol} {text}" for symbol, text in expected.items())]
+    elif isinstance(profile, Surface):
+        raise DataError(
+            'a map holds no expected values: state those of its publisher, expected={"Sa": "1.23 um"}, '
+            '--expect "Sa=1.23 um"'
+        )
+    wanted, settings = expectations(lines)
+    if not wanted:
         raise DataError(
             "; ".join(
                 (
@@ -245,9 +259,11 @@ def verify_softgauge(
     cutoff = lambda_c if lambda_c is not None else settings.lambda_c
     tables: dict[str, Any] = {}
     rows = []
-    for item in expected:
-        letter = item.symbol[0]
-        if letter not in tables:
+    for item in wanted:
+        letter = "map" if isinstance(profile, Surface) else item.symbol[0]
+        if letter not in tables and isinstance(profile, Surface):
+            tables[letter] = _areal_table(profile, [e.symbol for e in wanted], line)
+        elif letter not in tables and isinstance(profile, Profile):
             tables[letter] = _table(
                 profile,
                 letter,
@@ -263,14 +279,26 @@ def verify_softgauge(
     return GaugeResult(tuple(rows), _damage(profile), settings.unread, reader_warnings)
 
 
-def _damage(profile: Profile) -> tuple[str, ...]:
+def _areal_table(surface: Surface, wanted: Sequence[str], line: Any) -> Any:
+    """Return the areal parameters, or the error that stands in their way."""
+    from metrosep.parameters.areal import areal_parameters
+    from metrosep.parameters.symbol_units import unit_of_symbol
+
+    known = [s for s in wanted if s[:1] in ("S", "V") and unit_of_symbol(s) is not None]
+    try:
+        return areal_parameters(surface, names=known, line=line)
+    except MetrosepError as error:
+        return error
+
+
+def _damage(profile: Profile | Surface) -> tuple[str, ...]:
     """Return why a file proves nothing, whatever its numbers are."""
     if not profile.n_invalid:
         return ()
     return (
         (
-            f"{profile.n_invalid} of {len(profile)} heights are not measured, and expected values "
-            f"are of the whole profile: neither agreement nor difference proves anything; {_ANEW}"
+            f"{profile.n_invalid} of {profile.z.size} heights are not measured, and expected values "
+            f"are of the whole {type(profile).__name__.lower()}: neither agreement nor difference proves anything; {_ANEW}"
         ),
     )
 

@@ -214,7 +214,7 @@ def _by_rule(
     place: Place,
 ) -> tuple[Verdict, dict[str, Any]]:
     """Return the verdict of a rule over several values, and what to say of it."""
-    from metrosep.parameters.acceptance import judge_values
+    from metrosep.parameters.decision import judge_values
 
     if values is None:
         raise place.error("a rule over several values belongs to parameters of profiles", "rule")

@@ -387,8 +387,8 @@ def test_softgauge(metrosep, tmp_path, line, code, word):
 def test_a_file_that_is_no_gauge(metrosep, waves):
     code, _, err = metrosep("verify-softgauge", waves)
 
-    assert code == 4
-    assert "profile" in err
+    assert code == 2
+    assert "a map holds no expected values" in err
 
 
 def test_what_the_reader_warns_of_is_said_where_a_number_is_made(metrosep, tmp_path):

@@ -9,9 +9,9 @@ import metrosep as ms
 from metrosep import Surface
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.parameters.interferometric import (
-    _smallest_circle,
     interferometric_parameters,
     robust_peak_to_valley,
+    smallest_circle,
 )
 
 NM = 1e-9
@@ -136,13 +136,13 @@ def test_holes_are_said_and_do_not_count():
     assert any("64 % of the disc" in n for n in table.context.notes)
 
 
-def test_smallest_circle_around_known_points(rng):
+def testsmallest_circle_around_known_points(rng):
     square = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0], [1.0, 1.0]])
-    assert _smallest_circle(square) == pytest.approx((1.0, 1.0, math.sqrt(2)), rel=EXACT, abs=0.0)
+    assert smallest_circle(square) == pytest.approx((1.0, 1.0, math.sqrt(2)), rel=EXACT, abs=0.0)
     obtuse = np.array([[-3.0, 0.0], [5.0, 0.0], [0.0, 1.0]])
-    assert _smallest_circle(obtuse) == pytest.approx((1.0, 0.0, 4.0), rel=EXACT, abs=0.0)
+    assert smallest_circle(obtuse) == pytest.approx((1.0, 0.0, 4.0), rel=EXACT, abs=0.0)
     points = rng.normal(size=(300, 2))
-    x, y, r = _smallest_circle(points)
+    x, y, r = smallest_circle(points)
     assert np.hypot(points[:, 0] - x, points[:, 1] - y).max() <= r * (1 + 1e-12)
     on = points[np.abs(np.hypot(points[:, 0] - x, points[:, 1] - y) - r) < 1e-9]
     angles = np.sort(np.arctan2(on[:, 1] - y, on[:, 0] - x))

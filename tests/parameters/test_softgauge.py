@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import metrosep as ms
+from metrosep import Surface
 from metrosep.core.errors import DataError
 from metrosep.parameters.softgauge import expectations, verify_softgauge
 
@@ -375,3 +376,28 @@ def test_a_cutoff_of_the_caller_must_be_positive(tmp_path, lambda_c):
 
     with pytest.raises(DataError, match="lambda_c"):
         verify_softgauge(sound, lambda_c=lambda_c)
+
+
+# ---- areal gauges: a map, and values that its publisher prints elsewhere ---------------------------
+
+
+def gauge_map():
+    """50 nm cos x cos y: Sq = 25 nm, Sz = 100 nm, Sa = 50 nm (mean of |cos| over ten samples, 0.63728)^2."""
+    c = np.cos(2 * np.pi * (np.arange(400) + 0.5) / 40)
+    return Surface(50e-9 * c[:, None] * c, 1e-6, 1e-6)
+
+
+def test_an_areal_gauge_is_compared_with_published_values():
+    expected = {"Sq": "0.0250 um", "Sa": "20.306 nm", "Sxx": "1 um"}
+    found = verify_softgauge(gauge_map(), expected=expected)
+
+    agrees = {r.expected.symbol: r.agrees for r in found}
+    assert agrees["Sq"] is True
+    assert agrees["Sa"] is True
+    assert agrees["Sxx"] is None
+    assert found.result == "not verified"
+
+    wrong = verify_softgauge(gauge_map(), expected={"Sq": "0.0251 um"})
+    assert wrong.result == "differs"
+    with pytest.raises(DataError, match="state those of its publisher"):
+        verify_softgauge(gauge_map())

@@ -22,9 +22,9 @@ def test_flat_bottom():
     x, z = groove()
     found = step_height(Profile(x * UM, z * UM), width="100 um")
     assert found.n_used == 335
-    assert found.height == pytest.approx(-1.00094578 * UM, rel=1e-8)
+    assert found.height == pytest.approx(-1.00094578 * UM, rel=1e-8, abs=0.0)
     assert found.depth == -found.height
-    assert found.slope == pytest.approx(0.002, rel=0.01)
+    assert found.slope == pytest.approx(0.002, rel=0.01, abs=0.0)
     assert found.to_quantity().symbol == "d"
     # The wave of 10 nm moves the bottom by its mean over 33 um.
     assert abs(found.depth - UM) < 3 * found.u
@@ -35,16 +35,16 @@ def test_round_bottom():
     z = 0.002 * x + 0.01 * np.sin(2 * np.pi * x / 23 + 0.4)
     z -= np.where(np.abs(x) < 60, 1.2 * (1 - (x / 60) ** 2), 0.0)
     found = step_height(Profile(x * UM, z * UM), width=120 * UM, kind="A2")
-    assert found.height == pytest.approx(-1.19982290 * UM, rel=1e-8)
+    assert found.height == pytest.approx(-1.19982290 * UM, rel=1e-8, abs=0.0)
     assert np.isnan(found.u)
 
 
 def test_ridges_are_positive_and_the_middle_moves_with_the_groove():
     x, z = groove()
     ridge = step_height(Profile(x * UM, -z * UM), width=100 * UM)
-    assert ridge.height == pytest.approx(1.00094578 * UM, rel=1e-8)
+    assert ridge.height == pytest.approx(1.00094578 * UM, rel=1e-8, abs=0.0)
     moved = step_height(Profile((x + 1e4) * UM, z * UM), width=100 * UM, middle="10 mm")
-    assert moved.height == pytest.approx(-1.00094578 * UM, rel=1e-6)
+    assert moved.height == pytest.approx(-1.00094578 * UM, rel=1e-6, abs=0.0)
     wrong = step_height(Profile(x * UM, z * UM), width=100 * UM, middle=40 * UM)
     assert abs(wrong.height + UM) > 0.01 * UM
 
@@ -57,8 +57,8 @@ def test_a_map_is_cut_across_the_groove():
     turned = Surface(rows.T, 2 * UM, 0.5 * UM, origin=(0.0, x[0] * UM))
     along_x = step_height(surface, width=100 * UM)
     along_y = step_height(turned, width=100 * UM, axis="y")
-    assert along_x.height == pytest.approx(-1.00094578 * UM, rel=1e-5)
-    assert along_y.height == pytest.approx(along_x.height, rel=1e-12)
+    assert along_x.height == pytest.approx(-1.00094578 * UM, rel=1e-5, abs=0.0)
+    assert along_y.height == pytest.approx(along_x.height, rel=1e-12, abs=0.0)
 
 
 def test_u_is_the_scatter_of_noisy_grooves():

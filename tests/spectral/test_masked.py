@@ -88,10 +88,10 @@ def test_sums_are_the_weighted_variance():
     rest = rest - (w * rest).sum() / w.sum()
     expected = (w * w * rest * rest).sum() / (w * w).sum()
     total = float(found.areal.density.sum()) * found.areal.cell
-    assert total == pytest.approx(expected, rel=1e-9)
+    assert total == pytest.approx(expected, rel=1e-9, abs=0.0)
     for one in found.one_sided:
         mean_square = float(one.density.sum()) * float(one.frequency[1])
-        assert mean_square == pytest.approx(expected, rel=1e-9)
+        assert mean_square == pytest.approx(expected, rel=1e-9, abs=0.0)
 
 
 def test_a_wave_along_x_stands_in_the_lines_along_x_only():
@@ -101,7 +101,7 @@ def test_a_wave_along_x_stands_in_the_lines_along_x_only():
 
     at = along_x.frequency[np.argmax(along_x.density)]
     assert at == pytest.approx(1 / (20 * UM), abs=float(along_x.frequency[1]))
-    assert along_x.variance() == pytest.approx(0.5 * (10e-9) ** 2, rel=0.01)
+    assert along_x.variance() == pytest.approx(0.5 * (10e-9) ** 2, rel=0.01, abs=0.0)
     assert along_y.frequency[np.argmax(along_y.density)] < 0.05 / (2 * UM)
 
 
@@ -133,9 +133,11 @@ def test_profile_with_gaps_is_near_the_whole_one():
     whole, gapped = (masked_psd(Profile(i * UM, v)) for v in (z, gaps))
     hann = profile_psd(Profile(i * UM, z), window="hann", detrend="line")
 
-    assert gapped.filled_share == pytest.approx(13 / 4000, rel=1e-9)
-    assert gapped.one_sided[0].variance() == pytest.approx(whole.one_sided[0].variance(), rel=0.01)
-    assert whole.one_sided[0].variance() == pytest.approx(hann.variance(), rel=0.03)
+    assert gapped.filled_share == pytest.approx(13 / 4000, rel=1e-9, abs=0.0)
+    assert gapped.one_sided[0].variance() == pytest.approx(
+        whole.one_sided[0].variance(), rel=0.01, abs=0.0
+    )
+    assert whole.one_sided[0].variance() == pytest.approx(hann.variance(), rel=0.03, abs=0.0)
 
 
 def test_closed_holes_keep_planes():
