@@ -27,8 +27,7 @@ from metrosep.core.errors import (
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
-from metrosep.io import registry
-from metrosep.io.source import MAX_PIXELS, RawFile, lateral_steps, refuse_options
+from metrosep.io.source import MAX_PIXELS, RawFile, evidence, lateral_steps, refuse_options
 
 __all__ = [
     "EVIDENCE",
@@ -222,7 +221,7 @@ def make_surface(
     if row_order == ROW_ORDERS[1] and not turned:
         z = z[::-1]
     dx, dy = override or own_steps
-    facts.setdefault("orientation_evidence", registry.evidence(format_id))
+    facts.setdefault("orientation_evidence", evidence(format_id))
     if facts["orientation_evidence"] == "assumed":
         other = ROW_ORDERS[1 - ROW_ORDERS.index(row_order)]
         said = (
@@ -338,7 +337,7 @@ def map_reader(
     no_steps: str = "",
 ) -> Callable[[Callable[..., _Made]], Callable[..., _Made]]:
     """Return what makes ``read`` of a module from a function of a `Request` and its own options."""
-    assumed = registry.evidence(format_id) == "assumed"
+    assumed = evidence(format_id) == "assumed"
 
     def made(build: Callable[..., _Made]) -> Callable[..., _Made]:
         def read(

@@ -16,7 +16,6 @@ import importlib
 import os
 import re
 import sys
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import metadata
@@ -34,13 +33,12 @@ from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.io.declared import LAYOUT_LINES, Marks, Match, Structure, marks_of, preview
-from metrosep.io.source import RawFile, open_file
+from metrosep.io.source import RawFile, entries_of, format_folder as _format_folder, open_file
 
 __all__ = [
     "Format",
     "Reader",
     "demand",
-    "evidence",
     "find",
     "formats",
     "get",
@@ -269,14 +267,6 @@ def own(format_id: str) -> Format:
     return _own_by_id()[format_id]
 
 
-def evidence(format_id: str) -> str:
-    """Return what shows which way up the maps of a format lie; ``"assumed"`` where nothing does."""
-    described = _own_by_id().get(format_id)
-    if described is None or "orientation" not in described.facts:
-        return "assumed" if described is None or "surface" in described.kind else ""
-    return str(described.facts["orientation"]["evidence"])
-
-
 @functools.cache
 def _own_by_id() -> dict[str, Format]:
     return {f.id: f for f in _own_descriptors()}
@@ -394,14 +384,6 @@ def _choose(file: RawFile, candidates: Sequence[Format]) -> Format | None:
     return None
 
 
-def _format_folder() -> Path | None:
-    here = Path(__file__).resolve().parents[1]
-    for folder in (here / "_formats", here.parent / "data_formats"):
-        if folder.is_dir():
-            return folder
-    return None
-
-
 def _descriptors() -> tuple[Format, ...]:
     return _own_descriptors() + _user_descriptors(os.environ.get(FOLDERS_VARIABLE, ""))
 
@@ -441,10 +423,7 @@ def _own_descriptors() -> tuple[Format, ...]:
 
 
 def _load(file: Path) -> Format:
-    try:
-        entries = tomllib.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as exc:
-        raise ReadError(f"{file}: is not readable TOML ({exc}); correct it") from None
+    entries = entries_of(file)
     facts = {k: v for k, v in entries.items() if k not in _KEYS}
     try:
         return Format(

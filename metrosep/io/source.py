@@ -11,10 +11,11 @@ import importlib
 import io
 import os
 import threading
+import tomllib
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,10 @@ __all__ = [
     "HEAD_BYTES",
     "MAX_PIXELS",
     "RawFile",
+    "entries_of",
+    "evidence",
     "flat_map",
+    "format_folder",
     "has_hdf5_magic",
     "lateral_steps",
     "open_file",
@@ -330,3 +334,36 @@ def refuse_options(file: RawFile, format_title: str, **options: object) -> None:
             f"{file.path}: is {format_title}, which takes no {', '.join(given)}; leave "
             f"{'it' if len(given) == 1 else 'them'} out"
         )
+
+
+# ---- descriptions of formats: data_formats/<id>/format.toml ----------------------------------------
+
+
+def format_folder() -> Path | None:
+    """Return the folder of all formats: in an installed package, or in a checkout."""
+    here = Path(__file__).resolve().parents[1]
+    for folder in (here / "_formats", here.parent / "data_formats"):
+        if folder.is_dir():
+            return folder
+    return None
+
+
+def entries_of(file: Path) -> dict[str, Any]:
+    """Return the entries of one description."""
+    try:
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as exc:
+        raise ReadError(f"{file}: is not readable TOML ({exc}); correct it") from None
+
+
+@cache
+def evidence(format_id: str) -> str:
+    """Return what shows which way up the maps of a format lie; ``"assumed"`` where nothing does."""
+    folder = format_folder()
+    file = None if folder is None else folder / format_id / "format.toml"
+    if file is None or not file.is_file():
+        return "assumed"
+    entries = entries_of(file)
+    if "orientation" in entries:
+        return str(entries["orientation"]["evidence"])
+    return "assumed" if "surface" in str(entries["kind"]) else ""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+from metrosep.core._lazy import lazy_names
 from metrosep.spectral.autoregressive import AutoregressiveModel, fit_autoregressive, whiten
 from metrosep.spectral.density import (
     amplitude_spectrum,
@@ -12,7 +15,6 @@ from metrosep.spectral.density import (
     radial_psd,
 )
 from metrosep.spectral.dft import Band, fourier_basis, fourier_coefficients, fourier_sum
-from metrosep.spectral.masked import MaskedPsd, masked_psd
 from metrosep.spectral.spectra import AmplitudeSpectrum, ArealPsd, Psd, RadialPsd
 from metrosep.spectral.streaming import BinnedMean, StreamedPsd
 from metrosep.spectral.window import (
@@ -23,6 +25,9 @@ from metrosep.spectral.window import (
     taper_weights,
     tukey_weights,
 )
+
+if TYPE_CHECKING:
+    from metrosep.spectral.masked import MaskedPsd as MaskedPsd, masked_psd as masked_psd
 
 __all__ = [
     "AmplitudeSpectrum",
@@ -53,3 +58,5 @@ __all__ = [
     "tukey_weights",
     "whiten",
 ]
+
+__getattr__ = lazy_names(__name__, {"masked": ["MaskedPsd", "masked_psd"]})
