@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from metrosep.separation import abba, iso230_3_drift, joint_drift
 from metrosep.separation.drift.dependence import drift_against_temperature, speed_dependence
-from metrosep.separation.drift.drift import abba, iso230_3_drift, joint_drift
 
 folder = Path(__file__).parent
 

@@ -426,7 +426,7 @@ def parse_quantity(value: str | float, *, dimension: str, name: str = "value") -
     try:
         unit = parse_unit(unit_text, dimension=dimension)
     except UnitError as error:
-        raise UnitError(f"{name} {value!r}: {error}") from None
+        raise UnitError(f"{name} = {value!r}: {error}") from None
     number = _scaled(digits, unit.factor) + unit.zero
     if not math.isfinite(number):
         raise UnitError(f"{name} {value!r} is not finite")

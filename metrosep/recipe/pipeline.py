@@ -159,7 +159,7 @@ def schema() -> dict[str, Any]:
     Examples
     --------
     >>> [s["op"] for s in schema()["steps"]]
-    ['mask', 'outliers', 'form', 'filter', 'parameters']
+    ['mask', 'outliers', 'form', 'filter', 'parameters', 'psd']
     """
     return {
         "steps": [

@@ -180,7 +180,7 @@ NO_U = 'U = "0.2 nm"\n'
 
 @pytest.mark.parametrize(
     ("old", "new", "words"),
-    [(NO_U, "", "U"), ('metric = "Sa"', 'metric = "Sz"', "Sz")],
+    [(NO_U, 'U = "0.2 s"\n', "U"), ('metric = "Sa"', 'metric = "Sz"', "Sz")],
 )
 @pytest.mark.parametrize("scheduler", ["serial", "threads"])
 def test_a_wrong_recipe_is_one_refusal(recipe_text, parts, tmp_path, old, new, words, scheduler):

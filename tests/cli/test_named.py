@@ -115,7 +115,8 @@ def test_ops_lists_every_step(metrosep):
 def test_one_step_is_explained_key_by_key(metrosep):
     code, out, _ = metrosep("ops", "multiprobe")
     assert code == 0
-    lines = {line.split(":")[0].strip(): line for line in out.splitlines()}
+    whole = out.replace("\n        ", " ")  # a long entry goes on in the next line
+    lines = {line.split(":")[0].strip(): line for line in whole.splitlines()}
     assert "needed" in lines["kmax"]
     assert "deg" in lines["angles"]
 

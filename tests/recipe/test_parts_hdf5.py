@@ -115,7 +115,9 @@ def test_the_profile_that_is_left_in_another_format(profile, tmp_path):
 
     assert isinstance(ms.read(tmp_path / "x3p/end-left.x3p"), ms.Profile)
     assert [f.name for f in csv_only.files] == ["end.csv", "result.json"]
-    with pytest.raises(RecipeError, match=r"part\.toml:9: path: sur .* Profile; .* csv, h5, x3p"):
+    with pytest.raises(
+        RecipeError, match=r"part\.toml:9: path: sur .* Profile; .* csv, h5, pro, sdf, smd, x3p"
+    ):
         run(tmp_path, HEAD + PLANE + PARTS.format("end.sur"), out="sur")
     assert not (tmp_path / "sur").exists()
 

@@ -229,7 +229,7 @@ def test_a_time_that_is_no_time_of_day_is_named_by_its_line(text, tmp_path, caps
     file = csv(tmp_path / "a.csv", axis(5), lambda s: text if s == 0 else hms(s), column="clock")
 
     assert call(file, column="clock") != 0
-    assert re.search(f"line 2: time '{text}' .*hh:mm:ss", capsys.readouterr().err)
+    assert re.search(f"line 2.*'{text}'", capsys.readouterr().err)
 
 
 def test_time_of_day_serves_other_methods_too(tmp_path, capsys):

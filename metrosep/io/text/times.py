@@ -46,6 +46,7 @@ class _Parts(NamedTuple):
     swappable: bool
     ns: int | None
     zone: str
+    form: str  # of the time of day: "hh:mm", "hh:mm:ss", "mm:ss.f"; empty without one
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +90,7 @@ def moments(
         dates, start = _days(own, lines, where)
         ns = dates * _DAY
     if timed == {True}:
+        _refuse_mixed(own, [texts[i] for i in known], [int(lines[i]) for i in known], where)
         clock = np.array([p.ns or 0 for p in own], dtype=np.int64)
         if dated == {False}:  # a clock that falls by half a day and more has passed midnight
             ns[1:] = np.cumsum(np.diff(clock) < -_HALF) * _DAY
@@ -102,6 +104,21 @@ def moments(
     seconds[known] = (ns - ns[0]) * 1e-9
     kind = "moment" if dated == timed == {True} else "date" if dated == {True} else "clock"
     return Moments(kind, seconds, start)
+
+
+def _refuse_mixed(
+    own: Sequence[_Parts], texts: Sequence[str], lines: Sequence[int], where: str
+) -> None:
+    """Refuse a column in which 12:30 may be hours and minutes, or minutes and seconds."""
+    forms = [p.form for p in own]
+    if len(set(forms)) == 1:
+        return
+    usual = max(set(forms), key=forms.count)
+    i = next(i for i, form in enumerate(forms) if form != usual)
+    raise AmbiguousFormatError(
+        f"{where}: line {lines[i]}: time '{texts[i]}' stands among times of the form {usual}; write all "
+        "of them alike, or give sampling_rate="
+    )
 
 
 def _days(
@@ -184,8 +201,16 @@ def _parts(text: str) -> _Parts | None:
         hour, half = int(named["h"]), named.get("half", "")[:1].casefold()
         hour = hour % 12 + 12 * (half == "p") if half else hour
         ns = (hour * 60 + int(named["min"])) * 60 * _SECOND + _nanoseconds(named.get("sec", "0"))
-    zone = named.get("zone", "")
-    return _Parts(date, swappable, ns, zone)
+    form = (
+        "mm:ss.f"
+        if "sf" in named
+        else "hh:mm:ss"
+        if "sec" in named
+        else "hh:mm"
+        if "h" in named
+        else ""
+    )
+    return _Parts(date, swappable, ns, named.get("zone", ""), form)
 
 
 def _nanoseconds(text: str) -> int:
