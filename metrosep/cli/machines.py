@@ -302,7 +302,12 @@ def _terms_written(found: Calibration, folder: Path, *, smallest: bool, force: b
         raise WriteError(
             f"{standing[0]} exists; give --force to replace the files of a calibration"
         )
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as exc:
+        raise WriteError(
+            f"{folder}: the folder cannot be made ({exc.strerror}); choose another one"
+        ) from None
     for name, text in texts.items():
         atomic_write(folder / name, text.encode("utf-8"))
     return [folder / n for n in texts]

@@ -79,6 +79,13 @@ def test_terms_are_not_replaced_without_force(call, folder, tmp_path):
     assert calibrated(call, folder, *words, "--force").code == 0
 
 
+def test_a_folder_that_cannot_be_made_is_one_sentence(call, folder, tmp_path):
+    (tmp_path / "file").write_text("", "utf-8")
+    done = calibrated(call, folder, "--terms", "X0C", "-o", str(tmp_path / "file" / "terms"))
+    assert "the folder cannot be made" in done.err
+    assert "internal error" not in done.err
+
+
 def test_what_three_balls_cannot_tell_is_named(call, folder):
     done = calibrated(call, folder)
     assert done.code == 0
