@@ -31,8 +31,10 @@ NULL = 1e-9
 
 
 _STEPS, _SETTLED = 20, 1e-10
-_HUBER, _GROSS, _REFUSED, _ROUNDS = 1.5, 6.0, 4.0, 10
-_LARGEST = {"m": 1e-2, "rad": 1e-2}
+_HUBER, _GROSS, _REFUSED = 1.5, 6.0, 4.0
+ROUNDS = 10
+LARGEST = {"m": 1e-2, "rad": 1e-2}
+"""A reading or an error beyond it is of no machine: its unit, or the machine, is another one."""
 _CHANCE = 1e-4
 """Of the next orders of an axis to be in the residuals by accident, where an order is added."""
 
@@ -106,7 +108,7 @@ class ReadingSet:
         if not finite.any():
             raise DataError(f"{self.label}: every reading is NaN")
         unit = "rad" if kind.is_angle else "m"
-        if not self.total and float(np.abs(values[finite]).max()) > _LARGEST[unit]:
+        if not self.total and float(np.abs(values[finite]).max()) > LARGEST[unit]:
             raise UnitError(
                 f"{self.label}: readings reach {float(np.abs(values[finite]).max()):.4g} {unit}; they "
                 f"are deviations in {unit}; give total=True for readings that hold the nominal too"
@@ -338,7 +340,7 @@ class Problem:
     ) -> tuple[Fit, System, list[Any]]:
         """Return the fit with its noise when no further reading is refused, and what is left."""
         stated = [s.u for s in self.sets]
-        for _ in range(_ROUNDS):
+        for _ in range(ROUNDS):
             system = self.assembled(current, good)
             Z = (system.X / system.sizes) @ system.V
             fit = Gls(Z, system.y, system.streams, stated).best()

@@ -26,7 +26,9 @@ from metrosep.core.units import format_engineering, format_length
 from metrosep.machine._bases import Basis, CurveTerm, UnseenTerm, null_sentences
 from metrosep.machine._drift_noise import Fit
 from metrosep.machine._reading_problem import (
+    LARGEST,
     NULL,
+    ROUNDS,
     Problem,
     ReadingSet,
     System,
@@ -47,8 +49,6 @@ __all__ = ["Calibration", "ReadingSet", "calibrate", "plan_calibration"]
 _PRIOR = {"m": 5e-6, "rad": 30e-6, "1": math.inf}
 """A direction with a larger standard uncertainty is reported: the readings hardly determine it."""
 
-_ROUNDS = 10
-_LARGEST = {"m": 1e-2, "rad": 1e-2}
 _CONTRADICTS, _STRONGEST = 10.0, 10.0
 
 
@@ -298,7 +298,7 @@ def calibrate(
     with one_blas_thread():
         problem = Problem(chain, bases, list(sets))
         found = _fitted(problem, robust, homes)
-        for _ in range(_ROUNDS):
+        for _ in range(ROUNDS):
             raised = {a: n for a, n in found.lacking.items() if not is_stated(a, chain, degrees)}
             if not raised:
                 break
@@ -450,7 +450,7 @@ def _terms(
             term = CurveTerm(beta[mine], cov[mine, mine], basis)
         unit = term_unit(problem.chain, name)
         largest = float(np.abs(beta[mine]).max())
-        if largest > _LARGEST[unit]:
+        if largest > LARGEST[unit]:
             raise DataError(
                 f"{name} would be {format_engineering(largest, unit)}, which no machine has: check the "
                 "machine, the units and the tool points of the readings, or lower the degrees"
