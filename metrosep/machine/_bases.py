@@ -3,7 +3,8 @@
 Of a linear axis Legendre polynomials over the places that were run, minus their value at home:
 errors are zero there. The slope of a straightness is squareness and frame, so those begin at order 2.
 Of a full turn harmonics: radial and tilt motion from 2 (1 is where the ball stands), axial and
-angular motion from 1. Of a part of a turn polynomials made orthogonal to what an axis that stands
+angular motion from 1. Curves that part maps show (`part_curves`) have no home: they are plain
+polynomials over the range that was cut. Of a part of a turn polynomials made orthogonal to what an axis that stands
 elsewhere does: 1, cos q, sin q for radial and tilt motion, 1 for the others.
 """
 
@@ -16,8 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import TooFewSamplesError
+from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.machine.elements import Element
 from metrosep.machine.terms import positions_array
 
@@ -35,7 +37,7 @@ class Basis:
     orders: tuple[int, ...]
     low: float = 0.0
     high: float = 1.0
-    home: float = 0.0
+    home: float | None = 0.0  # where a motion is zero; None: over the range in the mean
     off: FloatArray | None = None  # of an arc: amounts of the functions that are taken out, (m, k)
     tilting: bool = False
 
@@ -56,6 +58,11 @@ class Basis:
             parts = [f(n * x) for n in self.orders for f in (np.cos, np.sin)]
             return np.stack(parts, axis=-1)
         found = self.legendre(x)
+        if self.kind == "legendre" and self.home is None:
+            beyond = np.abs(2.0 * np.asarray(x) - self.low - self.high) > (1.0 + 1e-9) * (
+                self.high - self.low
+            )
+            return np.where(beyond[..., None], math.nan, found)
         if self.kind == "legendre":
             return found - self.legendre(np.asarray(self.home))
         return np.asarray(found - _fixed(x, self.tilting) @ np.asarray(self.off).T)
@@ -82,23 +89,32 @@ def basis_of(
         return Basis("constant", (0,))
     low, high = min(float(places.min()), home), max(float(places.max()), home)
     n_places = np.unique(np.round(places, 9)).size
-    along = "XYZ"[int(np.argmax(np.abs(element.direction)))]
     letter = term[1]
     if element.kind == "rotary":
-        about = {"X": "A", "Y": "B", "Z": "C"}[along]
-        tilting = letter not in (along, about)
+        tilting = first_harmonic(element, term) == 2
         wanted = 2 if degree is None else degree
         if _is_full_turn(places):
             n_places = np.unique(np.round(np.mod(places, 2.0 * np.pi), 9)).size
-            orders = tuple(range(2 if tilting else 1, wanted + 1))
+            orders = tuple(range(first_harmonic(element, term), wanted + 1))
             _refuse_few(term, n_places, 2 * wanted + 1, degree)
             return Basis("fourier", orders) if orders else None
         return _arc(term, tilting, (low, high), wanted, n_places, degree)
     wanted = min(3, n_places - 1) if degree is None else degree
     _refuse_few(term, n_places, wanted + 1, degree)
-    first = 2 if letter in "XYZ" and letter != along else 1
+    first = 2 if letter in "XYZ" and letter != along_of(element) else 1
     orders = tuple(range(first, wanted + 1))
     return Basis("legendre", orders, low, high, home) if orders else None
+
+
+def along_of(element: Element) -> str:
+    """Return the letter of the direction of an axis."""
+    return "XYZ"[int(np.argmax(np.abs(element.direction)))]
+
+
+def first_harmonic(element: Element, term: str) -> int:
+    """Return 2 for radial and tilt motion, of which harmonic 1 is where the ball or part sits, else 1."""
+    along = along_of(element)
+    return 1 if term[1] in (along, {"X": "A", "Y": "B", "Z": "C"}[along]) else 2
 
 
 def _is_full_turn(places: FloatArray) -> bool:
@@ -164,6 +180,86 @@ class CurveTerm:
         """Return its standard uncertainty at positions, in the shape of x."""
         shapes = self.basis.at(positions_array(x, "position"))
         return np.asarray(np.sqrt(np.einsum("...i,ij,...j->...", shapes, self.cov, shapes)))
+
+    @property
+    def value(self) -> float:
+        """NaN: a curve has no single amount."""
+        return math.nan
+
+    def slope(
+        self,
+        method: str = "least-squares",
+        span: tuple[float, float] | None = None,
+        *,
+        at: float | None = None,
+    ) -> tuple[float, float]:
+        """Return the slope of a stated line through the curve, and its standard uncertainty.
+
+        Parameters
+        ----------
+        method : {"least-squares", "end-points", "area", "tangent"}, optional
+            ``"area"`` weighs with the distance from the axis of the part, as a map does.
+        span : tuple of (float, float), optional
+            Positions between which the line is laid; the whole range that was seen if omitted.
+        at : float, optional
+            Position of the axis of the part (``"area"``) or where the tangent lies.
+
+        Returns
+        -------
+        tuple of (float, float), m/m or rad/m
+            Slope per metre of axis position, and its u.
+
+        Raises
+        ------
+        DataError
+            An unknown method, `at` is missing, or the curve belongs to an axis of rotation.
+
+        Notes
+        -----
+        The slope of a straightness and a squareness are one number, that of a stated line; for a
+        curve with a bow the lines differ.
+        """
+        row = self._line(method, span, at)[0]
+        u = math.sqrt(max(float(row @ self.cov @ row), 0.0))
+        return float(row @ self.coefficients), u
+
+    def bow(self, method: str = "least-squares", span: tuple[float, float] | None = None) -> float:
+        """Return the P-V of the curve about the line of `slope`, m or rad."""
+        row, (low, high) = self._line(method, span, None)
+        x = np.linspace(low, high, _PLACES)
+        return float(np.ptp(self.evaluate(x) - float(row @ self.coefficients) * x))
+
+    def _line(
+        self, method: str, span: tuple[float, float] | None, at: float | None
+    ) -> tuple[FloatArray, tuple[float, float]]:
+        """Return the slope as a sum over the coefficients, and the range of the line."""
+        numbers.choice(method, "the line", ("least-squares", "end-points", "area", "tangent"))
+        if self.basis.kind != "legendre":
+            raise DataError("an axis of rotation has no slope over its position")
+        low, high = (self.basis.low, self.basis.high) if span is None else span
+        if not low < high:
+            raise DataError(f"a line lies between two positions, low before high, got {span!r}")
+        if (at is None) == (method in ("area", "tangent")):
+            raise DataError(f"at goes with area and tangent, and they need it; method is {method}")
+        place = 0.0 if at is None else float(at)
+        if method == "end-points":
+            ends = self.basis.at(np.array([low, high]))
+            return (ends[1] - ends[0]) / (high - low), (low, high)
+        if method == "tangent":
+            step = 1e-3 * (high - low)
+            x = place + step * np.array([-2.0, -1.0, 1.0, 2.0])
+            beside = self.basis.at(x)
+            five_point = np.array([1.0, -8.0, 8.0, -1.0]) / (12.0 * step)
+            return np.asarray(five_point @ beside), (low, high)
+        nodes, weights = np.polynomial.legendre.leggauss(64)
+        x = 0.5 * (high - low) * nodes + 0.5 * (high + low)
+        if method == "area":
+            weights = weights * np.abs(x - place)
+        far = x - float(weights @ x / weights.sum())
+        return np.asarray((weights * far) @ self.basis.at(x) / float(weights @ far**2)), (
+            low,
+            high,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

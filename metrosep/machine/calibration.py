@@ -111,6 +111,12 @@ class Calibration:
     messages: tuple[str, ...] = ()
     audit: Mapping[str, Any] = field(default_factory=dict)
 
+    def __getitem__(self, term: str) -> ErrorTerm:
+        """Return the found error of a term; see `errors`."""
+        if term not in self.errors:
+            raise DataError(f"{term!r} was not asked for; there are {', '.join(self.errors)}")
+        return self.errors[term]
+
     def read(
         self, instrument: Instrument, q: Positions, *, tool: ArrayLike = (0.0, 0.0, 0.0)
     ) -> FloatArray:
@@ -374,8 +380,8 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     blind = system.blind / system.sizes[:, None]
     null, members = null_sentences(system.blind, problem.names)
     unseen = {name.split(" ")[0] for group in members for name in group}
-    null = (*null, *_hardly(problem, cov))
-    errors, fitted = _terms(problem, beta, cov, unseen)
+    null = (*null, *hardly_known(problem.names[:p], problem.units[:p], cov[:p, :p]))
+    errors, fitted = terms_found(chain, problem.bases, beta, cov, unseen)
     unknowns: dict[str, Mapping[str, tuple[FloatArray, FloatArray]]] = {}
     u = np.sqrt(np.maximum(np.diag(cov), 0.0))
     for k, label in enumerate(problem.labels):
@@ -431,14 +437,18 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     )
 
 
-def _terms(
-    problem: Problem, beta: FloatArray, cov: FloatArray, unseen: set[str]
+def terms_found(
+    chain: Chain,
+    bases: Mapping[str, Basis],
+    beta: FloatArray,
+    cov: FloatArray,
+    unseen: set[str],
 ) -> tuple[dict[str, ErrorTerm], dict[str, ErrorTerm]]:
     """Return terms, NaN where not determined, and the smallest that explain the readings."""
     errors: dict[str, ErrorTerm] = {}
     fitted: dict[str, ErrorTerm] = {}
     at = 0
-    for name, basis in problem.bases.items():
+    for name, basis in bases.items():
         mine = slice(at, at + len(basis.labels))
         at = mine.stop
         term: ErrorTerm
@@ -448,7 +458,7 @@ def _terms(
             )
         else:
             term = CurveTerm(beta[mine], cov[mine, mine], basis)
-        unit = term_unit(problem.chain, name)
+        unit = term_unit(chain, name)
         largest = float(np.abs(beta[mine]).max())
         if largest > LARGEST[unit]:
             raise DataError(
@@ -460,17 +470,16 @@ def _terms(
     return errors, fitted
 
 
-def _hardly(problem: Problem, cov: FloatArray) -> tuple[str, ...]:
+def hardly_known(names: Sequence[str], units: Sequence[str], cov: FloatArray) -> tuple[str, ...]:
     """Return a sentence for each direction whose u is beyond what any machine would have."""
-    p = problem.n_terms
-    prior = np.array([_PRIOR[unit] for unit in problem.units[:p]])
-    values, vectors = np.linalg.eigh(cov[:p, :p] / np.outer(prior, prior))
+    prior = np.array([_PRIOR[unit] for unit in units])
+    values, vectors = np.linalg.eigh(cov / np.outer(prior, prior))
     sentences = []
     for value, vector in zip(values[::-1], vectors.T[::-1], strict=True):
         if value <= 1.0:
             break
         part = np.abs(vector)
-        chosen = [problem.names[i] for i in np.argsort(-part) if part[i] > 0.3 * part.max()]
+        chosen = [names[i] for i in np.argsort(-part) if part[i] > 0.3 * part.max()]
         sentences.append(
             f"{', '.join(chosen)}: hardly separable by these readings; u is {math.sqrt(value):.2g} times "
             f"what a machine has ({format_length(_PRIOR['m'])}, 30 urad)"

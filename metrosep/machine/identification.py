@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotConvergedError, TooFewSamplesError
@@ -41,6 +41,8 @@ from metrosep.machine.terms import TrialAmounts
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from metrosep.machine.calibration import Calibration
 
 __all__ = ["Identification", "IdentifiedGroup", "identify"]
 
@@ -80,8 +82,9 @@ _SMALL = 1e-6
 
 def identify(
     chain: Any,
-    surface_map: Surface | tuple[ArrayLike, ArrayLike, ArrayLike],
+    surface_map: Any,
     *,
+    curves: Mapping[str, int] | None = None,
     form: Any = None,
     terms: Iterable[str] | None = None,
     removed: str | Iterable[str] = ("piston", "tilt"),
@@ -93,8 +96,8 @@ def identify(
     threshold: float = 0.9,
     exact: bool = True,
     max_points: int = 100_000,
-) -> Identification:
-    """Find the error terms that explain a measured map.
+) -> Identification | Calibration:
+    """Find the error terms that explain a measured map, or curves that explain one or several.
 
     Parameters
     ----------
@@ -102,10 +105,16 @@ def identify(
         The machine that cut the part.
     surface_map : Surface or tuple of three array_like (x, y, z), m
         Measured heights; NaN = not measured. Heights, not deviations: the form is taken off here.
+        With `curves` a list of maps too, one of each part; the azimuth must be as it was cut.
+    curves : mapping of str to int, optional
+        Terms that are curves over the travel of their axis, and how many orders (linear axis) or
+        harmonics (spindle) each may have: ``{"EZX": 6, "EZC": 3}``.
     form : Form, optional
-        Nominal surface, with its origin on the axis of the part; a plane if omitted.
+        Nominal surface, with its origin on the axis of the part; a plane if omitted. With several
+        maps a list, one for each.
     terms : iterable of str, optional
-        Terms that may be at work; all of the chain if omitted.
+        Terms that may be at work; all of the chain if omitted. With `curves` the constants that may
+        be at work beside them; none if omitted.
     removed : str or iterable of str, optional
         Freedoms of the alignment, fitted along; as in `metrosep.machine.ranking.rank`.
     radius, inner_radius : float, m, optional
@@ -127,8 +136,9 @@ def identify(
 
     Returns
     -------
-    Identification
-        Amounts with standard uncertainty, groups, what cannot be seen, residual.
+    Identification or Calibration
+        Amounts with standard uncertainty, groups, what cannot be seen, residual. With `curves` a
+        `Calibration`: ``found["EZX"].evaluate(x)`` and ``.sd(x)``.
 
     Raises
     ------
@@ -153,6 +163,9 @@ def identify(
     systematic error that looks like a term is in that term all the same. Turns about x and y are
     fitted to first order.
 
+    With `curves` the model is linear, each part has its own alignment and its own constant of each
+    slide (setting of the tool); `threshold` and `exact` have no use then. See `part_curves`.
+
     Examples
     --------
     >>> from metrosep.forms import Toric
@@ -167,6 +180,17 @@ def identify(
     >>> round(found["B0Z"].value, 9), found.unobservable
     (2e-05, ('EZX',))
     """
+    several = isinstance(surface_map, list | tuple) and any(
+        isinstance(m, Surface) for m in surface_map
+    )
+    if curves is not None or several:
+        from metrosep.machine.part_curves import curves_of_parts
+
+        maps = list(surface_map) if several else [surface_map]
+        place = checked_place(tool)
+        where = {"radius": radius, "inner_radius": inner_radius, "centre": centre}
+        options = {"terms": terms or (), "removed": removed, "tool": place, "positions": positions}
+        return curves_of_parts(chain, maps, form, curves, options, max_points=max_points, **where)
     names = chain.known_terms(chain.terms if terms is None else tuple(terms))
     if not names:
         raise DataError(f"terms names no error term; known are {', '.join(chain.terms)}")
@@ -193,8 +217,8 @@ def identify(
     solver = _solver(maker, freedoms, threshold)
     model = CutModel(chain, points.mesh.form, place, positions, exact=True)
     solution, left, used = _fit(solver, model, points, exact=exact)
-    curves = _curves_left(solver, maker, points, left, used)
-    found = _result(solver, solution, left, used, points, surface_map, form is None, curves, exact)
+    hidden = _curves_left(solver, maker, points, left, used)
+    found = _result(solver, solution, left, used, points, surface_map, form is None, hidden, exact)
     return replace(found, messages=(*getattr(chain, "messages", ()), *found.messages))
 
 

@@ -1,0 +1,658 @@
+"""Error motions as curves from maps of turned parts: EZX over x, EZC over the spindle's turn.
+
+A map is averaged over polar bins, and so are the columns of the model, so that nothing is lost by
+the bins but noise. Each part has its own alignment and setting of the tool. The noise of a map is
+white in its pixels and alike over a length; both are learnt from the residuals by restricted
+likelihood (machines.md, eq. 17) and the estimate is that of generalised least squares.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core import numbers
+from metrosep.core._arrays import FloatArray
+from metrosep.core.blas import one_blas_thread
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.provenance import freeze_mapping
+from metrosep.core.units import format_engineering, format_length
+from metrosep.forms.conic import Plane
+from metrosep.machine._bases import Basis, UnseenTerm, first_harmonic, null_sentences
+from metrosep.machine._measured import Measured, measured_points
+from metrosep.machine._mesh import Positions, axis_positions
+from metrosep.machine._reading_problem import NULL, ROUNDS, axis_of_term, columns_of
+from metrosep.machine._responses import vertical_maps
+from metrosep.machine.alignment import freedom_maps, removed_freedoms
+from metrosep.machine.calibration import Calibration, hardly_known, terms_found
+from metrosep.machine.chains import Chain
+from metrosep.machine.elements import element_terms, term_unit
+
+N_RHO, N_AZIMUTH = 16, 36
+"""Bins: harmonics to 12 and orders to 10 are seen well, and a covariance of all bins is quick."""
+
+_FEWEST = 4
+"""Pixels of a bin, on average."""
+
+_BLOCK = 16384
+
+_TAKEN = 1e-6
+"""Of a column: what alignment and setting leave of it is rounding; the order is theirs."""
+
+_RATIOS = (1.0, 4.0, 16.0)
+_LENGTHS = tuple(2.1**k / 18.0 for k in range(4))  # of the radius of the part
+_KERNELS = {
+    "exponential": lambda d: np.exp(-d),
+    "bell": lambda d: np.exp(-0.5 * d**2),
+}
+_LIMITS = ((0.05, 200.0), (0.02, 1.0))  # of the ratio, and of the length over the radius
+_WORTH = 3.0
+"""By how much twice the log likelihood must rise before a noise is taken for alike over a length."""
+
+_ROUNDING = 1e-13
+"""m: a smaller noise of a pixel is rounding, no instrument has it."""
+
+_REFUSED = 4.0
+_CHANCE = 1e-4
+_ALIKE = 0.9
+_FURTHER = {"linear": 4, "rotary": 3}
+"""Orders and harmonics that a term which was not asked for is tried with."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """One map in bins: rows of the problem, with columns of curves, then of its own set-up."""
+
+    label: str
+    y: FloatArray  # (n,), m
+    X: FloatArray  # (n, p)
+    own: FloatArray  # (n, k): alignment and setting
+    own_names: tuple[str, ...]
+    further: FloatArray  # (n, m): of curves that were not asked for
+    counts: FloatArray  # (n,): pixels of each bin
+    distance: FloatArray  # (n, n), of the radius of the part
+    radius: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Noise:
+    """Covariance of the bins of a part: ``scale^2 (1 / counts + ratio^2 mean(1 / counts) K)``."""
+
+    kind: str
+    ratio: float
+    length: float  # of the radius of the part; 0 where the noise is white
+    scale: float  # of one pixel, m
+
+    def shape(self, part: _Part, used: NDArray[np.bool_]) -> FloatArray:
+        """Return the covariance of used bins over the square of the scale."""
+        own = 1.0 / part.counts[used]
+        V = np.diag(own)
+        if self.ratio > 0.0:
+            near = _KERNELS[self.kind](part.distance[np.ix_(used, used)] / self.length)
+            V += self.ratio**2 * float(own.mean()) * near
+        return V
+
+    def alike(self, part: _Part) -> float:
+        """Return the standard deviation of what is alike over a length, m."""
+        return self.ratio * self.scale * math.sqrt(float((1.0 / part.counts).mean()))
+
+
+def curves_of_parts(
+    chain: Chain,
+    maps: Sequence[Any],
+    form: Any,
+    curves: Mapping[str, int] | None,
+    options: Mapping[str, Any],
+    **points: Any,
+) -> Calibration:
+    """Return the curves that explain maps of parts; `metrosep.machine.identify` says what is given."""
+    if curves is None:
+        raise DataError(
+            f"{len(maps)} maps are explained together by curves only: give curves, such as "
+            '{"EZX": 6, "EZC": 3}'
+        )
+    forms = list(form) if isinstance(form, list | tuple) else [form] * len(maps)
+    if len(forms) != len(maps):
+        raise DataError(f"{len(forms)} forms for {len(maps)} maps: give one, or one for each")
+    measured = [
+        measured_points(m, Plane() if f is None else f, **points)
+        for m, f in zip(maps, forms, strict=True)
+    ]
+    return curves_from_maps(
+        chain,
+        measured,
+        curves,
+        terms=tuple(options["terms"]),
+        freedoms=removed_freedoms(options["removed"]),
+        tool=options["tool"],
+        positions=options["positions"],
+    )
+
+
+def curves_from_maps(
+    chain: Chain,
+    parts: Sequence[Measured],
+    curves: Mapping[str, int],
+    *,
+    terms: Sequence[str] = (),
+    freedoms: Sequence[str] = ("piston", "tilt_x", "tilt_y"),
+    tool: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    positions: Positions | None = None,
+) -> Calibration:
+    """Return error motions of a machine as curves that explain measured points of parts."""
+    q = [
+        axis_positions(chain, p.mesh.x, p.mesh.y, p.mesh.z, positions=positions, tool=tool)
+        for p in parts
+    ]
+    wanted = _checked_curves(chain, curves)
+    bases = _bases(chain, q, wanted, terms)
+    further = _bases(chain, q, _not_asked(chain, q, wanted), ())
+    with one_blas_thread():
+        binned = [
+            _binned(chain, p, at, bases, further, freedoms, tool, f"part {k + 1}")
+            for k, (p, at) in enumerate(zip(parts, q, strict=True))
+        ]
+        bases, binned, gauge, dead = _without_gauge(chain, bases, binned)
+        if not bases:
+            raise DataError(
+                f"the maps show nothing of {', '.join(curves)}: these parts do not depend on them, "
+                "or the alignment takes all"
+            )
+        return _found(chain, parts, q, binned, bases, further, gauge, dead, freedoms, tool)
+
+
+def _checked_curves(chain: Chain, curves: Any) -> dict[str, int]:
+    if not isinstance(curves, Mapping) or not curves:
+        raise DataError(
+            f'curves gives each term its orders, {{"EZX": 6, "EZC": 3}}, got {curves!r}'
+        )
+    chain.known_terms(tuple(curves))
+    found = {}
+    for name, order in curves.items():
+        element = next(e for e in chain.elements if name in element_terms(e))
+        if name in element.location_errors:
+            raise DataError(
+                f"{name} is a location error, one number: give it among terms, not among curves"
+            )
+        most = N_AZIMUTH // 3 if element.kind == "rotary" else 2 * N_RHO // 3
+        found[name] = numbers.count(order, f"the orders of {name}", least=1)
+        if element.kind == "rotary" and found[name] < first_harmonic(element, name):
+            raise DataError(
+                f"{name}: harmonic 1 of a radial or tilt motion is where the part sits, not an error "
+                "of the spindle; ask for 2 or more"
+            )
+        if found[name] > most:
+            raise DataError(f"{name}: at most {most} orders can be seen in the bins of a map")
+    return found
+
+
+def _bases(
+    chain: Chain, q: Sequence[Mapping[str, FloatArray]], curves: Mapping[str, int], terms: Any
+) -> dict[str, Basis]:
+    """Return the shapes of curves and constants, in the order of the chain."""
+    constant = chain.known_terms(tuple(terms))
+    found = {}
+    for element in chain.elements:
+        for name in element_terms(element):
+            if name in curves and element.name in q[0]:
+                places = np.concatenate([np.ravel(at[element.name]) for at in q])
+                if element.kind == "rotary":
+                    first = first_harmonic(element, name)
+                    if curves[name] >= first:
+                        found[name] = Basis("fourier", tuple(range(first, curves[name] + 1)))
+                    continue
+                orders = tuple(range(1, curves[name] + 1))
+                low, high = float(places.min()), float(places.max())
+                if high - low > 1e-9:
+                    found[name] = Basis("legendre", orders, low, high, None)
+                    continue
+                if name in curves:
+                    continue  # an axis that stood still shows nothing
+            elif name in constant and name not in curves:
+                found[name] = Basis("constant", (0,))
+    return found
+
+
+def _not_asked(
+    chain: Chain, q: Sequence[Mapping[str, FloatArray]], curves: Mapping[str, int]
+) -> dict[str, int]:
+    """Return curves beyond those that are fitted, as orders of each term."""
+    return {
+        name: max(_FURTHER[e.kind], curves.get(name, 0) + 2)
+        for e in chain.elements
+        if e.kind in _FURTHER and e.name in q[0]
+        for name in element_terms(e)
+        if name not in e.location_errors
+    }
+
+
+def _binned(
+    chain: Chain,
+    measured: Measured,
+    q: Mapping[str, FloatArray],
+    bases: Mapping[str, Basis],
+    further: Mapping[str, Basis],
+    freedoms: Sequence[str],
+    tool: tuple[float, float, float],
+    label: str,
+) -> _Part:
+    """Return the means of heights and columns over polar bins."""
+    m = measured.mesh
+    rho, azimuth = np.hypot(m.x, m.y), np.arctan2(m.y, m.x)
+    inner, outer = float(rho.min()), float(rho.max())
+    n_rho, n_azimuth = N_RHO, N_AZIMUTH
+    while n_rho * n_azimuth * _FEWEST > rho.size and n_rho > 6:
+        n_rho, n_azimuth = n_rho - 2, n_azimuth - 4
+    ring = np.minimum((n_rho * (rho - inner) / (outer - inner)).astype(int), n_rho - 1)
+    sector = np.minimum((n_azimuth * (azimuth / (2.0 * np.pi) + 0.5)).astype(int), n_azimuth - 1)
+    whole = ring * n_azimuth + sector
+    kept, index = np.unique(whole, return_inverse=True)
+    counts = np.bincount(index).astype(np.float64)
+
+    def mean(values: FloatArray) -> FloatArray:
+        columns = values.reshape(values.shape[0], -1)
+        sums = [np.bincount(index, c, minlength=kept.size) for c in columns.T]
+        return np.stack(sums, axis=-1) / counts[:, None] if sums else np.zeros((kept.size, 0))
+
+    settings = [n for n, b in bases.items() if b.kind == "legendre"]
+    moved = {n: Basis("constant", (0,)) for n in settings}
+    parts: list[FloatArray] = [
+        _columns(chain, set_, q, tool, m) for set_ in (bases, moved, further)
+    ]
+    align = freedom_maps(freedoms, x=m.x, y=m.y, z=m.z, slope_x=m.slope_x, slope_y=m.slope_y)
+    own = mean(np.hstack([align, parts[1]]))
+    names = [*freedoms, *(f"setting {n}" for n in settings)]
+    kept_own = _independent(own)
+    place = mean(np.column_stack([m.x, m.y])) / outer
+    apart = np.hypot(*(np.subtract.outer(v, v) for v in place.T))
+    return _Part(
+        label,
+        mean((measured.z - m.z)[:, None])[:, 0],
+        mean(parts[0]),
+        own[:, kept_own],
+        tuple(f"{names[i]} of {label}" for i in kept_own),
+        mean(parts[2]),
+        counts,
+        apart,
+        outer,
+    )
+
+
+def _columns(
+    chain: Chain,
+    bases: Mapping[str, Basis],
+    q: Mapping[str, FloatArray],
+    tool: tuple[float, float, float],
+    mesh: Any,
+) -> FloatArray:
+    """Return the vertical deviation by each coefficient at the pixels, shape (n, p)."""
+    n = mesh.x.size
+    if not bases:
+        return np.zeros((n, 0))
+    blocks = []
+    for i in range(0, n, _BLOCK):
+        rows = slice(i, i + _BLOCK)
+        at = {a: v[rows] for a, v in q.items()}
+        E = columns_of(chain, bases, at, tool)
+        blocks.append(vertical_maps(E, mesh.slope_x[rows], mesh.slope_y[rows]))
+    return np.concatenate(blocks)
+
+
+def _independent(columns: FloatArray) -> list[int]:
+    """Return which columns move the part in a way of their own, earlier ones first."""
+    kept: list[int] = []
+    Q = np.zeros((columns.shape[0], 0))
+    largest = float(np.linalg.norm(columns, axis=0).max(initial=0.0))
+    for i, column in enumerate(columns.T):
+        size = float(np.linalg.norm(column))
+        if size <= 1e-12 * largest:
+            continue
+        left = column - Q @ (Q.T @ column)
+        left -= Q @ (Q.T @ left)
+        if np.linalg.norm(left) > _TAKEN * size:
+            kept.append(i)
+            Q = np.column_stack([Q, left / np.linalg.norm(left)])
+    return kept
+
+
+def _without_gauge(
+    chain: Chain, bases: dict[str, Basis], parts: list[_Part]
+) -> tuple[dict[str, Basis], list[_Part], list[str], list[str]]:
+    """Return the problem without orders that the alignment of every part takes, and their names."""
+    sizes, left = 0.0, 0.0
+    for part in parts:
+        Q = np.linalg.qr(part.own)[0]
+        free = part.X - Q @ (Q.T @ part.X)
+        sizes = sizes + np.sum(part.X**2, axis=0)
+        left = left + np.sum(free**2, axis=0)
+    largest = float(np.max(sizes))
+    seen = np.sqrt(left) > _TAKEN * np.sqrt(np.maximum(sizes, 1e-24 * largest))
+    kept: dict[str, Basis] = {}
+    columns: list[int] = []
+    gauge, dead, at = [], [], 0
+    for name, basis in bases.items():
+        per = len(basis.labels) // len(basis.orders)
+        orders = []
+        for k, order in enumerate(basis.orders):
+            mine = list(range(at + per * k, at + per * (k + 1)))
+            if seen[mine].any():
+                orders.append(order)
+                columns += mine
+            elif np.asarray(sizes)[mine].max() > 1e-24 * largest:
+                gauge.append(f"{name}{basis.labels[per * k].replace('cos', '')}")
+        at += len(basis.labels)
+        if orders:
+            kept[name] = replace(basis, orders=tuple(orders))
+        else:
+            dead.append(name)
+    return kept, [replace(p, X=p.X[:, columns]) for p in parts], gauge, dead
+
+
+# ---- noise of each part, estimate of all -----------------------------------------------------------
+
+
+def _noise_of(part: _Part, used: NDArray[np.bool_]) -> _Noise:
+    """Return the noise that makes the residuals of a part, by all that could be fitted to it, likely."""
+    whole = np.hstack([part.X, part.own])[used]
+    size = np.linalg.norm(whole, axis=0)
+    U, singular, _ = np.linalg.svd(whole / np.where(size > 0.0, size, 1.0), full_matrices=False)
+    Z = U[:, singular > NULL * singular[0]]
+    y = part.y[used]
+
+    def value(noise: _Noise) -> tuple[float, float]:
+        return _likelihood(noise.shape(part, used), Z, y)
+
+    white = _Noise("bell", 0.0, 0.0, 1.0)
+    at_white, scale = value(white)
+    if scale <= _ROUNDING:
+        return replace(white, scale=scale)
+    grid = [_Noise(k, a, x, 1.0) for k in _KERNELS for a in _RATIOS for x in _LENGTHS]
+    best = min(grid, key=lambda n: value(n)[0])
+    from scipy.optimize import minimize
+
+    def at(logs: FloatArray) -> _Noise:
+        a, x = (float(np.clip(math.exp(v), *b)) for v, b in zip(logs, _LIMITS, strict=True))
+        return _Noise(best.kind, a, x, 1.0)
+
+    def cost(logs: FloatArray) -> float:
+        return value(at(logs))[0]
+
+    polished = minimize(
+        cost,
+        np.log([best.ratio, best.length]),
+        method="Nelder-Mead",
+        options={"maxfev": 40, "xatol": 0.05, "fatol": 0.02},
+    )
+    if polished.fun > at_white - _WORTH:
+        return replace(white, scale=scale)
+    found = at(polished.x)
+    return replace(found, scale=value(found)[1])
+
+
+def _likelihood(V: FloatArray, Z: FloatArray, y: FloatArray) -> tuple[float, float]:
+    """Return -2 log restricted likelihood but for a constant, and the scale (machines.md, eq. 17)."""
+    from scipy.linalg import LinAlgError, cholesky, solve_triangular
+
+    try:
+        L = cholesky(V, lower=True, check_finite=False)
+    except LinAlgError:
+        return math.inf, math.inf
+    white = solve_triangular(L, np.column_stack([Z, y]), lower=True, check_finite=False)
+    Q, R = np.linalg.qr(white[:, :-1])
+    rest = white[:, -1] - Q @ (Q.T @ white[:, -1])
+    free = y.size - Z.shape[1]
+    square = max(float(rest @ rest), np.finfo(np.float64).tiny)
+    value = 2.0 * float(np.log(np.diag(L)).sum()) + 2.0 * float(np.log(np.abs(np.diag(R))).sum())
+    return value + free * math.log(square), math.sqrt(square / free)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Estimate:
+    """Coefficients of all columns (curves, then each part's own), scaled, with what is not seen."""
+
+    beta: FloatArray
+    cov: FloatArray
+    blind: FloatArray
+    singular: FloatArray
+    V: FloatArray
+    sizes: FloatArray
+
+
+def _estimate(
+    parts: Sequence[_Part], noises: Sequence[_Noise], used: Sequence[NDArray[np.bool_]]
+) -> tuple[_Estimate, list[tuple[FloatArray, FloatArray]]]:
+    """Return the estimate of generalised least squares, and each part's factor and whitened rows."""
+    from scipy.linalg import cholesky, solve_triangular
+
+    p = parts[0].X.shape[1]
+    width = p + sum(part.own.shape[1] for part in parts)
+    plain, whitened, begin = [], [], p
+    for part, noise, good in zip(parts, noises, used, strict=True):
+        rows = np.zeros((int(good.sum()), width + 1))
+        rows[:, :p] = part.X[good]
+        end = begin + part.own.shape[1]
+        rows[:, begin:end] = part.own[good]
+        rows[:, -1] = part.y[good]
+        begin = end
+        L = noise.scale * cholesky(noise.shape(part, good), lower=True)
+        plain.append(rows)
+        whitened.append((L, solve_triangular(L, rows, lower=True)))
+    X = np.concatenate(plain)[:, :-1]
+    sizes = np.linalg.norm(X, axis=0)
+    sizes = np.where(sizes > 0.0, sizes, 1.0)
+    _, singular, directions = np.linalg.svd(np.linalg.qr(X / sizes, mode="r"))
+    known = singular > NULL * singular[0]
+    if X.shape[0] < 2 * int(known.sum()):
+        raise TooFewSamplesError(
+            f"{X.shape[0]} bins for {int(known.sum())} unknowns; measure more of the part, or ask "
+            "for fewer orders"
+        )
+    V, blind = directions[known].T, directions[~known].T
+    rows = np.concatenate([w for _, w in whitened])
+    Z = (rows[:, :-1] / sizes) @ V
+    Q, R = np.linalg.qr(Z)
+    inner = np.linalg.inv(R)
+    found = inner @ (Q.T @ rows[:, -1])
+    beta, cov = V @ found / sizes, V @ (inner @ inner.T) @ V.T / np.outer(sizes, sizes)
+    return _Estimate(beta, cov, blind, singular, V, sizes), whitened
+
+
+def _settled(
+    parts: list[_Part],
+) -> tuple[_Estimate, list[_Noise], list[NDArray[np.bool_]], list[tuple[FloatArray, FloatArray]]]:
+    """Return the estimate when no further bin is refused."""
+    from scipy.linalg import solve_triangular
+
+    used = [np.ones(p.y.size, dtype=bool) for p in parts]
+    for _ in range(ROUNDS):
+        noises = [_noise_of(p, u) for p, u in zip(parts, used, strict=True)]
+        estimate, whitened = _estimate(parts, noises, used)
+        bad_somewhere = False
+        for k, (L, rows) in enumerate(whitened):
+            # deleted residuals: V^-1 r over the root of the diagonal of what the fit leaves of V^-1
+            rest = rows[:, -1] - rows[:, :-1] @ estimate.beta
+            back = solve_triangular(L, np.eye(L.shape[0]), lower=True)
+            solved = back.T @ rest
+            model = back.T @ rows[:, :-1]
+            left = np.sum(back**2, axis=0) - np.sum((model @ estimate.cov) * model, axis=1)
+            t = solved / np.sqrt(np.maximum(left, 1e-12 * np.sum(back**2, axis=0)))
+            scale = 1.4826 * float(np.median(np.abs(t)))
+            bad = np.abs(t) > _REFUSED * max(scale, 1.0)
+            if bad.any():
+                at = np.flatnonzero(used[k])
+                used[k][at[bad]] = False
+                bad_somewhere = True
+        if not bad_somewhere:
+            break
+    else:
+        noises = [_noise_of(p, u) for p, u in zip(parts, used, strict=True)]
+        estimate, whitened = _estimate(parts, noises, used)
+    return estimate, noises, used, whitened
+
+
+def _not_explained(
+    chain: Chain,
+    further: Mapping[str, Basis],
+    parts: Sequence[_Part],
+    used: Sequence[NDArray[np.bool_]],
+    estimate: _Estimate,
+    whitened: Sequence[tuple[FloatArray, FloatArray]],
+) -> tuple[str, ...]:
+    """Return terms of which the residuals hold a curve beyond chance, the likeliest first (score test)."""
+    from scipy.linalg import solve_triangular
+    from scipy.stats import chi2
+
+    more = np.concatenate(
+        [
+            solve_triangular(L, p.further[u], lower=True)
+            for (L, _), p, u in zip(whitened, parts, used, strict=True)
+        ]
+    )
+    rows = np.concatenate([w for _, w in whitened])
+    Z = np.linalg.qr((rows[:, :-1] / estimate.sizes) @ estimate.V)[0]
+    rest = rows[:, -1] - Z @ (Z.T @ rows[:, -1])
+    left = more - Z @ (Z.T @ more)
+    found, at = {}, 0
+    for name, basis in further.items():
+        mine = slice(at, at + len(basis.labels))
+        at = mine.stop
+        size = np.linalg.norm(more[:, mine], axis=0)
+        own = left[:, mine] / np.where(size > 0.0, size, 1.0)
+        U, singular, _ = np.linalg.svd(own, full_matrices=False)
+        good = singular > 1e-3
+        if good.any():
+            gain = float(np.sum((U[:, good].T @ rest) ** 2))
+            if chi2.sf(gain, int(good.sum())) * len(further) < _CHANCE:
+                found[name] = gain
+    best = max(found.values(), default=0.0)
+    strong = [n for n, gain in found.items() if gain >= _ALIKE * best]
+    return tuple(sorted(strong, key=lambda n: -found[n]))
+
+
+def _found(
+    chain: Chain,
+    given: Sequence[Measured],
+    q: Sequence[Mapping[str, FloatArray]],
+    parts: list[_Part],
+    bases: Mapping[str, Basis],
+    further: Mapping[str, Basis],
+    gauge: Sequence[str],
+    dead: Sequence[str],
+    freedoms: Sequence[str],
+    tool: tuple[float, float, float],
+) -> Calibration:
+    estimate, noises, used, whitened = _settled(parts)
+    names = [f"{n}{label}" for n, b in bases.items() for label in b.labels]
+    p = len(names)
+    units = [term_unit(chain, n) for n, b in bases.items() for _ in b.labels]
+    all_names = [*names, *(n for part in parts for n in part.own_names)]
+    null, members = null_sentences(estimate.blind, all_names)
+    null = (*null, *hardly_known(names, units, estimate.cov[:p, :p]))
+    unseen = {n.split(" ")[0] for group in members for n in group if n in names}
+    errors, fitted = terms_found(chain, bases, estimate.beta[:p], estimate.cov[:p, :p], unseen)
+    for name in dead:
+        errors[name] = UnseenTerm()
+    u = np.sqrt(np.maximum(np.diag(estimate.cov), 0.0))
+    unknowns, residuals, refused, noise = {}, {}, {}, {}
+    messages = [note for part in given for note in part.notes]
+    begin = p
+    for part, measured, at, good, its in zip(parts, given, q, used, noises, strict=True):
+        m = measured.mesh
+        values = {}
+        for name, i in zip(part.own_names, range(begin, begin + len(part.own_names)), strict=True):
+            values[name.removesuffix(f" of {part.label}")] = (estimate.beta[[i]], u[[i]])
+        unknowns[part.label] = freeze_mapping(values)
+        model = _columns(chain, bases, at, tool, m) @ estimate.beta[:p]
+        own = {n: float(v[0][0]) for n, v in values.items()}
+        kept = [f for f in freedoms if f in own]
+        if kept:
+            maps = freedom_maps(kept, x=m.x, y=m.y, z=m.z, slope_x=m.slope_x, slope_y=m.slope_y)
+            model = model + maps @ np.array([own[f] for f in kept])
+        for name, amount in own.items():
+            if name.startswith("setting "):
+                moved = {name.removeprefix("setting "): Basis("constant", (0,))}
+                model = model + _columns(chain, moved, at, tool, m)[:, 0] * amount
+        residuals[part.label] = measured.on_map(measured.z - m.z - model)
+        refused[part.label] = int(np.count_nonzero(~good))
+        noise[part.label] = its.scale
+        begin += len(part.own_names)
+        messages.append(
+            f"{part.label}: noise {format_length(its.scale, digits=2)} for each pixel"
+            + (
+                f" and {format_length(its.alike(part), digits=2)} alike over "
+                f"{format_length(its.length * part.radius, digits=2)} ({its.kind})"
+                if its.ratio > 0.0
+                else ", no likeness over a length was found"
+            )
+        )
+        if refused[part.label]:
+            messages.append(
+                f"{part.label}: {refused[part.label]} of {part.y.size} bins contradict the others and "
+                "were refused"
+            )
+    messages += _about(chain, bases, gauge, dead)
+    missing = _not_explained(chain, further, parts, used, estimate, whitened)
+    if missing:
+        like = f" ({', '.join(missing[1:])} would look alike)" if len(missing) > 1 else ""
+        messages.append(
+            f"the residual holds more of {missing[0]} over its travel than was asked for{like}: give "
+            "it more orders among curves; u does not contain what is missing"
+        )
+    known = estimate.singular[estimate.singular > NULL * estimate.singular[0]]
+    return Calibration(
+        chain=chain,
+        errors=freeze_mapping(errors),
+        fitted=freeze_mapping(fitted),
+        names=tuple(names),
+        coefficients=estimate.beta[:p],
+        covariance=estimate.cov[:p, :p],
+        null=null,
+        condition=float(known[0] / known[-1]),
+        unknowns=freeze_mapping(unknowns),
+        residuals=freeze_mapping(residuals),
+        refused=freeze_mapping(refused),
+        noise=freeze_mapping(noise),
+        bases=freeze_mapping(dict(bases)),
+        blind=estimate.blind[:p],
+        messages=(*chain.messages, *messages),
+        audit=freeze_mapping(
+            {
+                "parts": len(parts),
+                "bins": int(sum(part.y.size for part in parts)),
+                "unknowns": len(all_names),
+                "rank": int(known.size),
+                "noise_length_mm": tuple(
+                    1e3 * n.length * part.radius for n, part in zip(noises, parts, strict=True)
+                ),
+                "curves": {n: len(b.orders) for n, b in bases.items() if b.kind != "constant"},
+            }
+        ),
+    )
+
+
+def _about(
+    chain: Chain, bases: Mapping[str, Basis], gauge: Sequence[str], dead: Sequence[str]
+) -> list[str]:
+    """Return what is convention, and what these parts do not show."""
+    said = []
+    if gauge:
+        said.append(
+            f"{', '.join(gauge)}: the alignment of the part takes them; taken as zero by convention"
+        )
+    if dead:
+        said.append(f"{', '.join(dead)}: not visible on these parts")
+    for name, basis in bases.items():
+        if basis.kind == "legendre":
+            axis = axis_of_term(chain, name)
+            unit = "m"
+            said.append(
+                f"{name}: over {axis} = {format_engineering(basis.low, unit)} to "
+                f"{format_engineering(basis.high, unit)}, zero in the mean; its constant is the "
+                "setting of the tool or the height of the part"
+            )
+    return said
