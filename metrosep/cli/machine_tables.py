@@ -25,9 +25,10 @@ if TYPE_CHECKING:
     from metrosep.controllers.base import Prepared
     from metrosep.machine.chains import Chain
 
-__all__ = ["machine_tables", "terms_of"]
+__all__ = ["machine_tables", "terms_of", "volume"]
 
 _MOST_BYTES = 2**26
+_NOTHING_PER_MM = 1e-12
 _VOLUME = (
     "no controller here holds corrections over three axes: take --format of one that holds tables of one "
     "axis, where the control adds them up (one file for each looked-up and corrected axis), or --format "
@@ -157,6 +158,100 @@ def machine_tables(
     return 0
 
 
+@click.command()
+@click.argument("machine")
+@click.argument("errors", nargs=-1, required=True, metavar="ERRORS...")
+@click.option(
+    "--tolerance",
+    required=True,
+    metavar="LENGTH",
+    help='What may stay between the nodes in each direction, "0.2 um".',
+)
+@click.option(
+    "--over", metavar="AXIS,...", help="Three looked-up axes; the linear ones if omitted."
+)
+@click.option("--at", "places", multiple=True, metavar="AXIS=PLACE", help="Where others stand.")
+@click.option("--span", "spans", multiple=True, metavar="AXIS=A..B", help="Travel of an axis.")
+@click.option("--tool", metavar="X,Y,Z", help="Tool point in the frame of the last element.")
+@machine_options
+@click.option("-o", "--out", metavar="FOLDER", help="Folder for the grid (x, y, z, cx, cy, cz).")
+@force_option
+@json_option
+def volume(
+    machine: str,
+    errors: tuple[str, ...],
+    out: str | None,
+    force: bool,
+    as_json: bool,
+    **options: Any,
+) -> int:
+    """Volumetric error of MACHINE over its travel, and the coarsest grid that corrects it.
+
+    MACHINE and ERRORS are as for 'machine-tables'; a folder that 'calibrate' wrote stands for its
+    files. The grid is judged at places that are no nodes, and at other tool points.
+
+    Exit code 1: the error does not shrink; nothing is written.
+    """
+    from metrosep.compensation.volumes import volume_positions
+    from metrosep.core.numbers import quantity
+
+    chain = chain_of(machine, options)
+    kinds = {e.name: "angle" if e.kind == "rotary" else "length" for e in chain.elements}
+    terms, known = terms_of(errors, kinds)
+    linear = [e.name for e in chain.elements if e.kind == "linear" and not e.parked]
+    over = _names(options["over"] or ",".join(linear), "--over", 3)
+    if len(over) != 3:
+        raise click.UsageError(f"--over names three axes; {machine} has {', '.join(linear)}")
+    at = _places(options["places"], kinds)
+    place = {"tool": _point(options["tool"])} if options["tool"] is not None else {}
+    positions = volume_positions(
+        chain,
+        terms,
+        spans=_spans(over, kinds, known, options),
+        tolerance=quantity(options["tolerance"], "--tolerance", "length"),
+        at=at,
+        **place,
+    )
+    common: dict[str, Any] = {
+        "over": over,
+        "positions": positions,
+        "at": at,
+        "corrects": None,
+        "reference": None,
+        **place,
+    }
+    nodes = {a: int(p.size) for a, p in positions.items()}
+    if out is None:
+        from metrosep.compensation.from_machine import volume_from_machine
+
+        made = volume_from_machine(chain, terms, **common)
+        judged = made.verify()
+        found: dict[str, Any] = {"verification": judged}
+        _print_volume(judged, made.messages)
+    else:
+        options.update(waive=())
+        found = _volume(chain, terms, common, "grid", Path(out), options, force=force)
+    found["nodes"] = nodes
+    click.echo(
+        json.dumps(found, sort_keys=True, allow_nan=False)
+        if as_json
+        else "nodes: " + ", ".join(f"{a} {n}" for a, n in nodes.items())
+    )
+    return 0
+
+
+def _print_volume(judged: Mapping[str, Any], messages: Sequence[str]) -> None:
+    """Say what a grid leaves."""
+    from metrosep.core.units import format_length
+
+    for text in (*messages, *_about_volume(judged)):
+        say(f"note: {text}")
+    before, after = (format_length(judged[k], digits=4) for k in ("before_rms_m", "after_rms_m"))
+    say(
+        f"error of the tool point, {judged['places']} places off the nodes: RMS {before} -> {after}"
+    )
+
+
 # ---- one or two axes ----------------------------------------------------------------------------
 
 
@@ -165,9 +260,11 @@ def _tables(
     *, force: bool,
 ) -> dict[str, Any]:  # fmt: skip
     """Make, judge and write a table or map for each corrected axis."""
-    from metrosep.compensation.from_machine import rms_of_vectors, tables_from_machine
+    from metrosep.compensation._machine_errors import rms_of_vectors
+    from metrosep.compensation.from_machine import tables_over
 
-    made = tables_from_machine(chain, terms, **common)
+    over, positions, reference = (common.pop(k) for k in ("over", "positions", "reference"))
+    made = tables_over(chain, terms, over, positions, reference, **common)
     wanted = {(made.over, axis): (table, _own_error(made, axis)) for axis, table in made.items()}
     ready, lookups = _prepared(wanted, name, folder, options, force=force)
     where = made.between()
@@ -211,30 +308,69 @@ def _volume(
     *, force: bool,
 ) -> dict[str, Any]:  # fmt: skip
     """Write corrections over three axes: as tables to be added up, or as a neutral grid."""
-    from metrosep.compensation.from_machine import (
-        rms_of_vectors,
-        tables_from_machine,
-        volume_from_machine,
-    )
+    from metrosep.compensation._machine_errors import rms_of_vectors
+    from metrosep.compensation.from_machine import tables_over, volume_from_machine
 
     made = volume_from_machine(chain, terms, **common)
-    before = rms_of_vectors(made.error)
     if name == "grid":
-        ready = [_grid(made, folder, force=force)]
-        after = rms_of_vectors(made.left)
-        return _written(ready, before, after, made.messages, "nodes of the volume", options)
+        ready = _grid(made, folder, force=force)
+        read_back = replace(made, corrections=_of_grid(ready.data, made))
+        judged = read_back.judged()
+        sizes = judged["before_rms_m"], judged["after_rms_m"]
+        messages = (*made.messages, *_about_volume(judged))
+        where = f"{judged['places']} places off the nodes, by the file"
+        return {**_written([ready], *sizes, messages, where, options), "verification": judged}
     wanted: dict[tuple[tuple[str, ...], str], tuple[Any, Any]] = {}
     for (looked, axis), table in made.parts.items():
         place = dict(zip(made.over, common["reference"] or _zero(made), strict=True))
-        alone = tables_from_machine(
-            chain, terms, over=looked, positions=table.positions, corrects=made.source.names,
+        alone = tables_over(
+            chain, terms, (looked,), table.positions, place[looked], corrects=made.source.names,
             at={**common["at"], **{a: v for a, v in place.items() if a != looked}},
-            reference=place[looked], **({"tool": common["tool"]} if "tool" in common else {}),
+            **({"tool": common["tool"]} if "tool" in common else {}),
         )  # fmt: skip
         wanted[(looked,), axis] = (table, _own_error(alone, axis))
-    ready, lookups = _prepared(wanted, name, folder, options, force=force)
-    after = rms_of_vectors(made.residual({(k[0], a): f for (k, a), f in lookups.items()}))
-    return _written(ready, before, after, made.messages, "nodes of the volume", options)
+    ready_tables, lookups = _prepared(wanted, name, folder, options, force=force)
+    by_pair = {(k[0], a): f for (k, a), f in lookups.items()}
+    places = made.between()
+    before, after = (
+        rms_of_vectors(made.residual(places, sign=sign, lookups=by_pair)) for sign in (0, 1)
+    )
+    return _written(ready_tables, before, after, made.messages, "places off the nodes", options)
+
+
+def _about_volume(judged: Mapping[str, Any]) -> list[str]:
+    """Return what a verification of a volume says besides its RMS."""
+    from metrosep.core.units import format_length
+
+    bound = max(judged["bound_m"])
+    said = []
+    said.append(
+        f"largest error that stays {format_length(judged['after_max_m'], digits=3)}; by the spacing at "
+        f"most {format_length(bound, digits=3)} in each direction; judged against {judged['against']}: "
+        "take readings of another kind to prove the signs"
+    )
+    worst = max((t["after_per_metre"] or 0.0 for t in judged["other_tools"]), default=0.0)
+    if worst * 1e-3 > _NOTHING_PER_MM:
+        said.append(
+            f"the corrections hold for the stated tool point: another leaves up to "
+            f"{format_length(worst * 1e-3, digits=2)} RMS more for each mm that it stands beside it"
+        )
+    return said
+
+
+def _of_grid(data: bytes, made: MachineVolume) -> dict[str, Any]:
+    """Return the corrections that the bytes of a grid hold, by axis."""
+    import numpy as np
+
+    head, *rows = data.decode("ascii").splitlines()
+    names = head.split(",")
+    values = np.array([[float(v) for v in row.split(",")] for row in rows])
+    order = np.lexsort(values[:, : len(made.over)].T)
+    shape = tuple(p.size for p in made.positions[::-1])
+    return {
+        axis: values[order, names.index(f"c{axis.lower()}_um")].reshape(shape) * 1e-6
+        for axis in made.corrections
+    }
 
 
 def _zero(made: MachineVolume) -> tuple[float, ...]:
@@ -481,36 +617,52 @@ def _positions(
     """Return the nodes of each looked-up axis: as near to the spacing as whole steps allow."""
     import numpy as np
 
-    spans: dict[str, tuple[float, float]] = {}
-    for axis, text in name_values(options["spans"], "--span"):
-        begin, dots, end = text.partition("..")
-        if not dots:
-            raise click.UsageError(f'--span {axis} is two places, "{axis}=0 mm..400 mm"')
-        spans[axis] = (
-            _place(begin, axis, kinds, f"--span {axis}"),
-            _place(end, axis, kinds, f"--span {axis}"),
-        )
+    spans = _spans(over, kinds, known, options)
     found = {}
     each = (
         dict(name_values(tuple(options["spacing"].split(",")), "--spacing"))
         if "=" in options["spacing"]
         else {}
     )
+    for axis, (low, high) in spans.items():
+        text = each.get(axis, options["spacing"])
+        step = _place(text, axis, kinds, f"--spacing of {axis}")
+        if not step > 0:
+            raise click.UsageError(f"{axis}: the spacing must be above zero")
+        found[axis] = np.linspace(low, high, max(2, round((high - low) / step) + 1))
+    return found
+
+
+def _spans(
+    over: tuple[str, ...],
+    kinds: Mapping[str, str],
+    known: Mapping[str, tuple[float, float]],
+    options: dict[str, Any],
+) -> dict[str, tuple[float, float]]:
+    """Return the travel of each looked-up axis: as stated, or as far as its errors are known."""
+    stated: dict[str, tuple[float, float]] = {}
+    for axis, text in name_values(options["spans"], "--span"):
+        begin, dots, end = text.partition("..")
+        if not dots:
+            raise click.UsageError(f'--span {axis} is two places, "{axis}=0 mm..400 mm"')
+        stated[axis] = (
+            _place(begin, axis, kinds, f"--span {axis}"),
+            _place(end, axis, kinds, f"--span {axis}"),
+        )
+    found = {}
     for axis in over:
         if axis not in kinds:
             raise click.UsageError(
                 f"--over: the machine has no axis {axis!r}; it has {', '.join(kinds)}"
             )
-        if axis not in spans and axis not in known:
+        if axis not in stated and axis not in known:
             raise click.UsageError(
                 f'no error of {axis} says how far it goes: give --span "{axis}=0 mm..400 mm"'
             )
-        text = each.get(axis, options["spacing"])
-        step = _place(text, axis, kinds, f"--spacing of {axis}")
-        low, high = spans.get(axis, known.get(axis, (0.0, 0.0)))
-        if not (step > 0 and high > low):
-            raise click.UsageError(f"{axis}: the travel must rise and the spacing be above zero")
-        found[axis] = np.linspace(low, high, max(2, round((high - low) / step) + 1))
+        low, high = stated.get(axis, known.get(axis, (0.0, 0.0)))
+        if not high > low:
+            raise click.UsageError(f"{axis}: the travel must rise")
+        found[axis] = (low, high)
     return found
 
 
@@ -526,7 +678,7 @@ def terms_of(
 
     values: dict[str, Any] = {}
     known: dict[str, list[tuple[float, float]]] = {}
-    for file in files:
+    for file in _term_files(files):
         read = _of_toml(file) if file.endswith(".toml") else _of_csv(file, kinds)
         for name, (value, span) in read.items():
             if name in values:
@@ -537,6 +689,24 @@ def terms_of(
                 known.setdefault(axis, []).append(span)
     common = {a: (max(s[0] for s in v), min(s[1] for s in v)) for a, v in known.items()}
     return ErrorSet(values), common
+
+
+def _term_files(given: Sequence[str]) -> list[str]:
+    """Return the files, those of a folder that 'calibrate' or 'identify' wrote in its place."""
+    found: list[str] = []
+    for file in given:
+        folder = Path(file)
+        if not folder.is_dir():
+            found.append(file)
+            continue
+        own = [p for p in sorted(folder.iterdir()) if p.suffix in (".csv", ".toml")]
+        if not (folder / "calibration.json").is_file() or not own:
+            raise click.UsageError(
+                f"{file} is a folder without calibration.json and its terms: give a folder that "
+                "'calibrate' wrote, or the files of errors"
+            )
+        found += [str(p) for p in own]
+    return found
 
 
 def _of_toml(file: str) -> dict[str, tuple[Any, tuple[float, float] | None]]:

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from metrosep.compensation.combine import combine_tables as combine_tables
     from metrosep.compensation.from_machine import (
         MachineTables as MachineTables,
-        MachineVolume as MachineVolume,
         tables_from_machine as tables_from_machine,
         volume_from_machine as volume_from_machine,
     )
@@ -79,5 +78,9 @@ if TYPE_CHECKING:
         Verification as Verification,
     )
     from metrosep.compensation.verify import dry_run as dry_run
+    from metrosep.compensation.volumes import (
+        MachineVolume as MachineVolume,
+        volume_positions as volume_positions,
+    )
 
 __getattr__, __dir__ = lazy_package(__name__)

@@ -123,6 +123,20 @@ class VolumetricError:
         return tuple(bool(s < _IDLE) for s in sizes)
 
 
+def rms_of_vectors(vectors: FloatArray) -> float:
+    """Return the RMS length of error vectors, of the components that were measured."""
+    valid = ~np.isnan(vectors).all(axis=tuple(range(vectors.ndim - 1)))
+    return float(np.sqrt(np.mean(np.sum(vectors[..., valid] ** 2, axis=-1))))
+
+
+def at_nodes(
+    axes: tuple[str, ...], grid: tuple[FloatArray, ...], stand: Mapping[str, float]
+) -> dict[str, Any]:
+    """Return the commands at every node, of three axes (n3, n2, n1)."""
+    mesh = np.meshgrid(*grid[::-1], indexing="ij")
+    return {**stand, **dict(zip(axes, mesh[::-1], strict=True))}
+
+
 def positions_to_axes(
     axes: tuple[str, ...], positions: Any, chain: Chain
 ) -> tuple[FloatArray, ...]:

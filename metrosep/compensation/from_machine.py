@@ -22,12 +22,15 @@ from numpy.typing import ArrayLike
 
 from metrosep.compensation._machine_errors import (
     VolumetricError,
+    at_nodes,
     positions_to_axes,
+    rms_of_vectors,
     volumetric_source,
 )
 from metrosep.compensation.area_errors import format_position, is_rotary, rising
 from metrosep.compensation.maps import CompensationMap
 from metrosep.compensation.table import CompensationTable
+from metrosep.compensation.volumes import AXES, MachineVolume
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotConvergedError, SignCheckFailedError, TableError
@@ -227,7 +230,7 @@ def tables_from_machine(
     reference: float | Sequence[float] | None = None,
     tool: ArrayLike = (0.0, 0.0, 0.0),
     exact: bool | str = False,
-) -> MachineTables:
+) -> MachineTables | MachineVolume:
     """Return tables on the axes of a machine that cancel its volumetric error.
 
     Parameters
@@ -239,7 +242,7 @@ def tables_from_machine(
         the workpiece's Z), or an array (n, 3) or (m, n, 3) in m in workpiece X, Y, Z at the
         positions, with NaN in a whole component that was not measured.
     over : str or sequence of str
-        One axis for tables, two for maps (first the columns).
+        One axis for tables, two for maps (first the columns), three for a volume.
     positions : array_like, or two of them, or mapping of str to array_like, m or rad
         Commands of the axes in `over`.
     corrects : sequence of str, optional
@@ -255,8 +258,9 @@ def tables_from_machine(
 
     Returns
     -------
-    MachineTables
-        Mapping of corrected axis to `CompensationTable` or `CompensationMap`, with what is left.
+    MachineTables or MachineVolume
+        Mapping of corrected axis to `CompensationTable` or `CompensationMap`, with what is left; over
+        three axes a `MachineVolume`, as of `volume_from_machine`.
 
     Raises
     ------
@@ -299,11 +303,45 @@ def tables_from_machine(
     if not isinstance(chain, Chain):
         raise DataError(f"a machine is a Chain, got {type(chain).__name__}")
     axes = (over,) if isinstance(over, str) else tuple(over)
+    if len(axes) == AXES:
+        if exact is not False:
+            raise DataError("over three axes errors act to first order; leave exact out")
+        nodes = positions if isinstance(positions, Mapping) else _by_axis(axes, positions)
+        stated: Any = reference
+        return volume_from_machine(
+            chain, errors, over=axes, positions=nodes, corrects=corrects, at=at, reference=stated,
+            tool=tool,
+        )  # fmt: skip
+    return tables_over(
+        chain, errors, axes, positions, reference, at=at, corrects=corrects, tool=tool, exact=exact
+    )
+
+
+def _by_axis(axes: tuple[str, ...], positions: Any) -> dict[str, Any]:
+    listed = list(positions)
+    if len(listed) != len(axes):
+        raise DataError(f"positions hold {len(listed)} arrays for {len(axes)} axes")
+    return dict(zip(axes, listed, strict=True))
+
+
+def tables_over(
+    chain: Chain,
+    errors: Any,
+    axes: tuple[str, ...],
+    positions: Any,
+    reference: float | Sequence[float] | None,
+    *,
+    at: Mapping[str, float] | None = None,
+    corrects: Sequence[str] | None = None,
+    tool: ArrayLike = (0.0, 0.0, 0.0),
+    exact: bool | str = False,
+) -> MachineTables:
+    """Return tables over one axis, or maps over two; see `tables_from_machine`."""
     grid = positions_to_axes(axes, positions, chain)
     source, zero, offset, c, before, rest = _corrected(
         chain, errors, axes, grid, reference, at=at, corrects=corrects, tool=tool, exact=exact
     )
-    q = _at_nodes(axes, grid, source.at)
+    q = at_nodes(axes, grid, source.at)
     tables = _tables(source, axes, grid, zero, c, offset, q)
     left = _left_over(rest, source.correctable(q), tuple(c))
     messages = (*source.messages, *left, *_zero_moves(tables))
@@ -342,7 +380,7 @@ def _corrected(
     source = volumetric_source(chain, errors, axes=axes, grid=grid, at=stand, **how)
     zero = references(axes, grid, reference)
     offset = source.in_axes({**stand, **dict(zip(axes, zero, strict=True))})
-    q = _at_nodes(axes, grid, stand)
+    q = at_nodes(axes, grid, stand)
     c = solved(source, q, offset)
     before = source.remaining(q, {}, {a: -offset[a] + np.zeros(()) for a in c})
     after = source.remaining(q, c, {a: v - offset[a] for a, v in c.items()})
@@ -442,7 +480,7 @@ def _tables(
 ) -> dict[str, Table]:
     sd = source.sd_in_axes(q)
     fine = tuple(_finer(p) for p in grid)
-    between = solved(source, _at_nodes(axes, fine, source.at), offset)
+    between = solved(source, at_nodes(axes, fine, source.at), offset)
     step = Step(
         "from_machine",
         {"chain": source.chain.name, "over": list(axes), "at_si": dict(source.at), **source.facts},
@@ -535,103 +573,9 @@ def _finer(positions: FloatArray) -> FloatArray:
     return np.append(inner.ravel(), positions[-1])
 
 
-def rms_of_vectors(vectors: FloatArray) -> float:
-    """Return the RMS length of error vectors, of the components that were measured."""
-    valid = ~np.isnan(vectors).all(axis=tuple(range(vectors.ndim - 1)))
-    return float(np.sqrt(np.mean(np.sum(vectors[..., valid] ** 2, axis=-1))))
-
-
 def _pv(vectors: FloatArray) -> list[float | None]:
     parts = [vectors[..., k] for k in range(3)]
     return [None if np.isnan(p).any() else float(np.ptp(p)) for p in parts]
-
-
-# ---- corrections over three axes: on a grid, and as tables of one axis each ---------------------
-# From the errors of a machine to corrections over three axes: on a grid, and as tables of one axis each.
-#
-# No controller here holds a map over three axes. Where it adds several tables up, each looked-up axis
-# a has one for each corrected axis k, made with the other axes at the reference:
-#
-#     c_k(x, y, z) = sum over a of c_k^a(q_a).
-#
-# What depends on two axes at once (the lever of an angle) is left; the RMS over the volume says how much.
-# On a grid of (x, y, z) the corrections are exact at the nodes.
-
-_AXES = 3
-
-
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class MachineVolume:
-    """Corrections of a machine over three axes.
-
-    Parameters
-    ----------
-    over : tuple of str
-        The three axes whose positions are looked up.
-    positions : tuple of ndarray, m or rad
-        Nodes of each.
-    corrections : mapping of str to ndarray, shape (n3, n2, n1), m
-        What is added to the command of each corrected axis at the nodes, zero at the reference.
-    parts : mapping of (str, str) to CompensationTable
-        By looked-up and corrected axis: one table of one axis each, to be added up.
-    error : ndarray, shape (n3, n2, n1, 3), m
-        Error at the nodes in workpiece X, Y, Z, about the reference.
-    left : ndarray, shape of error, m
-        The same with `corrections` at the nodes.
-    messages : tuple of str
-        What no axis corrects, and other things to know.
-    source : VolumetricError
-        The error as a function of the commands.
-    offset : mapping of str to float, m
-        Error of each corrected axis at the reference, which the corrections leave.
-    """
-
-    over: tuple[str, ...]
-    positions: tuple[FloatArray, ...]
-    corrections: Mapping[str, FloatArray]
-    parts: Mapping[tuple[str, str], CompensationTable]
-    error: FloatArray
-    left: FloatArray
-    messages: tuple[str, ...]
-    source: VolumetricError = field(repr=False)
-    offset: Mapping[str, float] = field(repr=False)
-
-    def __repr__(self) -> str:
-        return (
-            f"MachineVolume({', '.join(self.over)} -> {', '.join(self.corrections)}, error "
-            f"{format_length(rms_of_vectors(self.error))} RMS, left "
-            f"{format_length(rms_of_vectors(self.left))})"
-        )
-
-    def residual(
-        self, lookups: Mapping[tuple[str, str], Callable[..., FloatArray]] | None = None
-    ) -> FloatArray:
-        """Return the error at the nodes with the sum of tables active.
-
-        Parameters
-        ----------
-        lookups : mapping of (str, str) to callable, optional
-            What a controller adds, by looked-up and corrected axis; that of `parts` if omitted.
-
-        Returns
-        -------
-        ndarray, shape (n3, n2, n1, 3), m
-            In workpiece X, Y, Z, about the reference.
-
-        Raises
-        ------
-        DataError
-            A term is not known there.
-        """
-        read = {k: t.correction for k, t in self.parts.items()} if lookups is None else lookups
-        q = _at_nodes(self.over, self.positions, self.source.at)
-        c = {axis: np.zeros(self.error.shape[:-1]) for axis in self.corrections}
-        for (looked, axis), lookup in read.items():
-            place = self.positions[self.over.index(looked)]
-            shape = [1, 1, 1]
-            shape[2 - self.over.index(looked)] = place.size
-            c[axis] = c[axis] + np.asarray(lookup(place)).reshape(shape)
-        return self.source.remaining(q, c, {a: v - self.offset[a] for a, v in c.items()})
 
 
 def volume_from_machine(
@@ -685,7 +629,7 @@ def volume_from_machine(
     MachineVolume(X, Y, Z -> X, Y, Z, error 645.5 nm RMS, left 0 m)
     """
     axes = tuple(over)
-    if len(axes) != _AXES or len(set(axes)) != _AXES:
+    if len(axes) != AXES or len(set(axes)) != AXES:
         raise DataError(f"over names three different axes here; got {', '.join(axes) or 'none'}")
     missing = [a for a in axes if a not in positions or a not in chain.axes]
     if missing:
@@ -702,10 +646,9 @@ def volume_from_machine(
     parts: dict[tuple[str, str], CompensationTable] = {}
     for axis, nodes, here in zip(axes, grid, zero, strict=True):
         others = {a: v for a, v in place.items() if a != axis}
-        made = tables_from_machine(
-            chain, errors, over=axis, positions=nodes, corrects=source.names, at=others,
-            reference=here, tool=tool,
-        )  # fmt: skip
+        made = tables_over(
+            chain, errors, (axis,), nodes, here, corrects=source.names, at=others, tool=tool
+        )
         for name, table in made.items():
             if isinstance(table, CompensationTable):
                 parts[axis, name] = table
@@ -719,12 +662,5 @@ def volume_from_machine(
         messages=source.messages,
         source=source,
         offset=freeze_mapping({a: float(v) for a, v in offset.items()}),
+        errors=errors,
     )
-
-
-def _at_nodes(
-    axes: tuple[str, ...], grid: tuple[FloatArray, ...], stand: Mapping[str, float]
-) -> dict[str, Any]:
-    """Return the commands at every node, of three axes (n3, n2, n1)."""
-    mesh = np.meshgrid(*grid[::-1], indexing="ij")
-    return {**stand, **dict(zip(axes, mesh[::-1], strict=True))}

@@ -365,7 +365,8 @@ def test_reference_elsewhere():
     ("options", "error", "message"),
     [
         ({"over": "Q"}, DataError, "no axis 'Q'"),
-        ({"over": ("X", "Y", "Z")}, DataError, "one axis, or two"),
+        ({"over": ("X", "Y", "Z")}, DataError, "arrays for 3 axes"),
+        ({"over": ("X", "Y", "Z", "X")}, DataError, "one axis, or two"),
         ({"over": ("X", "X")}, DataError, "two different"),
         ({"at": {"Y": 0.0}}, DataError, "'Z'"),
         ({"at": {"X": 0.0, **AT}}, DataError, "looked up"),

@@ -1,0 +1,393 @@
+"""Corrections of a machine over three axes: on a grid, and as tables of one axis each.
+
+No controller here holds a map over three axes. Where it adds several tables up, each looked-up axis
+a has one for each corrected axis k, made with the other axes at the reference:
+
+    c_k(x, y, z) = sum over a of c_k^a(q_a).
+
+What depends on two axes at once (the lever of an angle) is left. On a grid of (x, y, z) the
+corrections are exact at the nodes and linear in each axis between them, which leaves, by component
+(machines.md, eq. 21),
+
+    |left| <= sum over i of h_i^2 / 8 max |d^2 E / dq_i^2|.
+
+Both hold for one tool point t0: another sees W x (t - t0) more, W the angle errors at that place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep.compensation._machine_errors import (
+    VolumetricError,
+    at_nodes,
+    rms_of_vectors,
+    volumetric_source,
+)
+from metrosep.compensation.table import CompensationTable
+from metrosep.core import numbers
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, SignCheckFailedError
+from metrosep.core.units import format_length
+from metrosep.machine.chains import Chain
+
+__all__ = ["MachineVolume", "volume_positions"]
+
+AXES = 3
+
+_PLACES = 2000
+"""Poses of a verification that lie on no node."""
+
+_OTHER_TOOL = 0.05
+"""m: by how much other tool points of a verification stand beside the own one."""
+
+_MOST_NODES = 129
+"""Of an axis: a finer grid is asked for where an error has a step or the unit is wrong."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class MachineVolume:
+    """Corrections of a machine over three axes.
+
+    Parameters
+    ----------
+    over : tuple of str
+        The three axes whose positions are looked up.
+    positions : tuple of ndarray, m or rad
+        Nodes of each.
+    corrections : mapping of str to ndarray, shape (n3, n2, n1), m
+        What is added to the command of each corrected axis at the nodes, zero at the reference.
+    parts : mapping of (str, str) to CompensationTable
+        By looked-up and corrected axis: one table of one axis each, to be added up.
+    error : ndarray, shape (n3, n2, n1, 3), m
+        Error at the nodes in workpiece X, Y, Z, about the reference.
+    left : ndarray, shape of error, m
+        The same with `corrections` at the nodes.
+    messages : tuple of str
+        What no axis corrects, and other things to know.
+    source : VolumetricError
+        The error as a function of the commands.
+    offset : mapping of str to float, m
+        Error of each corrected axis at the reference, which the corrections leave.
+    errors : ErrorSet or mapping of str to term
+        What was corrected.
+    """
+
+    over: tuple[str, ...]
+    positions: tuple[FloatArray, ...]
+    corrections: Mapping[str, FloatArray]
+    parts: Mapping[tuple[str, str], CompensationTable]
+    error: FloatArray
+    left: FloatArray
+    messages: tuple[str, ...]
+    source: VolumetricError = field(repr=False)
+    offset: Mapping[str, float] = field(repr=False)
+    errors: Any = field(repr=False)
+
+    def __repr__(self) -> str:
+        return (
+            f"MachineVolume({', '.join(self.over)} -> {', '.join(self.corrections)}, error "
+            f"{format_length(rms_of_vectors(self.error))} RMS, left "
+            f"{format_length(rms_of_vectors(self.left))})"
+        )
+
+    def correction(self, positions: Mapping[str, ArrayLike]) -> dict[str, FloatArray]:
+        """Return what the grid adds to the commands, linear in each axis between the nodes.
+
+        Parameters
+        ----------
+        positions : mapping of str to array_like, m or rad
+            Commands of the looked-up axes, which broadcast; beyond the nodes the end holds.
+
+        Returns
+        -------
+        dict of str to ndarray, m
+            By corrected axis.
+
+        Raises
+        ------
+        DataError
+            A position is missing.
+        """
+        from scipy.interpolate import RegularGridInterpolator
+
+        places = np.broadcast_arrays(*self._places(positions))
+        held = [np.clip(p, g[0], g[-1]) for p, g in zip(places, self.positions, strict=True)]
+        points = np.stack(held[::-1], axis=-1)
+        return {
+            axis: np.asarray(RegularGridInterpolator(self.positions[::-1], values)(points))
+            for axis, values in self.corrections.items()
+        }
+
+    def residual(
+        self,
+        positions: Mapping[str, ArrayLike] | None = None,
+        *,
+        sign: int = 1,
+        lookups: Mapping[tuple[str, str], Callable[..., FloatArray]] | None = None,
+        tool: ArrayLike | None = None,
+    ) -> FloatArray:
+        """Return the error of the tool point with the corrections active, anywhere.
+
+        Parameters
+        ----------
+        positions : mapping of str to array_like, m or rad, optional
+            Commands of the looked-up axes; the nodes if omitted.
+        sign : {1, 0, -1}, optional
+            1 as the corrections are, 0 without them, -1 with the sign reversed.
+        lookups : mapping of (str, str) to callable, optional
+            Tables of one axis that are added up, by looked-up and corrected axis, in place of the
+            grid: ``{k: t.correction for k, t in volume.parts.items()}``, or what a controller adds.
+        tool : array_like, shape (3,), m, optional
+            Another tool point than the one that was corrected.
+
+        Returns
+        -------
+        ndarray, shape (..., 3), m
+            In workpiece X, Y, Z, about the reference.
+
+        Raises
+        ------
+        DataError
+            A position is missing or a term is not known there.
+        """
+        if positions is None:
+            q = at_nodes(self.over, self.positions, self.source.at)
+        else:
+            q = {**self.source.at, **dict(zip(self.over, self._places(positions), strict=True))}
+        if lookups is None:
+            c = {a: sign * v for a, v in self.correction(q).items()}
+        else:
+            shape = np.broadcast_shapes(*(np.shape(q[a]) for a in self.over))
+            c = {axis: np.zeros(shape) for axis in self.corrections}
+            for (looked, axis), lookup in lookups.items():
+                place = np.asarray(q[looked], dtype=np.float64)
+                found = np.asarray(lookup(place.ravel())).reshape(place.shape)
+                c[axis] = c[axis] + sign * found
+        source, offset = self.source, dict(self.offset)
+        if tool is not None:
+            source = self._with(tool)
+            zero = {a: t.reference for (a, _), t in self.parts.items()}
+            offset = {a: float(v) for a, v in source.in_axes({**source.at, **zero}).items()}
+        return source.remaining(q, c, {a: v - offset[a] for a, v in c.items()})
+
+    def bound(self) -> FloatArray:
+        """Return what linear interpolation between the nodes may leave, shape (3,), m.
+
+        Returns
+        -------
+        ndarray, shape (3,), m
+            In workpiece X, Y, Z, by machines.md, eq. 21, second differences taken at half the
+            spacing.
+        """
+        fine = tuple(np.sort(np.append(g, 0.5 * (g[1:] + g[:-1]))) for g in self.positions)
+        error = self.source.moved(at_nodes(self.over, fine, self.source.at), {})
+        return np.asarray(np.sum(_curvatures(error), axis=0) / 2.0)  # 4 / 8: half the spacing
+
+    def verify(
+        self,
+        positions: Mapping[str, ArrayLike] | None = None,
+        *,
+        tools: Sequence[ArrayLike] | None = None,
+    ) -> dict[str, Any]:
+        """Return error before, after and with the sign reversed at places that are no nodes.
+
+        Parameters
+        ----------
+        positions : mapping of str to array_like, m or rad, optional
+            Where; 2000 places spread over the volume if omitted.
+        tools : sequence of array_like, shape (3,), m, optional
+            Other tool points; 50 mm beside the own one in X, Y and Z if omitted.
+
+        Returns
+        -------
+        dict
+            ``before_rms_m``, ``after_rms_m``, ``after_max_m``, ``wrong_sign_rms_m``, ``bound_m``
+            (X, Y, Z), ``places``, ``against`` (what it was judged by), and ``other_tools``: a list
+            of ``tool_m``, ``before_rms_m``, ``after_rms_m``, ``after_per_metre``.
+
+        Raises
+        ------
+        SignCheckFailedError
+            The RMS does not shrink.
+        DataError
+            A position is missing or a term is not known there.
+
+        Notes
+        -----
+        The judge is the model that the corrections come from: a wrong convention of a term passes.
+        Readings of another kind that took no part settle that (`Calibration.read`).
+        """
+        found = self.judged(positions, tools=tools)
+        before, after, wrong = (
+            found[k] for k in ("before_rms_m", "after_rms_m", "wrong_sign_rms_m")
+        )
+        if not after < before:
+            raise SignCheckFailedError(
+                f"the corrections over {', '.join(self.over)} do not shrink the error: RMS "
+                f"{format_length(before)} -> {format_length(after)}, with the reversed sign "
+                f"{format_length(wrong)}; they belong to other errors or another place"
+            )
+        return found
+
+    def judged(
+        self,
+        positions: Mapping[str, ArrayLike] | None = None,
+        *,
+        tools: Sequence[ArrayLike] | None = None,
+    ) -> dict[str, Any]:
+        """Return what `verify` returns, whatever comes out.
+
+        Parameters
+        ----------
+        positions, tools : optional
+            As for `verify`.
+
+        Returns
+        -------
+        dict
+            As of `verify`.
+        """
+        where = self.between() if positions is None else positions
+        left = [self.residual(where, sign=s) for s in (0, 1, -1)]
+        before, after, wrong = (rms_of_vectors(v) for v in left)
+        own = np.asarray(self.source.tool, dtype=np.float64)
+        others = own + _OTHER_TOOL * np.eye(3) if tools is None else tools
+        beside = []
+        for tool in others:
+            t = np.asarray(tool, dtype=np.float64)
+            sizes = [rms_of_vectors(self.residual(where, sign=s, tool=t)) for s in (0, 1)]
+            apart = float(np.linalg.norm(t - own))
+            beside.append(
+                {
+                    "tool_m": t.tolist(),
+                    "before_rms_m": sizes[0],
+                    "after_rms_m": sizes[1],
+                    "after_per_metre": sizes[1] / apart if apart > 0.0 else None,
+                }
+            )
+        return {
+            "before_rms_m": before,
+            "after_rms_m": after,
+            "after_max_m": float(np.linalg.norm(left[1], axis=-1).max()),
+            "wrong_sign_rms_m": wrong,
+            "bound_m": self.bound().tolist(),
+            "places": int(left[1][..., 0].size),
+            "against": "the model only",
+            "other_tools": beside,
+        }
+
+    def _with(self, tool: ArrayLike) -> VolumetricError:
+        """Return the error of another tool point."""
+        return volumetric_source(
+            self.source.chain,
+            self.errors,
+            axes=self.over,
+            grid=self.positions,
+            at=self.source.at,
+            corrects=self.source.names,
+            tool=tool,
+            exact=False,
+        )
+
+    def _places(self, positions: Mapping[str, ArrayLike]) -> list[FloatArray]:
+        missing = [a for a in self.over if a not in positions]
+        if missing:
+            raise DataError(f"positions lack the looked-up axis {missing[0]!r}")
+        return [np.asarray(positions[a], dtype=np.float64) for a in self.over]
+
+    def between(self) -> dict[str, FloatArray]:
+        """Return places that fill the volume evenly and lie on no node (additive recurrence).
+
+        Returns
+        -------
+        dict of str to ndarray, shape (2000,), m or rad
+            Of each looked-up axis.
+        """
+        ratio = 1.2207440846057596  # the real root of x^4 = x + 1
+        steps = np.arange(1, _PLACES + 1)
+        return {
+            a: g[0] + (g[-1] - g[0]) * np.mod(0.5 + steps / ratio ** (k + 1), 1.0)
+            for k, (a, g) in enumerate(zip(self.over, self.positions, strict=True))
+        }
+
+
+def _curvatures(error: FloatArray) -> list[FloatArray]:
+    """Return the largest second difference of vectors on a grid along each axis, by component."""
+    found = []
+    for axis in (2, 1, 0):
+        second = np.diff(error, n=2, axis=axis)
+        found.append(np.abs(second).max(axis=(0, 1, 2)) if second.size else np.zeros(3))
+    return found
+
+
+def volume_positions(
+    chain: Chain,
+    errors: Any,
+    *,
+    spans: Mapping[str, tuple[float, float]],
+    tolerance: float | str,
+    at: Mapping[str, float] | None = None,
+    tool: ArrayLike = (0.0, 0.0, 0.0),
+) -> dict[str, FloatArray]:
+    """Return the coarsest grid over three axes that leaves no more than a tolerance between its nodes.
+
+    Parameters
+    ----------
+    chain : Chain
+        The machine.
+    errors : ErrorSet or mapping of str to term
+        Error terms by name.
+    spans : mapping of str to tuple of (float, float), m or rad
+        Travel of each of the three axes.
+    tolerance : float or str, m
+        Largest error in one direction of the workpiece that interpolation may leave.
+    at : mapping of str to float, m or rad, optional
+        Where the other axes stand.
+    tool : array_like, shape (3,), m, optional
+        Tool point.
+
+    Returns
+    -------
+    dict of str to ndarray, m or rad
+        Evenly spaced nodes of each axis.
+
+    Raises
+    ------
+    DataError
+        Not three axes, or no grid of 129 nodes of an axis keeps the tolerance.
+    InvalidSamplesError, UnitError
+        The tolerance is not a length above zero.
+
+    Notes
+    -----
+    Each axis gets a third of the tolerance (machines.md, eq. 21); curvatures are taken on a grid
+    of 33 nodes, so waves of an error must be longer than a tenth of the travel.
+    """
+    if len(spans) != AXES:
+        raise DataError(f"spans names three axes; got {', '.join(spans) or 'none'}")
+    allowed = numbers.positive(numbers.quantity(tolerance, "tolerance", "length"), "tolerance")
+    n = 33
+    grid = tuple(np.linspace(low, high, n) for low, high in spans.values())
+    source = volumetric_source(
+        chain, errors, axes=tuple(spans), grid=grid, at=dict(at or {}), corrects=None, tool=tool,
+        exact=False,
+    )  # fmt: skip
+    error = source.moved(at_nodes(tuple(spans), grid, source.at), {})
+    found = {}
+    for (axis, (low, high)), second in zip(spans.items(), _curvatures(error), strict=True):
+        # with m steps the second difference over the fine step f grows to second (h / f)^2
+        steps = (n - 1) * np.sqrt(float(second.max()) / 8.0 / (allowed / AXES))
+        count = max(int(np.ceil(steps - 1e-9)), 1) + 1
+        if count > _MOST_NODES:
+            raise DataError(
+                f"{axis} would need {count} nodes for {format_length(allowed)}, more than "
+                f"{_MOST_NODES}: an error has a step or a short wave, or a unit is wrong"
+            )
+        found[axis] = np.linspace(low, high, count)
+    return found
