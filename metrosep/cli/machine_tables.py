@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from metrosep.controllers.base import Prepared
     from metrosep.machine.chains import Chain
 
-__all__ = ["machine_tables", "terms_of", "volume"]
+__all__ = ["machine_tables", "point_of", "terms_of", "volume"]
 
 _MOST_BYTES = 2**26
 _NOTHING_PER_MM = 1e-12
@@ -142,7 +142,7 @@ def machine_tables(
         "reference": _reference(options["reference"], over, kinds),
     }
     if options["tool"] is not None:
-        common["tool"] = _point(options["tool"])
+        common["tool"] = point_of(options["tool"])
     folder = Path(out)
     carry_out = _volume if len(over) == 3 else _tables
     try:
@@ -203,7 +203,7 @@ def volume(
     if len(over) != 3:
         raise click.UsageError(f"--over names three axes; {machine} has {', '.join(linear)}")
     at = _places(options["places"], kinds)
-    place = {"tool": _point(options["tool"])} if options["tool"] is not None else {}
+    place = {"tool": point_of(options["tool"])} if options["tool"] is not None else {}
     positions = volume_positions(
         chain,
         terms,
@@ -599,7 +599,8 @@ def _reference(
     return tuple(_place(p, a, kinds, "--reference") for p, a in zip(parts, over, strict=True))
 
 
-def _point(text: str) -> tuple[float, ...]:
+def point_of(text: str) -> tuple[float, ...]:
+    """Return a tool point that was typed, m."""
     from metrosep.core.units import parse_quantity
 
     parts = text.split(",")

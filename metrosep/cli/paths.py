@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from metrosep.cli.options import file_options, json_option, name_values, read_aloud, say
+from metrosep.cli.options import (
+    chain_of,
+    file_options,
+    json_option,
+    name_values,
+    read_aloud,
+    say,
+)
 
 if TYPE_CHECKING:
     from metrosep.controllers.gcode.corrections import PathCorrection
@@ -21,7 +28,31 @@ __all__ = ["path"]
 
 @click.command()
 @click.argument("program", metavar="IN.nc")
-@click.option("--error", "error", required=True, metavar="MAP", help="Error of the part, a file.")
+@click.option(
+    "--error",
+    "errors",
+    required=True,
+    multiple=True,
+    metavar="MAP",
+    help="Error of the part, a file; with --machine its error terms, may be repeated.",
+)
+@click.option(
+    "--machine",
+    metavar="MACHINE",
+    help="Correct IN, a list of positions of all axes, for the errors of a machine: a preset or TOML.",
+)
+@click.option("--pivot-height", metavar="LENGTH", help="With --machine five_axis.")
+@click.option("--tool", metavar="X,Y,Z", help="With --machine: tool point in the last frame.")
+@click.option(
+    "--zero",
+    "zeros",
+    multiple=True,
+    metavar="AXIS=PLACE",
+    help="With --machine: machine position where an axis of IN reads 0; 0 if omitted.",
+)
+@click.option(
+    "--max-step", metavar="ANGLE", help="With --machine: largest step of a rotary correction."
+)
 @click.option("-o", "--out", required=True, metavar="FILE", help="Corrected program to write.")
 @click.option(
     "--centre",
@@ -89,7 +120,8 @@ def path(
     context: click.Context,
     /,
     program: str,
-    error: str,
+    errors: tuple[str, ...],
+    machine: str | None,
     out: str,
     reading: dict[str, Any],
     points: bool,
@@ -102,6 +134,9 @@ def path(
     MAP holds actual minus nominal, heights out of the material, over the part or along X. Turn the
     sense of C once on the machine before you trust it: a wrong --c-sense mirrors the correction.
 
+    With --machine every axis of a list of positions (X_mm,Y_mm,Z_mm,A_deg,C_deg) is corrected for the
+    error terms of --error, files as for 'machine-tables' or a folder that 'calibrate' wrote.
+
     Exit code 1: a correction above --stroke or a block faster than --blocks-per-s. 2: a wrong
     option, or an output that cannot be written. 4: a map or program that cannot be used, with line,
     reason and way out.
@@ -111,7 +146,15 @@ def path(
     if any(ord(c) < 32 for c in out):
         raise click.UsageError("the name after -o holds a line break or another control character")
     _end_cleanly()
-    made = _correction(error, reading, options)
+    own = {k: options.pop(k) for k in _OF_MACHINES}
+    if machine is not None:
+        return _poses(program, out, machine, errors, own, options, force=force, as_json=as_json)
+    for name, value in own.items():
+        if value not in (None, ()):
+            raise click.UsageError(f"--{name.replace('_', '-')} goes with --machine")
+    if len(errors) != 1:
+        raise click.UsageError("--error names one map of a part; several go with --machine")
+    made = _correction(errors[0], reading, options)
     result = (
         _points(program, out, made, options, force=force)
         if points
@@ -125,6 +168,70 @@ def path(
     _print(result)
     say(f"wrote {result.target}")
     say(f"wrote {result.sidecar}")
+    return 0
+
+
+_OF_MACHINES = ("pivot_height", "tool", "zeros", "max_step")
+_OF_PARTS = (
+    "centre", "c_sense", "c_zero", "tolerance", "decimals", "path_unit", "diameter", "c_rollover",
+    "harmless_m", "g_system", "outside", "blocks_per_s", "columns",
+)  # fmt: skip
+
+
+def _poses(
+    source: str,
+    out: str,
+    machine: str,
+    errors: tuple[str, ...],
+    own: dict[str, Any],
+    options: dict[str, Any],
+    *,
+    force: bool,
+    as_json: bool,
+) -> int:
+    """Correct a list of machine positions for the errors of the machine."""
+    from metrosep.cli.machine_tables import point_of, terms_of
+    from metrosep.controllers.gcode.poses import rewrite_poses
+    from metrosep.core.numbers import quantity
+    from metrosep.core.units import format_length
+
+    for name in _OF_PARTS:
+        if options[name] not in (None, ()):
+            raise click.UsageError(f"--{name.replace('_', '-')} does not go with --machine")
+    chain = chain_of(machine, {"radius": None, "pivot_height": own["pivot_height"]})
+    kinds = {e.name: "angle" if e.kind == "rotary" else "length" for e in chain.elements}
+    given: dict[str, Any] = _lengths(options, ("resolution", "stroke"))
+    if own["tool"] is not None:
+        given["tool"] = point_of(own["tool"])
+    if own["max_step"] is not None:
+        given["max_step"] = quantity(own["max_step"], "--max-step", "angle")
+    found = rewrite_poses(
+        source,
+        out,
+        chain,
+        terms_of(errors, kinds)[0],
+        zero={
+            a: quantity(v, f"--zero {a}", kinds.get(a, "length"))
+            for a, v in name_values(own["zeros"], "--zero")
+        },
+        units=dict(name_values(options["units"], "--column-unit")),
+        again=options["again"],
+        overwrite=force,
+        **given,
+    )
+    if as_json:
+        click.echo(json.dumps(found.audit, sort_keys=True, allow_nan=False))
+        return 0
+    for message in found.messages:
+        say(f"note: {message}")
+    say(f"{found.n_changed} of {found.n_points} positions changed")
+    say(
+        f"error of the tool point, by the file: RMS {format_length(found.before, digits=4)} -> "
+        f"{format_length(found.after, digits=4)}; of the tool axis {found.turn_before * 1e6:.4g} -> "
+        f"{found.turn_after * 1e6:.4g} urad"
+    )
+    say(f"wrote {found.target}")
+    say(f"wrote {found.sidecar}")
     return 0
 
 

@@ -346,7 +346,11 @@ def _at(name: str, term: ErrorTerm, what: str, q: Mapping[str, ArrayLike]) -> Fl
         )
     x = positions_array(q[axis], f"position of axis {axis!r}")
     asked = np.atleast_1d(x)[np.isfinite(np.atleast_1d(x))]
-    values = real_array(function(asked), f"what error term {name!r} returned")
+    try:
+        found = function(asked)
+    except DataError as exc:
+        raise type(exc)(f"{name} over {axis}: {exc}") from None
+    values = real_array(found, f"what error term {name!r} returned")
     if values.shape != asked.shape:
         raise InvalidSamplesError(
             f"error term {name!r} returned shape {values.shape} for {asked.size} positions"

@@ -392,3 +392,109 @@ def test_files_that_together_make_the_volume_worse_are_refused(metrosep, stack):
     assert "together do not shrink the error of the tool point" in err
     assert sorted(p.name for p in stack.iterdir()) == before
     assert metrosep(*call, "--reference", "0 mm,0 mm,-100 mm")[0] == 0  # b (z + 100 mm) is left
+
+
+# ---- lists of positions, corrected by the machine ---------------------------------------------------
+
+
+def pose_list(stack, n=200, seed=3):
+    """Write a list of positions as a post-processor does: comments, a feed, numbers with few digits."""
+    at = [np.round(v, 3) for v in places(seed, n)]
+    rows = ["# part 17, roughing", "X_mm;Y_mm;Z_mm;F;note"]
+    rows += [
+        f"{x:.3f}; {y:.3f};{z:.3f};500;{'in' if i % 2 else 'cut'}"
+        for i, (x, y, z) in enumerate(zip(*at, strict=True))
+    ]
+    (stack / "part.csv").write_text("\n".join(rows) + "\n")
+    return at, rows
+
+
+def path_call(*more):
+    return ("path", "part.csv", "--machine", "stack.toml", "--tool", "12 mm,-7 mm,-80 mm",
+            *(w for f in ("x.csv", "y.csv", "z.csv") for w in ("--error", f)), "-o", "right.csv", *more)  # fmt: skip
+
+
+def test_a_list_of_positions_goes_where_it_should_on_the_machine_with_errors(metrosep, stack):
+    at, given = pose_list(stack)
+    code, printed, err = metrosep(*path_call("--json"))
+    assert code == 0, err
+    lines = (stack / "right.csv").read_text().splitlines()
+    assert [v for v in lines if v.startswith("# METROSEP CORRECTED")]
+    rows = [v.split(";") for v in lines if v[0] not in "#X"]
+    assert [r[3:] for r in rows] == [v.split(";")[3:] for v in given[2:]]  # the rest as it was
+    q = np.array([[float(v) for v in r[:3]] for r in rows]).T
+    wanted = np.stack(at, -1)
+    left = (q.T - wanted) * 1e3 + error_um(*q)
+    before = error_um(*at)
+    assert rms(before) > 5.0
+    assert np.abs(left).max() < ROUNDING_UM + 0.5e-3  # half of the last digit, 1 nm
+    found = json.loads(printed)
+    assert found["before_rms_m"] / UM == pytest.approx(rms(before), abs=ROUNDING_UM)
+    assert found["after_rms_m"] < ROUNDING_UM * UM
+
+    # a second time on its own result: refused, and nothing is touched
+    code, _, err = metrosep(
+        *(w if w != "part.csv" else "right.csv" for w in path_call()[:-1]), "c.csv"
+    )
+    assert code in (2, 4)
+    assert "holds a correction already" in err
+    assert not (stack / "c.csv").exists()
+
+
+def test_the_zero_of_the_list_is_a_place_of_the_machine(metrosep, stack):
+    pose_list(stack)
+    code, _, err = metrosep(*path_call("--zero", "X=-40 mm", "--zero", "Z=0.01 m"))
+    # the list runs from 0 to 400 mm in X, which is -40 to 360 in the machine: the errors begin at 0
+    assert code != 0
+    assert "EXX over X" in err
+    assert "outside the error table" in err
+    rows = ["X_mm,Y_mm,Z_mm", "150,100,50"]
+    (stack / "part.csv").write_text("\n".join(rows) + "\n")
+    code, _, err = metrosep(*path_call("--zero", "X=-40 mm", "--zero", "Z=0.01 m"))
+    assert code == 0, err
+    q = [float(v) for v in (stack / "right.csv").read_text().splitlines()[1].split(",")]
+    e = error_um(110.0, 100.0, 60.0)
+    assert (np.array(q) - [150.0, 100.0, 50.0]) * 1e3 == pytest.approx(-e, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("X_mm,Y_mm\n1,2\n", "no column of Z"),
+        ("X_mm,Y_mm,Z\n1,2,3\n", "the unit of column Z"),
+        ("X_mm,Y_mm,Z_deg\n1,2,3\n", "the unit of column Z"),
+        ("X_mm,Y_mm,Z_mm,Z_mm\n1,2,3,4\n", "has Z twice"),
+        ("1,2,3\n", "has no header"),
+        ("X_mm,Y_mm,Z_mm\n1,2,nan\n", "line 2"),
+        ("X_mm,Y_mm,Z_mm\n1,2\n", "line 2"),
+        ("X_mm,Y_mm,Z_mm\n", "no point"),
+    ],
+)
+def test_a_list_that_cannot_be_corrected_is_refused(metrosep, stack, text, message):
+    (stack / "part.csv").write_text(text)
+    code, _, err = metrosep(*path_call())
+    assert code in (2, 4)
+    assert message in err
+    assert not (stack / "right.csv").exists()
+
+
+def test_five_axes_get_the_sign_of_each_error(metrosep, stack):
+    """The errors of this preset are those that an instrument at the tool reads against the part.
+
+    It reads 8 um above the part at C = 90 deg: the tool must go down by it. A turns 40 urad too far:
+    its command is 40 urad less.
+    """
+    (stack / "c.csv").write_text("c_deg,EZC_um\n-10,0\n0,0\n90,8\n180,2\n370,2\n")
+    (stack / "a.toml").write_text('EAA = "40 urad"\n')
+    (stack / "part.csv").write_text("X_mm,Y_mm,Z_mm,A_deg,C_deg\n100,50,30,0,90\n")
+    common = ("path", "part.csv", "--machine", "five_axis", "--pivot-height", "80 mm")
+    code, _, err = metrosep(*common, "--error", "c.csv", "-o", "one.csv")
+    assert code == 0, err
+    row = [float(v) for v in (stack / "one.csv").read_text().splitlines()[1].split(",")]
+    assert row == pytest.approx([100.0, 50.0, 29.992, 0.0, 90.0], abs=1e-6)
+    (stack / "part.csv").write_text("X_mm,Y_mm,Z_mm,A_deg,C_deg\n100,50,30,-30,90\n")
+    code, _, err = metrosep(*common, "--error", "a.toml", "-o", "two.csv")
+    assert code == 0, err
+    row = [float(v) for v in (stack / "two.csv").read_text().splitlines()[1].split(",")]
+    assert row[:3] == pytest.approx([100.0, 50.0, 30.0], abs=1e-6)
+    assert np.radians(row[3] + 30.0) * 1e6 == pytest.approx(-40.0, abs=1e-2)

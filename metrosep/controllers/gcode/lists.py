@@ -97,7 +97,9 @@ class PointResult:
 
 
 @dataclass(frozen=True, slots=True)
-class _Column:
+class ListColumn:
+    """Where the numbers of an axis stand, and their unit in SI."""
+
     index: int
     scale: float
 
@@ -109,7 +111,7 @@ class _Rows:
     lines: list[str]
     row: list[int]
     values: dict[str, FloatArray]
-    digits: list[int]
+    texts: dict[str, list[str]]
     half_x: float = 1.0
 
 
@@ -227,9 +229,9 @@ def rewrite_points(
         lines = [line for piece in pieces(stream, start, mark=True) for line in piece]
     if not again:
         require_unmarked(lines, start)
-    head, sep = _layout(lines, start, separator)
+    head, sep = layout(lines, start, separator)
     found = _columns(lines, head, sep, columns or {}, units or {}, start, needs_c=made.needs_c)
-    rows = _rows(lines, head, sep, found, start)
+    rows = rows_of(lines, head, sep, found, start)
     rows.half_x = 0.5 if diameter else 1.0
     dz = _correction(made, rows, found, stroke, start)
     scale = found["Z"].scale
@@ -237,7 +239,7 @@ def rewrite_points(
     changed = _written(rows, found, dz, wanted, sep)
     data = "".join(rows.lines).encode("latin-1")
     written = [part.decode("latin-1") for part in data.splitlines(keepends=True)]
-    reread = _rows(written, head, sep, found, end)
+    reread = rows_of(written, head, sep, found, end)
     step = 10.0**-wanted * scale
     left = np.abs((reread.values["Z"] - rows.values["Z"]) * scale - dz)
     if left.size and (left > 0.5 * step * (1 + 1e-6) + 1e-14).any():
@@ -262,7 +264,7 @@ def _is_comment(line: str) -> bool:
     return not line.strip() or line.lstrip()[0] in "#%;"
 
 
-def _layout(lines: list[str], path: Path, separator: str | None) -> tuple[int | None, str]:
+def layout(lines: list[str], path: Path, separator: str | None) -> tuple[int | None, str]:
     """Return the header's line, None if there is none, and the expression between columns."""
     first = next((i for i, line in enumerate(lines) if not _is_comment(line)), None)
     if first is None:
@@ -294,20 +296,14 @@ def _fields(line: str, sep: str) -> list[str]:
     return re.split(sep, text.strip() if sep == _BLANKS else text)
 
 
-def _columns(
-    lines: list[str],
-    head: int | None,
-    sep: str,
-    columns: Mapping[str, int | str],
-    units: Mapping[str, str],
-    path: Path,
-    *,
-    needs_c: bool,
-) -> dict[str, _Column]:
+def named_columns(
+    header: str, sep: str
+) -> tuple[dict[str, int], dict[str, str], dict[str, list[str]]]:
+    """Return columns by name and by letter, their units by number, and the fields of each letter."""
     names: dict[str, int] = {}
     stated: dict[str, str] = {}
     twice: dict[str, list[str]] = {}
-    for index, field in enumerate(_fields(lines[head], sep) if head is not None else ()):
+    for index, field in enumerate(_fields(header, sep) if header else ()):
         plain = field
         for sign, word in _SIGNS.items():
             plain = plain.replace(sign, word)
@@ -318,7 +314,21 @@ def _columns(
             names.setdefault(letter, index)
             twice.setdefault(letter, []).append(field.strip())
             stated[str(index)] = (match.group(2) or "").replace("_", "/")
-    found: dict[str, _Column] = {}
+    return names, stated, twice
+
+
+def _columns(
+    lines: list[str],
+    head: int | None,
+    sep: str,
+    columns: Mapping[str, int | str],
+    units: Mapping[str, str],
+    path: Path,
+    *,
+    needs_c: bool,
+) -> dict[str, ListColumn]:
+    names, stated, twice = named_columns("" if head is None else lines[head], sep)
+    found: dict[str, ListColumn] = {}
     for unknown in {*columns, *units} - _KINDS.keys():
         raise DataError(f"there is no column {unknown!r} to name; there are {', '.join(_KINDS)}")
     timed = "T" in columns or "VZ" in columns or {"T", "VZ"} <= names.keys()
@@ -345,7 +355,7 @@ def _columns(
                 f"{path}: the header says {header} for column {letter}, units= says {unit}; which one "
                 "is right?"
             )
-        found[letter] = _Column(int(where), _scale(letter, unit, path))
+        found[letter] = ListColumn(int(where), _scale(letter, unit, path))
     places = [column.index for column in found.values()]
     if len(set(places)) < len(places):
         raise DataError(
@@ -356,6 +366,17 @@ def _columns(
             f"{path}: the speed of Z needs the time and the other way round; name T and VZ"
         )
     return found
+
+
+def unit_scale(letter: str, unit: str, kind: str, path: Path) -> float:
+    """Return the unit of the column of an axis in SI; it must be stated, and of the right kind."""
+    allowed = _ANGLES if kind == "angle" else _LENGTHS
+    if unit not in allowed:
+        raise UnitError(
+            f"{path}: the unit of column {letter} is {unit or 'not stated'!r}; state it in the header "
+            f"({letter}_{'deg' if kind == 'angle' else 'mm'}) or with units= ({', '.join(allowed)})"
+        )
+    return allowed[unit]
 
 
 def _scale(letter: str, unit: str, path: Path) -> float:
@@ -372,10 +393,15 @@ def _scale(letter: str, unit: str, path: Path) -> float:
     )
 
 
-def _rows(
-    lines: list[str], head: int | None, sep: str, columns: Mapping[str, _Column], path: Path
+def digits_of(text: str) -> int:
+    """Return the digits after the point of a number; 0 with an exponent."""
+    return 0 if "e" in text.lower() else decimals_of(text)
+
+
+def rows_of(
+    lines: list[str], head: int | None, sep: str, columns: Mapping[str, ListColumn], path: Path
 ) -> _Rows:
-    out = _Rows(list(lines), [], {}, [])
+    out = _Rows(list(lines), [], {}, {letter: [] for letter in columns})
     values: dict[str, list[float]] = {letter: [] for letter in columns}
     width = 0 if head is None else len(_fields(lines[head], sep))
     for number, line in enumerate(lines):
@@ -398,15 +424,14 @@ def _rows(
                     path, f"line {number + 1}: {text!r} in column {letter} is not a number"
                 )
             value = float(text)
-            digits = decimals_of(text) if "e" not in text.lower() else 0
+            digits = digits_of(text)
             if abs(value) > _LARGEST or digits > 3 * _MOST_DIGITS:
                 raise CorruptFileError(
                     path,
                     f"line {number + 1}: {text[:40]!r} in column {letter}: no machine goes there",
                 )
             values[letter].append(value)
-            if letter == "Z":
-                out.digits.append(digits)
+            out.texts[letter].append(text)
     if not out.row:
         raise _no_point(path)
     out.values = {letter: np.array(v) for letter, v in values.items()}
@@ -414,7 +439,7 @@ def _rows(
 
 
 def _correction(
-    made: PathCorrection, rows: _Rows, columns: Mapping[str, _Column], stroke: float, path: Path
+    made: PathCorrection, rows: _Rows, columns: Mapping[str, ListColumn], stroke: float, path: Path
 ) -> FloatArray:
     x = rows.values["X"] * columns["X"].scale * rows.half_x
     c = rows.values["C"] * columns["C"].scale if "C" in columns else np.zeros(x.size)
@@ -445,14 +470,14 @@ def _correction(
 
 
 def _written(
-    rows: _Rows, columns: Mapping[str, _Column], dz: FloatArray, decimals: int, sep: str
+    rows: _Rows, columns: Mapping[str, ListColumn], dz: FloatArray, decimals: int, sep: str
 ) -> int:
     """Change the fields; returns how many rows did."""
     z = rows.values["Z"] + dz / columns["Z"].scale
     speed = _speeds(rows, columns, dz)
     changed = 0
     for i, number in enumerate(rows.row):
-        digits = max(decimals, rows.digits[i])
+        digits = max(decimals, digits_of(rows.texts["Z"][i]))
         edits = []
         if abs(dz[i]) / columns["Z"].scale > 0.5 * 10.0**-digits:
             edits.append((columns["Z"].index, format_number(z[i], digits)))
@@ -460,11 +485,11 @@ def _written(
             edits.append((columns["VZ"].index, format_number(speed[i], digits)))
         if edits:
             changed += 1
-            rows.lines[number] = _edited(rows.lines[number], sep, edits)
+            rows.lines[number] = edited(rows.lines[number], sep, edits)
     return changed
 
 
-def _speeds(rows: _Rows, columns: Mapping[str, _Column], dz: FloatArray) -> FloatArray | None:
+def _speeds(rows: _Rows, columns: Mapping[str, ListColumn], dz: FloatArray) -> FloatArray | None:
     if "VZ" not in columns:
         return None
     time = rows.values["T"] * columns["T"].scale
@@ -474,7 +499,7 @@ def _speeds(rows: _Rows, columns: Mapping[str, _Column], dz: FloatArray) -> Floa
     return np.asarray(rows.values["VZ"] + rise / columns["VZ"].scale)
 
 
-def _edited(line: str, sep: str, edits: list[tuple[int, str]]) -> str:
+def edited(line: str, sep: str, edits: list[tuple[int, str]]) -> str:
     """Return a line with numbers of some columns replaced, blanks around them kept."""
     text = line.rstrip("\r\n")
     lead = 0
@@ -497,7 +522,7 @@ def _edited(line: str, sep: str, edits: list[tuple[int, str]]) -> str:
 
 def _finish(
     made: PathCorrection,
-    columns: Mapping[str, _Column],
+    columns: Mapping[str, ListColumn],
     files: tuple[Path, Path],
     content: tuple[str, bytes],
     numbers: tuple[FloatArray, int, float, float],

@@ -1,0 +1,373 @@
+"""Lists of machine positions, corrected for the errors of the machine: every axis, by its column.
+
+A row is a pose: the commands of all axes. What is written makes the machine with its errors go where
+the nominal row goes, in position and, where axes of rotation can, in orientation
+(`metrosep.machine.correct_path`). The file is read back and put through the machine before it is
+kept: c = -e is right there, or nothing is written.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep._version import __version__
+from metrosep.controllers.base import paired_stream, sidecar_path
+from metrosep.controllers.gcode.columns import (
+    check_files,
+    mark_text,
+    marked,
+    open_program,
+    pieces,
+    require_hash,
+    require_uncorrected,
+    require_unmarked,
+)
+from metrosep.controllers.gcode.lists import (
+    ListColumn,
+    digits_of,
+    edited,
+    layout,
+    named_columns,
+    rows_of,
+    unit_scale,
+)
+from metrosep.controllers.gcode.state import format_number
+from metrosep.core import numbers
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, LimitError, SignCheckFailedError
+from metrosep.core.units import format_length
+
+if TYPE_CHECKING:
+    from metrosep.machine.chains import Chain, Errors
+
+__all__ = ["PosesResult", "rewrite_poses"]
+
+_STEP_ANGLE = 1e-9
+"""rad: finest step of an angle that is written, 1 nm at a metre."""
+
+
+@dataclass(frozen=True, slots=True)
+class PosesResult:
+    """What became of a list of poses.
+
+    Parameters
+    ----------
+    target, sidecar : Path
+        The list and the JSON beside it.
+    n_points, n_changed : int
+        Rows with a pose; rows in which a command changed.
+    before, after : float, m
+        RMS error of the tool point by the list as it was, and by the bytes that were written.
+    turn_before, turn_after : float, rad
+        RMS angle between the actual and the nominal tool axis.
+    correction : mapping of str to tuple of (float, float), m or rad
+        Smallest and largest amount added, by axis.
+    messages : tuple of str
+        For the person.
+    audit : mapping
+        All of it with units in the keys, as in the sidecar.
+    """
+
+    target: Path
+    sidecar: Path
+    n_points: int
+    n_changed: int
+    before: float
+    after: float
+    turn_before: float
+    turn_after: float
+    correction: Mapping[str, tuple[float, float]]
+    messages: tuple[str, ...]
+    audit: Mapping[str, object]
+
+
+def rewrite_poses(
+    source: str | os.PathLike[str],
+    target: str | os.PathLike[str],
+    chain: Chain,
+    errors: Errors,
+    *,
+    tool: ArrayLike = (0.0, 0.0, 0.0),
+    tool_axis: ArrayLike = (0.0, 0.0, 1.0),
+    zero: Mapping[str, float] | None = None,
+    units: Mapping[str, str] | None = None,
+    resolution: float = 1e-9,
+    max_step: float | None = None,
+    stroke: float = 100e-6,
+    again: bool = False,
+    overwrite: bool = False,
+) -> PosesResult:
+    r"""Write a list of machine positions with the errors of the machine taken off.
+
+    Parameters
+    ----------
+    source, target : str or path
+        The list, with a header that names the axes and their units (``X_mm,Y_mm,Z_mm,A_deg,C_deg``),
+        and the corrected one; a sidecar ``<target>.json`` appears beside it.
+    chain : Chain
+        The machine.
+    errors : ErrorSet or mapping of str to float, callable or ErrorTerm
+        Its errors, actual minus nominal.
+    tool : array_like, shape (3,), m, optional
+        Tool point in the frame of the tool.
+    tool_axis : array_like, shape (3,), optional
+        Axis of the tool in its frame.
+    zero : mapping of str to float, m or rad, optional
+        Machine position at which an axis of the list reads zero; 0 if omitted.
+    units : mapping of str to str, optional
+        Unit of a column, where the header does not state it.
+    resolution : float, m, optional
+        Finest step of a length that is written; of an angle 1 nrad.
+    max_step : float, rad, optional
+        Largest change of the correction of an axis of rotation from row to row.
+    stroke : float, m, optional
+        Largest correction of a linear axis.
+    again : bool, optional
+        Correct a list that holds a correction already.
+    overwrite : bool, optional
+        Replace an existing file.
+
+    Returns
+    -------
+    PosesResult
+        Errors before and after, amounts, messages.
+
+    Raises
+    ------
+    DataError
+        An axis of the machine has no column, or the list holds a correction already.
+    UnitError
+        A unit is missing or of the wrong kind.
+    CorruptFileError
+        A row has another number of columns, or no number where one is needed.
+    LimitError
+        A correction exceeds `stroke`.
+    SignCheckFailedError
+        By the bytes that would be written the error does not shrink.
+    WriteError
+        The target exists, is the source, or cannot be written.
+
+    Notes
+    -----
+    Rows are poses where a controller stops or passes; between them it interpolates the axes, and a
+    coarse list keeps the curvature of the errors between its rows.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from metrosep.machine import presets
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "a.csv"
+    ...     _ = path.write_text("X_mm,Y_mm,Z_mm,F\n100,20,0,500\n200,20,0,500\n")
+    ...     found = rewrite_poses(
+    ...         path, path.with_name("b.csv"), presets("mill_xyz"), {"EXX": lambda x: 1e-5 * x})
+    ...     print(found.target.read_text())
+    X_mm,Y_mm,Z_mm,F
+    99.999000,20,0,500
+    199.998000,20,0,500
+    <BLANKLINE>
+    """
+    from metrosep.machine.inverse import correct_path
+
+    resolution = numbers.positive(resolution, "resolution", dimension="length")
+    limit = numbers.positive(stroke, "stroke", dimension="length")
+    start, end = Path(source), Path(target)
+    check_files(start, end, overwrite=overwrite)
+    if not again:
+        require_uncorrected(start)
+    with open_program(start) as stream:
+        lines = [line for piece in pieces(stream, start, mark=True) for line in piece]
+    if not again:
+        require_unmarked(lines, start)
+    head, sep = layout(lines, start, None)
+    columns = _axes_of(lines, head, sep, chain, units or {}, start)
+    rows = rows_of(lines, head, sep, columns, start)
+    offset = _offsets(zero or {}, columns, chain)
+    nominal = _positions(rows.values, columns, offset)
+    found = correct_path(chain, errors, nominal, tool=tool, tool_axis=tool_axis, max_step=max_step)
+    linear = {e.name for e in chain.elements if e.kind == "linear"}
+    for axis in linear & found.correction.keys():
+        largest = np.abs(found.correction[axis])
+        if largest.max() > limit:
+            i = int(np.argmax(largest))
+            raise LimitError(
+                f"{start}: line {rows.row[i] + 1}: the correction of {axis} is "
+                f"{format_length(float(largest[i]))}, the limit is {format_length(limit)}; are the errors "
+                "in another unit? give stroke= for larger ones"
+            )
+    changed = 0
+    for i, number in enumerate(rows.row):
+        edits = []
+        for axis, column in columns.items():
+            step = resolution if axis in linear else _STEP_ANGLE
+            own = rows.texts[axis][i]
+            digits = max(1, math.ceil(-math.log10(step / column.scale) - 1e-9), digits_of(own))
+            amount = float(found.correction[axis][i]) / column.scale
+            if abs(amount) > 0.5 * 10.0**-digits:
+                value = rows.values[axis][i] + amount
+                edits.append((column.index, format_number(value, digits)))
+        if edits:
+            changed += 1
+            rows.lines[number] = edited(rows.lines[number], sep, edits)
+    data = "".join(rows.lines).encode("latin-1")
+    written = [part.decode("latin-1") for part in data.splitlines(keepends=True)]
+    reread = rows_of(written, head, sep, columns, end)
+    actual = _positions(reread.values, columns, offset)
+    sizes = _judged(chain, errors, nominal, actual, tool, tool_axis)
+    if changed and not sizes["after_rms_m"] < sizes["before_rms_m"]:
+        raise SignCheckFailedError(
+            f"{end}: the list would not shrink the error of the tool point, RMS "
+            f"{format_length(sizes['before_rms_m'])} -> {format_length(sizes['after_rms_m'])}; nothing "
+            "was written"
+        )
+    audit = {
+        "kind": "machine",
+        "chain": chain.name,
+        "terms": sorted(str(n) for n in _names(errors)),
+        "tool_m": [float(v) for v in np.ravel(np.asarray(tool, dtype=np.float64))],
+        "zero_si": {a: float(v) for a, v in offset.items()},
+    }
+    mark = mark_text(tuple(columns), audit)
+    final = marked(rows.lines, mark, is_list=True) if changed else rows.lines
+    data = "".join(final).encode("latin-1")
+    ranges = {a: (float(c.min()), float(c.max())) for a, c in found.correction.items()}
+    messages = [*chain.messages, *found.messages]
+    if not changed:
+        messages.append("no row changed: less than half of the last digit")
+    elif len(final) == len(rows.lines):
+        messages.append(
+            "the list has no comment line, so it bears no mark of its correction: keep the sidecar "
+            "with it"
+        )
+    sidecar = {
+        "schema": "metrosep.points/1",
+        "metrosep": __version__,
+        "source": start.name,
+        "source_sha256": hashlib.sha256("".join(lines).encode("latin-1")).hexdigest(),
+        "file_sha256": hashlib.sha256(data).hexdigest(),
+        "correction": audit,
+        "sign": "the actual pose of the machine with its errors is the nominal one; c = -e",
+        "mark": mark if len(final) > len(rows.lines) else None,
+        "columns": {a: c.index for a, c in columns.items()},
+        "n_points": len(rows.row),
+        "n_changed": changed,
+        "correction_si": {a: list(v) for a, v in ranges.items()},
+        **sizes,
+        "messages": messages,
+    }
+
+    def said(path: Path) -> str:
+        require_hash(path, str(sidecar["file_sha256"]))
+        return json.dumps(sidecar, indent=1, sort_keys=True, allow_nan=False) + "\n"
+
+    with paired_stream(end, said, overwrite=overwrite) as out:
+        out.write(data)
+    return PosesResult(
+        target=end,
+        sidecar=sidecar_path(end),
+        n_points=len(rows.row),
+        n_changed=changed,
+        before=sizes["before_rms_m"],
+        after=sizes["after_rms_m"],
+        turn_before=sizes["turn_before_rms_rad"],
+        turn_after=sizes["turn_after_rms_rad"],
+        correction=ranges,
+        messages=tuple(messages),
+        audit=sidecar,
+    )
+
+
+def _axes_of(
+    lines: list[str],
+    head: int | None,
+    sep: str,
+    chain: Chain,
+    units: Mapping[str, str],
+    path: Path,
+) -> dict[str, ListColumn]:
+    """Return the column of each axis that moves; all must be there, each with its unit."""
+    kinds = {e.name: e for e in chain.elements if e.kind != "fixed" and not e.parked}
+    for unknown in units.keys() - kinds.keys():
+        raise DataError(f"there is no axis {unknown!r}; the machine has {', '.join(kinds)}")
+    if head is None:
+        raise DataError(
+            f"{path}: has no header; it must name the axes and their units, such as "
+            f"{','.join(f'{a}_{_unit(e)}' for a, e in kinds.items())}"
+        )
+    names, stated, twice = named_columns(lines[head], sep)
+    found = {}
+    for axis, element in kinds.items():
+        listed = twice.get(axis.upper(), [])
+        if len(listed) != 1:
+            what = (
+                f"has {axis} twice ({', '.join(listed)})" if listed else f"has no column of {axis}"
+            )
+            raise DataError(
+                f"{path}: {what}; a pose needs one column for each axis of the machine, such as "
+                f"{axis}_{_unit(element)}"
+            )
+        index = names[axis.upper()]
+        unit = units.get(axis, "") or stated.get(str(index), "")
+        kind = "angle" if element.kind == "rotary" else "length"
+        found[axis] = ListColumn(index, unit_scale(axis, unit, kind, path))
+    return found
+
+
+def _unit(element: Any) -> str:
+    return "deg" if element.kind == "rotary" else "mm"
+
+
+def _offsets(
+    zero: Mapping[str, float], columns: Mapping[str, ListColumn], chain: Chain
+) -> dict[str, float]:
+    """Return where each axis of the list has its zero in the machine."""
+    kinds = {e.name: "angle" if e.kind == "rotary" else "length" for e in chain.elements}
+    for unknown in zero.keys() - columns.keys():
+        raise DataError(f"zero names {unknown!r}; the axes of the list are {', '.join(columns)}")
+    return {a: numbers.quantity(zero.get(a, 0.0), f"zero of {a}", kinds[a]) for a in columns}
+
+
+def _positions(
+    values: Mapping[str, FloatArray],
+    columns: Mapping[str, ListColumn],
+    offset: Mapping[str, float],
+) -> dict[str, FloatArray]:
+    return {a: values[a] * c.scale + offset[a] for a, c in columns.items()}
+
+
+def _judged(
+    chain: Chain,
+    errors: Errors,
+    nominal: Mapping[str, FloatArray],
+    written: Mapping[str, FloatArray],
+    tool: ArrayLike,
+    tool_axis: ArrayLike,
+) -> dict[str, float]:
+    """Return the error of the tool point and of the tool axis by commands, with exact rotations."""
+    axis = np.asarray(tool_axis, dtype=np.float64)
+    axis = axis / np.linalg.norm(axis)
+    goal = chain.transform(nominal, tool=tool)
+    sizes = {}
+    for name, commands in (("before", nominal), ("after", written)):
+        actual = chain.transform(commands, errors, tool=tool, exact=True)
+        off = np.linalg.norm(actual[..., :3, 3] - goal[..., :3, 3], axis=-1)
+        away = np.linalg.norm((actual[..., :3, :3] - goal[..., :3, :3]) @ axis, axis=-1)
+        sizes[f"{name}_rms_m"] = float(np.sqrt(np.mean(off**2)))
+        sizes[f"turn_{name}_rms_rad"] = float(np.sqrt(np.mean(away**2)))
+    return sizes
+
+
+def _names(errors: Any) -> tuple[str, ...]:
+    from metrosep.machine.error_sets import as_error_set
+
+    return tuple(as_error_set(errors).names)
