@@ -58,7 +58,7 @@ _WORTH = 3.0
 _ROUNDING = 1e-13
 """m: a smaller noise of a pixel is rounding, no instrument has it."""
 
-_REFUSED = 4.0
+_REFUSED, _GROSS = 4.0, 8.0
 _CHANCE = 1e-4
 _ALIKE = 0.9
 _FURTHER = {"linear": 4, "rotary": 3}
@@ -381,11 +381,8 @@ def _without_gauge(
 # ---- noise of each part, estimate of all -----------------------------------------------------------
 
 
-def _noise_of(part: _Part, used: NDArray[np.bool_], start: _Noise | None = None) -> _Noise:
-    """Return the noise that makes the residuals of a part, by all that could be fitted to it, likely.
-
-    From a start that was found with some bins more no other kind of likeness is tried.
-    """
+def _noise_of(part: _Part, used: NDArray[np.bool_]) -> _Noise:
+    """Return the noise that makes the residuals of a part, by all that could be fitted to it, likely."""
     whole = np.hstack([part.X, part.own])[used]
     size = np.linalg.norm(whole, axis=0)
     U, singular, _ = np.linalg.svd(whole / np.where(size > 0.0, size, 1.0), full_matrices=False)
@@ -399,11 +396,8 @@ def _noise_of(part: _Part, used: NDArray[np.bool_], start: _Noise | None = None)
     at_white, scale = value(white)
     if scale <= _ROUNDING:
         return replace(white, scale=scale)
-    if start is not None and start.ratio > 0.0:
-        best = start
-    else:
-        grid = [_Noise(k, a, x, 1.0) for k in _KERNELS for a in _RATIOS for x in _LENGTHS]
-        best = min(grid, key=lambda n: value(n)[0])
+    grid = [_Noise(k, a, x, 1.0) for k in _KERNELS for a in _RATIOS for x in _LENGTHS]
+    best = min(grid, key=lambda n: value(n)[0])
     from scipy.optimize import minimize
 
     def at(logs: FloatArray) -> _Noise:
@@ -497,7 +491,7 @@ def _settled(
     parts: list[_Part],
 ) -> tuple[_Estimate, list[_Noise], list[NDArray[np.bool_]], list[tuple[FloatArray, FloatArray]]]:
     """Return the estimate when no further bin is refused."""
-    used = [np.ones(p.y.size, dtype=bool) for p in parts]
+    used = [_without_gross(p) for p in parts]
     noises = [_noise_of(p, u) for p, u in zip(parts, used, strict=True)]
     estimate, whitened = _estimate(parts, noises, used)
     for _ in range(ROUNDS):
@@ -506,12 +500,29 @@ def _settled(
             bad = _contradicting(L, rows, estimate)
             if bad.any():
                 used[k][np.flatnonzero(used[k])[bad]] = False
-                noises[k] = _noise_of(parts[k], used[k], noises[k])
+                noises[k] = _noise_of(parts[k], used[k])
                 changed = True
         if not changed:
             break
         estimate, whitened = _estimate(parts, noises, used)
     return estimate, noises, used, whitened
+
+
+def _without_gross(part: _Part) -> NDArray[np.bool_]:
+    """Return the bins without those far off a plain fit: they would pass for noise alike over a length."""
+    whole = np.hstack([part.X, part.own]) * np.sqrt(part.counts)[:, None]
+    whole = whole / np.maximum(np.linalg.norm(whole, axis=0), np.finfo(np.float64).tiny)
+    y = part.y * np.sqrt(part.counts)
+    used = np.ones(y.size, dtype=bool)
+    for _ in range(ROUNDS):
+        found = np.linalg.lstsq(whole[used], y[used], rcond=NULL)[0]
+        rest = np.abs(y - whole @ found)
+        far = rest > _GROSS * 1.4826 * float(np.median(rest[used]))
+        if not (far & used).any() or float(np.median(rest)) < _ROUNDING:
+            break
+        # the worst half of them at a time: one bad bin pulls its neighbours
+        used &= rest < max(0.5 * float(rest[used].max()), float(rest[~far].max()))
+    return used
 
 
 def _contradicting(L: FloatArray, rows: FloatArray, estimate: _Estimate) -> NDArray[np.bool_]:
