@@ -198,7 +198,7 @@ def volume(
     chain = chain_of(machine, options)
     kinds = {e.name: "angle" if e.kind == "rotary" else "length" for e in chain.elements}
     terms, known = terms_of(errors, kinds)
-    linear = [e.name for e in chain.elements if e.kind == "linear" and not e.parked]
+    linear = sorted(e.name for e in chain.elements if e.kind == "linear" and not e.parked)
     over = _names(options["over"] or ",".join(linear), "--over", 3)
     if len(over) != 3:
         raise click.UsageError(f"--over names three axes; {machine} has {', '.join(linear)}")

@@ -3,7 +3,7 @@
 Of a linear axis Legendre polynomials over the places that were run, minus their value at home:
 errors are zero there. The slope of a straightness is squareness and frame, so those begin at order 2.
 Of a full turn harmonics: radial and tilt motion from 2 (1 is where the ball stands), axial and
-angular motion from 1. Curves that part maps show (`part_curves`) have no home: they are plain
+angular motion from 1. Curves that part maps show (`_part_curves`) have no home: they are plain
 polynomials over the range that was cut. Of a part of a turn polynomials made orthogonal to what an axis that stands
 elsewhere does: 1, cos q, sin q for radial and tilt motion, 1 for the others.
 """

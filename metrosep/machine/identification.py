@@ -164,7 +164,7 @@ def identify(
     fitted to first order.
 
     With `curves` the model is linear, each part has its own alignment and its own constant of each
-    slide (setting of the tool); `threshold` and `exact` have no use then. See `part_curves`.
+    slide (setting of the tool); `threshold` and `exact` have no use then. See the page on errors from a measured part.
 
     Examples
     --------
@@ -184,7 +184,7 @@ def identify(
         isinstance(m, Surface) for m in surface_map
     )
     if curves is not None or several:
-        from metrosep.machine.part_curves import curves_of_parts
+        from metrosep.machine._part_curves import curves_of_parts
 
         maps = list(surface_map) if several else [surface_map]
         place = checked_place(tool)
