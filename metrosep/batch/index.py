@@ -22,6 +22,7 @@ from metrosep._version import __version__
 from metrosep.batch.units import FAILED, RESULT, LeftOut, read_mark, sentences, short_version
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, RecipeError
+from metrosep.core.limits import STATUS_OF_VERDICT
 from metrosep.core.readable import digits_of, readable_unit
 from metrosep.io.own_notes import moment_of
 from metrosep.recipe.index_rows import index_columns, index_rows
@@ -233,7 +234,6 @@ def _cells(values: Sequence[Any]) -> list[Any]:
 STATUSES = ("accepted", "rejected", "inconclusive", "measured", "failed", "refused")
 """What can become of a unit; measured: there were no limits; refused: it was not begun."""
 
-_OF_VERDICT = {"accept": "accepted", "reject": "rejected", "inconclusive": "inconclusive"}
 _SHOWN = (
     "name", "metric", "symbol", "value", "unit", "u", "lower", "upper", "U", "guard_factor", "verdict",
 )  # fmt: skip
@@ -244,7 +244,7 @@ def row_of(document: Mapping[str, Any], link: str | None) -> dict[str, Any]:
     unit = document["unit"]
     verdict = document.get("verdict")
     failed = "reason" in document
-    status = document["status"] if failed else _OF_VERDICT.get(verdict or "", "measured")
+    status = document["status"] if failed else STATUS_OF_VERDICT.get(verdict or "", "measured")
     return {
         "unit": unit["name"],
         "key": unit["key"],

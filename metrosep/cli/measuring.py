@@ -10,10 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from metrosep.cli.options import file_options, json_option, name_values, read_aloud, say
+from metrosep.cli.options import (
+    INPUT_KEYS,
+    file_options,
+    json_option,
+    name_values,
+    read_aloud,
+    say,
+)
 from metrosep.cli.shortcut import input_lines, option_error, quoted
 from metrosep.core.limits import RULES
-from metrosep.core.text_options import TEXT_OPTIONS
 
 if TYPE_CHECKING:
     from metrosep.core.errors import RecipeError
@@ -22,8 +28,6 @@ if TYPE_CHECKING:
 __all__ = ["form", "measure", "verify_softgauge"]
 
 _CALL = "command line"
-_INPUT = ("unit", "lateral_step", "channel", "format", *TEXT_OPTIONS)
-"""Options of readers that a recipe has keys for."""
 _PLAIN = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:SI)?\s*")
 _USUAL = {"line": "lsq", "reference": "MZ"}
 _WORST_FIRST = (4, 2, 1, 3)
@@ -208,7 +212,7 @@ def _require_recipe_of_one(files: Sequence[str], reading: Mapping[str, Any]) -> 
     """Refuse a recipe of several files, or with options of readers that recipes do not have."""
     if len(files) != 1:
         raise click.UsageError("a recipe, a report and result.json are of one FILE: name one")
-    stray = [k for k in reading if k not in _INPUT]
+    stray = [k for k in reading if k not in INPUT_KEYS]
     if stray:
         raise click.UsageError(f"--set {stray[0]} has no key in a recipe that measures")
 
@@ -241,7 +245,7 @@ def _recipe_text(file: str | None, given: Mapping[str, Any], reading: Mapping[st
         )
     lines = ["metrosep = 1", "", "[input]"]
     if file is not None:
-        lines += [f"files = [{quoted(file)}]", *input_lines(reading, _INPUT)]
+        lines += [f"files = [{quoted(file)}]", *input_lines(reading, INPUT_KEYS)]
     if given["form"].strip().lower() != "none":
         lines += ["", "[[step]]", 'op = "form"', f"form = {quoted(given['form'])}"]
     if cuts:

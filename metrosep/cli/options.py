@@ -41,6 +41,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 _READING = ("unit", "lateral_step", "channel", "format")
 """Options of a file beside --set."""
 
+INPUT_KEYS = (*_READING, *TEXT_OPTIONS)
+"""Options of readers that a recipe has keys for."""
+
 
 def json_option(command: F) -> F:
     """Add ``--json``."""

@@ -8,13 +8,10 @@ from typing import Any
 
 import click
 
-from metrosep.cli.options import file_options, json_option, read_aloud, say
+from metrosep.cli.options import INPUT_KEYS, file_options, json_option, read_aloud, say
 from metrosep.cli.shortcut import input_lines, quoted
-from metrosep.core.text_options import TEXT_OPTIONS
 
 __all__ = ["psd"]
-
-_INPUT = ("unit", "lateral_step", "channel", "format", *TEXT_OPTIONS)
 
 
 @click.command()
@@ -51,7 +48,7 @@ def psd(
     from metrosep.recipe.recipe import Recipe
 
     lines = ["metrosep = 1", "", "[input]", f"files = [{quoted(file)}]"]
-    lines += input_lines(reading, _INPUT)
+    lines += input_lines(reading, INPUT_KEYS)
     if form_text.strip().lower() != "none":
         lines += ["", "[[step]]", 'op = "form"', f"form = {quoted(form_text)}"]
     lines += [

@@ -26,6 +26,7 @@ from metrosep.compensation.table import CompensationTable
 from metrosep.controllers._facts import agreed, read_table, settled
 from metrosep.controllers._grammar import short
 from metrosep.controllers._grids import (
+    DRY_RUN,
     Repeating,
     even_map,
     even_table,
@@ -93,7 +94,6 @@ _DIGITS = 10.0
 _RESIDUAL = 0.1
 """Share of the map's span that a product of two tables may miss."""
 
-_DRY_RUN = "sign not documented: dry-run on the machine first"
 
 _SHARED = (
     Option(
@@ -413,7 +413,7 @@ def _findings(product: ProductTables, missed: float) -> tuple[Finding, ...]:
 
 
 def _comments(o: Mapping[str, Any]) -> list[str]:
-    return [f"entry = {'+' if o['entry_sign'] > 0 else '-'}e, {_DRY_RUN}"]
+    return [f"entry = {'+' if o['entry_sign'] > 0 else '-'}e, {DRY_RUN}"]
 
 
 def _facts(o: Mapping[str, Any], axes: Sequence[str], **more: object) -> dict[str, object]:

@@ -19,6 +19,16 @@ __all__ = [
     "parse_limit",
 ]
 
+STATUS_OF_VERDICT = {
+    "accept": "accepted",
+    "reject": "rejected",
+    "inconclusive": "inconclusive",
+}
+"""What becomes of a unit by its verdict, as lists of units name it."""
+
+FORM_OF_SYMBOL = {"STR": "straightness", "FLT": "flatness", "RON": "roundness"}
+"""By the first letters of their symbols; every value of theirs is a length."""
+
 RULES = ("max", "16%", "median")
 """Rules over several values of one parameter."""
 

@@ -13,12 +13,12 @@ from metrosep.core.units import format_length, parse_unit
 
 __all__ = ["digits_of", "readable_text", "readable_unit", "typed_number", "value_text"]
 
-_PREFIXED = {"m": "length", "rad": "angle", "s": "time"}
+PREFIXED = {"m": "length", "rad": "angle", "s": "time"}
 _SMALL = 0.1
 """A number of metres below it reads better in a smaller unit."""
 
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_IN_SI = re.compile(rf"(?<![\w.^/])({_NUMBER}) (m/s|m|rad)(?![\w/^*])")
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_IN_SI = re.compile(rf"(?<![\w.^/])({NUMBER}) (m/s|m|rad)(?![\w/^*])")
 _LONG = re.compile(r"(?<![\w.])-?\d+\.\d{9,}(?:[eE][-+]?\d+)?(?!\w)")
 _ABOUT_SI = re.compile(
     r"[;,] \w+ (?:are|is) in (?:m/s|m|rad)(?: \([^()]*\))?(?=[;,.]|$)"
@@ -37,7 +37,7 @@ def readable_unit(values: Sequence[float | None], unit: str) -> tuple[str, float
     known = [abs(v) for v in values if v is not None and math.isfinite(v)]
     largest = max(known, default=0.0)
     base, slash, per = unit.partition("/")
-    if base not in _PREFIXED or (slash and not per) or largest == 0.0:
+    if base not in PREFIXED or (slash and not per) or largest == 0.0:
         return unit, 1.0
     if base == "m":
         name = format_length(largest).split()[1]

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, FitError, TooFewSamplesError
+from metrosep.core.limits import FORM_OF_SYMBOL
 from metrosep.core.numbers import count, flag, real
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
@@ -772,7 +773,6 @@ def nonlinearity_effect(value: float, *, distribution: Distribution = "rectangul
 Evaluated = Callable[[Profile | Surface], dict[str, float]]
 
 _INTERFEROMETRIC = ("PV", "RMS", "PVr", "PVq", "PV20")
-_FORM = {"STR": "straightness", "FLT": "flatness", "RON": "roundness"}
 
 
 def evaluated_names(
@@ -801,7 +801,7 @@ def _family(name: str, obj: Profile | Surface) -> str:
     form, dot, _ = name.partition(".")
     if dot and "(" not in form:
         return f"form:{form}"
-    if name[:3] in _FORM and unit_of_symbol(name) is not None:
+    if name[:3] in FORM_OF_SYMBOL and unit_of_symbol(name) is not None:
         return name[:3]
     if isinstance(obj, Surface):
         return "interferometric" if name in _INTERFEROMETRIC else "S"
@@ -844,8 +844,8 @@ def _of_table(
 
     given: dict[str, Any] = dict(options)
     table: Any
-    if family in _FORM:
-        kind: Any = _FORM[family]
+    if family in FORM_OF_SYMBOL:
+        kind: Any = FORM_OF_SYMBOL[family]
         table = form_deviation(obj, kind=kind).table
     elif family == "interferometric" and isinstance(obj, Surface):
         table = interferometric_parameters(obj, names=names)

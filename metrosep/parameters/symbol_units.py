@@ -7,12 +7,10 @@ from functools import cache
 from types import MappingProxyType
 
 from metrosep.core.errors import DataError
+from metrosep.core.limits import FORM_OF_SYMBOL
 from metrosep.parameters.arguments import AREAL, PROFILE, Call, call_of, is_call
 
 __all__ = ["is_of_all", "same_parameter", "unit_of_symbol"]
-
-_FORM = ("STR", "FLT", "RON")
-"""Straightness, flatness, roundness: every value of theirs is a length."""
 
 
 def unit_of_symbol(symbol: str) -> str | None:
@@ -28,7 +26,7 @@ def unit_of_symbol(symbol: str) -> str | None:
             return _call(symbol).function.unit
         except DataError:
             return None
-    return "m" if symbol[:3] in _FORM and len(symbol) > 3 else _units().get(symbol)
+    return "m" if symbol[:3] in FORM_OF_SYMBOL and len(symbol) > 3 else _units().get(symbol)
 
 
 def is_of_all(symbol: str) -> bool:
@@ -39,7 +37,11 @@ def is_of_all(symbol: str) -> bool:
     >>> is_of_all("Sku"), is_of_all("FLTt"), is_of_all("Xyz")
     (True, False, False)
     """
-    return symbol[:3] not in _FORM and not is_call(symbol) and unit_of_symbol(symbol) is not None
+    return (
+        symbol[:3] not in FORM_OF_SYMBOL
+        and not is_call(symbol)
+        and unit_of_symbol(symbol) is not None
+    )
 
 
 def same_parameter(one: str, other: str) -> bool:

@@ -21,9 +21,11 @@ from metrosep.plot.polar import harmonic_bars, polar_plot
 from metrosep.plot.series_chart import draw_part_series
 from metrosep.plot.style import (
     BAND_FACTOR,
+    BARS,
     COLOURS,
     DASHED,
     DOTTED,
+    LINES,
     UNITS,
     axes_or_new,
     draw_band,
@@ -52,7 +54,6 @@ __all__ = [
 
 # ---- bars of a result: rankings, budgets and coefficients, from the plain values of a chart ----
 
-_COLOURS = ("estimate", "after", "before", "reverse")
 _MANY = 7
 """Labels beyond which they stand upright."""
 
@@ -91,7 +92,7 @@ def draw_bars(chart: Mapping[str, Any], *, ax: Axes | None = None) -> Axes:
                 bars,
                 width,
                 bottom=bottom if chart["stacked"] else 0.0,
-                color=COLOURS[_COLOURS[k % len(_COLOURS)]],
+                color=COLOURS[BARS[k % len(BARS)]],
                 label=name or None,
                 yerr=None if error is None else 2.0 * np.where(error > 0.0, error, np.nan) * scale,
                 error_kw={"elinewidth": 0.9, "capsize": 2.0, "ecolor": COLOURS["text"]},
@@ -119,7 +120,6 @@ def draw_bars(chart: Mapping[str, Any], *, ax: Axes | None = None) -> Axes:
 
 Chart = Mapping[str, Any]
 
-_LINES = ("estimate", "after", "reverse", "before")
 _MORE_LINES = ("#009E73", "#CC79A7", "#56B4E9", "#B8860B")
 """Beside the first four: told apart with any colour vision, after Okabe and Ito."""
 _LEGEND_ABOVE = 78
@@ -188,7 +188,7 @@ def _curves(chart: Chart) -> Figure:
 # a curve whose label begins with "limit" is drawn dashed and grey, as every limit is
 def _line_colours(panels: Sequence[Chart]) -> list[list[str]]:
     """Return a colour for each curve: the same for the same label in every panel of a chart."""
-    palette = [*(COLOURS[name] for name in _LINES), *_MORE_LINES]
+    palette = [*(COLOURS[name] for name in LINES), *_MORE_LINES]
     known: dict[str, str] = {}
     found = []
     for i, each in enumerate(panels):

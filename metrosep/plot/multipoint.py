@@ -17,6 +17,7 @@ from metrosep.plot.style import (
     COLOURS,
     DASHED,
     DOTTED,
+    LINES,
     axes_or_new,
     draw_band,
     house_style,
@@ -393,7 +394,6 @@ def _name(angles: tuple[float, ...]) -> str:
 # ---- chart of spindle values against speed, with fits, confidence bands and critical speeds ----
 
 _MARKS = ("o", "s", "^", "D")
-_COLOURS = ("estimate", "after", "reverse", "before")
 
 
 def speed_plot(
@@ -423,7 +423,7 @@ def speed_plot(
         axes = axes_or_new(ax)
         for i, name in enumerate(names):
             fit = sweep[name]
-            colour = COLOURS[_COLOURS[i % len(_COLOURS)]]
+            colour = COLOURS[LINES[i % len(LINES)]]
             axes.errorbar(
                 60.0 * sweep.speed,
                 fit.values * scale,

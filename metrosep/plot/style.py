@@ -25,9 +25,11 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BAND_FACTOR",
+    "BARS",
     "COLOURS",
     "DASHED",
     "DOTTED",
+    "LINES",
     "UNITS",
     "axes_or_new",
     "draw_band",
@@ -60,6 +62,10 @@ COLOURS: Mapping[str, str] = {
     "line": "#555555",
 }
 """After Okabe and Ito: told apart with any colour vision; more than one line of a colour goes by lightness."""
+
+BARS = ("estimate", "after", "before", "reverse")
+LINES = ("estimate", "after", "reverse", "before")
+"""Colours in the order in which bars and lines get them."""
 
 DASHED: Any = (0, (5, 1.6))
 DOTTED: Any = (0, (1.2, 1.2))

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
-from metrosep.plot.style import COLOURS, DASHED, axes_or_new, house_style
+from metrosep.plot.style import BARS, COLOURS, DASHED, axes_or_new, house_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 __all__ = ["contrast_plot", "disc_map", "wavefront_map", "zernike_bars"]
 
-_BAR_COLOURS = ("estimate", "after", "before", "reverse")
 _ORDERS = {"ansi": "ANSI", "noll": "Noll", "fringe": "Fringe"}
 
 
@@ -95,7 +94,7 @@ def zernike_bars(
         axes = axes_or_new(ax)
         width = 0.8 / len(named)
         for k, (name, table) in enumerate(named.items()):
-            colour = COLOURS[_BAR_COLOURS[k % len(_BAR_COLOURS)]]
+            colour = COLOURS[BARS[k % len(BARS)]]
             place = np.arange(len(shown)) + (k - 0.5 * (len(named) - 1)) * width
             axes.bar(place, table.values()[shown] / unit, width, color=colour, label=name or None)
         axes.axhline(0.0, color=COLOURS["line"], linewidth=0.8)
@@ -139,7 +138,7 @@ def contrast_plot(
     with house_style():
         axes = axes_or_new(ax)
         for k, (name, transfer) in enumerate(named.items()):
-            colour = COLOURS[_BAR_COLOURS[k % len(_BAR_COLOURS)]]
+            colour = COLOURS[BARS[k % len(BARS)]]
             before = f"{name}, " if name else ""
             v = transfer.frequency_x / transfer.cutoff
             axes.plot(v, transfer.along_x, color=colour, label=f"{before}along x")

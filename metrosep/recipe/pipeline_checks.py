@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from metrosep.core.errors import DataError
+from metrosep.core.limits import FORM_OF_SYMBOL
 from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
@@ -542,7 +543,6 @@ PARAMETERS: Mapping[str, Option] = {
 # ---- filter and parameters of one map or profile, as recipes and the command ``measure`` ask for them ----
 
 _INTERFEROMETRIC = ("PV", "RMS", "PVr", "PVq", "PV20")
-_FORM = {"STR": "straightness", "FLT": "flatness", "RON": "roundness"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -599,7 +599,7 @@ def parameter_tables(obj: Surface | Profile, how: Evaluating) -> tuple[Parameter
     """Return the parameters of an object, a table for each family."""
     tables = []
     for family, names in _families(obj, how.names).items():
-        if family in _FORM:
+        if family in FORM_OF_SYMBOL:
             tables.append(_form_table(obj, family, names, how))
         elif family == "interferometric":
             tables.append(_interferometric(obj, names))
@@ -627,7 +627,7 @@ def _families(obj: Surface | Profile, names: Sequence[str]) -> dict[str, list[st
 def _family(obj: Surface | Profile, name: str) -> str:
     if name in _INTERFEROMETRIC:
         return "interferometric"
-    if name[:3] in _FORM:
+    if name[:3] in FORM_OF_SYMBOL:
         return name[:3]
     if isinstance(obj, Profile) and name in ("Mr1", "Mr2", "A1", "A2"):
         return "R"
@@ -656,7 +656,7 @@ def _form_table(
 ) -> ParameterTable:
     from metrosep.parameters import form_deviation
 
-    kind: Any = _FORM[family]
+    kind: Any = FORM_OF_SYMBOL[family]
     reference: Any = how.reference
     return _only(form_deviation(obj, kind=kind, reference=reference).table, names or ())
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from metrosep.compensation.area_errors import is_rotary
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.core.limits import FROM_FIT, Limit, limit_problem, order_problem
-from metrosep.core.readable import typed_number
+from metrosep.core.readable import PREFIXED, typed_number
 from metrosep.core.units import parse_quantity
 from metrosep.parameters.decision import decide
 from metrosep.recipe.methods.turned import AVERAGED, TurnedRuns
@@ -343,8 +343,6 @@ def _said(axis: str, key: str) -> str:
 # ---- limits whose guard bands leave no room: a part between them can never be accepted ---------
 
 _DIGITS = 6
-_TYPED = {"m": "length", "rad": "angle", "s": "time"}
-"""Dimensions of limits that are shown in a unit that a person would type."""
 
 
 def guard_notes(recipe: Recipe) -> Iterator[str]:
@@ -396,6 +394,6 @@ def _error(recipe: Recipe, number: int, text: str) -> RecipeError:
 def _shown(value: float, like: Any) -> str:
     """Return a value as the limits are given: lengths with their unit."""
     dimension = like.dimension if isinstance(like, Limit) else ""
-    if dimension in _TYPED:
-        return typed_number(float(value), _TYPED[dimension], digits=_DIGITS)
+    if dimension in PREFIXED:
+        return typed_number(float(value), PREFIXED[dimension], digits=_DIGITS)
     return f"{float(value):.{_DIGITS}g} {dimension}".strip()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from metrosep.core.errors import MetrosepError
 from metrosep.core.methods import METHODS
 from metrosep.core.options import KINDS
-from metrosep.core.readable import readable_text, typed_number
+from metrosep.core.readable import NUMBER, readable_text, typed_number
 from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.recipe.pipeline import schema
 from metrosep.recipe.schema import DIMENSIONS, Field, placeholder
@@ -65,8 +65,7 @@ _DIGITS = 6
 _OTHER_NAMES = {"dx": "lateral_step", "dy": "lateral_step"}
 """Arguments of the library that a file of maps has under another name."""
 
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-_VALUE = rf"'[^']*'|\"[^\"]*\"|\([^()]*\)|\[[^\[\]]*\]|{_NUMBER}(?![\w.])|\.\.\.|[A-Za-z]\w*"
+_VALUE = rf"'[^']*'|\"[^\"]*\"|\([^()]*\)|\[[^\[\]]*\]|{NUMBER}(?![\w.])|\.\.\.|[A-Za-z]\w*"
 _PYTHON = rf"(?<![\w.\-\"'])([a-z_]\w*)=(?!=)({_VALUE})?( (?:nm|um|mm|m|rad|s)\b)?"
 _ASKED = (
     r"\b((?:(?:give|pass|state) (?=[a-z])|(?:set|lower|needs?|without|unless|name|say|with|or)"
@@ -209,7 +208,7 @@ def _worded(
     if name in keys.step and _fits(value, keys.step[name]):
         return _set_or_key(name, value, unit, keys.step[name], command=command)
     name = _OTHER_NAMES.get(name, name)
-    if name not in keys.source or (name in keys.columns and re.fullmatch(_NUMBER, value or "")):
+    if name not in keys.source or (name in keys.columns and re.fullmatch(NUMBER, value or "")):
         return None
     return _source(name, value, keys, command=command)
 
@@ -274,7 +273,7 @@ def _converted(value: str | None, unit: str, field: Field) -> str:
     def with_unit(number: re.Match[str]) -> str:
         return typed_number(float(number.group()), dimension, digits=_DIGITS)
 
-    return re.sub(_NUMBER, with_unit, text.strip("()[]"))
+    return re.sub(NUMBER, with_unit, text.strip("()[]"))
 
 
 def _key(name: str, text: str, field: Field) -> str:

@@ -7,6 +7,7 @@ import io
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+from metrosep.core.limits import STATUS_OF_VERDICT
 from metrosep.report.text import cell_text, characteristic_rows, document_writer, one_line
 
 __all__ = ["COLUMNS", "NUMBERS", "long_rows", "render_csv", "write_csv"]
@@ -23,8 +24,6 @@ text otherwise.
 
 NUMBERS = frozenset({"value", "lower", "upper", "U", "u", "guard"})
 """Columns that hold numbers, in the unit of the column ``unit``; the others hold texts."""
-
-_STATUS = {"accept": "accepted", "reject": "rejected", "inconclusive": "inconclusive"}
 
 
 def render_csv(documents: Iterable[Mapping[str, Any]]) -> str:
@@ -62,7 +61,10 @@ def render_csv(documents: Iterable[Mapping[str, Any]]) -> str:
 def long_rows(documents: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str | float | None, ...]]:
     """Yield the rows that every file in the long form holds."""
     for document in documents:
-        tail = (_STATUS.get(str(document.get("verdict")), "measured"), _recipe_of(document))
+        tail = (
+            STATUS_OF_VERDICT.get(str(document.get("verdict")), "measured"),
+            _recipe_of(document),
+        )
         for row in characteristic_rows(document):
             yield (
                 *(row.file, row.part, row.serial, row.name, row.value, row.unit),

@@ -25,6 +25,7 @@ from metrosep.core.errors import (
     UnitError,
 )
 from metrosep.core.numbers import is_real, not_negative, positive, real
+from metrosep.core.options import option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
@@ -443,6 +444,16 @@ def _whitener(covariance: FloatArray) -> FloatArray:
 
 Terms = Mapping[str, tuple[FloatArray, FloatArray]]
 """Type B terms by name: variances of the curves (p, N) and of the harmonics (p, kmax + 1)."""
+
+
+def turn_option() -> Any:
+    """Return the option of the sense of turning against the probe angles."""
+    return option(
+        1,
+        kind="integer",
+        choices=(1, -1),
+        help="1: the part turns against the count of the probe angles; -1: with it",
+    )
 
 
 class CircleMethod(SeparationMethod):

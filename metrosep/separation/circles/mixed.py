@@ -44,6 +44,7 @@ from metrosep.separation.circles._circle import (
     curve,
     harmonics_of,
     reading_noise,
+    turn_option,
     unseen,
     variances,
 )
@@ -88,12 +89,7 @@ class OrthogonalMixed(CircleMethod):
     u_radius: float = option(
         0.0, kind="uncertainty", help="standard uncertainty of the radius (type B)"
     )
-    turn: Literal[1, -1] = option(
-        1,
-        kind="integer",
-        choices=(1, -1),
-        help="1: the part turns against the count of the probe angles; -1: with it",
-    )
+    turn: Literal[1, -1] = turn_option()
 
     name = "orthogonal_mixed"
     what = "roundness and spindle motion from a displacement and a slope probe"

@@ -48,6 +48,7 @@ from metrosep.separation.circles._circle import (
     numbers,
     probe_geometry,
     reading_noise,
+    turn_option,
     turned,
     unseen,
     variances,
@@ -119,12 +120,7 @@ class MultiprobeRoundness(CircleMethod):
         kind="number",
         help="an undulation whose noise is magnified more than this is called suppressed",
     )
-    turn: Literal[1, -1] = option(
-        1,
-        kind="integer",
-        choices=(1, -1),
-        help="1: the part turns against the count of the probe angles; -1: with it",
-    )
+    turn: Literal[1, -1] = turn_option()
     radius: float | None = option(
         None, kind="size", help="of the artefact: tells the undulation that the eccentricity makes"
     )

@@ -19,7 +19,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, FormatMismatchError, NotSeparableError, UnitError
 from metrosep.core.inputs import Readings
 from metrosep.core.numbers import not_negative
-from metrosep.core.options import Option
+from metrosep.core.options import Option, option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
@@ -51,8 +51,16 @@ from metrosep.separation.lines._line_problem import (
     transfer_of,
 )
 
-STEP = "between the positions of the carriage, and between the samples of the form"
-SMOOTHING = "weight of the penalty of generalised and combined"
+
+def step_option() -> Any:
+    """Return the option of the spacing of rows of probes."""
+    what = "between the positions of the carriage, and between the samples of the form"
+    return option(kind="size", required=False, help=what)
+
+
+def smoothing_option() -> Any:
+    """Return the option of the penalty of generalised least squares."""
+    return option(1e-3, kind="number", help="weight of the penalty of generalised and combined")
 
 
 class ProbeRowMethod(SeparationMethod):

@@ -30,7 +30,11 @@ from metrosep.separation.lines._line_problem import (
     method_named,
     split_call,
 )
-from metrosep.separation.lines._line_result import SMOOTHING, STEP, ProbeRowMethod
+from metrosep.separation.lines._line_result import (
+    ProbeRowMethod,
+    smoothing_option,
+    step_option,
+)
 
 __all__ = [
     "MultiProbe",
@@ -108,7 +112,7 @@ class ThreePoint(ProbeRowMethod):
     distance: float | tuple[float, float] = option(
         kind="lengths", help="between neighbouring probes, two values where they differ"
     )
-    step: float = option(kind="size", required=False, help=STEP)
+    step: float = step_option()
     method: str = option(
         "sequential",
         kind="text",
@@ -123,7 +127,7 @@ class ThreePoint(ProbeRowMethod):
         None, kind="length", help="zero difference e1 - 2 e2 + e3 of the probes, where it is known"
     )
     u_zero: float = option(0.0, kind="uncertainty", help="standard uncertainty of zero")
-    smoothing: float = option(1e-3, kind="number", help=SMOOTHING)
+    smoothing: float = smoothing_option()
 
     name = "three_point"
     what = "form of a straightedge and straightness of a slide, from three probes on the carriage"
@@ -270,7 +274,7 @@ class TwoPoint(ProbeRowMethod):
     """
 
     distance: float = option(kind="size", help="between the probes, above zero; also by name")
-    step: float = option(kind="size", required=False, help=STEP)
+    step: float = step_option()
     method: str = option(
         "sequential",
         kind="text",
@@ -280,7 +284,7 @@ class TwoPoint(ProbeRowMethod):
         ' differences. "combined" keeps the chains and takes only their offsets from '
         '"generalised". "least_squares" uses no penalty',
     )
-    smoothing: float = option(1e-3, kind="number", help=SMOOTHING)
+    smoothing: float = smoothing_option()
 
     name = "two_point"
     what = "form of a straightedge and straightness of a slide, from two probes on the carriage"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import ComplexArray, FloatArray, IntArray, as_float
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.numbers import not_negative, positive, real
+from metrosep.core.options import option
 from metrosep.core.provenance import Step
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
@@ -22,6 +24,12 @@ PIXELS = "no lateral step is known: positions x and y are in pixels, square ones
 
 _LEAST = 8
 _DIMENSIONS = {"m": "length", "rad": "angle"}
+
+
+def removed_option() -> Any:
+    """Return the option of the terms that are set-up of a flat."""
+    what = "terms that are set-up, not form: piston,tilt or piston,tilt,power"
+    return option(("piston", "tilt"), kind="texts", help=what)
 
 
 @dataclass(frozen=True, slots=True)

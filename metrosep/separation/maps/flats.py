@@ -41,6 +41,7 @@ from metrosep.separation.maps._map_input import (
     checked_removed,
     common_step,
     mirror,
+    removed_option,
     require_scale,
     rigid_terms,
     stored_in_si,
@@ -119,11 +120,7 @@ class ThreeFlat(MapMethod):
     radius: float | None = option(
         None, kind="size", help="of the Zernike terms; of what was measured if left out"
     )
-    removed: tuple[str, ...] = option(
-        ("piston", "tilt"),
-        kind="texts",
-        help="terms that are set-up, not form: piston,tilt or piston,tilt,power",
-    )
+    removed: tuple[str, ...] = removed_option()
     u_registration: ArrayLike = option(
         0.0, kind="uncertainty", help="standard uncertainty of the position of a map"
     )

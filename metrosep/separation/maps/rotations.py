@@ -33,6 +33,7 @@ from metrosep.separation.maps._map_input import (
     mirrored_trials,
     noise_of,
     orders_of,
+    removed_option,
     require_scale,
     residual_warnings,
     rigid_terms,
@@ -75,11 +76,7 @@ class RotationTest(MapMethod):
     dx: float | None = None
     dy: float | None = None
     centre: tuple[float, float] | None = None
-    removed: tuple[str, ...] = option(
-        ("piston", "tilt"),
-        kind="texts",
-        help="terms that are set-up, not form: piston,tilt or piston,tilt,power",
-    )
+    removed: tuple[str, ...] = removed_option()
     u_registration: float = option(
         0.0,
         kind="uncertainty",
