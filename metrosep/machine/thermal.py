@@ -45,6 +45,7 @@ from metrosep.machine.terms import ConstantTerm, ErrorTerm, SumTerm, TableTerm, 
 __all__ = ["ThermalFit", "ThermalTerm", "fit_thermal"]
 
 _MARGIN = 1e-9  # of the range that was seen: rounding
+_NOISE = 4.0  # standard deviations of a sensor by which its range is not beyond it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,6 +127,7 @@ class ThermalTerm:
         InvalidSamplesError
             Times do not rise, or lengths differ.
         """
+        numbers.choice(beyond, "beyond", ("refuse", "nan"))
         away, _ = self._inputs(temperatures, t, beyond)
         return np.asarray(away @ self.gains)
 
@@ -144,7 +146,30 @@ class ThermalTerm:
         ndarray, shape () or (n,), m or rad
             One standard deviation.
         """
-        away, turned = self._inputs(temperatures, t, beyond)
+        numbers.choice(beyond, "beyond", ("refuse", "nan"))
+        return self._spread(*self._inputs(temperatures, t, beyond))
+
+    def at_end(
+        self, temperatures: Mapping[str, ArrayLike | str], t: ArrayLike | None = None
+    ) -> tuple[float, float]:
+        """Return the error at the end of a history, whose earlier part may go beyond what was seen.
+
+        Parameters
+        ----------
+        temperatures : mapping of str to array_like or str, K
+            As of `evaluate`.
+        t : array_like, shape (n,), s, optional
+            Times of the history.
+
+        Returns
+        -------
+        tuple of (float, float), m or rad
+            The error and its standard uncertainty.
+        """
+        away, turned = self._inputs(temperatures, t, "end")
+        return _last(away @ self.gains), _last(self._spread(away, turned))
+
+    def _spread(self, away: FloatArray, turned: FloatArray) -> FloatArray:
         columns = np.concatenate([away, turned * self.gains], axis=-1)
         dynamic = [i for i, lag in enumerate(self.lags) if lag > 0.0]
         k = len(self.lags)
@@ -157,7 +182,6 @@ class ThermalTerm:
         self, temperatures: Mapping[str, ArrayLike | str], t: ArrayLike | None, beyond: str
     ) -> tuple[FloatArray, FloatArray]:
         """Return the inputs from their reference, and their derivative by the logarithm of the lag."""
-        numbers.choice(beyond, "beyond", ("refuse", "nan"))
         for name in self.sensors:
             if name not in temperatures:
                 raise DataError(
@@ -182,12 +206,15 @@ class ThermalTerm:
                 x.append(lagged(times, values, lag))
                 turned.append(by_log_lag(times, values, lag))
         columns = []
-        for name, values, (low, high), zero in zip(
-            self.sensors, x, self.seen, self.reference, strict=True
+        for name, values, (low, high), zero, noise in zip(
+            self.sensors, x, self.seen, self.reference, self.jitter, strict=True
         ):
-            margin = _MARGIN * (high - low)
-            outside = ~((values >= low - margin) & (values <= high + margin))
-            if outside.any() and beyond == "refuse":
+            margin = max(_MARGIN * (high - low), _NOISE * noise)
+            outside = np.atleast_1d(~((values >= low - margin) & (values <= high + margin)))
+            if beyond == "end":
+                outside[:-1] = False
+            outside = outside.reshape(np.shape(values))
+            if outside.any() and beyond != "nan":
                 worst = float(values[outside].flat[0])
                 raise LimitError(
                     f"{self.name}: the sensor {name!r} at {celsius(worst)} lies outside {celsius(low)} to "
@@ -294,8 +321,7 @@ class ThermalFit:
             )
         found: dict[str, Any] = {}
         for term, parts in places.items():
-            here = [_last(p.evaluate(temperatures, t)) for p in parts]
-            u = [_last(p.sd(temperatures, t)) for p in parts]
+            here, u = zip(*(p.at_end(temperatures, t) for p in parts), strict=True)
             if parts[0].place is None:
                 found[term] = ConstantTerm(here[0], u[0])
                 continue

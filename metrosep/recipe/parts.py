@@ -58,8 +58,11 @@ def write_parts(
         place = recipe.place("[[output]]", i)
         name = Path(output_name(output.get("path", usual), place))
         tell(f"writing {name}")
-        if not described.maps and not described.tables:
+        if not described.maps and not described.tables and not described.files:
             raise DataError("this result has no parts that can be written; leave this output out")
+        for text in sorted(set(described.files) - set(written)):
+            atomic_write(folder / text, described.files[text].encode("utf-8"))
+            written.append(text)
         written += _write_objects(described.maps, folder, name, place)
         suffix = name.suffix.lower()
         if described.profiles and suffix not in _TEXT:

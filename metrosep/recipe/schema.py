@@ -331,6 +331,8 @@ def input_fields(method: type[Method]) -> Mapping[str, Field]:
     if method.reads == "curves":
         other = {"x": "angle", "angle": "x"}.get(method.over)
         return {k: f for k, f in {**CURVES, **roles}.items() if k != other}
+    if method.reads == "files" and not roles:
+        return {"files": Field("texts")}
     return {**TABLE, **roles}
 
 

@@ -14,7 +14,7 @@ from metrosep.core.options import Option
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_quantity
 
-__all__ = ["CENTRE", "form_of", "machine_of", "one_map"]
+__all__ = ["CENTRE", "MACHINE", "form_of", "machine_of", "one_map"]
 
 
 def form_of(text: str) -> Any:
@@ -67,7 +67,7 @@ def machine_of(options: dict[str, Any], radius: float | None) -> Any:
 
 # ---- keys that several of these steps take -----------------------------------------------------
 
-_MACHINE: Mapping[str, Option] = {
+MACHINE: Mapping[str, Option] = {
     "machine": Option(
         "file",
         required=True,
@@ -104,7 +104,7 @@ class Ranking(Method):
     what: ClassVar[str] = "error terms of a machine, ranked by what they do to a part"
     reads: ClassVar = "nothing"
     arguments: ClassVar[Mapping[str, Option]] = {
-        **_MACHINE,
+        **MACHINE,
         "radius": Option(
             "size", required=True, help='of the part, from its axis to the rim, "20 mm"'
         ),
@@ -251,7 +251,7 @@ class TermsIdentified(Method):
     reads: ClassVar = "maps"
     readings: ClassVar[tuple[str, ...]] = ("map",)
     arguments: ClassVar[Mapping[str, Option]] = {
-        **_MACHINE,
+        **MACHINE,
         "radius": Option("size", help='of the part, from its axis to the rim, "20 mm"'),
         "inner_radius": _INNER_RADIUS,
         "removed": Option(
