@@ -40,7 +40,7 @@ from metrosep.recipe.result import (
     run_records,
     stored_estimate,
 )
-from metrosep.recipe.schema import reading_options
+from metrosep.recipe.schema import file_of_curve, reading_options
 from metrosep.separation.contract import Separation
 from metrosep.separation.inputs import require_count
 
@@ -142,7 +142,16 @@ def _options(method: type[Method], step: Mapping[str, Any], folder: Path) -> dic
     for key, value in options.items():
         if method.fields[key].kind == "file" and (folder / value).exists():
             options[key] = str(folder / value)
+        elif method.fields[key].kind == "table" and isinstance(value, Mapping):
+            options[key] = {k: _beside(v, folder) for k, v in value.items()}
     return options
+
+
+def _beside(value: Any, folder: Path) -> Any:
+    """Return the text of a curve with its file where it lies."""
+    file = file_of_curve(value)
+    found = file is not None and (folder / file).exists()
+    return f"table {folder / str(file)}" if found else value
 
 
 def _document(
