@@ -674,13 +674,14 @@ def terms_of(
     files: Sequence[str], kinds: Mapping[str, str]
 ) -> tuple[Any, dict[str, tuple[float, float]]]:
     """Return the error terms of files, and how far each axis is known by all of its terms."""
+    from metrosep.io.term_files import read_term_table
     from metrosep.machine.elements import axis_of
     from metrosep.machine.error_sets import ErrorSet
 
     values: dict[str, Any] = {}
     known: dict[str, list[tuple[float, float]]] = {}
     for file in _term_files(files):
-        read = _of_toml(file) if file.endswith(".toml") else _of_csv(file, kinds)
+        read = _of_toml(file) if file.endswith(".toml") else read_term_table(file, kinds)
         for name, (value, span) in read.items():
             if name in values:
                 raise click.UsageError(f"{file}: {name} is given twice")
@@ -729,63 +730,3 @@ def _of_toml(file: str) -> dict[str, tuple[Any, tuple[float, float] | None]]:
         else:
             found[name] = (value, None)
     return found
-
-
-def _of_csv(
-    file: str, kinds: Mapping[str, str]
-) -> dict[str, tuple[Any, tuple[float, float] | None]]:
-    """Return the terms of one axis, whose names and units the columns state: x_mm,EXX_um,EBX_urad."""
-    from metrosep.core.atomic import read_plain
-    from metrosep.core.errors import DataError, ReadError
-    from metrosep.core.units import parse_quantity
-    from metrosep.machine.elements import axis_of
-    from metrosep.machine.terms import TableTerm, is_angle
-
-    try:
-        text = read_plain(Path(file), _MOST_BYTES).decode("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as exc:
-        raise ReadError(
-            f"{file}: cannot be read ({exc}); a CSV file of errors is needed"
-        ) from None
-    lines = [
-        (i, [c.strip() for c in line.split(",")])
-        for i, line in enumerate(text.splitlines(), 1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
-    if len(lines) < 3:
-        raise DataError(
-            f"{file}: holds no table of errors: a line of names and two rows are needed"
-        )
-    axes = {a.lower(): a for a in kinds}
-    scales: list[float] = []
-    names: list[str] = []
-    for k, column in enumerate(lines[0][1]):
-        name, _, unit = column.rpartition("_")
-        if k == 0 and name.lower() not in axes:
-            raise DataError(
-                f"{file}: the first column is {column!r}; the position is needed there, an axis of the machine "
-                f"with its unit such as {next(iter(axes))}_mm"
-            )
-        own = axes[name.lower()] if k == 0 else name
-        if k and axis_of(own) != names[0]:
-            raise DataError(
-                f"{file}: {column!r} is not an error of {names[0]}, whose positions the file has"
-            )
-        angle = kinds[own] == "angle" if k == 0 else is_angle(own)
-        dimension = "angle" if angle else "length"
-        scales.append(parse_quantity(f"1 {unit}", dimension=dimension, name=f"{file}: {column}"))
-        names.append(own)
-    rows = []
-    for number, cells in lines[1:]:
-        try:
-            row = [float(c) for c in cells]
-        except ValueError:
-            row = []
-        if len(row) != len(names):
-            raise DataError(f"{file}: line {number} has not {len(names)} numbers")
-        rows.append(row)
-    columns = [[row[k] * scale for row in rows] for k, scale in enumerate(scales)]
-    span = (columns[0][0], columns[0][-1])
-    return {
-        n: (TableTerm(columns[0], c), span) for n, c in zip(names[1:], columns[1:], strict=True)
-    }

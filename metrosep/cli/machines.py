@@ -1,4 +1,4 @@
-"""Commands for whole machines: calibrate them from readings, predict readings, circular tests."""
+"""Commands for whole machines: errors from readings and temperatures, predicted readings, circular tests."""
 
 from __future__ import annotations
 
@@ -16,11 +16,15 @@ from metrosep.cli.options import (
     name_values,
     say,
 )
+from metrosep.cli.shortcut import quoted
 
 if TYPE_CHECKING:
-    from metrosep.machine import Calibration, Chain, CircleTest
+    from metrosep.machine import CircleTest
+    from metrosep.recipe.result import Result
 
-__all__ = ["calibrate", "circle", "read"]
+__all__ = ["calibrate", "circle", "read", "thermal"]
+
+_MOST_BYTES = 2**26
 
 
 @click.command()
@@ -52,14 +56,21 @@ __all__ = ["calibrate", "circle", "read"]
     help="Write terms that are not determined too: the smallest that explain the readings.",
 )
 @machine_options
-@click.option("-o", "--out", metavar="DIR", help="Folder for the terms and calibration.json.")
+@click.option(
+    "-o", "--out", metavar="DIR", help="Folder for the terms, calibration.json, report and result."
+)
+@click.option("--print-recipe", is_flag=True, help="Print the recipe of this call and stop.")
 @force_option
 @json_option
+@click.pass_context
 def calibrate(
+    context: click.Context,
+    /,
     machine: str,
     sets: tuple[str, ...],
     out: str | None,
     force: bool,
+    print_recipe: bool,
     as_json: bool,
     **options: Any,
 ) -> int:
@@ -70,29 +81,30 @@ def calibrate(
     reading_x_um ...) in the order of time. What the readings cannot tell apart is named. With -o the
     terms are written as 'machine-tables' takes them.
     """
-    from metrosep.io.reading_sets import read_reading_set
-    from metrosep.machine import calibrate as found_by
-
-    chain = chain_of(machine, options)
+    lines = ["metrosep = 1", "", "[input]", f"files = {_list(sets)}", "", "[[step]]"]
+    lines += ['op = "calibrate"', f"machine = {quoted(machine)}"]
+    if options["radius"] is not None:
+        lines.append(f"machine_radius = {quoted(options['radius'])}")
+    if options["pivot_height"] is not None:
+        lines.append(f"pivot_height = {quoted(options['pivot_height'])}")
+    if options["terms"] is not None:
+        lines.append(f"terms = {_list(_listed(options['terms']))}")
     degrees = {k: _count(v, k) for k, v in name_values(options["degrees"], "--degree")}
-    terms = None if options["terms"] is None else _listed(options["terms"])
-    found = found_by(
-        chain,
-        [read_reading_set(file, chain) for file in sets],
-        degrees=degrees or None,
-        terms=terms,
-        home=_homes(chain, options["homes"]),
-        robust=not options["all_readings"],
-    )
-    files = (
-        _terms_written(found, Path(out), smallest=options["smallest"], force=force) if out else []
-    )
+    if degrees:
+        lines.append(f"degrees = {{ {', '.join(f'{k} = {v}' for k, v in degrees.items())} }}")
+    homes = name_values(options["homes"], "--home")
+    if homes:
+        lines.append(f"home = {{ {', '.join(f'{k} = {quoted(v)}' for k, v in homes)} }}")
+    lines += [f"{k} = true" for k in ("all_readings", "smallest") if options[k]]
+    result = _run(context, lines, sets, out, print_recipe=print_recipe, force=force)
+    if result is None:
+        return 0
     if as_json:
-        document = {**found.to_dict(), "files": [str(f) for f in files]}
+        document = {**result.produced.found.to_dict(), "files": [str(f) for f in result.files]}
         click.echo(json.dumps(document, sort_keys=True, allow_nan=False))
         return 0
-    click.echo(found.report())
-    for file in files:
+    click.echo(result.produced.found.report())
+    for file in result.files:
         say(f"wrote {file}")
     return 0
 
@@ -144,14 +156,18 @@ def read(
 
 
 @click.command()
-@click.argument("file")
+@click.argument("files", nargs=-1, required=True, metavar="FILE...")
 @click.option("--radius", required=True, metavar="LENGTH", help='Programmed radius, "150 mm".')
 @click.option("--feed", required=True, metavar="SPEED", help='Along the circle, "1000 mm/min".')
-@click.option(
-    "--angle", default="angle_deg", show_default=True, metavar="COLUMN", help="Of the place."
-)
+@click.option("--angle", metavar="COLUMN", help="Of the place.")
 @click.option("--ccw", metavar="COLUMN", help="Deviation of the radius, angle rising.")
 @click.option("--cw", metavar="COLUMN", help="The same, angle falling.")
+@click.option("--x", metavar="COLUMN", help="Of a log: position of the first axis of the plane.")
+@click.option("--y", metavar="COLUMN", help="Of the second axis.")
+@click.option(
+    "--reading", metavar="COLUMN", help="Deviation of the radius, both senses one after the other."
+)
+@click.option("--length", metavar="COLUMN", help="The same as the whole length of the bar.")
 @click.option(
     "--plane",
     type=click.Choice(["XY", "YZ", "ZX", "XZ"]),
@@ -161,42 +177,299 @@ def read(
 )
 @click.option("--uncalibrated", is_flag=True, help="The length of the bar is not known.")
 @click.option("--figure", metavar="FILE", help="Polar picture of both runs, PNG or SVG.")
+@click.option("-o", "--out", metavar="DIR", help="Folder for report, table and result.json.")
+@click.option("--print-recipe", is_flag=True, help="Print the recipe of this call and stop.")
 @json_option
-def circle(file: str, figure: str | None, as_json: bool, **options: Any) -> int:
+@click.pass_context
+def circle(
+    context: click.Context,
+    /,
+    files: tuple[str, ...],
+    figure: str | None,
+    out: str | None,
+    print_recipe: bool,
+    as_json: bool,
+    **options: Any,
+) -> int:
     """Evaluate a circular test (ballbar) after ISO 230-4: G, F, D, and what causes them.
 
     FILE holds a column with the angle of the place and one or two with the deviation of the radius,
-    such as angle_deg,ccw_um,cw_um. Both senses are needed to tell squareness from servo mismatch.
+    such as angle_deg,ccw_um,cw_um; or a log of positions x_mm,y_mm with the reading of a bar, or alone.
+    Columns are found by their names where no option names them; "2:mm" is the second of a log without
+    header (LinuxCNC's halsampler). Both senses are needed to tell squareness from servo mismatch.
     """
-    from metrosep.io.readings import read_readings
-    from metrosep.machine import circle_test
-
-    named = {s: options[s] for s in ("ccw", "cw") if options[s] is not None}
-    if not named:
-        named = _senses(file)
-    given = read_readings(file, readings=list(named.values()), angle=options["angle"])
-    places: Any = given.position
-    runs = {s: given.values[i, 0] for i, s in enumerate(named)}
-    test = circle_test(
-        places,
-        runs.get("ccw"),
-        runs.get("cw"),
-        radius=options["radius"],
-        feed=options["feed"],
-        plane=options["plane"],
-        calibrated=not options["uncalibrated"],
-    )
+    lines = ["metrosep = 1", "", "[input]", f"files = {_list(files)}"]
+    columns = ("angle", "ccw", "cw", "x", "y", "reading", "length")
+    lines += [f"{k} = {quoted(options[k])}" for k in columns if options[k] is not None]
+    lines += ["", "[[step]]", 'op = "circle"']
+    lines += [f"{k} = {quoted(options[k])}" for k in ("radius", "feed", "plane")]
+    lines += ["uncalibrated = true"] if options["uncalibrated"] else []
+    result = _run(context, lines, files, out, print_recipe=print_recipe)
+    if result is None:
+        return 0
+    test = result.produced.test
     if figure is not None:
         _draw(test, figure)
     if as_json:
-        click.echo(json.dumps(test.to_dict(), sort_keys=True, allow_nan=False))
+        document = {**test.to_dict(), "files": [str(f) for f in result.files]}
+        click.echo(json.dumps(document, sort_keys=True, allow_nan=False))
         return 0
     click.echo(test.report())
-    for text in given.warnings:
+    for text in result.produced.notes:
         say(f"note: {text}")
-    if figure is not None:
-        say(f"wrote {figure}")
+    for file in (*result.files, *([figure] if figure is not None else [])):
+        say(f"wrote {file}")
     return 0
+
+
+@click.command()
+@click.argument("files", nargs=-1, required=True, metavar="FILE...")
+@click.option("--time", "time_", metavar="COLUMN", help="Time: t_s.")
+@click.option(
+    "--temperature",
+    "temperatures",
+    metavar="COLUMN,...",
+    help="Temperatures by sensor: nose_degC,column_degC.",
+)
+@click.option("--reading", metavar="COLUMN,...", help="Displacements: EXX_um,EZZ_um.")
+@click.option("--tilt", metavar="COLUMN,...", help="Angles: EBX_urad.")
+@click.option(
+    "--term",
+    "terms",
+    multiple=True,
+    metavar="READING=TERM",
+    help='Which error a reading is: "EZ0C=EZZ", "near=EXX at 50 mm"; may be repeated.',
+)
+@click.option("--lags", metavar="TIME,...", help='Time constants to try: "10 min,1 h".')
+@click.option("--blocks", type=int, metavar="N", help="Of time, each foretold from the others.")
+@click.option("--most", type=int, metavar="N", help="Largest number of sensors of a reading.")
+@click.option(
+    "--reference",
+    "references",
+    multiple=True,
+    metavar="SENSOR=TEMPERATURE",
+    help='Where errors are zero, "nose=20 degC"; the beginning of the record if omitted.',
+)
+@click.option(
+    "--at",
+    "stated",
+    multiple=True,
+    metavar="SENSOR=TEMPERATURE",
+    help='Print and write the errors at settled temperatures, "nose=31 degC"; may be repeated.',
+)
+@click.option(
+    "--history",
+    metavar="FILE",
+    help="FILE... is thermal.json of such a call: the errors at the end of this log of temperatures.",
+)
+@click.option(
+    "-o", "--out", metavar="DIR", help="Folder for thermal.json, the errors, report and result."
+)
+@click.option("--print-recipe", is_flag=True, help="Print the recipe of this call and stop.")
+@force_option
+@json_option
+@click.pass_context
+def thermal(
+    context: click.Context,
+    /,
+    files: tuple[str, ...],
+    out: str | None,
+    force: bool,
+    print_recipe: bool,
+    as_json: bool,
+    **options: Any,
+) -> int:
+    """Errors of a machine as functions of temperatures, from a record of both (ISO 230-3).
+
+    FILE holds time, temperatures and readings of a nest or of probes. Which sensors matter, and how far
+    the machine lags behind them, is decided by foretelling blocks of time from the others. With --at the
+    errors at stated temperatures are written as 'machine-tables' and 'read' take them. A FILE that is
+    the thermal.json of an earlier call is used as it is, with --at or --history.
+    """
+    if len(files) == 1 and files[0].endswith(".json"):
+        return _thermal_again(files[0], out, options, force=force, as_json=as_json)
+    if options["history"] is not None:
+        raise click.UsageError("--history needs the thermal.json of an earlier call as FILE")
+    lines = ["metrosep = 1", "", "[input]", f"files = {_list(files)}"]
+    roles = {"temperatures": "temperatures", "readings": "reading", "tilts": "tilt"}
+    for option, given in (
+        ("--time", options["time_"]),
+        ("--temperature", options["temperatures"]),
+    ):
+        if given is None:
+            raise click.UsageError(f"Missing option '{option}'.")
+    lines.append(f"time = {quoted(options['time_'])}")
+    lines += [f"{k} = {_list(_listed(options[v]))}" for k, v in roles.items() if options[v]]
+    lines += ["", "[[step]]", 'op = "thermal"']
+    for key in ("terms", "reference", "at"):
+        option = {"terms": "--term", "reference": "--reference", "at": "--at"}[key]
+        given = {"terms": "terms", "reference": "references", "at": "stated"}[key]
+        pairs = name_values(options[given], option)
+        if pairs:
+            inner = ", ".join(f"{quoted(k)} = {quoted(v)}" for k, v in pairs)
+            lines.append(f"{key} = {{ {inner} }}")
+    if options["lags"]:
+        lines.append(f"lags = {_list(_listed(options['lags']))}")
+    lines += [f"{k} = {options[k]}" for k in ("blocks", "most") if options[k] is not None]
+    result = _run(context, lines, files, out, print_recipe=print_recipe, force=force)
+    if result is None:
+        return 0
+    if as_json:
+        document = {
+            **result.produced.fit.to_dict(),
+            "errors": _values_of(result.produced.errors),
+            "files": [str(f) for f in result.files],
+        }
+        click.echo(json.dumps(document, sort_keys=True, allow_nan=False))
+        return 0
+    click.echo(result.produced.fit.report())
+    _print_errors(result.produced.errors)
+    for file in result.files:
+        say(f"wrote {file}")
+    return 0
+
+
+def _thermal_again(
+    file: str, out: str | None, options: dict[str, Any], *, force: bool, as_json: bool
+) -> int:
+    """Print and write the errors of a stored fit at stated temperatures, or at the end of a log."""
+    from metrosep.core.atomic import read_plain
+    from metrosep.core.errors import DataError, ReadError
+    from metrosep.core.numbers import quantity
+    from metrosep.machine import ThermalFit
+
+    try:
+        document = json.loads(read_plain(Path(file), _MOST_BYTES).decode("utf-8"))
+    except OSError as exc:
+        raise ReadError(f"{file}: cannot be read ({exc.strerror or exc})") from None
+    except ValueError as exc:
+        raise DataError(f"{file}: not a thermal.json of 'metrosep thermal' ({exc})") from None
+    fit = ThermalFit.from_dict(document if isinstance(document, dict) else {})
+    pairs = name_values(options["stated"], "--at")
+    if bool(pairs) == (options["history"] is not None):
+        raise click.UsageError(
+            f"{file} is a stored fit: give the temperatures with --at, or a log of them with --history"
+        )
+    if pairs:
+        at = {k: quantity(v, f"--at {k}", "temperature") for k, v in pairs}
+        errors = fit.errors(at)
+    else:
+        errors = fit.errors(*_history(options))
+    written = _errors_written(errors, Path(out), force=force) if out is not None else []
+    if as_json:
+        found = {"errors": _values_of(errors), "files": [str(f) for f in written]}
+        click.echo(json.dumps(found, sort_keys=True, allow_nan=False))
+        return 0
+    _print_errors(errors)
+    for path in written:
+        say(f"wrote {path}")
+    return 0
+
+
+def _history(options: dict[str, Any]) -> tuple[dict[str, Any], Any]:
+    """Return temperatures by sensor, and times, of a log."""
+    from metrosep.io.runs import Role, read_roles
+
+    if options["time_"] is None or options["temperatures"] is None:
+        raise click.UsageError("--history needs --time and --temperature to name its columns")
+    columns: Any = list(_listed(options["temperatures"]))
+    log = read_roles(
+        options["history"],
+        {
+            "time": Role(options["time_"], "time"),
+            "temperatures": Role(columns, "temperature"),
+        },
+    )
+    names = log.columns["temperatures"]
+    return dict(zip(names, log.values["temperatures"], strict=True)), log.values["time"]
+
+
+def _values_of(errors: Any) -> dict[str, Any] | None:
+    """Return values of errors for JSON, units beside them."""
+    from metrosep.machine.terms import TableTerm, is_angle
+
+    if errors is None:
+        return None
+    found = {}
+    for name, term in errors.terms.items():
+        table = isinstance(term, TableTerm)
+        found[name] = {
+            "unit": "rad" if is_angle(name) else "m",
+            "value": list(term.values) if table else term.value,
+            "u": list(term.u) if table else term.u,
+            **({"positions": list(term.positions)} if table else {}),
+        }
+    return found
+
+
+def _print_errors(errors: Any) -> None:
+    from metrosep.core.units import format_engineering
+
+    for name, found in (_values_of(errors) or {}).items():
+        places = found.get("positions", [None])
+        values, us = (v if isinstance(v, list) else [v] for v in (found["value"], found["u"]))
+        for place, value, u in zip(places, values, us, strict=True):
+            where = "" if place is None else f" at {place * 1e3:g} mm"
+            size = format_engineering(value, found["unit"])
+            spread = format_engineering(u, found["unit"], digits=2)
+            click.echo(f"{name:8s} {size}{where} (u = {spread})")
+
+
+def _errors_written(errors: Any, folder: Path, *, force: bool) -> list[Path]:
+    from metrosep.core.atomic import atomic_write
+    from metrosep.io.term_files import term_texts
+    from metrosep.machine.elements import axis_of
+    from metrosep.machine.terms import TableTerm
+
+    terms = errors.terms
+    ranges = {
+        n: (t.positions[0], t.positions[-1]) for n, t in terms.items() if isinstance(t, TableTerm)
+    }
+    turning = {a for a in map(axis_of, terms) if a is not None and a[0] in "ABC"}
+    texts = term_texts(terms, ranges, turning)
+    _refuse_standing(folder, list(texts), force=force)
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        atomic_write(folder / name, text.encode("utf-8"))
+    return [folder / n for n in texts]
+
+
+def _refuse_standing(folder: Path, names: list[str], *, force: bool) -> None:
+    from metrosep.core.errors import WriteError
+
+    standing = [folder / n for n in names if (folder / n).exists()]
+    if standing and not force:
+        raise WriteError(f"{standing[0]} exists; give --force to replace the files of {folder}")
+
+
+def _run(
+    context: click.Context,
+    lines: list[str],
+    files: tuple[str, ...],
+    out: str | None,
+    *,
+    print_recipe: bool,
+    force: bool = True,
+) -> Result | None:
+    """Carry out the recipe of a call; None where it was only printed."""
+    from metrosep.cli.shortcut import option_error
+    from metrosep.core.errors import RecipeError
+    from metrosep.recipe.recipe import Recipe
+
+    if out is not None or print_recipe:
+        lines += ["", "[[output]]", 'kind = "parts"']
+        lines += ["", "[[output]]", 'kind = "report"', 'formats = ["html"]']
+    text = "\n".join(lines) + "\n"
+    if print_recipe:
+        click.echo(text, nl=False)
+        return None
+    if out is not None:
+        _refuse_standing(Path(out), ["result.json"], force=force)
+    try:
+        recipe = Recipe.parse(text, name="command line", folder=Path.cwd())
+    except RecipeError as error:
+        raise click.UsageError(option_error(error), ctx=context) from None
+    return recipe.run(list(files), out=out)
 
 
 def _draw(test: CircleTest, file: str) -> None:
@@ -219,95 +492,16 @@ def _draw(test: CircleTest, file: str) -> None:
     atomic_write(file, data.getvalue())
 
 
-def _senses(file: str) -> dict[str, str]:
-    """Return the columns that are called ccw or cw."""
-    from metrosep.io.source import open_file
-    from metrosep.io.text.table import read_table
-
-    names = read_table(open_file(file)).names
-    found = {
-        s: n for s in ("ccw", "cw") for n in names if n == s or n.startswith((f"{s}_", f"{s} "))
-    }
-    if not found:
-        raise click.UsageError(
-            f"{file} has no column ccw_um or cw_um; name the deviations of the radius with --ccw and --cw "
-            f"(its columns are {', '.join(names)})"
-        )
-    return found
-
-
 def _listed(text: str) -> tuple[str, ...]:
     return tuple(v.strip() for v in text.split(",") if v.strip())
+
+
+def _list(texts: tuple[str, ...]) -> str:
+    """Return texts as a list of TOML."""
+    return f"[{', '.join(quoted(t) for t in texts)}]"
 
 
 def _count(text: str, key: str) -> int:
     if not text.strip().isdecimal():
         raise click.UsageError(f"--degree {key}={text}: a whole number is needed")
     return int(text)
-
-
-def _homes(chain: Chain, texts: tuple[str, ...]) -> dict[str, float]:
-    from metrosep.core.numbers import quantity
-
-    kinds = {e.name: "angle" if e.kind == "rotary" else "length" for e in chain.elements}
-    return {
-        axis: quantity(place, f"--home {axis}", kinds.get(axis, "length"))
-        for axis, place in name_values(texts, "--home")
-    }
-
-
-def _terms_written(found: Calibration, folder: Path, *, smallest: bool, force: bool) -> list[Path]:
-    """Write the terms: curves of each axis as CSV, constants as TOML, all of it as JSON."""
-    import numpy as np
-
-    from metrosep.core.atomic import atomic_write
-    from metrosep.core.errors import WriteError
-    from metrosep.machine._bases import UnseenTerm
-    from metrosep.machine.elements import axis_of, term_unit
-    from metrosep.machine.terms import ConstantTerm
-
-    terms = found.fitted if smallest else found.errors
-    known = {n: t for n, t in terms.items() if not isinstance(t, UnseenTerm)}
-    rotary = {e.name for e in found.chain.elements if e.kind == "rotary"}
-    texts: dict[str, str] = {}
-    constants = []
-    for name, term in known.items():
-        if isinstance(term, ConstantTerm):
-            scale, unit = (1e6, "urad" if term_unit(found.chain, name) == "rad" else "um")
-            constants.append(f'{name} = "{term.value * scale:.6f} {unit}"')
-    if constants:
-        texts["constants.toml"] = "\n".join(constants) + "\n"
-    for axis in found.chain.axes:
-        curves = [
-            n for n, t in known.items() if axis_of(n) == axis and not isinstance(t, ConstantTerm)
-        ]
-        if not curves:
-            continue
-        bases = [found.bases[n] for n in curves]
-        low, high = min(b.low for b in bases), max(b.high for b in bases)
-        if any(b.kind == "fourier" for b in bases):
-            low, high = 0.0, 2.0 * np.pi
-        x = np.linspace(low, high, 361 if axis in rotary else 101)
-        columns = [np.degrees(x) if axis in rotary else x * 1e3]
-        head = [f"{axis.lower()}_{'deg' if axis in rotary else 'mm'}"]
-        for name in curves:
-            head.append(f"{name}_{'urad' if term_unit(found.chain, name) == 'rad' else 'um'}")
-            columns.append(np.asarray(known[name].evaluate(x)) * 1e6)
-        rows = [",".join(f"{v:.9f}" for v in row) for row in np.column_stack(columns)]
-        texts[f"{axis}.csv"] = "\n".join([",".join(head), *rows]) + "\n"
-    document = json.dumps(found.to_dict(), indent=1, sort_keys=True, allow_nan=False)
-    texts["calibration.json"] = document + "\n"
-    standing = [folder / n for n in texts if (folder / n).exists()]
-    if standing and not force:
-        raise WriteError(
-            f"{standing[0]} exists; give --force to replace the files of a calibration"
-        )
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as exc:
-        raise WriteError(
-            f"{folder}: the folder cannot be made ({exc.strerror}); choose another one"
-        ) from None
-    for name, text in texts.items():
-        atomic_write(folder / name, text.encode("utf-8"))
-    return [folder / n for n in texts]

@@ -20,6 +20,7 @@ _HOMES = {
     "report": "reporting", "diff": "reporting", "verify": "tables",
     "verify-softgauge": "measuring", "run": "jobs", "batch": "batches", "plan": "planning",
     "calibrate": "machines", "circle": "machines", "read": "machines",
+    "thermal": "machines",
     "air": "modelling", "rank": "modelling", "predict": "modelling", "formats": "files", "controllers": "files",
     "ops": "ops", "psd": "spectra", "ui": "workbench", "volume": "machine_tables",
 }  # fmt: skip

@@ -31,7 +31,7 @@ _REPORT = ["", "[[output]]", 'kind = "parts"', "", "[[output]]", 'kind = "report
     "errors",
     multiple=True,
     metavar="TERM=VALUE",
-    help='"EXX=1 um", "EAC=0.2 arcsec", "EZX=wave 8 mm 1 um", "EZC=2 upr 50 nm".',
+    help='"EXX=1 um", "EAC=0.2 arcsec", "EZX=wave 8 mm 1 um", "EZC=2 upr 50 nm", "EXX=table x.csv".',
 )
 @click.option("--all-lengths", metavar="LENGTH", help="Every other term that is a length.")
 @click.option("--all-angles", metavar="ANGLE", help="Every other term that is an angle.")

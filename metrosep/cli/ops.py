@@ -212,6 +212,12 @@ _ORDERS = ("angles", "steps", "positions", "offsets", "distance", "labels", "ord
 
 
 def _rows(method: type[Method]) -> list[str]:
+    if method.reads == "files" and not method.roles:
+        return ["one file for each set-up, with the set-up in comment lines above its columns"]
+    if method.reads == "files":
+        return [
+            "one file, or one for each run; columns whose names say what they are are found, others named:"
+        ]
     if method.reads == "tables":
         return ["one table for each test, or one table with a column that tells them apart"]
     lines = ["one table; what each of its columns is, is named:"]
@@ -247,7 +253,9 @@ def _read_by(row: Mapping[str, Any]) -> str:
 # Where the examples lie beside the package, the command is that of the example's recipe and runs on
 # its data. Elsewhere it is made from what the method reads and needs, with names of columns to replace.
 
-_ONE_FILE = {"curves": "readings.csv", "table": "table.csv", "tables": "table.csv"}
+_ONE_FILE = {
+    "curves": "readings.csv", "table": "table.csv", "tables": "table.csv", "files": "readings.csv",
+}  # fmt: skip
 _UNITS = {
     "length": "um", "angle": "urad", "time": "s", "position": "um", "frequency": "hz",
 }  # fmt: skip
@@ -268,7 +276,11 @@ def example_call(op: str, method: type[Method], folder: Path | None = None) -> l
         place = f"examples/{recipe['folder']}"
         files = [f"{place}/{f}" for f in source.pop("files")]
         kinds = {k: f.kind for k, f in method.fields.items()}
-        step = {k: f"{place}/{v}" if kinds.get(k) == "file" else v for k, v in step.items()}
+        own = folder / recipe["folder"]  # a machine may be a preset as well as a file
+        step = {
+            k: f"{place}/{v}" if kinds.get(k) == "file" and (own / str(v)).exists() else v
+            for k, v in step.items()
+        }
     words = ["metrosep", "separate", *files, "--method", op]
     for key, value in source.items():
         text = _typed(value)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.provenance import Step
 
-__all__ = ["Readings", "Results", "RoleColumns"]
+__all__ = ["NamedFiles", "Readings", "Results", "RoleColumns"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +44,17 @@ class Readings:
     warnings: tuple[str, ...] = ()
     extra: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     position_unit: str = "m"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NamedFiles:
+    """Files that a method reads itself, because what they hold depends on its options."""
+
+    paths: tuple[Path, ...]
+    # mapping: columns by their role and the layout of the text, as they were given
+    options: Mapping[str, Any] = field(default_factory=dict)
+    history: tuple[Step, ...] = ()  # one step ``read`` for each file
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

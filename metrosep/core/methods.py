@@ -18,7 +18,7 @@ from metrosep.core.options import Option, options_of
 
 __all__ = ["METHODS", "Method", "Methods"]
 
-Reads = Literal["curves", "runs", "table", "tables", "maps", "results", "nothing"]
+Reads = Literal["curves", "runs", "table", "tables", "maps", "results", "files", "nothing"]
 
 
 class _Keys:
@@ -76,7 +76,7 @@ class Method:
 
         Parameters
         ----------
-        data : Readings, RoleColumns, tuple of these, of maps or of results
+        data : Readings, RoleColumns, NamedFiles, tuple of these, of maps or of results
             As `reads` says.
         options : mapping
             By name, without those that were left out.

@@ -615,9 +615,21 @@ def _specs(role: Role) -> list[ColumnSpec]:
     return role.column if isinstance(role.column, list) else [role.column]
 
 
+_BEHIND = re.compile(r"[\s_]*(?:[(\[][^)\]]*[)\]]|[\s_][^\s_]+)\s*$")
+
+
+def _said(header: str, dimension: str) -> bool:
+    """Return whether a header ends in a unit of air or parts."""
+    return surrounding_header(header, dimension) is not None
+
+
 def _names(file: RawFile, table: Table, role: Role, name: str) -> tuple[str, ...]:
     if role.dimension in SURROUNDINGS:
-        return (str(role.column),)
+        plain = [str(c if isinstance(c, str) else c[0]) for c in _specs(role)]
+        names = [c if c in table.names or ":" not in c else c.rsplit(":", 1)[0] for c in plain]
+        if not isinstance(role.column, list):
+            return tuple(plain)
+        return tuple(_BEHIND.sub("", n) if _said(n, role.dimension) else n for n in names)
     found = [pick(file, table, spec, role=name)[0] for spec in _specs(role)]
     return tuple(
         c.name.rsplit("_", 1)[0] if c.unit is not None and "_" in c.name.strip("_") else c.name

@@ -26,6 +26,7 @@ if TYPE_CHECKING:  # a module states its names in ``__all__``
     from metrosep.machine.sensitivity import *
     from metrosep.machine.sobol import *
     from metrosep.machine.terms import *
+    from metrosep.machine.thermal import *
 
 # fmt: off
 _HOMES = {
@@ -46,9 +47,10 @@ _HOMES = {
     "sensitivity": ["ParetoStep", "SensitivityTable"],
     "sobol": ["sobol_indices"],
     "terms": [
-        "CallableTerm", "ConstantTerm", "ErrorTerm", "FourierTerm", "PolynomialTerm",
+        "CallableTerm", "ConstantTerm", "ErrorTerm", "FourierTerm", "PolynomialTerm", "SumTerm",
         "TableTerm", "as_term",
     ],
+    "thermal": ["ThermalFit", "ThermalTerm", "fit_thermal"],
 }
 # fmt: on
 

@@ -665,6 +665,7 @@ def _found(
         noise=freeze_mapping(noise),
         bases=freeze_mapping(dict(bases)),
         blind=estimate.blind[:p],
+        sets=freeze_mapping({}),
         messages=(*chain.messages, *messages),
         audit=freeze_mapping(
             {

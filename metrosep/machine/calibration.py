@@ -88,6 +88,8 @@ class Calibration:
         Shapes of each term.
     blind : ndarray, shape (p, k)
         Directions of the coefficients that no reading sees.
+    sets : mapping of str to ReadingSet
+        What was read, by set.
     messages : tuple of str
         Home, gauge, noise, what was not seen.
     audit : mapping
@@ -108,6 +110,7 @@ class Calibration:
     noise: Mapping[str, float]
     bases: Mapping[str, Basis] = field(repr=False)
     blind: FloatArray = field(repr=False)
+    sets: Mapping[str, ReadingSet] = field(repr=False)
     messages: tuple[str, ...] = ()
     audit: Mapping[str, Any] = field(default_factory=dict)
 
@@ -423,6 +426,7 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
         noise=freeze_mapping(noise),
         bases=freeze_mapping(dict(problem.bases)),
         blind=blind[:p],
+        sets=freeze_mapping(dict(zip(problem.labels, sets, strict=True))),
         messages=tuple(messages),
         audit=freeze_mapping(
             {

@@ -84,12 +84,13 @@ def rank(
         Nominal surface; a form counts from its own origin, which lies on the axis of the part.
     radius : float, m
         Outer radius of the part.
-    errors : mapping of str to float or str, or ErrorSet
+    errors : mapping of str to float, str, callable or ErrorTerm, or ErrorSet
         Term -> magnitude in SI, or as text with a unit (``"1 um"``, ``"0.001 deg"``): an error that
         is constant over the travel of its axis. A text may also give a curve of random phase:
         ``"wave 8 mm 1 um"`` (wavelength, amplitude), ``"2 upr 50 nm"`` (of a rotary axis),
-        ``"random 1 um length 5 mm"`` (sd, Gaussian covariance ``exp(-d^2 / (2 length^2))``). Of an error set the magnitude is ``sqrt(value^2 + u^2)``, and terms that depend on their axis position
-        act with their shape.
+        ``"random 1 um length 5 mm"`` (sd, Gaussian covariance ``exp(-d^2 / (2 length^2))``). A function
+        of the axis position or an error term (`TableTerm`) is a known curve, which acts with its
+        shape, as those of an error set do; the magnitude of these is ``sqrt(value^2 + u^2)``.
     removed : str or iterable of str, optional
         Freedoms that an alignment removes: ``"none"``, ``"piston"``, ``"plane"``,
         ``"plane+defocus"``, ``"rigid"``, or names of `metrosep.machine.alignment.FREEDOMS`.
@@ -191,9 +192,24 @@ def rank(
             )
         amounts = amounts_of_set(chain, errors, q)
     else:
-        amounts = term_amounts(
-            chain, errors, mean=mean, correlations=correlations, distribution=distribution
-        )
+        known = _known_curves(errors)
+        rest = {n: v for n, v in errors.items() if n not in known} if known else errors
+        twice = [n for n in known if n in (mean or {})]
+        if twice:
+            raise DataError(
+                f"{twice[0]} is a known curve, so it has no mean; leave it out of mean"
+            )
+        parts = []
+        if rest or not known:
+            parts.append(
+                term_amounts(
+                    chain, rest, mean=mean, correlations=correlations, distribution=distribution
+                )
+            )
+        if known:
+            q = axis_positions(chain, mesh.x, mesh.y, mesh.z, positions=positions, tool=place)
+            parts.append(amounts_of_set(chain, ErrorSet(known), q))
+        amounts = parts[0] if len(parts) == 1 else _joined(parts[0], parts[1], tuple(errors))
     random = _random_curves(chain, errors)
     if random and correlations is not None:
         raise DataError(
@@ -289,7 +305,8 @@ def _large_angles(
             continue
         for name, unit in zip(amounts.names, amounts.units, strict=True):
             value = given.get(name, 0.0)
-            if unit == "rad" and not isinstance(value, str) and abs(float(value)) > _LARGE_ANGLE:
+            plain = unit == "rad" and numbers.is_real(value)
+            if plain and abs(float(value)) > _LARGE_ANGLE:
                 found.append(
                     f"{name}: a {kind} of {float(value):.4g} was taken as rad, no small error; if "
                     f'it is in degrees, write "{float(value):g} deg"'
@@ -506,6 +523,40 @@ def term_amounts(
         array.setflags(write=False)
     typed = tuple(v.strip() if isinstance(v := errors[n], str) else "" for n in names)
     return TermAmounts(names, units, size, middle, covariance, typed=typed)
+
+
+def _known_curves(errors: Any) -> dict[str, Any]:
+    """Return the terms that were given as a curve: a term, or a function of the position."""
+    if not isinstance(errors, Mapping):
+        return {}
+    return {
+        n: v for n, v in errors.items() if callable(v) or callable(getattr(v, "evaluate", None))
+    }
+
+
+def _joined(one: TermAmounts, two: TermAmounts, names: tuple[str, ...]) -> TermAmounts:
+    """Return amounts of magnitudes and of known curves together, in the order of the names."""
+    both = (*one.names, *two.names)
+    order = [both.index(n) for n in names]
+    n, k = len(both), len(one.names)
+    covariance = np.zeros((n, n))
+    covariance[:k, :k], covariance[k:, k:] = one.covariance, two.covariance
+    typed = (*one.typed, *([""] * len(two.names)))
+    size = np.concatenate([one.magnitudes, two.magnitudes])[order]
+    mean = np.concatenate([one.mean, two.mean])[order]
+    covariance = covariance[np.ix_(order, order)]
+    for array in (size, mean, covariance):
+        array.setflags(write=False)
+    units = (*one.units, *two.units)
+    return TermAmounts(
+        names,
+        tuple(units[i] for i in order),
+        size,
+        mean,
+        covariance,
+        two.shapes,
+        tuple(typed[i] for i in order),
+    )
 
 
 def amounts_of_set(chain: Any, errors: ErrorSet, q: Mapping[str, FloatArray]) -> TermAmounts:

@@ -21,7 +21,8 @@ from metrosep.core._arrays import FloatArray, as_float, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, UnitError
 
 __all__ = [
-    "CallableTerm", "ConstantTerm", "ErrorTerm", "FourierTerm", "PolynomialTerm", "TableTerm", "as_term",
+    "CallableTerm", "ConstantTerm", "ErrorTerm", "FourierTerm", "PolynomialTerm", "SumTerm", "TableTerm",
+    "as_term",
 ]  # fmt: skip
 
 _ROUNDING = 1e-9  # of the span of a table; a position beyond its end by this is on the end
@@ -420,6 +421,41 @@ class CallableTerm(_OfPosition):
                 f"an error function returned shape {value.shape} for {x.shape} positions"
             )
         return np.broadcast_to(value, x.shape).copy()
+
+
+@dataclass(frozen=True, slots=True)
+class SumTerm(_OfPosition):
+    """Sum of independent errors, such as that of a cold machine and what its heat adds.
+
+    Parameters
+    ----------
+    parts : sequence of ErrorTerm
+        What is added; their uncertainties are taken as independent.
+
+    Raises
+    ------
+    DataError
+        There is no part, or one is not an error term.
+
+    Examples
+    --------
+    >>> SumTerm((ConstantTerm(1e-6, u=3e-7), ConstantTerm(2e-6, u=4e-7))).sd(0.0).round(12).item()
+    5e-07
+    """
+
+    parts: Sequence[ErrorTerm]
+
+    def __post_init__(self) -> None:
+        parts = tuple(self.parts)
+        if not parts or not all(isinstance(p, ErrorTerm) for p in parts):
+            raise DataError("a sum of errors needs terms with evaluate(x) and sd(x)")
+        self._set(parts=parts)
+
+    def _at(self, x: FloatArray) -> FloatArray:
+        return np.asarray(sum(np.asarray(p.evaluate(x)) for p in self.parts))
+
+    def _sd(self, x: ArrayLike) -> FloatArray:
+        return np.asarray(np.sqrt(sum(np.asarray(p.sd(x)) ** 2 for p in self.parts)))
 
 
 def as_term(value: object, *, u: float | None = None, direction: str = "mean") -> ErrorTerm:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from metrosep._version import __version__
 from metrosep.core.errors import DataError, FormatMismatchError, InvalidSamplesError
-from metrosep.core.inputs import Readings, Results, RoleColumns
+from metrosep.core.inputs import NamedFiles, Readings, Results, RoleColumns
 from metrosep.core.limits import limit_problem
 from metrosep.core.methods import Method
 from metrosep.core.profile import Profile
@@ -40,7 +40,7 @@ from metrosep.recipe.result import (
     run_records,
     stored_estimate,
 )
-from metrosep.recipe.schema import reading_options
+from metrosep.recipe.schema import file_of_curve, reading_options
 from metrosep.separation.contract import Separation
 from metrosep.separation.inputs import require_count
 
@@ -69,7 +69,8 @@ def run_method(
         tell(f"reading {len(files)} file(s)")
     inputs = load_inputs(method, files, {k: v for k, v in recipe.input.items() if k != "files"})
     _require_kind(recipe, inputs)
-    tell(f"{'computing' if method.reads == 'nothing' else 'separating'}: {method.what}")
+    alone = method.reads in ("nothing", "files")
+    tell(f"{'computing' if alone else 'separating'}: {method.what}")
     options = _options(method, step, recipe.folder)
     named = named_files(options, method.fields)
     tables = [o for o in recipe.outputs if o["kind"] == "table"]
@@ -141,7 +142,16 @@ def _options(method: type[Method], step: Mapping[str, Any], folder: Path) -> dic
     for key, value in options.items():
         if method.fields[key].kind == "file" and (folder / value).exists():
             options[key] = str(folder / value)
+        elif method.fields[key].kind == "table" and isinstance(value, Mapping):
+            options[key] = {k: _beside(v, folder) for k, v in value.items()}
     return options
+
+
+def _beside(value: Any, folder: Path) -> Any:
+    """Return the text of a curve with its file where it lies."""
+    file = file_of_curve(value)
+    found = file is not None and (folder / file).exists()
+    return f"table {folder / str(file)}" if found else value
 
 
 def _document(
@@ -197,6 +207,7 @@ Inputs = (
     | RunSet
     | RoleColumns
     | Results
+    | NamedFiles
     | tuple[RoleColumns, ...]
     | tuple[Surface | Profile, ...]
 )
@@ -209,6 +220,9 @@ def load_inputs(method: type[Method], files: Sequence[Path], options: Mapping[st
         return ()
     if method.reads == "results":
         return _results(method, files)
+    if method.reads == "files":
+        history = [s for f in files for s in open_file(f).history("text")]
+        return NamedFiles(tuple(files), dict(options), tuple(history))
     if method.reads == "runs":
         from metrosep.io.runs import read_runs
 

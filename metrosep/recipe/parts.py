@@ -18,7 +18,7 @@ from metrosep.io.own_notes import measured_at, moment_of
 from metrosep.io.source import RawFile
 from metrosep.recipe.describe.description import Description
 from metrosep.recipe.preflight import output_name
-from metrosep.recipe.schema import Field
+from metrosep.recipe.schema import Field, named_in
 from metrosep.separation.runs.base import ErrorEstimate
 
 if TYPE_CHECKING:
@@ -58,8 +58,11 @@ def write_parts(
         place = recipe.place("[[output]]", i)
         name = Path(output_name(output.get("path", usual), place))
         tell(f"writing {name}")
-        if not described.maps and not described.tables:
+        if not described.maps and not described.tables and not described.files:
             raise DataError("this result has no parts that can be written; leave this output out")
+        for text in sorted(set(described.files) - set(written)):
+            atomic_write(folder / text, described.files[text].encode("utf-8"))
+            written.append(text)
         written += _write_objects(described.maps, folder, name, place)
         suffix = name.suffix.lower()
         if described.profiles and suffix not in _TEXT:
@@ -271,9 +274,9 @@ def input_records(history: Iterable[Step], objects: Iterable[Any] = ()) -> list[
 
 def named_files(options: Mapping[str, Any], fields: Mapping[str, Field]) -> list[dict[str, Any]]:
     """Return name, hash and size of the files that keys of a step name."""
-    files = {k: Path(v) for k, v in options.items() if fields[k].kind == "file"}
-    opened = {k: RawFile(f) for k, f in sorted(files.items()) if f.is_file()}
+    files = sorted(named_in(options, fields))
+    opened = [(k, RawFile(Path(f))) for k, f in files if Path(f).is_file()]
     return [
         {"name": f.name, "sha256": f.sha256, "size": f.size, "format": f"named by {key}"}
-        for key, f in opened.items()
+        for key, f in opened
     ]

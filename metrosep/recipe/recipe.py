@@ -26,6 +26,7 @@ from metrosep.recipe.schema import (
     blanked_texts,
     checked_table,
     input_fields,
+    named_in,
 )
 from metrosep.recipe.steps import (
     ALL_STEPS,
@@ -401,10 +402,7 @@ def _require_files(
 ) -> None:
     """Refuse a file that a key names and that is not a plain file, too large, or not to be read."""
     for i, (step, fields) in enumerate(tables):
-        for key, known in fields.items():
-            if known.kind != "file" or key not in step:
-                continue
-            name = step[key]
+        for key, name in named_in(step, fields):
             # it is looked for beside the recipe, then where the process was started
             target = folder / name if (folder / name).exists() else Path(name)
             is_word = Path(name).name == name and not target.exists()  # such as a preset

@@ -296,6 +296,29 @@ def reading_options(given: Mapping[str, Any]) -> dict[str, Any]:
     return options
 
 
+_TABLE_FILE = re.compile(r"table\s+(\S.*)")
+
+
+def file_of_curve(value: Any) -> str | None:
+    """Return the file that holds the curve of a term: of ``table slide.csv``; None of other values."""
+    found = _TABLE_FILE.fullmatch(value.strip()) if isinstance(value, str) else None
+    return None if found is None else found.group(1)
+
+
+def named_in(step: Mapping[str, Any], fields: Mapping[str, Field]) -> list[tuple[str, str]]:
+    """Return key and name of each file that a step names, in a key of its own or in a table."""
+    found = []
+    for key, known in fields.items():
+        if key not in step:
+            continue
+        if known.kind == "file":
+            found.append((key, str(step[key])))
+        elif known.kind == "table" and isinstance(step[key], Mapping):
+            curves = (file_of_curve(v) for v in step[key].values())
+            found += [(key, f) for f in curves if f is not None]
+    return found
+
+
 # ---- the keys of ``[input]`` for each method that has a name -----------------------------------
 
 CURVES = {
@@ -331,6 +354,8 @@ def input_fields(method: type[Method]) -> Mapping[str, Field]:
     if method.reads == "curves":
         other = {"x": "angle", "angle": "x"}.get(method.over)
         return {k: f for k, f in {**CURVES, **roles}.items() if k != other}
+    if method.reads == "files" and not roles:
+        return {"files": Field("texts")}
     return {**TABLE, **roles}
 
 

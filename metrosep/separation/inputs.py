@@ -93,6 +93,11 @@ def _inputs(cls: type[Method], data: Any, own: Mapping[str, Any]) -> Any:
         items = (data,) if isinstance(data, Surface | Profile) else tuple(data)
         require_count(cls, len(items), [f"number {i + 1}" for i in range(len(items))])
         return Results(items) if cls.reads == "results" else items
+    if cls.reads == "files":
+        raise DataError(
+            f"method {cls.name!r} reads files; in Python call metrosep.machine.{cls.name} or "
+            "metrosep.machine.circle_test with arrays, or run a recipe"
+        )
     if cls.reads == "table" and not hasattr(data, "keys"):
         raise DataError(
             f"method {cls.name!r} reads columns by their role: give a mapping of "

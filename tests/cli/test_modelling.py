@@ -308,3 +308,29 @@ def test_keys_are_explained_with_freedoms_and_terms_that_exist(metrosep):
         assert code == 0
         assert words in out
         assert "piston,tilt\n" not in out
+
+
+def test_a_curve_in_a_file(metrosep, tmp_path, monkeypatch):
+    x = np.linspace(-30.0, 30.0, 601)
+    rows = [f"{a:.3f},{b * 1e9:.6f}" for a, b in zip(x, 60e-9 * (x / 25.0) ** 2, strict=True)]
+    (tmp_path / "slide.csv").write_text("\n".join(["x_mm,EZX_nm", *rows]) + "\n", "utf-8")
+    monkeypatch.chdir(tmp_path)
+    words = ("rank", "sts_lathe", "--form", "plane", "--radius", "25 mm", "--removed", "piston")
+    code, out, err = metrosep(*words, "--error", "EZX=table slide.csv", "-o", "one")
+    assert code == 0, err
+    assert "17.3" in out  # 60 nm / sqrt(12)
+    inputs = json.loads((tmp_path / "one" / "result.json").read_text("utf-8"))["inputs"]
+    assert [i["name"] for i in inputs] == ["slide.csv"]
+    # a recipe finds it beside itself
+    _, recipe, _ = metrosep(
+        *words, "--error", "EZX=table slide.csv", "-o", "two", "--print-recipe"
+    )
+    (tmp_path / "rank.toml").write_text(recipe, "utf-8")
+    monkeypatch.chdir(tmp_path.parent)
+    assert metrosep("run", str(tmp_path / "rank.toml"), "-o", str(tmp_path / "two"))[0] == 0
+    same = [(tmp_path / d / "parts.csv").read_bytes() for d in ("one", "two")]
+    assert same[0] == same[1]
+    assert "no such file" in metrosep(*words, "--error", "EZX=table gone.csv")[2].lower()
+    monkeypatch.chdir(tmp_path)
+    wrong = metrosep(*words, "--error", "EXX=table slide.csv")[2]
+    assert "holds EZX, not EXX" in wrong

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from metrosep.core.errors import DataError
 from metrosep.forms import Plane
-from metrosep.machine import presets, rank
+from metrosep.machine import PolynomialTerm, TableTerm, presets, rank
 
 NM = 1e-9
 RADIUS = 25e-3
@@ -66,3 +66,32 @@ def test_curves_that_make_no_sense_are_refused():
             presets("sts_lathe"), Plane(), radius=RADIUS, errors={"EZX": "wave 8 mm 1 um", "EXX": 1e-6},
             correlations={("EZX", "EXX"): 0.5},
         )  # fmt: skip
+
+
+def bow(x):
+    """A bow of 60 nm at the rim."""
+    return 60 * NM * (np.asarray(x) / RADIUS) ** 2
+
+
+def test_a_known_curve_acts_with_its_shape():
+    # rho^2 is evenly spread over a disc, so its standard deviation is 1 / sqrt(12)
+    x = np.linspace(-0.03, 0.03, 601)
+    for curve in (bow, TableTerm(x, bow(x)), PolynomialTerm([0.0, 0.0, 60 * NM / RADIUS**2])):
+        assert_allclose(sq(ranked(EZX=curve), "EZX"), 60.0 / np.sqrt(12.0), rtol=0, atol=0.01)
+
+
+def test_known_curves_stand_beside_magnitudes_in_their_order():
+    table = ranked(EZC="2 upr 50 nm", EZX=bow, B0Z="1 urad")
+
+    assert table.names == ("EZC", "EZX", "B0Z")
+    assert_allclose(sq(table, "EZC"), 50.0 / np.sqrt(2.0), rtol=1e-6, atol=0)
+    assert_allclose(sq(table, "EZX"), 60.0 / np.sqrt(12.0), rtol=0, atol=0.01)
+    # a cone of 1 urad: rho has the variance R^2 / 18 over a disc
+    assert_allclose(sq(table, "B0Z"), 25e3 / np.sqrt(18.0) * 1e-3, rtol=0, atol=0.01)
+
+
+def test_a_table_that_ends_before_the_rim_is_refused():
+    with pytest.raises(DataError, match="outside the error table"):
+        ranked(EZX=TableTerm([0.0, 0.01], [0.0, 1e-7]))
+    with pytest.raises(DataError, match="a known curve, so it has no mean"):
+        rank(presets("sts_lathe"), Plane(), radius=RADIUS, errors={"EZX": bow}, mean={"EZX": 1e-7})

@@ -554,6 +554,19 @@ def speed_sweep_of(produced: Any, inputs: Any = None) -> Description:
 
 # ------------------------------------------------------------------------------------------------
 
+
+def _of_readings(name: str) -> Any:
+    """Return what describes readings of a machine; its module, and the machine, load when it is asked."""
+
+    def described(produced: Any, inputs: Any = None) -> Description:
+        from metrosep.recipe.describe import describe_readings
+
+        found: Description = getattr(describe_readings, name)(produced, inputs)
+        return found
+
+    return described
+
+
 _KINDS: Mapping[str, Any] = {
     "Separation": separation_of,
     "PositioningTest": positions_of,
@@ -577,6 +590,9 @@ _KINDS: Mapping[str, Any] = {
     "SpeedSweep": speed_sweep_of,
     "SensitivityTable": sensitivity_of,
     "Identification": identification_of,
+    "MachineCalibration": _of_readings("machine_calibration_of"),
+    "CircleRun": _of_readings("circle_of"),
+    "ThermalResult": _of_readings("thermal_of"),
     "WavefrontResult": wavefront_of,
     "SettingFit": setting_of,
     "FollowUp": follow_up_of,

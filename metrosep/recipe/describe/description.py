@@ -39,6 +39,8 @@ class Description:
     # mapping of str to Profile: parts that are profiles, for files that hold one; `tables` holds
     # their samples too
     profiles: Mapping[str, Profile] = field(default_factory=dict)
+    # mapping of str to str: text files by name, which an output of parts writes as they are
+    files: Mapping[str, str] = field(default_factory=dict)
 
 
 def quantity(

@@ -13,8 +13,9 @@ from metrosep.core.methods import Method
 from metrosep.core.options import Option
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_quantity
+from metrosep.recipe.schema import file_of_curve
 
-__all__ = ["CENTRE", "form_of", "machine_of", "one_map"]
+__all__ = ["CENTRE", "MACHINE", "form_of", "machine_of", "one_map"]
 
 
 def form_of(text: str) -> Any:
@@ -67,7 +68,7 @@ def machine_of(options: dict[str, Any], radius: float | None) -> Any:
 
 # ---- keys that several of these steps take -----------------------------------------------------
 
-_MACHINE: Mapping[str, Option] = {
+MACHINE: Mapping[str, Option] = {
     "machine": Option(
         "file",
         required=True,
@@ -104,7 +105,7 @@ class Ranking(Method):
     what: ClassVar[str] = "error terms of a machine, ranked by what they do to a part"
     reads: ClassVar = "nothing"
     arguments: ClassVar[Mapping[str, Option]] = {
-        **_MACHINE,
+        **MACHINE,
         "radius": Option(
             "size", required=True, help='of the part, from its axis to the rim, "20 mm"'
         ),
@@ -120,7 +121,7 @@ class Ranking(Method):
         ),
         "errors": Option(
             "table",
-            help='a table, { EXX = "1 um", EZX = "wave 8 mm 1 um", EZC = "2 upr 50 nm", EYX = "random 1 um length 5 mm" }',
+            help='a table, { EXZ = "1 um", EZX = "wave 8 mm 1 um", EZC = "2 upr 50 nm", EYX = "random 1 um length 5 mm", EXX = "table x.csv" }',
         ),
         "all_lengths": Option(
             "size", help='magnitude of every other term that is a length, "1 um"'
@@ -190,13 +191,13 @@ def _checked_size(term: str, value: float | str, *, is_angle: bool) -> None:
         )
 
 
-def _errors(chain: Any, rest: dict[str, Any]) -> tuple[dict[str, float | str], tuple[str, ...]]:
+def _errors(chain: Any, rest: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Take the magnitudes of the terms out of the options, and how names were read."""
     from metrosep.machine import from_paper
 
     given = rest.pop("errors", {})
     lengths, angles = rest.pop("all_lengths", None), rest.pop("all_angles", None)
-    found: dict[str, float | str] = {}
+    found: dict[str, Any] = {}
     for term in chain.terms:
         value = angles if _is_angle(term) else lengths
         if value is not None:
@@ -207,7 +208,10 @@ def _errors(chain: Any, rest: dict[str, Any]) -> tuple[dict[str, float | str], t
         if name in names:
             raise DataError(f"errors names {name} twice, as {names[name]} and as {key}")
         names[name] = key
-        if name in chain.terms:
+        file = file_of_curve(value)
+        if file is not None:
+            value = _curve(chain, name, file)  # noqa: PLW2901
+        elif name in chain.terms:
             try:
                 _checked_size(key, value, is_angle=_is_angle(name))
             except UnitError as error:
@@ -221,6 +225,17 @@ def _errors(chain: Any, rest: dict[str, Any]) -> tuple[dict[str, float | str], t
     read = [f"{key} is a name of the paper: {name} of ISO 230-1" for name, key in names.items()]
     told = (text for text, (name, key) in zip(read, names.items(), strict=True) if name != key)
     return found, tuple(told)
+
+
+def _curve(chain: Any, name: str, file: str) -> Any:
+    """Return the table of a term from a file: ``x_mm,EXX_um``."""
+    from metrosep.io.term_files import read_term_table
+
+    kinds = {e.name: "angle" if e.kind == "rotary" else "length" for e in chain.elements}
+    held = read_term_table(file, kinds)
+    if name not in held:
+        raise DataError(f"{file}: holds {', '.join(held)}, not {name}")
+    return held[name][0]
 
 
 def _is_angle(term: str) -> bool:
@@ -251,7 +266,7 @@ class TermsIdentified(Method):
     reads: ClassVar = "maps"
     readings: ClassVar[tuple[str, ...]] = ("map",)
     arguments: ClassVar[Mapping[str, Option]] = {
-        **_MACHINE,
+        **MACHINE,
         "radius": Option("size", help='of the part, from its axis to the rim, "20 mm"'),
         "inner_radius": _INNER_RADIUS,
         "removed": Option(

@@ -1,0 +1,150 @@
+"""Error terms as files: a table of the terms of one axis, and a list of constants.
+
+x_mm,EXX_um,EBX_urad        first column: the axis and its unit; the others: terms of that axis
+0,0.00,1.2
+
+C0Y = "12 urad"             TOML: a value with its unit for each constant
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from metrosep.core.atomic import read_plain
+from metrosep.core.errors import DataError, ReadError
+from metrosep.core.units import parse_quantity
+from metrosep.machine.elements import axis_of
+from metrosep.machine.terms import ConstantTerm, ErrorTerm, TableTerm, is_angle
+
+__all__ = ["read_term_table", "term_texts"]
+
+_MOST_BYTES = 2**26
+
+
+def read_term_table(
+    file: str | os.PathLike[str], kinds: Mapping[str, str]
+) -> dict[str, tuple[TableTerm, tuple[float, float]]]:
+    """Return the terms of one axis from a CSV file, whose columns state names and units.
+
+    Parameters
+    ----------
+    file : str or path
+        Such as ``x_mm,EXX_um,EBX_urad``.
+    kinds : mapping of str to {"length", "angle"}
+        What the positions of each axis of the machine are.
+
+    Returns
+    -------
+    dict of str to (TableTerm, (float, float))
+        By term the table, and from where to where it reaches, SI.
+
+    Raises
+    ------
+    ReadError
+        The file cannot be read.
+    DataError
+        It holds no such table; a column is no error of its axis.
+    UnitError
+        A column has no unit of its dimension.
+    """
+    try:
+        text = read_plain(Path(file), _MOST_BYTES).decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as exc:
+        raise ReadError(
+            f"{file}: cannot be read ({exc}); a CSV file of errors is needed"
+        ) from None
+    lines = [
+        (i, [c.strip() for c in line.split(",")])
+        for i, line in enumerate(text.splitlines(), 1)
+        if line.strip() and not line.lstrip().startswith("#")
+    ]
+    if len(lines) < 3:
+        raise DataError(
+            f"{file}: holds no table of errors: a line of names and two rows are needed"
+        )
+    axes = {a.lower(): a for a in kinds}
+    scales: list[float] = []
+    names: list[str] = []
+    for k, column in enumerate(lines[0][1]):
+        name, _, unit = column.rpartition("_")
+        if k == 0 and name.lower() not in axes:
+            raise DataError(
+                f"{file}: the first column is {column!r}; the position is needed there, an axis of the machine "
+                f"with its unit such as {next(iter(axes))}_mm"
+            )
+        own = axes[name.lower()] if k == 0 else name
+        if k and axis_of(own) != names[0]:
+            raise DataError(
+                f"{file}: {column!r} is not an error of {names[0]}, whose positions the file has"
+            )
+        angle = kinds[own] == "angle" if k == 0 else is_angle(own)
+        dimension = "angle" if angle else "length"
+        scales.append(parse_quantity(f"1 {unit}", dimension=dimension, name=f"{file}: {column}"))
+        names.append(own)
+    rows = []
+    for number, cells in lines[1:]:
+        try:
+            row = [float(c) for c in cells]
+        except ValueError:
+            row = []
+        if len(row) != len(names):
+            raise DataError(f"{file}: line {number} has not {len(names)} numbers")
+        rows.append(row)
+    columns = [[row[k] * scale for row in rows] for k, scale in enumerate(scales)]
+    span = (columns[0][0], columns[0][-1])
+    return {
+        n: (TableTerm(columns[0], c), span) for n, c in zip(names[1:], columns[1:], strict=True)
+    }
+
+
+def term_texts(
+    terms: Mapping[str, ErrorTerm],
+    ranges: Mapping[str, tuple[float, float]],
+    rotary: Collection[str],
+) -> dict[str, str]:
+    """Return the files that hold terms, as `read_term_table` and lists of constants are read.
+
+    Parameters
+    ----------
+    terms : mapping of str to ErrorTerm
+        Constants, and terms over the position of their axis.
+    ranges : mapping of str to (float, float), m or rad
+        By term from where to where it is known; of one axis the common part is written.
+    rotary : collection of str
+        Axes that turn.
+
+    Returns
+    -------
+    dict of str to str
+        Content by name of the file: ``constants.toml`` and ``X.csv`` for each axis.
+    """
+    texts: dict[str, str] = {}
+    constants = [
+        f'{name} = "{term.value * 1e6:.6f} {"urad" if is_angle(name) else "um"}"'
+        for name, term in terms.items()
+        if isinstance(term, ConstantTerm)
+    ]
+    if constants:
+        texts["constants.toml"] = "\n".join(constants) + "\n"
+    by_axis: dict[str, list[str]] = {}
+    for name, term in terms.items():
+        axis = axis_of(name)
+        if axis is not None and not isinstance(term, ConstantTerm):
+            by_axis.setdefault(axis, []).append(name)
+    for axis, names in by_axis.items():
+        low = max(ranges[n][0] for n in names)
+        high = min(ranges[n][1] for n in names)
+        turns = axis in rotary
+        x = np.linspace(low, high, 361 if turns else 101)
+        columns = [np.degrees(x) if turns else x * 1e3]
+        head = [f"{axis.lower()}_{'deg' if turns else 'mm'}"]
+        for name in names:
+            head.append(f"{name}_{'urad' if is_angle(name) else 'um'}")
+            columns.append(np.asarray(terms[name].evaluate(x)) * 1e6)
+        rows = [",".join(f"{v:.9f}" for v in row) for row in np.column_stack(columns)]
+        texts[f"{axis}.csv"] = "\n".join([",".join(head), *rows]) + "\n"
+    return texts

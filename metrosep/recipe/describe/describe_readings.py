@@ -1,0 +1,324 @@
+"""Calibrations of machines, circular tests and thermal fits in a result document."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.quantity import Quantity
+from metrosep.core.units import format_engineering
+from metrosep.io.term_files import term_texts
+from metrosep.machine import Nest
+from metrosep.machine._bases import UnseenTerm
+from metrosep.machine.elements import axis_of, term_unit
+from metrosep.machine.terms import ConstantTerm, TableTerm
+from metrosep.recipe.describe.charts import bar_chart, curve, curve_chart, map_chart, panel
+from metrosep.recipe.describe.description import Description, quantity
+
+__all__ = ["circle_of", "machine_calibration_of", "thermal_of"]
+
+_POINTS = 181
+_SIDE = 41
+"""Of the picture of the volumetric error."""
+_NAMES = {"m": "displacements", "rad": "angles"}
+
+
+def machine_calibration_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of a `MachineCalibration`."""
+    found = produced.found
+    rotary = {e.name for e in found.chain.elements if e.kind == "rotary"}
+    seen = {n: t for n, t in found.errors.items() if not isinstance(t, UnseenTerm)}
+    quantities: dict[str, Quantity] = {}
+    for name, term in seen.items():
+        unit = term_unit(found.chain, name)
+        if isinstance(term, ConstantTerm):
+            text = f"location error {name}, actual minus nominal"
+            quantities[name] = quantity(term.value, unit, text, u=term.u, symbol=name)
+            continue
+        x = _places(found, name)
+        value, u = term.evaluate(x), term.sd(x)
+        high, low = int(np.argmax(value)), int(np.argmin(value))
+        text = f"P-V of {name} over the places that were read; u of the extremes as if independent"
+        quantities[f"{name}.pv"] = quantity(
+            np.ptp(value), unit, text, u=float(np.hypot(u[high], u[low])), symbol=f"PV {name}"
+        )
+    for label, noise in found.noise.items():
+        rest = np.asarray(found.residuals[label])
+        unit = _unit_of(found, label)
+        key = label.replace(" ", "_")
+        text = f"root mean square of what the model leaves of {label}"
+        quantities[f"residual.{key}"] = quantity(
+            float(np.sqrt(np.nanmean(rest**2))), unit, text, symbol=f"residual {label}"
+        )
+        quantities[f"noise.{key}"] = quantity(
+            noise, unit, f"white noise of one reading of {label}", symbol=f"noise {label}"
+        )
+    n_null = len(found.null)
+    quantities["not_determined"] = quantity(
+        n_null, "1", "directions that the readings do not determine"
+    )
+    charts = [*_term_charts(found, seen, rotary), *_residual_charts(produced)]
+    picture, volumetric = _picture(found, seen, rotary)
+    if picture is not None:
+        charts.append(picture)
+        quantities |= volumetric
+    terms = found.fitted if produced.smallest else found.errors
+    known = {n: t for n, t in terms.items() if not isinstance(t, UnseenTerm)}
+    ranges = {n: _range(found, n) for n in known if not isinstance(known[n], ConstantTerm)}
+    document = found.to_dict()
+    text = json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n"
+    return Description(
+        quantities,
+        tuple(charts),
+        {"residuals": _residual_rows(found)},
+        document={"calibration": document},
+        audit=dict(found.audit),
+        files={**term_texts(known, ranges, rotary), "calibration.json": text},
+    )
+
+
+def _unit_of(found: Any, label: str) -> str:
+    return "rad" if found.sets[label].instrument.is_angle else "m"
+
+
+def _spans(found: Any) -> dict[str, tuple[float, float]]:
+    """Return from where to where each axis was read."""
+    places: dict[str, list[FloatArray]] = {}
+    for reading in found.sets.values():
+        for axis, values in reading.q.items():
+            places.setdefault(axis, []).append(np.ravel(values))
+    joined = {a: np.concatenate(v) for a, v in places.items()}
+    return {a: (float(v.min()), float(v.max())) for a, v in joined.items()}
+
+
+def _range(found: Any, name: str) -> tuple[float, float]:
+    basis = found.bases[name]
+    return (0.0, 2.0 * math.pi) if basis.kind == "fourier" else (basis.low, basis.high)
+
+
+def _places(found: Any, name: str) -> FloatArray:
+    low, high = _range(found, name)
+    return np.linspace(low, high, _POINTS)
+
+
+def _term_charts(found: Any, seen: dict[str, Any], rotary: set[str]) -> list[dict[str, Any]]:
+    """Return the motions of each axis over its position, and the location errors as bars."""
+    charts = []
+    for axis in found.chain.axes:
+        names = [
+            n for n, t in seen.items() if axis_of(n) == axis and not isinstance(t, ConstantTerm)
+        ]
+        panels = []
+        for unit, title in _NAMES.items():
+            own = [n for n in names if term_unit(found.chain, n) == unit]
+            curves = [
+                curve(n, _places(found, n), seen[n].evaluate(_places(found, n)),
+                      u=seen[n].sd(_places(found, n)))
+                for n in own
+            ]  # fmt: skip
+            if curves:
+                panels.append(panel(title, unit, curves))
+        if panels:
+            about = (f"position of {axis}", "rad" if axis in rotary else "m")
+            charts.append(curve_chart(f"Error motions of {axis}", about, panels))
+    for unit, title in _NAMES.items():
+        own = [
+            n for n, t in seen.items() if isinstance(t, ConstantTerm) and term_unit(found.chain, n) == unit
+        ]  # fmt: skip
+        if own:
+            charts.append(
+                bar_chart(
+                    f"Location errors: {title}",
+                    own,
+                    {"value": [seen[n].value for n in own]},
+                    unit=unit,
+                    quantity="actual minus nominal",
+                    u={"value": [seen[n].u for n in own]},
+                )
+            )
+    return charts
+
+
+def _residual_charts(produced: Any) -> list[dict[str, Any]]:
+    """Return what the model leaves of each set, in the order of time."""
+    by_unit: dict[str, list[dict[str, Any]]] = {}
+    for label, values in produced.found.residuals.items():
+        rows = np.asarray(values).reshape(len(values), -1)
+        names = [""] if rows.shape[1] == 1 else list("xyz")
+        number = np.arange(1.0, rows.shape[0] + 1.0)
+        curves = [curve(n, number, rows[:, i], points=True) for i, n in enumerate(names)]
+        unit = _unit_of(produced.found, label)
+        by_unit.setdefault(unit, []).append(panel(label, unit, curves))
+    return [
+        curve_chart("Residuals in the order of time", ("number of the reading", "1"), panels)
+        for panels in by_unit.values()
+    ]
+
+
+def _residual_rows(found: Any) -> dict[str, list[Any]]:
+    columns: dict[str, list[Any]] = {"set": [], "reading": [], "component": [], "residual_si": []}
+    for label, values in found.residuals.items():
+        rows = np.asarray(values).reshape(len(values), -1)
+        for i, row in enumerate(rows, 1):
+            for k, value in enumerate(row):
+                columns["set"].append(label)
+                columns["reading"].append(i)
+                columns["component"].append("" if rows.shape[1] == 1 else "xyz"[k])
+                columns["residual_si"].append(float(value))
+    return columns
+
+
+def _picture(
+    found: Any, seen: dict[str, Any], rotary: set[str]
+) -> tuple[dict[str, Any] | None, dict[str, Quantity]]:
+    """Return the size of the error of the tool point over two axes, the others in their middle."""
+    spans = _spans(found)
+    tool = np.asarray(next(iter(found.sets.values())).tool, dtype=np.float64).reshape(-1, 3)[0]
+    moved = [a for a in found.chain.axes if a in spans and np.ptp(spans[a]) > 0.0]
+    straight = [a for a in moved if a not in rotary]
+    if len(straight) < 2:
+        return None, {}
+    one, two = straight[:2]
+    q: dict[str, Any] = {a: float(np.mean(spans[a])) for a in spans}
+    first, second = (np.linspace(*spans[a], _SIDE) for a in (one, two))
+    q[one], q[two] = (v.ravel() for v in np.meshgrid(first, second))
+    for axis in found.chain.axes:
+        q.setdefault(axis, 0.0)
+    E = found.read(Nest(), q, tool=tool)
+    size = np.linalg.norm(E, axis=-1).reshape(_SIDE, _SIDE)
+    others = [a for a in spans if a not in (one, two)]
+    where = ", ".join(
+        f"{a} {format_engineering(float(q[a]), 'rad' if a in rotary else 'm')}" for a in others
+    )
+    words = f"Length of the error of the tool point over {one} and {two}"
+    words += f", at {where}." if where else "."
+    if len(seen) < len(found.errors):
+        words += " Terms that the readings do not determine take part with the smallest values that explain them."
+    at = ", ".join(f"{v * 1e3:g}" for v in tool)
+    chart = map_chart(
+        "Volumetric error",
+        {f"{one} to the right, {two} upwards": size},
+        dx=float(np.ptp(first)) / (_SIDE - 1),
+        dy=float(np.ptp(second)) / (_SIDE - 1),
+        unit="m",
+        caption=f"{words} Tool point {at} mm.",
+        origin=(float(first[0]), float(second[0])),
+    )
+    about = f"length of the error of the tool point over {one} and {two}"
+    return chart, {
+        "volumetric.rms": quantity(
+            float(np.sqrt(np.mean(size**2))), "m", f"root mean square of the {about}"
+        ),
+        "volumetric.max": quantity(float(size.max()), "m", f"largest {about}"),
+    }
+
+
+def circle_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of a `CircleRun`."""
+    test = produced.test
+    angle = test.angle
+    order = np.argsort(np.mod(angle, 2.0 * np.pi), kind="stable")
+    place = np.mod(angle, 2.0 * np.pi)[order]
+    read = [curve(s, place, np.asarray(r)[order]) for s, r in test.measured.items()]
+    rest = [curve(s, place, np.asarray(r)[order]) for s, r in test.residual.items()]
+    chart = curve_chart(
+        f"Circular test in {test.plane}",
+        ("angle of the place", "rad"),
+        [
+            panel("deviation of the radius about the common centre", "m", read),
+            panel("what the model leaves", "m", rest),
+        ],
+        caption="Readings within 1 degree of a reversal are not in the fit.",
+    )
+    columns: dict[str, Any] = {"angle_deg": np.degrees(place)}
+    for sense in test.measured:
+        columns[f"{sense}_um"] = np.asarray(test.measured[sense])[order] * 1e6
+        columns[f"residual_{sense}_um"] = np.asarray(test.residual[sense])[order] * 1e6
+    known = {n: q for n, q in test.quantities.items() if math.isfinite(q.value)}
+    return Description(
+        known,
+        (chart,),
+        {"": columns},
+        document={"circle": test.to_dict()},
+        audit=dict(test.audit),
+    )
+
+
+def thermal_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of a `ThermalResult`."""
+    fit = produced.fit
+    quantities: dict[str, Quantity] = {}
+    panels: dict[str, list[dict[str, Any]]] = {}
+    columns: dict[str, Any] = {"t_s": fit.t}
+    for name, term in fit.terms.items():
+        u = np.sqrt(np.diag(term.covariance))
+        at = len(term.sensors)
+        for i, (sensor, lag) in enumerate(zip(term.sensors, term.lags, strict=True)):
+            text = f"change of {name} per kelvin of {sensor}"
+            quantities[f"{name}.{sensor}"] = quantity(
+                float(term.gains[i]), f"{term.unit}/K", text, u=float(u[i])
+            )
+            if lag > 0.0:
+                text = f"time constant of {name} behind {sensor}"
+                spread = lag * float(u[at])
+                quantities[f"{name}.{sensor}.lag"] = quantity(lag, "s", text, u=spread)
+                at += 1
+        predicted = fit.predicted[name]
+        quantities[f"{name}.predicted"] = quantity(
+            predicted,
+            term.unit,
+            f"RMS that is left of blocks of {name} foretold from the others",
+        )
+        quantities[f"{name}.drift"] = quantity(
+            fit.drift[name], term.unit, f"RMS of the same blocks of {name} without temperatures"
+        )
+        values, rest = fit.readings[name], fit.residuals[name]
+        told = values - rest
+        panels.setdefault(name, []).append(
+            panel(
+                name,
+                term.unit,
+                [
+                    curve("reading", fit.t, values, points=True),
+                    curve("by temperatures", fit.t, told),
+                ],
+            )
+        )
+        panels[name].append(panel(f"{name}: left", term.unit, [curve("", fit.t, rest)]))
+        suffix = term.unit
+        columns |= {f"{name}_{suffix}": values, f"left_{name}_{suffix}": rest}
+    charts = [
+        curve_chart(f"{name} and what temperatures say", ("time", "s"), own)
+        for name, own in panels.items()
+    ]
+    text = json.dumps(fit.to_dict(), indent=1, sort_keys=True, allow_nan=False) + "\n"
+    files = {"thermal.json": text}
+    document: dict[str, Any] = {"thermal": fit.to_dict()}
+    if produced.errors is not None:
+        terms = produced.errors.terms
+        ranges = {
+            n: (t.positions[0], t.positions[-1])
+            for n, t in terms.items()
+            if isinstance(t, TableTerm)
+        }
+        turning = {a for a in map(axis_of, terms) if a is not None and a[0] in "ABC"}
+        files |= term_texts(terms, ranges, turning)
+        document["at_K"] = dict(produced.stated)
+        for n, t in terms.items():
+            if isinstance(t, ConstantTerm):
+                unit = "rad" if n[1] in "ABC" else "m"
+                quantities[n] = quantity(
+                    t.value, unit, f"{n} at the stated temperatures, from the reference", u=t.u
+                )
+    return Description(
+        quantities,
+        tuple(charts),
+        {"": columns},
+        document=document,
+        audit=dict(fit.audit),
+        files=files,
+    )
