@@ -433,6 +433,11 @@ def _print_measured(name: str, found: Mapping[str, Any]) -> None:
     help="Errors that explain the map: of the tool setting (tool), a preset or a file of TOML.",
 )
 @click.option("--terms", metavar="TERMS", help="Error terms that may be at work (--identify).")
+@click.option(
+    "--curves",
+    metavar="TERM=N,...",
+    help='Terms that are curves, with their orders (--identify): "EZX=6,EZC=3".',
+)
 @click.option("--radius", metavar="LENGTH", help="Of the part (--identify).")
 @click.option("-o", "--out", metavar="DIR", help="Folder for the report (--identify).")
 @file_options
@@ -452,6 +457,7 @@ def form(
     residual: str | None,
     identify: str | None,
     terms: str | None,
+    curves: str | None,
     radius: str | None,
     out: str | None,
     reading: dict[str, Any],
@@ -463,11 +469,12 @@ def form(
     """
     if identify is not None:
         given = {"fix": fix, "start": start, "robust": robust, "residual": residual}
-        _refuse_beside_identify(given, identify, free=free, terms=terms, radius=radius)
-        return _identify(
-            context, file, identify, form_text, free, terms, radius, centre, out, reading, as_json
+        _refuse_beside_identify(
+            given, identify, free=free, terms=terms, curves=curves, radius=radius
         )
-    for name, value in (("terms", terms), ("radius", radius), ("out", out)):
+        own = {"free": free, "terms": terms, "curves": curves, "radius": radius, "centre": centre}
+        return _identify(context, file, identify, form_text, own, out, reading, as_json)
+    for name, value in (("terms", terms), ("curves", curves), ("radius", radius), ("out", out)):
         if value is not None:
             raise click.UsageError(f"--{name} goes with --identify MACHINE")
     from metrosep.io.write import write
@@ -508,12 +515,14 @@ def _refuse_beside_identify(
     *,
     free: str | None,
     terms: str | None,
+    curves: str | None,
     radius: str | None,
 ) -> None:
     for name, value in given.items():
         if value:
             raise click.UsageError(f"--{name} does not go with --identify")
-    wrong = {"terms": terms, "radius": radius} if machine == "tool" else {"free": free}
+    of_machines = {"terms": terms, "curves": curves, "radius": radius}
+    wrong = of_machines if machine == "tool" else {"free": free}
     for name, value in wrong.items():
         if value is not None:
             raise click.UsageError(f"--{name} does not go with --identify {machine}")
@@ -524,24 +533,33 @@ def _identify(
     file: str,
     machine: str,
     form_text: str,
-    free: str | None,
-    terms: str | None,
-    radius: str | None,
-    centre: str | None,
+    own: dict[str, str | None],
     out: str | None,
     reading: dict[str, Any],
     as_json: bool,
 ) -> int:
     from metrosep.cli.modelling import identified
 
+    centre = own["centre"]
     options: dict[str, Any] = {
         "reading": reading,
-        "free": list(_names(free)) or None,
-        "terms": list(_names(terms)) or None,
-        "radius": radius,
+        "free": list(_names(own["free"])) or None,
+        "terms": list(_names(own["terms"])) or None,
+        "curves": None if own["curves"] is None else _orders(own["curves"]),
+        "radius": own["radius"],
         "centre": None if centre is None else [c.strip() for c in centre.split(",")],
     }
     return identified(context, file, machine, form_text, options=options, out=out, as_json=as_json)
+
+
+def _orders(text: str) -> dict[str, int]:
+    """Return terms and orders that were typed."""
+    found = {}
+    for name, order in name_values(tuple(text.split(",")), "--curves"):
+        if not order.strip().isdecimal():
+            raise click.UsageError(f"--curves {name}={order}: a whole number of orders is needed")
+        found[name.strip()] = int(order)
+    return found
 
 
 # ---- command verify-softgauge: our parameters against those that a software gauge expects ------

@@ -164,8 +164,12 @@ def identified(
     for key, value in options.items():
         if value is None:
             continue
-        listed = isinstance(value, list)
-        text = "[" + ", ".join(quoted(v) for v in value) + "]" if listed else quoted(value)
+        if isinstance(value, dict):
+            text = "{ " + ", ".join(f"{quoted(k)} = {v}" for k, v in value.items()) + " }"
+        elif isinstance(value, list):
+            text = "[" + ", ".join(quoted(v) for v in value) + "]"
+        else:
+            text = quoted(value)
         lines.append(f"{key} = {text}")
     return _carried_out(context, lines, (file,), out, print_recipe=False, as_json=as_json)
 

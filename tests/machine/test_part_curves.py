@@ -134,7 +134,8 @@ def test_noise_alike_over_a_length_is_learnt_and_the_curves_are_within_their_unc
 
 def test_one_sphere_cannot_tell_the_slides_apart_and_says_so():
     found = found_of(part(60e-3), Sphere(R=60e-3), {"EZX": 4, "EXX": 4, "EXC": 2, "EBC": 2})
-    assert np.isnan(found["EZX"].evaluate(5e-3)) and np.isnan(found["EXX"].evaluate(5e-3))
+    assert np.isnan(found["EZX"].evaluate(5e-3))
+    assert np.isnan(found["EXX"].evaluate(5e-3))
     assert any("EXX" in s and "EZX" in s for s in found.null)
     assert any("EXC" in s and "EBC" in s for s in found.null)
 
@@ -241,3 +242,60 @@ def test_a_line_that_needs_a_place_says_so():
         bow().slope("area")
     with pytest.raises(MetrosepError, match="low before high"):
         bow().slope(span=(2e-3, 1e-3))
+
+
+# ---- the same through files and recipes ------------------------------------------------------------
+
+
+def as_text(surface, file):
+    """Write a map as rows of x, y, z in mm and um, as an instrument exports it; gaps are left out."""
+    rows = ["x_mm,y_mm,z_um"]
+    x0, y0 = surface.origin
+    for (i, j), z in np.ndenumerate(surface.z):
+        if np.isfinite(z):
+            rows.append(
+                f"{(x0 + j * surface.dx) * 1e3:.6f},{(y0 + i * surface.dy) * 1e3:.6f},{z * 1e6:.7f}"
+            )
+    file.write_text("\n".join(rows) + "\n")
+
+
+RECIPE = """metrosep = 1
+[input]
+files = ["face.csv", "dome.csv"]
+[[step]]
+op = "identify"
+machine = "sts_lathe"
+forms = ["plane", "sphere: R=-45 mm"]
+curves = {{ EZX = {orders}, EXX = 2, EZC = 3, EXC = 2, EBC = 2 }}
+centre = ["0 mm", "0 mm"]
+[[output]]
+kind = "parts"
+"""
+
+
+def test_a_recipe_reads_several_parts_and_writes_the_curves(tmp_path, monkeypatch):
+    from metrosep.recipe.recipe import Recipe
+
+    monkeypatch.chdir(tmp_path)
+    as_text(part(white=1e-9, bell=2e-9, seed=4), tmp_path / "face.csv")
+    as_text(part(-45e-3, white=1e-9, bell=2e-9, seed=6), tmp_path / "dome.csv")
+    recipe = Recipe.parse(RECIPE.format(orders=4), name="curves", folder=tmp_path)
+    recipe.run(out=tmp_path / "out")
+    head, *rows = (tmp_path / "out" / "C.csv").read_text().splitlines()
+    assert head == "c_deg,EXC_um,EZC_um,EBC_urad"
+    c = np.array([[float(v) for v in row.split(",")] for row in rows])
+    assert c[:, 2] * 1e-6 == pytest.approx(axial(np.radians(c[:, 0])), abs=5e-9)
+    assert c[:, 3] * 1e-6 == pytest.approx(tilting(np.radians(c[:, 0])), abs=3e-7)
+
+
+def test_a_recipe_with_curves_of_wrong_orders_is_refused(tmp_path, monkeypatch):
+    from metrosep.recipe.recipe import Recipe
+
+    monkeypatch.chdir(tmp_path)
+    as_text(part(), tmp_path / "face.csv")
+    as_text(part(-45e-3), tmp_path / "dome.csv")
+    with pytest.raises(MetrosepError, match="orders of EZX"):
+        Recipe.parse(RECIPE.format(orders='"many"'), name="curves", folder=tmp_path).run(
+            out=tmp_path / "out"
+        )
+    assert not (tmp_path / "out" / "C.csv").exists()

@@ -19,7 +19,7 @@ from metrosep.machine.terms import ConstantTerm, TableTerm
 from metrosep.recipe.describe.charts import bar_chart, curve, curve_chart, map_chart, panel
 from metrosep.recipe.describe.description import Description, quantity
 
-__all__ = ["circle_of", "machine_calibration_of", "thermal_of"]
+__all__ = ["circle_of", "machine_calibration_of", "part_curves_of", "thermal_of"]
 
 _POINTS = 181
 _SIDE = 41
@@ -32,20 +32,7 @@ def machine_calibration_of(produced: Any, inputs: Any = None) -> Description:
     found = produced.found
     rotary = {e.name for e in found.chain.elements if e.kind == "rotary"}
     seen = {n: t for n, t in found.errors.items() if not isinstance(t, UnseenTerm)}
-    quantities: dict[str, Quantity] = {}
-    for name, term in seen.items():
-        unit = term_unit(found.chain, name)
-        if isinstance(term, ConstantTerm):
-            text = f"location error {name}, actual minus nominal"
-            quantities[name] = quantity(term.value, unit, text, u=term.u, symbol=name)
-            continue
-        x = _places(found, name)
-        value, u = term.evaluate(x), term.sd(x)
-        high, low = int(np.argmax(value)), int(np.argmin(value))
-        text = f"P-V of {name} over the places that were read; u of the extremes as if independent"
-        quantities[f"{name}.pv"] = quantity(
-            np.ptp(value), unit, text, u=float(np.hypot(u[high], u[low])), symbol=f"PV {name}"
-        )
+    quantities = _motions(found, seen)
     for label, noise in found.noise.items():
         rest = np.asarray(found.residuals[label])
         unit = _unit_of(found, label)
@@ -79,6 +66,69 @@ def machine_calibration_of(produced: Any, inputs: Any = None) -> Description:
         audit=dict(found.audit),
         files={**term_texts(known, ranges, rotary), "calibration.json": text},
     )
+
+
+def part_curves_of(produced: Any, inputs: Any = None) -> Description:
+    """Return what a document holds of `PartCurves`."""
+    found = produced.found
+    rotary = {e.name for e in found.chain.elements if e.kind == "rotary"}
+    seen = {n: t for n, t in found.errors.items() if not isinstance(t, UnseenTerm)}
+    quantities = _motions(found, seen)
+    charts = _term_charts(found, seen, rotary)
+    for label, left in produced.residuals.items():
+        key = label.replace(" ", "_")
+        quantities[f"residual.{key}"] = quantity(
+            float(np.sqrt(np.nanmean(left.z**2))),
+            "m",
+            f"Sq of what the curves leave of {label}",
+            symbol=f"residual {label}",
+        )
+        quantities[f"noise.{key}"] = quantity(
+            found.noise[label], "m", f"white noise of a pixel of {label}", symbol=f"noise {label}"
+        )
+        charts.append(
+            map_chart(
+                f"What the curves leave of {label}",
+                {"residual": left.z},
+                dx=left.dx,
+                dy=left.dy,
+                unit="m",
+                origin=left.origin,
+                caption="Measured minus form, alignment, tool setting and curves.",
+            )
+        )
+    known = dict(seen)
+    ranges = {n: _range(found, n) for n in known if not isinstance(known[n], ConstantTerm)}
+    document = found.to_dict()
+    text = json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n"
+    return Description(
+        quantities,
+        tuple(charts),
+        {},
+        {f"residual-{k.replace(' ', '-')}": v for k, v in produced.residuals.items()},
+        document={"calibration": document},
+        audit=dict(found.audit),
+        files={**term_texts(known, ranges, rotary), "calibration.json": text},
+    )
+
+
+def _motions(found: Any, seen: dict[str, Any]) -> dict[str, Quantity]:
+    """Return the amount of each location error, and the P-V of each motion."""
+    quantities: dict[str, Quantity] = {}
+    for name, term in seen.items():
+        unit = term_unit(found.chain, name)
+        if isinstance(term, ConstantTerm):
+            text = f"location error {name}, actual minus nominal"
+            quantities[name] = quantity(term.value, unit, text, u=term.u, symbol=name)
+            continue
+        x = _places(found, name)
+        value, u = term.evaluate(x), term.sd(x)
+        high, low = int(np.argmax(value)), int(np.argmin(value))
+        text = f"P-V of {name} over the places that were read; u of the extremes as if independent"
+        quantities[f"{name}.pv"] = quantity(
+            np.ptp(value), unit, text, u=float(np.hypot(u[high], u[low])), symbol=f"PV {name}"
+        )
+    return quantities
 
 
 def _unit_of(found: Any, label: str) -> str:

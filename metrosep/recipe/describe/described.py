@@ -591,6 +591,7 @@ _KINDS: Mapping[str, Any] = {
     "SensitivityTable": sensitivity_of,
     "Identification": identification_of,
     "MachineCalibration": _of_readings("machine_calibration_of"),
+    "PartCurves": _of_readings("part_curves_of"),
     "CircleRun": _of_readings("circle_of"),
     "ThermalResult": _of_readings("thermal_of"),
     "WavefrontResult": wavefront_of,

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 from metrosep.core.errors import DataError, UnitError
 from metrosep.core.methods import Method
 from metrosep.core.options import Option
+from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
 from metrosep.core.units import parse_quantity
 from metrosep.recipe.schema import file_of_curve
 
-__all__ = ["CENTRE", "MACHINE", "form_of", "machine_of", "one_map"]
+__all__ = ["CENTRE", "MACHINE", "PartCurves", "form_of", "machine_of", "one_map"]
 
 
 def form_of(text: str) -> Any:
@@ -258,6 +259,19 @@ def _tool(rest: dict[str, Any]) -> dict[str, Any]:
     return {"tool": tuple(rest["tool"])}
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PartCurves:
+    """Error motions as curves from the maps of parts, and what they leave of each map."""
+
+    found: Any
+    residuals: Mapping[str, Surface]
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What was not determined, and what the user should know."""
+        return (*self.found.null, *self.found.messages)
+
+
 class TermsIdentified(Method):
     """`identify` by its name."""
 
@@ -265,6 +279,7 @@ class TermsIdentified(Method):
     what: ClassVar[str] = "error terms of a machine that explain a measured part"
     reads: ClassVar = "maps"
     readings: ClassVar[tuple[str, ...]] = ("map",)
+    spare: ClassVar[int] = 15  # with curves: a map of each part
     arguments: ClassVar[Mapping[str, Option]] = {
         **MACHINE,
         "radius": Option("size", help='of the part, from its axis to the rim, "20 mm"'),
@@ -279,6 +294,12 @@ class TermsIdentified(Method):
             help="the nominal surface with all its parameters; what the map holds if left out",
         ),
         "terms": Option("texts", help="error terms that may be at work, EXX,EYX,B0Z"),
+        "curves": Option(
+            "table",
+            help="terms that are curves over the travel, and how many orders or harmonics, "
+            "{ EZX = 6, EZC = 3 }; takes several maps",
+        ),
+        "forms": Option("texts", help="with curves, the nominal surface of each map"),
         "centre": CENTRE,
         "threshold": _THRESHOLD,
         "exact": Option("flag", help="true: the surface is cut anew, not linear in the errors"),
@@ -297,7 +318,19 @@ class TermsIdentified(Method):
         rest = {**rest, **_tool(rest)}
         if "centre" in rest:
             rest["centre"] = _pair(rest["centre"])
-        return identify(chain, one_map(data), form=form, **rest)
+        forms = tuple(form_of(f) for f in rest.pop("forms", ()))
+        if "curves" not in rest:
+            if forms:
+                raise DataError("forms goes with curves and several maps; give form")
+            return identify(chain, one_map(data), form=form, **rest)
+        if forms and form is not None:
+            raise DataError("form is for all maps, forms for each; give one of them")
+        found: Any = identify(chain, list(data), form=forms or form, **rest)
+        left = {
+            label: replace(m, z=found.residuals[label], history=(*m.history, Step("identify")))
+            for label, m in zip(found.residuals, data, strict=True)
+        }
+        return PartCurves(found, left)
 
 
 class WavefrontOfMap(Method):
