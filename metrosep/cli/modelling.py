@@ -38,7 +38,7 @@ _REPORT = ["", "[[output]]", 'kind = "parts"', "", "[[output]]", 'kind = "report
 @click.option(
     "--removed",
     metavar="FREEDOMS",
-    help="none, piston, plane (default), plane+defocus, rigid, or names with commas.",
+    help="none, piston, plane (default), plane+defocus, rigid, mounting, zernike 11, or names.",
 )
 @click.option("--response", type=click.Choice(["form", "wavefront"]), help="What is ranked.")
 @click.option("--mode", type=click.Choice(["reflect", "refract"]), help="Of the wavefront.")

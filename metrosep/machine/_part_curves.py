@@ -286,7 +286,7 @@ def _binned(
     parts: list[FloatArray] = [
         _columns(chain, set_, q, tool, m) for set_ in (bases, moved, further)
     ]
-    align = freedom_maps(freedoms, x=m.x, y=m.y, z=m.z, slope_x=m.slope_x, slope_y=m.slope_y)
+    align = _alignment(m, freedoms)
     own = mean(np.hstack([align, parts[1]]))
     names = [*freedoms, *(f"setting {n}" for n in settings)]
     kept_own = _independent(own)
@@ -326,6 +326,14 @@ def _columns(
         E = columns_of(chain, bases, at, tool)
         blocks.append(vertical_maps(E, mesh.slope_x[rows], mesh.slope_y[rows]))
     return np.concatenate(blocks)
+
+
+def _alignment(mesh: Any, freedoms: Sequence[str]) -> FloatArray:
+    """Return the maps of the freedoms at the pixels."""
+    slopes = {"slope_x": mesh.slope_x, "slope_y": mesh.slope_y}
+    return freedom_maps(
+        freedoms, x=mesh.x, y=mesh.y, z=mesh.z, reach=float(mesh.rho[-1]), **slopes
+    )
 
 
 def _independent(columns: FloatArray) -> list[int]:
@@ -617,8 +625,7 @@ def _found(
         own = {n: float(v[0][0]) for n, v in values.items()}
         kept = [f for f in freedoms if f in own]
         if kept:
-            maps = freedom_maps(kept, x=m.x, y=m.y, z=m.z, slope_x=m.slope_x, slope_y=m.slope_y)
-            model = model + maps @ np.array([own[f] for f in kept])
+            model = model + _alignment(m, kept) @ np.array([own[f] for f in kept])
         for name, amount in own.items():
             if name.startswith("setting "):
                 moved = {name.removeprefix("setting "): Basis("constant", (0,))}

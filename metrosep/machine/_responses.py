@@ -28,7 +28,7 @@ _SAMPLE = 1000
 _ROUNDING = 1e-12
 """Of the parts of a deviation: a sum this small is their rounding."""
 
-_OF_THE_WAVE = ("piston", "tilt_x", "tilt_y", "defocus")
+_OF_THE_WAVE = ("piston", "tilt_x", "tilt_y", "defocus", *(f"noll{j}" for j in range(4, 38)))
 
 _STEP = 1e-4
 """Of the radius of a point: step of the central difference that gives the slopes of a map; its
@@ -162,7 +162,8 @@ class MapMaker:
 
         def vertical(*points: FloatArray, wanted: Sequence[str] = names) -> FloatArray:
             x, y, z, slope_x, slope_y = points
-            return freedom_maps(wanted, x=x, y=y, z=z, slope_x=slope_x, slope_y=slope_y)
+            slopes: Any = {"slope_x": slope_x, "slope_y": slope_y}
+            return freedom_maps(wanted, x=x, y=y, z=z, reach=float(self.mesh.rho[-1]), **slopes)
 
         plain = vertical(*self._points(slice(None)))
         if self.response == "form":

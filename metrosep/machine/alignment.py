@@ -8,6 +8,8 @@ maps are projected off all freedoms at once, by least squares with area weights.
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -32,8 +34,9 @@ FREEDOMS = {
     "rotation_x": "rad",
     "rotation_y": "rad",
     "rotation_z": "rad",
+    **{f"noll{j}": "m" for j in range(4, 38)},
 }
-"""Freedoms and the unit of their amount; `tilt_x` is the slope dz/dx of a plane."""
+"""Freedoms and the unit of their amount; `tilt_x` is the slope dz/dx of a plane, `noll5` a Zernike term."""
 
 _WORDS: dict[str, tuple[str, ...]] = {
     "none": (),
@@ -41,7 +44,10 @@ _WORDS: dict[str, tuple[str, ...]] = {
     "plane": ("piston", "tilt_x", "tilt_y"),
     "shift": ("shift_x", "shift_y"),
     "rigid": ("piston", "shift_x", "shift_y", "rotation_x", "rotation_y", "rotation_z"),
+    "mounting": ("noll5", "noll6", "noll9", "noll10"),  # two and three lobes of a clamped part
 }
+_ZERNIKE = re.compile(r"zernike[ :]*(\d+)")
+_LAST_TERM = 37
 
 _DEPENDENT = 1e-9
 """A freedom of which the others leave less than this share is one of them already."""
@@ -56,8 +62,9 @@ def removed_freedoms(removed: str | Iterable[str]) -> tuple[str, ...]:
     ----------
     removed : str or iterable of str
         Names of `FREEDOMS`, or ``"none"``, ``"tilt"`` (both), ``"plane"`` (piston and tilt),
-        ``"shift"`` (both), ``"rigid"`` (piston, shifts, turns about x, y and z); joined by ``+``
-        or one after the other.
+        ``"shift"`` (both), ``"rigid"`` (piston, shifts, turns about x, y and z), ``"mounting"``
+        (astigmatism and trefoil, what a chuck of two or three jaws does), ``"zernike 11"`` (the
+        Zernike terms up to that Noll index); joined by ``+`` or one after the other.
 
     Returns
     -------
@@ -85,8 +92,15 @@ def removed_freedoms(removed: str | Iterable[str]) -> tuple[str, ...]:
             raise DataError(f"a freedom is named by a text, got {part!r}")
         for word in part.split("+"):
             name = word.strip().lower()
+            zernike = _ZERNIKE.fullmatch(name)
+            if zernike is not None:
+                last = numbers.between(float(zernike[1]), "the last Zernike term", 1, _LAST_TERM)
+                found.update(_WORDS["plane"][: int(last)])
+                found.update(f"noll{j}" for j in range(4, int(last) + 1))
+                continue
             if name not in FREEDOMS and name not in _WORDS:
-                known = ", ".join((*_WORDS, *FREEDOMS))
+                plain = (n for n in FREEDOMS if not n.startswith("noll"))
+                known = ", ".join((*_WORDS, "zernike N", *plain))
                 raise DataError(
                     f"there is no freedom {word.strip()!r} to remove; take of: {known}"
                 )
@@ -102,6 +116,7 @@ def freedom_maps(
     z: ArrayLike,
     slope_x: ArrayLike,
     slope_y: ArrayLike,
+    reach: float = math.nan,
 ) -> FloatArray:
     """Return the vertical deviation per unit of each freedom.
 
@@ -113,6 +128,8 @@ def freedom_maps(
         Points of the nominal surface.
     slope_x, slope_y : array_like, shape (n,)
         Slopes dz/dx and dz/dy there.
+    reach : float, m, optional
+        Radius of the unit disc of Zernike terms; needed for them.
 
     Returns
     -------
@@ -141,11 +158,26 @@ def freedom_maps(
         "rotation_x": py + pz * gy,
         "rotation_y": -px - pz * gx,
         "rotation_z": py * gx - px * gy,
+        **_zernike_maps(names, px, py, reach),
     }
     columns = np.empty((px.size, len(names)))
     for k, name in enumerate(names):
         columns[:, k] = maps[numbers.choice(name, "a freedom", FREEDOMS)]
     return columns
+
+
+def _zernike_maps(
+    names: Sequence[str], x: FloatArray, y: FloatArray, reach: float
+) -> dict[str, FloatArray]:
+    """Return the Zernike terms among freedoms, RMS 1 over the disc (Noll)."""
+    wanted = [n for n in names if n.startswith("noll")]
+    if not wanted:
+        return {}
+    from metrosep.forms.zernike import Zernike
+
+    # slopes are taken a little beyond the rim
+    form = Zernike([int(n[4:]) for n in wanted], order="noll", radius=1.001 * reach)
+    return dict(zip(wanted, form.basis(x, y), strict=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,6 +8,7 @@ each other. `error = actual - nominal`; the amount of a term is what the machine
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -215,7 +216,8 @@ def identify(
         )
     maker = MapMaker(chain, points.mesh, names, "form", "vertical", place, positions, None)
     solver = _solver(maker, freedoms, threshold)
-    model = CutModel(chain, points.mesh.form, place, positions, exact=True)
+    furthest = float(points.mesh.rho[-1])
+    model = CutModel(chain, points.mesh.form, place, positions, exact=True, reach=furthest)
     solution, left, used = _fit(solver, model, points, exact=exact)
     hidden = _curves_left(solver, maker, points, left, used)
     found = _result(solver, solution, left, used, points, surface_map, form is None, hidden, exact)
@@ -631,6 +633,7 @@ class CutModel:
     tool: tuple[float, float, float]
     positions: Positions | None
     exact: bool
+    reach: float = math.nan  # radius of the unit disc of Zernike terms among the freedoms
 
     def error(self, x: FloatArray, y: FloatArray, errors: dict[str, float]) -> FloatArray:
         """Return E at nominal points of the part, shape (n, 3)."""
@@ -672,7 +675,9 @@ class CutModel:
         if not names:
             return height
         slope = self.form.gradient(x, y)
-        maps = freedom_maps(names, x=x, y=y, z=height, slope_x=slope[0], slope_y=slope[1])
+        maps = freedom_maps(
+            names, x=x, y=y, z=height, slope_x=slope[0], slope_y=slope[1], reach=self.reach
+        )
         return np.asarray(height + maps @ np.array([freedoms[n] for n in names]))
 
 

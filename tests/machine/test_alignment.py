@@ -41,6 +41,39 @@ def test_words_expand_in_a_fixed_order_without_doubles():
     assert removed_freedoms("plane+defocus") == ("piston", "tilt_x", "tilt_y", "defocus")
     assert removed_freedoms(["plane", "piston", "rotation_z"])[-1] == "rotation_z"
     assert len(removed_freedoms("rigid")) == 6
+    assert removed_freedoms("Zernike 5") == ("piston", "tilt_x", "tilt_y", "noll4", "noll5")
+    assert removed_freedoms("zernike: 2") == ("piston", "tilt_x")
+    assert removed_freedoms("plane+mounting")[3:] == ("noll5", "noll6", "noll9", "noll10")
+
+
+@pytest.mark.parametrize("bad", ["zernike 38", "zernike 0"])
+def test_zernike_terms_end_at_37(bad):
+    with pytest.raises(InvalidSamplesError, match="last Zernike term"):
+        removed_freedoms(bad)
+
+
+def test_eleven_zernike_terms_leave_the_closed_form_of_a_cone():
+    """<r^2> = 1/2; the terms of r: 2/3, 2 sqrt(3) / 15 of 2 r^2 - 1, -2 sqrt(5) / 105 of 6 r^4 - 6 r^2 + 1."""
+    x, y, w = disc(radius=1.0)
+    names = removed_freedoms("zernike 11")
+    zero = np.zeros_like(x)
+    maps = freedom_maps(names, x=x, y=y, z=zero, slope_x=zero, slope_y=zero, reach=1.0)
+    left = alignment_space(names, maps, w).remove(np.hypot(x, y))
+    square = 1 / 2 - 4 / 9 - (2 * np.sqrt(3) / 15) ** 2 - (2 * np.sqrt(5) / 105) ** 2
+    assert rms(left, w) == pytest.approx(np.sqrt(square), abs=MESH)
+
+
+def test_a_chuck_of_three_jaws_is_trefoil_and_no_other_lobes_go_with_it():
+    x, y, w = disc(radius=1.0)
+    rho, azimuth = np.hypot(x, y), np.arctan2(y, x)
+    names = removed_freedoms("mounting")
+    zero = np.zeros_like(x)
+    maps = freedom_maps(names, x=x, y=y, z=zero, slope_x=zero, slope_y=zero, reach=1.0)
+    space = alignment_space(names, maps, w)
+    jaws = rho**3 * np.cos(3 * azimuth + 0.4)
+    assert rms(space.remove(jaws), w) < 1e-9
+    four = rho**4 * np.cos(4 * azimuth)
+    assert rms(space.remove(four), w) == pytest.approx(rms(four, w), abs=1e-9)
 
 
 @pytest.mark.parametrize("bad", ["tip", ("piston", "dz"), 3, [None]])
@@ -71,7 +104,7 @@ def test_plane_takes_slopes_and_their_amounts_are_exact():
 def test_remainder_has_no_part_of_any_freedom_and_twice_is_once():
     x, y, w = disc(40, 60)
     rng = np.random.default_rng(4)
-    maps = freedom_maps(tuple(FREEDOMS), x=x, y=y, z=x * y, slope_x=y, slope_y=x)
+    maps = freedom_maps(tuple(FREEDOMS), x=x, y=y, z=x * y, slope_x=y, slope_y=x, reach=2.0)
     space = alignment_space(tuple(FREEDOMS), maps, w)
     wild = rng.standard_normal((x.size, 3)) * [1.0, 1e-9, 1e6]
 

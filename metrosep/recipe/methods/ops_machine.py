@@ -286,7 +286,8 @@ class TermsIdentified(Method):
         "inner_radius": _INNER_RADIUS,
         "removed": Option(
             "text",
-            help="freedoms that an alignment takes out: none, piston, plane, rigid, or names with commas",
+            help="freedoms that an alignment takes out: none, piston, plane, rigid, mounting, zernike 11, or "
+            "names with commas",
         ),
         "tool": _TOOL,
         "form": Option(
