@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["machine_tables", "point_of", "terms_of", "volume"]
 
 _MOST_BYTES = 2**26
-_NOTHING_PER_MM = 1e-12
+_PICOMETRE = 1e-12
 _VOLUME = (
     "no controller here holds corrections over three axes: take --format of one that holds tables of one "
     "axis, where the control adds them up (one file for each looked-up and corrected axis), or --format "
@@ -113,7 +114,6 @@ def machine_tables(
     then.
     """
     from metrosep.controllers.registry import find
-    from metrosep.core.errors import DataError
 
     chain = chain_of(machine, options)
     over = _names(options["over"], "--over", 3)
@@ -145,17 +145,26 @@ def machine_tables(
         common["tool"] = point_of(options["tool"])
     folder = Path(out)
     carry_out = _volume if len(over) == 3 else _tables
-    try:
+    with _places_hinted():
         found = carry_out(chain, terms, common, name, folder, options, force=force)
+    if as_json:
+        click.echo(json.dumps(found, sort_keys=True, allow_nan=False))
+    return 0
+
+
+@contextmanager
+def _places_hinted() -> Iterator[None]:
+    """Name the option that says where an axis stands, where its place is missing."""
+    from metrosep.core.errors import DataError
+
+    try:
+        yield
     except DataError as exc:
         if "is missing; q holds" not in str(exc):
             raise
         raise click.UsageError(
-            f'{exc}: say where that axis stands, such as --at "Z=0 mm"'
+            f'{exc}: say where that axis stands, such as --at "Z=0 mm" or --at "A=0 deg"'
         ) from None
-    if as_json:
-        click.echo(json.dumps(found, sort_keys=True, allow_nan=False))
-    return 0
 
 
 @click.command()
@@ -204,14 +213,15 @@ def volume(
         raise click.UsageError(f"--over names three axes; {machine} has {', '.join(linear)}")
     at = _places(options["places"], kinds)
     place = {"tool": point_of(options["tool"])} if options["tool"] is not None else {}
-    positions = volume_positions(
-        chain,
-        terms,
-        spans=_spans(over, kinds, known, options),
-        tolerance=quantity(options["tolerance"], "--tolerance", "length"),
-        at=at,
-        **place,
-    )
+    with _places_hinted():
+        positions = volume_positions(
+            chain,
+            terms,
+            spans=_spans(over, kinds, known, options),
+            tolerance=quantity(options["tolerance"], "--tolerance", "length"),
+            at=at,
+            **place,
+        )
     common: dict[str, Any] = {
         "over": over,
         "positions": positions,
@@ -345,17 +355,24 @@ def _about_volume(judged: Mapping[str, Any]) -> list[str]:
     bound = max(judged["bound_m"])
     said = []
     said.append(
-        f"largest error that stays {format_length(judged['after_max_m'], digits=3)}; by the spacing at "
-        f"most {format_length(bound, digits=3)} in each direction; judged against {judged['against']}: "
+        f"largest error that stays {_size(judged['after_max_m'])}; by the spacing at "
+        f"most {_size(bound)} in each direction; judged against {judged['against']}: "
         "take readings of another kind to prove the signs"
     )
     worst = max((t["after_per_metre"] or 0.0 for t in judged["other_tools"]), default=0.0)
-    if worst * 1e-3 > _NOTHING_PER_MM:
+    if worst * 1e-3 > _PICOMETRE:
         said.append(
             f"the corrections hold for the stated tool point: another leaves up to "
             f"{format_length(worst * 1e-3, digits=2)} RMS more for each mm that it stands beside it"
         )
     return said
+
+
+def _size(length: float) -> str:
+    """Return a length for people; what rounding leaves is below a picometre."""
+    from metrosep.core.units import format_length
+
+    return "below 1 pm" if length < _PICOMETRE else format_length(length, digits=3)
 
 
 def _of_grid(data: bytes, made: MachineVolume) -> dict[str, Any]:

@@ -46,6 +46,9 @@ _PLACES = 2000
 _OTHER_TOOL = 0.05
 """m: by how much other tool points of a verification stand beside the own one."""
 
+_NOTHING = 1e-12
+"""m: a smaller error is none that any instrument shows."""
+
 _MOST_NODES = 129
 """Of an axis: a finer grid is asked for where an error has a step or the unit is wrong."""
 
@@ -379,6 +382,10 @@ def volume_positions(
         exact=False,
     )  # fmt: skip
     error = source.moved(at_nodes(tuple(spans), grid, source.at), {})
+    if float(np.ptp(error, axis=(0, 1, 2)).max()) < _NOTHING:
+        raise DataError(
+            "the errors do not move the tool point within these travels: there is nothing to correct"
+        )
     found = {}
     for (axis, (low, high)), second in zip(spans.items(), _curvatures(error), strict=True):
         # with m steps the second difference over the fine step f grows to second (h / f)^2

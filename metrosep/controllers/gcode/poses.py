@@ -313,8 +313,8 @@ def _axes_of(
                 f"has {axis} twice ({', '.join(listed)})" if listed else f"has no column of {axis}"
             )
             raise DataError(
-                f"{path}: {what}; a pose needs one column for each axis of the machine, such as "
-                f"{axis}_{_unit(element)}"
+                f"{path}: {what}; a list of positions (not a program) has one column for each axis of "
+                f"the machine, such as {axis}_{_unit(element)}"
             )
         index = names[axis.upper()]
         unit = units.get(axis, "") or stated.get(str(index), "")
