@@ -182,6 +182,12 @@ def _places_hinted() -> Iterator[None]:
 @click.option("--at", "places", multiple=True, metavar="AXIS=PLACE", help="Where others stand.")
 @click.option("--span", "spans", multiple=True, metavar="AXIS=A..B", help="Travel of an axis.")
 @click.option("--tool", metavar="X,Y,Z", help="Tool point in the frame of the last element.")
+@click.option(
+    "--verify",
+    "proof",
+    metavar="SET",
+    help="Readings taken with the corrections active, a file as for 'calibrate'.",
+)
 @machine_options
 @click.option("-o", "--out", metavar="FOLDER", help="Folder for the grid (x, y, z, cx, cy, cz).")
 @force_option
@@ -197,7 +203,8 @@ def volume(
     """Volumetric error of MACHINE over its travel, and the coarsest grid that corrects it.
 
     MACHINE and ERRORS are as for 'machine-tables'; a folder that 'calibrate' wrote stands for its
-    files. The grid is judged at places that are no nodes, and at other tool points.
+    files. The grid is judged at places that are no nodes, and at other tool points; with --verify also
+    by readings that were taken on the machine with it.
 
     Exit code 1: the error does not shrink; nothing is written.
     """
@@ -211,6 +218,13 @@ def volume(
     over = _names(options["over"] or ",".join(linear), "--over", 3)
     if len(over) != 3:
         raise click.UsageError(f"--over names three axes; {machine} has {', '.join(linear)}")
+    if out is not None and options["proof"] is not None:
+        raise click.UsageError("--verify judges corrections that are active already: leave -o out")
+    readings = None
+    if options["proof"] is not None:
+        from metrosep.io.reading_sets import read_reading_set
+
+        readings = read_reading_set(options["proof"], chain)
     at = _places(options["places"], kinds)
     place = {"tool": point_of(options["tool"])} if options["tool"] is not None else {}
     with _places_hinted():
@@ -235,7 +249,7 @@ def volume(
         from metrosep.compensation.from_machine import volume_from_machine
 
         made = volume_from_machine(chain, terms, **common)
-        judged = made.verify()
+        judged = made.verify(readings=readings)
         found: dict[str, Any] = {"verification": judged}
         _print_volume(judged, made.messages)
     else:
@@ -260,6 +274,16 @@ def _print_volume(judged: Mapping[str, Any], messages: Sequence[str]) -> None:
     say(
         f"error of the tool point, {judged['places']} places off the nodes: RMS {before} -> {after}"
     )
+    if "readings" in judged:
+        read = judged["readings"]
+        sizes = [
+            format_length(read[k], digits=4)
+            for k in ("rms_m", "predicted_rms_m", "without_rms_m", "wrong_sign_rms_m")
+        ]
+        say(
+            f"readings of {read['name']}: RMS {sizes[0]} with the corrections active; the model says "
+            f"{sizes[1]}, without them {sizes[2]}, with the sign reversed {sizes[3]}"
+        )
 
 
 # ---- one or two axes ----------------------------------------------------------------------------
@@ -356,8 +380,8 @@ def _about_volume(judged: Mapping[str, Any]) -> list[str]:
     said = []
     said.append(
         f"largest error that stays {_size(judged['after_max_m'])}; by the spacing at "
-        f"most {_size(bound)} in each direction; judged against {judged['against']}: "
-        "take readings of another kind to prove the signs"
+        f"most {_size(bound)} in each direction; judged against {judged['against']}"
+        + ("" if "readings" in judged else ": readings of another kind prove the signs (--verify)")
     )
     worst = max((t["after_per_metre"] or 0.0 for t in judged["other_tools"]), default=0.0)
     if worst * 1e-3 > _PICOMETRE:

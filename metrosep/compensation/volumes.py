@@ -34,7 +34,9 @@ from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, SignCheckFailedError
 from metrosep.core.units import format_length
+from metrosep.machine._reading_problem import ReadingSet
 from metrosep.machine.chains import Chain
+from metrosep.machine.instruments import seen
 
 __all__ = ["MachineVolume", "volume_positions"]
 
@@ -197,6 +199,7 @@ class MachineVolume:
         positions: Mapping[str, ArrayLike] | None = None,
         *,
         tools: Sequence[ArrayLike] | None = None,
+        readings: ReadingSet | None = None,
     ) -> dict[str, Any]:
         """Return error before, after and with the sign reversed at places that are no nodes.
 
@@ -206,27 +209,45 @@ class MachineVolume:
             Where; 2000 places spread over the volume if omitted.
         tools : sequence of array_like, shape (3,), m, optional
             Other tool points; 50 mm beside the own one in X, Y and Z if omitted.
+        readings : ReadingSet, optional
+            Readings that were taken on the machine with the corrections active, best of another
+            kind than those that gave the errors: a circle, a diagonal, a ball in another place.
 
         Returns
         -------
         dict
             ``before_rms_m``, ``after_rms_m``, ``after_max_m``, ``wrong_sign_rms_m``, ``bound_m``
             (X, Y, Z), ``places``, ``against`` (what it was judged by), and ``other_tools``: a list
-            of ``tool_m``, ``before_rms_m``, ``after_rms_m``, ``after_per_metre``.
+            of ``tool_m``, ``before_rms_m``, ``after_rms_m``, ``after_per_metre``. With readings also
+            ``readings``: ``name``, ``rms_m`` of what was read, and what the model says of it:
+            ``predicted_rms_m``, ``without_rms_m``, ``wrong_sign_rms_m``; the set-up is fitted off
+            each.
 
         Raises
         ------
         SignCheckFailedError
-            The RMS does not shrink.
+            The RMS does not shrink; or what was read is not smaller than what the machine would
+            read without corrections.
         DataError
-            A position is missing or a term is not known there.
+            A position is missing or a term is not known there; or the readings are angles, or from
+            the bed, which corrections of positions do not change.
 
         Notes
         -----
-        The judge is the model that the corrections come from: a wrong convention of a term passes.
-        Readings of another kind that took no part settle that (`Calibration.read`).
+        Without readings the judge is the model that the corrections come from: a wrong convention
+        of a term passes.
         """
         found = self.judged(positions, tools=tools)
+        if readings is not None:
+            found["readings"] = self._read(readings)
+            found["against"] = f"readings of {readings.label}"
+            read, without = (found["readings"][k] for k in ("rms_m", "without_rms_m"))
+            if not read < without:
+                raise SignCheckFailedError(
+                    f"{readings.label}: with the corrections active {format_length(read)} RMS was read, and "
+                    f"without them the model says {format_length(without)}: they do not correct this "
+                    "machine; a sign, an axis or the tool point is another one there"
+                )
         before, after, wrong = (
             found[k] for k in ("before_rms_m", "after_rms_m", "wrong_sign_rms_m")
         )
@@ -283,6 +304,46 @@ class MachineVolume:
             "places": int(left[1][..., 0].size),
             "against": "the model only",
             "other_tools": beside,
+        }
+
+    def _read(self, readings: ReadingSet) -> dict[str, Any]:
+        """Return the RMS of readings, and of what the model says of them, set-up fitted off."""
+        instrument, chain = readings.instrument, self.source.chain
+        if instrument.is_angle or instrument.end == "bed":
+            raise DataError(
+                f"{readings.label}: angles and readings from the bed say nothing of corrected positions; "
+                "give readings between tool and workpiece"
+            )
+        source = self._with(readings.tool)
+        q: dict[str, Any] = {**self.source.at, **readings.q}
+        _, _, _, view = seen(chain, instrument, q, readings.tool)
+        values = np.asarray(readings.values)
+        n, k = values.shape
+        own = [np.broadcast_to(o, (n, k, o.shape[-1])) for o in (
+            instrument.of_unknown(name, view) for name in readings.unknown
+        )]  # fmt: skip
+        keep = np.isfinite(values).ravel()
+        A = np.concatenate([*own, np.zeros((n, k, 1))], axis=-1).reshape(n * k, -1)[keep]
+        base = np.linalg.svd(A, full_matrices=False)
+        Q = base[0][:, base[1] > 1e-9 * max(float(base[1][0]), 1e-300)]
+
+        def rms(rows: FloatArray) -> float:
+            part = np.broadcast_to(rows, (n, k)).ravel()[keep]
+            part = part - Q @ (Q.T @ part)
+            return float(np.sqrt(np.mean(part**2)))
+
+        def predicted(sign: int) -> float:
+            c = {a: sign * v for a, v in self.correction(q).items()}
+            moved = source.remaining(q, c, c)
+            return rms((instrument.of_errors(view) @ moved[..., None])[..., 0])
+
+        whole = values - instrument.nominal(view) if readings.total else values
+        return {
+            "name": readings.label,
+            "rms_m": rms(whole),
+            "predicted_rms_m": predicted(1),
+            "without_rms_m": predicted(0),
+            "wrong_sign_rms_m": predicted(-1),
         }
 
     def _with(self, tool: ArrayLike) -> VolumetricError:

@@ -235,6 +235,40 @@ def test_a_volume_without_a_folder_writes_nothing_and_says_what_stays(metrosep, 
     assert sorted(stack.iterdir()) == before
 
 
+def nest_file(stack, sense):
+    """Write what a nest of three probes reads on the machine with the grid active; sense -1: its mirror."""
+    at = places(11, 60)
+    c = trilinear(stack / "out" / "x-y-z-grid.csv", at)
+    moved = [q + v * 1e-3 for q, v in zip(at, c.T, strict=True)]
+    noise = 0.005 * np.random.default_rng(2).normal(size=c.shape)
+    read = sense * error_um(*moved) + c + noise + [3.0, -2.0, 7.0]  # its zero is not known
+    rows = [
+        '# instrument = "nest"', '# tool = "12 mm, -7 mm, -80 mm"', '# unknown = ["nest"]',
+        '# name = "ball on the table"', "X_mm,Y_mm,Z_mm,reading_x_um,reading_y_um,reading_z_um",
+    ]  # fmt: skip
+    rows += [",".join(f"{v:.6f}" for v in row) for row in np.column_stack([*at, read])]
+    (stack / "nest.csv").write_text("\n".join(rows) + "\n")
+    return read
+
+
+def test_readings_with_the_grid_active_prove_its_signs_or_refuse_it(metrosep, stack):
+    call = ("volume", *CALL[1:], "--tolerance", "100 nm")
+    assert metrosep(*call, "-o", "out")[0] == 0
+    read = nest_file(stack, 1)
+    code, printed, err = metrosep(*call, "--verify", "nest.csv", "--json")
+    assert code == 0, err
+    judged = json.loads(printed)["verification"]
+    left = (read - read.mean(axis=0)).std(axis=0)
+    assert judged["against"] == "readings of ball on the table"
+    assert judged["readings"]["rms_m"] / UM == pytest.approx(np.sqrt((left**2).mean()), abs=1e-6)
+    assert judged["readings"]["predicted_rms_m"] < judged["readings"]["rms_m"]
+    assert judged["readings"]["without_rms_m"] > 50 * judged["readings"]["rms_m"]
+    nest_file(stack, -1)  # a machine whose errors have the other sign
+    code, _, err = metrosep(*call, "--verify", "nest.csv")
+    assert code == 1
+    assert "they do not correct this machine" in err
+
+
 @pytest.mark.parametrize(
     ("call", "message"),
     [
