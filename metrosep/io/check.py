@@ -126,7 +126,7 @@ def _text_runs(
     file = open_file(path)
     text = {k: v for k, v in options.items() if k in TEXT_OPTIONS}
     try:
-        if recognise(file, options.get("format"), options).id != "delimited":
+        if not recognise(file, options.get("format"), options).is_table:
             return None
         table = read_table(file, **text)
         found = runs_in(table)
@@ -360,10 +360,10 @@ def describe(
                 return _of_runs(file, own)
         obj = read(file.path, format=description.id, **options)
     except FormatMismatchError:
-        if description.id != "delimited" or any(k in options for k in ("x", "y", "z", "time")):
+        if not description.is_table or any(k in options for k in ("x", "y", "z", "time")):
             raise
         table = read_table(file, **{k: v for k, v in options.items() if k in TEXT_OPTIONS})
-        return _of_table(file, table)
+        return _of_table(file, table, description.id)
     facts: dict[str, Any] = {}
     if isinstance(obj, Recording):
         samples = list(obj.channels.values())
@@ -429,7 +429,7 @@ def _of_runs(file: RawFile, runs: RunSet) -> dict[str, Any]:
     )
 
 
-def _of_table(file: RawFile, table: Table) -> dict[str, Any]:
+def _of_table(file: RawFile, table: Table, format_id: str) -> dict[str, Any]:
     columns = [
         {
             "name": c.name,
@@ -447,7 +447,7 @@ def _of_table(file: RawFile, table: Table) -> dict[str, Any]:
     }
     numbers = [c.values for c in table.columns if c.values is not None]
     shape = [len(table), len(table.columns)]
-    return _listed(file, "delimited", "table", shape, numbers, metadata)
+    return _listed(file, format_id, "table", shape, numbers, metadata)
 
 
 def _plain(value: Any) -> Any:

@@ -52,6 +52,7 @@ from metrosep.io.text.table import (
     pick,
     read_table,
     sensitivity,
+    text_of,
     to_si,
     without_empty_rows,
 )
@@ -166,10 +167,9 @@ def read_runs(
     history: list[Step] = []
     warnings: list[str] = []
     for path, file_feed in zip(files, feeds, strict=True):
-        file = open_file(path)
-        table, format_id = columns_of(file, layout)
+        file, table, format_id = columns_of(open_file(path), layout)
         clocked = request
-        if format_id != "delimited" and time is None and sampling_rate is None:
+        if "separator" not in table.header and time is None and sampling_rate is None:
             clocked = replace(request, time=TIME)
         if sampling_rate is None:
             table = without_empty_rows(table)
@@ -448,16 +448,17 @@ def stored_runs(file: RawFile) -> RunSet | None:
     )
 
 
-def columns_of(file: RawFile, layout: dict[str, Any]) -> tuple[Table, str]:
-    """Return the columns of a file and the format that they were read as."""
-    known = _format(file)
-    if known in (None, _TEXT):
-        return read_table(file, **layout), _TEXT
+def columns_of(file: RawFile, layout: dict[str, Any]) -> tuple[RawFile, Table, str]:
+    """Return the file as its messages name it, its columns, and the format that they were read as."""
+    known = _format(file) or _TEXT
+    if registry.get(known).is_table:
+        file = text_of(file, layout)
+        return file, read_table(file, **layout), known
     if layout:
         raise FormatMismatchError(
             f"{file.path}: is recognised as {known}, which takes no {next(iter(layout))}; leave it out"
         )
-    obj = registry.get(str(known)).load_reader().read(file)
+    obj = registry.get(known).load_reader().read(file)
     if not isinstance(obj, Recording):
         raise FormatMismatchError(
             f"{file.path}: holds a {type(obj).__name__.lower()} ({known}), not channels over time; runs "
@@ -469,7 +470,7 @@ def columns_of(file: RawFile, layout: dict[str, Any]) -> tuple[Table, str]:
         columns.append(Column(name, parse_unit(unit) if unit else None, values))
     warnings = tuple(obj.metadata.get("warnings", ()))
     lines = np.arange(1, len(obj) + 1, dtype=np.int64)
-    return Table(tuple(columns), lines, {}, warnings), str(known)
+    return file, Table(tuple(columns), lines, {}, warnings), known
 
 
 def _format(file: RawFile) -> str | None:
@@ -514,8 +515,8 @@ def read_roles(
     columns: dict[str, tuple[str, ...]] = {}
     units: dict[str, str] = {}
     for path in files:
-        file = open_file(path)
-        table, format_id = columns_of(file, {k: v for k, v in layout.items() if v is not None})
+        given = {k: v for k, v in layout.items() if v is not None}
+        file, table, format_id = columns_of(open_file(path), given)
         for name, role in roles.items():
             parts[name].append(role_values(file, table, role, name=name))
             columns[name] = _names(file, table, role, name)

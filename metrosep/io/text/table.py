@@ -62,6 +62,7 @@ __all__ = [
     "read_table",
     "refuse_markers",
     "sensitivity",
+    "text_of",
     "to_si",
     "without_empty_rows",
 ]
@@ -74,6 +75,8 @@ _FEW = 3
 """Separators from which a line of nothing else, above or below a map, is a row of it."""
 _WHOLE = 2.0**53
 """Largest number up to which every whole number is a float."""
+_CONTAINERS = (b"PK\x03\x04", b"SQLite format 3\x00", b"PAR1", b"ARROW1")
+"""First bytes of files that may hold tables: workbooks and archives, SQLite, Parquet, Feather."""
 _DECLARATION = re.compile(r'\s*"?sep=(.)"?\s*', re.IGNORECASE)
 _BEGUN = re.compile(r"\s*\"?[+-]?(?:\d+[.,]?\d*|[.,]\d)")
 """How a number begins, whatever follows."""
@@ -123,6 +126,7 @@ class Table:
 def read_table(file: RawFile, **text: Any) -> Table:
     """Return the columns of a text file; every one of its lines is accounted for."""
     source = TextTable(file, TextOptions.of(text))
+    file = source.file
     rows = joined(list(source.blocks()), source.head.layout.labels)
     columns = [
         Column(name, unit, None, tuple(values))
@@ -139,6 +143,17 @@ def read_table(file: RawFile, **text: Any) -> Table:
     header = {**source.head.facts, "comments": source.comments, "clocks": clocks}
     warnings = (*source.warnings, *markers)
     return Table(tuple(columns), rows.lines, header, warnings, source.lines)
+
+
+def text_of(file: RawFile, options: TextOptions | Mapping[str, Any]) -> RawFile:
+    """Return the text with the columns: the file itself, or the table of a container that is chosen."""
+    if not isinstance(options, TextOptions):
+        options = TextOptions.of(options)
+    if options.sheet is None and not file.head.startswith(_CONTAINERS):
+        return file
+    from metrosep.io.containers.sheets import as_text
+
+    return as_text(file, options)
 
 
 def _is_empty(column: Column) -> bool:
@@ -195,7 +210,9 @@ class TextTable:
     """A table of a text file: what stands above it at once, its rows block by block."""
 
     def __init__(self, file: RawFile, options: TextOptions) -> None:
-        self._file = file
+        file = text_of(file, options)
+        options = replace(options, sheet=None, **file.written)
+        self.file = self._file = file
         whole = file.size <= _BLOCK
         self._encoding = options.encoding or ("" if whole else encoding_of(file, _BLOCK))
         self._text: str | None = None
@@ -227,7 +244,7 @@ class TextTable:
                 yield block
         body.finish()
         self.comments = (*self.head.comments, *body.comments)
-        self.warnings = (*self.head.warnings(n_rows), *body.warnings)
+        self.warnings = (*self.file.notes, *self.head.warnings(n_rows), *body.warnings)
         if body.last_row and not text.endswith("\n") and text.endswith(body.last_row):
             self.warnings += tuple(cut_off(self._file, text, body.last_row, body.last_line))
         self.lines: Mapping[str, Any] = body.ledger.to_dict()
