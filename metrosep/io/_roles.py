@@ -146,7 +146,9 @@ def runs_in(table: Table) -> FoundRuns | None:
     columns = {
         key: by_role[role][0].name
         for key, role in (("x", "position"), ("z", "height"), ("feed", "feed"))
-        if len(by_role.get(role, ())) == 1 and by_role[role][0].values is not None
+        if len(by_role.get(role, ())) == 1
+        and by_role[role][0].values is not None
+        and not (role == "feed" and _turns(by_role[role][0]))
     }
     other = [
         c.name
@@ -174,3 +176,8 @@ def runs_in(table: Table) -> FoundRuns | None:
                 lines = tuple(int(table.lines[i]) for i in (0, *starts))
                 return FoundRuns(len(lines), BLOCKS, lines, columns, undeclared)
     return None
+
+
+def _turns(column: Column) -> bool:
+    """Whether a column that is called a speed is the speed of a spindle."""
+    return column.unit is not None and column.unit.dimension == "frequency"

@@ -483,7 +483,7 @@ def _format(file: RawFile) -> str | None:
 # ---- columns of a table by the role they play: times, targets, labels, runs; each in SI or as text ----
 
 _PER = re.compile(r"[_ ]per[_ ][A-Za-z]+$")
-"""A header such as ``speed_rev_per_min`` is in no unit that is known: its numbers stand."""
+"""Numbers per turn, or turns per minute, stand where a role has no dimension: the method says their unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -560,7 +560,7 @@ def role_values(file: RawFile, table: Table, role: Role, *, name: str) -> NDArra
         raise FormatMismatchError(
             f"{file.path}: {name} column {column.name!r} holds text, not numbers; name another column"
         )
-    stands = unit is None or _PER.search(column.name) is not None
+    stands = unit is None or unit.name == "rpm" or _PER.search(column.name) is not None
     return np.asarray(column.values * (1.0 if stands or unit is None else unit.factor))
 
 

@@ -635,7 +635,9 @@ def test_objects_of_an_npz_are_never_unpickled(tmp_path):
 def test_a_swollen_npz_is_refused_soon(tmp_path):
     stream = io.BytesIO()
     np.save(stream, np.zeros(2**25))
-    with zipfile.ZipFile(tmp_path / "bomb.npz", "w", zipfile.ZIP_DEFLATED, compresslevel=1) as made:
+    with zipfile.ZipFile(
+        tmp_path / "bomb.npz", "w", zipfile.ZIP_DEFLATED, compresslevel=1
+    ) as made:
         made.writestr("a.npy", stream.getvalue())
     start = time.process_time()
 
