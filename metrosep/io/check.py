@@ -24,7 +24,7 @@ from metrosep.core.surface import Surface
 from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import format_length
 from metrosep.io._roles import runs_in
-from metrosep.io.read import read, recognise
+from metrosep.io.read import read_one, recognise
 from metrosep.io.registry import find, principal
 from metrosep.io.runs import read_runs
 from metrosep.io.source import RawFile, open_file
@@ -103,7 +103,7 @@ def check_file(path: str | os.PathLike[str], **options: Any) -> tuple[Finding, .
                 for run in runs
                 for f in _values(run.z, "")
             )
-        obj = read(path, **options)
+        obj = read_one(path, **options)
     except FormatMismatchError as exc:
         found = _text_runs(path, options)
         return (_unreadable(exc),) if found is None else found
@@ -133,12 +133,11 @@ def _text_runs(
         if found is None:
             return None
         runs = None
-        if {"x", "z"} <= found.columns.keys():
-            named: dict[str, Any] = {**found.columns, **text}
-            runs = read_runs(path, run=found.run, **named)
+        if found.is_known():
+            runs = read_runs(path, **{**found.specs(), **text})
     except MetrosepError as exc:
         return (_unreadable(exc),)
-    findings = [Finding("note", f"{found}", found.advice(path))]
+    findings = [Finding("note", f"{found}", found.advice(path, text))]
     findings += _of_reader({"warnings": table.warnings, "lines": table.ledger})
     for run in runs or ():
         findings += [
@@ -358,7 +357,7 @@ def describe(
             own = description.load_reader().read(file)
             if isinstance(own, RunSet):
                 return _of_runs(file, own)
-        obj = read(file.path, format=description.id, **options)
+        obj = read_one(file.path, format=description.id, **options)
     except FormatMismatchError:
         if not description.is_table or any(k in options for k in ("x", "y", "z", "time")):
             raise

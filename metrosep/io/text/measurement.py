@@ -19,7 +19,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, likely_meaning, parse_unit
-from metrosep.io._roles import is_read_too, role_of, runs_in
+from metrosep.io._roles import SeveralRunsError, is_read_too, role_of, runs_in
 from metrosep.io.objects import ROW_ORDERS, SI_NAMES, make_surface, scaled, to_grid
 from metrosep.io.own_notes import header_notes
 from metrosep.io.source import RawFile, lateral_steps, rate_of, refuse_options
@@ -103,8 +103,7 @@ def measurement(
     except DataError as exc:
         found = runs_in(made.table)
         if found is not None:
-            why = f"{file.path}: {found}; {found.advice(file.path)}"
-            raise FormatMismatchError(why) from None
+            raise SeveralRunsError(file.path, found) from None
         raise FormatMismatchError(f"{file.path}: {exc}") from None
 
 
@@ -506,7 +505,7 @@ def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
     n = len(table.numbers)
     found = runs_in(table)
     if found is not None:
-        return FormatMismatchError(f"{file.path}: {found}; {found.advice(file.path)}")
+        return SeveralRunsError(file.path, found)
     if n == 3 and {c.name.casefold() for c in table.numbers} == {"x", "y", "z"}:
         return FormatMismatchError(
             f"{file.path}: columns x, y and z declare no unit; for a map give one for each, such as "
