@@ -255,6 +255,8 @@ def _runs_of(
     t = None
     if request.time is not None:
         t_column, t_unit = pick(file, table, request.time, role="time")
+        if t_column.name in table.header.get("undecided", ()):
+            raise AmbiguousFormatError(table.header["undecided"][t_column.name])
         t = to_si(file, t_column, t_unit, dimension="time", role="time")
     speeds = _feed_column(file, table, feed)
     signs = _direction_column(file, table, request.direction)
@@ -262,14 +264,17 @@ def _runs_of(
         where = f"{file.path}: run {run_id!r}"
         empty = np.flatnonzero(np.isnan(x[rows]))
         if empty.size:
+            every = _ranges(table.lines[rows[empty]])
             raise InvalidSamplesError(
                 f"{where}: line {int(table.lines[rows[empty[0]]])} has no position ({empty.size} such "
-                "row(s)); a reading without a position cannot be placed: cut those rows off"
+                "row(s)); a reading without a position cannot be placed: leave those rows out with "
+                f"skip_lines='{every}'"
             )
         speed = speeds if isinstance(speeds, float) else _one_feed(speeds, x, rows, where)
         if np.isnan(z[rows]).all():
             raise InvalidSamplesError(
-                f"{where} holds no reading in column {z_column.name!r}; leave it out or check the sensor"
+                f"{where} holds no reading in column {z_column.name!r}; check the sensor, or leave the run out "
+                f"with skip_lines='{_ranges(table.lines[rows])}'"
             )
         start, end = x[rows[0]], x[rows[-1]]
         if signs is not None and (end - start) * signs[rows[0]] < 0.0:
@@ -295,6 +300,12 @@ def _runs_of(
             )
         except DataError as exc:
             raise type(exc)(f"{file.path}: {_with_hint(str(exc), request, table)}") from None
+
+
+def _ranges(lines: NDArray[np.int64]) -> str:
+    """Return lines as ``skip_lines`` takes them: 4,7-19."""
+    parts = np.split(lines, np.flatnonzero(np.diff(lines) != 1) + 1)
+    return ",".join(f"{p[0]}" if p.size == 1 else f"{p[0]}-{p[-1]}" for p in parts)
 
 
 def _shown(position: float, turns: bool) -> str:

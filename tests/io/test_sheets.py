@@ -190,7 +190,7 @@ def test_the_sheet_is_chosen_by_the_same_option_in_every_door(book, tmp_path, me
 
     code, _, err = metrosep("separate", path, *columns, "-o", tmp_path / "a")
     assert code == 4
-    assert "--sheet Log" in err
+    assert "--sheet Runs" in err
     code, _, err = metrosep("separate", path, *columns, "--sheet", "Runs", "-o", tmp_path / "b")
     assert code == 0, err
     assert len(ms.read_runs(path, x="x_mm", z="z_um", run="run", sheet="Runs")) == 4

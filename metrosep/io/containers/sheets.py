@@ -218,11 +218,16 @@ class _Container:
         if len(found) > 1:
             raise FormatMismatchError(
                 f"{self.file.path}: holds {len(found)} {self.kind}s with numbers: {listed}; choose one with "
-                f"sheet={next(iter(found))!r}"
+                f"sheet={self.fullest(found)!r}"
             )
         return next(iter(found))
 
+    def fullest(self, found: Collection[str]) -> str:
+        """Return the table that a message takes as its example."""
+        return next(iter(found))
+
     def named(self, wanted: str, found: Collection[str], listed: str) -> str:
+        """Return the table of a name, whatever its capitals."""
         same = [n for n in found if n == wanted] or [
             n for n in found if n.casefold() == wanted.strip().casefold()
         ]
@@ -350,6 +355,9 @@ class _Worksheets(_Container):
         if name in self._book.hidden:
             notes += (f"{where} is hidden in the workbook",)
         return Sheet(self.file, where, "\n".join(lines) + "\n", notes)
+
+    def fullest(self, found: Collection[str]) -> str:
+        return max(found, key=lambda name: self._grid(name).n_numbers)
 
     def _grid(self, name: str) -> _Grid:
         if name not in self._read:

@@ -14,7 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, FormatMismatchError, ReadError, UnitError
+from metrosep.core.errors import (
+    AmbiguousFormatError,
+    DataError,
+    FormatMismatchError,
+    ReadError,
+    UnitError,
+)
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
@@ -73,7 +79,8 @@ def measurement(
     each = unit is not None and not isinstance(unit, str)  # one for each column, not one for all
     undeclared = all(c.unit is None for c in table.numbers)
     table = _with_units(file, table, unit)
-    timed = _time_column(file, table, time)
+    counted = any(given is not None for given in (sampling_rate, x, z, channel))
+    timed = _time_column(file, table, time, counted=counted)
     n_columns = len(table.columns)
     made = _Made(file, table, format_id, sensitivity(scale), {"labels": labels} if labels else {})
     del table  # what was read is given up as soon as an object holds it
@@ -215,9 +222,15 @@ def _with_units(file: RawFile, table: Table, unit: Any) -> Table:
     return replace(table, columns=columns)
 
 
-def _time_column(file: RawFile, table: Table, time: ColumnSpec | None) -> Column | None:
+def _time_column(
+    file: RawFile, table: Table, time: ColumnSpec | None, *, counted: bool
+) -> Column | None:
+    """Return the column of time; one that can be read in two ways matters unless the rows are counted."""
+    undecided: Mapping[str, str] = table.header.get("undecided", {})
     if time is not None:
         column, unit = pick(file, table, time, role="time")
+        if column.name in undecided:
+            raise AmbiguousFormatError(undecided[column.name])
         return replace(column, unit=unit)
     clocks = table.header.get("clocks", ())
     for column in sorted(table.numbers, key=lambda c: c.name in clocks):
@@ -226,6 +239,8 @@ def _time_column(file: RawFile, table: Table, time: ColumnSpec | None) -> Column
     for column in table.numbers:
         if column.unit is None and role_of(column.name) == "time":
             return column
+    if undecided and not counted:
+        raise AmbiguousFormatError(next(iter(undecided.values())))
     return None
 
 

@@ -138,10 +138,12 @@ def read_table(file: RawFile, **text: Any) -> Table:
     ]
     unnamed = source.head.facts["unnamed"]
     columns = [c for c in columns if c.name not in unnamed or not _is_empty(c)]
-    columns, clocks = with_moments(file, columns, rows.lines, source.head.options)
+    columns, clocks, undecided = with_moments(file, columns, rows.lines, source.head.options)
     markers = refuse_markers(file, columns, rows.lines, source.head.options)
     header = {**source.head.facts, "comments": source.comments, "clocks": clocks}
-    warnings = (*source.warnings, *markers)
+    if undecided:
+        header["undecided"] = undecided
+    warnings = (*source.warnings, *markers, *undecided.values())
     return Table(tuple(columns), rows.lines, header, warnings, source.lines)
 
 
@@ -164,12 +166,23 @@ def _is_empty(column: Column) -> bool:
 
 def with_moments(
     file: RawFile, columns: Sequence[Column], lines: NDArray[np.int64], options: TextOptions
-) -> tuple[list[Column], dict[str, str]]:
+) -> tuple[list[Column], dict[str, str], dict[str, str]]:
     """Return the columns with dates and times of day in s from the first row, and when that was.
 
-    A date beside a time of day belongs to it; one date for all rows stays a text.
+    A date beside a time of day belongs to it; one date for all rows stays a text, and so does what can
+    be read in two ways: a message by column, for whoever needs that time.
     """
     found: dict[int, Moments] = {}
+    undecided: dict[str, str] = {}
+
+    def of(k: int, **days: list[str]) -> Moments | None:
+        where = f"{file.path}: column {columns[k].name!r}"
+        try:
+            return moments(texts[k], lines, where, **days)
+        except AmbiguousFormatError as exc:
+            undecided[columns[k].name] = str(exc)
+            return None
+
     words = NO_READING | {m for m in options.missing or () if isinstance(m, str)}
     texts = {
         k: ["" if t.lower() in words else t.strip('"') for t in c.labels or ()]
@@ -182,15 +195,14 @@ def with_moments(
             line = int(lines[odd[0]])
             where = f"column {columns[k].name!r} of dates and times"
             raise bad_field(file, line, own[odd[0]], where, "moment")
-        moment = None if odd else moments(own, lines, f"{file.path}: column {columns[k].name!r}")
+        moment = None if odd else of(k)
         if moment is not None:
             found[k] = moment
     dates = [k for k, m in found.items() if m.kind == "date"]
     clocks = [k for k, m in found.items() if m.kind == "clock"]
     if len(dates) == len(clocks) == 1:
         (day,), (k,) = dates, clocks
-        where = f"{file.path}: column {columns[day].name!r}"
-        both = moments(texts[k], lines, where, days=texts[day])
+        both = of(k, days=texts[day])
         if both is not None:
             found = {**{i: m for i, m in found.items() if i != day}, k: both}
     else:
@@ -203,7 +215,7 @@ def with_moments(
         for k, c in enumerate(columns)
     ]
     kept = [c for k, c in enumerate(made) if k != day or k in found]
-    return kept, {columns[k].name: m.start for k, m in found.items()}
+    return kept, {columns[k].name: m.start for k, m in found.items()}, undecided
 
 
 class TextTable:
@@ -697,6 +709,10 @@ def to_si(
         raise UnitError(
             f"{file.path}: the unit of column {column.name!r} ({role}) is not known: {odd}; correct the "
             f"header, or give {role}=({column.name!r}, {_usual(dimension)!r})"
+        )
+    if unit is None and (odd := encoding_hint([column.name])):
+        raise UnitError(
+            f"{file.path}: the unit of column {column.name!r} ({role}) is not known: {odd}"
         )
     if unit is None:
         raise UnitError(
