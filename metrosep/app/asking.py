@@ -91,7 +91,7 @@ def _is_recording(file: Path) -> bool:
     from metrosep.io.source import open_file
 
     try:
-        return columns_of(open_file(file), {})[1] != "delimited"
+        return "separator" not in columns_of(open_file(file), {})[1].header
     except MetrosepError:
         return False
 
@@ -173,8 +173,8 @@ def _may_be_map(file: Path) -> bool:
     from metrosep.io.source import open_file
     from metrosep.io.text.measurement import is_matrix
 
-    table, known = columns_of(open_file(file), {})
-    return known == "delimited" and is_matrix(table)
+    _, table, _ = columns_of(open_file(file), {})
+    return "separator" in table.header and is_matrix(table)
 
 
 def answered(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -216,7 +216,7 @@ def _numbers(file: Path) -> list[tuple[str, str | None]]:
     from metrosep.io.runs import columns_of
     from metrosep.io.source import open_file
 
-    table, _ = columns_of(open_file(file), {})
+    _, table, _ = columns_of(open_file(file), {})
     return [(c.name, None if c.unit is None else c.unit.dimension) for c in table.numbers]
 
 

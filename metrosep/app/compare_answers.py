@@ -160,7 +160,7 @@ def _evaluated(
 
 
 def _read_like(opened: Opened, recipe: Any, files: list[Path]) -> Surface | Profile:
-    from metrosep.io.read import read
+    from metrosep.io.read import read_one as read
     from metrosep.recipe.schema import reading_options
 
     if len(files) > 1:

@@ -407,7 +407,7 @@ def _with(
 
 
 def _obj(file: Path, reading: Mapping[str, Any], read: Read | None) -> Surface | Profile:
-    from metrosep.io.read import read as usual
+    from metrosep.io.read import read_one as usual
 
     try:
         obj = (read or usual)(file, **reading)

@@ -296,7 +296,7 @@ def table_options(command: F) -> F:
 def read_aloud(file: str, reading: Mapping[str, Any]) -> Any:
     """Read a file for a command and print what its reader warns of, on standard error."""
     from metrosep.cli.errors import as_options
-    from metrosep.io.read import read
+    from metrosep.io.read import read_one as read
 
     obj = read(file, **reading)
     names = {p.name for p in click.get_current_context().command.params if p.name}

@@ -21,6 +21,7 @@ TEXT_OPTIONS: Final = {
     "skip_rows": "How many lines to leave out at the start.",
     "skip_lines": "Lines to leave out by their number: 31,40-52.",
     "missing": "Numbers or words for 'not measured': -9999; none where such numbers are readings.",
+    "sheet": "Worksheet, table or array of a file that holds several, by its name.",
 }
 """Names and help of the options of every command and function that reads text."""
 
@@ -41,6 +42,7 @@ class TextOptions:
     skip_lines: tuple[range, ...] = ()  # of range: lines to leave out by number, from 1
     # or str: numbers and words for "not measured"; empty: no number means that
     missing: tuple[float | str, ...] | None = None
+    sheet: str | None = None  # which of the tables of a workbook, a database or an archive
 
     def sets_aside(self, line: int) -> bool:
         """Return whether the caller leaves out a line."""
@@ -61,6 +63,8 @@ class TextOptions:
             )
         if known.get("thousands") is not None and known["thousands"] == known.get("decimal"):
             raise ReadError("thousands and decimal are the same mark; give two different marks")
+        if "sheet" in known and not isinstance(known["sheet"], str):
+            raise ReadError(f"sheet is {known['sheet']!r}; give the name of a worksheet or table")
         if "skip_rows" in known:
             known["skip_rows"] = _count(known["skip_rows"])
         if "skip_lines" in known:

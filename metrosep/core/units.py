@@ -83,6 +83,7 @@ _TABLE: dict[str, tuple[str, float]] = {
     "Hz": ("frequency", 1.0),
     "kHz": ("frequency", 1e3),
     "MHz": ("frequency", 1e6),
+    "rpm": ("frequency", 1.0 / 60.0),  # rotational frequency, ISO 80000-3
     "m/s": ("speed", 1.0),
     "mm/s": ("speed", 1e-3),
     "um/s": ("speed", 1e-6),
@@ -170,6 +171,14 @@ _ALIASES = {
     "hz": "Hz",
     "hertz": "Hz",
     "khz": "kHz",
+    **dict.fromkeys(
+        (
+            "1/min", "/min", "min-1", "min^-1", "min⁻¹", "r/min", "rev/min", "rev_per_min", "U/min",
+            "Upm", "tr/min", "giri/min", "转/分", "回/分",
+        ),
+        "rpm",
+    ),
+    **dict.fromkeys(("1/s", "s-1", "s^-1", "s⁻¹", "r/s", "rev/s", "rev_per_s", "U/s"), "Hz"),
     "Nm": "N m",
     "N·m": "N m",
     "N*m": "N m",

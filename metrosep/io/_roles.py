@@ -8,18 +8,29 @@ from __future__ import annotations
 import re
 import shlex
 import unicodedata
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import FormatMismatchError
 from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.encoding import ROLE_WORDS, Role
 from metrosep.io.text.table import Column, Table
 
-__all__ = ["BLOCKS", "FoundRuns", "Role", "is_read_too", "jumps_back", "role_of", "runs_in"]
+__all__ = [
+    "BLOCKS",
+    "FoundRuns",
+    "Role",
+    "SeveralRunsError",
+    "is_read_too",
+    "jumps_back",
+    "role_of",
+    "runs_in",
+]
 
 BLOCKS = "blocks"
 """What ``run=`` takes where no column numbers the runs: they begin where the position jumps back."""
@@ -91,7 +102,10 @@ class FoundRuns:
     run: str
     lines: tuple[int, ...]
     columns: dict[str, str]
+    units: dict[str, str] = field(default_factory=dict)  # of these columns, where there is one
     undeclared: tuple[str, ...] = ()
+    in_volts: bool = False  # the reading is a voltage, and its sensitivity is not known
+    assumed: frozenset[str] = frozenset()  # keys of columns that no name tells, only what is left
 
     def __str__(self) -> str:
         if self.run != BLOCKS:
@@ -99,29 +113,61 @@ class FoundRuns:
         shown = ", ".join(map(str, self.lines[:8])) + (", ..." if len(self.lines) > 8 else "")
         return f"holds {self.n} runs one below the other, which begin at lines {shown}"
 
-    def advice(self, path: object) -> str:
-        """Return the calls that read them; where a column is not known by name, ask for it."""
-        given = {**self.columns, "run": self.run}
-        if not {"x", "z"} <= given.keys():
-            known = "".join(f", {k}={v!r}" for k, v in given.items() if k not in ("x", "z"))
-            return (
-                "which columns are position and reading does not follow from their names: read them with "
-                f"metrosep.read_runs({str(path)!r}, x=COLUMN, z=COLUMN{known}), or with: metrosep "
-                f"separate {shlex.quote(str(path))} --x COLUMN --z COLUMN --run {self.run}"
-            )
+    def is_known(self, given: Collection[str] = ()) -> bool:
+        """Whether names, units and what the caller gives tell all that is needed to read the runs."""
+        open_units = {k for k, name in self.columns.items() if name in self.undeclared}
+        open_units |= {"scale"} if self.in_volts and "z" not in given else set()
+        unsure = open_units | ({"x", "z"} - self.columns.keys()) | self.assumed
+        return unsure <= set(given)
+
+    def specs(self) -> dict[str, Any]:
+        """Return the columns with their units, and what tells the runs apart, as `read_runs` takes them."""
+        units = self.units
+        return {k: (n, units[k]) if k in units else n for k, n in self.columns.items()} | {
+            "run": self.run
+        }
+
+    def advice(self, path: object, options: Mapping[str, Any] | None = None) -> str:
+        """Return the calls that read them, with the options that the file was read with."""
+        columns = {k: f"{v}:UNIT" if v in self.undeclared else v for k, v in self.columns.items()}
+        given = {"x": "COLUMN", "z": "COLUMN", **columns, "run": self.run}
+        if self.in_volts:
+            given["scale"] = "SENSITIVITY"
+        given |= {k: _typed(v) for k, v in (options or {}).items() if v is not None}
+        open_ = {
+            "the columns (COLUMN)": "COLUMN" in given.values(),
+            "the units (UNIT)": any(v.endswith(":UNIT") for v in given.values()),
+            "the sensitivity of the sensor, such as 2.5 um/V": given.get("scale") == "SENSITIVITY",
+        }
+        named = " and ".join(what for what, is_open in open_.items() if is_open)
+        fill_in = f"fill in {named}, which the file does not tell: " if named else ""
         call = ", ".join(f"{k}={v!r}" for k, v in given.items())
-        typed = shlex.join([str(path), *(w for k, v in given.items() for w in (f"--{k}", v))])
+        words = (w for k, v in given.items() for w in (f"--{k.replace('_', '-')}", v))
         return (
-            f"read them with metrosep.read_runs({str(path)!r}, {call}), or separate them with: "
-            f"metrosep separate {typed}{self._units()}"
+            f"{fill_in}read them with metrosep.read_runs({str(path)!r}, {call}), or separate them with: "
+            f"metrosep separate {shlex.join([str(path), *words])}"
         )
 
-    def _units(self) -> str:
-        """Return what to add where a column declares no unit."""
-        if not self.undeclared:
-            return ""
-        own = " and ".join(f"{name}:UNIT" for name in self.undeclared)
-        return f" ; name the units, which the file does not declare: {own}"
+
+def _typed(value: Any) -> str:
+    """Return the value of a text option as a person types it."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, tuple) and len(value) == 2 and all(isinstance(v, str) for v in value):
+        return ":".join(value)  # a column and its unit
+    if isinstance(value, list | tuple):
+        return ",".join(map(str, value)) or "none"
+    return str(value)
+
+
+class SeveralRunsError(FormatMismatchError):
+    """A table of several runs, where one profile or recording was asked for."""
+
+    def __init__(
+        self, path: object, found: FoundRuns, options: Mapping[str, Any] | None = None
+    ) -> None:
+        self.path, self.found = path, found
+        super().__init__(f"{path}: {found}; {found.advice(path, options)}")
 
 
 def _rises_between(values: FloatArray | None, starts: list[int]) -> bool:
@@ -143,11 +189,12 @@ def runs_in(table: Table) -> FoundRuns | None:
     bare = {header_unit(c.name)[0].casefold() for c in table.columns}
     if {"x", "y"} <= bare:
         return None  # points of a map
-    columns = {
-        key: by_role[role][0].name
-        for key, role in (("x", "position"), ("z", "height"), ("feed", "feed"))
+    single = {
+        key: by_role[role][0]
+        for key, role in (("x", "position"), ("z", "height"), ("feed", "feed"), ("time", "time"))
         if len(by_role.get(role, ())) == 1 and by_role[role][0].values is not None
     }
+    columns = {k: c.name for k, c in single.items() if k in ("x", "z") or _is_a(c, _OF_ROLE[k])}
     other = [
         c.name
         for c in by_role.get("", ())
@@ -156,9 +203,19 @@ def runs_in(table: Table) -> FoundRuns | None:
         and c.unit.dimension in ("length", "voltage")
     ]
     missing = [key for key in ("x", "z") if key not in columns]
-    if len(missing) == len(other) == 1:
-        columns[missing[0]] = other[0]
-    undeclared = tuple(n for n in columns.values() if table[n].unit is None)
+    assumed = frozenset(missing if len(missing) == len(other) == 1 else ())
+    columns |= dict.fromkeys(assumed, other[0]) if assumed else {}
+    units = {k: u.name for k, n in columns.items() if (u := table[n].unit) is not None}
+    undeclared = tuple(n for k, n in columns.items() if k not in units)
+    z = columns.get("z")
+    in_volts = z is not None and (u := table[z].unit) is not None and u.dimension == "voltage"
+    facts: dict[str, Any] = {
+        "columns": columns,
+        "units": units,
+        "undeclared": undeclared,
+        "in_volts": in_volts,
+        "assumed": assumed,
+    }
     for column in by_role.get("run", ()):
         marks = np.array(column.labels) if column.labels is not None else column.values
         if marks is None or marks.size < 2 or (marks.dtype.kind == "f" and np.isnan(marks).any()):
@@ -166,11 +223,20 @@ def runs_in(table: Table) -> FoundRuns | None:
         begins = np.sort(np.unique(marks, return_index=True)[1])
         if 2 <= begins.size <= marks.size // 2:
             lines = tuple(int(n) for n in table.lines[begins])
-            return FoundRuns(begins.size, column.name, lines, columns, undeclared)
+            return FoundRuns(begins.size, column.name, lines, **facts)
     for role in ("position", "time"):
         for column in by_role.get(role, ()):
             starts = jumps_back(column.values, table.lines) if column.values is not None else []
             if starts and _rises_between(column.values, starts):
                 lines = tuple(int(table.lines[i]) for i in (0, *starts))
-                return FoundRuns(len(lines), BLOCKS, lines, columns, undeclared)
+                return FoundRuns(len(lines), BLOCKS, lines, **facts)
     return None
+
+
+_OF_ROLE: Final = {"feed": ("speed", None), "time": ("time",)}
+"""Dimensions of the columns that are of use; None for one without a unit."""
+
+
+def _is_a(column: Column, dimensions: Collection[str | None]) -> bool:
+    """Whether a column is of one of some dimensions: the speed of a spindle is no feed."""
+    return (None if column.unit is None else column.unit.dimension) in dimensions

@@ -133,12 +133,13 @@ class Archive:
 def xml_of(archive: Archive, member: str) -> Iterator[None]:
     """Turn what the parser says about XML into one sentence."""
     from xml.etree.ElementTree import ParseError
+    from xml.parsers.expat import ExpatError
 
     from defusedxml import DefusedXmlException
 
     try:
         yield
-    except ParseError as exc:
+    except (ParseError, ExpatError) as exc:
         raise archive.corrupt(f"is not well-formed ({exc})", member) from None
     except DefusedXmlException as exc:
         raise archive.file.corrupt(

@@ -24,7 +24,7 @@ from metrosep.core.surface import Surface
 from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import format_length
 from metrosep.io._roles import runs_in
-from metrosep.io.read import read, recognise
+from metrosep.io.read import read_one, recognise
 from metrosep.io.registry import find, principal
 from metrosep.io.runs import read_runs
 from metrosep.io.source import RawFile, open_file
@@ -103,7 +103,7 @@ def check_file(path: str | os.PathLike[str], **options: Any) -> tuple[Finding, .
                 for run in runs
                 for f in _values(run.z, "")
             )
-        obj = read(path, **options)
+        obj = read_one(path, **options)
     except FormatMismatchError as exc:
         found = _text_runs(path, options)
         return (_unreadable(exc),) if found is None else found
@@ -126,19 +126,18 @@ def _text_runs(
     file = open_file(path)
     text = {k: v for k, v in options.items() if k in TEXT_OPTIONS}
     try:
-        if recognise(file, options.get("format"), options).id != "delimited":
+        if not recognise(file, options.get("format"), options).is_table:
             return None
         table = read_table(file, **text)
         found = runs_in(table)
         if found is None:
             return None
         runs = None
-        if {"x", "z"} <= found.columns.keys():
-            named: dict[str, Any] = {**found.columns, **text}
-            runs = read_runs(path, run=found.run, **named)
+        if found.is_known():
+            runs = read_runs(path, **{**found.specs(), **text})
     except MetrosepError as exc:
         return (_unreadable(exc),)
-    findings = [Finding("note", f"{found}", found.advice(path))]
+    findings = [Finding("note", f"{found}", found.advice(path, text))]
     findings += _of_reader({"warnings": table.warnings, "lines": table.ledger})
     for run in runs or ():
         findings += [
@@ -358,12 +357,12 @@ def describe(
             own = description.load_reader().read(file)
             if isinstance(own, RunSet):
                 return _of_runs(file, own)
-        obj = read(file.path, format=description.id, **options)
+        obj = read_one(file.path, format=description.id, **options)
     except FormatMismatchError:
-        if description.id != "delimited" or any(k in options for k in ("x", "y", "z", "time")):
+        if not description.is_table or any(k in options for k in ("x", "y", "z", "time")):
             raise
         table = read_table(file, **{k: v for k, v in options.items() if k in TEXT_OPTIONS})
-        return _of_table(file, table)
+        return _of_table(file, table, description.id)
     facts: dict[str, Any] = {}
     if isinstance(obj, Recording):
         samples = list(obj.channels.values())
@@ -429,7 +428,7 @@ def _of_runs(file: RawFile, runs: RunSet) -> dict[str, Any]:
     )
 
 
-def _of_table(file: RawFile, table: Table) -> dict[str, Any]:
+def _of_table(file: RawFile, table: Table, format_id: str) -> dict[str, Any]:
     columns = [
         {
             "name": c.name,
@@ -447,7 +446,7 @@ def _of_table(file: RawFile, table: Table) -> dict[str, Any]:
     }
     numbers = [c.values for c in table.columns if c.values is not None]
     shape = [len(table), len(table.columns)]
-    return _listed(file, "delimited", "table", shape, numbers, metadata)
+    return _listed(file, format_id, "table", shape, numbers, metadata)
 
 
 def _plain(value: Any) -> Any:

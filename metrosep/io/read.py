@@ -25,6 +25,7 @@ from metrosep.core.surface import Surface
 from metrosep.core.text_options import TEXT_OPTIONS, accepted_options
 from metrosep.core.units import parse_unit
 from metrosep.io import registry
+from metrosep.io._roles import BLOCKS, SeveralRunsError
 from metrosep.io.objects import (
     ROW_ORDERS,
     lateral_or_none,
@@ -35,7 +36,7 @@ from metrosep.io.objects import (
 from metrosep.io.registry import Format
 from metrosep.io.source import RawFile, lateral_steps, open_file, refuse_options
 
-__all__ = ["channels", "read", "recognise"]
+__all__ = ["channels", "read", "read_one", "recognise"]
 
 
 def read(
@@ -46,7 +47,7 @@ def read(
     unit: str | tuple[str, ...] | dict[str, str] | None = None,
     format: str | None = None,  # noqa: A002
     **layout: Any,
-) -> Surface | Profile | Recording:
+) -> Surface | Profile | Recording | RunSet:
     """Read a measurement; its kind follows from the content of the file.
 
     Parameters
@@ -65,11 +66,11 @@ def read(
     **layout
         For text: ``x``, ``z``, ``time``, ``sampling_rate`` and how it is written: ``separator``,
         ``decimal``, ``thousands``, ``encoding``, ``comment``, ``skip_rows``, ``skip_lines``,
-        ``missing``; see `metrosep.io.text.delimited.read`. For binary maps: ``max_pixels``.
+        ``missing``, ``sheet``; see `metrosep.io.text.delimited.read`. For binary maps: ``max_pixels``.
 
     Returns
     -------
-    Surface, Profile or Recording
+    Surface, Profile, Recording or RunSet
         SI, NaN = not measured. Nothing is levelled, filled or cropped. The first step of its
         ``history`` carries the SHA-256 of the file, its ``metadata["header"]`` every raw field.
 
@@ -83,9 +84,48 @@ def read(
     Notes
     -----
     Plain text gives a `Profile` when it has two columns of numbers and neither is a time, or when
-    ``x=`` and ``z=`` name the columns; otherwise a `Recording`. Repeated runs are read with
-    `metrosep.io.runs.read_runs`.
+    ``x=`` and ``z=`` name the columns; otherwise a `Recording`. A table of several runs gives a
+    `RunSet` where names and units tell run, position and reading; else the message is the call of
+    `metrosep.io.runs.read_runs` with what is to be filled in.
     """
+    options: dict[str, Any] = {
+        "channel": channel,
+        "lateral_step": lateral_step,
+        "unit": unit,
+        "format": format,
+    }
+    try:
+        return read_one(path, **options, **layout)
+    except SeveralRunsError as exc:
+        given = {k: v for k, v in {**options, **layout}.items() if v is not None}
+        if exc.found.run == BLOCKS or not exc.found.is_known(given) or given.keys() - _OF_RUNS:
+            raise
+        from metrosep.io.runs import read_runs
+
+        own = {
+            k: v
+            for k, v in exc.found.specs().items()
+            if k != "time" or "sampling_rate" not in given
+        }
+        known = own | {k: v for k, v in given.items() if k not in ("unit", "format")}
+        return read_runs(path, **known)
+
+
+_COLUMNS = frozenset({"x", "z", "time", "sampling_rate", "scale"})
+_OF_RUNS = TEXT_OPTIONS.keys() | _COLUMNS | {"unit", "format"}
+"""Options of `read` that apply to a set of runs too."""
+
+
+def read_one(
+    path: str | os.PathLike[str],
+    *,
+    channel: str | None = None,
+    lateral_step: float | str | tuple[float | str, float | str] | None = None,
+    unit: str | tuple[str, ...] | dict[str, str] | None = None,
+    format: str | None = None,  # noqa: A002
+    **layout: Any,
+) -> Surface | Profile | Recording:
+    """Return the one map, profile or recording of a file as `read` does; several runs are refused."""
     file = open_file(path)
     if format is None:
         file = registry.principal(file)
@@ -106,7 +146,11 @@ def read(
                 f"{file.path}: is {description.title}, which takes no option {option!r}; it takes "
                 f"{', '.join(own) or 'none'}"
             )
-    obj = reader.read(file, channel=channel, lateral_step=lateral_step, unit=unit, **layout)
+    try:
+        obj = reader.read(file, channel=channel, lateral_step=lateral_step, unit=unit, **layout)
+    except SeveralRunsError as exc:
+        said = {k: v for k, v in layout.items() if k in TEXT_OPTIONS.keys() | _COLUMNS}
+        raise SeveralRunsError(exc.path, exc.found, said) from None
     if isinstance(obj, RunSet):
         raise FormatMismatchError(
             f"{file.path}: holds repeated runs; read them with metrosep.read_runs(path)"

@@ -98,8 +98,8 @@ def read_readings(
     warnings: list[str] = []
     factor = sensitivity(scale)
     for path in files:
-        file = open_file(path)
-        table, format_id = columns_of(file, {k: v for k, v in layout.items() if v is not None})
+        given = {k: v for k, v in layout.items() if v is not None}
+        file, table, format_id = columns_of(open_file(path), given)
         rows = _repeats(file, table, repeat)
         position = _position(file, table, rows, x, angle)
         first = _same_positions(first, position, file, len(rows[0]))

@@ -55,11 +55,18 @@ ENTRY_POINTS = "metrosep.readers"
 FOLDERS_VARIABLE = "METROSEP_FORMATS"
 """Environment variable with folders (separated as in PATH) of further descriptions of text."""
 
-_PACKED = {
-    b"\x28\xb5\x2f\xfd": ("Zstandard", "unzstd"),
-    b"7z\xbc\xaf\x27\x1c": ("7-Zip", "7z x"),
+_INSTEAD = {
+    rb"\x28\xb5\x2f\xfd": "is compressed with Zstandard; unpack it first (unzstd FILE) and read the file inside",
+    rb"7z\xbc\xaf\x27\x1c": "is compressed with 7-Zip; unpack it first (7z x FILE) and read the file inside",
+    rb"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": "is an OLE file such as an old (.xls) or a locked workbook; save it as "
+    ".xlsx without a password, or export the table as CSV",
+    rb"PK\x03\x04.{26}mimetypeapplication/vnd\.oasis\.opendocument": "is an OpenDocument file; save the table as "
+    ".xlsx or CSV",
+    rb"FEA1": "is a Feather file of version 1; write it again as Feather 2 or Parquet",
+    rb"(?:\xef\xbb\xbf)?\s*<(?:!doctype html|html|table|meta)[ >]": "is a web page (HTML), whatever its name says; "
+    "open it in a spreadsheet program and save it as .xlsx or CSV",
 }
-"""First bytes of files that are compressed as a whole: the program, and the command that unpacks."""
+"""How files begin that are known and not read, and what to do with them."""
 
 _KEYS = frozenset(
     {"id", "title", "vendor", "kind", "suffixes", "reader", "reads", "writes", "status"}
@@ -184,6 +191,11 @@ class Format:
     def is_measurement(self) -> bool:
         """Whether `metrosep.io.read.read` reads it (a table of a controller is not)."""
         return self.reads and self.reader.partition(":")[0] in ("builtin", "plugin", "layout")
+
+    @property
+    def is_table(self) -> bool:
+        """Whether its content is a table of columns, of which the caller may say what they are."""
+        return bool(self.facts.get("table"))
 
     @functools.cached_property
     def marks(self) -> Marks:
@@ -337,12 +349,9 @@ def find(file: RawFile) -> Format:
         choice = _choose(file, candidates)
         if choice is not None:
             return choice
-    for start, (program, command) in _PACKED.items():
-        if file.head.startswith(start):
-            raise UnknownFormatError(
-                f"{file.path}: is compressed with {program}; unpack it first ({command} FILE) and read "
-                "the file inside"
-            )
+    for start, instead in _INSTEAD.items():
+        if re.match(start, file.head, re.DOTALL | re.IGNORECASE):
+            raise UnknownFormatError(f"{file.path}: {instead}")
     known = ", ".join(f.id for f in formats() if f.is_measurement)
     raise UnknownFormatError(
         f"{file.path}: no reader knows this content (it starts with {preview(file.head)}); known are "

@@ -52,6 +52,7 @@ from metrosep.io.text.table import (
     pick,
     read_table,
     sensitivity,
+    text_of,
     to_si,
     without_empty_rows,
 )
@@ -166,10 +167,9 @@ def read_runs(
     history: list[Step] = []
     warnings: list[str] = []
     for path, file_feed in zip(files, feeds, strict=True):
-        file = open_file(path)
-        table, format_id = columns_of(file, layout)
+        file, table, format_id = columns_of(open_file(path), layout)
         clocked = request
-        if format_id != "delimited" and time is None and sampling_rate is None:
+        if "separator" not in table.header and time is None and sampling_rate is None:
             clocked = replace(request, time=TIME)
         if sampling_rate is None:
             table = without_empty_rows(table)
@@ -255,6 +255,8 @@ def _runs_of(
     t = None
     if request.time is not None:
         t_column, t_unit = pick(file, table, request.time, role="time")
+        if t_column.name in table.header.get("undecided", ()):
+            raise AmbiguousFormatError(table.header["undecided"][t_column.name])
         t = to_si(file, t_column, t_unit, dimension="time", role="time")
     speeds = _feed_column(file, table, feed)
     signs = _direction_column(file, table, request.direction)
@@ -262,14 +264,17 @@ def _runs_of(
         where = f"{file.path}: run {run_id!r}"
         empty = np.flatnonzero(np.isnan(x[rows]))
         if empty.size:
+            every = _ranges(table.lines[rows[empty]])
             raise InvalidSamplesError(
                 f"{where}: line {int(table.lines[rows[empty[0]]])} has no position ({empty.size} such "
-                "row(s)); a reading without a position cannot be placed: cut those rows off"
+                "row(s)); a reading without a position cannot be placed: leave those rows out with "
+                f"skip_lines='{every}'"
             )
         speed = speeds if isinstance(speeds, float) else _one_feed(speeds, x, rows, where)
         if np.isnan(z[rows]).all():
             raise InvalidSamplesError(
-                f"{where} holds no reading in column {z_column.name!r}; leave it out or check the sensor"
+                f"{where} holds no reading in column {z_column.name!r}; check the sensor, or leave the run out "
+                f"with skip_lines='{_ranges(table.lines[rows])}'"
             )
         start, end = x[rows[0]], x[rows[-1]]
         if signs is not None and (end - start) * signs[rows[0]] < 0.0:
@@ -295,6 +300,12 @@ def _runs_of(
             )
         except DataError as exc:
             raise type(exc)(f"{file.path}: {_with_hint(str(exc), request, table)}") from None
+
+
+def _ranges(lines: NDArray[np.int64]) -> str:
+    """Return lines as ``skip_lines`` takes them: 4,7-19."""
+    parts = np.split(lines, np.flatnonzero(np.diff(lines) != 1) + 1)
+    return ",".join(f"{p[0]}" if p.size == 1 else f"{p[0]}-{p[-1]}" for p in parts)
 
 
 def _shown(position: float, turns: bool) -> str:
@@ -448,16 +459,17 @@ def stored_runs(file: RawFile) -> RunSet | None:
     )
 
 
-def columns_of(file: RawFile, layout: dict[str, Any]) -> tuple[Table, str]:
-    """Return the columns of a file and the format that they were read as."""
-    known = _format(file)
-    if known in (None, _TEXT):
-        return read_table(file, **layout), _TEXT
+def columns_of(file: RawFile, layout: dict[str, Any]) -> tuple[RawFile, Table, str]:
+    """Return the file as its messages name it, its columns, and the format that they were read as."""
+    known = _format(file) or _TEXT
+    if registry.get(known).is_table:
+        file = text_of(file, layout)
+        return file, read_table(file, **layout), known
     if layout:
         raise FormatMismatchError(
             f"{file.path}: is recognised as {known}, which takes no {next(iter(layout))}; leave it out"
         )
-    obj = registry.get(str(known)).load_reader().read(file)
+    obj = registry.get(known).load_reader().read(file)
     if not isinstance(obj, Recording):
         raise FormatMismatchError(
             f"{file.path}: holds a {type(obj).__name__.lower()} ({known}), not channels over time; runs "
@@ -469,7 +481,7 @@ def columns_of(file: RawFile, layout: dict[str, Any]) -> tuple[Table, str]:
         columns.append(Column(name, parse_unit(unit) if unit else None, values))
     warnings = tuple(obj.metadata.get("warnings", ()))
     lines = np.arange(1, len(obj) + 1, dtype=np.int64)
-    return Table(tuple(columns), lines, {}, warnings), str(known)
+    return file, Table(tuple(columns), lines, {}, warnings), known
 
 
 def _format(file: RawFile) -> str | None:
@@ -482,7 +494,7 @@ def _format(file: RawFile) -> str | None:
 # ---- columns of a table by the role they play: times, targets, labels, runs; each in SI or as text ----
 
 _PER = re.compile(r"[_ ]per[_ ][A-Za-z]+$")
-"""A header such as ``speed_rev_per_min`` is in no unit that is known: its numbers stand."""
+"""Numbers per turn, or turns per minute, stand where a role has no dimension: the method says their unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -514,8 +526,8 @@ def read_roles(
     columns: dict[str, tuple[str, ...]] = {}
     units: dict[str, str] = {}
     for path in files:
-        file = open_file(path)
-        table, format_id = columns_of(file, {k: v for k, v in layout.items() if v is not None})
+        given = {k: v for k, v in layout.items() if v is not None}
+        file, table, format_id = columns_of(open_file(path), given)
         for name, role in roles.items():
             parts[name].append(role_values(file, table, role, name=name))
             columns[name] = _names(file, table, role, name)
@@ -559,7 +571,7 @@ def role_values(file: RawFile, table: Table, role: Role, *, name: str) -> NDArra
         raise FormatMismatchError(
             f"{file.path}: {name} column {column.name!r} holds text, not numbers; name another column"
         )
-    stands = unit is None or _PER.search(column.name) is not None
+    stands = unit is None or unit.name == "rpm" or _PER.search(column.name) is not None
     return np.asarray(column.values * (1.0 if stands or unit is None else unit.factor))
 
 

@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache, cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -96,6 +97,15 @@ class RawFile:
     packed : Path, optional
         The file that it was unpacked from, whose hash is given.
     """
+
+    written: Mapping[str, Any] = MappingProxyType({})
+    """Text options that are known of a text that was made from a table in a container."""
+
+    notes: tuple[str, ...] = ()
+    """Sentences on what is odd about that table."""
+
+    table_format: str = "delimited"
+    """Format of a file whose content is a table."""
 
     def __init__(self, path: Path, data: bytes | None = None, packed: Path | None = None) -> None:
         self.path = path

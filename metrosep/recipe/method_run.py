@@ -313,7 +313,7 @@ def _listed_test(file: Path, layout: Mapping[str, Any]) -> RoleColumns:
 def _maps(
     method: type[Method], files: Sequence[Path], options: Mapping[str, Any]
 ) -> tuple[Surface | Profile, ...]:
-    from metrosep.io.read import read
+    from metrosep.io.read import read_one as read
 
     objects: list[Surface | Profile] = []
     for file in files:

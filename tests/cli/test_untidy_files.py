@@ -232,6 +232,16 @@ case(
     x=[0, 1e-4, 2e-4, 3e-4],
     z=[v * 1e-6 for v in W],
 )
+case(
+    "rpm-row.csv",
+    "Weg;Abweichung;Drehzahl\nmm;µm;1/min\n0;0,5;3000\n0,1;-1,25;3000\n0,2;0,75;3000\n0,3;2;3000\n",
+    "--set",
+    "x=Weg",
+    "--set",
+    "z=Abweichung",
+    x=[0, 1e-4, 2e-4, 3e-4],
+    z=[v * 1e-6 for v in W],
+)
 # 28 french
 case(
     "fr.csv",

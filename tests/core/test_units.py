@@ -175,3 +175,21 @@ def test_newton_metre_is_a_torque_and_no_length(text):
 )
 def test_words_in_any_case_and_the_capitals_of_machines(text, name):
     assert parse_unit(text).name == name
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["rpm", "RPM", "1/min", "U/min", "r/min", "rev/min", "min-1", "min^-1", "tr/min", "转/分"],
+)
+def test_turns_per_minute_are_a_frequency(text):
+    assert parse_quantity(f"1200 {text}", dimension="frequency") == pytest.approx(
+        20.0, rel=1e-15, abs=0.0
+    )
+    assert column_unit(f"n [{text}]")[1].dimension == "frequency"
+
+
+def test_turns_per_minute_are_no_time_and_no_feed():
+    with pytest.raises(UnitError, match="is a frequency"):
+        parse_unit("1/min", dimension="time")
+    with pytest.raises(UnitError, match="is a frequency"):
+        parse_unit("rpm", dimension="speed")

@@ -11,7 +11,8 @@ import pytest
 
 import metrosep as ms
 from metrosep.io.archive import zip_members
-from metrosep.io.containers.worksheets import Workbook, mitutoyo_xlsx
+from metrosep.io.containers.workbook import Workbook
+from metrosep.io.containers.worksheets import mitutoyo_xlsx
 from metrosep.io.declared import Match
 from metrosep.io.source import RawFile
 

@@ -18,8 +18,8 @@ from metrosep.io import registry
 SIZES = [0, 1, 63 * 1024, 64 * 1024, 65 * 1024, 200 * 1024, 3 * 2**20]
 FIXED = {
     "al3d", "bcr-stm", "contour-dat", "digital-surf", "frt", "gwy", "ibw", "imc", "matlab", "mdf4", "metropro",
-    "nanoscope", "nid", "nmm", "nms", "npy", "opd", "opdx", "os3d", "plu", "sdf", "smd", "tdms", "tmd", "wsxm",
-    "zygo-xyz",
+    "nanoscope", "nid", "nmm", "nms", "npy", "opd", "opdx", "os3d", "parquet", "plu", "sdf", "smd", "sqlite", "tdms",
+    "tmd", "wsxm", "zygo-xyz",
 }  # fmt: skip
 NOT_RECOGNISED = {"pmac-gather"}  # bare columns: the format must be named
 NM = 1e-9
@@ -156,9 +156,11 @@ CONTAINER = {
     "metrosep-h5": ("surface.h5", hdf5_behind),
     "mitutoyo-xlsx": ("plain.xlsx", zip_behind),
     "mnt": ("plain.mnt", ole_behind),
+    "npz": ("profile.npz", zip_behind),
     "plux": ("plain.plux", zip_behind),
     "talyrond": ("turn.xlsx", zip_behind),
     "vk": ("packed.vk6", behind_picture),
+    "worksheet": ("profile.xlsx", zip_behind),
     "x3p": ("double.x3p", zip_behind),
 }
 

@@ -1,30 +1,28 @@
-"""NumPy ``.npy``: one array of numbers; never a pickle, and no claim larger than the file."""
+"""NumPy ``.npy`` and ``.npz``: arrays of numbers; never a pickle, and no claim larger than the file."""
 
 from __future__ import annotations
 
-import ast
-import struct
+import functools
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from metrosep.core.errors import UnsupportedFeatureError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
-from metrosep.io.declared import need_bytes
+from metrosep.core.units import column_unit
+from metrosep.io.containers.arrays import array_of
+from metrosep.io.containers.sheets import matrix_of
 from metrosep.io.objects import only_channels
-from metrosep.io.registry import demand, sniffer
-from metrosep.io.source import MAX_PIXELS, RawFile
+from metrosep.io.registry import BuiltIn, demand, sniffer
+from metrosep.io.source import RawFile
+from metrosep.io.text import delimited
 from metrosep.io.text.measurement import columns_as_object, map_as_surface
 from metrosep.io.text.table import ColumnSpec
 
-__all__ = ["channels", "read", "sniff"]
+__all__ = ["channels", "npz", "read", "sniff"]
 
 FORMAT = "npy"
-_VERSIONS = {1: ("<H", 10), 2: ("<I", 12), 3: ("<I", 12)}
-_LONGEST_HEADER = 4096
 
 
 sniff = sniffer(FORMAT)
@@ -49,7 +47,7 @@ def read(
 ) -> Surface | Profile | Recording:
     """Return the array as what the caller declares."""
     only_channels(file, "NumPy", channel, ("array",))
-    values, header = _array(file, max_pixels)
+    values, header = array_of(file, max_pixels)
     if not np.isfinite(values).any():
         raise file.corrupt("the array holds no number")
     if values.ndim == 2 and sampling_rate is None and x is None and z is None:
@@ -70,55 +68,36 @@ def read(
     return columns_as_object(file, FORMAT, columns, header, sampling_rate=sampling_rate, **options)
 
 
-def _array(file: RawFile, max_pixels: int | None) -> tuple[NDArray[Any], dict[str, Any]]:
-    demand(file, FORMAT)
-    code, start = _VERSIONS[file.data[6]]
-    need_bytes(file, 8, start - 8, "the header")
-    (length,) = struct.unpack_from(code, file.data, 8)
-    need_bytes(file, start, length, "the header", name="header length")
-    fields = _fields(file, file.data[start : start + min(length, _LONGEST_HEADER)])
-    dtype, shape = fields["descr"], fields["shape"]
-    size = 1
-    for n in shape:
-        size *= n
-    if size > (max_pixels or MAX_PIXELS):
-        raise UnsupportedFeatureError(
-            f"{file.path}: claims {size} values, more than {max_pixels or MAX_PIXELS}; pass max_pixels= if "
-            "that is true"
-        )
-    offset = start + length
-    if size < 1 or file.size - offset != size * dtype.itemsize:
-        raise file.corrupt(
-            "header and size of the file do not agree",
-            field="shape",
-            offset=offset,
-            expected=f"{size * dtype.itemsize} bytes",
-            found=f"{file.size - offset} bytes",
-        )
-    flat = np.frombuffer(file.data, dtype=dtype, count=size, offset=offset)
-    header = {"descr": dtype.str, "shape": list(shape), "fortran_order": fields["fortran_order"]}
-    values = flat.reshape(shape[::-1]).T if fields["fortran_order"] else flat.reshape(shape)
-    return values, header
+# ---- ``.npz``: a matrix alone is a map, arrays of one length are the columns of a table ----------------
+
+_NPZ = "npz"
 
 
-def _fields(file: RawFile, text: bytes) -> dict[str, Any]:
-    """Return the checked fields of the header, which is a Python literal."""
-    try:
-        found = ast.literal_eval(text.decode("latin-1").strip())
-        dtype = np.dtype(str(found["descr"]))
-        shape = tuple(int(n) for n in found["shape"])
-        fortran = bool(found["fortran_order"])
-    except (ValueError, SyntaxError, TypeError, KeyError, MemoryError, RecursionError) as exc:
-        raise file.corrupt(
-            "the header is not a description of an array", offset=10, found=str(exc)[:60]
-        ) from None
-    if dtype.kind not in "iuf" or dtype.itemsize < 1 or dtype.hasobject:
-        raise UnsupportedFeatureError(
-            f"{file.path}: holds {dtype} values; only real numbers are read (objects never, since that "
-            "would run code)"
-        )
-    if len(shape) not in (1, 2) or min(shape) < 0:
-        raise UnsupportedFeatureError(
-            f"{file.path}: the array has shape {shape}; one or two dimensions are read"
-        )
-    return {"descr": dtype, "shape": shape, "fortran_order": fortran}
+@functools.wraps(delimited.read)
+def _npz_read(
+    file: RawFile, *, lateral_step: Any = None, unit: Any = None, **options: Any
+) -> Surface | Profile | Recording:
+    """Return the map of one matrix, or what arrays of one length hold as the columns of a table."""
+    demand(file, _NPZ)
+    sheet, scale = options.get("sheet"), options.get("scale")
+    given = {k for k, v in options.items() if v is not None} - {"sheet", "scale"}
+    found = None if given else matrix_of(file, sheet)
+    if found is None:
+        return delimited.read(file, lateral_step=lateral_step, unit=unit, **options)
+    name, values = found
+    if not np.isfinite(values).any():
+        raise file.corrupt(f"array {name!r} holds no number")
+    return map_as_surface(
+        file,
+        _NPZ,
+        values,
+        name=name,
+        own_unit=column_unit(name)[1],
+        unit=unit,
+        lateral_step=lateral_step,
+        scale=scale,
+        header={"array": name, "shape": list(values.shape)},
+    )
+
+
+npz = BuiltIn(sniffer(_NPZ), delimited.channels, _npz_read)

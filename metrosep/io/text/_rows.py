@@ -26,7 +26,16 @@ from metrosep.core.text_options import TextOptions
 from metrosep.io.source import RawFile
 from metrosep.io.text.dialect import BEYOND, NO_READING, Layout, is_comment, n_used
 
-__all__ = ["Block", "Body", "Ledger", "bad_field", "joined", "marker_of", "refuse_quotes"]
+__all__ = [
+    "DECIMAL_SHOWN",
+    "Block",
+    "Body",
+    "Ledger",
+    "bad_field",
+    "joined",
+    "marker_of",
+    "refuse_quotes",
+]
 
 _LISTED: Final = 100
 """Lines of a class that are listed with their text."""
@@ -38,7 +47,7 @@ _LONG: Final = 2**18
 
 _PLAIN = frozenset("0123456789+-.,;|eE \t\n")
 
-_IN_ORDER = {
+DECIMAL_SHOWN = {
     mark: re.compile(
         rf"(?<![\d.,])(?:0\d*{m}\d|\d{{4,}}{m}\d|\d{{1,3}}{m}(?:\d{{1,2}}|\d{{4,}})(?![\d.,])|{m}\d|"
         rf"\d+{m}\d+[eEdD])"
@@ -311,7 +320,7 @@ class Body:
         if mark not in text:
             self._whole = [True] * self._n
             return True
-        if _IN_ORDER[mark].search(text):
+        if DECIMAL_SHOWN[mark].search(text):
             self._unproven = False
             return True
         return _IN_DOUBT[mark].search(text) is None

@@ -7,6 +7,7 @@ for "not measured". No unit is ever guessed. See ``data_formats/delimited/SPEC.m
 
 from __future__ import annotations
 
+import functools
 import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -24,6 +25,7 @@ from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.text_options import TextOptions
 from metrosep.io.declared import Match
+from metrosep.io.registry import BuiltIn, demand, sniffer
 from metrosep.io.source import HEAD_BYTES, RawFile
 from metrosep.io.text.dialect import find_layout, is_comment, unmeasured_rows
 from metrosep.io.text.encoding import head_text
@@ -35,11 +37,11 @@ from metrosep.io.text.table import (
     TextTable,
     read_table,
     refuse_markers,
+    text_of,
 )
 
-__all__ = ["channels", "read", "sniff"]
+__all__ = ["channels", "parquet", "read", "sniff", "sqlite", "worksheet"]
 
-FORMAT = "delimited"
 _DIGITS = re.compile(r"[\s\"'+.,;|-]*\d[\d.,;|'eE+\-\s\"]*(?:[,;|\t ]|$)")
 _MAX_TITLES = 5
 """Lines above a table with which a short text still counts as one."""
@@ -101,10 +103,11 @@ def read(
     **text: Any,
 ) -> Profile | Recording | Surface:
     """Return the profile, the recording or the surface that a table of numbers holds."""
+    file = text_of(file, text)
     return measurement(
         file,
         read_table(file, **text),
-        FORMAT,
+        file.table_format,
         channel=channel,
         lateral_step=lateral_step,
         unit=unit,
@@ -115,6 +118,23 @@ def read(
         sampling_rate=sampling_rate,
         scale=scale,
     )
+
+
+# ---- tables in containers: recognised by their marks, then read as the text that is made of them -------
+
+
+def _container(format_id: str) -> BuiltIn:
+    """Return the reader of a container of tables."""
+
+    @functools.wraps(read)
+    def of_container(file: RawFile, **options: Any) -> Profile | Recording | Surface:
+        demand(file, format_id)
+        return read(file, **options)
+
+    return BuiltIn(sniffer(format_id), channels, of_container)
+
+
+worksheet, sqlite, parquet = map(_container, ("worksheet", "sqlite", "parquet"))
 
 
 # ---- columns of a long text file in chunks, in bounded memory ----------------------------------
@@ -130,7 +150,7 @@ _FIRST = 1000
 def open_source(file: RawFile, stack: ExitStack, **text: Any) -> TextSource:
     """Return the columns of numbers of a text file."""
     source = TextTable(file, TextOptions.of(text))
-    head = source.head
+    file, head = source.file, source.head
     labels = [n for n, label in zip(head.names, head.layout.labels, strict=False) if label]
     if labels:
         raise UnsupportedFeatureError(

@@ -14,12 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, FormatMismatchError, ReadError, UnitError
+from metrosep.core.errors import (
+    AmbiguousFormatError,
+    DataError,
+    FormatMismatchError,
+    ReadError,
+    UnitError,
+)
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, likely_meaning, parse_unit
-from metrosep.io._roles import is_read_too, role_of, runs_in
+from metrosep.io._roles import SeveralRunsError, is_read_too, role_of, runs_in
 from metrosep.io.objects import ROW_ORDERS, SI_NAMES, make_surface, scaled, to_grid
 from metrosep.io.own_notes import header_notes
 from metrosep.io.source import RawFile, lateral_steps, rate_of, refuse_options
@@ -73,7 +79,8 @@ def measurement(
     each = unit is not None and not isinstance(unit, str)  # one for each column, not one for all
     undeclared = all(c.unit is None for c in table.numbers)
     table = _with_units(file, table, unit)
-    timed = _time_column(file, table, time)
+    counted = any(given is not None for given in (sampling_rate, x, z, channel))
+    timed = _time_column(file, table, time, counted=counted)
     n_columns = len(table.columns)
     made = _Made(file, table, format_id, sensitivity(scale), {"labels": labels} if labels else {})
     del table  # what was read is given up as soon as an object holds it
@@ -103,8 +110,7 @@ def measurement(
     except DataError as exc:
         found = runs_in(made.table)
         if found is not None:
-            why = f"{file.path}: {found}; {found.advice(file.path)}"
-            raise FormatMismatchError(why) from None
+            raise SeveralRunsError(file.path, found) from None
         raise FormatMismatchError(f"{file.path}: {exc}") from None
 
 
@@ -216,9 +222,15 @@ def _with_units(file: RawFile, table: Table, unit: Any) -> Table:
     return replace(table, columns=columns)
 
 
-def _time_column(file: RawFile, table: Table, time: ColumnSpec | None) -> Column | None:
+def _time_column(
+    file: RawFile, table: Table, time: ColumnSpec | None, *, counted: bool
+) -> Column | None:
+    """Return the column of time; one that can be read in two ways matters unless the rows are counted."""
+    undecided: Mapping[str, str] = table.header.get("undecided", {})
     if time is not None:
         column, unit = pick(file, table, time, role="time")
+        if column.name in undecided:
+            raise AmbiguousFormatError(undecided[column.name])
         return replace(column, unit=unit)
     clocks = table.header.get("clocks", ())
     for column in sorted(table.numbers, key=lambda c: c.name in clocks):
@@ -227,6 +239,8 @@ def _time_column(file: RawFile, table: Table, time: ColumnSpec | None) -> Column
     for column in table.numbers:
         if column.unit is None and role_of(column.name) == "time":
             return column
+    if undecided and not counted:
+        raise AmbiguousFormatError(next(iter(undecided.values())))
     return None
 
 
@@ -506,7 +520,7 @@ def _cannot_tell(file: RawFile, table: Table) -> FormatMismatchError:
     n = len(table.numbers)
     found = runs_in(table)
     if found is not None:
-        return FormatMismatchError(f"{file.path}: {found}; {found.advice(file.path)}")
+        return SeveralRunsError(file.path, found)
     if n == 3 and {c.name.casefold() for c in table.numbers} == {"x", "y", "z"}:
         return FormatMismatchError(
             f"{file.path}: columns x, y and z declare no unit; for a map give one for each, such as "

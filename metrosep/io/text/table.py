@@ -62,6 +62,7 @@ __all__ = [
     "read_table",
     "refuse_markers",
     "sensitivity",
+    "text_of",
     "to_si",
     "without_empty_rows",
 ]
@@ -74,6 +75,8 @@ _FEW = 3
 """Separators from which a line of nothing else, above or below a map, is a row of it."""
 _WHOLE = 2.0**53
 """Largest number up to which every whole number is a float."""
+_CONTAINERS = (b"PK\x03\x04", b"SQLite format 3\x00", b"PAR1", b"ARROW1")
+"""First bytes of files that may hold tables: workbooks and archives, SQLite, Parquet, Feather."""
 _DECLARATION = re.compile(r'\s*"?sep=(.)"?\s*', re.IGNORECASE)
 _BEGUN = re.compile(r"\s*\"?[+-]?(?:\d+[.,]?\d*|[.,]\d)")
 """How a number begins, whatever follows."""
@@ -123,6 +126,7 @@ class Table:
 def read_table(file: RawFile, **text: Any) -> Table:
     """Return the columns of a text file; every one of its lines is accounted for."""
     source = TextTable(file, TextOptions.of(text))
+    file = source.file
     rows = joined(list(source.blocks()), source.head.layout.labels)
     columns = [
         Column(name, unit, None, tuple(values))
@@ -134,11 +138,24 @@ def read_table(file: RawFile, **text: Any) -> Table:
     ]
     unnamed = source.head.facts["unnamed"]
     columns = [c for c in columns if c.name not in unnamed or not _is_empty(c)]
-    columns, clocks = with_moments(file, columns, rows.lines, source.head.options)
+    columns, clocks, undecided = with_moments(file, columns, rows.lines, source.head.options)
     markers = refuse_markers(file, columns, rows.lines, source.head.options)
     header = {**source.head.facts, "comments": source.comments, "clocks": clocks}
-    warnings = (*source.warnings, *markers)
+    if undecided:
+        header["undecided"] = undecided
+    warnings = (*source.warnings, *markers, *undecided.values())
     return Table(tuple(columns), rows.lines, header, warnings, source.lines)
+
+
+def text_of(file: RawFile, options: TextOptions | Mapping[str, Any]) -> RawFile:
+    """Return the text with the columns: the file itself, or the table of a container that is chosen."""
+    if not isinstance(options, TextOptions):
+        options = TextOptions.of(options)
+    if options.sheet is None and not file.head.startswith(_CONTAINERS):
+        return file
+    from metrosep.io.containers.sheets import as_text
+
+    return as_text(file, options)
 
 
 def _is_empty(column: Column) -> bool:
@@ -149,12 +166,23 @@ def _is_empty(column: Column) -> bool:
 
 def with_moments(
     file: RawFile, columns: Sequence[Column], lines: NDArray[np.int64], options: TextOptions
-) -> tuple[list[Column], dict[str, str]]:
+) -> tuple[list[Column], dict[str, str], dict[str, str]]:
     """Return the columns with dates and times of day in s from the first row, and when that was.
 
-    A date beside a time of day belongs to it; one date for all rows stays a text.
+    A date beside a time of day belongs to it; one date for all rows stays a text, and so does what can
+    be read in two ways: a message by column, for whoever needs that time.
     """
     found: dict[int, Moments] = {}
+    undecided: dict[str, str] = {}
+
+    def of(k: int, **days: list[str]) -> Moments | None:
+        where = f"{file.path}: column {columns[k].name!r}"
+        try:
+            return moments(texts[k], lines, where, **days)
+        except AmbiguousFormatError as exc:
+            undecided[columns[k].name] = str(exc)
+            return None
+
     words = NO_READING | {m for m in options.missing or () if isinstance(m, str)}
     texts = {
         k: ["" if t.lower() in words else t.strip('"') for t in c.labels or ()]
@@ -167,15 +195,14 @@ def with_moments(
             line = int(lines[odd[0]])
             where = f"column {columns[k].name!r} of dates and times"
             raise bad_field(file, line, own[odd[0]], where, "moment")
-        moment = None if odd else moments(own, lines, f"{file.path}: column {columns[k].name!r}")
+        moment = None if odd else of(k)
         if moment is not None:
             found[k] = moment
     dates = [k for k, m in found.items() if m.kind == "date"]
     clocks = [k for k, m in found.items() if m.kind == "clock"]
     if len(dates) == len(clocks) == 1:
         (day,), (k,) = dates, clocks
-        where = f"{file.path}: column {columns[day].name!r}"
-        both = moments(texts[k], lines, where, days=texts[day])
+        both = of(k, days=texts[day])
         if both is not None:
             found = {**{i: m for i, m in found.items() if i != day}, k: both}
     else:
@@ -188,14 +215,16 @@ def with_moments(
         for k, c in enumerate(columns)
     ]
     kept = [c for k, c in enumerate(made) if k != day or k in found]
-    return kept, {columns[k].name: m.start for k, m in found.items()}
+    return kept, {columns[k].name: m.start for k, m in found.items()}, undecided
 
 
 class TextTable:
     """A table of a text file: what stands above it at once, its rows block by block."""
 
     def __init__(self, file: RawFile, options: TextOptions) -> None:
-        self._file = file
+        file = text_of(file, options)
+        options = replace(options, sheet=None, **file.written)
+        self.file = self._file = file
         whole = file.size <= _BLOCK
         self._encoding = options.encoding or ("" if whole else encoding_of(file, _BLOCK))
         self._text: str | None = None
@@ -227,7 +256,7 @@ class TextTable:
                 yield block
         body.finish()
         self.comments = (*self.head.comments, *body.comments)
-        self.warnings = (*self.head.warnings(n_rows), *body.warnings)
+        self.warnings = (*self.file.notes, *self.head.warnings(n_rows), *body.warnings)
         if body.last_row and not text.endswith("\n") and text.endswith(body.last_row):
             self.warnings += tuple(cut_off(self._file, text, body.last_row, body.last_line))
         self.lines: Mapping[str, Any] = body.ledger.to_dict()
@@ -680,6 +709,10 @@ def to_si(
         raise UnitError(
             f"{file.path}: the unit of column {column.name!r} ({role}) is not known: {odd}; correct the "
             f"header, or give {role}=({column.name!r}, {_usual(dimension)!r})"
+        )
+    if unit is None and (odd := encoding_hint([column.name])):
+        raise UnitError(
+            f"{file.path}: the unit of column {column.name!r} ({role}) is not known: {odd}"
         )
     if unit is None:
         raise UnitError(

@@ -321,7 +321,7 @@ def _parts(rest: Mapping[str, Any]) -> tuple[Any, tuple[Step, ...]]:
             "before and after are two profiles of the part, evaluated with one cut-off lambda_c; "
             f"only {', '.join(named)} is given"
         )
-    from metrosep.io.read import read
+    from metrosep.io.read import read_one as read
     from metrosep.process import before_after
 
     profiles = []
