@@ -13,6 +13,7 @@ from metrosep.core._lazy import lazy_names
 
 if TYPE_CHECKING:  # a module states its names in ``__all__``
     from metrosep.process.chip import *
+    from metrosep.process.cutting.edge_errors import *
     from metrosep.process.drive import *
     from metrosep.process.dual_servo import *
     from metrosep.process.feedforward import *
@@ -51,7 +52,8 @@ _HOMES = {
     "jobs": ["JobPlan", "TurningJob"],
     "learning": ["LearningStep", "learn_step", "low_pass"],
     "machining_times": ["MachiningTime", "machining_time"],
-    "nose": ["RoundNose", "rake_error"],
+    "cutting.edge_errors": ["cusp_heights", "edge_error"],
+    "nose": ["EdgeProfile", "RoundNose", "rake_error"],
     "nose_checks": ["NoseCheck", "clearance_check", "gouge_check", "window_check"],
     "path_errors": ["PathErrorMap", "estimated_points", "sine_path_error", "sine_path_step"],
     "path_points": [

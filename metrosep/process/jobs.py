@@ -154,8 +154,8 @@ class TurningJob:
         object.__setattr__(self, "core", checked_core(self.core, self.radius))
         if self.nose is not None:
             Edge.of(self.nose, self.sense)
-        object.__setattr__(self, "sense", self.sense or get_args(Sense)[0])
-        numbers.choice(self.sense, "sense", get_args(Sense))
+        if self.sense is not None:
+            numbers.choice(self.sense, "sense", get_args(Sense))
 
     @property
     def _way(self) -> Sense:
@@ -485,9 +485,7 @@ class TurningJob:
         fits = gouge_check(self.form, nose, region=(self.core, self.radius))
         fits.require()
         nominal = Edge.of(nose, self.sense)
-        edge = nominal
-        if tool is not None:
-            edge = replace(edge, radius=edge.radius + tool.dR, dx=tool.dx, dy=tool.dy)
+        edge = nominal if tool is None else Edge.of(nose, self.sense, tool)
         made = tips(self.form, points.rho, points.azimuth, edge, strict=True)
         said = [*fits.messages, *made.messages]
         on_part = points.rho <= self.radius
@@ -517,7 +515,10 @@ class TurningJob:
         if not isinstance(spiral, SpiralPath):
             raise DataError(f"the path must be a SpiralPath or a plan, got {type(path).__name__}")
         for name in ("radius", "feed", "core", "sense"):
-            theirs, ours = getattr(spiral, name), getattr(self, name)
+            theirs, ours = (
+                getattr(spiral, name),
+                self._way if name == "sense" else getattr(self, name),
+            )
             if theirs != ours:
                 if name != "sense":
                     theirs, ours = f"{theirs:.6g} m", f"{ours:.6g} m"
