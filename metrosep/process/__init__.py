@@ -14,6 +14,8 @@ from metrosep.core._lazy import lazy_names
 if TYPE_CHECKING:  # a module states its names in ``__all__``
     from metrosep.process.chip import *
     from metrosep.process.cutting.edge_errors import *
+    from metrosep.process.cutting.programs import *
+    from metrosep.process.cutting.virtual_part import *
     from metrosep.process.drive import *
     from metrosep.process.dual_servo import *
     from metrosep.process.feedforward import *
@@ -53,6 +55,8 @@ _HOMES = {
     "learning": ["LearningStep", "learn_step", "low_pass"],
     "machining_times": ["MachiningTime", "machining_time"],
     "cutting.edge_errors": ["cusp_heights", "edge_error"],
+    "cutting.programs": ["TurningProgram"],
+    "cutting.virtual_part": ["VirtualPart", "virtual_cut"],
     "nose": ["EdgeProfile", "RoundNose", "rake_error"],
     "nose_checks": ["NoseCheck", "clearance_check", "gouge_check", "window_check"],
     "path_errors": ["PathErrorMap", "estimated_points", "sine_path_error", "sine_path_step"],
@@ -61,7 +65,7 @@ _HOMES = {
         "points_for_tolerance",
     ],
     "predictions": [
-        "BudgetTotal", "Contribution", "CorrectedProgram", "ErrorBudget", "Prediction",
+        "BudgetTotal", "Contribution", "ErrorBudget", "Prediction",
     ],
     "servo": ["Gains", "ServoModel", "error_ratio", "retuned_error"],
     "setting_maps": ["SettingError", "SettingTolerance", "setting_tolerance"],
