@@ -14,6 +14,7 @@ from metrosep.core._lazy import lazy_names
 if TYPE_CHECKING:  # a module states its names in ``__all__``
     from metrosep.process.chip import *
     from metrosep.process.cutting.edge_errors import *
+    from metrosep.process.cutting.motion import *
     from metrosep.process.cutting.programs import *
     from metrosep.process.cutting.virtual_part import *
     from metrosep.process.drive import *
@@ -55,6 +56,7 @@ _HOMES = {
     "learning": ["LearningStep", "learn_step", "low_pass"],
     "machining_times": ["MachiningTime", "machining_time"],
     "cutting.edge_errors": ["cusp_heights", "edge_error"],
+    "cutting.motion": ["AxisLimits", "AxisMotion", "axis_motion"],
     "cutting.programs": ["TurningProgram"],
     "cutting.virtual_part": ["VirtualPart", "virtual_cut"],
     "nose": ["EdgeProfile", "RoundNose", "rake_error"],
