@@ -22,6 +22,7 @@ if TYPE_CHECKING:  # a module states its names in ``__all__``
     from metrosep.process.feedforward import *
     from metrosep.process.flexure import *
     from metrosep.process.follow_ups import *
+    from metrosep.process.hysteresis import *
     from metrosep.process.interpolation import *
     from metrosep.process.jobs import *
     from metrosep.process.learning import *
@@ -49,6 +50,9 @@ _HOMES = {
     "feedforward": ["CorrectedPath", "CorrectedPoints", "corrected_path", "corrected_points"],
     "flexure": ["FlexureCalibration", "flexure_calibration"],
     "follow_ups": ["FollowUp", "FollowUpMap", "TermShare", "follow_up"],
+    "hysteresis": [
+        "DriveResiduals", "HysteresisFit", "PrandtlIshlinskii", "compare_drives",
+    ],
     "interpolation": [
         "angle_at_length", "arc_length", "evaluate", "fitted_heights", "knot_slopes",
     ],
