@@ -13,6 +13,7 @@ from metrosep.core._lazy import lazy_names
 
 if TYPE_CHECKING:  # a module states its names in ``__all__``
     from metrosep.process.chip import *
+    from metrosep.process.cutting.budgets import *
     from metrosep.process.cutting.edge_errors import *
     from metrosep.process.cutting.motion import *
     from metrosep.process.cutting.programs import *
@@ -59,6 +60,9 @@ _HOMES = {
     "jobs": ["JobPlan", "TurningJob"],
     "learning": ["LearningStep", "learn_step", "low_pass"],
     "machining_times": ["MachiningTime", "machining_time"],
+    "cutting.budgets": [
+        "CutBudget", "EdgeFit", "PathDeviation", "cut_budget", "identify_edge",
+    ],
     "cutting.edge_errors": ["cusp_heights", "edge_error"],
     "cutting.motion": ["AxisLimits", "AxisMotion", "axis_motion"],
     "cutting.programs": ["TurningProgram"],
