@@ -13,11 +13,17 @@ from metrosep.core._lazy import lazy_names
 
 if TYPE_CHECKING:  # a module states its names in ``__all__``
     from metrosep.process.chip import *
+    from metrosep.process.cutting.budgets import *
+    from metrosep.process.cutting.edge_errors import *
+    from metrosep.process.cutting.motion import *
+    from metrosep.process.cutting.programs import *
+    from metrosep.process.cutting.virtual_part import *
     from metrosep.process.drive import *
     from metrosep.process.dual_servo import *
     from metrosep.process.feedforward import *
     from metrosep.process.flexure import *
     from metrosep.process.follow_ups import *
+    from metrosep.process.hysteresis import *
     from metrosep.process.interpolation import *
     from metrosep.process.jobs import *
     from metrosep.process.learning import *
@@ -45,13 +51,23 @@ _HOMES = {
     "feedforward": ["CorrectedPath", "CorrectedPoints", "corrected_path", "corrected_points"],
     "flexure": ["FlexureCalibration", "flexure_calibration"],
     "follow_ups": ["FollowUp", "FollowUpMap", "TermShare", "follow_up"],
+    "hysteresis": [
+        "DriveResiduals", "HysteresisFit", "PrandtlIshlinskii", "compare_drives",
+    ],
     "interpolation": [
         "angle_at_length", "arc_length", "evaluate", "fitted_heights", "knot_slopes",
     ],
     "jobs": ["JobPlan", "TurningJob"],
     "learning": ["LearningStep", "learn_step", "low_pass"],
     "machining_times": ["MachiningTime", "machining_time"],
-    "nose": ["RoundNose", "rake_error"],
+    "cutting.budgets": [
+        "CutBudget", "EdgeFit", "PathDeviation", "cut_budget", "identify_edge",
+    ],
+    "cutting.edge_errors": ["cusp_heights", "edge_error"],
+    "cutting.motion": ["AxisLimits", "AxisMotion", "axis_motion"],
+    "cutting.programs": ["TurningProgram"],
+    "cutting.virtual_part": ["VirtualPart", "virtual_cut"],
+    "nose": ["EdgeProfile", "RoundNose", "rake_error"],
     "nose_checks": ["NoseCheck", "clearance_check", "gouge_check", "window_check"],
     "path_errors": ["PathErrorMap", "estimated_points", "sine_path_error", "sine_path_step"],
     "path_points": [
@@ -59,7 +75,7 @@ _HOMES = {
         "points_for_tolerance",
     ],
     "predictions": [
-        "BudgetTotal", "Contribution", "CorrectedProgram", "ErrorBudget", "Prediction",
+        "BudgetTotal", "Contribution", "ErrorBudget", "Prediction",
     ],
     "servo": ["Gains", "ServoModel", "error_ratio", "retuned_error"],
     "setting_maps": ["SettingError", "SettingTolerance", "setting_tolerance"],

@@ -24,6 +24,7 @@ from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.process._plain import Frozen, frozen, plain
 from metrosep.process.flexure import FlexureCalibration
+from metrosep.process.hysteresis import PrandtlIshlinskii
 from metrosep.process.servo import Gains, ServoModel, error_ratio
 
 if TYPE_CHECKING:
@@ -37,6 +38,9 @@ __all__ = [
     "stage_displacement",
     "sweep_gains",
 ]
+
+Stage = FlexureCalibration | tuple[PrandtlIshlinskii, ArrayLike] | float
+"""A curve, a model with the voltages it has seen, or a sensitivity in m/V."""
 
 _SLACK = 1e-9
 """Relative to a range; a value on the limit keeps it."""
@@ -148,7 +152,9 @@ def drive_table(
     values: ArrayLike,
     *,
     quantity: Literal["error", "compensation"],
-    calibration: FlexureCalibration | float,
+    calibration: FlexureCalibration | PrandtlIshlinskii | float,
+    history: ArrayLike | None = None,
+    tolerance: float = math.inf,
     offset: float = 0.0,
     limits: tuple[float, float] = (0.0, 10.0),
     travel: float = math.inf,
@@ -163,8 +169,14 @@ def drive_table(
     ----------
     x : array_like, shape (n,)
         Positions in m with `speed`, else times in s; strictly increasing.
-    calibration : FlexureCalibration or float
-        Monotone curve, or the sensitivity in m/V of a stage that stands at 0 at 0 V.
+    calibration : FlexureCalibration, PrandtlIshlinskii or float
+        Monotone curve, a model with hysteresis, or the sensitivity in m/V of a stage that stands at 0
+        at 0 V.
+    history : array_like, shape (m,), V, optional
+        What the stage has seen before the table, such as a conditioning cycle; needed with a model with
+        hysteresis, whose inverse holds from one state only.
+    tolerance : float, m, optional
+        Largest residual, a violation above.
     offset : float, m, optional
         Displacement at which the stage rests.
     limits : tuple of (float, float), V, optional
@@ -223,24 +235,36 @@ def drive_table(
         raise InvalidSamplesError(
             f"values is NaN at x = {format_length(float(positions[i]))}; a drive table cannot have gaps"
         )
-    if (
-        not isinstance(calibration, FlexureCalibration)
-        and numbers.real(calibration, "calibration") == 0.0
-    ):
-        raise DataError("a sensitivity of 0 m/V is of no use")
-    curve = (
-        calibration.mean
-        if isinstance(calibration, FlexureCalibration)
-        else np.array([calibration])
-    )
+    stage: Stage
+    if isinstance(calibration, PrandtlIshlinskii):
+        if history is None:
+            raise DataError(
+                "a stage with hysteresis stands where its past has left it: give history=, the voltages of "
+                "its conditioning cycle such as (0, 10, 0)"
+            )
+        stage, curve = (calibration, history), calibration.weights
+    elif isinstance(calibration, FlexureCalibration):
+        stage, curve = calibration, calibration.mean
+    else:
+        stage = numbers.real(calibration, "calibration")
+        curve = np.array([stage])
+        if stage == 0.0:
+            raise DataError("a sensitivity of 0 m/V is of no use")
     stroke = (-travel, 0.0) if float(curve.min() + curve.max()) < 0.0 else (0.0, travel)
     finite = math.isfinite(travel)
     violations = _beyond_stroke(d, given, quantity, offset, stroke) if finite else []
-    wanted, beyond = _voltages(d, calibration)
+    wanted, beyond = _voltages(d, stage)
     violations += [*beyond, *_beyond_range(wanted, positions, low, high)]
     too_fast = _too_fast(wanted, positions, times, slew)
     violations += too_fast
-    voltage, residual = _quantised(wanted, d, calibration, low, high, size)
+    voltage, residual = _quantised(wanted, d, stage, low, high, size)
+    most = _limit(tolerance, "tolerance", "length")
+    worst = float(np.fmax.reduce(np.abs(residual), initial=0.0))
+    if worst > most:
+        violations.append(
+            f"the stage misses the displacement by up to {format_length(worst)}, the tolerance is "
+            f"{format_length(most)}: use more bits"
+        )
     if size is not None and not too_fast:
         violations += [
             f"in steps of the DAC {message}, use more bits or fewer positions"
@@ -316,9 +340,10 @@ def _span(low: float, high: float, factor: float = 1.0) -> str:
     return f"{low * factor + 0.0:.6g} ... {high * factor + 0.0:.6g}"
 
 
-def _voltages(
-    d: FloatArray, calibration: FlexureCalibration | float
-) -> tuple[FloatArray, list[str]]:
+def _voltages(d: FloatArray, calibration: Stage) -> tuple[FloatArray, list[str]]:
+    if isinstance(calibration, tuple):
+        model, history = calibration
+        return model.voltage_for(d, history=history), []
     if not isinstance(calibration, FlexureCalibration):
         return np.asarray(d / float(calibration)), []
     low = float(calibration.mean.min())
@@ -372,7 +397,7 @@ def _largest_slew(v: FloatArray, times: FloatArray | None) -> float | None:
 def _quantised(
     wanted: FloatArray,
     d: FloatArray,
-    calibration: FlexureCalibration | float,
+    calibration: Stage,
     low: float,
     high: float,
     bits: int | None,
@@ -381,7 +406,10 @@ def _quantised(
         return wanted, np.where(np.isnan(wanted), np.nan, 0.0)
     step = (high - low) / (2**bits - 1)
     set_to = low + step * np.rint((np.clip(wanted, low, high) - low) / step)
-    if isinstance(calibration, FlexureCalibration):
+    if isinstance(calibration, tuple):
+        model, history = calibration
+        got = model.displacement(set_to, history=history)
+    elif isinstance(calibration, FlexureCalibration):
         ends = calibration.voltage
         got = calibration.evaluate(np.clip(set_to, ends[0], ends[-1]))
     else:

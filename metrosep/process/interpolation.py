@@ -1,4 +1,4 @@
-"""What a controller makes of the points of a block program: lines or a C2 cubic spline; arc lengths.
+"""What a controller makes of the points of a block program: lines, a C2 cubic spline, PVT; arc lengths.
 
 Positions are arc lengths that grow strictly; the values are heights. The controller knows the
 points only, so the course between them is decided here. A spline needs two end conditions, and
@@ -30,7 +30,7 @@ __all__ = [
 ]  # fmt: skip
 
 EndCondition = Literal["not-a-knot", "natural", "clamped"]
-Interpolation = Literal["linear", "spline"]
+Interpolation = Literal["linear", "spline", "pvt"]
 
 FEWEST_KNOTS = 4
 """A cubic spline without a knot at its second point needs four."""
@@ -238,7 +238,7 @@ def fitted_heights(
     from scipy.interpolate import BSpline
     from scipy.linalg import solveh_banded
 
-    numbers.choice(interpolation, "interpolation", get_args(Interpolation))
+    numbers.choice(interpolation, "interpolation", ("linear", "spline"))
     knots = _positions(s, name="s")
     x, y = _checked(at, wanted, fewest=knots.size)
     cubic = interpolation == "spline"

@@ -24,8 +24,11 @@ from metrosep.process._log_places import held_on_points, on_spiral
 from metrosep.process._motion import FollowUp, FollowUpMap
 from metrosep.process._plain import frozen, length
 from metrosep.process._setting_equations import FACTORS, height_errors, polar_slopes
+from metrosep.process.cutting.edge_errors import Servo
+from metrosep.process.cutting.programs import TurningProgram
+from metrosep.process.cutting.servos import contact_path
 from metrosep.process.feedforward import corrected_path, left_over
-from metrosep.process.interpolation import Interpolation
+from metrosep.process.interpolation import Interpolation, knot_slopes
 from metrosep.process.machining_times import MachiningTime, machining_time
 from metrosep.process.nose import RoundNose
 from metrosep.process.nose_checks import gouge_check
@@ -40,8 +43,8 @@ from metrosep.process.path_points import (
     checked_radius,
     points_for_tolerance,
 )
-from metrosep.process.predictions import Contribution, CorrectedProgram, ErrorBudget, Prediction
-from metrosep.process.tips import Edge, TipSurface, tips
+from metrosep.process.predictions import Contribution, ErrorBudget, Prediction
+from metrosep.process.tips import Edge, TipSurface, tip_heights, tips
 from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["JobPlan", "TurningJob"]
@@ -154,8 +157,8 @@ class TurningJob:
         object.__setattr__(self, "core", checked_core(self.core, self.radius))
         if self.nose is not None:
             Edge.of(self.nose, self.sense)
-        object.__setattr__(self, "sense", self.sense or get_args(Sense)[0])
-        numbers.choice(self.sense, "sense", get_args(Sense))
+        if self.sense is not None:
+            numbers.choice(self.sense, "sense", get_args(Sense))
 
     @property
     def _way(self) -> Sense:
@@ -398,6 +401,99 @@ class TurningJob:
         return Prediction(budget, rho, azimuth, removed, tuple(messages), freeze_mapping(audit))
 
     @described_by(predict, errors=False)
+    def program(
+        self, path: SpiralPath | JobPlan, *, servo: Servo = "Z", cut_points: bool = False
+    ) -> TurningProgram:
+        """Return the program of the tip in time.
+
+        Parameters
+        ----------
+        servo : {"Z", "XZ"}, optional
+            What follows the surface: Z alone, X going in by the feed in every turn; or X and Z, so that
+            the contact lies on the spiral.
+        cut_points : bool, optional
+            Whether a job without a nose may give its points of the surface, marked as such.
+
+        Returns
+        -------
+        TurningProgram
+            Places of the tip (or cut points), times, velocities for PVT.
+
+        Raises
+        ------
+        DataError
+            If the job has no nose and cut points are not asked for, or the path is of another job.
+        LimitError
+            If the nose gouges, the surface touches it beyond its window, or with "XZ" the tip would
+            pass beyond the spindle axis.
+
+        Notes
+        -----
+        The spindle turns evenly, at the speed of the job or as fast as the block time allows. The
+        velocity of Z follows from the slopes at the contact, not from differences.
+
+        References
+        ----------
+        .. [1] specs/cutting-path.md, equations (4) to (6).
+        """
+        spiral = self._own(path)
+        numbers.choice(servo, "servo", get_args(Servo))
+        if self.nose is None:
+            return self._surface_program(spiral, cut_points=cut_points)
+        fits = gouge_check(self.form, self.nose, region=(self.core, self.radius))
+        fits.require()
+        edge = Edge.of(self.nose, self.sense)
+        X, azimuth, theta, speed = self._course(spiral)
+        rates = spiral.interpolation == "pvt"
+        if servo == "XZ":
+            X, azimuth, Z, said = contact_path(self.form, X, azimuth, edge)
+            velocities = None
+        else:
+            Z, slopes, said = tip_heights(self.form, X, azimuth, edge, rates=rates)
+            velocities = None
+            if slopes is not None:
+                vX, vC = -self.feed * speed / (2.0 * math.pi), spiral.way * speed
+                velocities = np.stack(
+                    [np.full_like(X, vX), np.full_like(X, vC), slopes[0] * vX + slopes[1] * vC]
+                )
+            if spiral.knots == "least-squares":
+                Z = spiral.points(self._surface).z
+        t = frozen((theta - theta[0]) / speed)
+        if rates and velocities is None:
+            # the contacts wander by no closed form: the velocities of the C2 spline, right to h^4
+            velocities = np.stack([knot_slopes(t, v) for v in (X, azimuth, Z)])
+        audit = {"n_points": int(X.size), "servo": servo, **self._tool()}
+        return TurningProgram(
+            frozen(X), frozen(azimuth), frozen(Z), t, "tip", spiral.interpolation,
+            None if velocities is None else frozen(velocities), None, spiral.lead_in, {},
+            (*fits.messages, *said), freeze_mapping(audit),
+        )  # fmt: skip
+
+    def _surface_program(self, spiral: SpiralPath, *, cut_points: bool) -> TurningProgram:
+        """Return the program of a job without a nose, or refuse it."""
+        X, azimuth, theta, speed = self._course(spiral)
+        said = self._no_tip_path(X, azimuth)
+        if not cut_points:
+            raise DataError(f"{said}; or say cut_points=True")
+        if spiral.interpolation == "pvt":
+            raise DataError("a PVT program is one of the tip: give the nose of the tool")
+        t = frozen((theta - theta[0]) / speed)
+        Z = spiral.points(self._surface).z
+        return TurningProgram(
+            frozen(X), frozen(azimuth), Z, t, "cut points", spiral.interpolation,
+            lead_in=spiral.lead_in, messages=(said,), audit=freeze_mapping(self._tool()),
+        )  # fmt: skip
+
+    def _course(self, spiral: SpiralPath) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+        """Return radius, azimuth and angle travelled of the points, and the spindle speed in rad/s."""
+        u, _ = spiral.stations()
+        theta = 2.0 * math.pi * spiral.turns - u
+        speed = 2.0 * math.pi * self.rpm / 60.0
+        if self.block_time:
+            speed = min(speed, float(np.diff(theta).min()) / self.block_time)
+        return u * (self.feed / (2.0 * math.pi)), spiral.azimuth_of(theta), theta, speed
+
+    @described_by(predict, errors=False)
     def compensated(
         self,
         path: SpiralPath | JobPlan,
@@ -405,7 +501,7 @@ class TurningJob:
         tool: ToolSetting | None = None,
         follow_up: FollowUp | FollowUpMap | None = None,
         gain: float = 1.0,
-    ) -> CorrectedProgram:
+    ) -> TurningProgram:
         """Return the program that makes up for the nose, its setting and a logged follow-up error.
 
         Parameters
@@ -419,7 +515,7 @@ class TurningJob:
 
         Returns
         -------
-        CorrectedProgram
+        TurningProgram
             Points with nominal and commanded height: of the tip (``quantity == "tip"``) if the job
             has a nose, else of the surface (``"cut points"``), which the first message says.
 
@@ -461,10 +557,16 @@ class TurningJob:
             audit |= {f"{n}_um": getattr(tool, n) * 1e6 for n in ("dx", "dy", "dR")}
         if follow_up is not None:
             z -= gain * held_on_points(follow_up, spiral, points.rho, messages)
-        return CorrectedProgram(
-            points.rho, points.azimuth, points.z, frozen(z), points.lead_in,
-            freeze_mapping(residual), tuple(messages), freeze_mapping(audit),
-            "cut points" if self.nose is None else "tip",
+        X, azimuth, theta, speed = self._course(spiral)
+        joined: Interpolation = spiral.interpolation
+        t = frozen((theta - theta[0]) / speed)
+        velocities = None
+        if joined == "pvt":
+            velocities = frozen(np.stack([knot_slopes(t, v) for v in (X, azimuth, z)]))
+        return TurningProgram(
+            frozen(X), frozen(azimuth), frozen(z), t, "cut points" if self.nose is None else "tip",
+            joined, velocities, points.z, points.lead_in, freeze_mapping(residual),
+            tuple(messages), freeze_mapping(audit),
         )  # fmt: skip
 
     def _cut_points(
@@ -485,9 +587,7 @@ class TurningJob:
         fits = gouge_check(self.form, nose, region=(self.core, self.radius))
         fits.require()
         nominal = Edge.of(nose, self.sense)
-        edge = nominal
-        if tool is not None:
-            edge = replace(edge, radius=edge.radius + tool.dR, dx=tool.dx, dy=tool.dy)
+        edge = nominal if tool is None else Edge.of(nose, self.sense, tool)
         made = tips(self.form, points.rho, points.azimuth, edge, strict=True)
         said = [*fits.messages, *made.messages]
         on_part = points.rho <= self.radius
@@ -517,7 +617,10 @@ class TurningJob:
         if not isinstance(spiral, SpiralPath):
             raise DataError(f"the path must be a SpiralPath or a plan, got {type(path).__name__}")
         for name in ("radius", "feed", "core", "sense"):
-            theirs, ours = getattr(spiral, name), getattr(self, name)
+            theirs, ours = (
+                getattr(spiral, name),
+                self._way if name == "sense" else getattr(self, name),
+            )
             if theirs != ours:
                 if name != "sense":
                     theirs, ours = f"{theirs:.6g} m", f"{ours:.6g} m"

@@ -1,40 +1,193 @@
-"""The nose of a diamond tool: the ellipse that rake makes of it, and the error of ignoring it.
+"""The nose of a diamond tool: radius, rake, sharp window, measured waviness, and the error of rake.
 
-A round nose of radius R, tilted by the rake about its tip, shows an ellipse in the plane of spindle
-axis and x: semi-axes ``R`` along x and ``R cos(rake)`` along z. The edge itself leaves that plane by
-``w sin(rake)`` where it has risen by w up the rake face. Slopes are dz/drho at constant azimuth; z
-points out of the material. Error = actual - nominal.
+The edge is a curve in space. With the angle psi from the tip, positive outwards, and the deviation
+delta(psi) of its radius, positive outwards, it has risen by ``up = R - (R + delta) cos psi`` and lies
+
+    x = (R + delta) sin psi,  y = -sigma ky up,  z = kz up
+
+from the tip, where ``kz = cos(rake), ky = sin(rake)`` if R is the radius in the rake face, and
+``kz = 1, ky = tan(rake)`` if it is that of the view along the cut. sigma = +1 where the tool goes
+round the part counter-clockwise, seen from +z. Yaw turns the edge about z. Slopes are dz/drho at
+constant azimuth; z points out of the material. Error = actual - nominal.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass, field
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core import numbers
-from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, NotConvergedError, UnitError
+from metrosep.core._arrays import FloatArray, frozen_float, same_length
+from metrosep.core.errors import (
+    DataError,
+    InvalidSamplesError,
+    NotConvergedError,
+    TooFewSamplesError,
+    UnitError,
+)
+from metrosep.core.provenance import freeze_mapping
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.process._plain import finite_positions, length
 from metrosep.process._setting_equations import known_form, polar_slopes
 from metrosep.process.setting_maps import LARGEST_NOSE, positions
 
-__all__ = ["RoundNose", "rake_error"]
+__all__ = ["EdgeProfile", "RoundNose", "rake_error"]
 
-
+Flank = Literal["conical", "cylindrical"]
+RadiusIn = Literal["face", "projection"]
 Sense = Literal["counterclockwise", "clockwise"]
 
-_STEEPEST_RAKE = math.radians(85.0)
+_STEEPEST_RAKE, _LARGEST_YAW = math.radians(85.0), math.radians(45.0)
+_LARGEST_WAVE = 1e-3
+"""m: no edge deviates that much from its circle; a number above is in um or nm."""
 _SENSES_AGREE = 1e-12
 """m: errors of both senses that are nearer than that are one."""
 _MOST_STEPS, _TANGENT_STEPS = 40, 8
 _CLOSE = 1e-13
 """m: of a position; the error changes by 1e-3 of it at most, which is 1e-7 nm."""
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class EdgeProfile:
+    """Measured waviness of an edge: deviation of its radius over the angle.
+
+    Parameters
+    ----------
+    angle : array_like, shape (n,), rad
+        From the tip, positive outwards (away from the spindle axis), strictly growing; n >= 4.
+    deviation : array_like, shape (n,), m
+        Of the radius, outward positive: such an edge cuts deeper there.
+    removed : mapping of str to float, m, optional
+        What `from_certificate` took off: ``dR``, ``dx``, ``dz``.
+    messages : tuple of str, optional
+        What to know.
+
+    Raises
+    ------
+    InvalidSamplesError
+        If a value is not finite, or the angles do not grow.
+    TooFewSamplesError
+        If there are fewer than four.
+    DataError
+        If the lengths differ, or a deviation is larger than 1 mm.
+    UnitError
+        If the angles cannot be in radians.
+
+    Notes
+    -----
+    A cubic spline between the points; there is no edge beyond them.
+
+    Examples
+    --------
+    >>> wave = EdgeProfile(np.radians([-40.0, -20.0, 0.0, 20.0, 40.0]), [0.0, 4e-8, 0.0, -4e-8, 0.0])
+    >>> wave.at(np.array([0.0])).round(12).tolist()
+    [0.0]
+    """
+
+    angle: FloatArray
+    deviation: FloatArray
+    removed: Mapping[str, float] = field(default_factory=dict)
+    messages: tuple[str, ...] = ()
+    _splines: tuple[Any, Any] = field(init=False)
+
+    def __post_init__(self) -> None:
+        from scipy.interpolate import CubicSpline
+
+        angle = frozen_float(self.angle, name="angle of the edge", ndim=1)
+        deviation = frozen_float(self.deviation, name="deviation of the edge", ndim=1)
+        same_length(angle=angle, deviation=deviation)
+        if angle.size < 4:
+            raise TooFewSamplesError(f"an edge profile needs 4 points or more, got {angle.size}")
+        if np.isnan(angle).any() or np.isnan(deviation).any() or not (np.diff(angle) > 0.0).all():
+            raise InvalidSamplesError(
+                "angles of an edge must grow strictly, and no value may be NaN: sort them, and leave "
+                "out what was not measured"
+            )
+        if float(np.abs(angle).max()) > math.pi:
+            raise UnitError(
+                f"an angle of the edge is {float(np.abs(angle).max()):.4g} rad, beyond half a turn: "
+                "angles are in radians"
+            )
+        if float(np.abs(deviation).max()) > _LARGEST_WAVE:
+            raise DataError(
+                f"the edge deviates by {float(np.abs(deviation).max()):.4g} m from its circle: "
+                "deviations are in metres"
+            )
+        spline = CubicSpline(angle, deviation)
+        object.__setattr__(self, "angle", angle)
+        object.__setattr__(self, "deviation", deviation)
+        object.__setattr__(self, "removed", freeze_mapping(dict(self.removed)))
+        object.__setattr__(self, "_splines", (spline, spline.derivative()))
+
+    def __repr__(self) -> str:
+        low, high = np.degrees(self.angle[[0, -1]])
+        size = format_length(float(np.ptp(self.deviation)))
+        return (
+            f"EdgeProfile({self.angle.size} points from {low:.4g} to {high:.4g} deg, P-V {size})"
+        )
+
+    @classmethod
+    def from_certificate(
+        cls, angle: ArrayLike, deviation: ArrayLike, *, rises: Literal["outwards", "inwards"]
+    ) -> EdgeProfile:
+        """Return the profile of a maker's certificate, without the circle that fits it best.
+
+        Parameters
+        ----------
+        angle : array_like, shape (n,), rad
+            As plotted, from the tip, growing.
+        deviation : array_like, shape (n,), m
+            Outward positive.
+        rises : {"outwards", "inwards"}
+            Where the plotted angle grows to: away from the spindle axis or towards it. Plots run from
+            left to right on the rake face; that is either, by the side on which the tool stands.
+
+        Returns
+        -------
+        EdgeProfile
+            `removed` holds the mean (dR) and the shifts of the circle (dx, dz); messages name them.
+
+        Raises
+        ------
+        DataError
+            If the direction is not known, or as of the class.
+
+        Examples
+        --------
+        >>> at = np.radians(np.linspace(-50.0, 50.0, 41))
+        >>> made = EdgeProfile.from_certificate(at, 1e-7 + 2e-7 * np.sin(at), rises="outwards")
+        >>> float(np.abs(made.deviation).max()) < 1e-20, round(made.removed["dx"] * 1e9, 6)
+        (True, 200.0)
+        """
+        numbers.choice(rises, "rises", ("outwards", "inwards"))
+        raw = cls(angle, deviation)  # type: ignore[arg-type]
+        psi, delta = raw.angle, raw.deviation
+        if rises == "inwards":
+            psi, delta = -psi[::-1], delta[::-1]
+        # a circle shifted by (dx, dz) and larger by dR: dR + dx sin psi - dz cos psi, up to 2nd order
+        columns = np.stack([np.ones_like(psi), np.sin(psi), -np.cos(psi)], axis=1)
+        found, *_ = np.linalg.lstsq(columns, delta, rcond=None)
+        removed = dict(zip(("dR", "dx", "dz"), (float(v) for v in found), strict=True))
+        said = ", ".join(f"{n} {format_length(v)}" for n, v in removed.items())
+        text = (
+            f"the least-squares circle was taken off the certificate: {said}; a shift is a matter of "
+            "touching off, a mean is an error of the radius"
+        )
+        return cls(psi, delta - columns @ found, removed, (text,))
+
+    def at(self, psi: FloatArray) -> FloatArray:
+        """Return the deviation at angles, m; carried on beyond the table, where there is no edge."""
+        return np.asarray(self._splines[0](psi))
+
+    def slope(self, psi: FloatArray) -> FloatArray:
+        """Return the change of the deviation with the angle, m."""
+        return np.asarray(self._splines[1](psi))
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,14 +197,27 @@ class RoundNose:
     Parameters
     ----------
     radius : float, m
-        Of the edge in its own plane, > 0.
+        Of the edge, > 0; where it is measured says `radius_in`.
     rake : float, rad, optional
         Of the face in which the radius is measured, positive leaning back; less than 85 degrees.
         Its sign matters where the surface rises along the cut.
     clearance : float, rad, optional
-        Effective angle between flank and cut surface, > 0; needed by `clearance_check`.
-    window : float, rad, optional
-        Angle of the nose that is sharp, symmetric about the tip; needed by `window_check`.
+        Angle between flank and cut surface, > 0; needed by `clearance_check`.
+    window : float or tuple of (float, float), rad, optional
+        Sharp part of the nose: its whole angle, symmetric about the tip, or from where (negative,
+        towards the axis) to where (positive, outwards); needed by `window_check`.
+    flank : {"conical", "cylindrical"}, optional
+        Whether the clearance is normal to the edge all round it, or in the direction of cut.
+    yaw : float, rad, optional
+        Turn of the rake face about z, positive counter-clockwise seen from +z.
+    radius_in : {"face", "projection"}, optional
+        Whether the radius is that in the rake face, or that of the view along the cut, which makers
+        certify. Both agree without rake.
+    edge : EdgeProfile, optional
+        Measured waviness.
+    swivel : float, rad, optional
+        Turn of the tool about y, right-handed: profile and window move along the edge by it, and the
+        circle stays. Without rake only.
 
     Raises
     ------
@@ -76,26 +242,80 @@ class RoundNose:
     radius: float
     rake: float = 0.0
     clearance: float | None = None
-    window: float | None = None
+    window: float | tuple[float, float] | None = None
+    _: KW_ONLY
+    flank: Flank = "conical"
+    yaw: float = 0.0
+    radius_in: RadiusIn = "face"
+    edge: EdgeProfile | None = None
+    swivel: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "radius", length(self.radius, "the nose radius", LARGEST_NOSE))
-        rake = _angle(self.rake, "rake", _STEEPEST_RAKE, signed=True)
-        object.__setattr__(self, "rake", rake)
-        for name, limit in (("clearance", 0.5 * math.pi), ("window", math.pi)):
-            if getattr(self, name) is not None:
-                value = _angle(getattr(self, name), name, limit, signed=False)
-                object.__setattr__(self, name, value)
+        for name, limit in (("rake", _STEEPEST_RAKE), ("yaw", _LARGEST_YAW), ("swivel", 1.6)):
+            turned = _angle(getattr(self, name), name, limit, signed=True)
+            object.__setattr__(self, name, turned)
+        if self.clearance is not None:
+            value = _angle(self.clearance, "clearance", 0.5 * math.pi, signed=False)
+            object.__setattr__(self, "clearance", value)
+        if isinstance(self.window, tuple | list):
+            object.__setattr__(self, "window", _ends_of(self.window))
+        elif self.window is not None:
+            value = _angle(self.window, "window", math.pi, signed=False)
+            object.__setattr__(self, "window", value)
+        numbers.choice(self.flank, "flank", get_args(Flank))
+        numbers.choice(self.radius_in, "radius_in", get_args(RadiusIn))
+        if self.edge is not None and not isinstance(self.edge, EdgeProfile):
+            raise DataError(f"edge must be an EdgeProfile, got {type(self.edge).__name__}")
+        if self.swivel and self.rake:
+            raise DataError(
+                "swivel and rake together are not in the model: measure the waviness of the edge as "
+                "the tool is mounted, with swivel 0"
+            )
+        low, high = self.limits
+        if not low < 0.0 < high:
+            raise DataError(
+                f"the sharp part of the nose, {math.degrees(low):.4g} to {math.degrees(high):.4g} "
+                "degrees from its tip, does not hold the tip"
+            )
+
+    @property
+    def tilt(self) -> tuple[float, float]:
+        """How far a point of the edge lies up z and behind the tip, for each m it has risen."""
+        if self.radius_in == "projection":
+            return 1.0, math.tan(self.rake)
+        return math.cos(self.rake), math.sin(self.rake)
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Angles from the tip between which the edge is sharp and known, rad."""
+        half = 0.5 * math.pi
+        ends = (-half, half)
+        if isinstance(self.window, tuple):
+            ends = self.window
+        elif self.window is not None:
+            ends = (-0.5 * self.window, 0.5 * self.window)
+        if self.edge is not None:
+            ends = (
+                max(ends[0], float(self.edge.angle[0])),
+                min(ends[1], float(self.edge.angle[-1])),
+            )
+        return max(ends[0] - self.swivel, -half), min(ends[1] - self.swivel, half)
+
+    @property
+    def needs_sense(self) -> bool:
+        """Whether the edge leaves the plane of the spindle axis, so that the way of the tool counts."""
+        return self.rake != 0.0 or self.yaw != 0.0
 
     @property
     def tip_radius(self) -> float:
         """Radius of curvature of the projected edge at its tip, m."""
-        return self.radius / math.cos(self.rake)
+        return self.radius / self.tilt[0]
 
     @property
     def dR(self) -> float:  # noqa: N802
         """What rake adds to the radius of a path made without it, m; to the second order."""
-        return self.radius * (1.0 / math.cos(self.rake) - 1.0)
+        return self.radius * (1.0 / self.tilt[0] - 1.0)
 
     def contact(self, slope: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return where the projected edge touches a slope, from the tip.
@@ -122,7 +342,7 @@ class RoundNose:
         (0.6, 0.2)
         """
         t = finite_positions(slope, "slope")
-        squeeze = math.cos(self.rake)
+        squeeze = self.tilt[0]
         root = np.sqrt(squeeze**2 + t * t)
         return self.radius * t / root, self.radius * squeeze * t * t / (root * (root + squeeze))
 
@@ -146,7 +366,7 @@ class RoundNose:
 
         Notes
         -----
-        ``(b - sqrt(b^2 + a^2 t^2)) - (R - R sqrt(1 + t^2))`` with a = R, b = R cos(rake), for a plane
+        ``(b - sqrt(b^2 + a^2 t^2)) - (R - R sqrt(1 + t^2))`` with a = R, b = R kz, for a plane
         of slope t that does not rise along the cut; `rake_error` follows any surface.
 
         Examples
@@ -156,7 +376,7 @@ class RoundNose:
         -0.76
         """
         t = finite_positions(slope, "slope")
-        squeeze = math.cos(self.rake)
+        squeeze = self.tilt[0]
         of_ellipse = -t * t / (squeeze + np.sqrt(squeeze**2 + t * t))
         of_circle = -t * t / (1.0 + np.sqrt(1.0 + t * t))
         return self.radius * (of_ellipse - of_circle)
@@ -218,7 +438,7 @@ def rake_error(
     xs, ys = positions(x, y)
     at = xs.ravel(), ys.ravel()
     if sense is not None or nose.rake == 0.0:
-        found = _raked(form, *at, nose, signed_sense(sense, nose.rake))
+        found = _raked(form, *at, nose, signed_sense(sense))
     else:
         found = _raked(form, *at, nose, 1.0)
         other = float(np.abs(found - _raked(form, *at, nose, -1.0)).max(initial=0.0))
@@ -232,17 +452,25 @@ def rake_error(
     return shaped
 
 
-def signed_sense(sense: str | None, rake: float) -> float:
-    """Return +1 for counterclockwise, -1 for clockwise; DataError if rake needs it and it is none."""
-    if sense is None and rake != 0.0:
+def signed_sense(sense: str | None, why: str = "") -> float:
+    """Return +1 for counterclockwise, -1 for clockwise; DataError if it is none and that matters."""
+    if sense is None and why:
         raise DataError(
-            f"a nose with a rake of {math.degrees(rake):.4g} degrees cuts differently both ways: give "
+            f"{why} cuts differently both ways: give "
             'sense="counterclockwise" or sense="clockwise" (how the tool goes round the part, seen '
             "from above)"
         )
     if sense is not None:
-        numbers.choice(sense, "sense", ("counterclockwise", "clockwise"))
+        numbers.choice(sense, "sense", get_args(Sense))
     return -1.0 if sense == "clockwise" else 1.0
+
+
+def _ends_of(window: Any) -> tuple[float, float]:
+    """Return where the sharp part of a nose begins and ends."""
+    if len(window) != 2:
+        raise DataError(f"window is one angle, or where it begins and ends; got {window!r}")
+    low, high = (_angle(v, "an end of the window", 0.5 * math.pi, signed=True) for v in window)
+    return low, high
 
 
 def checked_nose(nose: object) -> None:
@@ -261,7 +489,8 @@ def smallest_length(form: Form) -> float:
 def _raked(form: Form, x: FloatArray, y: FloatArray, nose: RoundNose, sign: float) -> FloatArray:
     """Return the error at flat arrays of positions for one sense."""
     rho, theta = np.hypot(x, y), np.arctan2(y, x)
-    lean, squeeze, R = sign * math.sin(nose.rake), math.cos(nose.rake), nose.radius
+    squeeze, lean = nose.tilt
+    lean, R = sign * lean, nose.radius
     _, slope, _ = polar_slopes(form, rho, theta)
     core = R * abs(lean) * (1.0 - 1.0 / np.hypot(1.0, slope / squeeze))
     rho = np.fmax(rho, 10.0 * core)

@@ -243,7 +243,8 @@ def _share(
         if not open_.size:
             break
     second = np.maximum(second, _bent(form, rho, theta, step))
-    c = math.cos(nose.rake) + np.multiply.outer((-1.0, 1.0), across * math.sin(nose.rake))
+    up, lean = nose.tilt
+    c = up + np.multiply.outer((-1.0, 1.0), across * lean)
     own = np.hypot(c, slope) ** 3 / (nose.radius * c * c)
     return np.asarray(second / own.min(axis=0))
 
@@ -272,9 +273,9 @@ def _left(form: Form, nose: RoundNose, rho: float, theta: float) -> float:
     """Return the height that stays at a place when the tool cuts nothing of the surface, m."""
     height = float(form.height(*(np.array([rho * f(theta)]) for f in (math.cos, math.sin)))[0])
     found = [0.0]
-    for sense in ("counterclockwise", "clockwise") if nose.rake else ("counterclockwise",):
+    for sense in ("counterclockwise", "clockwise") if nose.needs_sense else ("counterclockwise",):
         edge = Edge.of(nose, sense)
-        psi, cut = np.linspace(-edge.half, edge.half, 2001), np.full(1, np.nan)
+        psi, cut = np.linspace(edge.low, edge.high, 2001), np.full(1, np.nan)
         for _ in range(2):  # all of the edge, then about the best
             ex, ey, ez = edge.point(psi)
             at = np.sqrt(np.maximum(rho * rho - ey * ey, 0.0))
@@ -321,8 +322,11 @@ def clearance_check(
 
     Notes
     -----
-    Descent is ``-(1/rho) dz/dtheta`` towards growing azimuth. The flank lies behind the edge, over
-    what was just cut, so it rubs where the surface falls more steeply than it.
+    Descent is ``-sigma sY``, with ``sY = (1/rho) dz/dtheta`` and sigma = +1 towards growing azimuth. The
+    flank lies behind the edge, over what was just cut, so it rubs where the surface falls more steeply
+    than it: a cylindrical flank where ``tan(clearance) <= -sigma sY``, a conical one where
+    ``tan(clearance) sqrt(c^2 + sX^2) <= -sigma sY``, ``c = kz + sigma sY ky``. A flank is long: its
+    heel may touch a hollow that its beginning clears.
 
     Examples
     --------
@@ -337,8 +341,14 @@ def clearance_check(
         raise DataError("the nose has no clearance angle: give RoundNose(..., clearance=...)")
     numbers.choice(travel, "travel", get_args(Travel))
     form, rho, theta, said, audit = _mesh(form, nose, radius, region, n_rho, n_theta)
-    _, _, along = polar_slopes(form, rho, theta)
-    descent = {"both": np.abs(along), "growing": -along, "falling": along}[travel]
+    _, slope, along = polar_slopes(form, rho, theta)
+    up, lean = nose.tilt
+    ways = {"both": (1.0, -1.0), "growing": (1.0,), "falling": (-1.0,)}[travel]
+    falls = []
+    for way in ways:
+        normal = np.hypot(up + way * lean * along, slope) if nose.flank == "conical" else 1.0
+        falls.append(-way * along / normal)
+    descent = np.max(falls, axis=0)
     known = _defined(descent, rho, form, said)
     return _steepest(
         np.arctan(descent), known, rho, theta, nose.clearance, said, {**audit, "travel": travel},
@@ -370,8 +380,8 @@ def window_check(
 
     Notes
     -----
-    The contact lies at ``tan(psi) = z_r / (cos(rake) +- z_t sin(rake))``, with rake further round the
-    nose than the slope; the worse of both ways of the tool counts.
+    The contact lies at ``tan(psi) = z_r / (kz +- z_t ky)``, with rake further round the nose than the
+    slope; the worse of both ways of the tool counts. Yaw is left out; `tip_path` has it.
 
     Examples
     --------
@@ -387,11 +397,16 @@ def window_check(
     form, rho, theta, said, audit = _mesh(form, nose, radius, region, n_rho, n_theta)
     _, slope, across = polar_slopes(form, rho, theta)
     known = _defined(slope, rho, form, said)
-    c = math.cos(nose.rake) - np.abs(across * math.sin(nose.rake))
+    up, lean = nose.tilt
+    psi = np.arctan2(slope, up - np.abs(across * lean))
+    low, high = nose.limits
+    share = np.where(known, psi / np.where(psi > 0.0, high, low), 0.0)
+    limit = high if psi[int(np.argmax(share))] > 0.0 else -low
+    angle = np.where(known, share * limit, np.nan)
     return _steepest(
-        np.arctan2(np.abs(slope), c), known, rho, theta, 0.5 * nose.window, said, audit,
+        angle, known, rho, theta, limit, said, audit,
         f"the {form.name} touches the nose beyond its window: the contact lies at",
-        "half the window",
+        "half the window" if -low == high else "the window ends at",
     )  # fmt: skip
 
 

@@ -413,9 +413,12 @@ def course_of(path: SpiralPath, form: Height) -> Course:
         z = _fitted(path, form, s)
     if path.interpolation == "linear":
         return Course(s, z, None)
+    if path.interpolation == "pvt":
+        return Course(s, z, _true_slopes(path, form, u))
     ends = (0.0, 0.0)
     if path.end == "clamped":
-        ends = (_true_slope(path, form, u[0]), _true_slope(path, form, u[-1]))
+        first, last = _true_slopes(path, form, u[[0, -1]])
+        ends = (float(first), float(last))
     return Course(s, z, knot_slopes(s, z, end=path.end, end_slopes=ends))
 
 
@@ -432,21 +435,20 @@ def _fitted(path: SpiralPath, form: Height, s: FloatArray) -> FloatArray:
     )
 
 
-def _true_slope(path: SpiralPath, form: Height, u: float) -> float:
+def _true_slopes(path: SpiralPath, form: Height, u: FloatArray) -> FloatArray:
     """Return dz/ds of the form along the spiral, s growing from the rim."""
     gradient = getattr(form, "gradient", None)
     if gradient is None:
         raise DataError(
-            "clamped ends take the slope of the form, and this form has no gradient(x, y); use "
-            "not-a-knot or natural ends"
+            "clamped ends and PVT take the slope of the form, and this form has no gradient(x, y); use "
+            "a spline with not-a-knot or natural ends"
         )
     a = path.feed / _TURN
-    azimuth = float(path.azimuth_of(_TURN * path.turns - u))
-    turn = path.way
-    rho, c, s = a * u, math.cos(azimuth), math.sin(azimuth)
-    gx, gy = (float(np.ravel(g)[0]) for g in gradient(rho * c, rho * s))
-    along = -a * (gx * c + gy * s) + turn * rho * (gy * c - gx * s)
-    return along / (a * math.hypot(u, 1.0))
+    azimuth = path.azimuth_of(_TURN * path.turns - u)
+    rho, c, s = a * u, np.cos(azimuth), np.sin(azimuth)
+    gx, gy = (np.asarray(g, dtype=np.float64) for g in gradient(rho * c, rho * s))
+    along = -a * (gx * c + gy * s) + path.way * rho * (gy * c - gx * s)
+    return np.asarray(along / (a * np.hypot(u, 1.0)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -523,7 +525,7 @@ def sine_path_error(
         Along the path, > 0.
     step : float, m
         Between points, > 0 and at most half a wavelength.
-    interpolation : {"linear", "spline"}
+    interpolation : {"linear", "spline", "pvt"}
         What the controller does.
 
     Returns
@@ -540,7 +542,8 @@ def sine_path_error(
     -----
     With ``w = 2 pi step / wavelength`` the error in the middle of an interval is ``A (1 - cos
     (w/2))`` for lines and ``A (1 - (23 cos(w/2) + cos(3w/2)) / (8 (2 + cos w)))`` for the cardinal
-    spline; for small w ``A w^2 / 8`` and ``A w^4 / 384``. Errors of both signs occur: twice that.
+    spline; for small w ``A w^2 / 8`` and ``A w^4 / 384``. PVT with true velocities is off by ``A (1 -
+    cos(w/2) - w/4 sin(w/2))``, ``A w^4 / 384`` too. Errors of both signs occur: twice that.
     A grid of two sines of equal amplitude has the same bound in every direction of the path: the
     curvature along the tangent t is ``A k^2 (t_x^2 sin + t_y^2 cos)``, at most ``A k^2``.
 
@@ -563,6 +566,9 @@ def sine_path_error(
     half = math.pi * h / L
     if interpolation == "linear":
         return 4.0 * A * math.sin(0.5 * half) ** 2
+    if interpolation == "pvt":
+        # 1 - cos h - (h / 2) sin h: sines of halves keep its digits
+        return 2.0 * A * abs(2.0 * math.sin(0.5 * half) ** 2 - 0.5 * half * math.sin(half))
     # With c = cos(w/2) the spline's error is A (1 - c)^2 (2 - c) / (2 (1 + 2 c^2)).
     rest = 2.0 * math.sin(0.5 * half) ** 2
     c = 1.0 - rest

@@ -43,6 +43,7 @@ _IN_A_ROW = 3
 _BELOW = (-0.002, -0.005, -0.01, -0.02, -0.04)
 _ABOVE = (0.003, 0.01, 0.03)
 """Where the answer is checked for luck, as fractions of it."""
+_JOINED: tuple[Interpolation, ...] = ("linear", "spline")
 _LOOSEST = 1e-3
 """m: a tolerance above is one in um or nm."""
 
@@ -313,7 +314,7 @@ def errors_by_count(
         raise DataError("no count of points is given; name at least one")
     whole = np.array(sorted(numbers.count(n, "a count of points") for n in given), dtype=np.int64)
     curves = []
-    for distribution, interpolation in product(get_args(Distribution), get_args(Interpolation)):
+    for distribution, interpolation in product(get_args(Distribution), _JOINED):
         words = {"distribution": distribution, "interpolation": interpolation}
         paths = (
             SpiralPath.with_points(radius, feed, n, **words, **options) for n in whole.tolist()
@@ -421,8 +422,9 @@ class SpiralPath:
         Points at a constant angle or at a constant arc length.
     step : float, rad or m
         Angle between points for "CA", at most 2 pi / 8; arc length for "CAL".
-    interpolation : {"linear", "spline"}, optional
-        What the controller does between points; the spline is C2 and cubic.
+    interpolation : {"linear", "spline", "pvt"}, optional
+        What the controller does between points; the spline is C2 and cubic. PVT is the cubic Hermite
+        polynomial through heights and true slopes, of a form that has a gradient.
     lead_in : int, optional
         Points on the extrapolated spiral before the rim. They take the free end of the spline off
         the part; three and more are enough. The form must be defined there.
@@ -512,7 +514,7 @@ class SpiralPath:
             if abs(count - round(count)) <= _WHOLE * max(count, 1.0)
             else math.floor(count)
         )
-        fewest = 1 if self.interpolation == "linear" else 3
+        fewest = 3 if self.interpolation == "spline" else 1
         if n < 1 or n + self.lead_in < fewest:
             raise TooFewSamplesError(
                 f"a step of {self.step:.6g} {self._step_unit} gives {n} interval(s) on the path; "
@@ -525,6 +527,8 @@ class SpiralPath:
         kinds |= {"end": EndCondition, "knots": Knots, "sense": Sense}
         for name, kind in kinds.items():
             numbers.choice(getattr(self, name), name, get_args(kind))
+        if self.knots == "least-squares" and self.interpolation == "pvt":
+            raise DataError("PVT passes through its points: knots must be interpolate")
         if self.knots == "least-squares" and self.end != "not-a-knot":
             raise DataError(
                 f"least-squares knots have not-a-knot ends, got end={self.end!r}; leave end out"

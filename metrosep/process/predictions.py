@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 __all__ = [
     "BudgetTotal",
     "Contribution",
-    "CorrectedProgram",
     "ErrorBudget",
     "Prediction",
     "pv_quantities",
@@ -72,66 +71,6 @@ class Prediction(Frozen, OnPart):
     def total(self) -> FloatArray:
         """Sum of the maps, m; NaN where one is not known."""
         return np.asarray(np.sum(list(self.maps.values()), axis=0), dtype=np.float64)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CorrectedProgram(Frozen):
-    """A program with heights that make up for known errors: of the tip, or of points to be cut.
-
-    Parameters
-    ----------
-    rho, azimuth : ndarray, shape (n,), m and rad
-        Commanded points, lead-in first.
-    nominal, z : ndarray, shape (n,), m
-        Height without and with the correction.
-    lead_in : int
-        Points before the rim.
-    residual_pv : mapping of str to float, m
-        P-V of what an uncertainty of the tool setting of one u leaves, by factor.
-    messages : tuple of str
-        What to know.
-    audit : mapping
-        Settings, units in the keys.
-    quantity : {"cut points", "tip"}
-        What the points are. Cut points are points of the surface, which a tool with a nose must not
-        be sent to as they are; "tip" are places of the tip, the lowest point of the edge.
-    """
-
-    rho: FloatArray
-    azimuth: FloatArray
-    nominal: FloatArray
-    z: FloatArray
-    lead_in: int
-    residual_pv: Mapping[str, float]
-    messages: tuple[str, ...]
-    audit: Mapping[str, Any]
-    quantity: Literal["cut points", "tip"] = "cut points"
-
-    @property
-    def change(self) -> FloatArray:
-        """What was added to the nominal height, m: the negative of the predicted error."""
-        return np.asarray(self.z - self.nominal, dtype=np.float64)
-
-    def to_frame(self) -> pd.DataFrame:
-        """Return the program as a table.
-
-        Returns
-        -------
-        DataFrame
-            Columns rho_um, azimuth_deg, z_nominal_nm, z_command_nm, the names of lengths with what
-            they belong to in front: cut_point_rho_um, tip_z_command_nm.
-        """
-        import pandas as pd
-
-        of = self.quantity.removesuffix("s").replace(" ", "_")
-        return pd.DataFrame(
-            {
-                f"{of}_rho_um": 1e6 * self.rho,
-                "azimuth_deg": np.degrees(self.azimuth),
-                f"{of}_z_nominal_nm": 1e9 * self.nominal,
-                f"{of}_z_command_nm": 1e9 * self.z,
-            }
-        )
 
 
 def pv_quantities(budget: ErrorBudget) -> dict[str, Quantity]:

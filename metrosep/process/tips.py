@@ -1,36 +1,43 @@
 """The tip path: where the tip of a round nose stands so that its edge just touches the surface.
 
 Machine frame at the tool: x radial outwards, y towards growing azimuth, z out of the material; the
-programmed tip is the lowest point of the edge. A point of the edge lies at the angle psi from it,
-
-    x = R sin psi,  y = -sigma w sin gamma,  z = w cos gamma,  w = R (1 - cos psi),
-
-with the rake gamma and sigma = +1 where the tool goes round the part counter-clockwise, -1 where it
-goes clockwise: with negative rake the higher points of the edge run ahead. The tip height
+programmed tip is the lowest point of the nominal edge. Where the points of the edge lie from it says
+`nose`: with negative rake the higher ones run ahead. The tip height
 
     Z(X, phi) = max over psi of S(P(psi)) - z(psi),  P = the point of the edge on the part,
 
 is the lowest that cuts nothing of the surface S, whatever its shape. At the contact
-``tan psi = sX / (cos gamma + sigma sY sin gamma)`` with the slopes there along machine x and y.
+``tan psi = sX / (kz + sigma sY ky)`` with the slopes there along machine x and y, for a round edge
+without yaw.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, InvalidSamplesError, LimitError
+from metrosep.core.errors import InvalidSamplesError, LimitError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.process._plain import Frozen, finite_positions, same_places
 from metrosep.process._setting_equations import known_form
-from metrosep.process.nose import RoundNose, checked_nose, signed_sense, smallest_length
+from metrosep.process.nose import (
+    EdgeProfile,
+    RoundNose,
+    checked_nose,
+    signed_sense,
+    smallest_length,
+)
 from metrosep.process.setting_maps import plausible_places
+
+if TYPE_CHECKING:
+    from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["TipPath", "TipSurface", "tip_path"]
 
@@ -46,7 +53,9 @@ _LEVEL = 1e-13
 """Of the slope of S(P) - z by R psi at the contact: rounding of the slopes."""
 _ON_AXIS = 1e-12
 """m: a contact that near to the spindle axis is on it."""
-_MOST_STEPS = 60
+_ALIKE = 1e-10
+"""m: contacts whose heights differ by less are there at once."""
+_MOST_STEPS, _ANGLE_STEPS = 60, 6
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -65,6 +74,9 @@ class TipPath(Frozen):
         The contact on the part; rho < 0 is a contact beyond the spindle axis.
     along_x, along_y : ndarray, shape (n,)
         Slopes of the surface there along machine x and y.
+    contacts : ndarray of int, shape (n,)
+        How many points of the edge touch, to 0.1 nm; where it is more than one the contact jumps, and
+        material stays between them. 0 where there is no tip.
     step : float, m
         Between the points of the edge that are tried: a narrower peak may be missed.
     messages : tuple of str, optional
@@ -79,6 +91,7 @@ class TipPath(Frozen):
     theta: FloatArray
     along_x: FloatArray
     along_y: FloatArray
+    contacts: NDArray[np.int64]
     step: float
     messages: tuple[str, ...] = ()
 
@@ -155,32 +168,91 @@ def tip_path(
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """A round edge in the machine frame, its tip off the programmed place by dx and dy."""
+    """An edge in the machine frame, its tip off the programmed place by dx and dy."""
 
     radius: float
-    rake: float = 0.0
-    sign: float = 1.0
-    half: float = 0.5 * math.pi
+    up: float = 1.0  # along z, for each m of rise
+    lean: float = 0.0  # behind the tip as the tool travels, for each m of rise, times sigma
+    low: float = -0.5 * math.pi
+    high: float = 0.5 * math.pi
+    yaw: float = 0.0
+    profile: EdgeProfile | None = None
+    swivel: float = 0.0
     dx: float = 0.0
     dy: float = 0.0
 
     @classmethod
-    def of(cls, nose: RoundNose, sense: str | None) -> Edge:
-        """Return the edge of a nose, or raise DataError where its sense must be known."""
+    def of(cls, nose: RoundNose, sense: str | None, setting: ToolSetting | None = None) -> Edge:
+        """Return the edge of a nose as it is set, or raise DataError where its sense must be known."""
         checked_nose(nose)
-        half = 0.5 * (math.pi if nose.window is None else nose.window)
-        return cls(nose.radius, nose.rake, signed_sense(sense, nose.rake), half)
+        why = ""
+        if nose.rake:
+            why = f"a nose with a rake of {math.degrees(nose.rake):.4g} degrees"
+        elif nose.yaw:
+            why = f"a nose with a yaw of {math.degrees(nose.yaw):.4g} degrees"
+        elif setting is not None and setting.dy:
+            why = f"a tool that stands {format_length(setting.dy)} off the axis"
+        sign = signed_sense(sense, why)
+        up, lean = nose.tilt
+        made = cls(nose.radius, up, sign * lean, *nose.limits, nose.yaw, nose.edge, nose.swivel)
+        return made if setting is None else made.set_to(setting)
+
+    def set_to(self, setting: ToolSetting) -> Edge:
+        """Return the edge off by dx and dy, its radius off by dR, the tip kept."""
+        dx, dy = self.dx + setting.dx, self.dy + setting.dy
+        return replace(self, radius=self.radius + setting.dR, dx=dx, dy=dy)
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether it stays in a plane of constant y."""
+        return self.lean == 0.0 and self.yaw == 0.0
 
     def point(self, psi: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return x, y and z of points of the edge, m from the programmed tip."""
-        up = 2.0 * self.radius * np.sin(0.5 * psi) ** 2
-        lean = self.sign * math.sin(self.rake)
-        return self.dx + self.radius * np.sin(psi), self.dy - lean * up, up * math.cos(self.rake)
+        x, up = self.radius * np.sin(psi), 2.0 * self.radius * np.sin(0.5 * psi) ** 2
+        if self.profile is not None:
+            wave = self.profile.at(psi + self.swivel)
+            x, up = x + wave * np.sin(psi), up - wave * np.cos(psi)
+        y = -self.lean * up
+        if self.yaw:
+            c, s = math.cos(self.yaw), math.sin(self.yaw)
+            x, y = c * x - s * y, s * x + c * y
+        return self.dx + x, self.dy + y, self.up * up
+
+    def tangent(self, psi: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the derivatives of `point` by psi, m."""
+        x, up = self.radius * np.cos(psi), self.radius * np.sin(psi)
+        if self.profile is not None:
+            wave, slope = (f(psi + self.swivel) for f in (self.profile.at, self.profile.slope))
+            x = x + wave * np.cos(psi) + slope * np.sin(psi)
+            up = up + wave * np.sin(psi) - slope * np.cos(psi)
+        y = -self.lean * up
+        if self.yaw:
+            c, s = math.cos(self.yaw), math.sin(self.yaw)
+            x, y = c * x - s * y, s * x + c * y
+        return x, y, self.up * up
+
+    def angle_at(self, x: FloatArray) -> FloatArray:
+        """Return the angle at which the edge stands at x from the programmed tip; NaN if nowhere."""
+        with np.errstate(invalid="ignore"):
+            psi = np.arcsin((x - self.dx) / self.radius)
+        if self.profile is None and not self.yaw:
+            return np.asarray(psi)
+        for _ in range(
+            _ANGLE_STEPS
+        ):  # the first guess is off by what waviness and yaw do, some mrad
+            psi = psi - (self.point(psi)[0] - x) / self.tangent(psi)[0]
+        return np.asarray(psi)
 
     def by_setting(self, made: TipPath) -> FloatArray:
         """Return the change of the cut height at contacts with dx, dy and dR, shape (3, n)."""
-        c = math.cos(self.rake) + self.sign * math.sin(self.rake) * made.along_y
+        c = self.up + self.lean * made.along_y
         return np.stack([-made.along_x, -made.along_y, c - np.hypot(c, made.along_x)])
+
+    def own_curvature(self, along_x: FloatArray, along_y: FloatArray) -> FloatArray:
+        """Return the second derivative of the round edge by x as it is swept at these slopes, 1/m."""
+        c = self.up + self.lean * along_y
+        return np.asarray(np.hypot(c, along_x) ** 3 / (self.radius * c * c))
 
 
 def tips(
@@ -193,48 +265,130 @@ def tips(
     step: float | None = None,
 ) -> TipPath:
     """Return the tips at flat arrays of places; steps of R/40 unless a length is given."""
-    width = smallest_length(form) / _PER_LENGTH
-    step = min(edge.radius / _SAMPLES, width, edge.radius if step is None else step)
+    usual = edge.radius / _SAMPLES
+    step = min(usual, _finest(form, edge), usual if step is None else step)
     reach = _reach(form, float(np.abs(x).max(initial=0.0)), edge)
-    columns = np.empty((6, x.size))
-    beyond, border = np.zeros(x.size, dtype=bool), np.zeros(x.size, dtype=bool)
-    rows = max(1, _BLOCK // (2 * math.ceil(edge.half * edge.radius / step) + 1))
+    seen, columns = _Seen(form, x, phi, edge), np.empty((6, x.size))
+    contacts = np.zeros(x.size, dtype=np.int64)
+    for part, rows, counts in _walk(form, x, phi, edge, step, reach, seen, strict=strict):
+        columns[:, part], contacts[part] = rows, counts
+    z, psi, rho, theta, along_x, along_y = columns
+    return TipPath(x, phi, z, psi, rho, theta, along_x, along_y, contacts, step, seen.messages())
+
+
+def tip_heights(
+    form: Form, x: FloatArray, phi: FloatArray, edge: Edge, *, rates: bool = False
+) -> tuple[FloatArray, FloatArray | None, tuple[str, ...]]:
+    """Return heights, dZ/dX and dZ/dphi if wanted, and messages; no more memory than that."""
+    step = min(edge.radius / _SAMPLES, _finest(form, edge))
+    reach = _reach(form, float(np.abs(x).max(initial=0.0)), edge)
+    seen, z = _Seen(form, x, phi, edge), np.empty(x.size)
+    slopes = np.empty((2, x.size)) if rates else None
+    for part, rows, _ in _walk(form, x, phi, edge, step, reach, seen, strict=True):
+        z[part] = rows[0]
+        if slopes is not None:
+            # the envelope theorem: dZ/dX = sX, dZ/dphi = (X + x) sY - y sX at the contact
+            px, py, _ = edge.point(rows[1])
+            slopes[:, part] = rows[4], (x[part] + px) * rows[5] - py * rows[4]
+    return z, slopes, seen.messages()
+
+
+def _finest(form: Form, edge: Edge) -> float:
+    """Return how close points of the edge must lie for the form and the waviness, m."""
+    width = smallest_length(form) / _PER_LENGTH
+    if edge.profile is not None:
+        width = min(width, 0.5 * edge.radius * float(np.diff(edge.profile.angle).min()))
+    return width
+
+
+def _walk(
+    form: Form,
+    x: FloatArray,
+    phi: FloatArray,
+    edge: Edge,
+    step: float,
+    reach: float,
+    seen: _Seen,
+    *,
+    strict: bool,
+) -> Iterator[tuple[slice, FloatArray, NDArray[np.int64]]]:
+    """Yield rows z, psi, rho, theta, sX, sY and the number of contacts, some tips at a time."""
+    rows = max(1, _BLOCK // (2 + math.ceil((edge.high - edge.low) * edge.radius / step)))
     for first in range(0, x.size, rows):
         part = slice(first, first + rows)
-        columns[:, part], beyond[part], border[part] = _touched(
-            form, x[part], phi[part], edge, step, reach
+        found, beyond, border, contacts = _touched(form, x[part], phi[part], edge, step, reach)
+        seen.take(first, found, beyond, border, contacts, strict=strict)
+        found[:, beyond] = np.nan
+        contacts[beyond] = 0
+        yield part, found, contacts
+
+
+class _Seen:
+    """What is to be said of tips that were found piece by piece."""
+
+    def __init__(self, form: Form, x: FloatArray, phi: FloatArray, edge: Edge) -> None:
+        self._form, self._x, self._phi, self._edge = form, x, phi, edge
+        self._found: dict[str, tuple[int, int]] = {}
+        self._furthest = 0.0
+
+    def take(
+        self,
+        first: int,
+        rows: FloatArray,
+        beyond: NDArray[np.bool_],
+        border: NDArray[np.bool_],
+        contacts: NDArray[np.int64],
+        *,
+        strict: bool,
+    ) -> None:
+        """Note what is to be said of a piece, or refuse it."""
+        air = np.isnan(rows[0])
+        if strict and air.any():
+            raise InvalidSamplesError(
+                f"the {self._form.name} has no height below the tip at "
+                f"{self._place(first + int(np.argmax(air)))}: end the path before, or give a form "
+                "that goes on"
+            )
+        for name, which in (("beyond", beyond), ("border", border), ("jumps", contacts > 1)):
+            if which.any():
+                count, at = self._found.get(name, (0, first + int(np.argmax(which))))
+                self._found[name] = count + int(which.sum()), at
+        if strict and "beyond" in self._found:
+            raise LimitError(self._beyond())
+        self._furthest = max(self._furthest, float(-np.fmin.reduce(rows[2], initial=0.0)))
+
+    def messages(self) -> tuple[str, ...]:
+        """Return what is to be known."""
+        said = [self._beyond()] if "beyond" in self._found else []
+        if "border" in self._found:
+            count, at = self._found["border"]
+            said.append(
+                f"at {count} tips, the first at {self._place(at)}, the nose touches the border of the "
+                f"{self._form.name}: air was assumed beyond it"
+            )
+        if "jumps" in self._found:
+            count, at = self._found["jumps"]
+            said.append(
+                f"the nose touches at two places at once at {count} tips, the first at "
+                f"{self._place(at)}: the contact jumps, and material stays between them"
+            )
+        if self._furthest > _ON_AXIS:
+            said.append(
+                f"within {format_length(self._furthest)} of the spindle axis the edge touches beyond "
+                "the axis, where it runs backwards, flank first"
+            )
+        return tuple(said)
+
+    def _beyond(self) -> str:
+        count, at = self._found["beyond"]
+        low, high = math.degrees(self._edge.low), math.degrees(self._edge.high)
+        return (
+            f"the surface touches the nose beyond its sharp window from {low:.4g} to {high:.4g} degrees "
+            f"at {count} tips, the first at {self._place(at)}: take a nose with a wider window"
         )
-    z, psi, rho, theta, along_x, along_y = columns
-    air = np.flatnonzero(np.isnan(z))
-    if air.size and strict:
-        raise InvalidSamplesError(
-            f"the {form.name} has no height below the tip at {_place(x, phi, air[0])}: end the path "
-            "before, or give a form that goes on"
-        )
-    said = []
-    if beyond.any():
-        at = int(np.flatnonzero(beyond)[0])
-        text = (
-            f"the surface touches the nose beyond its sharp window of {math.degrees(2 * edge.half):.4g} "
-            f"degrees at {int(beyond.sum())} tips, the first at {_place(x, phi, at)}: take a nose "
-            "with a wider window"
-        )
-        if strict:
-            raise LimitError(text)
-        said.append(text)
-        columns[:, beyond] = np.nan
-    if border.any():
-        said.append(
-            f"at {int(border.sum())} tips, the first at {_place(x, phi, np.flatnonzero(border)[0])}, "
-            f"the nose touches the border of the {form.name}: air was assumed beyond it"
-        )
-    furthest = float(-np.fmin.reduce(rho, initial=0.0))
-    if furthest > _ON_AXIS:
-        said.append(
-            f"within {format_length(furthest)} of the spindle axis the edge touches beyond the axis, "
-            "where it runs backwards, flank first"
-        )
-    return TipPath(x, phi, z, psi, rho, theta, along_x, along_y, step, tuple(said))
+
+    def _place(self, at: int) -> str:
+        return _place(self._x, self._phi, at)
 
 
 def _place(x: FloatArray, phi: FloatArray, at: int) -> str:
@@ -242,61 +396,109 @@ def _place(x: FloatArray, phi: FloatArray, at: int) -> str:
 
 
 def _reach(form: Form, outer: float, edge: Edge) -> float:
-    """Return the angle beyond which no contact can lie, because the surface is not that high."""
+    """Return the angle on either side beyond which no contact can lie, because the surface is not that high."""
     # F(psi) = S - z(psi) beats F(0) only while z(psi) is below the relief; the relief of a mesh is
     # too small by what lies between its points, hence twice
     rho = np.linspace(0.0, outer + edge.radius, 97)[:, None]
     turn = np.arange(61) * (2.0 * math.pi / 61.0)
     heights = form.height((rho * np.cos(turn)).ravel(), (rho * np.sin(turn)).ravel())
     if np.isnan(heights).all():
-        return edge.half
+        return math.pi
     relief = 2.0 * float(np.nanmax(heights) - np.nanmin(heights))
-    share = relief / (edge.radius * math.cos(edge.rake))
-    return edge.half if share >= 1.0 else min(edge.half, math.acos(1.0 - share))
+    if edge.profile is not None:
+        relief += 2.0 * float(np.abs(edge.profile.deviation).max())
+    share = relief / (edge.radius * edge.up)
+    return math.pi if share >= 1.0 else math.acos(1.0 - share)
 
 
 def _touched(
     form: Form, x: FloatArray, phi: FloatArray, edge: Edge, step: float, reach: float
-) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return rows z, psi, rho, theta, sX, sY; whether beyond the window; whether on a border."""
+) -> tuple[FloatArray, NDArray[np.bool_], NDArray[np.bool_], NDArray[np.int64]]:
+    """Return rows z, psi, rho, theta, sX, sY; whether beyond the window; on a border; contacts."""
     tried = _tried(edge, step, reach)
     found = _gaps(form, x[:, None], phi[:, None], edge, tried)
     best = np.argmax(found, axis=1)
     lost = np.isnan(form.height(x * np.cos(phi), x * np.sin(phi)))
-    short = (reach < edge.half) & (lost | (best == 0) | (best == tried.size - 1))
-    start, ahead, behind = tried[best], *_beside(tried, best)
-    top = found[np.arange(x.size), best]
+    # an end of what was tried that is no end of the edge: look at the whole edge there
+    ends = (best == 0) & (tried[0] > edge.low) | (best == tried.size - 1) & (tried[-1] < edge.high)
+    short = ends | lost & ((tried[0] > edge.low) | (tried[-1] < edge.high))
+    near = _highest(form, x, phi, edge, tried, found, ~short)
     if short.any():
-        tried = _tried(edge, step, edge.half)
-        found = _gaps(form, x[short, None], phi[short, None], edge, tried)
-        again = np.argmax(found, axis=1)
-        best = best.copy()
-        best[short] = again
-        start[short], top[short] = tried[again], found[np.arange(again.size), again]
-        ahead[short], behind[short] = _beside(tried, again)
-    psi, border = _refined(form, x, phi, edge, start, ahead, behind)
-    px, py, pz = edge.point(psi)
+        tried = _tried(edge, step, math.pi)
+        at = np.flatnonzero(short)
+        again = _gaps(form, x[at, None], phi[at, None], edge, tried)
+        for whole, part in zip(
+            near, _highest(form, x[at], phi[at], edge, tried, again), strict=True
+        ):
+            whole[at] = part
+    psi, height, border, contacts = near
+    px, py, _ = edge.point(psi)
     c, s = np.cos(phi), np.sin(phi)
-    height, slopes, _ = form.expansion(
-        (x + px) * c - py * s, (x + px) * s + py * c, [], slopes=True
-    )
-    if slopes is None:  # pragma: no cover - slopes=True promises them
-        raise DataError(f"{form.name} gives no slopes")
-    z = np.where(np.isneginf(top), np.nan, height - pz)
+    slopes = form.slopes((x + px) * c - py * s, (x + px) * s + py * c)
+    z = np.where(np.isneginf(height), np.nan, height)
     rho = np.copysign(np.hypot(x + px, py), x + px)
     theta = phi + np.arctan(py / np.where(x + px == 0.0, math.inf, x + px))
     rows = (z, psi, rho, theta, c * slopes[0] + s * slopes[1], c * slopes[1] - s * slopes[0])
     # the last angle of a whole nose is vertical: no slope reaches it
-    return np.stack(rows), edge.half - np.abs(psi) <= _CLOSE, border & ~np.isnan(z)
+    beyond = (edge.high - psi <= _CLOSE) | (psi - edge.low <= _CLOSE)
+    return np.stack(rows), beyond, border & ~np.isnan(z), np.where(np.isnan(z), 0, contacts)
+
+
+def _highest(
+    form: Form,
+    x: FloatArray,
+    phi: FloatArray,
+    edge: Edge,
+    tried: FloatArray,
+    found: FloatArray,
+    wanted: NDArray[np.bool_] | None = None,
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_], NDArray[np.int64]]:
+    """Return where S(P) - z is greatest, its value, whether on a border, and how many reach it."""
+    best = np.argmax(found, axis=1)
+    top = found[np.arange(x.size), best]
+    psi, border = _refined(form, x, phi, edge, *_beside(tried, best))
+    height = np.where(np.isneginf(top), -np.inf, _gap(form, x, phi, edge, psi))
+    contacts = np.ones(x.size, dtype=np.int64)
+    rising, falling = found[:, 1:-1] >= found[:, :-2], found[:, 1:-1] > found[:, 2:]
+    with np.errstate(invalid="ignore"):
+        bend = np.abs(found[:, :-2] + found[:, 2:] - 2.0 * found[:, 1:-1])
+        # between samples a hill is higher than its sample by an eighth of the second difference
+        may = rising & falling & (found[:, 1:-1] + 0.5 * bend >= top[:, None])
+    several = may.sum(axis=1) > 1
+    if wanted is not None:
+        several &= wanted
+    for row in np.flatnonzero(several):
+        hills = np.flatnonzero(may[row]) + 1
+        at = (np.full(hills.size, x[row]), np.full(hills.size, phi[row]))
+        angles, on = _refined(form, *at, edge, *_beside(tried, hills))
+        heights = _gap(form, *at, edge, angles)
+        first = int(heights.argmax())
+        if heights[first] > height[row]:
+            psi[row], height[row], border[row] = angles[first], heights[first], on[first]
+        level = (heights >= height[row] - _ALIKE) & (np.abs(angles - psi[row]) > 1e-6)
+        contacts[row] = 1 + int(level.sum())
+    return psi, height, border, contacts
 
 
 def _tried(edge: Edge, step: float, reach: float) -> FloatArray:
-    n = max(4, math.ceil(reach * edge.radius / step))
-    return np.linspace(-reach, reach, 2 * n + 1)
+    low, high = max(-reach, edge.low), min(reach, edge.high)
+    n = max(8, math.ceil((high - low) * edge.radius / step))
+    return np.linspace(low, high, n + 1)
 
 
-def _beside(tried: FloatArray, best: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-    return tried[np.minimum(best + 1, tried.size - 1)], tried[np.maximum(best - 1, 0)]
+def _beside(
+    tried: FloatArray, best: NDArray[np.intp]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the angles of samples, and of those ahead of and behind them."""
+    return tried[best], tried[np.minimum(best + 1, tried.size - 1)], tried[np.maximum(best - 1, 0)]
+
+
+def _gap(form: Form, x: FloatArray, phi: FloatArray, edge: Edge, psi: FloatArray) -> FloatArray:
+    """Return S(P) - z of one point of the edge for each tip, -inf in the air."""
+    px, py, pz = edge.point(psi)
+    c, s = np.cos(phi), np.sin(phi)
+    height = form.height((x + px) * c - py * s, (x + px) * s + py * c)
+    return np.where(np.isnan(height), -np.inf, height - pz)
 
 
 def _gaps(form: Form, x: FloatArray, phi: FloatArray, edge: Edge, psi: FloatArray) -> FloatArray:
@@ -320,14 +522,14 @@ def _refined(
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return the angle where S(P) - z is stationary beside the greatest sample, and if on a border."""
     c, s = np.cos(phi), np.sin(phi)
-    lean = edge.sign * math.sin(edge.rake)
 
     def rise(psi: FloatArray) -> FloatArray:
-        # (1/R) dF/dpsi = sX cos psi - sin psi (cos gamma + sigma sY sin gamma)
+        # (1/R) dF/dpsi = (sX x' + sY y' - z') / R
         px, py, _ = edge.point(psi)
+        ex, ey, ez = edge.tangent(psi)
         tx, ty = form.slopes((x + px) * c - py * s, (x + px) * s + py * c)
         sx, sy = c * tx + s * ty, c * ty - s * tx
-        return sx * np.cos(psi) - np.sin(psi) * (math.cos(edge.rake) + lean * sy)
+        return (sx * ex + sy * ey - ez) / edge.radius
 
     inner = rise(start)
     up = inner > 0.0

@@ -148,8 +148,8 @@ def test_compensated_program_cancels_and_a_flipped_sign_doubles():
 def test_compensation_of_the_log_takes_a_share():
     path = SMALL.path(step=np.deg2rad(4))
     half = SMALL.compensated(path, follow_up=logged(SMALL, 6 * NM), gain=0.5)
-    inside = half.rho <= 150e-6
-    expected = -3 * NM * np.cos(2 * np.pi * half.rho * np.cos(half.azimuth) / 100e-6)
+    inside = half.X <= 150e-6
+    expected = -3 * NM * np.cos(2 * np.pi * half.X * np.cos(half.azimuth) / 100e-6)
     np.testing.assert_allclose(half.change[inside], expected[inside], atol=STRAIGHT)
     columns = ["cut_point_rho_um", "azimuth_deg"]
     columns += ["cut_point_z_nominal_nm", "cut_point_z_command_nm"]
@@ -304,7 +304,7 @@ def test_a_coarse_radius_tells_the_turn_and_no_more(sense, quantum, noise):
     log = log_of(job, wavy, quantum=quantum, noise=noise, sense=sign)
     program = job.compensated(job.path(step=np.deg2rad(4)), follow_up=log)
     on_part = slice(program.lead_in, -1)
-    x, y = program.rho * np.cos(program.azimuth), program.rho * np.sin(program.azimuth)
+    x, y = program.X * np.cos(program.azimuth), program.X * np.sin(program.azimuth)
     left = (wavy(x, y) + program.change)[on_part]
     assert np.ptp(left) < 2 * LINES
     assert np.ptp(wavy(x, y)) > 12 * NM
@@ -355,7 +355,7 @@ def test_a_short_hole_is_bridged_aloud():
     log = log_of(SMALL, wavy, keep=lambda turn: (turn < 40) | (turn > 40.1))
     program = SMALL.compensated(path, follow_up=log)
     assert any("1 hole(s) of the log, up to 36" in m for m in program.messages)
-    assert np.isfinite(program.z).all()
+    assert np.isfinite(program.Z).all()
 
 
 def test_budget_of_a_job_weighs_by_area():
@@ -479,7 +479,7 @@ def cut_by_a_circle(program, R, rays=(0, 7, 15, 41)):
     found = []
     for ray in rays:
         on = slice(program.lead_in + ray, None, PER_TURN)  # one azimuth, a feed apart
-        x, z, phi = program.rho[on], program.z[on], program.azimuth[on][0]
+        x, z, phi = program.X[on], program.Z[on], program.azimuth[on][0]
         rho = np.linspace(2.935e-3, 3.015e-3, 4001)
         cut = np.min(z + R - np.sqrt(R**2 - (rho[:, None] - x) ** 2), axis=1)
         found.append(cut - BOWL(rho * np.cos(phi), rho * np.sin(phi)))
@@ -491,7 +491,7 @@ def over_the_surface(program, R, rake=0.0, sign=1.0, dx=0.0, dy=0.0):
     psi = np.linspace(-0.3, 0.3, 20001)
     up = R * (1 - np.cos(psi))
     found = []
-    for x, phi, z in zip(program.rho, program.azimuth, program.z, strict=True):
+    for x, phi, z in zip(program.X, program.azimuth, program.Z, strict=True):
         across = dy - sign * up * np.sin(rake)
         along = x + dx + R * np.sin(psi)
         px, py = (
@@ -543,6 +543,11 @@ def test_points_of_the_surface_say_that_they_are_no_tip_path_and_how_deep_a_nose
 def test_every_tip_touches_the_surface_with_the_edge_as_it_is_set(rake, sense, setting):
     dx, dy, dR = setting
     rake = np.deg2rad(rake)
+    if dy and sense is None:
+        blind = bowl_job(nose=RoundNose(0.6e-3))
+        with pytest.raises(DataError, match="off the axis cuts differently both ways"):
+            blind.compensated(blind.path(step=2 * np.pi / 17), tool=ToolSetting(dy=dy))
+        sense = "counterclockwise"
     job = bowl_job(nose=RoundNose(0.6e-3, rake), sense=sense)
     path = job.path(step=2 * np.pi / 17)
 
@@ -583,11 +588,11 @@ def test_a_nose_that_the_surface_does_not_let_in_makes_no_program():
 def test_a_nose_with_rake_needs_the_way_of_the_tool():
     with pytest.raises(DataError, match=r'sense="counterclockwise" or sense="clockwise"'):
         bowl_job(nose=RoundNose(0.6e-3, np.deg2rad(-30)))
-    assert bowl_job(nose=RoundNose(0.6e-3)).sense == "counterclockwise"
+    assert bowl_job(nose=RoundNose(0.6e-3)).sense is None
     with pytest.raises(DataError, match="RoundNose"):
         bowl_job(nose=0.6e-3)
     blunt = bowl_job(nose=RoundNose(0.6e-3, window=np.deg2rad(2)))
-    with pytest.raises(LimitError, match="beyond its sharp window of 2 degrees"):
+    with pytest.raises(LimitError, match="beyond its sharp window from -1 to 1 degrees"):
         blunt.compensated(blunt.path(step=0.5))
 
 

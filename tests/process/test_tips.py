@@ -128,7 +128,7 @@ def test_what_the_path_cannot_do_is_said_or_refused():
     assert "touches the border of the sphere: air was assumed" in off.messages[0]
     with pytest.raises(InvalidSamplesError, match="no height below the tip at X = 6 mm"):
         tip_path(rim, 6e-3, 0.0, nose=RoundNose(0.5e-3))
-    with pytest.raises(LimitError, match="sharp window of 10 degrees at 1 tips"):
+    with pytest.raises(LimitError, match="sharp window from -5 to 5 degrees at 1 tips"):
         tip_path(BALL, 8e-3, 0.0, nose=RoundNose(R, window=math.radians(10)))
     loose = tip_path(
         BALL, [1e-3, 8e-3], 0.0, nose=RoundNose(R, window=math.radians(10)), strict=False

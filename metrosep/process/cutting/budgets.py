@@ -1,0 +1,577 @@
+"""The error budget on the cut surface: each cause where it cuts, their sum, and the full cut beside it.
+
+A deviation (eX, e_azimuth, eZ) of the tip at a time t acts at the contact of that moment as
+
+    eZ - sX eX - ((X + x) sY - y sX) e_azimuth,
+
+with the slopes there along machine x and y. Edge and setting act as `edge_error` says. The full cut has
+everything in it at once: where it contradicts the sum of the maps, trust the cut. The other way round,
+a measured part tells which errors of tool and setting explain it. Errors are actual minus nominal
+along z. specs/cutting-path.md, equation (22) and section 10.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from metrosep.core import numbers
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import (
+    DataError,
+    DegenerateFitError,
+    InvalidSamplesError,
+    TooFewSamplesError,
+)
+from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
+from metrosep.forms.base import Form
+from metrosep.forms.points import points_of
+from metrosep.process._plain import Frozen, complete
+from metrosep.process._setting_equations import known_form
+from metrosep.process.cutting.edge_errors import edge_error
+from metrosep.process.cutting.programs import TurningProgram
+from metrosep.process.cutting.virtual_part import VirtualPart, virtual_cut
+from metrosep.process.nose import RoundNose, Sense
+from metrosep.process.predictions import Contribution, ErrorBudget
+from metrosep.process.setting_maps import positions
+from metrosep.process.tips import Edge, tips
+from metrosep.process.tool_settings import ToolSetting
+
+__all__ = ["CutBudget", "EdgeFit", "PathDeviation", "cut_budget", "identify_edge"]
+
+_SHARE = 0.01
+"""Of the total: a sum of maps that is off by more is not trusted."""
+_TINY = 2e-11
+"""m: below that nothing is said."""
+_PER_FEED = 24
+"""Places over one feed, for a mean without cusps."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PathDeviation(Frozen):
+    """By how much the tip leaves the commanded course, from a log or a model.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,), s
+        Times, as of the program, growing.
+    X, azimuth, Z : ndarray, shape (n,), m, rad and m
+        Actual minus commanded: of the radius, of the azimuth of the tip on the part, of the height.
+
+    Raises
+    ------
+    DataError
+        If lengths differ.
+    InvalidSamplesError
+        If a value is NaN, or times do not grow.
+    """
+
+    t: FloatArray
+    X: FloatArray
+    azimuth: FloatArray
+    Z: FloatArray
+
+    def __post_init__(self) -> None:
+        Frozen.__post_init__(self)
+        for name in ("t", "X", "azimuth", "Z"):
+            complete(getattr(self, name), name, "a deviation has no gaps")
+            if getattr(self, name).size != self.t.size:
+                raise DataError(
+                    f"{name} has {getattr(self, name).size} samples, t has {self.t.size}"
+                )
+        if (np.diff(self.t) <= 0.0).any():
+            raise InvalidSamplesError("times of a deviation must grow")
+
+    def at(self, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the deviations at times, linear between the samples.
+
+        Parameters
+        ----------
+        t : ndarray, s
+            NaN stays NaN.
+
+        Returns
+        -------
+        tuple of ndarray, m, rad and m
+            NaN outside the samples.
+        """
+        x, azimuth, z = (
+            np.interp(t, self.t, v, left=math.nan, right=math.nan)
+            for v in (self.X, self.azimuth, self.Z)
+        )
+        return x, azimuth, z
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CutBudget(Frozen):
+    """Causes of form error at places of the part, their sum, and the full cut.
+
+    Parameters
+    ----------
+    budget : ErrorBudget
+        Maps by cause: "program" (interpolation and digits), "tool" (edge), "tool setting", "follow-up".
+    full : VirtualPart
+        Cut with everything in it, cusps included.
+    cusps : ndarray, m
+        What the feed alone leaves, no form error; in the shape of the places.
+    mean : ndarray, m
+        Error of the full cut without cusps: over a feed on either side of each place, less what the
+        cusps leave there on the mean. A setting moves the cusps; the mean does not see it.
+    disagreement : float, m
+        Largest difference of `mean` from the sum of the maps.
+    messages : tuple of str
+        What to know.
+    """
+
+    budget: ErrorBudget
+    full: VirtualPart
+    cusps: FloatArray
+    mean: FloatArray
+    disagreement: float
+    messages: tuple[str, ...] = ()
+
+    @property
+    def total(self) -> FloatArray:
+        """Sum of the maps, m, without cusps."""
+        return np.asarray(_sum_of(self.budget.contributions))
+
+    @property
+    def cusp(self) -> float:
+        """P-V of the cusps, m."""
+        return float(np.nanmax(self.cusps) - np.nanmin(self.cusps))
+
+
+def cut_budget(
+    program: TurningProgram,
+    nose: RoundNose,
+    x: ArrayLike,
+    y: ArrayLike = 0.0,
+    *,
+    form: Form,
+    actual: RoundNose | None = None,
+    setting: ToolSetting | None = None,
+    deviation: PathDeviation | None = None,
+) -> CutBudget:
+    """Return the error of a part cause by cause, and the full cut that checks the sum.
+
+    Parameters
+    ----------
+    program : TurningProgram
+        Of the tip, such as `read_program` returns: with its interpolation and its digits.
+    nose : RoundNose
+        What the program was made for; its measured waviness counts as an error of the tool.
+    x, y : array_like, m
+        Places on the part that broadcast.
+    form : Form
+        The surface wanted.
+    actual : RoundNose, optional
+        The tool that cuts, if it is not `nose`.
+    setting : ToolSetting, optional
+        How far it stands off; with uncertainties the map of the setting has modes.
+    deviation : PathDeviation, optional
+        What the axes do beside their command, from a log of the dry run.
+
+    Returns
+    -------
+    CutBudget
+        Causes, sum, cusps, full cut.
+
+    Raises
+    ------
+    DataError
+        If the program is one of cut points, or cuts none of the places.
+    LimitError
+        If an edge would cut beyond its window.
+
+    Notes
+    -----
+    The map "program" is the deviation of the commanded height from the tip path at the moment that
+    decides; what X and C do wrong together with it is in it, because the tip path is taken where the tip
+    is. Uncertainties of the setting are modes of first order.
+
+    Examples
+    --------
+    >>> from metrosep.forms import Toric
+    >>> from metrosep.process import TurningJob
+    >>> torus, nose = Toric(Rb=110e-3, Rd=70e-3), RoundNose(0.6e-3)
+    >>> job = TurningJob(torus, 3e-3, 10e-6, rpm=60, core=2.8e-3, nose=nose, sense="clockwise")
+    >>> program = job.program(job.path(step=0.05, interpolation="linear"))
+    >>> found = cut_budget(program, nose, [2.9e-3], form=torus, setting=ToolSetting(dx=1e-6))
+    >>> [c.name for c in found.budget.contributions]
+    ['program', 'tool setting']
+    """
+    form = known_form(form)
+    xs, ys = positions(x, y)
+    plain = replace(nose, edge=None)
+    base = virtual_cut(program, plain, xs, ys, form=form)
+    edge, sense = Edge.of(plain, program.sense), program.sense
+    known = np.isfinite(base.t)
+    X, azimuth, Z = (np.full(known.shape, math.nan) for _ in range(3))
+    X[known], azimuth[known], Z[known] = program.at(base.t[known])
+    ideal = tips(form, X[known], azimuth[known], edge, strict=True)
+    off = np.full(known.shape, math.nan)
+    off[known] = Z[known] - ideal.z
+    causes = [Contribution("program", map=off)]
+    cusps = base.error - off
+    tool = actual if actual is not None else nose
+    if tool != plain:
+        found = np.full(known.shape, math.nan)
+        found[known] = edge_error(form, xs[known], ys[known], nose=plain, actual=tool, sense=sense)
+        causes.append(Contribution("tool", map=found))
+    if setting is not None:
+        causes.append(_setting(form, xs, ys, known, tool, setting, sense))
+    course = program
+    if deviation is not None:
+        moved = deviation.at(base.t[known])
+        px, py, _ = edge.point(ideal.psi)
+        turn = (X[known] + px) * ideal.along_y - py * ideal.along_x
+        acts = np.full(known.shape, math.nan)
+        acts[known] = moved[2] - ideal.along_x * moved[0] - turn * moved[1]
+        causes.append(Contribution("follow-up", map=acts))
+        course = _moved(program, deviation)
+    full = virtual_cut(course, tool, xs, ys, form=form, setting=setting)
+    total = _sum_of(causes)
+    with_all = _over_a_feed(course, tool, xs, ys, form, setting)
+    alone = _over_a_feed(program, plain, xs, ys, form, None)
+    mean = with_all - (alone - off)
+    difference = mean - total
+    both = np.isfinite(difference)
+    worst = float(np.abs(difference[both]).max()) if both.any() else math.nan
+    size = float(np.abs(total[both]).max()) if both.any() else math.nan
+    said = [*base.messages]
+    if worst > max(_SHARE * size, _TINY):
+        said.append(
+            f"the full cut differs from the sum of the causes by up to {format_length(worst)} of "
+            f"{format_length(size)}: trust the cut"
+        )
+    return CutBudget(ErrorBudget(causes), full, cusps, mean, worst, tuple(said))
+
+
+def _sum_of(causes: Sequence[Contribution]) -> FloatArray:
+    """Return the sum of the maps; every cause here has one."""
+    return np.asarray(np.sum(np.array([c.map for c in causes], dtype=np.float64), axis=0))
+
+
+def _over_a_feed(
+    program: TurningProgram,
+    nose: RoundNose,
+    x: FloatArray,
+    y: FloatArray,
+    form: Form,
+    setting: ToolSetting | None,
+) -> FloatArray:
+    """Return the error that is left on the mean over one feed about each place."""
+    feed = abs(float(program.X[0] - program.X[-1])) / program.turns
+    rho, theta = np.hypot(x, y), np.arctan2(y, x)
+    steps = feed * ((np.arange(_PER_FEED) + 0.5) / _PER_FEED - 0.5)
+    at = np.abs(rho + steps.reshape(-1, *(1,) * rho.ndim))
+    cut = virtual_cut(
+        program, nose, at * np.cos(theta), at * np.sin(theta), form=form, setting=setting
+    )
+    return np.asarray(cut.error.mean(axis=0))
+
+
+def _setting(
+    form: Form,
+    x: FloatArray,
+    y: FloatArray,
+    known: Any,
+    tool: RoundNose,
+    setting: ToolSetting,
+    sense: Sense,
+) -> Contribution:
+    """Return the error of the setting, with what its uncertainty can do."""
+
+    def error(values: ToolSetting) -> FloatArray:
+        found = np.full(known.shape, math.nan)
+        found[known] = edge_error(
+            form, x[known], y[known], nose=tool, actual=tool, setting=values, sense=sense
+        )
+        return found
+
+    cov = setting.covariance
+    sizes = np.zeros(3) if cov is None else np.sqrt(np.diag(cov))
+    used = [i for i in range(3) if 0.0 < sizes[i] < math.inf]
+    if cov is None or not used:
+        return Contribution("tool setting", map=error(setting))
+    names = ("dx", "dy", "dR")
+    at = dict(zip(names, setting.values.tolist(), strict=True))
+    modes = []
+    for i in used:
+        ahead, behind = (
+            error(_changed(at, names[i], way * float(sizes[i]))) for way in (1.0, -1.0)
+        )
+        modes.append((ahead - behind) / (2.0 * sizes[i]))
+    return Contribution(
+        "tool setting", map=error(setting), modes=np.stack(modes), cov=cov[np.ix_(used, used)]
+    )
+
+
+def _changed(at: Mapping[str, float], name: str, change: float) -> ToolSetting:
+    """Return a setting with one of its values changed."""
+    moved: Any = {**at, name: at[name] + change}
+    return ToolSetting(**moved)
+
+
+def _moved(program: TurningProgram, deviation: PathDeviation) -> TurningProgram:
+    """Return the course of the tip with its deviations, at the times of both."""
+    inside = (deviation.t > program.t[0]) & (deviation.t < program.t[-1])
+    t = np.unique(np.concatenate([program.t, deviation.t[inside]]))
+    t = t[np.append(True, np.diff(t) > 1e-9 * program.duration / len(program))]
+    X, azimuth, Z = program.at(t)
+    dX, da, dZ = (np.nan_to_num(v) for v in deviation.at(t))
+    joined = "linear" if program.interpolation == "linear" else "spline"
+    return TurningProgram(X + dX, azimuth + da, Z + dZ, t, "tip", joined)  # type: ignore[arg-type]
+
+
+# ---- a measured part tells which errors of tool and setting explain it --------------------------
+
+_PLANE = ("piston", "tilt_x", "tilt_y")
+_TOOL: Mapping[str, float] = {"dx": 1e-7, "dy": 1e-7, "dR": 1e-6, "yaw": 1e-4, "rake": 1e-4}
+"""What can be free, with the step of its derivative: m or rad."""
+_LARGEST = {"dx": 1e-3, "dy": 1e-3, "dR": 1e-3, "yaw": 0.3, "rake": 0.3}
+_STEPS, _SETTLED = 12, 1e-4
+"""Gauss-Newton steps; of the standard uncertainties, by which the last one may move."""
+_ALIKE = 0.98
+_NO_EFFECT = 1e-10
+"""m: what the largest value of a free one changes is rounding below that."""
+_MOST_POINTS = 1500
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgeFit(Frozen):
+    """Errors of tool and setting that explain a measured part.
+
+    Parameters
+    ----------
+    values : mapping of str to float, m or rad
+        Of what was free.
+    u : mapping of str to float, m or rad
+        Standard uncertainties, from the scatter about the fit.
+    correlation : ndarray, shape (k, k)
+        In the order of `values`.
+    setting : ToolSetting
+        dx, dy and dR with their covariance.
+    nose : RoundNose
+        The tool as it cuts: with the yaw and rake that were found.
+    residual : float, m
+        RMS of what is not explained, cusps and noise included.
+    explained : float
+        Share of the variance of the part, without piston and tilt, that the tool explains.
+    messages : tuple of str
+        What to know.
+    """
+
+    values: Mapping[str, float]
+    u: Mapping[str, float]
+    correlation: FloatArray
+    setting: ToolSetting
+    nose: RoundNose
+    residual: float
+    explained: float
+    messages: tuple[str, ...] = field(default=())
+
+
+def identify_edge(
+    measured: Surface,
+    form: Form,
+    *,
+    nose: RoundNose,
+    sense: Sense | None = None,
+    free: Sequence[str] = ("piston", "tilt_x", "tilt_y", "dx", "dy", "dR"),
+    region: tuple[float, float] | None = None,
+    points: int = _MOST_POINTS,
+    seed: int = 0,
+) -> EdgeFit:
+    """Return the errors of tool and setting that explain a measured part, edge and rake as they are.
+
+    Parameters
+    ----------
+    measured : Surface
+        Heights of the part as it was cut, the spindle axis at x = y = 0.
+    form : Form
+        The surface wanted.
+    nose : RoundNose
+        What the program was made for.
+    sense : {"counterclockwise", "clockwise"}, optional
+        How the tool went round the part, seen from above; needed with rake, yaw or dy.
+    free : sequence of str, optional
+        Of piston, tilt_x, tilt_y, dx, dy, dR, yaw and rake.
+    region : tuple of (float, float), m, optional
+        Inner and outer radius of the points that count.
+    points : int, optional
+        How many at most, drawn from the valid ones.
+    seed : int, optional
+        Of the draw.
+
+    Returns
+    -------
+    EdgeFit
+        Values, uncertainties, the setting and the tool to make a path for.
+
+    Raises
+    ------
+    DataError
+        If a name is not known or nothing of the tool is free, or as of `edge_error`.
+    TooFewSamplesError
+        If there are fewer points than free values.
+    DegenerateFitError
+        If two free values do the same to this part.
+
+    Notes
+    -----
+    Gauss-Newton on `edge_error` with derivatives by differences. A shift of the map and dx look alike on
+    many parts: the axis must be where the map says.
+
+    Examples
+    --------
+    >>> from metrosep.forms import Toric
+    >>> torus, nose = Toric(Rb=110e-3, Rd=70e-3), RoundNose(0.6e-3)
+    >>> y, x = np.mgrid[-2e-3:2e-3:25j, -2e-3:2e-3:25j]
+    >>> e = edge_error(torus, x, y, nose=nose, setting=ToolSetting(dx=2e-6), sense="clockwise")
+    >>> part = Surface(torus(x, y) + e, dx=4e-3 / 24, dy=4e-3 / 24, origin=(-2e-3, -2e-3))
+    >>> found = identify_edge(part, torus, nose=nose, sense="clockwise", region=(0.2e-3, 2e-3))
+    >>> round(found.values["dx"] * 1e6, 6)
+    2.0
+    """
+    form = known_form(form)
+    names = [numbers.choice(n, "free", (*_PLANE, *_TOOL)) for n in free]
+    tool = [n for n in names if n in _TOOL]
+    if not tool or len(set(names)) < len(names):
+        raise DataError(
+            f"free must name values of the tool, each once: {', '.join(_TOOL)}; got {list(free)}"
+        )
+    if sense is None and ("dy" in tool or "yaw" in tool):
+        raise DataError(
+            'dy and yaw are free: give sense="counterclockwise" or sense="clockwise" (how the tool went '
+            "round the part, seen from above)"
+        )
+    x, y, z = _drawn(measured, region, points, seed)
+    if x.size < 3 * len(names):
+        raise TooFewSamplesError(
+            f"{x.size} points for {len(names)} free values: measure more, or free less"
+        )
+    error = z - form(x, y)
+    defined = np.isfinite(error)
+    x, y, error = x[defined], y[defined], error[defined]
+    size = float(np.hypot(x, y).max())
+    plane = {"piston": np.ones(x.size), "tilt_x": x / size, "tilt_y": y / size}
+
+    def modelled(at: Mapping[str, float]) -> FloatArray:
+        off: Any = {n: at.get(n, 0.0) for n in ("dx", "dy", "dR")}
+        setting = ToolSetting(**off)
+        actual = replace(
+            nose, yaw=nose.yaw + at.get("yaw", 0.0), rake=nose.rake + at.get("rake", 0.0)
+        )
+        return edge_error(form, x, y, nose=nose, actual=actual, setting=setting, sense=sense)
+
+    values = dict.fromkeys(tool, 0.0)
+    solved, cov, rest = _solved(names, values, plane, modelled, error)
+    left = [plane[n] for n in names if n in plane]
+    bare = (
+        error - np.linalg.lstsq(np.stack(left, 1), error, rcond=None)[0] @ left if left else error
+    )
+    explained = 1.0 - float(np.var(rest) / np.var(bare)) if np.var(bare) > 0.0 else math.nan
+    sizes = np.sqrt(np.diag(cov))
+    correlation = cov / np.outer(sizes, sizes)
+    u = dict(zip(names, sizes.tolist(), strict=True))
+    for n in ("tilt_x", "tilt_y"):
+        if n in solved:
+            solved[n], u[n] = solved[n] / size, u[n] / size
+    kept = [n for n in ("dx", "dy", "dR") if n in tool]
+    known: Any = {n: solved[n] for n in kept}
+    known |= {f"u_{n}": u[n] if n in kept else 0.0 for n in ("dx", "dy", "dR")}
+    setting = ToolSetting(**known)
+    actual = replace(
+        nose, yaw=nose.yaw + solved.get("yaw", 0.0), rake=nose.rake + solved.get("rake", 0.0)
+    )
+    said = []
+    pairs = [
+        f"{a} and {b} ({correlation[i, j]:.3f})"
+        for i, a in enumerate(names)
+        for j, b in enumerate(names[:i])
+        if abs(correlation[i, j]) > _ALIKE
+    ]
+    if pairs:
+        said.append(f"hardly told apart on this part: {', '.join(pairs)}")
+    return EdgeFit(
+        {n: float(solved[n]) for n in names}, u, correlation, setting, actual,
+        float(np.sqrt(np.mean(rest**2))), explained, tuple(said),
+    )  # fmt: skip
+
+
+def _drawn(
+    measured: Surface, region: tuple[float, float] | None, points: int, seed: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return positions and heights of measured points within a ring."""
+    found = points_of(measured, centre=(0.0, 0.0), middle=False)
+    columns = [np.concatenate(v) for v in zip(*found.valid_blocks(), strict=True)]
+    x, y, z = columns
+    rho = np.hypot(x, y)
+    low, high = (0.0, math.inf) if region is None else region
+    inside = np.flatnonzero((rho >= low) & (rho <= high))
+    most = numbers.count(points, "points", least=10)
+    if inside.size > most:
+        inside = np.sort(np.random.default_rng(seed).choice(inside, most, replace=False))
+    return x[inside], y[inside], z[inside]
+
+
+def _solved(
+    names: Sequence[str],
+    values: dict[str, float],
+    plane: Mapping[str, FloatArray],
+    modelled: Callable[[Mapping[str, float]], FloatArray],
+    error: FloatArray,
+) -> tuple[dict[str, float], FloatArray, FloatArray]:
+    """Return values of all names, their covariance, and what is left."""
+    solved = dict.fromkeys(names, 0.0)
+    cov, rest = np.empty((0, 0)), error
+    for _ in range(_STEPS):
+        here = modelled(values)
+        columns = []
+        for n in names:
+            if n in plane:
+                columns.append(plane[n])
+                continue
+            h = _TOOL[n]
+            columns.append(
+                (modelled({**values, n: values[n] + h}) - modelled({**values, n: values[n] - h}))
+                / (2 * h)
+            )
+        matrix = np.stack(columns, axis=1)
+        norm = np.linalg.norm(matrix, axis=0)
+        for n, column in zip(names, columns, strict=True):
+            if n in _TOOL and float(np.abs(column).max()) * _LARGEST[n] < _NO_EFFECT:
+                raise DegenerateFitError(
+                    f"{n} changes nothing on this part: leave it out of free, or measure a part without "
+                    "symmetry"
+                )
+        if np.linalg.cond(matrix / norm) > 1e7:
+            raise DegenerateFitError(
+                f"this part does not tell all of {', '.join(names)} apart: free fewer of them, or measure a part "
+                "without symmetry"
+            )
+        target = error - here
+        step, *_ = np.linalg.lstsq(matrix / norm, target, rcond=None)
+        change = step / norm
+        rest = target - matrix @ change
+        variance = float(rest @ rest) / max(1, error.size - len(names))
+        cov = variance * np.linalg.inv((matrix / norm).T @ (matrix / norm)) / np.outer(norm, norm)
+        moved = 0.0
+        for n, delta, u in zip(
+            names, change.tolist(), np.sqrt(np.diag(cov)).tolist(), strict=True
+        ):
+            if n in plane:
+                solved[n] = delta
+            else:
+                values[n] = float(np.clip(values[n] + delta, -_LARGEST[n], _LARGEST[n]))
+                moved = max(moved, abs(delta) / max(u, 1e-3 * _TOOL[n]))
+        if moved < _SETTLED:
+            break
+    return {**solved, **values}, cov, rest
