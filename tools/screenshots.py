@@ -30,7 +30,7 @@ def main(target: Path) -> None:
     """Write the pictures into a folder."""
     target.mkdir(parents=True, exist_ok=True)
     with browser() as page:
-        for take in (take_map, take_profile, take_runs, take_ranking, take_folder):
+        for take in (take_map, take_profile, take_runs, take_ranking, take_machine, take_folder):
             folder = Path(tempfile.gettempdir()) / "parts"  # a name that the pictures can show
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir()
@@ -90,6 +90,16 @@ def take_ranking(page: Page, work: Path, target: Path) -> None:
     with opened(page, work / "recipe.toml"):
         page.wait("document.querySelector('.ranking tbody tr') !== null", LONG)
         keep(page, target / "workbench-ranking.png")
+
+
+def take_machine(page: Page, work: Path, target: Path) -> None:
+    """Take the error terms of a five-axis mill from three balls."""
+    copy("five_axis_calibration", work)
+    with opened(page, work / "recipe.toml"):
+        page.click("#tab-machine")
+        page.wait("document.querySelector('.machine-map') !== null", LONG)
+        page.show(1366, 1100)
+        keep(page, target / "workbench-machine.png")
 
 
 def take_folder(page: Page, work: Path, target: Path) -> None:

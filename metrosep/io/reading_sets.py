@@ -22,7 +22,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, FormatMismatchError, MetrosepError
-from metrosep.core.numbers import choice, quantity
+from metrosep.core.numbers import choice, is_real, quantity
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.table import Table, pick, read_table, to_si
 from metrosep.machine import Chain, ReadingSet
@@ -45,7 +45,7 @@ _KINDS: Mapping[str, Callable[..., Instrument]] = {
     "length": Length,
 }
 _POINTS = ("ball", "station", "point")
-_COMMON = ("instrument", "name", "tool", "unknown", "u", "total", "at", "end")
+_COMMON = ("instrument", "name", "tool", "unknown", "u", "total", "at", "end", "artefact")
 _OWN = {
     "displacement": ("direction", "frame", "point"),
     "angle": ("direction", "frame"),
@@ -107,6 +107,7 @@ def read_reading_set(
             name=str(setup.get("name", file.name)),
             u=None if u is None else quantity(u, "u", "angle" if is_angle else "length"),
             total=bool(setup.get("total", False)),
+            artefact=str(setup.get("artefact", "")),
         )
     except FormatMismatchError:
         raise
@@ -147,6 +148,9 @@ def _point(value: Any, name: str) -> tuple[float, ...]:
 def _value(key: str, value: Any) -> Any:
     if key in _POINTS:
         return _point(value, key)
+    if key == "direction" and isinstance(value, list) and all(is_real(v) for v in value):
+        size = float(np.linalg.norm(value))  # a diagonal is typed by the travels of its axes
+        return tuple(float(v) / size for v in value) if size > 0.0 else tuple(value)
     if key == "direction" and isinstance(value, str):
         return _AXES[choice(value, "direction", _AXES)]
     return value

@@ -61,6 +61,11 @@ class ReadingSet:
         Standard uncertainty of one reading by its noise, m or rad; from the readings if omitted.
     total : bool, optional
         Whether the values hold the nominal reading too.
+    artefact : str, optional
+        Name of the straightedge or square whose profile is the unknown ``form``: sets that name the
+        same one share it, place by place along it. Height out of its surface, towards the tool, raises
+        the reading. Read it in one set-up with the direction u and reversed with -u: then the profile
+        and the straightness are told apart. With an unknown slope in its sets the profile has none.
 
     Raises
     ------
@@ -80,6 +85,7 @@ class ReadingSet:
     name: str = ""
     u: float | None = None
     total: bool = False
+    artefact: str = ""
 
     def __post_init__(self) -> None:
         kind = self.instrument
@@ -217,17 +223,29 @@ class Problem:
         self.unknown_at: list[dict[str, slice]] = []
         labels = _labels(sets)
         self.labels = labels
-        for reading, label in zip(sets, labels, strict=True):
+        self.parts = [self._fixed(s) for s in sets]
+        self.forms = _forms(sets, labels, [part[0].point for part in self.parts])
+        shared: dict[str, slice] = {}
+        for i, (reading, label) in enumerate(zip(sets, labels, strict=True)):
             at = {}
             for name in reading.unknown:
+                if name == "form":
+                    owner = reading.artefact or label
+                    if owner not in shared:
+                        orders = self.forms[i].orders
+                        shared[owner] = slice(len(self.names), len(self.names) + len(orders))
+                        self.names += [f"form order {n} of {owner}" for n in orders]
+                        self.units += ["m"] * len(orders)
+                    at[name] = shared[owner]
+                    continue
                 k = reading.instrument.unknowns[name]
                 at[name] = slice(len(self.names), len(self.names) + k)
-                ends = [f" {a}" for a in "xyz"] if k == 3 else [""]
+                ends = {1: [""], 2: [" 1", " 2"], 3: [f" {a}" for a in "xyz"]}[k]
                 self.names += [f"{name}{end} of {label}" for end in ends]
-                one = "1" if name == "slope" else "rad" if reading.instrument.is_angle else "m"
+                plain = name in ("slope", "beam")
+                one = "1" if plain else "rad" if reading.instrument.is_angle else "m"
                 self.units += [one] * k
             self.unknown_at.append(at)
-        self.parts = [self._fixed(s) for s in sets]
 
     def _fixed(self, reading: ReadingSet) -> tuple[Any, FloatArray, FloatArray]:
         """Return view, columns of E (or W) and readings with their nominal, of one set."""
@@ -253,7 +271,8 @@ class Problem:
             block = np.zeros((n, m, len(self.names)))
             block[..., : self.n_terms] = instrument.of_errors(view) @ columns
             for name, where in self.unknown_at[k].items():
-                block[..., where] = instrument.of_unknown(name, view)
+                form = self.forms[k].columns[:, None, :] if name == "form" else None
+                block[..., where] = instrument.of_unknown(name, view) if form is None else form
             rest = whole - instrument.nominal(view)
             chosen = []
             for c in range(m):
@@ -403,6 +422,66 @@ class Problem:
                 orders = [max(more[n].orders) for n in more if axis_of_term(self.chain, n) == axis]
                 found[axis] = max(orders)
         return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArtefactForm:
+    """Shapes of the profile of an artefact at the places of one set."""
+
+    orders: tuple[int, ...]
+    columns: FloatArray  # (n, m)
+    place: FloatArray  # (n,), along the artefact, m
+
+
+_PLACE = 1e-7  # m: places that are nearer are one
+
+
+def _forms(
+    sets: Sequence[ReadingSet], labels: Sequence[str], points: Sequence[FloatArray]
+) -> dict[int, ArtefactForm]:
+    """Return the shapes of the profiles, by set: all that its places can hold, in rising order."""
+    by_owner: dict[str, list[int]] = {}
+    for i, (reading, label) in enumerate(zip(sets, labels, strict=True)):
+        if "form" in reading.unknown:
+            by_owner.setdefault(reading.artefact or label, []).append(i)
+    found = {}
+    for owner, mine in by_owner.items():
+        _require_reversal(owner, [sets[i] for i in mine])
+        joined = np.concatenate([points[i] for i in mine])
+        axis = int(np.argmax(np.ptp(joined, axis=0)))
+        keys = np.round(joined[:, axis] / _PLACE).astype(np.int64)
+        places, which = np.unique(keys, return_inverse=True)
+        if places.size < 3:
+            raise TooFewSamplesError(
+                f"the profile of {owner} needs 3 places along it or more, its sets have {places.size}"
+            )
+        # discrete Legendre polynomials: a basis of whatever the places hold, smooth ones first
+        scaled: FloatArray = 2.0 * (places - places[0]) / float(places[-1] - places[0]) - 1.0
+        whole = np.polynomial.legendre.legvander(scaled, places.size - 1)
+        basis = np.linalg.qr(whole)[0] * np.sqrt(places.size)
+        basis = basis * np.sign(basis[-1])
+        first = 0
+        if all("offset" in sets[i].unknown for i in mine):
+            first = 2 if all("slope" in sets[i].unknown for i in mine) else 1
+        begin = 0
+        for i in mine:
+            n = points[i].shape[0]
+            rows = which[begin : begin + n]
+            begin += n
+            orders = tuple(range(first, places.size))
+            along = np.asarray(places[rows] * _PLACE, dtype=np.float64)
+            found[i] = ArtefactForm(orders, np.asarray(basis[rows][:, first:]), along)
+    return found
+
+
+def _require_reversal(owner: str, sets: Sequence[ReadingSet]) -> None:
+    """Refuse an unknown profile that was read from one side only."""
+    ways = np.array([getattr(s.instrument, "direction", (0.0, 0.0, 0.0)) for s in sets])
+    if not np.any(ways @ ways[0] < 0.0):
+        raise DataError(
+            f"{owner} was read from one side only, so its form and the error of the axis are one thing; "
+            "read it reversed too (the direction turned round, the same artefact), or take its known form off the readings"
+        )
 
 
 def axis_of_term(chain: Chain, term: str) -> str:

@@ -77,7 +77,8 @@ class Calibration:
     condition : float
         Of the columns of unit length, null directions left out.
     unknowns : mapping of str to mapping
-        By set and name what was found of the set-up: ``(values, u)``.
+        By set and name what was found of the set-up: ``(values, u)``; of ``form`` the profile of the
+        artefact at the places of the set.
     residuals : mapping of str to ndarray
         By set, readings minus model; NaN where refused or not read.
     refused : mapping of str to int
@@ -390,6 +391,11 @@ def _result(problem: Problem, found: _Found, homes: Mapping[str, float]) -> Cali
     for k, label in enumerate(problem.labels):
         of_set = {}
         for name, where in problem.unknown_at[k].items():
+            if name == "form":
+                shapes = problem.forms[k].columns
+                spread = np.einsum("ij,jk,ik->i", shapes, cov[where, where], shapes)
+                of_set[name] = (shapes @ beta[where], np.sqrt(np.maximum(spread, 0.0)))
+                continue
             place = getattr(current[k], name, None) if is_place(current[k], name) else None
             of_set[name] = (beta[where] if place is None else np.asarray(place), u[where])
         if of_set:

@@ -211,6 +211,12 @@ class Displacement(_Directed):
     InvalidSamplesError
         A vector is not three finite numbers.
 
+    Notes
+    -----
+    Unknown may be ``offset`` (1), ``slope`` (1, along the places), ``beam`` (2: the direction itself, by
+    its two small turns; a diagonal of a laser) and ``form`` (the profile of the artefact that is read,
+    see `ReadingSet`). A diagonal (ISO 230-6) is a displacement along it with the axes moving together.
+
     Examples
     --------
     >>> from metrosep.machine import presets
@@ -222,6 +228,17 @@ class Displacement(_Directed):
 
     point: Sequence[float] | None = None
 
+    unknowns: ClassVar[Mapping[str, int]] = {"offset": 1, "slope": 1, "beam": 2, "form": 0}
+
+    def of_unknown(self, name: str, view: View) -> FloatArray:
+        if name != "beam":
+            return _Directed.of_unknown(self, name, view)
+        # a direction turned a little reads the travel across it: e . (p - p0) for both e across u
+        u = self.of_errors(view)
+        across = _across(u[..., 0, :])
+        along = view.point - view.point.reshape(-1, 3)[0]
+        return np.asarray(np.einsum("...ki,...i->...k", across, along))[..., None, :]
+
     def __post_init__(self) -> None:
         _Directed.__post_init__(self)
         if self.point is not None:
@@ -230,6 +247,14 @@ class Displacement(_Directed):
 
     def nominal(self, view: View) -> FloatArray:
         return np.asarray(np.einsum("...ki,...i->...k", self.of_errors(view), view.point))
+
+
+def _across(u: FloatArray) -> FloatArray:
+    """Return two unit vectors across each unit vector, shape (..., 2, 3)."""
+    least = np.eye(3)[np.argmin(np.abs(u.reshape(-1, 3)[0]))]
+    one = np.cross(u, least)
+    one = one / np.linalg.norm(one, axis=-1, keepdims=True)
+    return np.stack([one, np.cross(u, one)], axis=-2)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -80,7 +80,7 @@ PLACE = """(() => { const a = document.activeElement;
   return [a === document.body ? 'end' : a.dataset.stop ?? 'scroller', a.closest('#topbar, #alerts, #tabs, section[id], #status')?.id ?? '', a.type === 'radio' ? a.name : null]; })()"""
 
 ORDER = ("topbar", "alerts", "panel-steps", "tabs", "panel-map", "panel-profile", "panel-section", "panel-spectrum",
-         "panel-runs", "panel-table", "panel-ranking", "panel-report", "panel-compare", "panel-folder", "panel-metrics",
+         "panel-runs", "panel-table", "panel-ranking", "panel-machine", "panel-report", "panel-compare", "panel-folder", "panel-metrics",
          "panel-empty", "status")  # fmt: skip
 
 

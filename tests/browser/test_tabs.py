@@ -241,3 +241,28 @@ def test_another_file_by_the_same_recipe_is_overlaid(opened: Opened, tmp_path: P
     assert page.text(".compare-picture").count("b.csv") == 2
     assert "The recipes are the same." in page.text(".compare-rows")
     assert page.errors == []
+
+
+# ---- machine ---------------------------------------------------------------------------------
+
+
+def test_a_calibration_shows_terms_residuals_and_the_volumetric_error(
+    opened: Opened, tmp_path: Path
+) -> None:
+    folder = tmp_path / "mill"
+    shutil.copytree(EXAMPLE.parent / "five_axis_calibration", folder)
+    page = opened(folder / "recipe.toml")
+    page.click("#tab-machine")
+    page.wait("document.querySelector('.machine-map') !== null", LONG)
+    assert page.text("[data-term=B0A]").startswith("B0A")
+    assert "µrad" in page.text("[data-term=B0A]")
+    titles = page.run("[...document.querySelectorAll('.machine h2')].map((h) => h.textContent)")
+    assert titles[0] == "Terms, actual minus nominal"
+    assert "Residuals in the order of time" in titles
+    # the picture has two ends of its scale, and more than one colour
+    colours = page.run(
+        "(() => { const c = document.querySelector('.machine-map'); const d = c.getContext('2d')"
+        ".getImageData(0, 0, c.width, c.height).data; return new Set([...d].filter((_, i) => i % 4 === 1)).size; })()"
+    )
+    assert colours > 10
+    assert page.errors == []

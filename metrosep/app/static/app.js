@@ -13,6 +13,7 @@ import { makeMetrics } from "./metrics.js";
 import { makeMemory } from "./remember.js";
 import { make as makeCompare } from "./tab_compare.js";
 import { make as makeFolder } from "./tab_folder.js";
+import { make as makeMachine } from "./tab_machine.js";
 import { make as makeRanking } from "./tab_ranking.js";
 import { make as makeReport } from "./tab_report.js";
 import { make as makeRuns } from "./tab_runs.js";
@@ -65,6 +66,7 @@ const tabs = makeTabs(el("tabs"), [
   { id: "view", label: (one) => (one.kind === "map" ? "Map" : "Profile"), fits: isOf("map", "profile"), make: null },
   { id: "runs", label: () => "Runs", fits: isOf("runs"), make: makeRuns },
   { id: "ranking", label: () => "Ranking", fits: (one) => one.kind === "method" && one.op === "rank", make: makeRanking },
+  { id: "machine", label: () => "Machine", fits: (one) => one.kind === "method" && ["calibrate", "circle", "thermal"].includes(one.op), make: makeMachine },
   { id: "table", label: () => "Table", fits: isOf("runs"), make: makeTable },
   { id: "report", label: () => "Report", fits: () => true, make: makeReport },
   { id: "compare", label: () => "Compare", fits: () => true, make: makeCompare },

@@ -7,7 +7,7 @@ const MINUS = "\u2212";
 const SUPER = "⁰¹²³⁴⁵⁶⁷⁸⁹";
 
 /** Units that take a prefix. */
-const SCALED = new Set(["m", "rad", "s", "Hz", "V", "m/s", "N", "px"]);
+const SCALED = new Set(["m", "rad", "s", "Hz", "V", "m/s", "N", "px", "m/K", "rad/K"]);
 /** @type {[number, string][]} */
 const PREFIXES = [
   [1e-15, "f"], [1e-12, "p"], [1e-9, "n"], [1e-6, "µ"], [1e-3, "m"], [1, ""], [1e3, "k"], [1e6, "M"],

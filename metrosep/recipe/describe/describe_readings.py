@@ -10,9 +10,7 @@ import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.quantity import Quantity
-from metrosep.core.units import format_engineering
 from metrosep.io.term_files import term_texts
-from metrosep.machine import Nest
 from metrosep.machine._bases import UnseenTerm
 from metrosep.machine.elements import axis_of, term_unit
 from metrosep.machine.terms import ConstantTerm, TableTerm
@@ -226,10 +224,12 @@ def _picture(
     found: Any, seen: dict[str, Any], rotary: set[str]
 ) -> tuple[dict[str, Any] | None, dict[str, Quantity]]:
     """Return the size of the error of the tool point over two axes, the others in their middle."""
+    from metrosep.machine import Nest
+
     spans = _spans(found)
     tool = np.asarray(next(iter(found.sets.values())).tool, dtype=np.float64).reshape(-1, 3)[0]
     moved = [a for a in found.chain.axes if a in spans and np.ptp(spans[a]) > 0.0]
-    straight = [a for a in moved if a not in rotary]
+    straight = sorted(a for a in moved if a not in rotary)
     if len(straight) < 2:
         return None, {}
     one, two = straight[:2]
@@ -242,7 +242,10 @@ def _picture(
     size = np.linalg.norm(E, axis=-1).reshape(_SIDE, _SIDE)
     others = [a for a in spans if a not in (one, two)]
     where = ", ".join(
-        f"{a} {format_engineering(float(q[a]), 'rad' if a in rotary else 'm')}" for a in others
+        f"{a} {math.degrees(float(q[a])):.4g} deg"
+        if a in rotary
+        else f"{a} {float(q[a]) * 1e3:.4g} mm"
+        for a in others
     )
     words = f"Length of the error of the tool point over {one} and {two}"
     words += f", at {where}." if where else "."
@@ -303,6 +306,7 @@ def thermal_of(produced: Any, inputs: Any = None) -> Description:
     fit = produced.fit
     quantities: dict[str, Quantity] = {}
     panels: dict[str, list[dict[str, Any]]] = {}
+    hours = fit.t / 3600.0
     columns: dict[str, Any] = {"t_s": fit.t}
     for name, term in fit.terms.items():
         u = np.sqrt(np.diag(term.covariance))
@@ -333,16 +337,16 @@ def thermal_of(produced: Any, inputs: Any = None) -> Description:
                 name,
                 term.unit,
                 [
-                    curve("reading", fit.t, values, points=True),
-                    curve("by temperatures", fit.t, told),
+                    curve("reading", hours, values, points=True),
+                    curve("by temperatures", hours, told),
                 ],
             )
         )
-        panels[name].append(panel(f"{name}: left", term.unit, [curve("", fit.t, rest)]))
+        panels[name].append(panel(f"{name}: left", term.unit, [curve("", hours, rest)]))
         suffix = term.unit
         columns |= {f"{name}_{suffix}": values, f"left_{name}_{suffix}": rest}
     charts = [
-        curve_chart(f"{name} and what temperatures say", ("time", "s"), own)
+        curve_chart(f"{name} and what temperatures say", ("time / h", "1"), own)
         for name, own in panels.items()
     ]
     text = json.dumps(fit.to_dict(), indent=1, sort_keys=True, allow_nan=False) + "\n"

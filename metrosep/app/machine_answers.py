@@ -1,0 +1,83 @@
+"""What the page of a machine draws: terms with what they are, residuals, the volumetric error as a picture."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from metrosep.app.metrics_answers import term_words
+from metrosep.app.separations import MethodResults
+from metrosep.app.sessions import Session
+from metrosep.app.wire import Answer, Cancel, Message, Tell, plain
+from metrosep.core.errors import DataError
+
+__all__ = ["machine"]
+
+OPS = ("calibrate", "circle", "thermal")
+
+
+def machine(session: Session, message: Message, cancel: Cancel, tell: Tell) -> Answer:
+    """Answer a request ``machine``."""
+    with session.lock:
+        opened, document = session.need()
+        recipe, op = document.recipe, str(document.recipe.steps[0]["op"])
+    if op not in OPS or not isinstance(opened.material, MethodResults):
+        raise DataError(
+            f"there is a page of the machine for recipes of op {', '.join(OPS)} only, this one is {op}"
+        )
+    tell({"k": "progress", "words": "computing"})
+    result = opened.material.result(recipe, cancel)
+    separation = result.document["separation"]
+    header = {
+        "op": op,
+        "rows": _terms(result.produced) if op == "calibrate" else [],
+        "null": list(result.produced.found.null) if op == "calibrate" else [],
+        "charts": separation["charts"],
+        "messages": [
+            session.words(str(m)) for m in result.document["messages"] if m not in _null(result)
+        ],
+        "verdict": result.verdict,
+    }
+    return plain(header), {}
+
+
+def _null(result: Any) -> frozenset[str]:
+    found = getattr(result.produced, "found", None)
+    return frozenset(getattr(found, "null", ()))
+
+
+def _terms(produced: Any) -> list[dict[str, Any]]:
+    """Return every term: its value or its P-V with u, or that the readings do not determine it."""
+    import numpy as np
+
+    from metrosep.machine._bases import UnseenTerm
+    from metrosep.machine.elements import axis_of, term_unit
+    from metrosep.machine.terms import ConstantTerm
+
+    found = produced.found
+    rows: list[dict[str, Any]] = []
+    for name, term in found.errors.items():
+        row: dict[str, Any] = {
+            "term": name,
+            "words": term_words(name),
+            "axis": axis_of(name) or "",
+            "unit": term_unit(found.chain, name),
+            "kind": "value",
+            "value": None,
+            "u": None,
+        }
+        if isinstance(term, ConstantTerm):
+            row |= {"value": term.value, "u": term.u}
+        elif not isinstance(term, UnseenTerm):
+            basis = found.bases[name]
+            low, high = (
+                (0.0, 2.0 * math.pi) if basis.kind == "fourier" else (basis.low, basis.high)
+            )
+            x = np.linspace(low, high, 181)
+            row |= {
+                "kind": "P-V",
+                "value": float(np.ptp(term.evaluate(x))),
+                "u": float(np.max(term.sd(x))),
+            }
+        rows.append(row)
+    return rows
