@@ -412,6 +412,6 @@ def _messages(
             )
     if silent:
         told.append(
-            f"not stated: {', '.join(silent)}; the uncertainty of the index does not hold them"
+            f"not stated: {', '.join(silent)}: not in the uncertainty of the index"
         )
     return tuple(told)
