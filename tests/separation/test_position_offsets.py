@@ -4,6 +4,7 @@ The runs are made here in mm and nm. A run of offset d shows at x the error of t
 """
 
 import json
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -311,6 +312,8 @@ def test_a_lag_is_no_scatter_of_places_and_is_corrected(tmp_path):
     assert not any("lie apart" in m for m in result["messages"])
     assert result["lag_s"] * 1e3 == pytest.approx(lag_ms, abs=0.4)
     assert result["audit"]["displacement_of_runs"]["probability"] < 0.9
+    report = (tmp_path / "out7" / "report.html").read_text("utf-8")
+    assert re.search(r"wavelength (8\.9|9)\S* mm", report)  # found, with its unit
 
 
 def test_the_place_of_the_mean_is_in_the_band_unless_one_run_is_stated_to_be_right():
