@@ -157,6 +157,8 @@ docs: $(VENV)/.installed-docs
 
 bench: $(VENV)/.installed-test $(VENV)/.installed-bench $(PEERS)/.installed
 	$(PYTEST) -o addopts="--import-mode=importlib -s" tests/benchmarks $(PYTEST_FLAGS)
+	-$(BIN)/python tools/band_coverage.py --sets 4
+	-$(BIN)/python tools/run_faults.py --sets 1 --clean 60
 	$(BIN)/python tools/benchmarks.py --peers $(PEERS)/bin/python
 
 # Packages to compare with live in an environment of their own: one of them is GPL.

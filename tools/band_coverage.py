@@ -58,7 +58,7 @@ def main():
                 name,
                 sets=arguments.sets,
                 seed=arguments.seed,
-                clock=time.perf_counter,
+                clock=time.process_time,
                 mapper=pool.imap,
             )
             print(markdown(result), flush=True)

@@ -158,6 +158,10 @@ def separate(
     if flexure:
         _as_flexure(context, options)
     if options["method"] in METHODS:
+        if all(Path(file).suffix == ".json" or Path(file).is_dir() for file in runs):
+            from metrosep.separation.inputs import method_of_results
+
+            options["method"] = method_of_results(options["method"])
         given = {**options, "table_": table_ or None}
         text = named_recipe(options["method"], given, report=out is not None)
         return _separate_named(

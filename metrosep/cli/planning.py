@@ -37,6 +37,12 @@ _DIMENSIONS = {
     "--settle-distance", metavar="LENGTH", help="Part of it that is lost while settling."
 )
 @click.option("--max-time", metavar="TIME", help="Longest travel time of all runs together.")
+@click.option(
+    "--min-ratio",
+    type=float,
+    metavar="RATIO",
+    help="Two feedrates are equal or this ratio apart; 1.1 if omitted.",
+)
 @json_option
 @click.pass_context
 def plan(
@@ -59,7 +65,7 @@ def plan(
     if context.obj is not None:
         context.obj["words"] = _words
     given = {
-        name: _parsed(value, _DIMENSIONS[name], name)
+        name: _parsed(value, _DIMENSIONS[name], name) if name in _DIMENSIONS else value
         for name, value in options.items()
         if value is not None
     }
@@ -93,9 +99,9 @@ def _words(message: str) -> str:
         name = {"n_runs": "runs"}.get(found.group(1), found.group(1)).replace("_", "-")
         return f"--{name} " if found.group(2) else f"--{name}"
 
-    names = "|".join([*_DIMENSIONS, "n_runs", "wavelengths"])
+    names = "|".join([*_DIMENSIONS, "n_runs", "wavelengths", "min_ratio"])
     named = rf"(?<![\w\-])({names})( = |=)"
-    spelled = r"(?<![\w\-])(v_min|v_max|n_runs|settle_distance|max_time)\b(?=())"
+    spelled = r"(?<![\w\-])(v_min|v_max|n_runs|settle_distance|max_time|min_ratio)\b(?=())"
     return re.sub(spelled, option, re.sub(named, option, readable_text(message)))
 
 

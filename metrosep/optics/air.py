@@ -411,7 +411,5 @@ def _messages(
                 f"its own standard uncertainty is taken as {_OWN_U[equation][1]:g}{other}"
             )
     if silent:
-        told.append(
-            f"not stated: {', '.join(silent)}; the uncertainty of the index does not hold them"
-        )
+        told.append(f"not stated: {', '.join(silent)}: not in the uncertainty of the index")
     return tuple(told)

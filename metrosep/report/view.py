@@ -574,6 +574,8 @@ def setting(key: str, value: Any, fields: Fields) -> tuple[str, str]:
     (('travel', '600 mm'), ('distance', '20 mm'))
     >>> setting("wavelength_um", 123000.0, {}), setting("n_repeats", 6, {})
     (('wavelength', '123 mm'), ('number of repeats', '6'))
+    >>> setting("waves", [{"wavelength_mm": 12.0}], {"waves": Field("lengths")})  # found, not given
+    ('waves', 'wavelength 12 mm')
     """
     suffix = next((s for s in _UNITS if key.endswith(s)), "")
     base = key.removesuffix(suffix)
@@ -582,9 +584,15 @@ def setting(key: str, value: Any, fields: Fields) -> tuple[str, str]:
         return in_words(base), typeset(shown(value, fields[base]))
     if suffix:
         return in_words(base), _text(value, unit)
-    if key in fields:
+    if key in fields and not _is_found(value):
         return in_words(key), typeset(_shortened(value, lambda v: shown(v, fields[key])))
     return in_words(key), _text(value, "")
+
+
+def _is_found(value: Any) -> bool:
+    """Whether a value is a table of what was found, which may have the name of an option."""
+    several = isinstance(value, list | tuple)
+    return several and (not value or any(isinstance(v, Mapping) for v in value))
 
 
 def step_parameters(parameters: Mapping[str, Any], fields: Fields) -> str:

@@ -22,10 +22,17 @@ from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
 from metrosep.separation.contract import Separation
+from metrosep.separation.runs.base import ErrorEstimate
 
-__all__ = ["require_count", "separate_named"]
+__all__ = ["method_of_results", "require_count", "separate_named"]
 
 _RUNS = ("joint", "kono", "mean")
+
+
+def method_of_results(name: str) -> str:
+    """Return the method that makes of stored results what the function of this name does, else the name."""
+    found = (n for n, cls in METHODS.items() if cls.reads == "results")
+    return next((n for n in found if getattr(METHODS[n], "function", "") == name), name)
 
 
 def separate_named(data: Any, method: str, options: Mapping[str, Any]) -> Any:
@@ -37,6 +44,8 @@ def separate_named(data: Any, method: str, options: Mapping[str, Any]) -> Any:
             f"unknown method {method!r}; there are 'joint', 'kono' and 'mean' for repeated runs, and "
             f"the methods that 'metrosep ops' lists{hint}"
         )
+    if isinstance(data, list | tuple) and data and all(isinstance(d, ErrorEstimate) for d in data):
+        method = method_of_results(method)
     cls, rest = METHODS[method], {k.removesuffix("_"): v for k, v in options.items()}
     known = {k: o for k, o in cls.fields.items() if k != "op"}
     own = {

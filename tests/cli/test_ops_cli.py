@@ -217,6 +217,7 @@ def test_plan_prints_feeds_and_what_they_promise(metrosep, separated):
         ((*PLAN, "--wavelengths", "5 s"), 2, "--wavelengths"),
         ((*PLAN, "--wavelengths", "500 mm"), 2, "wave"),
         ((*PLAN[:4], "--wavelengths", "5 mm"), 2, "--runs"),
+        ((*PLAN, "--wavelengths", "5 mm", "--min-ratio", "0.9"), 2, "--min-ratio"),
     ],
 )  # fmt: skip
 def test_plan_refuses(metrosep, separated, words, code, match):

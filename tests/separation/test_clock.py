@@ -176,6 +176,20 @@ def test_many_lost_samples_are_summed_up(tmp_path, capsys):
     assert error_nm(result) < CLEAN_NM
 
 
+def test_samples_lost_in_most_runs_are_one_sentence(tmp_path, capsys):
+    def keep(i, run):
+        return (i != 40 + 7 * run) & ~((run == 4) & (i >= 200) & (i < 209))
+
+    result = separated(csv(tmp_path / "a.csv", axis(2, keep=keep)), tmp_path)
+
+    # the place is that of the last sample before the gap: 135 mm/s * 199 / 800 Hz
+    assert [m for m in result["estimate"]["messages"] if "lost" in m] == [
+        "15 samples were lost at 7 places of 6 runs, 9 of them at 33.58 mm in run 5: kept as gaps"
+    ]
+    assert result["estimate"]["runs"]["n_lost"] == [1, 1, 1, 1, 10, 1]
+    assert error_nm(result) < CLEAN_NM
+
+
 def test_lost_samples_are_found_in_positions_where_the_rate_is_stated(tmp_path, capsys):
     runs = axis(3, keep=lambda i, run: ~((run == 0) & (i >= 100) & (i < 220)))
     assert call(csv(tmp_path / "a.csv", runs)) == 0

@@ -152,7 +152,7 @@ def test_different_travels_name_the_run_and_its_displacement():
     text = str(caught.value)
     assert re.search(r"run M05 2 mm \.\.\. 6[12](\.\d+)? mm", text)
     assert re.search(r"run M05 is displaced by (2|1\.9\d*|2\.0\d*) mm", text)
-    assert "--exclude suspect" in text
+    assert "exclude='suspect' leaves out what is named here" in text
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -331,3 +331,17 @@ def test_the_command_says_which_readings_of_a_run_were_given_twice(tmp_path, cap
 
     assert ended == 4
     assert re.search(r"run M06 is identical to run M05: the same readings are not a second", text)
+
+
+def test_the_command_says_which_run_to_leave_out_where_one_alone_goes_back(tmp_path, capsys):
+    """One run of nine was taken on the way back: the others are enough, and the user must know."""
+    shop = Shop(62)
+    x, z = shop.runs[4][:2]
+    shop.runs[4][0], shop.runs[4][1] = x[::-1].copy(), z[::-1].copy()
+    file = shop.file(tmp_path / "a.csv")
+    ended, text = command(capsys, file, "--shortest", "1.5 mm")
+
+    assert ended == 4
+    assert "the reverse runs have 1 feedrate(s)" in text
+    assert "The forward runs have enough feedrates: --exclude M05 estimates them alone" in text
+    assert command(capsys, file, "--shortest", "1.5 mm", "--exclude", "M05")[0] == 0

@@ -446,7 +446,7 @@ def test_robust_mean_of_two_runs_is_refused():
 
 
 @pytest.mark.slow
-def test_false_alarms_are_below_two_per_cent_of_200_clean_sets():
+def test_false_alarms_are_below_two_per_cent_of_200_clean_sets(measured):
     kinds = (
         {},
         {"waves": {}},
@@ -469,7 +469,7 @@ def test_false_alarms_are_below_two_per_cent_of_200_clean_sets():
         wrong += [(seed, m) for m in said if not m.startswith("one feedrate")]
 
     sets = {seed for seed, _ in wrong}
-    print(f"\nfalse alarms in {len(sets)} of 200 clean sets: {wrong}")
+    measured(f"false alarms in {len(sets)} of 200 clean sets: {wrong}")
     assert len(sets) < 4, wrong
 
 

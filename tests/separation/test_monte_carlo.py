@@ -24,7 +24,7 @@ COLUMNS = [
 
 
 @pytest.mark.parametrize(("case", "waves", "limit", "factor"), COLUMNS)
-def test_goals_s3_to_s7(contract_machine, as_runset, case, waves, limit, factor):
+def test_goals_s3_to_s7(contract_machine, as_runset, measured, case, waves, limit, factor):
     joint, kono, coverage = [], [], []
     for seed in SEEDS:
         machine = contract_machine.Machine(seed, case=case, waves=getattr(contract_machine, waves))
@@ -34,8 +34,8 @@ def test_goals_s3_to_s7(contract_machine, as_runset, case, waves, limit, factor)
         joint.append(machine.rms_nm(estimate))
         kono.append(machine.rms_nm(rival))
         coverage.append(machine.coverage(estimate))
-    print(
-        f"\n{case:7s} {waves:10s} joint {np.mean(joint):5.2f} nm (worst {np.max(joint):.1f}), "
+    measured(
+        f"{case:7s} {waves:10s} joint {np.mean(joint):5.2f} nm (worst {np.max(joint):.1f}), "
         f"Kono mean of 9 {np.mean(kono):5.2f} nm, +-2 sd coverage {np.mean(coverage):.3f}"
     )
 
@@ -45,7 +45,7 @@ def test_goals_s3_to_s7(contract_machine, as_runset, case, waves, limit, factor)
 
 
 @pytest.mark.parametrize("lag", [1e-3, 2e-3])
-def test_goal_s8_lag(contract_machine, as_runset, lag):
+def test_goal_s8_lag(contract_machine, as_runset, measured, lag):
     scores, errors = [], []
     for seed in SEEDS:
         machine = contract_machine.Machine(seed, waves=contract_machine.WITH_SHORT, lag=lag)
@@ -53,13 +53,13 @@ def test_goal_s8_lag(contract_machine, as_runset, lag):
         scores.append(machine.rms_nm(estimate))
         errors.append((estimate.lag - lag) / estimate.lag_sd)
         assert abs(estimate.lag - lag) < 0.4e-3
-    print(f"\nlag {lag * 1e3:.0f} ms: {np.mean(scores):.2f} nm, pull mean {np.mean(errors):+.2f}")
+    measured(f"lag {lag * 1e3:.0f} ms: {np.mean(scores):.2f} nm, pull mean {np.mean(errors):+.2f}")
 
     assert np.mean(scores) <= 10.0
     assert np.sqrt(np.mean(np.square(errors))) < 1.6
 
 
-def test_goal_s9_pure_noise(contract_machine, as_runset):
+def test_goal_s9_pure_noise(contract_machine, as_runset, measured):
     sets_with_false, n_false, n_all, scores = 0, 0, 0, []
     for seed in range(200):
         machine = contract_machine.Machine(seed, waves={}, length=30.0)
@@ -69,8 +69,8 @@ def test_goal_s9_pure_noise(contract_machine, as_runset):
         n_false += int(selected.sum())
         n_all += selected.size
         scores.append(machine.rms_nm(estimate))
-    print(
-        f"\npure noise: {n_false} of {n_all} wavelengths, {sets_with_false} of 200 sets, "
+    measured(
+        f"pure noise: {n_false} of {n_all} wavelengths, {sets_with_false} of 200 sets, "
         f"RMS {np.mean(scores):.2f} nm"
     )
 

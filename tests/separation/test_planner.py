@@ -432,6 +432,34 @@ def test_one_feed_is_called_what_it_is():
     assert any("one feed cannot tell vibration from geometry" in m for m in plan.messages)
 
 
+BLIND = re.compile(r"waves longer than ([\d.]+) mm repeat like a vibration that starts with")
+
+
+@pytest.mark.parametrize(("slow", "fast"), [(0.1, 0.11), (0.05, 0.07)])
+def test_feeds_too_close_for_the_waves_are_said_with_their_limit(slow, fast):
+    """A tone read as the stated wave at the slow feed: at the fast one it has one wave less in 60 mm."""
+    plan = predicted_sd(machine_density, [slow, slow, fast], [30e-3, 3e-3], 60e-3)
+    limit = float(next(m for m in map(BLIND.search, plan.messages) if m)[1]) * 1e-3
+    tone = slow / limit
+
+    assert 60e-3 / limit - 60e-3 * tone / fast == pytest.approx(1.0, abs=0.01)  # 3 digits said
+    apart = predicted_sd(machine_density, [0.05, 0.05, 0.15], [30e-3, 3e-3], 60e-3)
+    assert not any(map(BLIND.search, apart.messages))
+
+
+def test_the_ratio_that_the_message_names_spreads_the_feeds():
+    def white(f):
+        return 1e-17 + 0.0 * f
+
+    wanted = ([12e-3, 3e-3], 0.02, 0.2, 6)
+    close = plan_feedrates(white, *wanted, length=60e-3)
+    ratio = next(m[1] for m in (re.search(r"min_ratio=([\d.]+) ", t) for t in close.messages) if m)
+    spread = plan_feedrates(white, *wanted, length=60e-3, min_ratio=float(ratio))
+
+    assert any(map(BLIND.search, close.messages))
+    assert not any(map(BLIND.search, spread.messages))
+
+
 def test_covered_collision_asks_for_no_run():
     plan = predicted_sd(machine_density, [0.08, 0.12, 0.16] * 3, WAVES, 70e-3)
 

@@ -4,6 +4,8 @@ The runs are made here in mm and nm. A run of offset d shows at x the error of t
 """
 
 import json
+import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +14,8 @@ from metrosep import Run, RunSet
 from metrosep.cli.main import main
 from metrosep.core.errors import DataError, MetrosepError, NotSeparableError
 from metrosep.recipe import Recipe
-from metrosep.separation import separate
+from metrosep.separation import ErrorEstimate, separate
+from metrosep.separation.runs.leave_out import RunScore, displacement
 
 MOVED = np.array([0.0, 0.6, 0.0, -0.2, 0.0, 0.0])
 FEEDS = (80.0, 80.0, 120.0, 120.0, 160.0, 160.0)
@@ -218,6 +221,110 @@ position_offsets = true
     np.testing.assert_allclose(table["position_offset_mm"], own, rtol=0.0, atol=1e-5)
     assert told["position_offset_mm"] == table["position_offset_mm"]
     assert told["u_position_offset_mm"] == table["u_position_offset_mm"]
+
+
+# ---- without the option: what the scatter of the places does to band and lag -------------------------
+
+
+def without_offsets(tmp_path, moved, seed):
+    """The command line on a file of runs, the option not set: result and band of the estimate."""
+    file, out = tmp_path / f"{seed}.csv", tmp_path / f"out{seed}"
+    rows = ["run;x_mm;z_nm;t_s"]
+    for x, z, t, name in passes(seed=seed, moved=moved):
+        rows += [
+            f"{name};{a:.4f};{b:.2f};{c:.4f}".replace(".", ",")
+            for a, b, c in zip(x, z, t, strict=True)
+        ]
+    file.write_bytes("\r\n".join(rows).encode())
+    with pytest.raises(SystemExit) as stop:
+        main(["separate", str(file), "--x", "x_mm", "--z", "z_nm", "--time", "t_s", "--run", "run",
+              "--start", "1 mm", "--length", "37 mm", "--shortest", "2 mm", "-o", str(out)])  # fmt: skip
+    assert stop.value.code == 0
+    return json.loads((out / "result.json").read_text())["estimate"]
+
+
+def test_runs_that_all_lie_apart_are_reported_and_in_the_band(tmp_path):
+    """0.25 mm each; u of a place is 0.02 mm. The mean of six is then 0.1 mm off, and so is the error.
+
+    The error has one strong wave: a wave whose phase differs between the runs explains as much.
+    """
+    inside = []
+    for seed in range(3):
+        moved = np.random.default_rng([seed, 12]).normal(0.0, 0.25, 6)
+        result = without_offsets(tmp_path, moved, seed)
+        estimate = ErrorEstimate.from_dict(result)
+        away = without_line(estimate.evaluate(X * 1e-3) * 1e9) - without_line(error(X))
+        inside.append(np.mean(np.abs(away) < 2.0 * estimate.sd(X * 1e-3) * 1e9))
+        assert [m for m in result["messages"] if "lie apart along the axis" in m]
+        assert not any("readings lag the position" in m for m in result["messages"])
+
+    assert np.mean(inside) > 0.85
+
+
+def scored(shift, u, feeds=FEEDS):
+    """What `displacement` makes of places in mm, runs at feeds in mm/s."""
+    scores = [
+        RunScore(1.0, 30, 1.0, 0.02, s * 1e-3, u * 1e-3, np.empty(0))
+        for s in np.broadcast_to(shift, len(feeds))
+    ]
+    runs = [SimpleNamespace(velocity=v * 1e-3, feed=feeds.index(v)) for v in feeds]
+    return displacement(SimpleNamespace(seen=runs), scores)
+
+
+def test_the_scatter_of_places_at_equal_feeds_is_the_displacement():
+    """Ten runs at each of three feeds: the sd is known to 14 %; each is held against the 29 others."""
+    rng = np.random.default_rng(3)
+    feeds = tuple(np.repeat([80.0, 120.0, 160.0], 10).tolist())
+    places = rng.normal(0.0, 0.1, 30)
+    against_others = places - (places.sum() - places) / 29.0
+    found = scored(against_others, 0.02, feeds)
+
+    assert found.probability > 0.999
+    assert found.sd == pytest.approx(0.1e-3, rel=3 * 0.14, abs=0.0)
+    assert found.of_mean == pytest.approx(found.sd**2 / 30, rel=0.01, abs=0.0)
+    # of a line through places at 80, 120 and 160 mm/s, ten each
+    by_line = found.sd**2 / (20 * (40e-3) ** 2)
+    assert found.of_lag == pytest.approx(by_line, rel=0.01, abs=0.0)
+
+
+@pytest.mark.parametrize(
+    ("shift", "feeds"),
+    [
+        (0.0, FEEDS),
+        (2e-3 * np.array(FEEDS), FEEDS),  # a lag of 2 ms
+        (np.random.default_rng(6).normal(0.0, 0.02, 6), FEEDS),  # what u explains
+        (np.array([0.1, -0.3, 0.2]), (80.0, 120.0, 160.0)),  # nothing is known
+    ],
+    ids=["none", "lag", "noise", "one run at each feed"],
+)
+def test_places_that_a_lag_or_their_u_explain_are_no_displacement(shift, feeds):
+    found = scored(shift, 0.02, feeds)
+
+    assert found.probability < 0.6
+    assert np.sqrt(found.of_mean) < 0.003e-3
+    assert np.sqrt(found.of_lag) < 0.1e-3  # of 0.25 ms that u makes
+
+
+def test_a_lag_is_no_scatter_of_places_and_is_corrected(tmp_path):
+    lag_ms = 2.0
+    result = without_offsets(tmp_path, lag_ms * 1e-3 * np.array(FEEDS), 7)
+
+    assert not any("lie apart" in m for m in result["messages"])
+    assert result["lag_s"] * 1e3 == pytest.approx(lag_ms, abs=0.4)
+    assert result["audit"]["displacement_of_runs"]["probability"] < 0.9
+    report = (tmp_path / "out7" / "report.html").read_text("utf-8")
+    assert re.search(r"wavelength (8\.9|9)\S* mm", report)  # found, with its unit
+
+
+def test_the_place_of_the_mean_is_in_the_band_unless_one_run_is_stated_to_be_right():
+    def variance(**options):
+        return fitted(runs(seed=2), **options).sd(X * 1e-3) ** 2 * 1e18
+
+    more = variance() - variance(position_reference="r3")
+    slope = without_line(slope_of_error(X)) * np.std(MOVED, ddof=1) / np.sqrt(6.0)
+    steep = np.abs(slope) > 0.7 * np.abs(slope).max()
+    # what the reference run's own place is not known to is the rest: u is 0.02 of 0.12 mm
+    assert np.median(more[steep] / slope[steep] ** 2) == pytest.approx(1.0, abs=0.25)
 
 
 @pytest.mark.slow

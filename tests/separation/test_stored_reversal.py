@@ -67,8 +67,9 @@ def test_readings_take_the_same_terms():
     np.testing.assert_allclose(more["artefact"], 90 * NM**2, rtol=1e-9, atol=0)
 
 
-def test_the_name_makes_what_the_function_makes():
-    found = separate(list(pair()), method="reversal_of_estimates", u_drift="6 nm")
+@pytest.mark.parametrize("name", ["reversal_of_estimates", "straightedge_reversal"])
+def test_the_name_makes_what_the_function_makes(name):
+    found = separate(list(pair()), method=name, u_drift="6 nm")
 
     same = straightedge_reversal(*pair(), u_drift=6 * NM)
     np.testing.assert_allclose(found.machine, same.machine, rtol=0, atol=PM)
@@ -157,6 +158,10 @@ def test_from_runs_to_the_slide_at_the_command_line(tmp_path, capsys):
     )  # fmt: skip
 
     assert not code, capsys.readouterr().err
+    same = tmp_path / "same"
+    by_function = ("--method", "straightedge_reversal", "--set", "u_drift=1 nm", "-o", str(same))
+    assert not command("separate", *results, *by_function), capsys.readouterr().err
+    assert (same / "parts.csv").read_bytes() == (out / "parts.csv").read_bytes()
     assert document["polynomial"]["u_greatest_m"] > 0.0
     assert ErrorEstimate.from_dict(document["estimate"]).has_covariance
     found = Separation.from_dict(json.loads((out / "result.json").read_text())["separation"])

@@ -511,9 +511,11 @@ def unchanged(rng, i, x, z, t, v):
         (wild, {"robust": True}, "none", 3.5, 0.1),
     ],
 )
-def test_coverage_and_score(contract_machine, as_runset, change, options, case, limit, gain):
+def test_coverage_and_score(
+    contract_machine, as_runset, change, options, case, limit, gain, measured
+):
     plain, fitted, covered = monte_carlo(contract_machine, as_runset, change, options, case)
-    print(f"\n{change.__name__} {options} {case}: {plain:.2f} -> {fitted:.2f} nm, {covered:.3f}")
+    measured(f"{change.__name__} {options} {case}: {plain:.2f} -> {fitted:.2f} nm, {covered:.3f}")
 
     assert fitted <= limit
     assert fitted <= gain * plain

@@ -412,7 +412,7 @@ class _Book:
         told = list(self.air.messages)
         if self.silent:
             names = ", ".join(self.silent)
-            told.append(f"not stated: {names}; the uncertainty does not hold them")
+            told.append(f"not stated: {names}: not in the uncertainty")
         found = LaserCorrections(self.values, self.sources, self.air, self.reading)
         lost = int((np.isfinite(self.reading) & ~np.isfinite(found.total)).sum())
         if lost and lost == np.isfinite(self.reading).sum():

@@ -125,7 +125,15 @@ def fit_clock(run: Run) -> Clock:
 def clock_messages(clocks: list[tuple[str, Clock]]) -> list[str]:
     """Return what is said of the clocks of runs, by the names of the runs."""
     out = []
-    for name, clock in clocks:
+    gaps = [(k, x, name) for name, clock in clocks for x, k in clock.lost]
+    broken = len({name for _, _, name in gaps})
+    if broken > _MOST_NAMED:
+        count, x, name = max(gaps)
+        out.append(
+            f"{sum(k for k, _, _ in gaps)} samples were lost at {len(gaps)} places of {broken} runs, "
+            f"{count} of them at {format_length(x, digits=4)} in run {name}: kept as gaps"
+        )
+    for name, clock in clocks if broken <= _MOST_NAMED else ():
         for x, count in clock.lost if len(clock.lost) <= _MOST_NAMED else ():
             samples = "1 sample was" if count == 1 else f"{count} samples were"
             out.append(
@@ -137,6 +145,7 @@ def clock_messages(clocks: list[tuple[str, Clock]]) -> list[str]:
                 f"run {name}: {sum(k for _, k in clock.lost)} samples were lost at {len(clock.lost)} "
                 f"places, {count} of them at {format_length(x, digits=4)}: kept as gaps"
             )
+    for name, clock in clocks:
         for x, size in clock.wrong:
             out.append(
                 f"run {name}: the time stamps jump by {size * 1e3:.3g} ms at "

@@ -13,6 +13,7 @@ from metrosep.core.errors import (
     DataError,
     FitError,
     InvalidSamplesError,
+    NotSeparableError,
     OptionError,
     SeparationError,
     TooFewSamplesError,
@@ -214,10 +215,11 @@ def separate_runs(
             for d in runs.directions
         }
     except (InvalidSamplesError, TooFewSamplesError, FitError, SeparationError) as exc:
-        reason = _findings(checks)
-        if not reason:
+        few = isinstance(exc, NotSeparableError)
+        reasons = [_findings(checks), _too_few_feeds(runs, checks, options) if few else ""]
+        if not any(reasons):
             raise
-        raise type(exc)(f"{exc}. {reason}") from exc
+        raise type(exc)(". ".join([str(exc), *filter(None, reasons)])) from exc
     step = Step(
         "separate",
         {
@@ -249,9 +251,21 @@ def _findings(checks: RunChecks) -> str:
     if not found:
         return ""
     return (
-        f"The reason may be: {'; '.join(found[:_MOST_NAMED])}; exclude='suspect' (command line: "
-        "--exclude suspect) leaves out what is named here"
+        f"The reason may be: {'; '.join(found[:_MOST_NAMED])}; exclude='suspect' leaves out what is "
+        "named here"
     )
+
+
+def _too_few_feeds(runs: RunSet, checks: RunChecks, options: Mapping[str, Any]) -> str:
+    """Return which runs to leave out where one direction alone has too few feedrates; else empty."""
+    least = options.get("min_feeds", 2)
+    enough = {d: len(runs.select(direction=d).feeds) >= least for d in runs.directions}
+    if not any(enough.values()) or all(enough.values()):
+        return ""
+    used = (n for n, u in zip(checks.columns["run"], checks.columns["used"], strict=True) if u)
+    out = ", ".join(n for n, r in zip(used, runs, strict=True) if not enough[r.direction])
+    way = next(_NAMES[d] for d, good in enough.items() if good)
+    return f"The {way} runs have enough feedrates: exclude={out!r} estimates them alone"
 
 
 def _with_checks(estimate: ErrorEstimate, checks: RunChecks, runs: RunSet) -> ErrorEstimate:

@@ -601,6 +601,24 @@ def explain_lag(
     )
 
 
+_SURELY = 0.99
+"""Probability from which it is reported that the runs are displaced."""
+
+
+def explain_displacement(solution: Solution) -> tuple[str, ...]:
+    """Say by how much the places of the runs scatter, where they do."""
+    found = solution.displaced
+    if found.probability < _SURELY:
+        return ()
+    return (
+        (
+            f"the runs lie apart along the axis, by {format_length(found.sd, digits=2)} (sd): the uncertainty "
+            "holds it, and the lag is known to less; position_offsets=true (command line: --set "
+            "position_offsets=true) fits the place of each run"
+        ),
+    )
+
+
 def explain_slip(solution: Solution, *, sparse: bool) -> tuple[str, ...]:
     """Name the waves that have another phase in each run, neighbouring harmonics as one."""
     groups: list[list[int]] = []
@@ -625,9 +643,19 @@ def explain_slip(solution: Solution, *, sparse: bool) -> tuple[str, ...]:
             else f"a real wave of that length is known to {known / _NM:.2g} nm only, which the "
             "uncertainty holds"
         )
+        own = max(float(np.hypot(*solution.coefficients[[k, n + k]])) for k in group)
+        near = [w for w in solution.waves if abs(solution.period / w.wavelength - group[0]) < 2.0]
+        own = max([own, *(math.hypot(w.cosine, w.sine) for w in near)])
+        # A displacement d turns the phase of a wave of the error by 2 pi d / length.
+        displaced = (
+            " (runs that lie apart along the axis look alike where the error has a wave of that "
+            "length: position_offsets=true, command line --set position_offsets=true, fits their places)"
+            if own > amplitude
+            else ""
+        )
         sentences.append(
             f"a wave of {length / _MM:.2g} mm, {amplitude / _NM:.2g} nm, has another phase in each "
-            f"run: {rest}; more runs reduce it"
+            f"run{displaced}: {rest}; more runs reduce it"
         )
     return tuple(sentences)
 

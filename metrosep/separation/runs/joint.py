@@ -60,6 +60,7 @@ from metrosep.separation.runs.design import (
 from metrosep.separation.runs.evidence import (
     evidence_table,
     explain_band,
+    explain_displacement,
     explain_disturbances,
     explain_lag,
     explain_resolution,
@@ -190,6 +191,7 @@ def separate_joint(
         *explain_lag(solution, mode=mode, n_selected=n_selected),
         *explain_disturbances(solution, runs, spectrum),
         *explain_slip(solution, sparse=slip == "sparse"),
+        *explain_displacement(solution),
         *explain_positions(
             [r.run_id for r in prepared],
             offsets,
@@ -278,6 +280,9 @@ def _at_their_places(
         placed = [replace(r, x=r.x - d) for r, d in zip(prepared, total, strict=True)]
         n_left -= 1
         if n_left == 0 or float(np.abs(step).max()) < _NEAR:
+            if not options.position_reference:  # the mean of the runs is displaced as well
+                scatter = max(float(np.var(total, ddof=1)) - float(np.mean(u**2)), 0.0)
+                solution = solution.displaced_by(scatter / len(total))
             return solution, placed, (total, u)
 
 
@@ -696,6 +701,10 @@ def joint_audit(
         "effective_parameters": solution.freedom,
         "false_discovery_rate": rate,
         "lag_test": _lag_audit(solution),
+        "displacement_of_runs": {
+            "sd_mm": solution.displaced.sd / _MM,
+            "probability": solution.displaced.probability,
+        },
         "line_removed": "least squares over the evaluation range",
         "run_offsets_nm": (solution.offsets / _TABLES_NM).tolist(),
     }

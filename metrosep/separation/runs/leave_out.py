@@ -19,7 +19,7 @@ from metrosep.separation.runs.geometry import filtered
 from metrosep.separation.runs.posterior import Model, Posterior, RunEquations
 from metrosep.separation.runs.sensor import LAG_CHI2, lag_score, lag_steps
 
-__all__ = ["RunScore", "run_scores", "suspicion"]
+__all__ = ["Displacement", "RunScore", "displacement", "run_scores", "suspicion"]
 
 _FAR = 3e-3
 """m; shifts are looked for so far on each side."""
@@ -70,6 +70,64 @@ class RunScore:
     shift: float  # m: the readings show the error of the place x - shift
     u_shift: float
     theta: FloatArray  # what the others predict, in the coordinates of the equations
+
+
+_DISPLACED = np.geomspace(1e-6, 1e-3, 61)
+"""m; standard deviations of the places of the runs that are as likely before, together as none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Displacement:
+    """What the runs of each feedrate differ in their place along the axis by."""
+
+    sd: float = 0.0  # m: of one run
+    probability: float = 0.0  # that the places differ at all
+    of_mean: float = 0.0  # m^2: variance of the place of the mean of all runs
+    of_lag: float = 0.0  # s^2: variance of the lag that the feedrates seem to show
+
+
+def displacement(model: Model, scores: Sequence[RunScore]) -> Displacement:
+    """Return the displacement of the runs that their scatter at equal feedrates shows.
+
+    A lag moves all runs of a feedrate alike, so it has no part in it. The mean place at each
+    feedrate is free; of one run at each nothing is known.
+    """
+    if not scores:
+        return Displacement()
+    shift = np.array([s.shift for s in scores])
+    variance = np.array([s.u_shift for s in scores]) ** 2
+    speed = np.array([run.velocity for run in model.seen])
+    feed = np.array([run.feed for run in model.seen])
+    groups = [feed == f for f in np.unique(feed) if (feed == f).sum() > 1]
+    if not groups:
+        return Displacement()
+    # A run that is displaced moves what it is held against, the others: by 1/(n - 1) of it.
+    seen = len(scores) / (len(scores) - 1.0)
+
+    def log_likelihood(sd: float) -> float:
+        weight = 1.0 / (variance + (seen * sd) ** 2)
+        total = 0.0
+        for own in groups:
+            w, s = weight[own], shift[own]
+            away = s - float(w @ s) / float(w.sum())
+            total += 0.5 * float(np.log(w).sum() - math.log(w.sum()) - w @ away**2)
+        return total
+
+    logs = np.array([log_likelihood(sd) for sd in _DISPLACED]) - log_likelihood(0.0)
+    top = max(float(logs.max()), 0.0)
+    likely = np.exp(logs - top)
+    probability = float(likely.mean() / (likely.mean() + math.exp(-top)))
+    sd = math.exp(float(likely @ np.log(_DISPLACED)) / float(likely.sum()))
+    held = probability * sd**2
+    weight = 1.0 / variance
+    away = speed - float(weight @ speed) / float(weight.sum())
+    along = float(weight @ away**2)
+    return Displacement(
+        sd,
+        probability,
+        of_mean=held * float(weight @ weight) / float(weight.sum()) ** 2,
+        of_lag=held * float((weight * away) @ (weight * away)) / along**2 if along > 0.0 else 0.0,
+    )
 
 
 def run_scores(model: Model) -> list[RunScore]:

@@ -404,7 +404,7 @@ def _predict(
         "one_feed_mm_per_min": float(naive["one_feed"][0]) * 6e4,
     }
     longest = usable if limits else float(waves.max())
-    messages = plain_messages(found, density, every, waves, longest, is_exact, information)
+    messages = plain_messages(found, density, every, waves, usable, longest, is_exact, information)
     if waves.max() > LONG_WAVE:
         hint = (
             f"the longest wave is {waves.max():.4g} m on a travel of "
@@ -424,6 +424,9 @@ _PEAK_FACTOR = 4.0
 _OWN_SHARE = 0.5
 """A wave counts as covered where the other feeds give at least this share of what an average feed
 would give at that wavelength."""
+
+_SPREADABLE = 0.9
+"""Longest wave over the travel up to which a ratio of feeds tells it from such a vibration: 10."""
 
 _MOST_PEAKS = 6
 _LINES = 8001
@@ -524,12 +527,25 @@ def plain_messages(
     density: TimeDensity,
     feeds: FloatArray,
     waves: FloatArray,
+    usable: float,
     longest: float,
     is_exact: bool,
     information: FloatArray,
 ) -> tuple[str, ...]:
     """Return the messages of a plan."""
     out = []
+    slow, fast, wave = float(feeds.min()), float(feeds.max()), float(waves.max())
+    # Between these feeds a vibration of this wavelength moves by one wave in the travel of the
+    # fastest run, its resolution: (v2 - v1) / wave = v2 / L.
+    blind = usable * (1.0 - slow / fast)
+    if slow < fast and wave > blind * (1.0 + 1e-9):
+        ratio = math.ceil(20.0 / (1.0 - min(wave / usable, _SPREADABLE))) / 20.0
+        out.append(
+            f"the feeds of {slow * 6e4:.0f} to {fast * 6e4:.0f} mm/min are so close that waves longer "
+            f"than {blind * 1e3:.3g} mm repeat like a vibration that starts with each run: there the "
+            "prediction holds only for vibration that is random from run to run"
+            + (f"; min_ratio={ratio:.4g} spreads them" if wave <= _SPREADABLE * usable else "")
+        )
     for c in found:
         text = (
             f"{c.frequency:.1f} Hz disturbance maps onto {c.wavelength * 1e3:.1f} mm at "

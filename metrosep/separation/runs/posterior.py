@@ -136,6 +136,7 @@ class Model:
     seen: list[RunEquations] = field(default_factory=list)  # slip eliminated, sensor applied
     total: tuple[FloatArray, FloatArray] = field(default_factory=lambda: (np.empty(0),) * 2)
     post: Posterior | None = None
+    lag_variance: float = 0.0  # s^2: of a lag, because the runs are displaced, each by its own
 
     def __post_init__(self) -> None:
         self.slip = np.zeros(self.extension.n)

@@ -249,6 +249,9 @@ the other runs, from which a run shows something else: of a run of another gain 
 that is all that is odd."""
 
 
+_MIRRORED = "is mirrored, its readings are in the order of the opposite direction, against "
+
+
 def _odd_shape(
     runs: RunSet,
     table: RunTable,
@@ -259,6 +262,8 @@ def _odd_shape(
     coarse: bool,
 ) -> str:
     """Return what to say of a run that no gain and no shift makes like the others; empty if one does."""
+    from scipy.stats import f as f_distribution
+
     feeds = np.array([runs[i].feed or 0.0 for i in table.members])
     others = table.reference.copy()
     others[row] = False
@@ -267,12 +272,14 @@ def _odd_shape(
         return ""
     # A vibration at a wavelength of the error is in all runs of a feedrate.
     typical = max(float(np.median(unlike[rows, 0])) for rows in (others, alike) if rows.any())
-    aligned, mirrored = (float(v) for v in unlike[row])
+    aligned, mirrored, n_waves = (float(v) for v in unlike[row])
+    if accused and aligned > f_distribution.isf(_REPEATS, n_waves, n_waves) * mirrored:
+        return _MIRRORED  # few waves: a shift of half of the longest is nearly as good
     share, times = (v[0 if accused else 1] for v in (_OTHER_SHAPE, _TIMES_OTHERS))
     if not aligned > times * typical or (aligned < share and not accused):
         return ""
     if _TIMES_OTHERS[0] * mirrored < aligned:
-        return "is mirrored, its readings are in the order of the opposite direction, against "
+        return _MIRRORED
     if aligned < share:
         return ""
     return f"differs, whatever its gain and place, in {100 * aligned:.2g} % of the power of the error from "
@@ -319,7 +326,8 @@ def _gains_and_shifts(
     """Return gain and shift of every run against the median of the others, each with its u.
 
     Steps of the readings are tied to the place: no number of samples takes them out of a run.
-    And the share of the error that each run does not show, in its place and mirrored.
+    And the share of the error that each run does not show, in its place and mirrored, and the number
+    of waves that it is known from.
     """
     x, z = table.x, np.where(np.isnan(table.z) | ~table.compared[:, None], 0.0, table.z)
     rows = np.flatnonzero(table.compared).tolist()
@@ -344,7 +352,7 @@ def _gains_and_shifts(
     white = AutoregressiveModel(np.empty(0), 1.0, 1.0)
     models = dict.fromkeys(rows, white)
     out_gain, out_shift = np.full((len(z), 2), np.nan), np.full((len(z), 3), np.nan)
-    unlike = np.full((len(z), 2), np.nan)
+    unlike = np.full((len(z), 3), np.nan)
     aligned, keep, inside = z, np.ones(x.size), x
     for fitting in range(_FITTINGS):  # white noise first: a model of a misfit would hide it
         # One range that every run covers wherever it is moved: no run drops out at an end.
@@ -399,7 +407,8 @@ def _gains_and_shifts(
         )
         columns = _columns(inside, aligned, others[i], keep)
         mirrored = _flat(inside, splines[i](x[0] + x[-1] - inside))
-        unlike[i] = [_unlike(row, columns[:, 0], keep) for row in (aligned[i], mirrored)]
+        unlike[i, :2] = [_unlike(row, columns[:, 0], keep) for row in (aligned[i], mirrored)]
+        unlike[i, 2] = max(float(keep.sum()), _LEAST_WAVES)
     few = [i for i in rows if others[i].sum() < _LEAST_FREEDOM]
     if few:  # two others hardly know by what they differ: what all the runs show of it is pooled
         out_shift[few, 2] = math.sqrt(float(np.mean(out_shift[few, 2] ** 2)))

@@ -52,6 +52,7 @@ class LagScore:
     information: FloatArray  # shape (2, 2)
     change: FloatArray  # shape (N, 2): minus the change of the solution with each
     trace: FloatArray  # shape (2,): what the spread about the mean takes from the score
+    displaced: float = 0.0  # s^2: variance of the lag because the runs are displaced
 
     @property
     def lag(self) -> float:
@@ -61,7 +62,7 @@ class LagScore:
     @property
     def u(self) -> float:
         """Standard uncertainty of the lag, s."""
-        return float(self.information[0, 0] ** -0.5)
+        return math.sqrt(1.0 / float(self.information[0, 0]) + self.displaced)
 
     @property
     def gradient(self) -> FloatArray:
@@ -73,7 +74,7 @@ class LagScore:
         information = float(direction @ self.information @ direction)
         return (
             float(direction @ self.gradient) / information,
-            information**-0.5,
+            math.sqrt(1.0 / information + self.displaced),
             self.change @ direction,
         )
 
@@ -112,7 +113,7 @@ def lag_score(model: Model) -> LagScore | None:
         return None
     # The split into delay and time constant may not be seen at all.
     information[1, 1] = max(information[1, 1], 1e-12 * own[1, 1])
-    return LagScore(score, information, root @ held, trace)
+    return LagScore(score, information, root @ held, trace, model.lag_variance)
 
 
 def lag_steps(model: Model, *, sure: bool = False) -> None:

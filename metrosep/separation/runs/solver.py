@@ -43,7 +43,7 @@ from metrosep.separation.runs.geometry import (
     Spectrum,
     filtered,
 )
-from metrosep.separation.runs.leave_out import RunScore, run_scores
+from metrosep.separation.runs.leave_out import Displacement, RunScore, displacement, run_scores
 from metrosep.separation.runs.lines import FoundLine, Terms, find_line, nearest_power
 from metrosep.separation.runs.noise import MOST, WITNESS
 from metrosep.separation.runs.options import JointOptions
@@ -153,6 +153,8 @@ def solve_joint(
             if model.slip.any():
                 learn_slip(model, 8)
         scores = run_scores(model)
+        displaced = displacement(model, scores)
+        model.lag_variance = displaced.of_lag
         unpredicted = [system.rest(i, model, s.theta) for i, s in enumerate(scores)]
         model.kept = n_harmonics
         _pass(system, model, most=7, order=None, above=1.0)
@@ -164,7 +166,8 @@ def solve_joint(
             system, model, found, options, lag_mode, scores, several_feeds=several_feeds
         )
         return replace(
-            solution,
+            solution.displaced_by(displaced.of_mean),
+            displaced=displaced,
             unpredicted=[r * system.scale for r in unpredicted],
         )
 
@@ -259,6 +262,22 @@ class Solution:
     slope_of_spectrum: float = math.nan  # d ln s^2 / d ln k
     scores: Sequence[RunScore] = ()  # of each run against the others
     unpredicted: Sequence[FloatArray] = ()  # m: readings minus what the other runs predict
+    displaced: Displacement = field(default_factory=Displacement)  # of each run along the axis
+
+    def displaced_by(self, variance: float) -> Solution:
+        """Return the solution with what a displacement of all runs adds to its covariances; m^2."""
+        w = 2.0 * math.pi * np.arange(1, self.n_harmonics + 1) / self.period
+        along = filtered(self.coefficients, np.asarray(-1j * w))  # of -g'; the line only moves
+        along[0] = 0.0
+        more = variance * np.outer(along, along)
+        joint = self.joint_covariance.copy()
+        joint[: along.size, : along.size] += more
+        return replace(
+            self,
+            covariance=self.covariance + more,
+            plain_covariance=self.plain_covariance + more,
+            joint_covariance=joint,
+        )
 
     @property
     def kept_residuals(self) -> list[FloatArray]:

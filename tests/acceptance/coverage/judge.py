@@ -375,7 +375,7 @@ def failures(result: RowResult):
 
 HEAD = (
     "| truth / noise | n | error (sd) nm | sd/error | cover of thirds | mean | worst; expected (5 %) "
-    "| low-pass nm, mm | ratio | time, max s | lag ms | lag, slip, suspect said | fails |\n"
+    "| low-pass nm, mm | ratio | time, max, s of one core | lag ms | lag, slip, suspect said | fails |\n"
     "|---|---|---|---|---|---|---|---|---|---|---|---|---|\n"
 )
 

@@ -84,6 +84,7 @@ class Machine:
     spike_share: float = 0.0
     spike_nm: float = 2000.0
     gap_samples: int = 0  # NaN in every third run, one gap each
+    displaced_mm: float = 0.0  # each run its own, normal: the encoder starts so much off
     clock_jitter: float = 0.0  # share of a sample, even within +- it; on the stamps only
 
     def runs_per_direction(self) -> int:
@@ -277,7 +278,8 @@ def _one_run(machine, name, feed, way, ends, truth, rng):
         z = machine.quantum_nm * np.round(z / machine.quantum_nm)
     z = np.clip(z, -machine.limit_nm, machine.limit_nm)
     stamps = t + machine.clock_jitter * dt * rng.uniform(-1.0, 1.0, n)
-    return Reading(name, where[taken], z, stamps, feed, way)
+    off = machine.displaced_mm * rng.standard_normal()
+    return Reading(name, where[taken] + off, z, stamps, feed, way)
 
 
 def simulate(machine: Machine, seed: int) -> Measured:

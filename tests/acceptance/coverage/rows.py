@@ -134,6 +134,9 @@ ROWS: dict[str, Row] = {
     "gaps": _base(gap_samples=40),
     "drift": _base(drift_nm_s=100.0),
     "jitter 30 %": _base(clock_jitter=0.3),
+    # 0.005 Hz wide: of constant amplitude in a run, which no option declares
+    "tone of 11 Hz": _base(modes=(COLUMN, Mode(11.0, 0.0005, 100.0))),
+    "runs displaced .1 mm": _base(displaced_mm=0.1),
 }
 ROWS["1/f2 + lead"] = replace(
     ROWS["1/f2 + lead"], machine=replace(ROWS["1/f2 + lead"].machine, waves=((9.6, 200.0),))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from acceptance.coverage.faults import (
     FAULTS,
+    HEAD,
     NAME,
     false_alarms,
     fault_failures,
@@ -120,17 +121,20 @@ def test_sizes_are_read_with_their_units(text, size):
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda f: f.name)
-def test_what_is_wrong_is_said(fault):
+def test_what_is_wrong_is_said(fault, measured):
     """One fresh set of each; tools/run_faults.py prints more."""
-    _, counts = fault_table(metrosep_joint, sets=1, seed=431_000, faults=[fault])
+    lines, counts = fault_table(metrosep_joint, sets=1, seed=431_000, faults=[fault])
+    for line in lines if fault is FAULTS[0] else lines[len(HEAD) :]:
+        measured(line)
 
     assert fault_failures(counts) == []
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_clean_sets_raise_no_alarm():
+def test_clean_sets_raise_no_alarm(measured):
     """60 sets; at 2 % a third alarm has a chance of 12 %, a fifth of 0.8 %."""
     alarms = false_alarms(metrosep_joint, sets=60, seed=432_000)
 
+    measured(f"false alarms: {len(alarms)} of 60 clean sets")
     assert len(alarms) <= 4, alarms

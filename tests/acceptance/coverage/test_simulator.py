@@ -166,6 +166,16 @@ def test_white_noise_offset_drift_steps_limit_gaps_and_clock_are_as_stated():
     assert np.abs(jittered.z_nm - runs_of(SILENT).runs[0].z_nm).max() < FM
 
 
+def test_displaced_runs_read_the_same_at_other_places():
+    still, moved = (
+        runs_of(replace(SILENT, repeats=300, displaced_mm=mm)).runs for mm in (0.0, 0.1)
+    )
+    off = [b.x_mm - a.x_mm for a, b in zip(still, moved, strict=True)]
+    assert max(np.ptp(d) for d in off) < 1e-9
+    assert np.std([d[0] for d in off]) == pytest.approx(0.1, rel=4 / math.sqrt(2 * 900), abs=0.0)
+    assert all((a.z_nm == b.z_nm).all() for a, b in zip(still, moved, strict=True))
+
+
 def test_places_times_and_travels():
     for name, row in ROWS.items():
         machine = row.machine
@@ -178,8 +188,9 @@ def test_places_times_and_travels():
             ideal = np.arange(run.x_mm.size) / machine.rate_hz
             assert np.abs(run.x_mm - run.x_mm[0] - v * ideal).max() < 1e-9, name
             over = 0.0 if run.direction > 0 else run.feed_mm_s / machine.rate_hz
-            assert run.x_mm.min() > -1e-9 - over
-            assert run.x_mm.max() < machine.travel_mm + 1e-9
+            off = 6.0 * machine.displaced_mm
+            assert run.x_mm.min() > -1e-9 - over - off
+            assert run.x_mm.max() < machine.travel_mm + 1e-9 + off
             if not machine.unequal_mm:
                 assert np.ptp(run.x_mm) > machine.travel_mm - run.feed_mm_s / machine.rate_hz
 
