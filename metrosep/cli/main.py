@@ -21,7 +21,7 @@ _HOMES = {
     "verify-softgauge": "measuring", "run": "jobs", "batch": "batches", "plan": "planning",
     "calibrate": "machines", "circle": "machines", "read": "machines",
     "air": "modelling", "rank": "modelling", "predict": "modelling", "formats": "files", "controllers": "files",
-    "ops": "ops", "psd": "spectra", "ui": "workbench",
+    "ops": "ops", "psd": "spectra", "geometry": "geometry", "ui": "workbench",
 }  # fmt: skip
 """The module of each command, which is loaded when the command is called."""
 

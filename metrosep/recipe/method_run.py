@@ -69,7 +69,8 @@ def run_method(
         tell(f"reading {len(files)} file(s)")
     inputs = load_inputs(method, files, {k: v for k, v in recipe.input.items() if k != "files"})
     _require_kind(recipe, inputs)
-    tell(f"{'computing' if method.reads == 'nothing' else 'separating'}: {method.what}")
+    doing = {"separate": "separating", "geometry": "evaluating"}[method.verb]
+    tell(f"{'computing' if method.reads == 'nothing' else doing}: {method.what}")
     options = _options(method, step, recipe.folder)
     named = named_files(options, method.fields)
     tables = [o for o in recipe.outputs if o["kind"] == "table"]
