@@ -243,15 +243,13 @@ def _narrowed(
         if gap <= _SETTLED * now:
             return state, held
         share = 1.0
-        while share > _SHORTEST:
-            trial = move(state, share * step)
-            new = width(trial)
-            if new < now - _FALL * share * gap:
-                break
+        trial = move(state, step)
+        while width(trial) >= now - _FALL * share * gap and share > _SHORTEST:
             share *= 0.5
-        else:  # nothing narrower within rounding
+            trial = move(state, share * step)
+        if share <= _SHORTEST:  # nothing narrower within rounding
             break
-        state, now = trial, new
+        state, now = trial, width(trial)
     if not gap <= _NEAR * now + _ROUNDING:
         raise NotConvergedError(
             f"the minimum zone did not settle: {now:.4g} m, perhaps {gap:.2g} m too wide; the points do "

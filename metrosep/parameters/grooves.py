@@ -177,7 +177,9 @@ def step_height(
     level = float(np.median(points.z[used]))
     columns = _flat_bottom if kind == "A1" else _round_bottom
     basis = columns(t[used], inner[used].astype(np.float64))
-    coefficients = np.linalg.lstsq(basis.T, points.z[used] - level, rcond=None)[0]
+    coefficients = np.asarray(
+        np.linalg.lstsq(basis.T, points.z[used] - level, rcond=None)[0], dtype=np.float64
+    )
     residual = np.full(points.z.shape, np.nan)
     residual[used] = points.z[used] - level - coefficients @ basis
     height, slopes = _height_of(coefficients)

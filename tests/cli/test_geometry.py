@@ -4,6 +4,7 @@ The files are written here, with decimal commas, other orders of columns and emp
 worked out from shifts and tilts by hand.
 """
 
+import importlib.util
 import json
 
 import numpy as np
@@ -494,3 +495,12 @@ def test_profile_of_a_line(metrosep, tmp_path):
     code, out, err = metrosep("geometry", "surface_profile", file, *words)
     assert (code, out) == (2, "")
     assert "take line_profile" in err
+
+
+def test_the_example_is_made_by_its_script(repository, tmp_path):
+    folder = repository / "examples" / "roundness_traces"
+    spec = importlib.util.spec_from_file_location("make_data", folder / "make_data.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    module.main(tmp_path)
+    assert (tmp_path / "traces.csv").read_bytes() == (folder / "traces.csv").read_bytes()

@@ -54,6 +54,7 @@ NAMES = [
     "motion_error_fourier/recipe.toml",
     "motion_error_fourier/joint.toml",
     "measured_part/recipe.toml",
+    "roundness_traces/recipe.toml",
 ]
 
 

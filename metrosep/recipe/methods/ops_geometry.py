@@ -173,8 +173,9 @@ class _OfPoints(Method):
             for d, v in zip(found, lift, strict=True)
         )
         about = (
-            f"u of {_DRAWS} draws of independent noise of {format_length(size)} of each coordinate; such "
-            f"noise also lifts the values, {words}; scale, spindle and datum of the instrument are not in u"
+            f"the standard uncertainty is that of {_DRAWS} draws of independent noise of "
+            f"{format_length(size)} of each coordinate; such noise also lifts the values, {words}; scale, "
+            "spindle and datum of the instrument are not in it"
         )
         return tuple(float(s) for s in values.std(axis=0, ddof=1)), (about,)
 
