@@ -361,7 +361,7 @@ CHANGING = ("open", "edit", "undo", "redo")
 """Requests after which every page shows another recipe."""
 
 _OWN = ("hello", "view", *CHANGING)
-_PICTURES = ("map", "section", "profile", "spectrum")
+_PICTURES = ("map", "section", "profile", "spectrum", "density")
 _ELSEWHERE = {
     "metrics": "metrics_answers:metrics",
     "export": "export_answers:export",
@@ -550,6 +550,18 @@ class PictureAnswers:
         )
         view = spectrum_view(kept[2], band=band)
         return spectrum_frame(view, unit=unit, is_preview=outcome.is_preview)
+
+    def density(self, message: Message, cancel: Cancel) -> Answer:
+        """Answer a request ``density``: the spectrum that a step ``psd`` compares with its limit."""
+        from metrosep.app.spectrum_views import density_frame
+
+        outcome, _ = self._stage(message, cancel)
+        stage = message.get("stage", -1)
+        done = [s for s in outcome.stages if s.enabled]
+        chosen = [s for s in done if s.index == stage] if stage >= 0 else done[-1:]
+        if not chosen or chosen[0].op != "psd":
+            raise DataError("the step that is shown compares no spectrum with a limit")
+        return density_frame(chosen[0].detail, is_preview=outcome.is_preview)
 
 
 def _moved(obj: Surface, shift: tuple[float, float]) -> Surface:

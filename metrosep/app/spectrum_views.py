@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,17 @@ from metrosep.spectral.density import amplitude_spectrum
 from metrosep.spectral.dft import Band
 from metrosep.spectral.window import hann_weights, noise_bandwidth
 
-__all__ = ["ProfileSpectrum", "SpectrumView", "estimate_view", "profile_spectrum", "spectrum_view"]
+if TYPE_CHECKING:
+    from metrosep.parameters.psd_limits import PsdVerdict
+
+__all__ = [
+    "ProfileSpectrum",
+    "SpectrumView",
+    "density_frame",
+    "estimate_view",
+    "profile_spectrum",
+    "spectrum_view",
+]
 
 
 _ON_LIMIT = 1e-9
@@ -37,6 +47,8 @@ _REPEATABILITY_K = 2.0
 """The repeatability band is the amplitude plus and minus this many standard uncertainties."""
 
 _MM, _NM = 1e-3, 1e-9
+_NM2_MM = _NM * _NM * _MM
+"""m^3 in nm^2 mm."""
 _WAYS = {1: "forward", -1: "reverse"}
 
 
@@ -297,6 +309,37 @@ def estimate_view(
         high=_frozen(amplitude + _REPEATABILITY_K * sd) if known else None,
         messages=messages,
     )
+
+
+def density_frame(
+    found: PsdVerdict, *, is_preview: bool = False
+) -> tuple[dict[str, Any], dict[str, FloatArray]]:
+    """Return a density with its limit and bands: wavelengths fall, densities in nm^2 mm.
+
+    Of a limit of the RMS there is no density to draw, only its band.
+    """
+    f, density = found.spectrum.frequency[1:], found.spectrum.density[1:]
+    limit, mean = np.full(f.size, np.nan), np.full(f.size, np.nan)
+    low, high = found.bands[0].low, found.bands[-1].high
+    inside = (f >= low * (1.0 - _ON_LIMIT)) & (f <= high * (1.0 + _ON_LIMIT))
+    if found.limit.A is not None:
+        limit[inside] = found.limit.A / f[inside] ** found.limit.B
+        for band in found.bands:
+            mean[inside & (f >= band.low * (1.0 - _ON_LIMIT))] = band.mean  # rising frequencies
+    header = {
+        "unit": "nm^2 mm",
+        "limit": found.limit.text,
+        "direction": found.direction,
+        "verdict": found.verdict,
+        "words": found.sentence,
+        "is_preview": is_preview,
+        "bands": [
+            {"low": 1.0 / b.high, "high": 1.0 / b.low, "ratio": b.ratio, "verdict": b.verdict}
+            for b in found.bands
+        ],
+    }
+    arrays = {"density": density / _NM2_MM, "limit": limit / _NM2_MM, "mean": mean / _NM2_MM}
+    return header, {"wavelength": 1.0 / f, **arrays}
 
 
 _COLUMNS = ("wavelength_mm", "amplitude_nm", "sd_nm")

@@ -22,7 +22,8 @@ _HOMES = {
     "calibrate": "machines", "circle": "machines", "read": "machines",
     "thermal": "machines",
     "air": "modelling", "rank": "modelling", "predict": "modelling", "formats": "files", "controllers": "files",
-    "ops": "ops", "psd": "spectra", "ui": "workbench", "volume": "machine_tables",
+    "ops": "ops", "psd": "spectra", "geometry": "geometry", "ui": "workbench",
+    "volume": "machine_tables",
 }  # fmt: skip
 """The module of each command, which is loaded when the command is called."""
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from metrosep.core.errors import RecipeError
     from metrosep.recipe.recipe import Recipe
 
-__all__ = ["form", "measure", "verify_softgauge"]
+__all__ = ["form", "limit_text", "measure", "verify_softgauge"]
 
 _CALL = "command line"
 _PLAIN = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?:SI)?\s*")
@@ -275,7 +275,7 @@ def _recipe_text(file: str | None, given: Mapping[str, Any], reading: Mapping[st
     for symbol in {**given["lower"], **given["upper"]}:
         lines += ["", "[[check]]", f"metric = {quoted(symbol)}"]
         limits = ((k, given[k].get(symbol)) for k in ("lower", "upper", "U"))
-        lines += [f"{k} = {_limit(text)}" for k, text in limits if text is not None]
+        lines += [f"{k} = {limit_text(text)}" for k, text in limits if text is not None]
         if given["guard_factor"] != 1.0:
             lines.append(f"guard_factor = {given['guard_factor']!r}")
         if given["rule"] is not None:
@@ -292,7 +292,7 @@ def _edition(text: str) -> str:
     return next((e for e in known if "".join(e.lower().split()) == plain), text)
 
 
-def _limit(text: str) -> str:
+def limit_text(text: str) -> str:
     """Return a limit as TOML has it: with its unit in quotes, a pure number or SI without."""
     number = _PLAIN.fullmatch(text)
     return quoted(text) if number is None else repr(float(number[1]))

@@ -159,6 +159,13 @@ def data_words(method: type[Method]) -> list[str]:
     if method.reads == "results":
         names = ", ".join(method.readings) or "as many as there are"
         return [f"result.json of 'metrosep separate -o DIR', one for each: {names}"]
+    if method.verb == "geometry":
+        words = [
+            "points have x, y and z; traces of a roundness instrument angle, radius and height",
+            "one file of all, one file for each trace (with heights), or one for each element",
+        ]
+        words += [f"--{k} COLUMN: {_role_words(k, kind)}" for k, kind in method.roles.items()]
+        return [*words, _UNITS_OF_COLUMNS]
     lines = _curves(method) if method.reads == "curves" else _rows(method)
     lines += [
         f"--column {k}=COLUMN: {_role_words(k, kind)}"
@@ -173,10 +180,13 @@ def data_words(method: type[Method]) -> list[str]:
     if any(k not in ("direction", "label", "run", "repeat") for k in method.roles) or (
         method.reads == "curves"
     ):
-        lines.append(
-            'units stand in the names of the columns (m1_nm, "gap [um]") or behind: "m1:nm"'
-        )
+        lines.append(_UNITS_OF_COLUMNS)
     return lines
+
+
+_UNITS_OF_COLUMNS = (
+    'units stand in the names of the columns (m1_nm, "gap [um]") or behind: "m1:nm"'
+)
 
 
 def _curves(method: type[Method]) -> list[str]:
@@ -281,11 +291,12 @@ def example_call(op: str, method: type[Method], folder: Path | None = None) -> l
             k: f"{place}/{v}" if kinds.get(k) == "file" and (own / str(v)).exists() else v
             for k, v in step.items()
         }
-    words = ["metrosep", "separate", *files, "--method", op]
+    direct = method.verb != "separate"  # a command with an option for each column
+    words = ["metrosep", method.verb, *([op, *files] if direct else [*files, "--method", op])]
     for key, value in source.items():
         text = _typed(value)
         name = [f"--{key.replace('_', '-')}", text]
-        words += name if key in COLUMN_OPTIONS else ["--column", f"{key}={text}"]
+        words += name if own or key in COLUMN_OPTIONS else ["--column", f"{key}={text}"]
     for key, value in step.items():
         words += ["--set", f"{key}={_typed(value)}"]
     return words
@@ -349,6 +360,8 @@ def _made_up(method: type[Method]) -> tuple[dict[str, Any], dict[str, Any], list
     for name, kind in method.roles.items():
         if "?" not in kind or name in ("target", "direction", "readings"):
             source[name] = _column(name, kind)
+    if method.verb == "geometry":
+        source |= {k: f"{k}_mm" for k in ("x", "y", "z")}
     needed = {k: f for k, f in method.fields.items() if f.required and k != "op"}
     return source, {k: _value(f) for k, f in needed.items()}, files
 

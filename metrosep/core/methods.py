@@ -41,6 +41,9 @@ class Method:
     what: ClassVar[str]
     """What it separates, for the list of methods."""
 
+    verb: ClassVar[Literal["separate", "geometry"]] = "separate"
+    """Command that carries it out."""
+
     reads: ClassVar[Reads] = "curves"
     """Columns over positions; repeated runs; columns by their role, of all files together or file by file; maps;
     documents of results; nothing where the options say all."""

@@ -61,6 +61,9 @@ class Estimate:
     dof: float
     n_effective: float
     length: float
+    # whether the form may have taken up more of the deviations than it left, so that the u of some
+    # parameters is a bound by energy
+    bounded: bool = False
 
 
 def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int) -> Estimate:
@@ -93,7 +96,7 @@ def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int
             coarser = -(-max(r.shape) // _SIDE_B)
             x, y, J, r = _blocks(x, y, J, r, coarser, coarser)
             good = ~np.isnan(r)
-        by_b, n_functions = _next_to_the_model(
+        by_b, n_functions, bounded = _next_to_the_model(
             x[good], y[good], J[:, good], r[good], is_line=is_line
         )
         cov = _larger(by_a, by_b, inverse @ inverse.T) * level**2
@@ -101,7 +104,7 @@ def estimated(points: Points, linearise: Linearise, residual: FloatArray, p: int
         if n_effective < 2 * p:
             return _unknown(p, n_effective)
         length = b * (0.5 * area if is_line else np.sqrt(area / np.pi))
-        return Estimate(cov, max(1.0, min(dof, n_functions)), n_effective, float(length))
+        return Estimate(cov, max(1.0, min(dof, n_functions)), n_effective, float(length), bounded)
 
 
 class NoiseModel(Protocol):
@@ -150,8 +153,8 @@ def _scattered(points: Points, linearise: Linearise, residual: FloatArray, p: in
     if r.size <= p:
         return _unknown(p, r.size)
     J = linearise(x, y, points.z[0][good])[:p]
-    cov, n_functions = _next_to_the_model(x, y, J, r, is_line=float(np.ptp(y)) == 0.0)
-    return Estimate(cov, max(1.0, float(n_functions)), float(r.size), np.nan)
+    cov, n_functions, bounded = _next_to_the_model(x, y, J, r, is_line=float(np.ptp(y)) == 0.0)
+    return Estimate(cov, max(1.0, float(n_functions)), float(r.size), np.nan, bounded)
 
 
 def _larger(by_a: FloatArray, by_b: FloatArray, white: FloatArray) -> FloatArray:
@@ -324,12 +327,13 @@ def _lags(
 
 def _next_to_the_model(
     x: FloatArray, y: FloatArray, J: FloatArray, r: FloatArray, *, is_line: bool
-) -> tuple[FloatArray, int]:
-    """Return the covariance that the polynomials beside the model ask for, and their number.
+) -> tuple[FloatArray, int, bool]:
+    """Return the covariance that the polynomials beside the model ask for, their number, and a flag.
 
     m_d is the mean square of the residual along the orthonormal polynomials of degree d, of which
     nothing lies in the model; log m_d = a - b log d, b >= 0. A column of Q of degree o has the
-    variance exp(a - b log o) (8), from s^2 to the sum of all squares; then cov = R^-1 diag(v) R^-T (9).
+    variance exp(a - b log o) (8), from s^2 to a bound by energy (`_held`); then
+    cov = R^-1 diag(v) R^-T (9). The flag says that the bound was at work.
     """
     Q, R, r = _factors(J, r)
     N, p = Q.shape
@@ -355,7 +359,7 @@ def _next_to_the_model(
         degrees.append(d)
         numbers.append(new.shape[1])
         powers.append(float(np.mean(np.square(new.T @ r))))
-    level = np.full(p, s2)
+    level, bounded = np.full(p, s2), False
     n_functions = int(sum(numbers))
     if is_line:  # neighbouring pairs, of which the logarithm has a known mean
         degrees, powers, numbers = degrees[:8], powers[:8], numbers[:8]
@@ -373,10 +377,27 @@ def _next_to_the_model(
         b = max(-float(w @ ((at - middle) * (logs - mean))) / spread, 0.0) if spread else 0.0
         known = ~np.isnan(order)
         rise = b * (np.log(np.maximum(order[known], _LEAST_ORDER)) - middle)
-        # A long smooth wave falls faster than any power law: no column is held to be larger than
-        # all that the fit left, or a waviness of 1 um would give a tilt an uncertainty of 40 um.
-        level[known] = np.clip(np.exp(np.minimum(mean - rise, 300.0)), s2, r @ r)
-    return np.asarray((inverse * level) @ inverse.T), n_functions
+        law = np.exp(np.minimum(mean - rise, 300.0))
+        level[known], bounded = _held(law, order[known], s2, float(r @ r))
+    return np.asarray((inverse * level) @ inverse.T), n_functions, bounded
+
+
+def _held(law: FloatArray, order: FloatArray, s2: float, left: float) -> tuple[FloatArray, bool]:
+    """Return the variances of columns after a law of their order, bounded by energy; whether it was.
+
+    A long smooth wave falls faster than any power law, which would give a tilt of a waviness of 1 um
+    an uncertainty of 40 um. So no column holds more than all that a fit without the columns of its
+    own and of lower order would have left: the sum of squares `left`, and what the columns of higher
+    order took. With few columns that is about `left`; with many it grows towards low orders, where a
+    smooth deviation has its energy.
+    """
+    held, bounded = np.empty(law.size), False
+    for o in np.unique(order)[::-1]:
+        here = order == o
+        bounded = bounded or bool(o > 0.0 and (law[here] > left).any())
+        held[here] = np.clip(law[here], s2, left)
+        left += float(held[here].sum())
+    return held, bounded
 
 
 def _orders(

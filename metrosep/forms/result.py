@@ -186,7 +186,18 @@ class FitResult:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a user must know: parameters that are held, tied or not determined by the map."""
-        return (*self.found_warnings, *self._flat(), *self._too_few())
+        return (*self.found_warnings, *self._flat(), *self._too_few(), *self._bounded())
+
+    def _bounded(self) -> list[str]:
+        """Return a sentence where the residual cannot say how much the form took up."""
+        if not self.names or not self._estimate.bounded:
+            return []
+        text = (
+            f"the deviations are so long that the {len(self.names)} free parameters may have taken up "
+            "more of them than is left: u is a bound from the energy of the residual, rather too large, "
+            "and does not come from its correlation; measure a larger area or free fewer parameters"
+        )
+        return [text]
 
     def _too_few(self) -> list[str]:
         cells = self.n_effective

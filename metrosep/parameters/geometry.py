@@ -8,8 +8,9 @@ ISO 5459, recalled), or least squares by name. Definitions recalled from ISO 110
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,7 +26,7 @@ from metrosep.core.numbers import choice
 from metrosep.core.quantity import Quantity
 from metrosep.forms.base import Form, Placement
 from metrosep.parameters.interferometric import smallest_circle
-from metrosep.parameters.straightness import minimum_zone_line, optimum
+from metrosep.parameters.straightness import optimum
 
 __all__ = [
     "DatumAxis",
@@ -44,9 +45,21 @@ __all__ = [
 ]
 
 _SETTLED = 1e-12
-"""Of the radius: a step of the axis below this ends the iteration."""
+"""Of the radius: a step of the axis below this ends the iteration; of a zone: what may be left of it."""
+_SHORTEST, _FALL = 1e-9, 0.1
+"""Share of a step that is still tried; of the promised narrowing: what a step must reach."""
+_EVEN = 16.0 * float(np.finfo(float).eps)
+"""Of the heights: a range below is rounding."""
+_NEAR, _ROUNDING = 1e-4, 1e-15
+"""Of a zone, and in m: a zone that may be wider by more than this did not settle."""
+_ROUND = 0.2
+"""Of the radius: distances from the axis that differ by more are not those of a cylinder."""
 _STEP = 0.1
 """Of the radius: largest step of the axis in one linear program."""
+_NO_AXIS = (
+    "the points do not determine the axis of a cylinder along the direction that was given; check "
+    "direction and element, or measure more sections"
+)
 _MOST = 50
 _FELT = 1e-4
 """Of the largest: motions that change the distances less leave the form as it is."""
@@ -68,6 +81,8 @@ class GeometricDeviation:
         What it refers to; empty without datum.
     support : ndarray of int
         Points that hold the value.
+    edition : str
+        Whose definition it is.
     """
 
     value: float
@@ -76,9 +91,17 @@ class GeometricDeviation:
     association: str
     datum: str
     support: IntArray
+    edition: str = "ISO 1101:2017 (recalled)"
 
-    def to_quantity(self) -> Quantity:
+    def to_quantity(self, *, u: float | None = None, u_source: str = "") -> Quantity:
         """Return the value with its definition.
+
+        Parameters
+        ----------
+        u : float, m, optional
+            Standard uncertainty, where it is known.
+        u_source : str, optional
+            What it rests on.
 
         Returns
         -------
@@ -86,8 +109,9 @@ class GeometricDeviation:
             In m.
         """
         about = f", datum: {self.datum}" if self.datum else ""
+        text = f"{self.definition}, {self.association}{about}; {self.edition}"
         return Quantity(
-            self.value, "m", f"{self.definition}, {self.association}{about}", symbol=self.symbol
+            self.value, "m", text, u=u, symbol=self.symbol, u_source=u_source if u else ""
         )
 
 
@@ -184,6 +208,8 @@ def _zone(
 ) -> tuple[FloatArray, IntArray]:
     """Return the coefficients of the smallest largest residual, and the points that hold it."""
     rest = heights - matrix @ start
+    if float(np.ptp(rest)) <= _EVEN * float(np.abs(heights).max()):  # as even as numbers can be
+        return start, np.unique([np.argmax(rest), np.argmin(rest)])
     found = optimum(
         lambda i: (matrix[i], heights[i]),
         lambda c: np.array([np.argmax(heights - matrix @ c), np.argmin(heights - matrix @ c)]),
@@ -193,6 +219,47 @@ def _zone(
         scale=max(float(np.ptp(rest)), np.finfo(float).tiny),
     )
     return found.coefficients, np.unique(found.indices)
+
+
+State = TypeVar("State")
+
+
+def _narrowed(
+    state: State,
+    propose: Callable[[State], tuple[FloatArray, float, IntArray]],
+    move: Callable[[State, FloatArray], State],
+    width: Callable[[State], float],
+) -> tuple[State, IntArray]:
+    """Return the state of the narrowest zone, and the points that hold it, by linear programs.
+
+    `propose` gives a step, the width that the linear distances promise after it, and its support. A
+    whole step may overshoot where two sets of points hold nearly the same zone, so it is halved
+    until the zone is narrower. What the program promises is how far the zone is from the narrowest.
+    """
+    now, gap, held = width(state), np.inf, np.empty(0, dtype=np.intp)
+    for _ in range(_MOST):
+        step, promised, held = propose(state)
+        gap = now - promised
+        if gap <= _SETTLED * now:
+            return state, held
+        share = 1.0
+        trial = move(state, step)
+        while width(trial) >= now - _FALL * share * gap and share > _SHORTEST:
+            share *= 0.5
+            trial = move(state, share * step)
+        if share <= _SHORTEST:  # nothing narrower within rounding
+            break
+        state, now = trial, width(trial)
+    if not gap <= _NEAR * now + _ROUNDING:
+        raise NotConvergedError(
+            f"the minimum zone did not settle: {now:.4g} m, perhaps {gap:.2g} m too wide; the points do "
+            "not determine where it lies"
+        )
+    return state, held
+
+
+def _width(residual: FloatArray) -> float:
+    return 2.0 * float(np.abs(residual).max())
 
 
 # ---- datums ---------------------------------------------------------------------------------------
@@ -290,10 +357,11 @@ def _cylinder(p: FloatArray, d: FloatArray) -> tuple[DatumAxis, float]:
         step = np.linalg.lstsq(J, r, rcond=None)[0]
         axis = _moved(axis, np.asarray(step), p)
         if np.linalg.norm(step[:4]) <= _SETTLED * float(r.mean()):
-            return axis, float(axis.distances(p).mean())
-    raise NotConvergedError(
-        "the points do not determine the axis of a cylinder; measure more sections"
-    )
+            r = axis.distances(p)
+            if float(np.ptp(r)) > _ROUND * float(r.mean()):
+                break
+            return axis, float(r.mean())
+    raise NotConvergedError(_NO_AXIS)
 
 
 def _circle_centre(p: FloatArray, d: FloatArray) -> FloatArray:
@@ -313,6 +381,8 @@ def _radii(p: FloatArray, axis: DatumAxis) -> tuple[FloatArray, FloatArray]:
     along = q @ axis.direction
     a, b = q @ u, q @ v
     r = np.hypot(a, b)
+    if not r.min() > 0.0:  # a point on the axis
+        raise NotConvergedError(_NO_AXIS)
     reach = max(float(np.abs(along).max()), np.finfo(float).tiny)
     ca, cb, h = a / r, b / r, along / reach
     return r, np.stack([ca, cb, ca * h, cb * h, np.ones_like(r)], axis=1)
@@ -371,22 +441,34 @@ def cylindricity(
     axis, radius = _cylinder(p, _unit(direction, "direction"))
     held: IntArray = np.empty(0, dtype=np.intp)
     if reference == "MZ":
-        for _ in range(_MOST):
-            r, J = _radii(p, axis)
-            start = np.array([0.0, 0.0, 0.0, 0.0, 0.5 * (r.max() + r.min())])
-            step, held = _zone(J, r, start)
+
+        def propose(at: DatumAxis) -> tuple[FloatArray, float, IntArray]:
+            r, J = _radii(p, at)
+            step, holding = _zone(J, r, np.array([0.0, 0.0, 0.0, 0.0, 0.5 * (r.max() + r.min())]))
             size = float(np.linalg.norm(step[:4]))
-            axis = _moved(axis, np.asarray(step * min(1.0, _STEP * radius / max(size, 1e-300))), p)
-            if size <= _SETTLED * radius:
-                break
-        else:
-            raise NotConvergedError("the minimum zone of coaxial cylinders did not settle")
+            return (
+                step * min(1.0, _STEP * radius / max(size, 1e-300)),
+                _width(r - J @ step),
+                holding,
+            )
+
+        axis, held = _narrowed(
+            axis,
+            propose,
+            lambda at, step: _moved(at, step, p),
+            lambda at: float(np.ptp(at.distances(p))),
+        )
     r = axis.distances(p)
     if reference == "LS":
         held = np.array([np.argmax(r), np.argmin(r)])
+    how = {
+        "MZ": "minimum zone (MZ) of coaxial cylinders",
+        "LS": "least-squares axis (LS)",
+    }
     return GeometricDeviation(
-        float(np.ptp(r)), "CYLt", "cylindricity", reference, "", np.asarray(held)
-    )
+        float(np.ptp(r)), "CYLt", "cylindricity", how[reference], "", np.asarray(held),
+        "ISO 12180-1:2011 (recalled)",
+    )  # fmt: skip
 
 
 def surface_profile(
@@ -432,21 +514,19 @@ def surface_profile(
     missing = [n for n, v in form.parameters.items() if v is None]
     if missing:
         raise DataError(f"a nominal form has all parameters; {', '.join(missing)} is not given")
-    d = _normal_distances(form, p)
     if not datum:
-        for _ in range(_MOST):
-            J = _rigid_columns(form, p)
+
+        def propose(at: FloatArray) -> tuple[FloatArray, float, IntArray]:
+            J, d = _rigid_columns(form, at), _normal_distances(form, at)
             _, size, directions = np.linalg.svd(J, full_matrices=False)
             felt = directions[size > _FELT * size[0]].T  # a sphere feels no turn
-            step, _ = _zone(J @ felt, d, np.zeros(felt.shape[1]))
-            p = _placed(p, felt @ step)
-            new = _normal_distances(form, p)
-            if abs(np.abs(new).max() - np.abs(d).max()) <= 1e-9 * np.abs(d).max() + 1e-18:
-                d = new
-                break
-            d = new
-        else:
-            raise NotConvergedError("the minimax fit of the nominal form did not settle")
+            step, holding = _zone(J @ felt, d, np.zeros(felt.shape[1]))
+            return felt @ step, _width(d - J @ felt @ step), holding
+
+        p, _ = _narrowed(
+            p, propose, _placed, lambda at: 2.0 * float(np.abs(_normal_distances(form, at)).max())
+        )
+    d = _normal_distances(form, p)
     largest = float(np.abs(d).max())
     held = np.flatnonzero(np.abs(d) >= largest * (1.0 - 1e-9))
     how = "as the datum has it" if datum else "minimax fit of six freedoms"
@@ -569,18 +649,23 @@ def perpendicularity(
             "the face is nearly parallel to its datum; perpendicularity means the other"
         )
     across /= np.linalg.norm(across)
-    along = np.cross(datum.normal, across)
-    t, h = p @ along, p @ across
-    order = np.argsort(t, kind="stable")
-    if not t[order[-1]] > t[order[0]]:
-        raise DataError(
-            "all points lie on one line along the datum's normal: the zone may turn freely"
-        )
-    zone = minimum_zone_line(t[order] - t.mean(), h[order] - h.mean(), normal=True)
+    held: IntArray = np.empty(0, dtype=np.intp)
+    for _ in range(
+        _MOST
+    ):  # the zone is measured along its own normal, so turn until it has no slope
+        along = np.cross(datum.normal, across)
+        t, h = p @ along - np.mean(p @ along), p @ across - np.mean(p @ across)
+        if not np.ptp(t) > 0.0:
+            raise DataError(
+                "all points lie on one line along the datum's normal: the zone may turn freely"
+            )
+        c, held = _zone(np.stack([np.ones_like(t), t], axis=1), h, np.zeros(2))
+        across = _unit(across - c[1] * along, "the normal")
+        if abs(c[1]) <= _SETTLED:
+            break
     return GeometricDeviation(
-        float(zone.width), "PER", "perpendicularity of a plane",
-        "narrowest zone at right angles to the datum", f"plane, {datum.association}",
-        np.asarray(order[zone.indices]),
+        float(np.ptp(p @ across)), "PER", "perpendicularity of a plane",
+        "narrowest zone at right angles to the datum", f"plane, {datum.association}", held,
     )  # fmt: skip
 
 

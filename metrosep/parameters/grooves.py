@@ -3,29 +3,31 @@
 A groove of width W has its middle at 0. Of A1 the line a x + b of the upper faces (W/2 + W/3 to 3W/2
 from the middle) and the bottom (|x| <= W/6), h lower, are fitted together by least squares; what lies
 between is not used, as edges are round. Of A2 the line goes through the outer ranges and a parabola
-through the inner one; the depth is that of its vertex. Recalled from ISO 5436-1:2000, not read.
+through the inner one; the depth is that of its vertex, its u that of line and parabola together.
+Recalled from ISO 5436-1:2000, not read.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from metrosep.core._arrays import BoolArray, FloatArray
+from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, TooFewSamplesError
 from metrosep.core.numbers import choice, positive, real
 from metrosep.core.profile import Profile
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
 from metrosep.forms._correlated import estimated
 from metrosep.forms.points import points_of
 from metrosep.spectral.dft import instance_of
 
 __all__ = ["StepHeight", "step_height"]
 
+EDITION = "ISO 5436-1:2000 (recalled)"
 _LEAST = 3
 """Samples in a range."""
 _ROUNDING = 1e-9
@@ -42,7 +44,7 @@ class StepHeight:
     height : float, m
         Of the middle over the faces beside it: negative for a groove.
     u : float, m
-        Standard uncertainty from the correlation of the residual; NaN of A2.
+        Standard uncertainty from the correlation of the residual.
     dof : float
         Its degrees of freedom.
     slope : float
@@ -68,17 +70,29 @@ class StepHeight:
         """Depth of the groove or height of the ridge, positive, m."""
         return abs(self.height)
 
-    def to_quantity(self) -> Quantity:
+    def to_quantity(self, *, signed: bool = False) -> Quantity:
         """Return the depth as a quantity.
+
+        Parameters
+        ----------
+        signed : bool, optional
+            The height with its sign, symbol h, instead of the depth d.
 
         Returns
         -------
         Quantity
-            Symbol d, with u where it is known.
+            With u and its degrees of freedom where they are known.
         """
-        u = None if np.isnan(self.u) else self.u
-        text = f"depth after ISO 5436-1, type {self.kind} (recalled), {self.n_used} samples"
-        return Quantity(self.depth, "m", text, u=u, symbol="d")
+        known = bool(np.isfinite(self.u) and np.isfinite(self.dof))
+        what = "depth of a groove" if self.height < 0.0 else "height of a ridge"
+        if signed:
+            what = "height of the middle over the faces beside it, negative for a groove"
+        text = f"{what}, {EDITION}, type {self.kind}, {self.n_used} samples"
+        return Quantity(
+            self.height if signed else self.depth, "m", text,
+            u=self.u if known else None, symbol="h" if signed else "d",
+            dof=self.dof if known else None, u_source="fit residual",
+        )  # fmt: skip
 
 
 def step_height(
@@ -152,53 +166,56 @@ def step_height(
         (outer & (t > 0), "right face"),
     ):
         if int((part & valid).sum()) < _LEAST:
+            along = (points.x if across else points.y) + points.centre[0 if across else 1]
             raise TooFewSamplesError(
-                f"the {name} of the groove holds {int((part & valid).sum())} valid samples, "
-                f"{_LEAST} are needed; check width and middle, or measure 3 widths"
+                f"the {name} of the groove holds {int((part & valid).sum())} valid samples, {_LEAST} "
+                f"are needed: the data reach from {format_length(float(along.min()))} to "
+                f"{format_length(float(along.max()))}, the middle is at {format_length(centre)} and "
+                f"width is {format_length(W)}; give the middle=... of the groove, or measure 3 widths"
             )
     used = (inner | outer) & valid
     level = float(np.median(points.z[used]))
-    fit = _flat_bottom if kind == "A1" else _round_bottom
-    columns, height = fit(t, inner, outer & valid, used, points.z - level)
+    columns = _flat_bottom if kind == "A1" else _round_bottom
     basis = columns(t[used], inner[used].astype(np.float64))
-    coefficients = np.linalg.lstsq(basis.T, points.z[used] - level, rcond=None)[0]
+    coefficients = np.asarray(
+        np.linalg.lstsq(basis.T, points.z[used] - level, rcond=None)[0], dtype=np.float64
+    )
     residual = np.full(points.z.shape, np.nan)
     residual[used] = points.z[used] - level - coefficients @ basis
-    u, dof = np.nan, np.nan
-    if kind == "A1":
-        height = float(coefficients[2])
+    height, slopes = _height_of(coefficients)
 
-        def linearise(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
-            s = (x if across else y) / W
-            return np.vstack([columns(s, (np.abs(s) <= _INNER).astype(np.float64)), z])
+    def linearise(x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
+        s = (x if across else y) / W
+        return np.vstack([columns(s, (np.abs(s) <= _INNER).astype(np.float64)), z])
 
-        found = estimated(points, linearise, residual, 3)
-        u, dof = float(np.sqrt(found.cov[2, 2])), found.dof
+    found = estimated(points, linearise, residual, coefficients.size)
+    u = float(np.sqrt(slopes @ found.cov @ slopes))
     rms = float(np.sqrt(np.mean(np.square(residual[used]))))
     slope = float(coefficients[1]) / W
-    return StepHeight(height, u, dof, slope, int(used.sum()), rms, kind)
+    return StepHeight(height, u, found.dof, slope, int(used.sum()), rms, kind)
 
 
-Columns = Callable[[FloatArray, FloatArray], FloatArray]
+def _flat_bottom(s: FloatArray, inside: FloatArray) -> FloatArray:
+    """Return the columns of a line and of a step in the middle."""
+    return np.stack([np.ones_like(s), s, inside])
 
 
-def _flat_bottom(*_: object) -> tuple[Columns, float]:
-    """Return the columns of line and step; the height is the third coefficient."""
-    return lambda s, inside: np.stack([np.ones_like(s), s, inside]), np.nan
+def _round_bottom(s: FloatArray, inside: FloatArray) -> FloatArray:
+    """Return the columns of a line and of a parabola in the middle, which takes all that is there.
+
+    So the line is that of the outer ranges alone.
+    """
+    return np.stack([np.ones_like(s), s, inside, inside * s, inside * s * s])
 
 
-def _round_bottom(
-    t: FloatArray, inner: BoolArray, outer: BoolArray, used: BoolArray, z: FloatArray
-) -> tuple[Columns, float]:
-    """Return the columns of line and parabola, and the height of the vertex over the line."""
-    line = np.polynomial.polynomial.polyfit(t[outer], z[outer], 1)
-    bottom = inner & used
-    c0, c1, c2 = np.polynomial.polynomial.polyfit(
-        t[bottom], z[bottom] - line[0] - line[1] * t[bottom], 2
-    )
+def _height_of(coefficients: FloatArray) -> tuple[float, FloatArray]:
+    """Return the height of the middle over the line, and its derivatives with the coefficients."""
+    slopes = np.zeros(coefficients.size)
+    slopes[2] = 1.0
+    if coefficients.size == 3:
+        return float(coefficients[2]), slopes
+    c0, c1, c2 = coefficients[2:]
     if c2 == 0.0:
         raise DataError("the bottom is straight: a groove of type A2 has a round one, take A1")
-    columns: Columns = lambda s, inside: np.stack(  # noqa: E731
-        [np.ones_like(s), s, inside, inside * s, inside * s * s]
-    )
-    return columns, float(c0 - c1 * c1 / (4.0 * c2))
+    slopes[3:] = -c1 / (2.0 * c2), c1 * c1 / (4.0 * c2 * c2)
+    return float(c0 - c1 * c1 / (4.0 * c2)), slopes  # height of the vertex

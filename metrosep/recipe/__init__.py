@@ -26,6 +26,11 @@ METHODS = {
     "dual_servo": "methods.dual_servo:DualServo",
     "gauge_study": "methods.ops_quality:GaugeStudied",
     "part_series": "methods.ops_quality:SeriesOfParts",
+    "cylindricity": "methods.ops_geometry:Cylindricity",
+    "run_out": "methods.ops_geometry:RunOut",
+    "coaxiality": "methods.ops_geometry:Coaxiality",
+    "parallelism": "methods.ops_geometry:Parallelism",
+    "perpendicularity": "methods.ops_geometry:Perpendicularity",
 }
 """Methods of the upper layers that have a name: module and class of each."""
 

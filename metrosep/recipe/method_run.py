@@ -70,7 +70,8 @@ def run_method(
     inputs = load_inputs(method, files, {k: v for k, v in recipe.input.items() if k != "files"})
     _require_kind(recipe, inputs)
     alone = method.reads in ("nothing", "files")
-    tell(f"{'computing' if alone else 'separating'}: {method.what}")
+    doing = {"separate": "separating", "geometry": "evaluating"}[method.verb]
+    tell(f"{'computing' if alone else doing}: {method.what}")
     options = _options(method, step, recipe.folder)
     named = named_files(options, method.fields)
     tables = [o for o in recipe.outputs if o["kind"] == "table"]

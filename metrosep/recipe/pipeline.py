@@ -101,6 +101,21 @@ STEPS: Mapping[str, PipelineOp] = {
         PipelineOp("filter", "keep long or short waves", keys.FILTER),
         PipelineOp("parameters", "evaluate parameters of texture and form", keys.PARAMETERS),
         PipelineOp("psd", "compare the spectrum with a limit, ISO 10110-8", keys.PSD),
+        PipelineOp(
+            "step_height", "depth of a groove or height of a ridge, ISO 5436-1", keys.STEP_HEIGHT
+        ),
+        PipelineOp(
+            "surface_profile",
+            "profile of a surface: deviation of a map from its nominal form, ISO 1101",
+            keys.FORM_PROFILE,
+            ("Surface",),
+        ),
+        PipelineOp(
+            "line_profile",
+            "profile of a line: deviation of a profile from its nominal form, ISO 1101",
+            keys.FORM_PROFILE,
+            ("Profile",),
+        ),
     )
 }
 
@@ -159,7 +174,7 @@ def schema() -> dict[str, Any]:
     Examples
     --------
     >>> [s["op"] for s in schema()["steps"]]
-    ['mask', 'outliers', 'form', 'filter', 'parameters', 'psd']
+    ['mask', 'outliers', 'form', 'filter', 'parameters', 'psd', 'step_height', 'surface_profile', 'line_profile']
     """
     return {
         "steps": [
@@ -224,6 +239,9 @@ def run_step(obj: Measured, step: Mapping[str, Any], *, index: int = 0) -> Stage
     op = options["op"]
     if not options.get("enabled", True):
         return Stage(op, index, enabled=False, obj=obj)
+    if type(obj).__name__ not in STEPS[op].applies:
+        kind, other = ("map", "surface") if isinstance(obj, Surface) else ("profile", "line")
+        raise StepError(f"{op} does not belong to a {kind}; take {other}_profile", "op")
     began = time.perf_counter()
     done: Done = APPLY[op](obj, options)
     history = done.obj.history[len(obj.history) :]
@@ -494,6 +512,67 @@ def _psd(obj: Measured, options: Mapping[str, Any]) -> Done:
     return Done(obj, {SPECTRUM: ratio}, (found.sentence, *found.notes), audit, found)
 
 
+def _step_height(obj: Measured, options: Mapping[str, Any]) -> Done:
+    from metrosep.filters import profile_kind
+    from metrosep.parameters.grooves import step_height
+
+    if isinstance(obj, Profile):
+        if "axis" in options:
+            raise StepError("axis belongs to maps, and this is a profile", "axis")
+        letter = profile_kind(obj)
+        if letter in ("R", "W"):
+            raise StepError(
+                f"this profile is filtered ({letter}), which changes a step; take it as measured",
+                "op",
+            )
+    found = step_height(obj, **{k: options[k] for k in keys.STEP_HEIGHT if k in options})
+    audit = {
+        "type": found.kind,
+        "height_m": found.height,
+        "slope": found.slope,
+        "n_used": found.n_used,
+        "rms_m": found.rms,
+    }
+    text = (
+        f"{'groove' if found.height < 0.0 else 'ridge'} of type {found.kind}: {found.n_used} samples in "
+        f"its ranges, RMS {format_length(found.rms)} about the fit; u from what the fit leaves, its "
+        "correlation counted; scale and reference of the instrument are not in it"
+    )
+    values = {"d": found.to_quantity(), "h": found.to_quantity(signed=True)}
+    return Done(obj, values, (text,), audit, found)
+
+
+def _form_profile(obj: Measured, options: Mapping[str, Any]) -> Done:
+    from metrosep.forms.points import points_of
+    from metrosep.parameters.geometry import surface_profile
+
+    ideal, rest = form_options(options)
+    points = points_of(obj, centre=rest.get("centre"), middle=True)
+    parts = [np.stack(block, axis=1) for block in points.valid_blocks()]
+    xyz, is_line = np.concatenate(parts), isinstance(obj, Profile)
+    fixed = options.get("datum", "none") == "frame"
+    found = surface_profile(xyz, ideal, datum=fixed, what="line" if is_line else "surface")
+    u = options.get("u_reading")
+    # t = 2 |d| of one point; of a minimax fit 2 sum(w d) over its support, the weights |w| add up to 1
+    value = found.to_quantity(u=None if u is None else 2.0 * u, u_source="u_reading of one height")
+    x0, y0 = points.centre
+    at = xyz[found.support[0]] + (x0, y0, 0.0)
+    where = (
+        format_length(at[0]) if is_line else f"({format_length(at[0])}, {format_length(at[1])})"
+    )
+    messages = [
+        *points.notes,
+        f"{found.definition}: {found.association}; largest at {where}, {len(xyz)} points",
+    ]
+    if u is not None:
+        messages.append(
+            "u is that of the point (fitted: points) that holds the value; noise of the readings also "
+            "lifts a largest deviation, and a filter before this step lowers it"
+        )
+    audit = {"n_points": len(xyz), "association": found.association, "form": ideal.name}
+    return Done(obj, {"t": value}, tuple(messages), audit, found)
+
+
 def usual_names(obj: Measured, kind: str | None = None) -> tuple[str, ...]:
     """Return the parameters that are evaluated where none are named."""
     if isinstance(obj, Surface):
@@ -511,4 +590,7 @@ APPLY: Mapping[str, Callable[[Measured, Mapping[str, Any]], Done]] = {
     "filter": _filter,
     "parameters": _parameters,
     "psd": _psd,
+    "step_height": _step_height,
+    "surface_profile": _form_profile,
+    "line_profile": _form_profile,
 }

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CHECKS",
+    "OF_STEP",
     "Evaluating",
     "StepError",
     "described_keys",
@@ -37,6 +38,14 @@ USUAL_OF_PROFILES = ("a", "q", "z", "t", "sk", "ku")
 
 SPECTRUM = "PSD"
 """Metric of a step `psd`: its verdict is that of the bands, so a check of it has no limits."""
+
+OF_STEP: Mapping[str, Mapping[str, str]] = {
+    "psd": {SPECTRUM: "1"},
+    "step_height": {"d": "m", "h": "m"},
+    "surface_profile": {"t": "m"},
+    "line_profile": {"t": "m"},
+}
+"""Metrics of steps that make the same ones always, with their units."""
 
 Check = Callable[[Mapping[str, Any]], None]
 
@@ -260,8 +269,26 @@ def _check_psd(options: Mapping[str, Any]) -> None:
         raise StepError("max_filled is a share from 0 to 1", "max_filled")
 
 
+def _check_nothing(options: Mapping[str, Any]) -> None:
+    """Kinds and choices say all."""
+
+
+def _check_form_profile(options: Mapping[str, Any]) -> None:
+    ideal, _ = form_options(options)
+    missing = [n for n, v in ideal.parameters.items() if v is None]
+    if missing:
+        raise StepError(
+            f"form = {options['form']!r}: a nominal form has all its parameters, {', '.join(missing)} is "
+            'not given; write them such as "sphere: R=50 mm"',
+            "form",
+        )
+
+
 CHECKS: Mapping[str, Check] = {
     "psd": _check_psd,
+    "step_height": _check_nothing,
+    "surface_profile": _check_form_profile,
+    "line_profile": _check_form_profile,
     "mask": _check_mask,
     "outliers": _check_outliers,
     "form": _check_form,
@@ -322,8 +349,8 @@ def _named(step: Mapping[str, Any]) -> set[str]:
     if step["op"] == "parameters":
         usual = {*USUAL_OF_MAPS, *(k + s for k in "PWR" for s in USUAL_OF_PROFILES)}
         return set(step.get("names") or usual) - {"all"}
-    if step["op"] == "psd":
-        return {SPECTRUM}
+    if step["op"] in OF_STEP:
+        return set(OF_STEP[step["op"]])
     if step["op"] != "form":
         return set()
     return set(_units_of_form(step))
@@ -334,8 +361,8 @@ def _unit_in(step: Mapping[str, Any], symbol: str) -> str | None:
         from metrosep.parameters.symbol_units import unit_of_symbol
 
         return unit_of_symbol(symbol)
-    if step["op"] == "psd":
-        return "1" if symbol == SPECTRUM else None
+    if step["op"] in OF_STEP:
+        return OF_STEP[step["op"]].get(symbol)
     if step["op"] != "form":
         return None
     return _units_of_form(step).get(symbol)
@@ -500,6 +527,45 @@ PSD: Mapping[str, Option] = {
     ),
     "max_filled": Option(
         "number", help="largest share of holes inside the outline that is closed", default=0.1
+    ),
+}
+
+STEP_HEIGHT: Mapping[str, Option] = {
+    "width": Option(
+        "size",
+        required=True,
+        help="W of the groove or ridge between its edges; the data reach 3/2 W to both sides of its middle",
+    ),
+    "middle": Option(
+        "length", required=True, help="where its middle is, in the coordinates of the data"
+    ),
+    "kind": Option(
+        "text",
+        choices=("A1", "A2"),
+        help="A1: flat bottom; A2: round bottom, depth of its vertex",
+        default="A1",
+    ),
+    "axis": Option("text", choices=("x", "y"), help="of a map: across the groove", default="x"),
+}
+
+FORM_PROFILE: Mapping[str, Option] = {
+    "form": Option(
+        "text",
+        required=True,
+        help='nominal form with all its parameters: "sphere: R=50 mm", "conic: R=50 mm, k=-1"',
+    ),
+    "datum": Option(
+        "text",
+        choices=("none", "frame"),
+        help="none: the data may move as a body (minimax fit); frame: they are judged where they lie",
+        default="none",
+    ),
+    "centre": Option(
+        "lengths",
+        help='origin of the form in the data, ["1.5 mm", "2 mm"]; the middle of what was measured on a map without origin',
+    ),
+    "u_reading": Option(
+        "uncertainty", help="standard uncertainty of one height, independent of the others"
     ),
 }
 

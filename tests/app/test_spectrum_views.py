@@ -275,3 +275,37 @@ def test_no_spectrum_and_no_such_direction(estimate):
         estimate_view(mean)
     with pytest.raises(DataError, match="no reverse direction of its own"):
         estimate_view(estimate, direction=-1)
+
+
+# ---- the density that a step psd compares with its limit -----------------------------------------
+
+
+def test_a_density_bears_its_limit_and_the_bands_of_the_verdict():
+    """A white profile of 3 nm: 2 sigma^2 dx in all bands; the limit A / f^2 is crossed once."""
+    from metrosep.app.spectrum_views import density_frame
+    from metrosep.parameters.psd_limits import judge_psd, psd_limit
+    from metrosep.spectral.masked import masked_psd
+
+    rng, dx = np.random.default_rng(2), 1e-6
+    profile = Profile(np.arange(20_000) * dx, 3e-9 * rng.standard_normal(20_000))
+    flat = 2 * 9e-18 * dx / 1e-21  # nm^2 mm
+    limit = f"A = {flat:.6g} nm^2 mm, B = 0 from 10 um to 1 mm"
+    header, arrays = density_frame(judge_psd(masked_psd(profile), psd_limit(limit)))
+    inside = (arrays["wavelength"] >= 10e-6) & (arrays["wavelength"] <= 1e-3)
+    np.testing.assert_array_equal(np.isfinite(arrays["limit"]), inside)
+    np.testing.assert_allclose(arrays["limit"][inside], flat, rtol=1e-5, atol=0.0)
+    assert np.mean(arrays["mean"][inside]) == pytest.approx(flat, rel=0.05, abs=0.0)
+    assert header["unit"] == "nm^2 mm"
+    assert header["direction"] == "x"
+    lows = [b["low"] for b in header["bands"]]
+    assert lows == sorted(lows, reverse=True)
+    assert header["bands"][0]["high"] == pytest.approx(1e-3, rel=1e-9, abs=0.0)
+
+    steep = (
+        f"A = {flat * 20**2:.6g} nm^2 mm, B = 2 from 10 um to 1 mm"  # crossed at 20 per mm: 50 um
+    )
+    header, arrays = density_frame(judge_psd(masked_psd(profile), psd_limit(steep)))
+    verdicts = {b["low"]: b["verdict"] for b in header["bands"]}
+    assert all(v == "accept" for low, v in verdicts.items() if low > 70e-6)
+    assert all(v == "reject" for low, v in verdicts.items() if low < 30e-6)
+    assert header["verdict"] == "reject"

@@ -79,7 +79,7 @@ def test_modules_are_checked_short_and_do_not_ask_the_locale(file: Path) -> None
     assert len(text.splitlines()) <= LONGEST
 
 
-@pytest.mark.parametrize("name", ["map", "section", "spectrum", "profile", "colourbar"])
+@pytest.mark.parametrize("name", ["map", "section", "spectrum", "density", "profile", "colourbar"])
 def test_widgets_have_the_shape_of_anywidget(name: str) -> None:
     text = (STATIC / f"{name}.js").read_text(encoding="utf-8")
     assert "function render({ model, el })" in text

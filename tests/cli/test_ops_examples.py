@@ -39,7 +39,7 @@ READING = [name for name, method in METHODS.items() if method.reads != "nothing"
 @pytest.mark.parametrize("name", READING)
 def test_printed_example_makes_a_recipe(name):
     words = printed_example(name)
-    assert words[:2] == ["metrosep", "separate"]
+    assert words[:2] == ["metrosep", METHODS[name].verb]
     code, out, err = called(*words[1:], "--print-recipe")
     assert code == 0, err
     recipe = Recipe.parse(out, name="printed")

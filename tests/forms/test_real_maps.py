@@ -115,7 +115,7 @@ def test_no_tilt_is_less_sure_than_everything_that_the_fit_left(shape, length):
             continue
         spread = STEP * np.std(np.arange(shape[1]))
         assert found.u["tilt_x"] * spread <= 1.05 * found.rms
-        assert found.u["piston"] <= 1.05 * found.rms
+        assert found.u["piston"] <= 1.05 * np.sqrt(3) * found.rms  # both tilts may hold as much
         pulls.append(found.params["tilt_x"] / found.u["tilt_x"])
         covered.append(abs(found.params["tilt_x"]) <= coverage(found) * found.u["tilt_x"])
 

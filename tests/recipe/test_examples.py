@@ -57,6 +57,7 @@ NAMES = [
     "five_axis_calibration/recipe.toml",
     "five_axis_calibration/circle.toml",
     "thermal/recipe.toml",
+    "roundness_traces/recipe.toml",
 ]
 
 

@@ -550,13 +550,18 @@ NEEDED = {
     "filter": {"op": "filter", "cutoff": "0.2 mm"},
     "parameters": {"op": "parameters", "names": ["Sq"]},
     "psd": {"op": "psd", "limit": "rms = 1 mm from 1 mm to 2 mm"},
+    "step_height": {"op": "step_height", "width": "0.2 mm", "middle": "2.5 mm"},
+    "surface_profile": {"op": "surface_profile", "form": "sphere: R=50 mm"},
+    "line_profile": {"op": "line_profile", "form": "sphere: R=50 mm"},
 }
 
 
 @pytest.mark.parametrize("op", STEPS)
 def test_a_stated_default_is_what_happens_without_it(op):
-    step = NEEDED[op]
-    plain = done(sphere_map(), step)
+    step, data = NEEDED[op], sphere_map()
+    if op == "line_profile":
+        data = ms.Profile(np.linspace(-1, 1, 101) * 1e-3, np.zeros(101))
+    plain = done(data, step)
     for name, key in STEPS[op].all_keys.items():
         if (
             key.default is None
@@ -564,5 +569,7 @@ def test_a_stated_default_is_what_happens_without_it(op):
             or name in ("profile", "core_filter", "tension", "order", "edition")
         ):
             continue
-        stated = done(sphere_map(), {**step, name: key.default})
+        stated = done(data, {**step, name: key.default})
         np.testing.assert_array_equal(stated.obj.z, plain.obj.z, err_msg=name)
+        if op != "form":  # of a fit u is worked out anew
+            assert stated.found == plain.found, name

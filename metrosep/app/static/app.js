@@ -56,7 +56,7 @@ const tree = makeTree(el("steps"), {
 });
 const views = makeViews({
   wire, level: () => ladder.level, stage: () => tree.chosen, kind: () => session.kind ?? "none", failed: fail,
-  shown: memory.put,
+  judged: () => shownStep()?.op === "psd", shown: memory.put,
 });
 
 const { save, exportResult } = makeExports({ wire, status: el("status-link"), session: () => session, take, fail });
@@ -179,6 +179,9 @@ function drawSession() {
   drawSaved();
   drawMessages();
 }
+
+/** The step that is shown; of all steps the last that is carried out. */
+const shownStep = () => (session.steps ?? [])[tree.chosen] ?? (tree.chosen === -1 ? session.steps?.findLast((/** @type {Dict} */ one) => one.enabled) : undefined);
 
 function drawStage() {
   const i = tree.chosen;

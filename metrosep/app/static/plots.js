@@ -117,6 +117,7 @@ export function pointedAt(u) {
  * @param {boolean} [options.log] both axes logarithmic
  * @param {() => string} [options.xUnit]
  * @param {() => string} [options.yUnit]
+ * @param {string} [options.yName] in the corner above the y axis
  * @param {string} options.title for screen readers
  * @param {(u: any) => void} [options.behind] draws under the lines
  * @param {(u: any) => void} [options.placed] after each drawing: places handles
@@ -132,6 +133,7 @@ export function makePlot(el, options) {
   const yUnit = options.yUnit ?? (() => "m");
   const corner = document.createElement("div");
   corner.className = "plot-unit";
+  corner.textContent = options.yName ?? "";
   const foot = document.createElement("div");
   foot.className = "plot-unit plot-unit-x";
   const holder = document.createElement("div");

@@ -90,5 +90,8 @@ export function freshStep(op, kind, size) {
   }
   if (op === "form") return { op, form: kind === "map" ? "plane" : "polynomial: degree=1" };
   if (op === "filter") return { op, kind: "gaussian", lambda_c: near(length / 5) };
+  if (op === "psd") return { op, limit: `rms = 10 nm from ${near(length / 50)} to ${near(length / 5)}` };
+  if (op === "step_height") return { op, width: near(length / 5), middle: "0 mm" };
+  if (op === "surface_profile" || op === "line_profile") return { op, form: "sphere: R=50 mm" };
   return { op };
 }

@@ -2,6 +2,7 @@
 // The pictures of the page: models of the widgets, and what they ask the server for.
 
 import colourbarWidget from "./colourbar.js";
+import densityWidget from "./density.js";
 import { si } from "./format.js";
 import mapWidget from "./map.js";
 import profileWidget from "./profile.js";
@@ -20,10 +21,11 @@ import { makeModel, Refusal, Superseded } from "./wire.js";
  * @param {() => Level} options.level
  * @param {() => number} options.stage
  * @param {() => string} options.kind
+ * @param {() => boolean} options.judged whether the step that is shown compares a spectrum with a limit
  * @param {(error: unknown) => void} options.failed
  * @param {(view: Dict) => void} options.shown told what is to be remembered of the view
  */
-export function makeViews({ wire, level, stage, kind, failed, shown }) {
+export function makeViews({ wire, level, stage, kind, judged, failed, shown }) {
   const el = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
   let shade = false;
   let placed = false;
@@ -51,6 +53,7 @@ export function makeViews({ wire, level, stage, kind, failed, shown }) {
       shown(bandView(spectrum.get("band")));
     }
   });
+  const density = makeModel({});
   const profile = makeModel({ shown: "residual", window: null }, (changes) => {
     if ("window" in changes) askProfile();
   });
@@ -58,6 +61,7 @@ export function makeViews({ wire, level, stage, kind, failed, shown }) {
   colourbarWidget.render({ model: map, el: el("colourbar") });
   sectionWidget.render({ model: section, el: el("section") });
   spectrumWidget.render({ model: spectrum, el: el("spectrum") });
+  densityWidget.render({ model: density, el: el("density") });
   profileWidget.render({ model: profile, el: el("profile") });
 
   /** Errors of a picture are shown in it; the rest of the page goes on. */
@@ -129,8 +133,34 @@ export function makeViews({ wire, level, stage, kind, failed, shown }) {
     }
   }
 
+  /** Density and limit of the step that is shown; it stands where the amplitudes stand. */
+  async function askDensity(/** @type {Level} */ at) {
+    const mine = epoch;
+    try {
+      const { header, arrays } = await wire.ask("density", { stage: stage(), level: at });
+      if (mine !== epoch) return;
+      density.put({
+        density: arrays.density, limit: arrays.limit, mean: arrays.mean, unit: header.unit, bands: header.bands,
+        words: header.words, verdict: header.verdict, is_preview: header.is_preview, message: "",
+      });
+      density.put({ wavelength: arrays.wavelength });
+      el("spectrum-of").textContent = `${header.limit}, lines along ${header.direction}`;
+      counted("spectrum");
+    } catch (error) {
+      refused(error, (text) => density.put({ density: null, words: "", message: text, wavelength: null }));
+    }
+  }
+
   async function askSpectrum(/** @type {Level} */ at = level()) {
     const of = kind();
+    const isJudged = judged();
+    el("spectrum").hidden = isJudged;
+    el("density").hidden = !isJudged;
+    el("spectrum-title").textContent = isJudged ? "Power spectral density" : "Amplitude against wavelength";
+    if (isJudged) {
+      await askDensity(at);
+      return;
+    }
     if (of !== "profile" && !map.get("a")) return;
     const mine = epoch;
     try {
@@ -201,6 +231,7 @@ export function makeViews({ wire, level, stage, kind, failed, shown }) {
       map.put({ index: null, shape: null, extent: null, limits: null, auto_range: null, a: null, b: null, view: map.get("view") });
       section.put({ distance: null, length: null, message: "" });
       spectrum.put({ wavelength: null, band: null, message: "" });
+      density.put({ wavelength: null, words: "", message: "" });
       profile.put({ series: {}, window: null, message: "" });
     },
     /** Another stage is shown: its heights have another range. */

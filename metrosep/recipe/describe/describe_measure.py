@@ -24,7 +24,7 @@ __all__ = ["measurement_of"]
 _PIXELS = 50_000
 """Of all maps of a document: it stays below a megabyte."""
 _BINS = 80
-_LOOKING = ("parameters", "psd")
+_LOOKING = ("parameters", "psd", "step_height", "surface_profile", "line_profile")
 """Steps that leave the map or profile as it is."""
 
 
@@ -215,5 +215,11 @@ def _words(stage: Stage) -> str:
         return f"{audit['left']} heights left"
     if stage.op == "psd":
         return f"{len(audit['bands'])} bands of lines along {audit['direction']} compared"
+    if stage.op == "step_height":
+        return (
+            f"type {audit['type']}, {audit['n_used']} samples, RMS {format_length(audit['rms_m'])}"
+        )
+    if stage.op in ("surface_profile", "line_profile"):
+        return f"{audit['n_points']} points against the nominal {audit['form']}, {audit['association']}"
     editions = dict.fromkeys(e["edition"] for e in audit["evaluations"])
     return f"{len(stage.found)} values after {'; '.join(editions)}"

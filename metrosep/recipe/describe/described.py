@@ -38,6 +38,7 @@ from metrosep.recipe.describe.describe_tests import (
     zero_of,
 )
 from metrosep.recipe.describe.description import Description, extremes, named, quantity
+from metrosep.recipe.methods.ops_geometry import geometry_of
 from metrosep.recipe.methods.plan import feed_plan_of
 
 __all__ = ["Description", "describe"]
@@ -602,6 +603,7 @@ _KINDS: Mapping[str, Any] = {
     "DualServoResult": dual_servo_of,
     "GaugeStudy": gauge_of,
     "PartSeries": series_of,
+    "MeasuredGeometry": geometry_of,
 }
 
 
