@@ -10,6 +10,7 @@ from metrosep.core.readable import digits_of, readable_unit
 from metrosep.core.units import parse_quantity, parse_unit
 
 __all__ = [
+    "COVERAGE",
     "FROM_FIT",
     "RULES",
     "Limit",
@@ -21,6 +22,9 @@ __all__ = [
 
 RULES = ("max", "16%", "median")
 """Rules over several values of one parameter."""
+
+COVERAGE = 0.954499736
+"""Coverage probability of every expanded uncertainty that the program makes: k = 2 for a normal one."""
 
 FROM_FIT = "from fit"
 """As U of a check: the uncertainty that the fit itself gives, asked for by name."""

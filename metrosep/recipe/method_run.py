@@ -40,6 +40,7 @@ from metrosep.recipe.result import (
     run_records,
     stored_estimate,
 )
+from metrosep.recipe.report_fields import report_of
 from metrosep.recipe.schema import reading_options
 from metrosep.separation.contract import Separation
 from metrosep.separation.inputs import require_count
@@ -86,6 +87,7 @@ def run_method(
     if cycles is not None:
         document["runs"] = run_records(cycles)
     document |= more or {}
+    document |= report_of(recipe, files, document)
     if out is None and beside:
         made = write_tables(recipe, document, beside, None, tell, overwrite=overwrite)
         files_of = tuple(f for t in made for f in t.files)

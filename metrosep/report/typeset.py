@@ -6,6 +6,7 @@ bytes. A letter that these fonts lack is taken from the fonts of the system.
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import re
@@ -18,7 +19,7 @@ from typing import Any
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, UnsupportedFeatureError
 from metrosep.recipe.result import clean
-from metrosep.report.html import captions_of, figures_of, is_narrow
+from metrosep.report.html import captions_of, figures_of, is_narrow, split_main
 from metrosep.report.text import document_writer, one_line
 from metrosep.report.view import view
 
@@ -66,8 +67,8 @@ def render_pdf(document: Mapping[str, Any], *, standard: str | None = None) -> b
     data |= {"attached": standard != "a-2b", "dated": standard is not None}
     with TemporaryDirectory(prefix="metrosep-") as name:
         folder = Path(name)
-        for file, svg in figures.items():
-            (folder / file).write_text(svg, encoding="utf-8")
+        for file, content in figures.items():
+            (folder / file).write_bytes(content)
         text = json.dumps(data, sort_keys=True, allow_nan=False)
         (folder / "data.json").write_text(text, encoding="utf-8")
         (folder / "result.json").write_bytes(_bytes_of(document))
@@ -169,10 +170,11 @@ def _bytes_of(document: Mapping[str, Any]) -> bytes:
     return (text + "\n").encode("utf-8")
 
 
-def _data(document: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
+def _data(document: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, bytes]]:
     """Return what the template reads, and the figures by file name."""
     shown = view(document)
-    drawings = figures_of(document)
+    first, others = split_main(figures_of(document), document)
+    drawings = [*first, *others]
     figures = [
         {
             "number": i,
@@ -193,16 +195,30 @@ def _data(document: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
         for c in shown["characteristics"]
     ]
     title = _printable(str(shown["title"]))
-    data = _tidied({k: v for k, v in shown.items() if k != "stamp"})
+    data = _tidied({k: v for k, v in shown.items() if k not in ("stamp", "c")})
     data |= {
         "title": title,
         "short_title": title if len(title) <= _SHORT else title[: _SHORT - 1] + "…",
         "stamp": shown["stamp"]._asdict(),
         "characteristics": _tidied(stamps),
-        "figure_rows": _side_by_side(_tidied(figures)),
+        "figure_rows": _side_by_side(_tidied(figures[len(first) :])),
         "recipe": recipe,
     }
-    return data, {f"figure-{i}.svg": f.svg for i, f in enumerate(drawings, start=1)}
+    files = {f"figure-{i}.svg": f.svg.encode("utf-8") for i, f in enumerate(drawings, start=1)}
+    data["c"], logo = _first_page(shown["c"], _tidied(figures[: len(first)]))
+    return data, files | logo
+
+
+def _first_page(
+    c: Mapping[str, Any], main: Sequence[Mapping[str, Any]]
+) -> tuple[dict[str, Any], dict[str, bytes]]:
+    """Return what the first page shows, and the file of its logo."""
+    rows = [{**r, "stamp": r["stamp"] and r["stamp"]._asdict()} for r in c["rows"]]
+    shown = _tidied({**c, "rows": rows, "stamp": c["stamp"]._asdict()})
+    shown["main"] = main[0] if main else None
+    kind, _, data = str(c["look"]["logo"]).partition(";base64,")
+    shown["logo"] = f"logo.{'png' if kind.endswith('png') else 'svg'}" if data else ""
+    return shown, {shown["logo"]: base64.b64decode(data)} if data else {}
 
 
 def _side_by_side(figures: list[dict[str, Any]]) -> list[list[dict[str, Any]]]:
@@ -264,7 +280,14 @@ write_plain_pdf = document_writer(
 
 def _lines(shown: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     mark = shown["stamp"]
-    yield "title", shown["title"]
+    c = shown["c"]
+    draft = f" ({c['t']['draft']})" if c["draft"] else ""
+    yield "title", f"{c['kind']} {c['number']}".strip().capitalize() + draft
+    yield "head", shown["title"]
+    if c["missing"]:
+        yield "text", c["missing"]
+    for name, rows in c["blocks"]:
+        yield "text", f"{name.capitalize()}: " + "; ".join(f"{k} {v}" for k, v in rows)
     yield "head", f"{mark.symbol} {mark.word}"
     yield "text", mark.meaning
     if shown["decision_rule"] and mark.word != "NO VERDICT":
@@ -307,9 +330,10 @@ def _lines(shown: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         text = str(shown["recipe"].get("text") or "")
         yield from (("mono", line) for line in text.splitlines())
     yield from _head("Signatures")
-    for who in shown["signatures"]:
+    for who, name in shown["c"]["persons"]:
         yield "text", ""
-        yield "mono", f"{who:<12} name {'_' * 24} date {'_' * 14} signature {'_' * 24}"
+        yield "text", name
+        yield "mono", f"{who.capitalize():<12} name {'_' * 24} date {'_' * 14} signature {'_' * 24}"
 
 
 def _head(text: str) -> Iterator[tuple[str, str]]:
