@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
@@ -98,8 +98,10 @@ def report(
     """
     if pdf_standard is not None and pdf_engine == "matplotlib":
         raise click.UsageError("--pdf-standard needs --pdf-engine typst; leave one of them out")
-    writers = _writers(formats, pdf_engine, pdf_standard)
-    change = _change_of(fields, template, issue, {"number": number, "date": date, "released": released})
+    writers = _writers(formats, pdf_engine, pdf_standard, dcc_schema)
+    change = _change_of(
+        fields, template, issue, {"number": number, "date": date, "released": released}
+    )
     quiet = bool((context.obj or {}).get("quiet"))
     files = _files(results, quiet=quiet)
     if issue and len(files) != 1:
@@ -114,8 +116,6 @@ def report(
         place = change.register.write(folder)  # first: a number is never free again by a full disk
         if not quiet:
             say(f"issued   {place}")
-    if dcc_schema is not None:
-        change = replace(change, schemas=dcc_schema)
     tasks = [
         RenderTask(file, name, folder, writers, alone=len(files) == 1, change=change)
         for file, name in zip(files, names, strict=True)
@@ -168,9 +168,9 @@ def _change_of(
 
 def _today() -> str:
     """Return the date of today; it is written out before anything else is done with it."""
-    import datetime
+    import datetime as dt
 
-    return datetime.datetime.now().astimezone().date().isoformat()
+    return dt.datetime.now().astimezone().date().isoformat()
 
 
 def _issued(file: Path, folder: Path, change: Change) -> Change:
@@ -185,7 +185,9 @@ def _issued(file: Path, folder: Path, change: Change) -> Change:
     if missing:
         names = {"number": "--number", "issued": "--date", "persons.released": "--released"}
         shown = ", ".join(names.get(k, f'--report "{k}=..."') for k in missing)
-        raise click.UsageError(f"the report cannot be issued: {shown} missing; nothing was written")
+        raise click.UsageError(
+            f"the report cannot be issued: {shown} missing; nothing was written"
+        )
     register = Register.load(folder)
     register = register.with_issue(document["report"], hash_bytes(file.read_bytes()))
     return replace(change, register=register)
@@ -235,7 +237,9 @@ def _write_together(
             say(f"report   {target}")
 
 
-def _writers(formats: str, pdf_engine: str, pdf_standard: str | None) -> dict[str, Writer]:
+def _writers(
+    formats: str, pdf_engine: str, pdf_standard: str | None, schemas: str | None
+) -> dict[str, Writer]:
     from functools import partial
 
     from metrosep.recipe.preflight import report_formats
@@ -257,6 +261,9 @@ def _writers(formats: str, pdf_engine: str, pdf_standard: str | None) -> dict[st
         from metrosep.report.typeset import write_pdf
 
         writers["pdf"] = partial(write_pdf, standard=pdf_standard)
+    for name in ("dcc", "qif") if schemas is not None else ():
+        if name in writers:
+            writers[name] = partial(cast(Callable[..., Any], writers[name]), schemas=schemas)
     return writers
 
 
@@ -348,6 +355,9 @@ def _names(files: Sequence[Path]) -> list[str]:
 
 # ---- the reports of one result, in this process or in a worker of `metrosep report` ------------
 
+ENDINGS = {"dcc": "dcc.xml", "qif": "qif.xml"}
+"""Of files whose format is not their ending."""
+
 TOGETHER = frozenset({"csv", "parquet"})
 """Formats that hold all results in one file."""
 
@@ -361,7 +371,6 @@ class Change:
     fields: Mapping[str, Any] = field(default_factory=dict)
     look: Mapping[str, Any] = field(default_factory=dict)
     register: Any = None  # of issued numbers
-    schemas: str | None = None  # folder with the published schemas
 
     def of(self, document: Mapping[str, Any]) -> dict[str, Any]:
         """Return the document with the fields that were typed, the origin of each with it."""
@@ -408,6 +417,7 @@ def rendered(task: RenderTask) -> Rendered:
         CorruptFileError,
         DataError,
         ReadError,
+        RecipeError,
         UnsupportedFeatureError,
     )
     from metrosep.recipe.result import load_document
@@ -418,24 +428,26 @@ def rendered(task: RenderTask) -> Rendered:
     except ReadError as exc:
         return Rendered(unread=str(exc))
     written: list[Path] = []
+    missing: list[str] = []
     shared = None
     for kind, write in task.writers.items():
-        target = task.folder / f"{task.name}.{kind}"
+        target = task.folder / f"{task.name}.{ENDINGS.get(kind, kind)}"
         try:
             if kind in TOGETHER and not task.alone:
                 list(long_rows([document]))  # written by the caller; what is damaged is told here
                 shared = document
                 continue
             write(document, target)
-        except UnsupportedFeatureError as exc:
-            return Rendered(tuple(written), missing=str(exc))
+        except (RecipeError, UnsupportedFeatureError) as exc:
+            missing.append(str(exc))
+            continue
         except (DataError, AttributeError, KeyError, TypeError, ValueError) as exc:
             told = CorruptFileError(
                 task.file, f"no {kind} can be made of it: {exc}", hint="run the recipe again"
             )
             return Rendered(tuple(written), unread=str(told))
         written.append(target)
-    return Rendered(tuple(written), shared)
+    return Rendered(tuple(written), shared, missing="; ".join(missing))
 
 
 # ---- the command that compares two results, recipes or tables: diff ----------------------------

@@ -356,17 +356,17 @@ def _lines(value: Any, name: str, bare: bool) -> Any:
 
 def _date(value: Any, name: str, bare: bool) -> str:
     """Return a date of TOML, or a text, as ISO 8601; an empty one stays empty."""
-    import datetime
+    import datetime as dt
 
-    if isinstance(value, datetime.date):  # a datetime is one, too
+    if isinstance(value, dt.date):  # a datetime is one, too
         return value.isoformat()
     text = value.strip() if isinstance(value, str) else None
     if text == "":
         return ""
     try:
         if text is not None and "T" in text:
-            return datetime.datetime.fromisoformat(text).isoformat()
-        return datetime.date.fromisoformat(text or "?").isoformat()
+            return dt.datetime.fromisoformat(text).isoformat()
+        return dt.date.fromisoformat(text or "?").isoformat()
     except ValueError:
         raise OptionError("a date is written as year-month-day, 2026-03-05") from None
 
@@ -377,7 +377,9 @@ def _dates(value: Any, name: str, bare: bool) -> str:
         value = value.split("/")
     given = value if isinstance(value, list | tuple) else [value]
     if len(given) > 2:
-        raise OptionError(f"one date, or the first and the last one, is needed here, got {len(given)}")
+        raise OptionError(
+            f"one date, or the first and the last one, is needed here, got {len(given)}"
+        )
     dates = [_date(v, name, bare) for v in given]
     if dates != sorted(dates):
         raise OptionError(f"the first date {dates[0]} lies behind the last one {dates[-1]}")

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
+from xml.etree import ElementTree as ET
 
 from metrosep.core.atomic import RECIPE_BYTES, read_plain, read_plain_text
 from metrosep.core.errors import DataError, RecipeError
@@ -105,9 +105,10 @@ def _require_png(data: bytes, name: str) -> None:
     while at + 12 <= len(data):
         n = struct.unpack(">I", data[at : at + 4])[0]
         body = data[at + 4 : at + 8 + n]
-        if len(data) < at + 12 + n or zlib.crc32(body) != struct.unpack(
-            ">I", data[at + 8 + n : at + 12 + n]
-        )[0]:
+        if (
+            len(data) < at + 12 + n
+            or zlib.crc32(body) != struct.unpack(">I", data[at + 8 + n : at + 12 + n])[0]
+        ):
             break
         kinds.append(body[:4])
         if body[:4] == b"IHDR" and max(struct.unpack(">II", body[4:12])) > _MOST_PIXELS:
@@ -121,15 +122,82 @@ def _require_png(data: bytes, name: str) -> None:
 
 _SVG = "http://www.w3.org/2000/svg"
 _ELEMENTS = frozenset(
-    "svg g defs title desc path rect circle ellipse line polyline polygon text tspan "
-    "linearGradient radialGradient stop clipPath mask".split()
+    [
+        "svg",
+        "g",
+        "defs",
+        "title",
+        "desc",
+        "path",
+        "rect",
+        "circle",
+        "ellipse",
+        "line",
+        "polyline",
+        "polygon",
+        "text",
+        "tspan",
+        "linearGradient",
+        "radialGradient",
+        "stop",
+        "clipPath",
+        "mask",
+    ]
 )
 _ATTRIBUTES = frozenset(
-    "id d x y x1 y1 x2 y2 cx cy r rx ry fx fy dx dy width height viewBox points transform fill "
-    "stroke stroke-width stroke-linecap stroke-linejoin stroke-miterlimit stroke-dasharray opacity "
-    "fill-opacity stroke-opacity fill-rule clip-rule clip-path mask offset stop-color stop-opacity "
-    "gradientUnits gradientTransform spreadMethod clipPathUnits maskUnits font-family font-size "
-    "font-weight font-style text-anchor preserveAspectRatio version".split()
+    [
+        "id",
+        "d",
+        "x",
+        "y",
+        "x1",
+        "y1",
+        "x2",
+        "y2",
+        "cx",
+        "cy",
+        "r",
+        "rx",
+        "ry",
+        "fx",
+        "fy",
+        "dx",
+        "dy",
+        "width",
+        "height",
+        "viewBox",
+        "points",
+        "transform",
+        "fill",
+        "stroke",
+        "stroke-width",
+        "stroke-linecap",
+        "stroke-linejoin",
+        "stroke-miterlimit",
+        "stroke-dasharray",
+        "opacity",
+        "fill-opacity",
+        "stroke-opacity",
+        "fill-rule",
+        "clip-rule",
+        "clip-path",
+        "mask",
+        "offset",
+        "stop-color",
+        "stop-opacity",
+        "gradientUnits",
+        "gradientTransform",
+        "spreadMethod",
+        "clipPathUnits",
+        "maskUnits",
+        "font-family",
+        "font-size",
+        "font-weight",
+        "font-style",
+        "text-anchor",
+        "preserveAspectRatio",
+        "version",
+    ]
 )
 _ADDRESS = re.compile(r"url\(\s*(?!#[\w.-]+\s*\))", re.IGNORECASE)
 
@@ -147,13 +215,13 @@ def clean_svg(data: bytes, name: str = "logo.svg") -> bytes:
 
     try:
         root = Safe.fromstring(data)
-    except (ElementTree.ParseError, DefusedXmlException, ValueError) as exc:
+    except (ET.ParseError, DefusedXmlException, ValueError) as exc:
         raise DataError(f"logo = {name!r} is not an SVG that can be read ({exc})") from None
     if root.tag != f"{{{_SVG}}}svg":
         raise DataError(f"logo = {name!r} is XML, but not an SVG picture")
     _strip(root)
-    ElementTree.register_namespace("", _SVG)
-    made: bytes = ElementTree.tostring(root)
+    ET.register_namespace("", _SVG)
+    made: bytes = ET.tostring(root)
     return made
 
 

@@ -32,6 +32,7 @@ from metrosep.recipe.outputs import (
 )
 from metrosep.recipe.parts import input_records, named_files, write_parts
 from metrosep.recipe.preflight import RESULT_NAME
+from metrosep.recipe.report_fields import report_of
 from metrosep.recipe.result import (
     SCHEMA,
     Result,
@@ -40,7 +41,6 @@ from metrosep.recipe.result import (
     run_records,
     stored_estimate,
 )
-from metrosep.recipe.report_fields import report_of
 from metrosep.recipe.schema import reading_options
 from metrosep.separation.contract import Separation
 from metrosep.separation.inputs import require_count

@@ -12,7 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from metrosep.core.atomic import MACHINE_BYTES, RECIPE_BYTES, read_plain_text, require_plain
-from metrosep.core.errors import DataError, RecipeError, RecipeMissingError, UnsupportedFeatureError
+from metrosep.core.errors import (
+    DataError,
+    RecipeError,
+    RecipeMissingError,
+    UnsupportedFeatureError,
+)
 from metrosep.core.methods import METHODS, Method
 from metrosep.core.provenance import freeze_mapping
 from metrosep.recipe.methods.turned import TurnedRuns, turning_axis
@@ -186,9 +191,7 @@ class Recipe:
             reason = getattr(exc, "strerror", None) or exc
             raise RecipeError(f"{target}: the recipe cannot be read ({reason})") from None
         folder = target.resolve().parent
-        return cls.parse(
-            text, name=target.name, folder=folder, overrides=overrides, report=report
-        )
+        return cls.parse(text, name=target.name, folder=folder, overrides=overrides, report=report)
 
     @classmethod
     def parse(
@@ -546,12 +549,12 @@ _TABLE = re.compile(r"\s*\[{1,2}\s*[\w.\"' -]+\s*\]{1,2}\s*(?:#.*)?$")
 
 
 def without_report(text: str) -> str:
-    """Return the text of a recipe without its tables ``[report]``, which change no number.
+    r"""Return the text of a recipe without its tables ``[report]``, which change no number.
 
     Examples
     --------
-    >>> without_report('metrosep = 1\\n[report]\\nnumber = "7"\\n[input]\\n')
-    'metrosep = 1\\n[input]\\n'
+    >>> without_report('metrosep = 1\n[report]\nnumber = "7"\n[input]\n')
+    'metrosep = 1\n[input]\n'
     """
     end = before_record(text)
     lines = text[:end].splitlines(keepends=True)

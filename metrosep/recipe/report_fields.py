@@ -157,9 +157,7 @@ class ReportFields:
     external: str = option("", kind="text", help="results of others that it holds")
     persons: Any = option(None, kind="table", help="who measured, checked and released")
     template: str = option("", kind="file", help="look of the house: a TOML file")
-    language: Any = option(
-        "en", kind="texts", help="language, or two: en, de, zh, ja", choices=()
-    )
+    language: Any = option("en", kind="texts", help="language, or two: en, de, zh, ja", choices=())
 
 
 _TABLES: Mapping[str, type] = {
@@ -243,15 +241,15 @@ def checked_table(data: Any, options: Mapping[str, Option], where: str) -> dict[
         if key not in options:
             near = difflib.get_close_matches(str(key), list(options), n=1)
             hint = f' Did you mean "{near[0]}"?' if near else ""
-            raise DataError(
-                f'unknown key "{key}" in {where}; known: {", ".join(options)}.{hint}'
-            )
+            raise DataError(f'unknown key "{key}" in {where}; known: {", ".join(options)}.{hint}')
         declared = options[key]
         try:
             made = checked(declared, value, key, bare=False)
         except DataError as exc:
             text = str(exc)
-            raise DataError(f"{where}: {text if key in text else f'{key} = {value!r}: {text}'}") from None
+            raise DataError(
+                f"{where}: {text if key in text else f'{key} = {value!r}: {text}'}"
+            ) from None
         if isinstance(made, str):
             _require_short(key, made, where)
             made = " ".join(made.split())
@@ -396,7 +394,9 @@ def _beside(files: Sequence[Path]) -> dict[str, Any]:
     for place in (first.with_name(f"{first.name}.report.toml"), first.with_suffix(".report.toml")):
         if place.is_file():
             try:
-                return checked_report(tomllib.loads(read_plain_text(place, RECIPE_BYTES)), place.name)
+                return checked_report(
+                    tomllib.loads(read_plain_text(place, RECIPE_BYTES)), place.name
+                )
             except tomllib.TOMLDecodeError as exc:
                 raise RecipeError(f"{place}: not TOML ({exc})") from None
             except (OSError, UnicodeDecodeError) as exc:
@@ -505,4 +505,3 @@ def problems_of(fields: Mapping[str, Any], measured: str = "") -> list[str]:
     if issued and last and issued < last:
         out.append(f"the date of issue {issued} lies before the measurement on {last}")
     return out
-

@@ -28,6 +28,7 @@ from metrosep.recipe.outputs import (
 )
 from metrosep.recipe.parts import input_records, write_arrays
 from metrosep.recipe.preflight import RESULT_NAME
+from metrosep.recipe.report_fields import report_of
 from metrosep.recipe.result import (
     SCHEMA,
     Result,
@@ -37,7 +38,6 @@ from metrosep.recipe.result import (
     run_records,
     versions,
 )
-from metrosep.recipe.report_fields import report_of
 from metrosep.recipe.schema import reading_options
 from metrosep.separation.runs.base import ErrorEstimate
 

@@ -160,7 +160,9 @@ def certificate(document: Document, messages: Sequence[str] = ()) -> dict[str, A
     missing = missing_fields(fields)
     accepted = sum(r["verdict"] == "accept" for r in judged)
     agree = problems_of(fields)
-    warnings = sorted(messages, key=lambda m: not any(p in m.lower() for p in map(str.lower, agree)))
+    warnings = sorted(
+        messages, key=lambda m: not any(p in m.lower() for p in map(str.lower, agree))
+    )
     mark = stamp(document.get("verdict"))
     return {
         "t": t,
@@ -178,7 +180,9 @@ def certificate(document: Document, messages: Sequence[str] = ()) -> dict[str, A
         "of": t["of"].format(n=accepted, total=len(judged)) if judged else "",
         "blocks": _blocks(document, fields, t),
         "rows": shown[:_MOST_ROWS],
-        "further": t["further"].format(n=len(shown) - _MOST_ROWS) if len(shown) > _MOST_ROWS else "",
+        "further": t["further"].format(n=len(shown) - _MOST_ROWS)
+        if len(shown) > _MOST_ROWS
+        else "",
         "rule": t["rule"] if judged else "",
         "origins": origins_of(document, t),
         "deviations": traces(document, fields, t),
@@ -296,9 +300,11 @@ def _method(document: Document) -> str:
 def traces(document: Document, fields: Document, t: Mapping[str, str]) -> list[str]:
     """Return the deviations: as stated, steps that were switched off, checks that were waived."""
     found = [str(fields["deviations"])] if fields.get("deviations") else []
-    for step in (document.get("separation") or {}).get("steps") or []:
-        if step.get("enabled") is False:
-            found.append(f"{t['switched_off']}: {step['index'] + 1}, {step['op']}")
+    found += [
+        f"{t['switched_off']}: {step['index'] + 1}, {step['op']}"
+        for step in (document.get("separation") or {}).get("steps") or []
+        if step.get("enabled") is False
+    ]
     tables = [document.get("table"), *(document.get("more_tables") or [])]
     for table in (x for x in tables if x):
         waived = [f["check"] for f in table.get("findings") or [] if f.get("waived")]
@@ -365,7 +371,8 @@ def _row(
 
 def _limits(row: CharacteristicRow, factor: float) -> str:
     low, high = (
-        None if v is None else f"{v / factor:.6g}".replace("-", "−") for v in (row.lower, row.upper)
+        None if v is None else f"{v / factor:.6g}".replace("-", "−")
+        for v in (row.lower, row.upper)
     )
     if low is not None and high is not None:
         return f"{low} … {high}"
@@ -428,7 +435,9 @@ def origins_of(document: Document, t: Mapping[str, str]) -> list[str]:
         source = one_line(entry.get("u_source") or "of the method")
         name, _, what = source.partition(":")
         word = {"stated": "u_stated", "repeats": "u_repeats", "budget": "u_budget"}.get(name)
-        word = word or {"certificate": "u_certificate", "fit residual": "u_fit"}.get(name, "u_method")
+        word = word or {"certificate": "u_certificate", "fit residual": "u_fit"}.get(
+            name, "u_method"
+        )
         words = t[word].format(what=what.strip())
         if k is not None:
             words += f", k = {k:.2f}"

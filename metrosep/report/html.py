@@ -77,7 +77,7 @@ def main_figure(names: Mapping[str, str]) -> str | None:
             return wanted
     maps = [name for name, kind in names.items() if kind == "maps"]
     others = [name for name, kind in names.items() if kind != "bars"]
-    return (maps[-1:] or others[:1] or [*names][:1] or [None])[0]
+    return next(iter(maps[-1:] or others[:1] or [*names]), None)
 
 
 def kinds_of(document: Mapping[str, Any], names: Iterable[str]) -> dict[str, str]:

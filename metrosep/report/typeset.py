@@ -10,8 +10,10 @@ import base64
 import json
 import os
 import re
+import shutil
+import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -73,16 +75,20 @@ def render_pdf(document: Mapping[str, Any], *, standard: str | None = None) -> b
         (folder / "data.json").write_text(text, encoding="utf-8")
         (folder / "result.json").write_bytes(_bytes_of(document))
         (folder / "result.typ").write_text(_template(), encoding="utf-8")
+        needs = _needs_system_fonts(text)
+        compiled = partial(
+            typst.compile,
+            str(folder / "result.typ"),
+            root=str(folder),
+            font_paths=[str(_fonts_into(folder))],
+            ignore_system_fonts=not (needs and _SYSTEM_FONTS),
+            format="pdf",
+            timestamp=_TIME,
+        )
         try:
-            made = typst.compile(
-                str(folder / "result.typ"),
-                root=str(folder),
-                font_paths=[_own_fonts()],
-                ignore_system_fonts=not _needs_system_fonts(text),
-                format="pdf",
-                pdf_standards=[standard] if standard else [],
-                timestamp=_TIME,
-            )
+            if _needs_system_fonts(json.dumps(data["c"])):
+                _require_letters(compiled, typst.TypstError, folder, data)
+            made = compiled(pdf_standards=[standard] if standard else [])
         except typst.TypstError as exc:
             reason = " ".join(str(getattr(exc, "message", exc)).split())
             raise DataError(
@@ -122,6 +128,46 @@ def write_pdf(
     return atomic_write(path, render_pdf(document, standard=standard))
 
 
+_SYSTEM_FONTS = True
+"""Whether fonts of the system may be taken for letters that DejaVu Sans lacks."""
+
+
+def _require_letters(
+    compiled: Any, error: type[Exception], folder: Path, data: Mapping[str, Any]
+) -> None:
+    """Refuse a first page with letters that no font has: a standard for archives notices it, plain PDF prints boxes."""
+    archived = json.dumps({**data, "attached": False, "dated": True}, sort_keys=True)
+    plain = (folder / "data.json").read_text(encoding="utf-8")
+    (folder / "data.json").write_text(archived, encoding="utf-8")
+    try:
+        compiled(pdf_standards=["a-2b"])
+    except error as exc:
+        said = str(getattr(exc, "message", exc))
+        if "font" not in said:
+            raise
+        letters = sorted({c for c in json.dumps(data["c"], ensure_ascii=False) if _is_missing(c)})
+        letters = [c for c in letters if c.isalpha()] or letters
+        raise UnsupportedFeatureError(
+            f"no font on this computer has the {_script(letters)} letters {''.join(letters[:8])} of the "
+            "report; install one (such as Noto Sans CJK) and name it as font of the template, or write html"
+        ) from None
+    finally:
+        (folder / "data.json").write_text(plain, encoding="utf-8")
+
+
+def _is_missing(letter: str) -> bool:
+    return ord(letter) > 127 and ord(letter) not in _letters()
+
+
+def _script(letters: Sequence[str]) -> str:
+    """Return the scripts of some letters, from the names that Unicode gives them."""
+    words = {"CJK": "Chinese or Japanese", "HIRAGANA": "Japanese", "KATAKANA": "Japanese"}
+    signs = [c for c in letters if unicodedata.category(c) == "Lo"] or letters
+    names = [unicodedata.name(c, "UNKNOWN").split()[0] for c in signs]
+    found = dict.fromkeys(words.get(n.partition("-")[0], n.capitalize()) for n in names)
+    return " and ".join([*found][:2]) or "needed"
+
+
 def _typst() -> Any:
     try:
         import typst
@@ -146,6 +192,15 @@ def _own_fonts() -> str:
     from matplotlib import get_data_path
 
     return str(Path(get_data_path()) / "fonts" / "ttf")
+
+
+def _fonts_into(folder: Path) -> Path:
+    """Return a folder with the DejaVu fonts; that of matplotlib has one that draws a box for any letter, too."""
+    place = folder / "fonts"
+    place.mkdir()
+    for font in sorted(Path(_own_fonts()).glob("DejaVuSans*.ttf")):
+        shutil.copyfile(font, place / font.name)
+    return place
 
 
 def _needs_system_fonts(text: str) -> bool:
@@ -333,7 +388,10 @@ def _lines(shown: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     for who, name in shown["c"]["persons"]:
         yield "text", ""
         yield "text", name
-        yield "mono", f"{who.capitalize():<12} name {'_' * 24} date {'_' * 14} signature {'_' * 24}"
+        yield (
+            "mono",
+            f"{who.capitalize():<12} name {'_' * 24} date {'_' * 14} signature {'_' * 24}",
+        )
 
 
 def _head(text: str) -> Iterator[tuple[str, str]]:
