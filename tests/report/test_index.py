@@ -114,8 +114,8 @@ def test_counts_have_icon_word_and_colour():
 
 
 def test_failures_come_first_with_their_reasons(page):
-    assert page.index("<h2>Failed</h2>") < page.index("<h2>Not accepted</h2>")
-    assert page.index("<h2>Not accepted</h2>") < page.index(
+    assert page.index("<h2>Failed</h2>") < page.index("<h2>Not accepted, worst first</h2>")
+    assert page.index("<h2>Not accepted, worst first</h2>") < page.index(
         "<h2>Characteristics over the batch</h2>"
     )
     failed = _table(page, "Failed")
