@@ -119,7 +119,7 @@ def separation_maps(
         grid = figure.subplots(n_rows, n_columns, squeeze=False)
         image: Any = None
         for axes, (title, values) in zip(grid.flat, maps, strict=False):
-            image = _draw(
+            image = draw_map(
                 axes, values / factor, dx, dy, origin, (low / factor, high / factor), signed=signed
             )
             words = _height(values, (pv or {}).get(title), unit)
@@ -179,7 +179,7 @@ def _height(shown: FloatArray, whole: float | None, unit: str) -> str:
     return f"P-V {digits_of(height / factor)} {name.replace('u', 'µ', 1) if name[:1] == 'u' else name}"
 
 
-def _draw(
+def draw_map(
     axes: Any,
     values: FloatArray,
     dx: float | None,
@@ -189,6 +189,7 @@ def _draw(
     *,
     signed: bool = True,
 ) -> Any:
+    """Draw one map with its lower left pixel at `origin` and return the image."""
     import matplotlib as mpl
 
     name = _COLOUR_MAP if signed else _COLOURS_OF_HEIGHTS
