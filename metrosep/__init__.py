@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from metrosep.core.surface import Surface as Surface
     from metrosep.io.read import read as read
     from metrosep.io.runs import read_runs as read_runs
+    from metrosep.io.saved import load as load
     from metrosep.io.write import write as write
     from metrosep.recipe.recipe import Recipe as Recipe
 

@@ -18,5 +18,31 @@ def _explore(obj: Any, /, **options: Any) -> Any:
     return explore(obj, **options)
 
 
+def _plot(obj: Any, ax: Any = None, /, **options: Any) -> Any:
+    from metrosep.plot.objects import draw_object
+
+    return draw_object(obj, ax, **options)
+
+
+def _to_frame(obj: Any, /) -> Any:
+    from metrosep.io.frames import to_frame
+
+    return to_frame(obj)
+
+
+def _to_xarray(obj: Any, /) -> Any:
+    from metrosep.io.frames import to_xarray
+
+    return to_xarray(obj)
+
+
+def _save(obj: Any, path: Any, /) -> Any:
+    from metrosep.io.saved import save
+
+    return save(obj, path)
+
+
 attached.explore = _explore
+attached.plot, attached.to_frame, attached.to_xarray = _plot, _to_frame, _to_xarray
+attached.save = _save
 attached.method_packages = ("metrosep.separation", "metrosep.recipe")

@@ -23,6 +23,7 @@ from metrosep.batch.units import FAILED, RESULT, LeftOut, read_mark, sentences, 
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.core.limits import STATUS_OF_VERDICT
+from metrosep.core.public import PublicObject
 from metrosep.core.readable import digits_of, readable_unit
 from metrosep.io.own_notes import moment_of
 from metrosep.recipe.index_rows import index_columns, index_rows
@@ -296,8 +297,8 @@ def exit_code(rows: list[dict[str, Any]], *, closed: bool = False) -> int:
 # ---- `BatchReport`: what became of every unit of a batch ---------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class BatchReport:
+@dataclass(frozen=True, slots=True, eq=False)
+class BatchReport(PublicObject):
     """What became of every unit of a batch.
 
     Parameters

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 from metrosep._version import __version__
 from metrosep.batch import units
 from metrosep.batch.index import row_of
+from metrosep.batch.thumbs import THUMB, thumbnail
 from metrosep.batch.units import (
     FAILED,
     RESULT,
@@ -204,6 +205,9 @@ def _carry_out(
                 recipe, unit.target, out=inside, progress=None, with_result=False, more=told
             )
         document = done.document
+        picture = thumbnail(document)
+        if picture is not None:
+            (stage / THUMB).write_bytes(picture)
         _require_unchanged(unit, before, identity, document)
         _keep_tables(stage, folder, table_names(recipe), fresh=not task.resume)
         (folder / RESULT).unlink(missing_ok=True)

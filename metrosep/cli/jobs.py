@@ -17,6 +17,7 @@ from metrosep.cli.options import (
     named_options,
     optional_read_options,
     override_option,
+    report_option,
     say,
     table_options,
 )
@@ -57,6 +58,7 @@ def demo(context: click.Context, out: str, force: bool, as_json: bool) -> int:
 @click.argument("inputs", nargs=-1, metavar="INPUT...")
 @click.option("-o", "--out", required=True, help="Folder for tables, reports and result.json.")
 @override_option
+@report_option
 @force_option
 @json_option
 @click.pass_context
@@ -66,6 +68,7 @@ def run(
     inputs: tuple[str, ...],
     out: str,
     overrides: tuple[str, ...],
+    fields: tuple[str, ...],
     force: bool,
     as_json: bool,
 ) -> int:
@@ -77,7 +80,7 @@ def run(
     from metrosep.cli.errors import verdict_code
     from metrosep.recipe.recipe import Recipe
 
-    loaded = Recipe.load(recipe, overrides=overrides)
+    loaded = Recipe.load(recipe, overrides=overrides, report=fields)
     if context.obj is not None:
         context.obj["words"] = functools.partial(recipe_words, loaded)
     result = loaded.run(list(inputs) or None, out=out, progress=progress(context), overwrite=force)

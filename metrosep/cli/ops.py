@@ -296,7 +296,7 @@ def example_call(op: str, method: type[Method], folder: Path | None = None) -> l
     for key, value in source.items():
         text = _typed(value)
         name = [f"--{key.replace('_', '-')}", text]
-        words += name if own or key in COLUMN_OPTIONS else ["--column", f"{key}={text}"]
+        words += name if direct or key in COLUMN_OPTIONS else ["--column", f"{key}={text}"]
     for key, value in step.items():
         words += ["--set", f"{key}={_typed(value)}"]
     return words

@@ -27,6 +27,7 @@ __all__ = [
     "optional_read_options",
     "override_option",
     "read_aloud",
+    "report_option",
     "say",
     "table_options",
     "with_expansion",
@@ -94,6 +95,17 @@ def override_option(command: F) -> F:
         metavar="KEY=VALUE",
         help='A key of the recipe: step.form.form=sphere, step.2.degree=5, check.Sa.upper="12 nm"; '
         "may be repeated.",
+    )(command)
+
+
+def report_option(command: F) -> F:
+    """Add ``--report``, which states a field of the report."""
+    return click.option(
+        "--report",
+        "fields",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help='Field of the report: number=2026-7, item.serial="A 12", customer.name=...; may be repeated.',
     )(command)
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from metrosep.cli.options import json_option, name_values, say
+from metrosep.cli.options import json_option, name_values, report_option, say
 
 if TYPE_CHECKING:
     from metrosep.report.comparison import Comparison, Row
@@ -36,6 +36,21 @@ _MANY = 8
     help="Of the reports: html, pdf, xlsx, csv, parquet, dfq, or what else is installed.",
 )
 @click.option("-o", "--out", required=True, metavar="DIR", help="Folder for the reports.")
+@report_option
+@click.option("--template", metavar="FILE", help="Look of the house: a TOML file.")
+@click.option(
+    "--issue",
+    is_flag=True,
+    help="Issue the report of one RESULT; issue.json in DIR keeps its number.",
+)
+@click.option("--number", metavar="TEXT", help="Number of the report that is issued.")
+@click.option("--date", metavar="DATE", help="Date of issue, 2026-03-05 or today.")
+@click.option("--released", metavar="NAME", help="Person who releases the report.")
+@click.option(
+    "--dcc-schema",
+    metavar="DIR",
+    help="Folder with the published schemas, against which dcc and qif are checked.",
+)
 @click.option(
     "--pdf-engine",
     type=click.Choice(["typst", "matplotlib"]),
@@ -60,26 +75,50 @@ def report(
     results: tuple[str, ...],
     formats: str,
     out: str,
+    fields: tuple[str, ...],
+    template: str | None,
+    issue: bool,
+    number: str | None,
+    date: str | None,
+    released: str | None,
+    dcc_schema: str | None,
     pdf_engine: str,
     pdf_standard: str | None,
     workers: int | None,
 ) -> int:
     """Make the reports of RESULT again: result.json, its folder, or a folder with many below it.
 
-    Where the folder has the index.json of a batch, its rows say which results count; what is left
-    out is told. Nothing is computed and no input is touched; the same result gives the same bytes. Several
+    Where the folder has the index.json of a batch, its rows decide which results count; the others
+    are reported. Nothing is computed and no input is touched; the same result gives the same bytes. Several
     results give one file each, but one results.csv and one results.parquet for all; --workers
     changes the time, not the bytes. Exit code 4: a result was unreadable, the others are done.
+
+    A report is a draft until it is issued: --issue --number N --date 2026-03-05 --released "NAME"
+    fills these in and refuses a number that was issued for other bytes.
     """
     if pdf_standard is not None and pdf_engine == "matplotlib":
         raise click.UsageError("--pdf-standard needs --pdf-engine typst; leave one of them out")
-    writers = _writers(formats, pdf_engine, pdf_standard)
+    writers = _writers(formats, pdf_engine, pdf_standard, dcc_schema)
+    change = _change_of(
+        fields, template, issue, {"number": number, "date": date, "released": released}
+    )
     quiet = bool((context.obj or {}).get("quiet"))
     files = _files(results, quiet=quiet)
+    if issue and len(files) != 1:
+        raise click.UsageError(
+            f"--issue takes one result, got {len(files)}; each report has a number of its own"
+        )
     folder = _folder(out)
+    names = _names(files)
+    if issue:
+        change = _issued(files[0], folder, change)
+        names = [_file_name(change.register.issued[-1])]
+        place = change.register.write(folder)  # first: a number is never free again by a full disk
+        if not quiet:
+            say(f"issued   {place}")
     tasks = [
-        RenderTask(file, name, folder, writers, alone=len(files) == 1)
-        for file, name in zip(files, _names(files), strict=True)
+        RenderTask(file, name, folder, writers, alone=len(files) == 1, change=change)
+        for file, name in zip(files, names, strict=True)
     ]
     if workers is None:  # what is one file for all is done sooner than a worker starts
         n_own = len(files) if writers.keys() - TOGETHER else 0
@@ -98,6 +137,66 @@ def report(
     if documents:
         _write_together(documents, folder, writers, quiet=quiet)
     return 4 if unread else 0
+
+
+def _change_of(
+    fields: tuple[str, ...], template: str | None, issue: bool, given: Mapping[str, str | None]
+) -> Change:
+    """Return what the command states of the reports beside their results; all is checked here."""
+    from metrosep.core.errors import DataError
+    from metrosep.recipe.look import read_look
+    from metrosep.recipe.report_fields import checked_report, typed_fields
+
+    stray = next((k for k, v in given.items() if v is not None and not issue), None)
+    if stray is not None:
+        raise click.UsageError(f"--{stray} goes with --issue; add it")
+    typed = typed_fields(fields)
+    if given["number"] is not None:
+        typed["number"] = given["number"]
+    if given["date"] is not None:
+        day = given["date"]
+        typed["issued"] = _today() if day == "today" else day
+    if given["released"] is not None:
+        typed.setdefault("persons", {})["released"] = given["released"]
+    try:
+        checked = checked_report(typed, "--report")
+    except DataError as exc:
+        raise click.UsageError(str(exc)) from None
+    look = {} if template is None else read_look(Path(template))
+    return Change(checked, look)
+
+
+def _today() -> str:
+    """Return the date of today; it is written out before anything else is done with it."""
+    import datetime as dt
+
+    return dt.datetime.now().astimezone().date().isoformat()
+
+
+def _issued(file: Path, folder: Path, change: Change) -> Change:
+    """Return the change with the register of issued numbers, or refuse to issue."""
+    from metrosep.core.provenance import hash_bytes
+    from metrosep.recipe.report_fields import missing_fields
+    from metrosep.recipe.result import load_document
+    from metrosep.report.issuing import Register
+
+    document = change.of(load_document(file))
+    missing = missing_fields(document.get("report") or {})
+    if missing:
+        names = {"number": "--number", "issued": "--date", "persons.released": "--released"}
+        shown = ", ".join(names.get(k, f'--report "{k}=..."') for k in missing)
+        raise click.UsageError(
+            f"the report cannot be issued: {shown} missing; nothing was written"
+        )
+    register = Register.load(folder)
+    register = register.with_issue(document["report"], hash_bytes(file.read_bytes()))
+    return replace(change, register=register)
+
+
+def _file_name(issued: Mapping[str, Any]) -> str:
+    """Return the name of the files of an issued report: its number, so that none replaces another."""
+    revision = f"_rev{issued['revision']}" if issued["revision"] else ""
+    return _plain_name(f"{issued['number']}{revision}")
 
 
 def _outcomes(tasks: Sequence[RenderTask], workers: int) -> Iterator[Rendered]:
@@ -138,7 +237,9 @@ def _write_together(
             say(f"report   {target}")
 
 
-def _writers(formats: str, pdf_engine: str, pdf_standard: str | None) -> dict[str, Writer]:
+def _writers(
+    formats: str, pdf_engine: str, pdf_standard: str | None, schemas: str | None
+) -> dict[str, Writer]:
     from functools import partial
 
     from metrosep.recipe.preflight import report_formats
@@ -160,6 +261,9 @@ def _writers(formats: str, pdf_engine: str, pdf_standard: str | None) -> dict[st
         from metrosep.report.typeset import write_pdf
 
         writers["pdf"] = partial(write_pdf, standard=pdf_standard)
+    for name in ("dcc", "qif") if schemas is not None else ():
+        if name in writers:
+            writers[name] = partial(cast(Callable[..., Any], writers[name]), schemas=schemas)
     return writers
 
 
@@ -225,6 +329,10 @@ def _folder(out: str) -> Path:
     return folder
 
 
+def _plain_name(name: str) -> str:
+    return "".join("_" if c in _FORBIDDEN or ord(c) < 32 else c for c in name)
+
+
 def _names(files: Sequence[Path]) -> list[str]:
     """Return a name for each report: of the folder below the common one, so that none is twice."""
     if len(files) == 1:
@@ -236,7 +344,7 @@ def _names(files: Sequence[Path]) -> list[str]:
         parts = [*place.parent.relative_to(common).parts]
         parts += [] if place.name == "result.json" else [place.stem]
         name = "_".join(parts) or "report"
-        name = "".join("_" if c in _FORBIDDEN or ord(c) < 32 else c for c in name)
+        name = _plain_name(name)
         number, unique = 1, name
         while unique.lower() in (n.lower() for n in names):
             number += 1
@@ -247,10 +355,37 @@ def _names(files: Sequence[Path]) -> list[str]:
 
 # ---- the reports of one result, in this process or in a worker of `metrosep report` ------------
 
+ENDINGS = {"dcc": "dcc.xml", "qif": "qif.xml"}
+"""Of files whose format is not their ending."""
+
 TOGETHER = frozenset({"csv", "parquet"})
 """Formats that hold all results in one file."""
 
 Writer = Callable[[Mapping[str, Any], Path], Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """What a command states of a report, in place of what its result holds."""
+
+    fields: Mapping[str, Any] = field(default_factory=dict)
+    look: Mapping[str, Any] = field(default_factory=dict)
+    register: Any = None  # of issued numbers
+
+    def of(self, document: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the document with the fields that were typed, the origin of each with it."""
+        from metrosep.recipe.report_fields import stated_report
+
+        if not self.fields and not self.look:
+            return dict(document)
+        held = dict(document.get("report") or {})
+        origin, look = held.pop("origin", {}), held.pop("look", {})
+        made = stated_report(held, (), typed=self.fields)
+        made["origin"] = {**made.get("origin", {}), **{
+            k: v for k, v in origin.items() if made.get("origin", {}).get(k) == "recipe"
+        }}  # fmt: skip
+        look = dict(self.look or look)
+        return {**document, "report": {**made, **({"look": look} if look else {})}}
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,6 +397,7 @@ class RenderTask:
     folder: Path  # for the reports
     writers: Mapping[str, Writer]  # mapping of str to callable: by format
     alone: bool  # whether it is the only result, so that the long forms are its own too
+    change: Change = field(default_factory=Change)  # what the command states of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,34 +417,37 @@ def rendered(task: RenderTask) -> Rendered:
         CorruptFileError,
         DataError,
         ReadError,
+        RecipeError,
         UnsupportedFeatureError,
     )
     from metrosep.recipe.result import load_document
     from metrosep.report.csv_long import long_rows
 
     try:
-        document = load_document(task.file)
+        document = task.change.of(load_document(task.file))
     except ReadError as exc:
         return Rendered(unread=str(exc))
     written: list[Path] = []
+    missing: list[str] = []
     shared = None
     for kind, write in task.writers.items():
-        target = task.folder / f"{task.name}.{kind}"
+        target = task.folder / f"{task.name}.{ENDINGS.get(kind, kind)}"
         try:
             if kind in TOGETHER and not task.alone:
                 list(long_rows([document]))  # written by the caller; what is damaged is told here
                 shared = document
                 continue
             write(document, target)
-        except UnsupportedFeatureError as exc:
-            return Rendered(tuple(written), missing=str(exc))
+        except (RecipeError, UnsupportedFeatureError) as exc:
+            missing.append(str(exc))
+            continue
         except (DataError, AttributeError, KeyError, TypeError, ValueError) as exc:
             told = CorruptFileError(
                 task.file, f"no {kind} can be made of it: {exc}", hint="run the recipe again"
             )
             return Rendered(tuple(written), unread=str(told))
         written.append(target)
-    return Rendered(tuple(written), shared)
+    return Rendered(tuple(written), shared, missing="; ".join(missing))
 
 
 # ---- the command that compares two results, recipes or tables: diff ----------------------------

@@ -7,14 +7,15 @@ controllers notes, section 8, checks 5 to 9, and the dead zone of LinuxCNC in se
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Self
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal, Self, cast
 
 import numpy as np
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import LimitError
+from metrosep.core.errors import DataError, LimitError
+from metrosep.core.public import same
 from metrosep.core.units import format_length
 
 __all__ = ["Finding", "Limits", "check_limits", "dead_zone", "require_findings"]
@@ -50,6 +51,40 @@ class Corrections(Stated):
     """A table or a map of corrections."""
 
     __slots__ = ()
+
+    def __neg__(self) -> Self:
+        """Return the corrections with the other sign."""
+        made: Any = replace(cast(Any, self), **{k: -v for k, v in self._entries().items()})
+        return cast(Self, made)
+
+    def __add__(self, other: Any) -> Self:
+        """Return the sum of the entries of two of the same axes and positions, u added in squares.
+
+        What a new table does on top of an active one is another thing: `combine_tables`.
+        """
+        if type(other) is not type(self):
+            return NotImplemented
+        same_key = ("positions", "x", "y", "axis", "axes", "compensates", "reference")
+        for key in (k for k in same_key if hasattr(self, k)):
+            if not same(getattr(self, key), getattr(other, key)):
+                raise DataError(
+                    f"{key} of the two differ; only tables of the same axes and positions add with + "
+                    "(combine_tables joins others)"
+                )
+        mine, theirs = self._entries(), other._entries()
+        ways = {k: mine.get(k, mine.get("forward")) for k in {**mine, **theirs}}
+        total = {k: v + theirs.get(k, theirs.get("forward")) for k, v in ways.items()}
+        one, two = getattr(self, "u", None), getattr(other, "u", None)
+        spread = None if one is None or two is None else np.hypot(one, two)
+        known = {"u": spread, "covariances": {}, "source": None}
+        held = {k: v for k, v in known.items() if hasattr(self, k)}
+        made: Any = replace(cast(Any, self), **total, **held)
+        return cast(Self, made)
+
+    def _entries(self) -> dict[str, FloatArray]:
+        """Return the columns of corrections."""
+        found = {k: getattr(self, k, None) for k in ("forward", "reverse", "values")}
+        return {k: v for k, v in found.items() if v is not None}
 
     def exact_inverse(self) -> Self:
         """Return the corrections with c(p) = -e(p + c(p)), taking the present ones as -e.

@@ -38,13 +38,14 @@ from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, TableError
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, history_as_dicts
+from metrosep.core.public import PublicObject
 from metrosep.core.units import format_length
 
 __all__ = ["CompensationMap", "check_map_limits"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class CompensationMap(Corrections):
+class CompensationMap(Corrections, PublicObject):
     """Corrections over two axes; frozen, SI.
 
     Parameters

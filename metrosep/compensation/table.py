@@ -45,6 +45,7 @@ from metrosep.core.errors import DataError, TableError
 from metrosep.core.numbers import choice
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, hash_bytes, history_as_dicts
+from metrosep.core.public import PublicObject
 from metrosep.core.runset import Run, RunSet
 from metrosep.separation.positions.expansion import Expansion
 from metrosep.separation.positions.pitch import (
@@ -64,7 +65,7 @@ _FINER = 0.8
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class CompensationTable(Corrections):
+class CompensationTable(Corrections, PublicObject):
     """Corrections along an axis; frozen, SI.
 
     Parameters

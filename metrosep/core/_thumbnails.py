@@ -64,12 +64,27 @@ def map_thumbnail(
     if heights.size == 0:
         return _png(index, np.array([_GREY], dtype=np.uint8)), None
     low, high = (float(v) for v in np.quantile(heights, (_SHARE, 1.0 - _SHARE)))
+    index[seen] = _numbers_of(heights, low, high)
+    return _png(index[::-1], _table()), (low, high)
+
+
+def colour_png(z: FloatArray, low: float, high: float) -> bytes:
+    """Return a PNG with one pixel for each height, y up, not measured in grey."""
+    seen = ~np.isnan(z)
+    index = np.zeros(z.shape, dtype=np.uint8)
+    index[seen] = _numbers_of(z[seen], low, high)
+    return _png(index[::-1], _table())
+
+
+def _numbers_of(heights: FloatArray, low: float, high: float) -> FloatArray:
     part = np.clip((heights - low) / (high - low), 0.0, 1.0) if high > low else 0.5
-    index[seen] = np.rint(1.0 + 254.0 * part)
+    return np.asarray(np.rint(1.0 + 254.0 * part))
+
+
+def _table() -> ByteArray:
     at = np.linspace(0.0, len(_COLOURS) - 1.0, 255)
     table = [np.interp(at, np.arange(len(_COLOURS)), _COLOURS[:, k]) for k in range(3)]
-    colours = np.vstack([[_GREY], np.rint(np.column_stack(table))]).astype(np.uint8)
-    return _png(index[::-1], colours), (low, high)
+    return np.vstack([[_GREY], np.rint(np.column_stack(table))]).astype(np.uint8)
 
 
 def _folded(values: FloatArray, n: int, axis: int) -> FloatArray:

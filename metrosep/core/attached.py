@@ -6,6 +6,7 @@ when the package is imported.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 __all__ = ["Explore", "attached"]
@@ -20,6 +21,10 @@ class Explore(Protocol):
 
 class _Attached:
     explore: Explore
+    plot: Callable[..., Any]  # draw an object into axes
+    to_frame: Callable[[Any], Any]  # a data frame of an object
+    to_xarray: Callable[[Any], Any]
+    save: Callable[[Any, Any], Any]  # an object into a file
     # packages whose ``METHODS`` recipes, the command line and `separate` know by name
     method_packages: tuple[str, ...]
 

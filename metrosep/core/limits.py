@@ -10,6 +10,7 @@ from metrosep.core.readable import digits_of, readable_unit
 from metrosep.core.units import parse_quantity, parse_unit
 
 __all__ = [
+    "COVERAGE",
     "FROM_FIT",
     "RULES",
     "Limit",
@@ -31,6 +32,9 @@ FORM_OF_SYMBOL = {"STR": "straightness", "FLT": "flatness", "RON": "roundness"}
 
 RULES = ("max", "16%", "median")
 """Rules over several values of one parameter."""
+
+COVERAGE = 0.954499736
+"""Coverage probability of every expanded uncertainty that the program makes: k = 2 for a normal one."""
 
 FROM_FIT = "from fit"
 """As U of a check: the uncertainty that the fit itself gives, asked for by name."""

@@ -354,6 +354,38 @@ def _lines(value: Any, name: str, bare: bool) -> Any:
     return _list_of(_quantity("frequency"), '["50 Hz"]')(value, name, bare)
 
 
+def _date(value: Any, name: str, bare: bool) -> str:
+    """Return a date of TOML, or a text, as ISO 8601; an empty one stays empty."""
+    import datetime as dt
+
+    if isinstance(value, dt.date):  # a datetime is one, too
+        return value.isoformat()
+    text = value.strip() if isinstance(value, str) else None
+    if text == "":
+        return ""
+    try:
+        if text is not None and "T" in text:
+            return dt.datetime.fromisoformat(text).isoformat()
+        return dt.date.fromisoformat(text or "?").isoformat()
+    except ValueError:
+        raise OptionError("a date is written as year-month-day, 2026-03-05") from None
+
+
+def _dates(value: Any, name: str, bare: bool) -> str:
+    """Return a date, or the first and the last one with a slash between (ISO 8601)."""
+    if isinstance(value, str):
+        value = value.split("/")
+    given = value if isinstance(value, list | tuple) else [value]
+    if len(given) > 2:
+        raise OptionError(
+            f"one date, or the first and the last one, is needed here, got {len(given)}"
+        )
+    dates = [_date(v, name, bare) for v in given]
+    if dates != sorted(dates):
+        raise OptionError(f"the first date {dates[0]} lies behind the last one {dates[-1]}")
+    return "/".join(dict.fromkeys(dates))
+
+
 def _quantities(dimension: str, example: str) -> Check:
     return _list_of(_quantity(dimension), example)
 
@@ -406,6 +438,10 @@ KINDS: Mapping[str, Kind] = {
     "any": Kind("numbers", lambda value, _name, _bare: value),
     "table": Kind("a table of TOML", _typed(dict, "a table")),
     "file": Kind("a file", _typed(str, "the name of a file")),
+    "date": Kind("a date, 2026-03-05", _date, None, "2026-03-05"),
+    "dates": Kind(
+        "a date, or first and last one, 2026-03-04/2026-03-05", _dates, None, "2026-03-04"
+    ),
     "lag": Kind('a time with its unit, "1 ms", auto or fit', _lag, "time", "2 ms"),
     "degree": Kind("a whole number, or auto", _degree, None, "2"),
     "spacing": Kind(

@@ -12,9 +12,11 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, Heights, frozen_float, same_length
 from metrosep.core._thumbnails import png_image, profile_thumbnail
+from metrosep.core.arithmetic import HeightArithmetic
 from metrosep.core.attached import attached
 from metrosep.core.errors import InvalidSamplesError, NotUniformError, TooFewSamplesError
 from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.public import PublicObject
 from metrosep.core.units import format_length
 
 __all__ = ["Profile"]
@@ -24,7 +26,7 @@ _UNIFORM_RTOL = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Profile(Heights):
+class Profile(Heights, HeightArithmetic, PublicObject):
     """Heights along a line; frozen, SI, NaN = not measured.
 
     Parameters
@@ -91,6 +93,12 @@ class Profile(Heights):
         object.__setattr__(self, "z", zs)
         object.__setattr__(self, "metadata", freeze_mapping(metadata))
         object.__setattr__(self, "history", tuple(history))
+
+    def _with_heights(self, z: FloatArray, step: Step) -> Profile:
+        return Profile(self.x, z, metadata=self.metadata, history=(*self.history, step))
+
+    def _grid(self) -> tuple[tuple[FloatArray, float], ...]:
+        return ((self.x, float(np.ptp(self.x)) / max(self.x.size - 1, 1)),)
 
     def __len__(self) -> int:
         return int(self.x.size)

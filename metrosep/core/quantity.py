@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
-from metrosep.core.errors import DataError
-from metrosep.core.numbers import real
+from metrosep.core.errors import DataError, UnitError
+from metrosep.core.numbers import is_real, real
+from metrosep.core.public import PublicObject
 from metrosep.core.units import format_engineering
 
 __all__ = ["Quantity"]
 
 
-@dataclass(frozen=True, slots=True)
-class Quantity:
+@dataclass(frozen=True, slots=True, eq=False)
+class Quantity(PublicObject):
     """A value in SI with unit, definition and standard uncertainty.
 
     Parameters
@@ -57,6 +59,47 @@ class Quantity:
             raise DataError(
                 f"the standard uncertainty of {self.definition} is {self.u}, below zero"
             )
+
+    def __float__(self) -> float:
+        """Return the value in SI."""
+        return self.value
+
+    def _sum(self, other: Any, sign: float, word: str) -> Any:
+        if not isinstance(other, Quantity):
+            return NotImplemented
+        if other.unit != self.unit:
+            raise UnitError(
+                f"{self.definition} is in {self.unit} and {other.definition} in {other.unit}; "
+                "only like quantities add"
+            )
+        u = None if self.u is None or other.u is None else math.hypot(self.u, other.u)
+        words = f"({self.definition}) {word} ({other.definition}), independent"
+        return Quantity(self.value + sign * other.value, self.unit, words, u)
+
+    def __add__(self, other: Any) -> Any:
+        """Return the sum of independent quantities: u added in squares (GUM 5.1.2)."""
+        return self._sum(other, 1.0, "plus")
+
+    def __sub__(self, other: Any) -> Any:
+        """Return the difference of independent quantities: u added in squares (GUM 5.1.2)."""
+        return self._sum(other, -1.0, "minus")
+
+    def __mul__(self, other: Any) -> Any:
+        """Return the quantity times a number."""
+        if not is_real(other):
+            return NotImplemented
+        factor = real(other, "a factor")
+        u = None if self.u is None else abs(factor) * self.u
+        return replace(self, value=factor * self.value, u=u, symbol="")
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Any:
+        """Return the quantity over a number."""
+        return self * (1.0 / real(other, "a divisor")) if is_real(other) else NotImplemented
+
+    def __neg__(self) -> Quantity:
+        return replace(self, value=-self.value, symbol="")
 
     def __format__(self, spec: str) -> str:
         return str(self)

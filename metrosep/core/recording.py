@@ -13,12 +13,13 @@ from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import InvalidSamplesError
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.public import PublicObject
 
 __all__ = ["Recording"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Recording:
+class Recording(PublicObject):
     """Channels sampled over time; frozen, SI, NaN = not measured.
 
     Parameters

@@ -19,6 +19,7 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 from metrosep.core.numbers import positive
 from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step, freeze_mapping, hash_bytes
+from metrosep.core.public import PublicObject
 from metrosep.core.units import format_length
 
 __all__ = ["Run", "RunSet"]
@@ -33,7 +34,7 @@ _MM_PER_MIN = 1e-3 / 60.0
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Run:
+class Run(PublicObject):
     """One pass of an axis, in the order of time; frozen, SI, NaN = not measured.
 
     Parameters
@@ -229,7 +230,7 @@ def _checked_feed(feed: float | None, run_id: str) -> float | None:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class RunSet:
+class RunSet(PublicObject):
     """Repeated runs over the same path; frozen.
 
     Parameters

@@ -11,10 +11,12 @@ from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, Heights, frozen_float, position
 from metrosep.core._thumbnails import map_thumbnail
+from metrosep.core.arithmetic import HeightArithmetic
 from metrosep.core.attached import attached
 from metrosep.core.numbers import positive
 from metrosep.core.profile import html_summary
 from metrosep.core.provenance import Step, freeze_mapping
+from metrosep.core.public import PublicObject
 from metrosep.core.units import format_length
 
 __all__ = ["Surface"]
@@ -26,7 +28,7 @@ def _checked_step(value: float | str | None, name: str) -> float | None:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Surface(Heights):
+class Surface(Heights, HeightArithmetic, PublicObject):
     """Heights on a grid; frozen, SI, NaN = not measured.
 
     Row index grows with y and column index with x, z points out of the material: ``z[0, 0]`` is
@@ -90,6 +92,23 @@ class Surface(Heights):
         object.__setattr__(self, "origin", position(origin, "origin"))
         object.__setattr__(self, "metadata", freeze_mapping(metadata))
         object.__setattr__(self, "history", tuple(history))
+
+    def _with_heights(self, z: FloatArray, step: Step) -> Surface:
+        return Surface(
+            z,
+            self.dx,
+            self.dy,
+            origin=self.origin,
+            metadata=self.metadata,
+            history=(*self.history, step),
+        )
+
+    def _grid(self) -> tuple[tuple[FloatArray, float], ...]:
+        axes = zip(self.shape[::-1], (self.dx, self.dy), self.origin, strict=True)
+        return tuple(
+            (start + np.array([0.0, n - 1.0]) * (step or 0.0), np.nan if step is None else step)
+            for n, step, start in axes
+        )
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotConvergedError
 from metrosep.core.profile import Profile, html_table
+from metrosep.core.public import PublicObject
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering, format_length
 from metrosep.forms._correlated import Estimate, estimated, from_model
@@ -27,7 +28,7 @@ __all__ = ["FitResult"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class FitResult:
+class FitResult(PublicObject):
     """A form at its best place, and the deviations from it.
 
     Parameters

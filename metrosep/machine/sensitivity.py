@@ -19,6 +19,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.blas import one_blas_thread
 from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.public import PublicObject
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
 from metrosep.machine._responses import MapMaker
@@ -51,7 +52,7 @@ class ParetoStep:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class SensitivityTable:
+class SensitivityTable(PublicObject):
     """Error terms of a machine, ranked by what they do to a part.
 
     Parameters

@@ -17,6 +17,7 @@ from metrosep.core._arrays import FloatArray, position
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.numbers import choice, positive, quantity
 from metrosep.core.provenance import freeze_mapping
+from metrosep.core.public import PublicObject
 from metrosep.core.surface import Surface
 from metrosep.forms.base import Form
 from metrosep.forms.zernike import Zernike, ZernikeOrder
@@ -38,7 +39,7 @@ __all__ = ["Wavefront", "ZernikeTable", "wavefront"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Wavefront:
+class Wavefront(PublicObject):
     """Optical path difference over an aperture.
 
     Parameters

@@ -198,7 +198,12 @@ def guard_factor(
 
 
 def conformance_probability(
-    value: float, u: float, *, lower: float | None = None, upper: float | None = None
+    value: float,
+    u: float,
+    *,
+    lower: float | None = None,
+    upper: float | None = None,
+    dof: float | None = None,
 ) -> float:
     """Return the probability that the true value lies within its limits.
 
@@ -210,6 +215,8 @@ def conformance_probability(
         Its standard uncertainty, >= 0.
     lower, upper : float, optional
         Limits, same unit.
+    dof : float, optional
+        Degrees of freedom of u, > 0: Student's distribution; normal if omitted.
 
     Returns
     -------
@@ -220,10 +227,12 @@ def conformance_probability(
     ------
     DataError
         If there is no limit, the limits cross, or u is negative or not finite.
+    OptionRangeError
+        If dof is not above zero.
 
     Notes
     -----
-    Normal distribution about the value, no prior knowledge of the process.
+    Normal or Student's distribution about the value, no prior knowledge of the process.
 
     References
     ----------
@@ -234,10 +243,11 @@ def conformance_probability(
     >>> round(conformance_probability(9.5888, 0.25, upper=10.0), 3)
     0.95
     """
-    from scipy.special import ndtr
+    from scipy.special import ndtr, stdtr
 
     low, high = ordered_limits(lower, upper)
     not_negative(u, "a standard uncertainty")
+    nu = None if dof is None or math.isinf(dof) else positive(dof, "degrees of freedom")
     if math.isnan(value):
         return math.nan
     if u == 0.0:
@@ -246,6 +256,8 @@ def conformance_probability(
     a, b = (low - value) / u, (high - value) / u
     if a > 0.0:
         a, b = -b, -a
+    if nu is not None:
+        return float(stdtr(nu, b) - stdtr(nu, a))
     return float(ndtr(b) - ndtr(a))
 
 

@@ -23,6 +23,7 @@ from metrosep.core.docs import documented
 from metrosep.core.errors import DataError, FitError, InvalidSamplesError, TooFewSamplesError
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
+from metrosep.core.public import PublicObject
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.parameters.arguments import Call, Function, call_of, is_call, unknown
@@ -113,7 +114,7 @@ TABLE = """
 
 
 @documented(table=TABLE)
-class ParameterTable(Mapping[str, Quantity]):
+class ParameterTable(PublicObject, Mapping[str, Quantity]):
     """Parameters by symbol, in the order in which the standard lists them.
 
     Parameters

@@ -323,6 +323,9 @@ def _maps(chart: Chart) -> Figure:
         unit=chart["unit"],
         origin=(x, y),
         pv=chart.get("pv"),
+        limits=chart.get("limits"),
+        outside=chart.get("outside") or (0, 0),
+        signed=chart.get("signed", True),
     )
 
 

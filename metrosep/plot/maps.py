@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.numbers import positive
+from metrosep.core.readable import digits_of, readable_unit
 from metrosep.plot.placing import place_grid
 from metrosep.plot.style import (
     BAND_FACTOR,
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["flat_maps", "overlap_mismatch", "separation_maps", "stitch_layout", "stitched_surface"]
 
 _INVALID = "#B8B8B8"
-_COLOUR_MAP = "RdBu_r"
+_COLOUR_MAP, _COLOURS_OF_HEIGHTS = "RdBu_r", "viridis"
 _MOST_COLUMNS = 3
 _WRAP_PER_MAP = 46
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
@@ -48,6 +49,9 @@ def separation_maps(
     null_space: Sequence[Any] = (),
     origin: tuple[float, float] = (0.0, 0.0),
     pv: Mapping[str, float | None] | None = None,
+    limits: Sequence[float] | None = None,
+    outside: Sequence[int] = (0, 0),
+    signed: bool = True,
 ) -> Figure:
     r"""Return a figure with one map for each part, all on one colour scale.
 
@@ -67,6 +71,12 @@ def separation_maps(
         Position of the first pixel.
     pv : mapping of str to float, optional
         P-V by part, where the maps drawn are thinned out and the whole ones have another.
+    limits : sequence of (float, float), optional
+        Values at the ends of the scale; plus and minus the largest value if omitted.
+    outside : sequence of (int, int), optional
+        How many values lie below and above; the ends of the colour bar are pointed where there are some.
+    signed : bool, optional
+        Whether zero has a meaning (a residual, a difference, an error).
 
     Returns
     -------
@@ -80,8 +90,8 @@ def separation_maps(
 
     Notes
     -----
-    The scale is symmetric about zero, so that a flipped sign is seen, and the same for all maps;
-    the number in each title is the P-V of that map.
+    The scale is the same for all maps; the number in each title is the P-V of that map. Where zero has
+    a meaning the scale is symmetric about it, so that a flipped sign is seen.
 
     Examples
     --------
@@ -96,6 +106,8 @@ def separation_maps(
     maps = _flattened(parts, titles)
     known = [m[np.isfinite(m)] for _, m in maps]
     largest = max((float(np.abs(k).max()) for k in known if k.size), default=0.0)
+    low, high = (-largest, largest) if limits is None else limits
+    largest = max(abs(low), abs(high))
     factor, prefix = next((p for p in _PREFIXES if largest >= p[0]), _PREFIXES[-1])
     if largest == 0.0:
         factor, prefix = 1e-9, "n"
@@ -107,15 +119,19 @@ def separation_maps(
         grid = figure.subplots(n_rows, n_columns, squeeze=False)
         image: Any = None
         for axes, (title, values) in zip(grid.flat, maps, strict=False):
-            image = _draw(axes, values / factor, dx, dy, origin, largest / factor)
-            words = _height(values / factor, (pv or {}).get(title), factor, prefix + unit)
+            image = draw_map(
+                axes, values / factor, dx, dy, origin, (low / factor, high / factor), signed=signed
+            )
+            words = _height(values, (pv or {}).get(title), unit)
             axes.set_title("\n".join(filter(None, (title, words))), fontsize=9.0)
         for axes in list(grid.flat)[len(maps) :]:
             axes.set_axis_off()
         where: dict[str, Any] = {"ax": grid, "shrink": 0.85, "aspect": 25}
         if not null_space:
             where = {"cax": figure.add_axes((0.9, 0.1, 0.05, 0.8))}
-        bar = figure.colorbar(image, **where)
+        ends = {(True, True): "both", (True, False): "min", (False, True): "max"}
+        pointed = ends.get((outside[0] > 0, outside[1] > 0), "neither")
+        bar = figure.colorbar(image, extend=pointed, **where)
         bar.set_label(f"value / {prefix}{unit}")
         if not null_space:
             place_grid(figure, grid.tolist(), bar=bar.ax)
@@ -153,25 +169,31 @@ def _flattened(
     return out
 
 
-def _height(shown: FloatArray, whole: float | None, factor: float, unit: str) -> str:
-    """Return the P-V of a map: that of the whole one, where only some pixels are shown."""
-    if whole is not None:
-        return f"P-V {whole / factor:.3g} {unit}"
+def _height(shown: FloatArray, whole: float | None, unit: str) -> str:
+    """Return the P-V of a map with a prefix of its own: of the whole one, where only some pixels are shown."""
     known = shown[np.isfinite(shown)]
-    return f"P-V {np.ptp(known):.3g} {unit}" if known.size else "not determined"
+    height = whole if whole is not None else float(np.ptp(known)) if known.size else None
+    if height is None:
+        return "not determined"
+    name, factor = readable_unit([height], unit)
+    return f"P-V {digits_of(height / factor)} {name.replace('u', 'µ', 1) if name[:1] == 'u' else name}"
 
 
-def _draw(
+def draw_map(
     axes: Any,
     values: FloatArray,
     dx: float | None,
     dy: float | None,
     origin: tuple[float, float],
-    limit: float,
+    limits: tuple[float, float],
+    *,
+    signed: bool = True,
 ) -> Any:
+    """Draw one map with its lower left pixel at `origin` and return the image."""
     import matplotlib as mpl
 
-    colours = mpl.colormaps[_COLOUR_MAP].with_extremes(bad=_INVALID)
+    name = _COLOUR_MAP if signed else _COLOURS_OF_HEIGHTS
+    colours = mpl.colormaps[name].with_extremes(bad=_INVALID)
     step_x, step_y = (dx * 1e3, dy * 1e3) if dx and dy else (1.0, 1.0)
     n_y, n_x = values.shape
     first = (origin[0] * 1e3, origin[1] * 1e3) if dx and dy else (0.0, 0.0)
@@ -181,14 +203,14 @@ def _draw(
         first[1] - 0.5 * step_y,
         first[1] + (n_y - 0.5) * step_y,
     )
-    limit = limit or 1.0
+    low, high = limits if limits[0] < limits[1] else (-1.0, 1.0)
     image = axes.imshow(
         np.ma.masked_invalid(values),
         origin="lower",
         extent=extent,
         cmap=colours,
-        vmin=-limit,
-        vmax=limit,
+        vmin=low,
+        vmax=high,
         interpolation="nearest",
     )
     axes.grid(visible=False)

@@ -16,6 +16,7 @@ from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, LimitError, TooFewSamplesError, UnitError
+from metrosep.core.public import PublicObject
 from metrosep.process._plain import Frozen, OnPart, frozen, length
 from metrosep.process.interpolation import (
     EndCondition,
@@ -408,8 +409,8 @@ _MOST_POINTS = 10_000_000
 """Of a program that is worked on at once: about 1 GB."""
 
 
-@dataclass(frozen=True, slots=True)
-class SpiralPath:
+@dataclass(frozen=True, slots=True, eq=False)
+class SpiralPath(PublicObject):
     """Points of a block program on a spiral from the rim to the centre, and what joins them.
 
     Parameters

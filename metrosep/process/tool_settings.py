@@ -23,6 +23,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.docs import described_by
 from metrosep.core.errors import DataError, DegenerateFitError, InvalidSamplesError
 from metrosep.core.profile import Profile
+from metrosep.core.public import PublicObject
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
@@ -72,7 +73,7 @@ __all__ = ["SettingFit", "ToolSetting", "identify_setting"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class ToolSetting:
+class ToolSetting(PublicObject):
     """Errors of the tool's position and nose radius, with their uncertainty.
 
     Parameters

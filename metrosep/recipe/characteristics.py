@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from metrosep.core.errors import DataError
-from metrosep.core.limits import FROM_FIT, limit_problem
+from metrosep.core.limits import COVERAGE, FROM_FIT, limit_problem
 from metrosep.core.quantity import Quantity
 from metrosep.parameters.decision import Verdict, decide, worst
 from metrosep.recipe.steps import METRICS
@@ -50,7 +50,8 @@ def characteristics(
     for i, check in enumerate(recipe.checks):
         metric = check["metric"]
         quantity = values[metric]
-        expanded = check.get("U", None if quantity.u is None else 2.0 * quantity.u)
+        k, source = _origin(check, quantity)
+        expanded = check.get("U", None if quantity.u is None else k * quantity.u)
         if expanded is None:
             raise recipe.place("[[check]]", i).error(
                 f'the uncertainty of {metric} is not known from these runs; state it: U = "10 nm"',
@@ -75,11 +76,29 @@ def characteristics(
                 "U": expanded,
                 "guard_factor": guard,
                 "verdict": verdict,
+                "k": k,
+                "u_source": source,
             }
         )
     checked = {c["metric"] for c in recipe.checks}
     kept = [e for e in entries if e["verdict"] is not None or e["metric"] not in checked]
     return {"characteristics": kept, "verdict": worst(verdicts)}
+
+
+def _origin(check: Mapping[str, Any], quantity: Quantity) -> tuple[float, str]:
+    """Return the coverage factor of U of a check, and where U comes from."""
+    if "U" in check:
+        return check.get("k", 2.0), str(check.get("U_from", "stated"))
+    dof = quantity.dof
+    k = 2.0 if dof is None else _coverage_factor(dof)
+    return k, quantity.u_source or "of the method"
+
+
+def _coverage_factor(dof: float) -> float:
+    """Return k of a two-sided interval with the coverage of all of them (Student)."""
+    from metrosep.forms.result import student
+
+    return student(dof, 0.5 + 0.5 * COVERAGE)
 
 
 def _metrics(
@@ -153,7 +172,7 @@ def judged(
                 f'metric = "{metric}" is not in this result; there are {known}', "metric"
             )
         quantity = found[metric]
-        given = check.get("U")
+        given = check.get("U", FROM_FIT if check.get("U_from") == "fit" else None)
         for key in ("lower", "upper", "U"):
             if key in check and check[key] != FROM_FIT:
                 problem = limit_problem(key, check[key], metric, quantity.unit)
@@ -163,7 +182,8 @@ def judged(
         guard = check.get("guard_factor", 1.0)
         expanded: float | None
         verdict: Verdict
-        more: dict[str, Any] = {"u_source": "stated"}
+        k, source = _origin(check, quantity)
+        more: dict[str, Any] = {"u_source": source, "k": k}
         if metric in decided:
             expanded, (verdict, words) = None, decided[metric]
             more = {"u_source": "scatter of the spectrum", "u_note": words}
@@ -173,9 +193,7 @@ def judged(
             expanded, verdict = None, "inconclusive"
             more = {"reason": _no_u(metric, quantity.unit), "u_source": "not stated"}
         else:
-            if given is None:
-                more = {"u_source": "of the method"}
-            expanded = float(given) if given is not None else 2.0 * float(quantity.u or 0.0)
+            expanded = float(given) if given is not None else k * float(quantity.u or 0.0)
             verdict = decide(quantity.value, **limits, U=expanded, guard_factor=guard)
         if "rule" in check or check.get("sequential"):
             spread = (expanded, guard, quantity.unit)
@@ -243,8 +261,8 @@ def _by_the_fit(
 ) -> tuple[float | None, float, Verdict, dict[str, Any]]:
     """Return U, guard factor, verdict and what to say, of a parameter of a fit without a stated U.
 
-    With U = "from fit" the guard band is t_0.95 u, one-sided, and U is t_0.975 u. A radius is
-    judged by its curvature, which is normal where the radius is not.
+    With U = "from fit" the guard band is t_0.95 u, one-sided, and U is k u with k of 95.45 %,
+    two-sided. A radius is judged by its curvature, which is normal where the radius is not.
     """
     from metrosep.forms.conic import curvature_name
     from metrosep.forms.result import student
@@ -274,14 +292,14 @@ def _by_the_fit(
     if judged_by.u is None:
         why = f"the fit does not know the uncertainty of {metric}: state U"
         return None, factor, "inconclusive", {"reason": why, "u_source": _OF_FIT}
-    one, two = student(quantity.dof, 0.95), student(quantity.dof, 0.975)
+    one, two = student(quantity.dof, 0.95), _coverage_factor(quantity.dof)
     verdict = decide(judged_by.value, **bounds, U=one * judged_by.u, guard_factor=factor)
     said = (
         f"U from the residual of this fit, k = {two:.2f}, {quantity.dof:.3g} degrees of freedom; "
         "scale, reference and repeatability are not in it"
     )
     U = None if quantity.u is None else two * quantity.u
-    return U, factor * one / two, verdict, {"u_source": _OF_FIT, "u_note": said}
+    return U, factor * one / two, verdict, {"u_source": _OF_FIT, "u_note": said, "k": two}
 
 
 def _bent(

@@ -32,6 +32,7 @@ from metrosep.recipe.outputs import (
 )
 from metrosep.recipe.parts import input_records, named_files, write_parts
 from metrosep.recipe.preflight import RESULT_NAME
+from metrosep.recipe.report_fields import report_of
 from metrosep.recipe.result import (
     SCHEMA,
     Result,
@@ -88,6 +89,7 @@ def run_method(
     if cycles is not None:
         document["runs"] = run_records(cycles)
     document |= more or {}
+    document |= report_of(recipe, files, document)
     if out is None and beside:
         made = write_tables(recipe, document, beside, None, tell, overwrite=overwrite)
         files_of = tuple(f for t in made for f in t.files)

@@ -22,6 +22,7 @@ from metrosep.core.surface import Surface
 from metrosep.recipe.pipeline import Stage, StepError, run_step
 from metrosep.recipe.pipeline_checks import SPECTRUM
 from metrosep.recipe.pipeline_mask import Measured
+from metrosep.recipe.report_fields import report_of
 from metrosep.recipe.schema import reading_options
 
 if TYPE_CHECKING:
@@ -181,6 +182,7 @@ def run_pipeline(
     measured = measure_object(recipe, obj, tell=tell)
     described = measurement_of(measured)
     document = {**_document(recipe, measured, described), **(more or {})}
+    document |= report_of(recipe, files, document, measured.source.metadata)
     if out is None:
         return Result(document, measured)
     with staged(out) as stage:

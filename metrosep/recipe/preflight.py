@@ -6,6 +6,7 @@ so all that can be known from the recipe alone is refused here, with its line.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -138,6 +139,19 @@ def _check_limits(check: Mapping[str, Any], place: Place, *, has_table: bool) ->
         if stray is not None:
             raise place.error("PSD is judged by the limit of its step; leave this key out", stray)
         return
+    origin = str(check.get("U_from", "stated"))
+    if origin == "fit" and check.get("U", FROM_FIT) != FROM_FIT:
+        raise place.error('U_from = "fit" takes U from the fit; leave U out', "U_from")
+    if origin not in ("fit", "repeats", "stated") and not re.match(
+        r"(budget|certificate): *\S", origin
+    ):
+        raise place.error(
+            f'U_from = "{origin}" is not known; write fit, repeats, stated, "budget: FILE" or '
+            '"certificate: NUMBER"',
+            "U_from",
+        )
+    if not check.get("k", 2.0) >= 1.0:
+        raise place.error(f"k = {check['k']:g}: a coverage factor is at least 1", "k")
     try:
         decide(
             0.0,

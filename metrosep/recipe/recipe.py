@@ -12,12 +12,18 @@ from pathlib import Path
 from typing import Any
 
 from metrosep.core.atomic import MACHINE_BYTES, RECIPE_BYTES, read_plain_text, require_plain
-from metrosep.core.errors import RecipeError, RecipeMissingError, UnsupportedFeatureError
+from metrosep.core.errors import (
+    DataError,
+    RecipeError,
+    RecipeMissingError,
+    UnsupportedFeatureError,
+)
 from metrosep.core.methods import METHODS, Method
 from metrosep.core.provenance import freeze_mapping
 from metrosep.recipe.methods.turned import TurnedRuns, turning_axis
 from metrosep.recipe.pipeline import measuring_steps
 from metrosep.recipe.preflight import check_recipe, require_limits
+from metrosep.recipe.report_fields import checked_report, typed_fields
 from metrosep.recipe.result import Result
 from metrosep.recipe.schema import (
     Field,
@@ -80,6 +86,12 @@ class Recipe:
         The table ``[batch]`` with its defaults.
     bases : tuple of (str, str), optional
         Name and text of each recipe that it builds on, the nearest first.
+    report : mapping, optional
+        The table ``[report]``: what a laboratory states beside the numbers, checked.
+    typed : mapping, optional
+        What ``--report`` said in its place.
+    look : mapping, optional
+        The template that ``[report]`` names, read.
     """
 
     name: str
@@ -92,6 +104,9 @@ class Recipe:
     outputs: tuple[Mapping[str, Any], ...] = field(default=())
     batch_options: Mapping[str, Any] = field(default_factory=dict)
     bases: tuple[tuple[str, str], ...] = ()
+    report: Mapping[str, Any] = field(default_factory=dict)
+    typed: Mapping[str, Any] = field(default_factory=dict)
+    look: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def is_method(self) -> bool:
@@ -131,18 +146,20 @@ class Recipe:
 
     @property
     def recorded(self) -> dict[str, Any]:
-        """What a result keeps of the recipe: name, text without ``[view]``, hash of that text.
+        """What a result keeps of the recipe: name, text without ``[view]`` and ``[report]``, its hash.
 
         Where values were overridden, also the list ``overrides``; the text is the one with them.
         """
-        text = without_view_block(self.text)
+        text = without_report(without_view_block(self.text))
         digest = hashlib.sha256(text.encode("utf-8")).hexdigest()
         kept: dict[str, Any] = {"name": self.name, "text": text, "sha256": digest}
         given = list(self.overrides)
         return {**kept, "overrides": given} if given else kept
 
     @classmethod
-    def load(cls, path: PathLike, *, overrides: Sequence[str] = ()) -> Recipe:
+    def load(
+        cls, path: PathLike, *, overrides: Sequence[str] = (), report: Sequence[str] = ()
+    ) -> Recipe:
         """Read and check a recipe.
 
         Parameters
@@ -151,6 +168,8 @@ class Recipe:
             TOML file, in UTF-8 with or without byte order mark.
         overrides : sequence of str, optional
             ``key=value`` each, in place of what the file says: `Recipe.parse`.
+        report : sequence of str, optional
+            ``key=value`` each, in place of a field of ``[report]``: ``item.serial=A12``.
 
         Returns
         -------
@@ -173,7 +192,7 @@ class Recipe:
             reason = getattr(exc, "strerror", None) or exc
             raise RecipeError(f"{target}: the recipe cannot be read ({reason})") from None
         folder = target.resolve().parent
-        return cls.parse(text, name=target.name, folder=folder, overrides=overrides)
+        return cls.parse(text, name=target.name, folder=folder, overrides=overrides, report=report)
 
     @classmethod
     def parse(
@@ -184,6 +203,7 @@ class Recipe:
         folder: PathLike = ".",
         overrides: Sequence[str] = (),
         admits: Admits | None = None,
+        report: Sequence[str] = (),
     ) -> Recipe:
         """Check the text of a recipe.
 
@@ -202,6 +222,8 @@ class Recipe:
         admits : callable, optional
             Whether a path that the recipe names may be read, as ``admits(path)``; every path if
             omitted. A device, a pipe or a description that is too large is refused in any case.
+        report : sequence of str, optional
+            ``key=value`` each, in place of a field of ``[report]``: ``item.serial=A12``.
 
         Returns
         -------
@@ -279,6 +301,7 @@ class Recipe:
             outputs=outputs,
             batch_options=freeze_mapping(batch_table(data.get("batch", {}), place("[batch]"))),
             bases=bases,
+            **_stated(data.get("report", {}), report, Path(folder), place("[report]"), admits),
         )
         files = [(o, OUTPUTS[o["kind"]]) for o in recipe.outputs]
         _require_files(files, Path(folder), lambda i: place("[[output]]", i), admits)
@@ -394,6 +417,32 @@ class Recipe:
         return run(self, folder, out=out, **settings)
 
 
+def _stated(
+    data: Any, typed: Sequence[str], folder: Path, place: Place, admits: Admits | None
+) -> dict[str, Any]:
+    """Return the table ``[report]``, what was typed in its place, and the template that it names."""
+    from metrosep.recipe.look import read_look
+
+    try:
+        fields = checked_report(data)
+    except DataError as exc:
+        key = re.search(r'unknown key "(\w+)"|: (\w+) [=h]', str(exc))
+        raise place.error(str(exc), (key[1] or key[2]) if key else None) from None
+    try:
+        own = checked_report(typed_fields(typed), "--report")
+    except DataError as exc:
+        raise RecipeError(str(exc)) from None
+    template = own.get("template") or fields.get("template")
+    if template is None:
+        return {"report": fields, "typed": own}
+    _require_files(
+        [({"template": template}, {"template": Field("file")})], folder, lambda _: place, admits
+    )
+    beside = folder / template
+    look = read_look(beside if beside.exists() else Path(template), admits)
+    return {"report": fields, "typed": own, "look": look}
+
+
 def _require_files(
     tables: Sequence[tuple[Mapping[str, Any], Mapping[str, Field]]],
     folder: Path,
@@ -491,6 +540,35 @@ def _without(text: str) -> str:
     if after == len(plain):
         return before.rstrip("\n") + "\n"
     return before + "".join(lines[after:])
+
+
+_REPORT = re.compile(r"\s*\[{1,2}\s*report\s*(?:\.[\w\s.\"'-]+)?\]{1,2}\s*(?:#.*)?$")
+_TABLE = re.compile(r"\s*\[{1,2}\s*[\w.\"' -]+\s*\]{1,2}\s*(?:#.*)?$")
+
+
+def without_report(text: str) -> str:
+    r"""Return the text of a recipe without its tables ``[report]``, which change no number.
+
+    Examples
+    --------
+    >>> without_report('metrosep = 1\n[report]\nnumber = "7"\n[input]\n')
+    'metrosep = 1\n[input]\n'
+    """
+    end = before_record(text)
+    lines = text[:end].splitlines(keepends=True)
+    plain = blanked_texts(text[:end]).splitlines()
+    if not any(_REPORT.match(line) for line in plain):
+        return text
+    held = tomllib.loads(text[:end])
+    held.pop("report", None)
+    kept, inside = [], False
+    for line, bare in zip(lines, plain, strict=True):
+        if _TABLE.match(bare):
+            inside = bool(_REPORT.match(bare))
+        if not inside:
+            kept.append(line)
+    made = "".join(kept).rstrip("\n") + "\n"
+    return made + text[end:] if _says(made, held) else text
 
 
 def _says(text: str, held: dict[str, Any]) -> bool:

@@ -25,6 +25,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.atomic import atomic_write, read_plain
 from metrosep.core.errors import CorruptFileError, DataError, ReadError
 from metrosep.core.provenance import Step
+from metrosep.core.public import PublicObject
 from metrosep.core.runset import Run, RunSet
 
 if TYPE_CHECKING:
@@ -57,8 +58,8 @@ _CELLS = 2001
 _MOST_BYTES = 2**30
 
 
-@dataclass(frozen=True, slots=True)
-class Result:
+@dataclass(frozen=True, slots=True, eq=False)
+class Result(PublicObject):
     """What a recipe produced.
 
     Parameters

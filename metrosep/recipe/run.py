@@ -28,6 +28,7 @@ from metrosep.recipe.outputs import (
 )
 from metrosep.recipe.parts import input_records, write_arrays
 from metrosep.recipe.preflight import RESULT_NAME
+from metrosep.recipe.report_fields import report_of
 from metrosep.recipe.result import (
     SCHEMA,
     Result,
@@ -93,7 +94,9 @@ def run_recipe(
         require_free(recipe, places, source_hashes(runs.history))
     if folder is None and not places:
         alone = separated_result(recipe, runs, separate_inputs(recipe, runs, tell))
-        return Result({**alone.document, **(more or {})}, alone.produced)
+        document = {**alone.document, **(more or {})}
+        document |= report_of(recipe, files, document, runs.metadata)
+        return Result(document, alone.produced)
     if folder is None:
         estimate = separate_inputs(recipe, runs, tell)
         basis = table_basis(recipe, runs, estimate)
@@ -106,6 +109,7 @@ def run_recipe(
         tables = write_tables(recipe, basis, places, stage, tell, overwrite=overwrite)
         document, names = _document(recipe, runs, estimate, basis, tables)
         document |= more or {}
+        document |= report_of(recipe, files, document, runs.metadata)
         result = Result(document, estimate)
         names += write_arrays(recipe, estimate, document, stage, tell)
         names += write_reports(recipe, document, stage, tell)

@@ -40,6 +40,7 @@ TOP = {
     "output": Field("any"),
     "batch": Field("table"),
     "view": Field("table"),
+    "report": Field("table"),
 }
 
 INPUT = {
@@ -131,12 +132,22 @@ METRICS = {
     "after_rms": "RMS of the mean run after the table (dry-run)",
 }
 
+_OF_U = {
+    "k": Field("number", help="coverage factor of U", default=2.0, low=1.0),
+    "U_from": Field(
+        "text",
+        help='origin of U: stated, repeats, "budget: FILE", "certificate: NO"; or fit',
+        default="stated",
+    ),
+}
+
 CHECK = {
     "name": Field("text"),
     "metric": Field("text", required=True, choices=tuple(METRICS)),
     "upper": Field("length"),
     "lower": Field("length"),
     "U": Field("uncertainty"),
+    **_OF_U,
     "guard_factor": Field("number"),
 }
 
@@ -178,6 +189,7 @@ METHOD_CHECK = {
     "upper": Field("limit"),
     "lower": Field("limit"),
     "U": Field("expanded"),
+    **_OF_U,
     "guard_factor": Field("number"),
     "rule": Field("text", choices=RULES),
     "sequential": Field("flag"),

@@ -13,11 +13,13 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import datetime
 from decimal import Decimal
 from typing import Any
 
 from metrosep.core.errors import DataError
 from metrosep.core.readable import readable_unit
+from metrosep.recipe.report_fields import measured_at
 from metrosep.report.text import (
     CharacteristicRow,
     characteristic_rows,
@@ -60,8 +62,9 @@ def render_dfq(documents: Sequence[Mapping[str, Any]]) -> bytes:
     Notes
     -----
     A value has the unit of its limits, else nm, urad or ms: the same for all parts, so that they can
-    be put together. 15 digits are written; K2022 says how many mean something. A result holds no
-    clock, so the field of the date stays empty. The serial is given as batch. Field numbers and
+    be put together. 15 digits are written; K2022 says how many mean something. The third field of a value
+    is the last moment of measuring, as the report or the file states it; empty where neither does. The
+    serial is given as batch. Field numbers and
     lengths follow descriptions of version 12 by others; the official text was not at hand.
     """
     if not documents:
@@ -74,7 +77,10 @@ def render_dfq(documents: Sequence[Mapping[str, Any]]) -> bytes:
         _require_same(first, rows, number)
     scales = [_scale(row) for row in first]
     lines = [*_head(documents, first), *_description(first, scales)]
-    lines += [_values(rows, scales) for rows in all_rows]
+    lines += [
+        _values(rows, scales, _moment(document))
+        for document, rows in zip(documents, all_rows, strict=True)
+    ]
     return ("\r\n".join(lines) + "\r\n").encode(_ENCODING, errors="replace")
 
 
@@ -138,8 +144,28 @@ def _remark(row: CharacteristicRow, unit: str, factor: float) -> str:
     return "; ".join([*texts, row.definition] if row.definition else texts)
 
 
-def _values(rows: Sequence[CharacteristicRow], scales: Sequence[tuple[str, float]]) -> str:
-    """Return the line of a result; date and events stay empty."""
+def _moment(document: Mapping[str, Any]) -> str:
+    """Return the last moment of measuring as DD.MM.YYYY/HH:MM:SS; empty where nobody states it.
+
+    Examples
+    --------
+    >>> _moment({"report": {"measured": "2026-03-04"}}), _moment({})
+    ('04.03.2026/00:00:00', '')
+    """
+    stated = (document.get("report") or {}).get("measured") or measured_at(document)
+    if not stated:
+        return ""
+    try:
+        moment = datetime.fromisoformat(str(stated).split("/")[-1])
+    except ValueError:
+        return ""
+    return f"{moment:%d.%m.%Y/%H:%M:%S}"
+
+
+def _values(
+    rows: Sequence[CharacteristicRow], scales: Sequence[tuple[str, float]], moment: str
+) -> str:
+    """Return the line of a result; events stay empty."""
     cells = []
     for row, (_, factor) in zip(rows, scales, strict=True):
         known = row.value is not None
@@ -147,8 +173,9 @@ def _values(rows: Sequence[CharacteristicRow], scales: Sequence[tuple[str, float
             _scaled(row.value, factor) if row.value is not None else "0",
             _VALID if known else _NOT_MEASURED,
         ]
+        fields += [moment] if moment else []
         if row.serial:
-            fields += ["", "", "#" + _ascii_safe(row.serial)[:_SHORT]]
+            fields += [*([] if moment else [""]), "", "#" + _ascii_safe(row.serial)[:_SHORT]]
         cells.append(_FIELD.join(fields))
     return _BETWEEN.join(cells)
 

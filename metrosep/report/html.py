@@ -9,11 +9,13 @@ from __future__ import annotations
 import base64
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from metrosep.report.text import document_writer, span
+from markupsafe import Markup
+
+from metrosep.report.text import document_writer, one_line, span
 from metrosep.report.view import view
 
 if TYPE_CHECKING:
@@ -40,8 +42,58 @@ def render_html(document: Mapping[str, Any]) -> str:
     DataError
         If a verdict in the document is unknown.
     """
-    page = _template().render(view(document), figures=_figures(document))
+    texts = view(document)
+    shown = texts["c"]
+    first, figures = split_main(_figures(document), document)
+    name = f"{shown['kind']} {shown['number']}".strip() if shown["number"] else shown["kind"]
+    foot = " · ".join(t for t in (name, shown["t"]["draft"] if shown["draft"] else "",
+                                  shown["look"].get("footer", "")) if t)  # fmt: skip
+    page = _template().render(
+        texts,
+        figures=figures,
+        main=first[0] if first else None,
+        page_text=Markup(_css_text(foot)),  # noqa: S704  (escaped for CSS)
+        page_word=Markup(_css_text(shown["t"]["page"])),  # noqa: S704
+    )
     return page if page.endswith("\n") else page + "\n"
+
+
+def _css_text(text: str) -> str:
+    r"""Return a text as a string of CSS that cannot end before its end.
+
+    Examples
+    --------
+    >>> _css_text('a"</style>')
+    '"a\\22 \\3c \\2f style\\3e "'
+    """
+    safe = (c if c.isalnum() or c in " .,-·" else f"\\{ord(c):x} " for c in one_line(text))
+    return f'"{"".join(safe)}"'
+
+
+def main_figure(names: Mapping[str, str]) -> str | None:
+    """Return which figure stands on the first page, of names with the kind of each: what was judged."""
+    for wanted in ("before_after", "separation_parts"):
+        if wanted in names:
+            return wanted
+    maps = [name for name, kind in names.items() if kind == "maps"]
+    others = [name for name, kind in names.items() if kind != "bars"]
+    return next(iter(maps[-1:] or others[:1] or [*names]), None)
+
+
+def kinds_of(document: Mapping[str, Any], names: Iterable[str]) -> dict[str, str]:
+    """Return the kind of each figure of a report: of a chart its own, else its name."""
+    from metrosep.plot.summary import charts_of
+
+    kinds = {f"chart_{i}": str(c.get("kind")) for i, c in enumerate(charts_of(document), 1)}
+    return {name: kinds.get(name, name) for name in names}
+
+
+def split_main(figures: Sequence[Any], document: Mapping[str, Any]) -> list[list[Any]]:
+    """Return the figure of the first page, if there is one, and the others in their order."""
+    names = [f.name if isinstance(f, Drawing) else f["name"] for f in figures]
+    chosen = main_figure(kinds_of(document, names))
+    at = names.index(chosen) if chosen in names else len(names)
+    return [[*figures[at : at + 1]], [*figures[:at], *figures[at + 1 :]]]
 
 
 @cache

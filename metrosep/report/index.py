@@ -96,7 +96,13 @@ def render_index(document: Document, *, folder: str | os.PathLike[str] | None = 
         counts=_counts(rows),
         notes=_notes(document),
         failed=[u for u in units if u["status"] in ("failed", "refused")],
-        doubtful=[u for u in units if u["status"] in ("rejected", "inconclusive")],
+        not_accepted=_worst_first(
+            [
+                (u, r)
+                for u, r in zip(units, rows, strict=True)
+                if u["status"] in ("rejected", "inconclusive")
+            ]
+        ),
         series=[_series_row(s) for s in series],
         least=LEAST_VALUES,
         trends=_trends([s for s in charted if s.moves], order_words(document)),
@@ -179,14 +185,49 @@ def _row(
         "hash": one_line(row.get("hash") or "")[:12],
         "link": link,
         "link_word": str(row.get("link") or "").rpartition("/")[2],
-        "report": None if link is None or folder is None else _report(str(row["link"]), folder),
+        "report": None if link is None or folder is None else _beside(row, folder, "report.html"),
+        "thumb": None if link is None or folder is None else _beside(row, folder, "thumb.png"),
     }
 
 
-def _report(link: str, folder: Path) -> str | None:
-    """Return the link to the report beside a result, where there is one."""
-    beside = link.rpartition("/")[0]
-    found = f"{beside}/report.html" if beside else "report.html"
+def severity(row: Document) -> float:
+    """Return how far a part lies outside its limits, in guard bands; the largest of its values, -inf without one.
+
+    s = max((y - T_U) / g, (T_L - y) / g), g: guard band, else U, else T_U - T_L, else the limit itself.
+
+    Examples
+    --------
+    >>> value = {"upper": 12.0, "U": 0.3, "guard_factor": 1.0}
+    >>> [round(severity({"characteristics": [{**value, "value": y}]}), 6) for y in (36.0, 14.2, 12.2)]
+    [80.0, 7.333333, 0.666667]
+    """
+    found = -math.inf
+    for entry in row.get("characteristics") or ():
+        y, low, high = (entry.get(k) for k in ("value", "lower", "upper"))
+        if y is None or (low is None and high is None):
+            continue
+        guard = (entry.get("U") or 0.0) * (
+            1.0 if entry.get("guard_factor") is None else entry["guard_factor"]
+        )
+        width = 0.0 if low is None or high is None else abs(high - low)
+        limit = max(abs(v) for v in (low, high) if v is not None)
+        g = guard or entry.get("U") or width or limit or 1.0
+        beyond = [(y - high) / g] if high is not None else []
+        beyond += [(low - y) / g] if low is not None else []
+        found = max(found, *beyond)
+    return found
+
+
+def _worst_first(pairs: list[tuple[dict[str, Any], Document]]) -> list[dict[str, Any]]:
+    """Return rows by severity, those without a value last; equal ones by name."""
+    pairs.sort(key=lambda p: (-severity(p[1]), p[0]["unit"]))
+    return [u for u, _ in pairs]
+
+
+def _beside(row: Document, folder: Path, name: str) -> str | None:
+    """Return the link to a file beside a result, where there is one."""
+    place = str(row["link"]).rpartition("/")[0]
+    found = f"{place}/{name}" if place else name
     try:
         return link_of(found) if (folder / found).is_file() else None
     except (OSError, ValueError):

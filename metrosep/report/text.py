@@ -200,7 +200,9 @@ def characteristic_rows(document: Document) -> list[CharacteristicRow]:
     entries = document.get("characteristics") or []
     if not isinstance(entries, Sequence) or not all(isinstance(e, Mapping) for e in entries):
         raise DataError("the characteristics are not a list of values; the result is damaged")
-    groups = (document.get("unit") or {}).get("groups") or {}
+    item = (document.get("report") or {}).get("item") or {}
+    stated = {"part": item.get("drawing") or item.get("name"), "serial": item.get("serial")}
+    groups = {**stated, **((document.get("unit") or {}).get("groups") or {})}
     inputs = [i for i in document.get("inputs") or [] if not i.get("beside")]
     names = [one_line(i.get("name") or "not named") for i in inputs]
     factors = guard_factors(document)

@@ -6,11 +6,14 @@ bytes. A letter that these fonts lack is taken from the fonts of the system.
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import re
+import shutil
+import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -18,7 +21,7 @@ from typing import Any
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, UnsupportedFeatureError
 from metrosep.recipe.result import clean
-from metrosep.report.html import captions_of, figures_of, is_narrow
+from metrosep.report.html import captions_of, figures_of, is_narrow, split_main
 from metrosep.report.text import document_writer, one_line
 from metrosep.report.view import view
 
@@ -66,22 +69,26 @@ def render_pdf(document: Mapping[str, Any], *, standard: str | None = None) -> b
     data |= {"attached": standard != "a-2b", "dated": standard is not None}
     with TemporaryDirectory(prefix="metrosep-") as name:
         folder = Path(name)
-        for file, svg in figures.items():
-            (folder / file).write_text(svg, encoding="utf-8")
+        for file, content in figures.items():
+            (folder / file).write_bytes(content)
         text = json.dumps(data, sort_keys=True, allow_nan=False)
         (folder / "data.json").write_text(text, encoding="utf-8")
         (folder / "result.json").write_bytes(_bytes_of(document))
         (folder / "result.typ").write_text(_template(), encoding="utf-8")
+        needs = _needs_system_fonts(text)
+        compiled = partial(
+            typst.compile,
+            str(folder / "result.typ"),
+            root=str(folder),
+            font_paths=[str(_fonts_into(folder))],
+            ignore_system_fonts=not (needs and _SYSTEM_FONTS),
+            format="pdf",
+            timestamp=_TIME,
+        )
         try:
-            made = typst.compile(
-                str(folder / "result.typ"),
-                root=str(folder),
-                font_paths=[_own_fonts()],
-                ignore_system_fonts=not _needs_system_fonts(text),
-                format="pdf",
-                pdf_standards=[standard] if standard else [],
-                timestamp=_TIME,
-            )
+            if _needs_system_fonts(json.dumps(data["c"])):
+                _require_letters(compiled, typst.TypstError, folder, data)
+            made = compiled(pdf_standards=[standard] if standard else [])
         except typst.TypstError as exc:
             reason = " ".join(str(getattr(exc, "message", exc)).split())
             raise DataError(
@@ -121,6 +128,46 @@ def write_pdf(
     return atomic_write(path, render_pdf(document, standard=standard))
 
 
+_SYSTEM_FONTS = True
+"""Whether fonts of the system may be taken for letters that DejaVu Sans lacks."""
+
+
+def _require_letters(
+    compiled: Any, error: type[Exception], folder: Path, data: Mapping[str, Any]
+) -> None:
+    """Refuse a first page with letters that no font has: a standard for archives notices it, plain PDF prints boxes."""
+    archived = json.dumps({**data, "attached": False, "dated": True}, sort_keys=True)
+    plain = (folder / "data.json").read_text(encoding="utf-8")
+    (folder / "data.json").write_text(archived, encoding="utf-8")
+    try:
+        compiled(pdf_standards=["a-2b"])
+    except error as exc:
+        said = str(getattr(exc, "message", exc))
+        if "font" not in said:
+            raise
+        letters = sorted({c for c in json.dumps(data["c"], ensure_ascii=False) if _is_missing(c)})
+        letters = [c for c in letters if c.isalpha()] or letters
+        raise UnsupportedFeatureError(
+            f"no font on this computer has the {_script(letters)} letters {''.join(letters[:8])} of the "
+            "report; install one (such as Noto Sans CJK) and name it as font of the template, or write html"
+        ) from None
+    finally:
+        (folder / "data.json").write_text(plain, encoding="utf-8")
+
+
+def _is_missing(letter: str) -> bool:
+    return ord(letter) > 127 and ord(letter) not in _letters()
+
+
+def _script(letters: Sequence[str]) -> str:
+    """Return the scripts of some letters, from the names that Unicode gives them."""
+    words = {"CJK": "Chinese or Japanese", "HIRAGANA": "Japanese", "KATAKANA": "Japanese"}
+    signs = [c for c in letters if unicodedata.category(c) == "Lo"] or letters
+    names = [unicodedata.name(c, "UNKNOWN").split()[0] for c in signs]
+    found = dict.fromkeys(words.get(n.partition("-")[0], n.capitalize()) for n in names)
+    return " and ".join([*found][:2]) or "needed"
+
+
 def _typst() -> Any:
     try:
         import typst
@@ -147,6 +194,15 @@ def _own_fonts() -> str:
     return str(Path(get_data_path()) / "fonts" / "ttf")
 
 
+def _fonts_into(folder: Path) -> Path:
+    """Return a folder with the DejaVu fonts; that of matplotlib has one that draws a box for any letter, too."""
+    place = folder / "fonts"
+    place.mkdir()
+    for font in sorted(Path(_own_fonts()).glob("DejaVuSans*.ttf")):
+        shutil.copyfile(font, place / font.name)
+    return place
+
+
 def _needs_system_fonts(text: str) -> bool:
     """Return whether the data hold a letter that DejaVu Sans lacks."""
     letters = set(json.loads(f'"{_escapes(text)}"')) if "\\u" in text else set()
@@ -169,10 +225,11 @@ def _bytes_of(document: Mapping[str, Any]) -> bytes:
     return (text + "\n").encode("utf-8")
 
 
-def _data(document: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
+def _data(document: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, bytes]]:
     """Return what the template reads, and the figures by file name."""
     shown = view(document)
-    drawings = figures_of(document)
+    first, others = split_main(figures_of(document), document)
+    drawings = [*first, *others]
     figures = [
         {
             "number": i,
@@ -193,16 +250,30 @@ def _data(document: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
         for c in shown["characteristics"]
     ]
     title = _printable(str(shown["title"]))
-    data = _tidied({k: v for k, v in shown.items() if k != "stamp"})
+    data = _tidied({k: v for k, v in shown.items() if k not in ("stamp", "c")})
     data |= {
         "title": title,
         "short_title": title if len(title) <= _SHORT else title[: _SHORT - 1] + "…",
         "stamp": shown["stamp"]._asdict(),
         "characteristics": _tidied(stamps),
-        "figure_rows": _side_by_side(_tidied(figures)),
+        "figure_rows": _side_by_side(_tidied(figures[len(first) :])),
         "recipe": recipe,
     }
-    return data, {f"figure-{i}.svg": f.svg for i, f in enumerate(drawings, start=1)}
+    files = {f"figure-{i}.svg": f.svg.encode("utf-8") for i, f in enumerate(drawings, start=1)}
+    data["c"], logo = _first_page(shown["c"], _tidied(figures[: len(first)]))
+    return data, files | logo
+
+
+def _first_page(
+    c: Mapping[str, Any], main: Sequence[Mapping[str, Any]]
+) -> tuple[dict[str, Any], dict[str, bytes]]:
+    """Return what the first page shows, and the file of its logo."""
+    rows = [{**r, "stamp": r["stamp"] and r["stamp"]._asdict()} for r in c["rows"]]
+    shown = _tidied({**c, "rows": rows, "stamp": c["stamp"]._asdict()})
+    shown["main"] = main[0] if main else None
+    kind, _, data = str(c["look"]["logo"]).partition(";base64,")
+    shown["logo"] = f"logo.{'png' if kind.endswith('png') else 'svg'}" if data else ""
+    return shown, {shown["logo"]: base64.b64decode(data)} if data else {}
 
 
 def _side_by_side(figures: list[dict[str, Any]]) -> list[list[dict[str, Any]]]:
@@ -264,7 +335,14 @@ write_plain_pdf = document_writer(
 
 def _lines(shown: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     mark = shown["stamp"]
-    yield "title", shown["title"]
+    c = shown["c"]
+    draft = f" ({c['t']['draft']})" if c["draft"] else ""
+    yield "title", f"{c['kind']} {c['number']}".strip().capitalize() + draft
+    yield "head", shown["title"]
+    if c["missing"]:
+        yield "text", c["missing"]
+    for name, rows in c["blocks"]:
+        yield "text", f"{name.capitalize()}: " + "; ".join(f"{k} {v}" for k, v in rows)
     yield "head", f"{mark.symbol} {mark.word}"
     yield "text", mark.meaning
     if shown["decision_rule"] and mark.word != "NO VERDICT":
@@ -307,9 +385,13 @@ def _lines(shown: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         text = str(shown["recipe"].get("text") or "")
         yield from (("mono", line) for line in text.splitlines())
     yield from _head("Signatures")
-    for who in shown["signatures"]:
+    for who, name in shown["c"]["persons"]:
         yield "text", ""
-        yield "mono", f"{who:<12} name {'_' * 24} date {'_' * 14} signature {'_' * 24}"
+        yield "text", name
+        yield (
+            "mono",
+            f"{who.capitalize():<12} name {'_' * 24} date {'_' * 14} signature {'_' * 24}",
+        )
 
 
 def _head(text: str) -> Iterator[tuple[str, str]]:

@@ -15,6 +15,7 @@ from metrosep.plot.left_out import lag_words, run_rows
 from metrosep.recipe.result import clean
 from metrosep.recipe.schema import Field, shown
 from metrosep.recipe.step_help import keys_of_step, step_words
+from metrosep.report.certificate import bar_of, certificate
 from metrosep.report.text import (
     SEPARATED_NOTE,
     CharacteristicRow,
@@ -42,7 +43,6 @@ _METHODS = {
     "mean": "mean over the runs",
 }
 _MAX_WAVELENGTHS = 16
-_SIGNED = ("Measured by", "Checked by", "Released by")
 _NOT_IN_BAND = (
     "The standard uncertainty u is type A: what the readings tell. The artefact's own form, the "
     "sensor's linearity and temperature are not in it."
@@ -53,7 +53,10 @@ def view(document: Document) -> dict[str, Any]:
     """Return what the template shows."""
     estimate = document.get("estimate") or {}
     separation = document.get("separation") or {}
+    messages = _messages(document, estimate)
+    first = certificate(document, messages)
     return {
+        "c": first,
         "title": document.get("title") or "Separation of repeated runs",
         "version": document.get("metrosep") or "",
         "stamp": stamp(document.get("verdict")),
@@ -65,7 +68,7 @@ def view(document: Document) -> dict[str, Any]:
         "header": header_rows(document),
         "hashes": short_hashes(document),
         "uncertainty_note": SEPARATED_NOTE if separation else _NOT_IN_BAND,
-        "messages": _messages(document, estimate),
+        "messages": [m for m in messages if m not in first["warnings"]],
         "runs": _run_rows(document),
         "wavelengths": _wavelengths(estimate.get("spectrum") or {}),
         "table": _table(document.get("table"), document.get("more_tables") or ()),
@@ -79,7 +82,6 @@ def view(document: Document) -> dict[str, Any]:
         "steps": [step_row(s) for s in document.get("provenance") or []],
         "recipe": document.get("recipe") or None,
         "versions": sorted((document.get("versions") or {}).items()),
-        "signatures": list(_SIGNED),
     }
 
 
@@ -400,67 +402,6 @@ def _settings(
     named = [("", own), *sorted(groups.items())] if own else sorted(groups.items())
     words = {"forward": "forward runs", "reverse": "reverse runs", "both": "all runs"}
     return [(words.get(name, in_words(name)), settings(group, fields)) for name, group in named]
-
-
-# ---- where a value lies between its limits, as fractions of a bar: limits, guard bands, U, value ----
-# The guard band of a limit is the zone around it in which nothing is decided: limit - g to limit + g.
-
-_MARGIN = 0.25
-"""Of the range between the limits (or of the limit itself), shown beyond it."""
-
-_MOST = 3.0
-"""Ranges beyond a limit at which a bar ends; a value further out is drawn at the end."""
-
-
-def bar_of(row: CharacteristicRow) -> dict[str, Any] | None:
-    """Return the bar of a characteristic.
-
-    Examples
-    --------
-    >>> row = CharacteristicRow("", "", "", "Sq", "Sq", "m", 4.0, 0.0, 8.0, None, 1.0, 1.0, "accept")
-    >>> bar_of(row)["limits"]
-    [0.2143, 0.7857]
-    """
-    limits = [v for v in (row.lower, row.upper) if v is not None]
-    if not limits or row.value is None:
-        return None
-    low, high = _range(row, limits)
-    guard = row.guard or 0.0
-    start = low if row.lower is None else row.lower + guard
-    stop = high if row.upper is None else row.upper - guard
-
-    def at(number: float) -> float:
-        return round(min(max((number - low) / (high - low), 0.0), 1.0), 4)
-
-    spread = row.U
-    return {
-        "value": at(row.value),
-        "spread": None if spread is None else [at(row.value - spread), at(row.value + spread)],
-        "limits": [at(v) for v in limits],
-        "guards": [[at(v - guard), at(v + guard)] for v in limits if guard > 0.0],
-        "zone": [at(start), at(stop)] if start < stop else None,
-        "beyond": -1 if row.value < low else int(row.value > high),
-    }
-
-
-def _range(row: CharacteristicRow, limits: list[float]) -> tuple[float, float]:
-    """Return the ends of the bar: limits with a margin, the value with U as far as that is sensible."""
-    value, spread, guard = row.value or 0.0, row.U or 0.0, row.guard or 0.0
-    if len(limits) == 2:
-        low, high = limits
-    elif row.upper is not None:
-        low, high = min(0.0, row.upper), max(0.0, row.upper)
-    else:
-        low, high = limits[0], limits[0] + abs(limits[0])
-    size = (high - low) or abs(high) or max(abs(value), spread, guard) or 1.0
-    first = min(low, value - spread, *(v - guard for v in limits))
-    last = max(high, value + spread, *(v + guard for v in limits))
-    one_sided = len(limits) == 1 and row.upper is not None and value - spread >= 0.0 and low == 0.0
-    below = 0.0 if one_sided else _MARGIN * size
-    return (
-        max(first - below, low - _MOST * size),
-        min(last + _MARGIN * size, high + _MOST * size),
-    )
 
 
 # ---- where a result comes from, as texts of a report: part and file, inputs with their hashes, steps ----

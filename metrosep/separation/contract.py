@@ -25,6 +25,7 @@ from metrosep.core.methods import Method
 from metrosep.core.options import Option
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, history_as_dicts
+from metrosep.core.public import PublicObject
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_engineering, format_length
 from metrosep.separation._readings import plain, require_turn
@@ -60,7 +61,7 @@ def _frozen(items: Mapping[str, Any], dtype: type) -> Mapping[str, Any]:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Separation:
+class Separation(PublicObject):
     """Parts into which readings were separated, with what is known about them.
 
     Every part is also an attribute: ``result.artefact`` is ``result.parts["artefact"]``.

@@ -101,7 +101,7 @@ def test_large_maps_are_thinned_in_the_document(tmp_path):
     assert "480000 values" in separation["not_stored"]
     chart = separation["charts"][0]
     assert max(np.array(chart["parts"]["part"], dtype=float).shape) <= 256
-    assert "Every pixel in 3" in chart["caption"]
+    assert "Drawn at 1/3 of the resolution" in chart["caption"]
     assert chart["dx_m"] == pytest.approx(3 * DX, abs=1e-12)
 
 

@@ -121,8 +121,8 @@ def test_a_hostile_axis_name_in_a_figure_does_not_run(document):
 @pytest.mark.parametrize(
     ("verdict", "word", "symbol"),
     [
-        ("accept", "ACCEPT", "✓"),
-        ("reject", "REJECT", "✗"),
+        ("accept", "ACCEPTED", "✓"),
+        ("reject", "REJECTED", "✗"),
         ("inconclusive", "INCONCLUSIVE", "?"),
         (None, "NO VERDICT", "–"),
     ],
@@ -131,7 +131,7 @@ def test_the_verdict_is_a_word_and_a_symbol(document, verdict, word, symbol):
     document = _without_figures(document)
     document["verdict"] = verdict
 
-    head = re.search(r"<header>.*?</header>", render_html(document), re.DOTALL).group()
+    head = re.search(r"<header.*?</header>", render_html(document), re.DOTALL).group()
 
     assert f"{symbol}</span> {word}" in head
 

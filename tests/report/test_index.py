@@ -114,14 +114,14 @@ def test_counts_have_icon_word_and_colour():
 
 
 def test_failures_come_first_with_their_reasons(page):
-    assert page.index("<h2>Failed</h2>") < page.index("<h2>Not accepted</h2>")
-    assert page.index("<h2>Not accepted</h2>") < page.index(
+    assert page.index("<h2>Failed</h2>") < page.index("<h2>Not accepted, worst first</h2>")
+    assert page.index("<h2>Not accepted, worst first</h2>") < page.index(
         "<h2>Characteristics over the batch</h2>"
     )
     failed = _table(page, "Failed")
     assert [r[0] for r in failed[1:]] == ["ring_003.datx", "ring_020.datx"]
     assert failed[1][2] == "it ends after 512 of 4096 bytes"
-    assert _table(page, "Not accepted")[1][2] == "Sq: reject"
+    assert _table(page, "Not accepted, worst first")[1][2] == "Sq: reject"
 
 
 def test_every_unit_has_a_row_with_its_value(page, batch):

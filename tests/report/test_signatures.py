@@ -32,7 +32,7 @@ def words(data, tmp_path, *options):
     return subprocess.run(command, check=True, capture_output=True).stdout.decode("utf-8")
 
 
-def test_the_page_ends_with_blank_cells_to_sign():
+def test_the_first_page_has_blank_cells_to_sign():
     page = render_html(SMALL)
     part = page[page.index('<section class="signatures">') : page.index("</section>")]
     rows = re.findall(r"<tr>(.*?)</tr>", part, flags=re.DOTALL)
@@ -41,7 +41,7 @@ def test_the_page_ends_with_blank_cells_to_sign():
     assert [re.findall(r"<th[^>]*>(.*?)</th>", r)[0] for r in rows[1:]] == list(ROLES)
     for row in rows[1:]:
         assert re.findall(r"<td>(.*?)</td>", row) == ["", "", ""]
-    assert page.index('<section class="signatures">') > page.index("Where it comes from")
+    assert page.index('<section class="signatures">') < page.index("Annex: Ring")
 
 
 def test_the_pdf_has_lines_with_room_above_them(tmp_path):
@@ -56,6 +56,7 @@ def test_the_pdf_has_lines_with_room_above_them(tmp_path):
         r'<word xMin="[\d.]+" yMin="([\d.]+)" xMax="[\d.]+" yMax="[\d.]+">(Measured|Checked|Released)<',
         words(data, tmp_path, "-bbox"),
     )
+    boxes = boxes[-3:]  # the first page has a measured file, too
     heights = [float(y) for y, _ in boxes]
     assert [w for _, w in boxes] == ["Measured", "Checked", "Released"]
     assert all(b - a >= FEWEST for a, b in pairwise(heights))

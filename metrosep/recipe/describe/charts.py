@@ -1,7 +1,7 @@
 """Chart specifications of a result document: plain values from which a report draws.
 
-Long curves keep the smallest and largest value of each cell, maps every k-th pixel; a chart says
-what was left out. Values are SI, rounded to 6 digits: a chart is not a source of numbers.
+Long curves keep the smallest and largest value of each cell, maps the mean of each block of pixels, or the
+pixel of it that stands out; a chart says what was left out. Values are SI, rounded to 6 digits: a chart is not a source of numbers.
 """
 
 from __future__ import annotations
@@ -14,11 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray
+from metrosep.core.readable import value_text
 
 __all__ = [
     "bar_chart",
     "curve",
     "curve_chart",
+    "decimated",
+    "display_limits",
     "harmonic_chart",
     "map_chart",
     "panel",
@@ -79,6 +82,92 @@ def thin(x: FloatArray, curves: FloatArray, *, most: int = _MOST_SAMPLES) -> NDA
                 keep.add(int(cell[int(np.nanargmin(values))]))
                 keep.add(int(cell[int(np.nanargmax(values))]))
     return np.array(sorted(keep))
+
+
+# ---- maps: limits from the data, and fewer pixels without losing one that stands out ---------------
+
+_SHARE, _CLIP = 0.001, 2.0
+"""Share of heights at each end that a scale leaves out, where the range is larger than so many times the rest."""
+_OUTSTANDING = 6.0
+"""Robust standard deviations beyond which one pixel is drawn in place of the mean of its block."""
+
+
+def display_limits(values: FloatArray) -> tuple[float, float, int, int]:
+    """Return lower and upper limit of a scale, and how many values lie below and above; NaN without values.
+
+    Minimum and maximum, or the 0.1 % and 99.9 % quantiles where the range is more than twice theirs.
+
+    Examples
+    --------
+    >>> display_limits(np.array([0.0, 1.0, 2.0])), display_limits(np.r_[np.arange(5000.0), 1e6])[2:]
+    ((0.0, 2.0, 0, 0), (6, 6))
+    """
+    known = values[np.isfinite(values)]
+    if known.size == 0:
+        return math.nan, math.nan, 0, 0
+    low, high = float(known.min()), float(known.max())
+    q_low, q_high = _ends(known)
+    if high - low <= _CLIP * (q_high - q_low) or q_high <= q_low:
+        return low, high, 0, 0
+    return q_low, q_high, int((known < q_low).sum()), int((known > q_high).sum())
+
+
+def _ends(known: FloatArray) -> tuple[float, float]:
+    """Return the quantiles at both ends, by partial sorting and linear interpolation."""
+    place = _SHARE * (known.size - 1)
+    i = int(place)
+    last = known.size - 1
+    at = sorted({i, min(i + 1, last), max(last - i - 1, 0), last - i})
+    parted = np.partition(known, at)
+    f = place - i
+    low = (1.0 - f) * parted[i] + f * parted[min(i + 1, last)]
+    high = (1.0 - f) * parted[last - i] + f * parted[max(last - i - 1, 0)]
+    return float(low), float(high)
+
+
+def decimated(z: FloatArray, k: int) -> FloatArray:
+    """Return one value for each block of k x k pixels: the mean of the valid ones, or the pixel that stands out.
+
+    Block mean m, farthest pixel e, s = 1.4826 median |r - median r| of all residuals r = z - m: e is
+    drawn where |e - m| > 6 s; NaN where fewer than half of the pixels are valid and none stands out.
+
+    Examples
+    --------
+    >>> z = np.zeros((4, 4)); z[2, 1] = 9.0
+    >>> decimated(z, 2).tolist()
+    [[0.0, 0.0], [9.0, 0.0]]
+    """
+    if k <= 1:
+        return z
+    n_y, n_x = z.shape
+    rows, columns = -(-n_y // k), -(-n_x // k)
+    padded = np.full((rows * k, columns * k), np.nan)
+    padded[:n_y, :n_x] = z
+    # blocks along the last axis: (rows, columns, k * k)
+    blocks = padded.reshape(rows, k, columns, k).swapaxes(1, 2).reshape(rows, columns, k * k)
+    valid = np.isfinite(blocks)
+    n = valid.sum(axis=2)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.where(valid, blocks, 0.0).sum(axis=2) / n
+    away = np.where(valid, blocks - mean[..., None], 0.0)
+    far = np.abs(away).argmax(axis=2)[..., None]
+    extreme = np.take_along_axis(blocks, far, axis=2)[..., 0]
+    largest = np.abs(np.take_along_axis(away, far, axis=2)[..., 0])
+    rest = away[valid]
+    middle = float(np.median(rest)) if rest.size else 0.0
+    s = 1.4826 * float(np.median(np.abs(rest - middle))) if rest.size else 0.0
+    stands_out = (largest > _OUTSTANDING * s) & (n > 0)
+    # pixels of a block that the map has: fewer at its rim
+    whole = np.outer(_lengths(n_y, k), _lengths(n_x, k))
+    few = 2 * n < whole
+    made: FloatArray = np.where(stands_out, extreme, np.where(few, np.nan, mean))
+    return made
+
+
+def _lengths(n: int, k: int) -> NDArray[np.intp]:
+    """Return how many of n pixels each block of k holds."""
+    edges = np.minimum(np.arange(0, n + k, k), n)
+    return np.diff(edges[: -(-n // k) + 1])
 
 
 def curve(
@@ -160,25 +249,54 @@ def map_chart(
     caption: str = "",
     origin: tuple[float, float] = (0.0, 0.0),
     pv: Mapping[str, float] | None = None,
+    measured: bool = False,
+    side: int | None = None,
 ) -> dict[str, Any]:
-    """Return a chart of maps on one colour scale."""
-    side = min(_LARGEST_SIDE, int(math.sqrt(_MOST_PIXELS / max(len(maps), 1))))
-    step = max((-(-max(m.shape) // side) for m in maps.values()), default=1)
+    """Return a chart of maps on one colour scale; `measured`: zero has no meaning, so the mean is subtracted."""
+    side = side or min(_LARGEST_SIDE, int(math.sqrt(_MOST_PIXELS / max(len(maps), 1))))
+    step = max((-(-max(m.shape[:2]) // side) for m in maps.values()), default=1)
+    whole = {name: np.asarray(m, dtype=np.float64) for name, m in maps.items()}
+    known = [m[np.isfinite(m)] for m in whole.values()]
+    every = known[0] if len(known) == 1 else np.concatenate([np.empty(0), *known])
+    mean = float(every.mean()) if measured and every.size else 0.0
+    low, high, below, above = display_limits(every - mean)
     words = caption
+    if measured and every.size and abs(mean) > 0.0:
+        words += f" Mean {value_text(mean, unit)} subtracted."
+    if below or above:
+        words += f" {below} pixels below, {above} above the scale."
     if step > 1:
-        words += f" Every pixel in {step} along x and y is drawn; P-V is that of all."
+        words += f" Drawn at 1/{step} of the resolution, pixels that stand out kept; P-V is of all pixels."
+    if not measured and every.size:  # a sign is seen at once: symmetric about zero
+        high = max(abs(low), abs(high))
+        low = -high
     return {
         "kind": "maps",
         "title": title,
         "caption": words.strip(),
-        "parts": {name: plain(m[::step, ::step], digits=4) for name, m in maps.items()},
+        "parts": {name: plain(_fewer(m - mean, step), digits=4) for name, m in whole.items()},
         "dx_m": None if dx is None else dx * step,
         "dy_m": None if dy is None else dy * step,
-        "origin_m": [float(v) for v in origin],
+        "origin_m": _first(origin, dx, dy, step),
         "step": step,
         "unit": unit,
         "pv": {**_whole_pv(maps), **{k: plain(v) for k, v in (pv or {}).items()}},
+        "limits": [plain(low), plain(high)] if every.size else None,
+        "outside": [below, above],
+        "signed": not measured,
     }
+
+
+def _fewer(z: FloatArray, step: int) -> FloatArray:
+    return decimated(z, step) if z.ndim == 2 else z[::step, ::step]
+
+
+def _first(
+    origin: tuple[float, float], dx: float | None, dy: float | None, step: int
+) -> list[float]:
+    """Return the middle of the first block of pixels."""
+    steps = (dx or 0.0, dy or 0.0)
+    return [float(v) + 0.5 * (step - 1) * d for v, d in zip(origin, steps, strict=True)]
 
 
 def _whole_pv(maps: Mapping[str, FloatArray]) -> dict[str, float | None]:

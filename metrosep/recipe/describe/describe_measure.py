@@ -6,11 +6,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from metrosep.core._arrays import FloatArray
 from metrosep.core.profile import Profile
 from metrosep.core.readable import readable_unit
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
-from metrosep.recipe.describe.charts import curve, curve_chart, map_chart, panel, plain
+from metrosep.recipe.describe.charts import (
+    curve,
+    curve_chart,
+    display_limits,
+    map_chart,
+    panel,
+    plain,
+)
 from metrosep.recipe.describe.description import Description
 from metrosep.recipe.pipeline_mask import Measured, middle_of
 
@@ -21,9 +29,13 @@ if TYPE_CHECKING:
 __all__ = ["measurement_of"]
 
 
-_PIXELS = 50_000
-"""Of all maps of a document: it stays below a megabyte."""
-_BINS = 80
+_SIDE, _SIDE_BEFORE = 256, 128
+"""Pixels along the longer side of the map that was judged, and of those before: a document stays below a
+megabyte."""
+_BINS = (40, 200)
+"""Fewest and most classes of a histogram."""
+_BEYOND = 0.05
+"""Of the range of a histogram that leaves heights out, added at each side."""
 _LOOKING = ("parameters", "psd", "step_height", "surface_profile", "line_profile")
 """Steps that leave the map or profile as it is."""
 
@@ -33,8 +45,9 @@ def measurement_of(produced: Measurement, inputs: Any = None) -> Description:
     before, last = _before_form(produced), produced.obj
     if isinstance(last, Surface):
         shown = [before, *_maps_left(produced)]
-        side = int(np.sqrt(_PIXELS / len(shown)))
-        charts = [*(_map(*pair, side=side) for pair in shown), *_sections(last)]
+        charts = [_map(*pair, measured=i == 0) for i, pair in enumerate(shown[:-1])]
+        charts.append(_map(*shown[-1], measured=len(shown) == 1, side=_SIDE))
+        charts += _sections(last)
         maps, tables = {"left": last}, {}
     else:
         charts, maps = [_profiles(produced, *before)], {}
@@ -75,22 +88,20 @@ def _maps_left(measured: Measurement) -> list[tuple[str, Measured]]:
     return shown
 
 
-def _map(title: str, obj: Measured, *, side: int) -> dict[str, Any]:
-    """Return the chart of one map on a scale of its own."""
+def _map(title: str, obj: Measured, *, measured: bool, side: int = _SIDE_BEFORE) -> dict[str, Any]:
+    """Return the chart of one map on a scale of its own; `measured`: nothing was removed yet."""
     assert isinstance(obj, Surface)  # noqa: S101  # as what is left
-    k = max(1, -(-max(obj.shape) // side))
-    words = f"{obj.n_invalid} of {obj.z.size} pixels not measured or taken out: grey."
-    if k > 1:
-        words += f" Every pixel in {k} along x and y is drawn; P-V is that of all."
     return map_chart(
         title,
-        {"": obj.z[::k, ::k]},
-        dx=None if obj.dx is None else obj.dx * k,
-        dy=None if obj.dy is None else obj.dy * k,
+        {"": obj.z},
+        dx=obj.dx,
+        dy=obj.dy,
         unit="m",
-        caption=words,
+        caption=f"{obj.n_invalid} of {obj.z.size} pixels not measured or taken out: grey.",
         origin=obj.origin,
         pv={"": obj.peak_to_valley()},
+        measured=measured,
+        side=side,
     )
 
 
@@ -116,7 +127,27 @@ def _sections(surface: Surface) -> list[dict[str, Any]]:
         ),
     ]
     words = "Through the middle of what is left. Gaps are gaps."
+    found = _standing_out(surface)
+    if found is not None:
+        i, j = found
+        for name, at, curve_of in (
+            (f"along x at y = {format_length(float(y[i]))}", i, curve("", x, surface.z[i])),
+            (f"along y at x = {format_length(float(x[j]))}", j, curve("", y, surface.z[:, j])),
+        ):
+            if at not in (row, column):
+                panels.append(panel(f"{name}, through the farthest pixel", "m", [curve_of]))
+        words = f"Through the middle and through the pixel farthest from the mean. {words[34:]}"
     return [curve_chart("Sections", ("position", "m"), panels, caption=words)]
+
+
+def _standing_out(surface: Surface) -> tuple[int, int] | None:
+    """Return the pixel farthest from the mean, where it lies beyond the limits of the map."""
+    away = surface.z - np.nanmean(surface.z)
+    low, high, below, above = display_limits(away)
+    if not below and not above:
+        return None
+    i, j = np.unravel_index(int(np.nanargmax(np.abs(away))), away.shape)
+    return (int(i), int(j)) if not low <= away[i, j] <= high else None
 
 
 def _profiles(measured: Measurement, title: str, before: Measured) -> dict[str, Any]:
@@ -161,29 +192,50 @@ def _spectrum(found: Any) -> dict[str, Any]:
 
 
 def _histogram(obj: Measured) -> list[dict[str, Any]]:
-    """Return the distribution of heights, beside the normal one of the same spread."""
+    """Return the distribution of heights with the normal one of the same spread, and the material ratio."""
     known = obj.z[~np.isnan(obj.z)]
     if known.size < 2 or not np.ptp(known) > 0.0:
         return []
-    counts, edges = np.histogram(known, bins=_BINS)
-    middles = 0.5 * (edges[1:] + edges[:-1])
-    width, mean, sd = edges[1] - edges[0], float(known.mean()), float(known.std())
-    normal = np.exp(-0.5 * ((middles - mean) / sd) ** 2) * width / (sd * np.sqrt(2.0 * np.pi))
-    share = counts / known.size
-    unit, factor = readable_unit([float(middles[0]), float(middles[-1])], "m")
-    words = f"{known.size} heights in {_BINS} classes of {format_length(float(width))}."
+    mean = float(known.mean())
+    edges = _classes(known - mean)
+    low, high = float(edges[0]), float(edges[-1])
+    heights = known - mean
+    inside = heights[(heights >= low) & (heights <= high)]
+    counts, _ = np.histogram(inside, bins=edges)
+    middles, width = 0.5 * (edges[1:] + edges[:-1]), float(edges[1] - edges[0])
+    centre, sd = float(inside.mean()), float(inside.std())
+    normal = np.exp(-0.5 * ((middles - centre) / sd) ** 2) * width / (sd * np.sqrt(2.0 * np.pi))
+    unit, factor = readable_unit([low, high], "m")
+    below, above = int((heights < low).sum()), int((heights > high).sum())
+    words = f"{known.size} heights about their mean in {counts.size} classes of {format_length(width)}."
+    if below or above:
+        words += f" {below} heights below, {above} above the picture."
+    words += " Material ratio: share of heights above."
+    ordered = np.sort(heights)
+    share = 1.0 - np.searchsorted(ordered, edges, side="left") / ordered.size
     curves = [
-        curve("share of heights", middles / factor, share),
+        curve("share of heights", middles / factor, counts / known.size),
         curve("normal distribution of the same spread", middles / factor, normal),
     ]
-    return [
-        curve_chart(
-            "Distribution of heights",
-            (f"height / {unit}", "1"),
-            [panel("", "1", curves)],
-            caption=words,
-        )
+    panels = [
+        panel("", "1", curves),
+        panel("material ratio", "1", [curve("", edges / factor, share)]),
     ]
+    name = (f"height / {unit}", "1")
+    return [curve_chart("Distribution of heights", name, panels, caption=words)]
+
+
+def _classes(heights: FloatArray) -> FloatArray:
+    """Return the edges of the classes: 2 IQR n^(-1/3) wide (Freedman and Diaconis), 40 to 200 of them."""
+    low, high, below, above = display_limits(heights)
+    if below or above:
+        spare = _BEYOND * (high - low)
+        low, high = low - spare, high + spare
+    q1, q3 = np.quantile(heights, (0.25, 0.75))
+    width = 2.0 * float(q3 - q1) * heights.size ** (-1.0 / 3.0)
+    n = int(np.ceil((high - low) / width)) if width > 0.0 else _BINS[1]
+    edges: FloatArray = np.linspace(low, high, min(max(n, _BINS[0]), _BINS[1]) + 1)
+    return edges
 
 
 def _stage(stage: Stage) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile, html_table
 from metrosep.core.provenance import Step, freeze_mapping, history_as_dicts
+from metrosep.core.public import PublicObject
 from metrosep.core.quantity import Quantity
 from metrosep.core.units import format_length
 from metrosep.separation.covariance import CovarianceModes
@@ -42,7 +43,7 @@ _NAMES = {1: "forward", -1: "reverse"}
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class ErrorEstimate:
+class ErrorEstimate(PublicObject):
     """Repeatable geometric error of an axis with its uncertainty, spectrum and audit.
 
     Parameters

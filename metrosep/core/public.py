@@ -1,0 +1,192 @@
+"""What every public object does alike: draw itself, become a table, be saved, be compared by its values.
+
+The classes inherit it; nothing is written again in one of them. What needs an upper layer (pictures,
+files, data frames) stands in `attached`, which the top of the package fills.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from metrosep.core.attached import attached
+
+__all__ = ["PublicObject", "same", "state_of"]
+
+_ABOUT = ("metadata", "history", "audit", "messages", "notes")
+"""Fields that say where an object came from; `equals` leaves them out."""
+
+
+class PublicObject:
+    """Base of what a user holds in hand."""
+
+    __slots__ = ()
+
+    def plot(self, ax: Any = None, **options: Any) -> Any:
+        """Draw the object and return the axes; nothing is shown and no setting of matplotlib changes.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Axes to draw into; new ones if omitted.
+        **options
+            ``vmin``, ``vmax``: ends of the scale, in SI or as a text with its unit ("5 nm"); ``unit``:
+            unit of the values that are drawn.
+
+        Returns
+        -------
+        matplotlib Axes
+            A figure for what needs several panels.
+
+        Raises
+        ------
+        DataError
+            If the object has no picture, or an option is wrong.
+        """
+        return attached.plot(self, ax, **options)
+
+    def to_frame(self) -> Any:
+        """Return the object as a table; column names end in their units.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Long form: one row for each sample, pixel or entry.
+
+        Raises
+        ------
+        DataError
+            If the object is not a table.
+        """
+        return attached.to_frame(self)
+
+    def to_xarray(self) -> Any:
+        """Return the object with its axes, for xarray.
+
+        Returns
+        -------
+        xarray.DataArray or xarray.Dataset
+            SI, units in the attributes.
+
+        Raises
+        ------
+        DataError
+            If the object has no axes.
+        UnsupportedFeatureError
+            If xarray is not installed.
+        """
+        return attached.to_xarray(self)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Save the object in an HDF5 file; `metrosep.load` returns it with every bit.
+
+        Parameters
+        ----------
+        path : str or path
+            File; it appears whole or not at all.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        DataError
+            If the object holds something that cannot be saved.
+        WriteError
+            If the file cannot be written.
+        """
+        return attached.save(self, path)
+
+    def equals(self, other: object) -> bool:
+        """Return whether another object has the same class and values; NaN equals NaN.
+
+        Parameters
+        ----------
+        other : object
+            Anything.
+
+        Returns
+        -------
+        bool
+            Where the data came from (metadata, history, messages) does not count: `identical`.
+        """
+        return _alike(self, other, about=False)
+
+    def identical(self, other: object) -> bool:
+        """Return whether another object has the same class, values, metadata and history.
+
+        Parameters
+        ----------
+        other : object
+            Anything.
+
+        Returns
+        -------
+        bool
+            NaN equals NaN.
+        """
+        return _alike(self, other, about=True)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, PublicObject):
+            return NotImplemented
+        return self.equals(other)
+
+    def __hash__(self) -> int:
+        """Return a hash of class and sizes: equal objects have equal ones."""
+        sizes = [getattr(v, "shape", None) for k, v in state_of(self) if k not in _ABOUT]
+        return hash((type(self).__name__, *(s for s in sizes if s is not None)))
+
+
+def state_of(obj: Any) -> Iterator[tuple[str, Any]]:
+    """Yield what an object holds: the fields of a dataclass, else its slots or attributes."""
+    if dataclasses.is_dataclass(obj):
+        names = [f.name for f in dataclasses.fields(obj)]
+    else:
+        slots = [s for c in type(obj).__mro__ for s in getattr(c, "__slots__", ())]
+        names = [*dict.fromkeys(slots)] or [*vars(obj)]
+    for name in names:
+        if name != "__weakref__" and hasattr(obj, name):
+            yield name, getattr(obj, name)
+
+
+def _alike(a: Any, b: Any, *, about: bool) -> bool:
+    if a is b:
+        return True
+    if type(a) is not type(b):
+        return False
+    left, right = dict(state_of(a)), dict(state_of(b))
+    keys = [k for k in left if about or k not in _ABOUT]
+    return left.keys() == right.keys() and all(same(left[k], right[k]) for k in keys)
+
+
+def same(a: Any, b: Any) -> bool:
+    """Return whether two values are the same through and through; NaN equals NaN.
+
+    Examples
+    --------
+    >>> same({"a": (np.nan, 1)}, {"a": (np.nan, 1)}), same(np.zeros(2), np.zeros(3))
+    (True, False)
+    """
+    if a is b:
+        return True
+    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+        x, y = np.asarray(a), np.asarray(b)
+        numeric = x.dtype.kind in "fc" and y.dtype.kind in "fc"
+        return x.shape == y.shape and bool(np.array_equal(x, y, equal_nan=numeric))
+    if isinstance(a, float) and isinstance(b, float) and a != a and b != b:
+        return True
+    if isinstance(a, Mapping) and isinstance(b, Mapping) and not isinstance(a, PublicObject):
+        return a.keys() == b.keys() and all(same(v, b[k]) for k, v in a.items())
+    if isinstance(a, list | tuple) and isinstance(b, list | tuple):
+        return len(a) == len(b) and all(map(same, a, b))
+    if dataclasses.is_dataclass(a) and type(a) is type(b):
+        return _alike(a, b, about=True)
+    return bool(a == b)

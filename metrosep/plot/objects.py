@@ -1,0 +1,318 @@
+"""The picture of each public object, as its method ``plot`` draws it: units on the axes, limits from the data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from metrosep.core._arrays import FloatArray
+from metrosep.core.errors import DataError, OptionError
+from metrosep.core.numbers import quantity
+from metrosep.core.readable import readable_unit
+from metrosep.core.units import parse_unit
+from metrosep.plot.maps import draw_map
+from metrosep.plot.style import BAND_FACTOR, COLOURS, DASHED, axes_or_new, draw_band, house_style
+from metrosep.recipe.describe.charts import decimated, display_limits, thin
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from metrosep.core.surface import Surface
+
+__all__ = ["draw_object"]
+
+_SIDE = 512
+"""Pixels of a map along its longer side."""
+
+
+def draw_object(
+    obj: Any,
+    ax: Axes | None = None,
+    *,
+    unit: str | None = None,
+    vmin: float | str | None = None,
+    vmax: float | str | None = None,
+    **options: Any,
+) -> Any:
+    """Draw a public object and return the axes.
+
+    Parameters
+    ----------
+    obj : object
+        A public object, or the document of a result.
+    ax : matplotlib Axes, optional
+        Axes to draw into; new ones if omitted.
+    unit : str, optional
+        Unit of the values that are drawn, such as "nm"; one in which they read well if omitted.
+    vmin, vmax : float (SI) or str with unit, optional
+        Ends of the scale of the values; from the data if omitted.
+    **options
+        Of the function that draws this kind of object.
+
+    Returns
+    -------
+    matplotlib Axes or Figure
+        A figure where an object needs several panels.
+
+    Raises
+    ------
+    DataError
+        If the object has no picture.
+    OptionError
+        If an option is unknown.
+    """
+    found = next(
+        (_PICTURES[c.__name__] for c in type(obj).__mro__ if c.__name__ in _PICTURES), None
+    )
+    if found is None:
+        raise DataError(f"a {type(obj).__name__} has no picture; it is in to_frame or its fields")
+    scale = _Scale(unit, vmin, vmax)
+    with house_style():
+        try:
+            return found(obj, ax, scale, **options)
+        except TypeError as exc:
+            if "unexpected keyword" not in str(exc):
+                raise
+            raise OptionError(f"plot of a {type(obj).__name__}: {exc}") from None
+
+
+class _Scale:
+    """Unit and ends of the values, as a caller states them."""
+
+    def __init__(
+        self, unit: str | None, low: float | str | None, high: float | str | None
+    ) -> None:
+        self.unit, self.low, self.high = unit, low, high
+
+    def of(self, largest: float, base: str) -> tuple[str, float]:
+        """Return the unit and its factor."""
+        if self.unit is not None:
+            return self.unit.replace("um", "µm"), parse_unit(self.unit).factor
+        name, factor = readable_unit([largest], base)
+        return name.replace("um", "µm").replace("urad", "µrad"), factor
+
+    def ends(self, low: float, high: float, base: str) -> tuple[float, float]:
+        """Return the ends in SI."""
+        kind = {"m": "length", "rad": "angle"}.get(base)
+        a = low if self.low is None else quantity(self.low, "vmin", kind)
+        b = high if self.high is None else quantity(self.high, "vmax", kind)
+        if not a < b and (self.low is not None or self.high is not None):
+            raise DataError(f"vmin = {a:.6g} must be less than vmax = {b:.6g}")
+        return a, b
+
+    def limit(self, axes: Axes, factor: float, base: str) -> None:
+        """Set the ends of the ordinate where a caller stated them."""
+        if self.low is not None or self.high is not None:
+            low, high = axes.get_ylim()
+            a, b = self.ends(low * factor, high * factor, base)
+            axes.set_ylim(a / factor, b / factor)
+
+
+def _surface(
+    obj: Surface, ax: Axes | None, scale: _Scale, *, signed: bool = False, title: str = ""
+) -> Axes:
+    z = obj.z
+    known = z[np.isfinite(z)]
+    mean = 0.0 if signed or not known.size else float(known.mean())
+    low, high, below, above = display_limits(z - mean)
+    if signed and known.size:
+        high = max(abs(low), abs(high))
+        low = -high
+    given = scale.low is not None or scale.high is not None
+    if given:
+        mean = 0.0
+    low, high = scale.ends(low, high, "m") if known.size else (0.0, 1.0)
+    name, factor = scale.of(max(abs(low), abs(high)), "m")
+    k = max(1, -(-max(obj.shape) // _SIDE))
+    dx, dy = (None if d is None else d * k for d in (obj.dx, obj.dy))
+    first = tuple(
+        o + 0.5 * (k - 1) * (d or 0.0) for o, d in zip(obj.origin, (obj.dx, obj.dy), strict=True)
+    )
+    axes = axes_or_new(ax, size=(5.2, 4.2))
+    shown = decimated(z - mean, k) / factor
+    image = draw_map(
+        axes, shown, dx, dy, (first[0], first[1]), (low / factor, high / factor), signed=signed
+    )
+    outside = "both" if below and above else "min" if below else "max" if above else "neither"
+    bar = axes.figure.colorbar(image, ax=axes, extend="both" if given else outside)
+    bar.set_label(f"height / {name}" + (" (mean subtracted)" if mean else ""))
+    if title:
+        axes.set_title(title, loc="left", fontsize=9.5)
+    return axes
+
+
+def _line(
+    axes: Axes, x: FloatArray, z: FloatArray, scale: _Scale, unit: str, **style: Any
+) -> tuple[str, float]:
+    """Draw a curve over position, its extremes kept; return the unit and factor of the ordinate."""
+    known = z[np.isfinite(z)]
+    name, factor = scale.of(float(np.abs(known).max()) if known.size else 0.0, unit)
+    keep = thin(x, z[None, :])
+    axes.plot(x[keep] * 1e3, z[keep] / factor, **style)
+    return name, factor
+
+
+def _profile(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
+    axes = axes_or_new(ax)
+    name, factor = _line(axes, obj.x, obj.z, scale, "m", color=COLOURS["estimate"], linewidth=1.0)
+    axes.set(xlabel="x / mm", ylabel=f"height / {name}")
+    scale.limit(axes, factor, "m")
+    return axes
+
+
+def _recording(obj: Any, ax: Axes | None, scale: _Scale, *, channel: str | None = None) -> Axes:
+    axes = axes_or_new(ax)
+    names = [channel] if channel is not None else [*obj.channels]
+    units = {obj.units.get(n, "") for n in names}
+    for name in names:
+        z = obj[name]
+        keep = thin(obj.t, z[None, :])
+        axes.plot(obj.t[keep], z[keep], linewidth=0.9, label=name)
+    axes.set(
+        xlabel="time / s", ylabel=f"reading / {units.pop()}" if len(units) == 1 else "reading / SI"
+    )
+    axes.legend()
+    return axes
+
+
+def _runs(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
+    axes = axes_or_new(ax)
+    several = [*obj] if hasattr(obj, "common_travel") else [obj]
+    level = [r.z - np.nanmean(r.z) for r in several]
+    largest = max(
+        (float(np.nanmax(np.abs(z))) for z in level if np.isfinite(z).any()), default=0.0
+    )
+    name, factor = scale.of(largest, str(getattr(obj, "metadata", {}).get("z_unit", "m")))
+    fixed = _Scale(name.replace("µ", "u"), scale.low, scale.high)
+    for run, z in zip(several, level, strict=True):
+        order = np.argsort(run.x)
+        style = {"linestyle": "-" if run.direction > 0 else DASHED, "linewidth": 0.8}
+        _line(axes, run.x[order], z[order], fixed, "m", label=run.run_id or "run", **style)
+    axes.set(xlabel="position / mm", ylabel=f"reading / {name} (mean subtracted)")
+    scale.limit(axes, factor, "m")
+    axes.legend(ncols=2, fontsize=7.5)
+    return axes
+
+
+def _estimate(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
+    axes = axes_or_new(ax)
+    x = np.linspace(obj.start, obj.stop, 601)
+    curves = {d: (obj.evaluate(x, direction=d), obj.sd(x, direction=d)) for d in obj.directions}
+    largest = max(float(np.nanmax(np.abs(e))) for e, _ in curves.values())
+    name, factor = scale.of(largest, "m")
+    for d, (e, sd) in curves.items():
+        colour = COLOURS["estimate" if d > 0 else "reverse"]
+        way = "forward" if d > 0 else "reverse"
+        if np.isfinite(sd).any():
+            draw_band(axes, x * 1e3, e / factor, BAND_FACTOR * sd / factor, colour)
+        axes.plot(x * 1e3, e / factor, color=colour, label=f"{way} ± {BAND_FACTOR:.0f} u")
+    axes.axhline(0.0, color=COLOURS["line"], linewidth=0.7)
+    axes.set(xlabel="position / mm", ylabel=f"error (actual − nominal) / {name}")
+    scale.limit(axes, factor, "m")
+    axes.legend()
+    return axes
+
+
+def _parts(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
+    from metrosep.plot.maps import separation_maps
+    from metrosep.plot.summary import parts_plot
+
+    maps = {k: v for k, v in obj.parts.items() if v.ndim >= 2}
+    if maps:
+        dx, dy = (obj.audit.get(k) for k in ("dx_m", "dy_m"))
+        unit = obj.units[next(iter(maps))]
+        return separation_maps(maps, dx=dx, dy=dy, unit=unit)
+    return parts_plot(obj, ax)
+
+
+def _table(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
+    from metrosep.plot.summary import table_plot
+
+    return table_plot({"table": obj.to_dict()}, ax)
+
+
+def _of_map(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
+    axes = axes_or_new(ax, size=(5.2, 4.2))
+    values = np.asarray(obj.values)
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    name, factor = scale.of(largest, "m")
+    low, high = scale.ends(-largest, largest, "m")
+    image = axes.pcolormesh(
+        obj.x * 1e3, obj.y * 1e3, values / factor, cmap="RdBu_r", vmin=low / factor,
+        vmax=high / factor, shading="nearest",
+    )  # fmt: skip
+    axes.figure.colorbar(image, ax=axes).set_label(f"correction of {obj.compensates} / {name}")
+    axes.set(xlabel=f"{obj.axes[0]} / mm", ylabel=f"{obj.axes[1]} / mm")
+    return axes
+
+
+def _parameters(obj: Any, ax: Axes | None, scale: _Scale) -> Axes:
+    """Draw the lengths of a table as bars with ± 2 u; others have another unit and are left out."""
+    axes = axes_or_new(ax)
+    shown = [(s, q) for s, q in obj.items() if q.unit == "m" and np.isfinite(q.value)]
+    if not shown:
+        raise DataError("this table holds no lengths to draw; use to_frame")
+    name, factor = scale.of(max(abs(q.value) for _, q in shown), "m")
+    heights = [q.value / factor for _, q in shown]
+    spread = [0.0 if q.u is None else BAND_FACTOR * q.u / factor for _, q in shown]
+    places = np.arange(len(shown))
+    axes.bar(places, heights, yerr=spread if any(spread) else None, color=COLOURS["estimate"])
+    axes.set_xticks(places, [s for s, _ in shown], rotation=45 if len(shown) > 8 else 0)
+    axes.set_ylabel(f"value / {name}")
+    return axes
+
+
+def _fit(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
+    kind = type(obj.residual).__name__
+    if kind == "Surface":
+        return _surface(
+            obj.residual, ax, scale, signed=True, title=f"residual of the {obj.form.name}"
+        )
+    if kind == "Profile":
+        return _profile(obj.residual, ax, scale)
+    raise DataError("the residual of this fit is a set of points; use .residual")
+
+
+def _sensitivity(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
+    from metrosep.plot.sensitivity_chart import sensitivity_bars
+
+    return sensitivity_bars(obj, ax)
+
+
+def _wavefront(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
+    from metrosep.plot.wavefront_chart import wavefront_map
+
+    return wavefront_map(obj, ax=ax)
+
+
+def _result(obj: Any, ax: Axes | None, scale: _Scale) -> Any:
+    """Draw the figure of the first page of a report."""
+    from metrosep.plot.summary import charts_of, drawable
+
+    document = getattr(obj, "document", obj)
+    found = drawable(document)
+    maps = [f"chart_{i}" for i, c in enumerate(charts_of(document), 1) if c.get("kind") == "maps"]
+    name = next((n for n in ("before_after", *maps[-1:], *found) if n in found), None)
+    if name is None:
+        raise DataError("this result holds nothing to draw")
+    return found[name](document)
+
+
+_PICTURES: Mapping[str, Callable[..., Any]] = {
+    "Surface": _surface,
+    "Profile": _profile,
+    "Recording": _recording,
+    "Run": _runs,
+    "RunSet": _runs,
+    "ErrorEstimate": _estimate,
+    "Separation": _parts,
+    "CompensationTable": _table,
+    "CompensationMap": _of_map,
+    "ParameterTable": _parameters,
+    "FitResult": _fit,
+    "SensitivityTable": _sensitivity,
+    "Wavefront": _wavefront,
+    "Result": _result,
+}

@@ -1,0 +1,75 @@
+"""The register of issued reports, ``issue.json``: a number belongs to the bytes of one result for good."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from metrosep.core.atomic import RECIPE_BYTES, atomic_write, read_plain
+from metrosep.core.errors import CorruptFileError, RecipeError
+
+__all__ = ["Register"]
+
+SCHEMA = "metrosep.issue/1"
+NAME = "issue.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """The reports that were issued into one folder, in the order of issue."""
+
+    issued: tuple[Mapping[str, Any], ...] = ()
+
+    @classmethod
+    def load(cls, folder: Path) -> Register:
+        """Return the register of a folder, an empty one where there is none."""
+        place = folder / NAME
+        try:
+            content = json.loads(read_plain(place, RECIPE_BYTES))
+        except FileNotFoundError:
+            return cls()
+        except (OSError, ValueError) as exc:
+            raise CorruptFileError(
+                place, f"it cannot be read ({exc})", hint="restore it from a backup"
+            ) from None
+        rows = content.get("issued") if isinstance(content, dict) else None
+        if not isinstance(rows, list) or content.get("schema") != SCHEMA:
+            raise CorruptFileError(
+                place, "not a register of issued reports", hint="restore it from a backup"
+            )
+        return cls(tuple(rows))
+
+    def with_issue(self, fields: Mapping[str, Any], sha256: str) -> Register:
+        """Return the register with one report more; RecipeError where its number has other bytes."""
+        new = {
+            "number": fields["number"],
+            "revision": int(fields.get("revision", 0)),
+            "date": fields["issued"],
+            "released": fields["persons"]["released"],
+            "sha256": sha256,
+        }
+        for row in self.issued:
+            if (row.get("number"), row.get("revision")) != (new["number"], new["revision"]):
+                continue
+            if row == new:  # again: last, as the one that is written
+                return Register((*(r for r in self.issued if r != new), new))
+            if row.get("sha256") != sha256:
+                raise RecipeError(
+                    f"report {new['number']} revision {new['revision']} was issued on {row.get('date')} for "
+                    f"the result with SHA-256 {row.get('sha256')}, and this one has {sha256}; give another "
+                    "number, or a revision with replaces, change and reason"
+                )
+            raise RecipeError(
+                f"report {new['number']} revision {new['revision']} was issued on {row.get('date')} by "
+                f"{row.get('released')}; an issued report keeps its date and person"
+            )
+        return Register((*self.issued, new))
+
+    def write(self, folder: Path) -> Path:
+        """Write the register; it appears whole or not at all."""
+        content = {"schema": SCHEMA, "issued": list(self.issued)}
+        text = json.dumps(content, indent=1, sort_keys=True, ensure_ascii=False) + "\n"
+        return atomic_write(folder / NAME, text.encode("utf-8"))

@@ -1,0 +1,520 @@
+"""The first page of a report: every field that is stated, none that is not; drafts, languages, templates."""
+
+import hashlib
+import json
+import re
+import shutil
+import struct
+import subprocess
+import tomllib
+import zlib
+from html import unescape
+
+import numpy as np
+import pytest
+
+import metrosep as ms
+from metrosep.cli.main import main
+from metrosep.core.errors import DataError, RecipeError, UnsupportedFeatureError
+from metrosep.parameters import conformance_probability
+from metrosep.recipe import Recipe
+from metrosep.recipe.look import clean_svg
+from metrosep.recipe.report_fields import (
+    LANGUAGES,
+    checked_report,
+    flat_fields,
+    missing_fields,
+    report_tables,
+)
+from metrosep.report import render_html
+from metrosep.report.certificate import _catalogue, rounded_pair
+
+PROBABILITY = 5e-7
+"""Half of the last digit of the values that were computed elsewhere."""
+
+STEPS = """metrosep = 1
+title = "Ring"
+[input]
+files = ["part.x3p"]
+[[step]]
+op = "form"
+form = "plane"
+[[step]]
+op = "parameters"
+names = ["Sq", "Sz"]
+[[check]]
+metric = "Sq"
+upper = "60 nm"
+U = "2.13 nm"
+k = 2.13
+U_from = "certificate: PTB 4711"
+"""
+
+REPORT = """[report]
+kind = "calibration certificate"
+number = "2026-0815"
+revision = 1
+replaces = "2026-0800"
+change = "substituted"
+reason = "wrong drawing number"
+location = "laboratory"
+place = "room 0.17"
+procedure = "AA 12"
+received = 2026-03-01
+measured = ["2026-03-02", "2026-03-04"]
+issued = 2026-03-05
+temperature = "20.1 degC"
+temperature_U = "0.2 K"
+humidity = "45 %"
+pressure = "1013.2 hPa"
+traceability = "Traceable to the SI through PTB 4711."
+deviations = "Probe at 12 mm instead of 10 mm."
+external = "Hardness by a partner."
+[report.laboratory]
+name = "Pruefstelle Sued"
+street = "Ringweg 3"
+city = "80331 Munich"
+country = "DE"
+accreditation = "D-K-12345"
+[report.customer]
+name = "Optik AG"
+city = "Jena"
+country = "CH"
+contact = "Frau Lang"
+order = "B-77"
+[report.item]
+name = "Mirror"
+drawing = "Z-100"
+material = "OFHC copper"
+manufacturer = "Dreherei"
+model = "M1"
+serial = "A-0042"
+condition = "clean"
+[report.machine]
+manufacturer = "Maker"
+model = "L200"
+serial = "M-9"
+controller = "PMAC 3"
+axes = "X, Z at 10 mm"
+compensation = "off"
+warm_up = "2 h at 1000 rpm"
+[[report.instrument]]
+name = "Interferometer"
+manufacturer = "Zeta"
+model = "I-1"
+serial = "I-77"
+certificate = "PTB 4711"
+certificate_date = 2025-06-01
+due = 2026-06-01
+[report.persons]
+measured = "Mia Messer"
+checked = "Carl Check"
+released = "Rita Reich"
+"""
+
+
+@pytest.fixture
+def part(tmp_path):
+    """A map of 50 nm amplitude, written once as x3p."""
+    x = np.arange(48) * 100e-6
+    z = 60e-9 * np.sin(np.add.outer(x, x) / 1e-3)
+    ms.write(ms.Surface(z, 100e-6, 100e-6), tmp_path / "part.x3p")
+    return tmp_path / "part.x3p"
+
+
+def run(part, more="", *, out=None, **options):
+    """Return the document of the recipe with a table [report]."""
+    text = STEPS + more
+    return Recipe.parse(text, folder=part.parent, **options).run(part, out=out).document
+
+
+def words(page):
+    """Return the text of a page."""
+    flat = re.sub(r"<style>.*?</style>|<[^>]+>", " ", page, flags=re.DOTALL)
+    return " ".join(unescape(flat).split())
+
+
+def command(*arguments):
+    """Return the exit code of the command line."""
+    with pytest.raises(SystemExit) as ended:
+        main([str(a) for a in arguments])
+    return ended.value.code
+
+
+# ---- fields ------------------------------------------------------------------------------------
+
+
+def test_every_field_that_is_stated_is_on_the_page(part):
+    document = run(part, REPORT)
+    shown = words(render_html(document))
+
+    as_shown = {"temperature": "(20.10 ± 0.20) °C", "temperature_U": "0.20", "humidity": "45 %",
+                "pressure": "1013.2 hPa", "measured": "2026-03-02 … 2026-03-04", "location": "laboratory",
+                "machine.compensation": "off", "revision": "revision 1"}  # fmt: skip
+    for key, value in flat_fields(document["report"]):
+        assert as_shown.get(key, str(value)) in shown, key
+    assert "DRAFT" not in shown
+    assert "Not stated" not in shown
+
+
+def test_this_file_states_every_field_that_there_is():
+    stated = checked_report(tomllib.loads(REPORT)["report"])
+    keys = {re.sub(r"\.\d+\.", ".", k) for k, _ in flat_fields(stated)}
+    declared = {
+        f"{table}.{k}".lstrip(".") for table, keys in report_tables().items() for k in keys
+    }
+    tables = set(report_tables()) | {"template", "language", "instrument.sha256"}
+    assert keys == declared - tables
+
+
+def test_without_a_report_the_page_is_a_draft_that_names_what_is_missing(part):
+    document = run(part)
+    shown = words(render_html(document))
+    assert "report" not in document
+    assert "DRAFT" in shown
+    for key in missing_fields({}):
+        assert key in shown
+
+
+@pytest.mark.parametrize("key", missing_fields({}))
+def test_a_report_is_a_draft_while_one_field_is_missing(part, key):
+    document = run(part, REPORT)
+    held = document["report"]
+    table, _, own = key.rpartition(".")
+    (held[table] if table else held).pop(own)
+    shown = words(render_html(document))
+    assert "DRAFT" in shown
+    assert key in shown
+
+
+def test_a_report_changes_no_hash_and_no_number(part):
+    plain, stated = run(part), run(part, REPORT)
+    assert plain["recipe"]["sha256"] == stated["recipe"]["sha256"]
+    assert plain["characteristics"] == stated["characteristics"]
+
+
+def test_the_order_of_precedence_is_command_line_file_beside_recipe(part):
+    part.with_name("part.x3p.report.toml").write_text('number = "beside"\n[item]\nserial = "S1"\n')
+    found = run(part, REPORT, report=["number=typed", "customer.name={file}"])["report"]
+    assert (found["number"], found["item"]["serial"]) == ("typed", "S1")
+    assert found["item"]["name"] == "Mirror"
+    assert found["customer"]["name"] == "part.x3p"
+    origins = [found["origin"][k] for k in ("number", "item.serial", "item.name")]
+    assert origins == ["command line", "file beside the input", "recipe"]
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ('[report]\nnummer = "7"\n', 'unknown key "nummer".*Did you mean "number"'),
+        ('[report]\nissued = "05.03.2026"\n', "year-month-day"),
+        ('[report]\nmeasured = ["2026-03-05", "2026-03-04"]\n', "lies behind"),
+        ('[report]\ntemperature = "20.1"\n', "temperature"),
+        ('[report]\nlanguage = "fr"\n', "not one of en, de, zh, ja"),
+        ("[report]\nrevision = -1\n", "revision"),
+        ('[report.item]\nname = "' + "x" * 10_000 + '"\n', "10000 characters"),
+        ('[report]\nnumber = "{serial}"\n', r"\{serial\}.*not known"),
+    ],
+)
+def test_what_is_wrong_in_a_report_is_one_sentence(part, text, says):
+    with pytest.raises(RecipeError, match=says):
+        run(part, text)
+
+
+def test_an_instrument_out_of_calibration_is_a_warning_on_the_first_page(part):
+    document = run(part, REPORT.replace("due = 2026-06-01", "due = 2026-03-03"))
+    first = words(render_html(document)).partition("Annex")[0]
+    assert "was due on 2026-03-03, before the measurement on 2026-03-04" in first
+
+
+# ---- numbers on paper ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("value", "U", "unit", "shown"),
+    [
+        (2.32441e-9, 0.196e-9, "m", ("2.32", "0.20", "nm")),
+        (1.3634567e-6, 0.1049e-6, "m", ("1.36", "0.10", "µm")),
+        (50.616486e-6, 0.0000642e-6, "m", ("50.616486", "0.000064", "µm")),
+        (-15.79e-6, 0.3152e-6, "rad", ("−15.79", "0.32", "µrad")),
+        (0.84137e-12, 0.0996e-12, "m", ("0.84", "0.10", "pm")),
+        (100.00449e-3, 0.000995e-3, "m", ("100.0045", "0.0010", "mm")),
+        (0.0, 2.5e-9, "m", ("0.0", "2.5", "nm")),
+        (0.5e-6, 120e-9, "m", ("0.50", "0.12", "µm")),
+        (1363.4, 120.0, "1", ("1360", "120", "")),
+    ],
+)
+def test_value_and_uncertainty_are_rounded_to_the_same_place(value, U, unit, shown):
+    assert rounded_pair(value, U, unit) == shown
+
+
+def test_the_probability_of_conformity_is_that_of_the_guide():
+    assert conformance_probability(9.87, 0.15, upper=10.0) == pytest.approx(
+        0.806938, abs=PROBABILITY
+    )
+    both = conformance_probability(101.2, 0.2, lower=100.0, upper=101.5)
+    assert both == pytest.approx(0.933193, abs=PROBABILITY)
+    few = conformance_probability(9.87, 0.15, upper=10.0, dof=3.0)
+    assert few == pytest.approx(0.7751, abs=5e-5)
+
+
+def test_k_follows_the_degrees_of_freedom():
+    from metrosep.recipe.characteristics import _coverage_factor
+
+    known = {3: 3.306822, 5: 2.648649, 10: 2.283678, 20: 2.133025, 50: 2.051248}
+    for dof, k in known.items():
+        assert _coverage_factor(dof) == pytest.approx(k, abs=PROBABILITY)
+
+
+def test_k_and_origin_of_the_uncertainty_stand_on_the_first_page(part):
+    first = words(render_html(run(part, REPORT))).partition("Annex")[0]
+    assert re.search(r"Sq|root mean square", first)
+    assert "from the certificate PTB 4711, k = 2.13" in first
+
+
+@pytest.mark.parametrize(
+    ("upper", "word"), [("43.5 nm", "conditional pass"), ("42 nm", "conditional fail")]
+)
+def test_an_inconclusive_value_says_on_which_side_it_lies(part, upper, word):
+    text = STEPS.replace('upper = "60 nm"', f'upper = "{upper}"')
+    document = Recipe.parse(text, folder=part.parent).run(part).document
+    assert document["verdict"] == "inconclusive"
+    value = document["characteristics"][0]["value"]
+    assert (value < float(upper.split()[0]) * 1e-9) == (word == "conditional pass")
+    assert word in words(render_html(document))
+
+
+# ---- languages -----------------------------------------------------------------------------------
+
+
+def test_every_language_has_every_text_with_the_same_places():
+    english = _catalogue("en")
+    for language in LANGUAGES:
+        own = _catalogue(language)
+        assert own.keys() == english.keys()
+        for key, text in own.items():
+            assert sorted(re.findall(r"{\w+}", text)) == sorted(re.findall(r"{\w+}", english[key]))
+
+
+@pytest.mark.parametrize(
+    ("language", "texts"),
+    [
+        ('"de"', ["Kalibrierschein", "ANGENOMMEN", "Auftraggeber", "2,13", "Erweiterungsfaktor"]),
+        ('"zh"', ["校准证书", "合格", "客户", "签发日期", "包含因子"]),
+        ('"ja"', ["校正証明書", "合格", "依頼者", "発行日", "包含係数"]),
+        ('["en", "zh"]', ["calibration certificate / 校准证书", "ACCEPTED / 合格"]),
+    ],
+)
+def test_the_page_speaks_the_language(part, language, texts):
+    shown = words(
+        render_html(
+            run(part, REPORT.replace("[report]\n", f"[report]\nlanguage = {language}\n", 1))
+        )
+    )
+    for text in texts:
+        assert text in shown
+
+
+# ---- the template of the house -------------------------------------------------------------------
+
+SVG = (
+    b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"><rect width="9" height="9"/></svg>'
+)
+
+
+def png(rows=2):
+    """Return the bytes of a small PNG, written chunk by chunk."""
+
+    def chunk(kind, data):
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
+
+    head = struct.pack(">IIBBBBB", 2, rows, 8, 0, 0, 0, 0)
+    body = zlib.compress(b"\0\0\0" * rows)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", body) + chunk(b"IEND", b"")
+
+
+def with_template(part, text, **files):
+    """Return the document of a report with a template."""
+    for name, data in files.items():
+        (part.parent / name.replace("_", ".")).write_bytes(data)
+    (part.parent / "house.toml").write_text(text, encoding="utf-8")
+    return run(part, '[report]\ntemplate = "house.toml"\n')
+
+
+@pytest.mark.parametrize(("name", "data"), [("logo.svg", SVG), ("logo.png", png())])
+def test_a_logo_is_embedded(part, name, data):
+    (part.parent / name).write_bytes(data)
+    document = with_template(part, f'logo = "{name}"\ncolour = "#004b87"\nfooter = "Tel. 12"\n')
+    page = render_html(document)
+    assert document["report"]["look"]["logo"] in page
+    assert "#004b87" in page
+    assert "Tel. 12" in page
+
+
+def test_a_script_in_a_template_is_a_text_that_nothing_runs(part):
+    evil = "</style><script>alert(1)</script>"
+    page = render_html(with_template(part, f'header = "{evil}"\nfooter = "{evil}"\n'))
+    assert "<script" not in page
+    assert page.count("</style>") == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ('colour = "red;}body{display:none"\n', "six digits"),
+        ("font = 'x\"} body {'\n", "name of one font"),
+        ('logo = "../secret.png"\n', "beside the template"),
+        ('logo = "text.png"\n', "not a PNG or SVG"),
+        ('logo = "cut.png"\n', "damaged PNG"),
+        ('logo = "big.svg"\n', "larger than"),
+        ('logo = "gone.png"\n', "gone.png"),
+        ('script = "x"\n', 'unknown key "script"'),
+    ],
+)
+def test_a_wrong_template_is_refused_before_anything_is_written(part, text, says):
+    out = part.parent / "out"
+    files = {"text.png": b"hello", "cut.png": png()[:-20], "big.svg": SVG + b" " * 600_000}
+    for name, data in files.items():
+        (part.parent / name).write_bytes(data)
+    (part.parent / "house.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(RecipeError, match=says):
+        run(part, '[report]\ntemplate = "house.toml"\n', out=out)
+    assert not out.exists()
+
+
+def test_a_cleaned_svg_keeps_shapes_only():
+    made = clean_svg(
+        b'<svg xmlns="http://www.w3.org/2000/svg" xmlns:x="http://www.w3.org/1999/xlink" onload="a()">'
+        b'<script>b()</script><a x:href="http://h"><rect/></a><image x:href="file:///etc/passwd"/>'
+        b'<foreignObject><p xmlns="http://www.w3.org/1999/xhtml">c</p></foreignObject>'
+        b'<rect width="3" style="fill:url(http://h/x);stroke:#fff" onclick="d()"/>'
+        b'<style>@import "http://h"</style></svg>'
+    )
+    assert (
+        made == b'<svg xmlns="http://www.w3.org/2000/svg"><rect width="3" stroke="#fff" /></svg>'
+    )
+    for bad in (
+        b"<svg>",
+        b"<html xmlns='http://www.w3.org/1999/xhtml'/>",
+        b"<!DOCTYPE svg [<!ENTITY a 'b'>]><svg/>",
+    ):
+        with pytest.raises(DataError, match="logo"):
+            clean_svg(bad)
+
+
+# ---- issuing, at the door ---------------------------------------------------------------------------
+
+
+def issue(result, out, *more, number="2026-1", name="Rita Reich"):
+    """Return the exit code of issuing a report."""
+    words = ["--number", number, "--date", "2026-03-05", "--released", name]
+    return command("-q", "report", result, "-o", out, "--issue", *words, *more)
+
+
+FIELDS = (
+    "--report",
+    "laboratory.name=L",
+    "--report",
+    "item.name=ring",
+    "--report",
+    "item.serial=7",
+)
+
+
+@pytest.fixture
+def results(part):
+    """Two folders with results whose bytes differ."""
+    folder = part.parent
+    for name in ("a", "b"):
+        run(part, f'[report.item]\nmaterial = "{name}"\n', out=folder / name)
+    return folder / "a", folder / "b"
+
+
+def test_a_number_belongs_to_one_result_for_good(results, tmp_path, capsys):
+    a, b = results
+    out = tmp_path / "issued"
+    assert issue(a, out, *FIELDS) == 0
+    first = {f.name: f.read_bytes() for f in out.iterdir()}
+    assert sorted(first) == ["2026-1.html", "issue.json"]
+    assert "DRAFT" not in first["2026-1.html"].decode()
+
+    assert issue(a, out, *FIELDS) == 0
+    assert issue(b, out, *FIELDS) == 2
+    said = capsys.readouterr().err
+    for folder in (a, b):
+        assert hashlib.sha256((folder / "result.json").read_bytes()).hexdigest() in said
+    assert issue(a, out, *FIELDS, name="Somebody else") == 2
+    assert {f.name: f.read_bytes() for f in out.iterdir()} == first
+
+    assert issue(b, out, *FIELDS, number="2026-2") == 0
+    rows = json.loads((out / "issue.json").read_text())["issued"]
+    assert [r["number"] for r in rows] == ["2026-1", "2026-2"]
+
+
+def test_issuing_without_a_serial_writes_nothing(results, tmp_path, capsys):
+    out = tmp_path / "issued"
+    assert issue(results[0], out, *FIELDS[:-2]) == 2
+    assert "item.serial" in capsys.readouterr().err
+    assert not out.exists() or not [*out.iterdir()]
+
+
+def test_a_number_without_issue_is_refused(results, tmp_path, capsys):
+    assert command("report", results[0], "-o", tmp_path / "r", "--number", "7") == 2
+    assert "--number goes with --issue" in capsys.readouterr().err
+
+
+def test_a_full_disk_leaves_the_register_as_it_was(results, tmp_path, monkeypatch):
+    out = tmp_path / "issued"
+    assert issue(results[0], out, *FIELDS) == 0
+    before = (out / "issue.json").read_bytes()
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    assert issue(results[1], out, *FIELDS, number="2026-2") == 2
+    assert (out / "issue.json").read_bytes() == before
+    assert not (out / "2026-2.html").exists()
+
+
+def test_chinese_names_of_files_and_numbers_are_kept(part, tmp_path):
+    named = part.rename(part.with_name("镜子.x3p"))
+    run(named, '[report.item]\nserial = "{file}"\n', out=tmp_path / "结果")
+    assert issue(tmp_path / "结果", tmp_path / "发布", *FIELDS[:4], number="检-1") == 0
+    assert "镜子.x3p" in (tmp_path / "发布" / "检-1.html").read_text(encoding="utf-8")
+
+
+# ---- PDF ------------------------------------------------------------------------------------------
+
+
+def test_each_page_of_the_pdf_has_number_and_page_of_pages(part, tmp_path):
+    pytest.importorskip("typst")
+    if shutil.which("pdftotext") is None:
+        pytest.skip("pdftotext (poppler) is not installed")
+    from metrosep.report import render_pdf
+
+    (tmp_path / "x.pdf").write_bytes(render_pdf(run(part, REPORT)))
+    made = subprocess.run(
+        ["pdftotext", "-layout", str(tmp_path / "x.pdf"), "-"], check=True, capture_output=True
+    )
+    pages = made.stdout.decode().rstrip("\f").split("\f")
+    for i, page in enumerate(pages, start=1):
+        assert f"page {i} / {len(pages)}" in page
+        assert "2026-0815" in page
+    assert "End of report: 2026-0815" in pages[-1]
+    flat = re.sub(r"\s+", "", made.stdout.decode().replace("\u200b", ""))
+    for text in ("PruefstelleSued", "A-0042", "RitaReich", "D-K-12345", "2hat1000rpm", "PTB4711"):
+        assert text in flat
+
+
+def test_letters_that_no_font_has_are_one_sentence(part, monkeypatch):
+    pytest.importorskip("typst")
+    from metrosep.report import render_pdf
+
+    monkeypatch.setattr("metrosep.report.typeset._SYSTEM_FONTS", False)
+    document = run(part, '[report]\nlanguage = "zh"\n')
+    with pytest.raises(UnsupportedFeatureError, match="no font on this computer has the Chinese"):
+        render_pdf(document)
+    render_html(document)
