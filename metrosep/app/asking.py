@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from metrosep.core.errors import DataError, MetrosepError, ReadError
+from metrosep.app.first_lines import ask_for, first_lines, text_options
+from metrosep.core.errors import DataError, MetrosepError, ReadError, UnknownFormatError
 from metrosep.core.runset import RunSet
 
 __all__ = [
@@ -17,6 +18,7 @@ __all__ = [
     "are_runs",
     "ask_channel",
     "ask_columns",
+    "ask_text",
     "fewest_feeds",
     "holds_columns",
 ]
@@ -59,16 +61,24 @@ class Ask(DataError):  # noqa: N818
     """The file does not say something that the user must."""
 
     def __init__(
-        self, message: str, name: str, path: str, fields: Sequence[Mapping[str, Any]] = ()
+        self,
+        message: str,
+        name: str,
+        path: str,
+        fields: Sequence[Mapping[str, Any]] = (),
+        sample: Mapping[str, Any] | None = None,
     ) -> None:
         super().__init__(message)
         self.name, self.path, self.fields = name, path, tuple(dict(f) for f in fields)
+        self.sample = dict(sample or {})  # first lines, columns and what is left out
 
 
-def holds_columns(file: Path, fewest: int = _FEWEST) -> bool:
+def holds_columns(
+    file: Path, fewest: int = _FEWEST, given: Mapping[str, Any] | None = None
+) -> bool:
     """Return whether a file holds several columns of numbers, of text or of a recording."""
     try:
-        return len(_numbers(file)) >= fewest
+        return len(_numbers(file, given or {})) >= fewest
     except MetrosepError:
         return False
 
@@ -77,7 +87,7 @@ def are_runs(files: Sequence[Path], given: Mapping[str, Any]) -> bool:
     """Return whether what is to be opened is a set of repeated runs, not a map or profile."""
     if len(files) > 1 or _RUNS & set(given):
         return True
-    return "x" in given and "z" in given and _is_recording(files[0])
+    return "x" in given and "z" in given and _is_recording(files[0], given)
 
 
 def fewest_feeds(runs: RunSet) -> int:
@@ -85,13 +95,13 @@ def fewest_feeds(runs: RunSet) -> int:
     return min(len(runs.select(direction=way).feeds) for way in runs.directions)
 
 
-def _is_recording(file: Path) -> bool:
+def _is_recording(file: Path, given: Mapping[str, Any]) -> bool:
     """Whether a file that is not a text holds channels over time."""
     from metrosep.io.runs import columns_of
     from metrosep.io.source import open_file
 
     try:
-        return "separator" not in columns_of(open_file(file), {})[1].header
+        return "separator" not in columns_of(open_file(file), text_options(given))[1].header
     except MetrosepError:
         return False
 
@@ -121,7 +131,7 @@ def ask_channel(file: Path, given: Mapping[str, Any], why: MetrosepError) -> Ask
 
 def ask_columns(files: Sequence[Path], given: Mapping[str, Any], why: str) -> Ask:
     """Return the question which column is what, with guesses that the user confirms."""
-    columns = _numbers(files[0])
+    columns = _numbers(files[0], given)
     if len(columns) < _FEWEST:
         raise ReadError(
             f"{files[0].name}: holds {len(columns)} column of numbers; a run needs a position and a "
@@ -144,13 +154,34 @@ def ask_columns(files: Sequence[Path], given: Mapping[str, Any], why: str) -> As
         }
         for role in roles
     ]
-    if len(files) == 1 and _may_be_map(files[0]):
+    sample = first_lines(files[0], given)
+    if len(files) == 1 and _may_be_map(files[0], given):
         fields = [*_map_fields(given), *fields]
         few = ", ".join([*names[:_SHOWN], *(["..."] if len(names) > _SHOWN else [])])
         message = f"{why}; is it a map, or which column is what? {files[0].name} holds {few}"
-        return Ask(message, "columns", str(files[0]), fields)
+        return Ask(message, "columns", str(files[0]), fields, sample)
     message = f"{why}; which column is what? {files[0].name} holds {', '.join(names)}"
-    return Ask(message, "columns", str(files[0]), fields)
+    return Ask(message, "columns", str(files[0]), fields, sample)
+
+
+def ask_text(file: Path, given: Mapping[str, Any], why: MetrosepError) -> Ask | None:
+    """Return the question that a refused text leaves: a sheet, lines to leave out, a decimal mark ..."""
+    fields = ask_for(str(why), given)
+    if not fields or isinstance(why, UnknownFormatError):
+        return None
+    if any(f["name"] == "sheet" for f in fields):
+        from metrosep.io.containers.sheets import sheets_of
+        from metrosep.io.source import open_file
+
+        names = list(sheets_of(open_file(file)))
+        fields = [f | {"choices": names, "hint": ""} for f in fields if f["name"] == "sheet"]
+        sample: dict[str, Any] = {}
+    else:
+        sample = first_lines(file, given, str(why))
+        if not sample:
+            return None  # no text at all: no answer would help
+    words = str(why).partition("; ")[0]
+    return Ask(words, fields[0]["name"], str(file), fields, sample)
 
 
 def _map_fields(given: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -167,13 +198,13 @@ def _map_fields(given: Mapping[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def _may_be_map(file: Path) -> bool:
+def _may_be_map(file: Path, given: Mapping[str, Any]) -> bool:
     """Whether a text holds nothing but numbers without names: a matrix of heights."""
     from metrosep.io.runs import columns_of
     from metrosep.io.source import open_file
     from metrosep.io.text.measurement import is_matrix
 
-    _, table, _ = columns_of(open_file(file), {})
+    _, table, _ = columns_of(open_file(file), text_options(given))
     return "separator" in table.header and is_matrix(table)
 
 
@@ -186,6 +217,8 @@ def answered(given: Mapping[str, Any]) -> dict[str, Any]:
     {'x': {'column': 'pos', 'unit': 'mm'}, 'z': 'gap_um'}
     """
     plain = {k: v for k, v in given.items() if v not in (None, "")}
+    if str(plain.get("skip_rows", "")).isdecimal():
+        plain["skip_rows"] = int(plain["skip_rows"])
     for role in ("x", "z"):
         unit = plain.pop(f"{role}_unit", None)
         if unit is None:
@@ -211,12 +244,12 @@ def _choices(role: str, names: list[str]) -> list[str]:
     return [] if role == "scale" else names
 
 
-def _numbers(file: Path) -> list[tuple[str, str | None]]:
+def _numbers(file: Path, given: Mapping[str, Any]) -> list[tuple[str, str | None]]:
     """Return name and dimension of the columns of numbers."""
     from metrosep.io.runs import columns_of
     from metrosep.io.source import open_file
 
-    _, table, _ = columns_of(open_file(file), {})
+    _, table, _ = columns_of(open_file(file), text_options(given))
     return [(c.name, None if c.unit is None else c.unit.dimension) for c in table.numbers]
 
 

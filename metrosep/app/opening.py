@@ -19,6 +19,7 @@ from metrosep.app.asking import (
     are_runs,
     ask_channel,
     ask_columns,
+    ask_text,
     fewest_feeds,
     holds_columns,
 )
@@ -33,6 +34,7 @@ from metrosep.app.documents import (
     with_digests,
 )
 from metrosep.app.evaluations import Evaluations
+from metrosep.app.first_lines import text_options
 from metrosep.app.separations import MethodResults, Separations
 from metrosep.core.atomic import RECIPE_BYTES, read_plain
 from metrosep.core.errors import (
@@ -45,6 +47,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.profile import Profile
 from metrosep.core.surface import Surface
+from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.recipe.recipe import Recipe
 from metrosep.recipe.run import input_files
 from metrosep.recipe.schema import reading_options
@@ -66,7 +69,7 @@ Kind: TypeAlias = Literal["map", "profile", "runs", "method"]
 Material: TypeAlias = Evaluations | Separations | MethodResults
 Read: TypeAlias = Callable[..., Any]
 
-READING = ("unit", "lateral_step", "channel", "format", "x", "z", "scale")
+READING = ("unit", "lateral_step", "channel", "format", "x", "z", "scale", *TEXT_OPTIONS)
 """Options of a reader that a recipe of a map or profile keeps in ``[input]``."""
 
 _LONGEST_NAME = 100
@@ -271,7 +274,8 @@ def read_again(opened: Opened, recipe: Recipe, read: Read | None = None) -> Open
 
 def _runs(places: Places, files: list[Path], given: Mapping[str, Any]) -> Opened:
     for file in files:
-        if not holds_columns(file):
+        if not holds_columns(file, given=given):
+            _ask_of_text(file, given)
             raise DataError(
                 f"{file.name}: is not a table of positions and readings; several files are one set of "
                 "repeated runs, open a map or a profile by itself"
@@ -417,9 +421,11 @@ def _obj(file: Path, reading: Mapping[str, Any], read: Read | None) -> Surface |
         ) from None
     except (UnitError, FormatMismatchError) as exc:
         raise _question(file, reading, exc) from None
+    except ReadError as exc:
+        raise ask_text(file, reading, exc) or exc from None
     if isinstance(obj, Surface | Profile):
         return obj
-    if "x" not in reading and holds_columns(file):
+    if "x" not in reading and holds_columns(file, given=reading):
         raise ask_columns([file], reading, f"{file.name}: holds several columns of numbers")
     raise DataError(
         f"{file.name}: holds a {type(obj).__name__}; the workbench works on maps, profiles and "
@@ -427,18 +433,32 @@ def _obj(file: Path, reading: Mapping[str, Any], read: Read | None) -> Surface |
     )
 
 
+def _ask_of_text(file: Path, given: Mapping[str, Any]) -> None:
+    """Raise the question about a text that cannot be read as it stands, if there is one."""
+    from metrosep.io.runs import columns_of
+    from metrosep.io.source import open_file
+
+    try:
+        columns_of(open_file(file), text_options(given))
+    except ReadError as exc:
+        if (asked := ask_text(file, given, exc)) is not None:
+            raise asked from None
+
+
 def _question(file: Path, reading: Mapping[str, Any], why: MetrosepError) -> MetrosepError:
     """Return what is to be asked, or the error itself where no answer would help."""
     asked = ask_channel(file, reading, why)
     if asked is not None:
         return asked
-    several, words = holds_columns(file), str(why).partition(";")[0]
+    several, words = holds_columns(file, given=reading), str(why).partition(";")[0]
+    if not several and (asked := ask_text(file, reading, why)) is not None:
+        return asked
     if several and not (isinstance(why, FormatMismatchError) and "x" in reading):
-        given = {k: v for k, v in reading.items() if isinstance(v, str)}
+        given = {k: v for k, v in reading.items() if isinstance(v, str | int)}
         return ask_columns([file], given, words)
     if isinstance(why, UnitError):
         return Ask(words, "unit", str(file))
-    if holds_columns(file, fewest=1) and "lateral_step" not in reading:
+    if holds_columns(file, 1, reading) and "lateral_step" not in reading:
         return Ask(words, "lateral_step", str(file))
     return why
 

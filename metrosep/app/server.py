@@ -211,7 +211,13 @@ def _too_large(name: str, largest: int) -> str:
 
 def _failed(error: MetrosepError, number: Any, kind: Any) -> dict[str, Any]:
     ask = (
-        {"name": error.name, "kind": "text", "path": error.path, "fields": list(error.fields)}
+        {
+            "name": error.name,
+            "kind": "text",
+            "path": error.path,
+            "fields": list(error.fields),
+            "sample": error.sample,
+        }
         if isinstance(error, Ask)
         else None
     )

@@ -7,6 +7,7 @@ typed in the wrong unit or a run labelled the wrong way would bend the separated
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import re
@@ -173,9 +174,11 @@ def read_runs(
             clocked = replace(request, time=TIME)
         if sampling_rate is None:
             table = without_empty_rows(table)
-        runs.extend(_runs_of(file, table, clocked, file_feed))
         said = (*table.warnings, *(interruption(table) if clocked.time is None else ()))
         warnings.extend(f"{file.name}: {w}" for w in said)
+        held = [table]
+        del table  # what was read is given up as soon as the runs hold it
+        runs.extend(_runs_of(file, held, clocked, file_feed))
         facts = {"x": str(x), "z": str(z), "feed": str(file_feed), "scale": str(scale)}
         history.extend(file.history(format_id, facts))
     units = {(r.metadata.get("unit", "m"), r.metadata.get("z_unit", "m")) for r in runs}
@@ -237,8 +240,10 @@ def _feed_per_file(feed: FeedSpec, n_files: int) -> list[ColumnSpec | float | No
 
 
 def _runs_of(
-    file: RawFile, table: Table, request: _Request, feed: ColumnSpec | float | None
+    file: RawFile, held: list[Table], request: _Request, feed: ColumnSpec | float | None
 ) -> Iterator[Run]:
+    """Yield the runs of a table, which is taken out of the list that holds it."""
+    table = held.pop()
     x_column, x_unit = pick(file, table, request.x, role="x")
     z_column, z_unit = pick(file, table, request.z, role="z")
     turns, turned = (u is not None and u.dimension == "angle" for u in (x_unit, z_unit))
@@ -249,8 +254,6 @@ def _runs_of(
             f'{x_column.name} --z {z_column.name} --axis C --spacing "5 deg"\''
         )
     kinds = ("angle" if turns else "length", "angle" if turned and turns else "length")
-    x = to_si(file, x_column, x_unit, dimension=kinds[0], role="x")
-    z = to_si(file, z_column, z_unit, dimension=kinds[1], role="z", scale=request.scale)
     units = {"unit": "rad", "z_unit": "rad" if turned else "m"} if turns else {}
     t = None
     if request.time is not None:
@@ -260,7 +263,14 @@ def _runs_of(
         t = to_si(file, t_column, t_unit, dimension="time", role="time")
     speeds = _feed_column(file, table, feed)
     signs = _direction_column(file, table, request.direction)
-    for run_id, rows in _groups(file, table, request, signs, x):
+    x = to_si(file, x_column, x_unit, dimension=kinds[0], role="x")
+    parts = _parts(file, table, request, x)
+    if request.run is not None:  # else a message may have to look for runs in the columns
+        table = replace(table, columns=())
+    del x_column  # a long column is given up as soon as its numbers are in SI
+    z = to_si(file, z_column, z_unit, dimension=kinds[1], role="z", scale=request.scale)
+    z_column = replace(z_column, values=None)
+    for run_id, rows in _by_direction(parts, signs):
         where = f"{file.path}: run {run_id!r}"
         empty = np.flatnonzero(np.isnan(x[rows]))
         if empty.size:
@@ -386,44 +396,53 @@ def _direction_column(file: RawFile, table: Table, name: str | None) -> NDArray[
     return signs
 
 
-def _groups(
-    file: RawFile,
-    table: Table,
-    request: _Request,
-    signs: NDArray[np.int64] | None,
-    x: FloatArray,
-) -> Iterator[tuple[str, NDArray[np.intp]]]:
-    """Yield the name and the rows of each run, in the order of the file."""
-    stem = file.path.stem
-    everything = np.arange(len(table))
+_Spans: TypeAlias = NDArray[np.int64]
+"""Shape (n, 2): first row of each stretch of a run, and the one behind its last."""
+
+
+def _parts(
+    file: RawFile, table: Table, request: _Request, x: FloatArray
+) -> list[tuple[str, _Spans]]:
+    """Return the name and the rows of each part that the caller tells apart, in the order of the file."""
+    stem, n = file.path.stem, len(table)
     if request.run is None:
-        parts: list[tuple[str, NDArray[np.intp]]] = [(stem, everything)]
-    elif request.run == BLOCKS and BLOCKS not in table.names:
-        blocks = np.split(everything, jumps_back(x, table.lines))
-        parts = [(f"{stem}:{k}", rows) for k, rows in enumerate(blocks, start=1)]
-    else:
-        column, _ = pick(file, table, request.run, role="run")
-        prefix = f"{stem}:" if request.n_files > 1 else ""
-        parts = [(prefix + k, rows) for k, rows in _by_value(file, table, column)]
-    for name, rows in parts:
-        if signs is None or len(set(signs[rows].tolist())) == 1:
+        return [(stem, np.array([[0, n]]))]
+    if request.run == BLOCKS and BLOCKS not in table.names:
+        edges = [0, *jumps_back(x, table.lines), n]
+        blocks = itertools.pairwise(edges)
+        return [(f"{stem}:{k}", np.array([block])) for k, block in enumerate(blocks, start=1)]
+    column, _ = pick(file, table, request.run, role="run")
+    prefix = f"{stem}:" if request.n_files > 1 else ""
+    return [(prefix + k, spans) for k, spans in _by_value(file, table, column)]
+
+
+def _by_direction(
+    parts: Iterable[tuple[str, _Spans]], signs: NDArray[np.int64] | None
+) -> Iterator[tuple[str, NDArray[np.intp]]]:
+    """Yield the name and the rows of each run: a part that holds both directions is two."""
+    for name, spans in parts:
+        rows = np.concatenate([np.arange(a, b) for a, b in spans])
+        if signs is None or np.unique(signs[rows]).size == 1:
             yield name, rows
             continue
         for sign, word in ((1, "forward"), (-1, "reverse")):
             yield f"{name} {word}", rows[signs[rows] == sign]
 
 
-def _by_value(
-    file: RawFile, table: Table, column: Column
-) -> Iterator[tuple[str, NDArray[np.intp]]]:
-    texts = np.array(_texts(column))
-    if any(not t for t in texts):
-        i = int(np.flatnonzero(texts == "")[0])
+def _by_value(file: RawFile, table: Table, column: Column) -> Iterator[tuple[str, _Spans]]:
+    """Yield each entry of a column, and the stretches of rows that have it."""
+    values: Any = np.array(column.labels) if column.labels is not None else column.values
+    empty = np.flatnonzero(values == "" if values.dtype.kind == "U" else np.isnan(values))
+    if empty.size:
+        i = int(empty[0])
         raise FormatMismatchError(
             f"{file.path}: line {int(table.lines[i])} has no entry in the run column {column.name!r}"
         )
-    for value in dict.fromkeys(texts.tolist()):
-        yield value, np.flatnonzero(texts == value)
+    begins = np.concatenate([[0], np.flatnonzero(values[1:] != values[:-1]) + 1])
+    spans = np.column_stack([begins, [*begins[1:], values.size]])
+    found = values[begins]
+    for value in dict.fromkeys(found.tolist()):
+        yield value if isinstance(value, str) else _as_text(value), spans[found == value]
 
 
 def _texts(column: Column) -> tuple[str, ...]:
@@ -431,7 +450,11 @@ def _texts(column: Column) -> tuple[str, ...]:
     if column.labels is not None:
         return column.labels
     values = () if column.values is None else column.values.tolist()
-    return tuple("" if math.isnan(v) else str(int(v)) if v == int(v) else repr(v) for v in values)
+    return tuple("" if math.isnan(v) else _as_text(v) for v in values)
+
+
+def _as_text(value: float) -> str:
+    return str(int(value)) if value == int(value) else repr(value)
 
 
 # ---- the columns from which runs are cut, whatever format the file is: text, logger or metrosep's own ----

@@ -181,12 +181,75 @@ def test_what_cannot_be_is_refused(table, options, error, message):
         open_stream(path, **options)
 
 
-def test_labels_are_refused(tmp_path):
+def test_columns_of_words_are_no_channels(tmp_path):
     path = tmp_path / "labels.csv"
     path.write_text("run,z_um\na,1\nb,2\n")
 
-    with pytest.raises(ms.errors.UnsupportedFeatureError, match="'run' holds text"):
-        open_stream(path)
+    with open_stream(path) as stream:
+        assert stream.channels == ("z_um",)
+        assert gathered(stream, 1)["z_um"].tolist() == [1e-6, 2e-6]
+    assert "column 'run' holds words" in stream.warnings[-1]
+    with pytest.raises(ms.errors.FormatMismatchError, match="no channel 'run'"):
+        open_stream(path, channels=["run"])
+
+
+MOMENTS = {
+    "ISO 8601": [f"2026-03-05T23:59:{58 + k // 4:02d}.{250 * (k % 4):03d}" for k in range(8)],
+    "day.month.year": [f"05.03.2026 14:07:{k:02d}" for k in range(40)],
+    "names of months": [f"5-Mar-2026 14:{k // 60:02d}:{k % 60:02d}" for k in range(300)],
+    "a clock past midnight twice": [
+        f"{(k // 60) % 24:02d}:{k % 60:02d}" for k in range(1380, 1380 + 2 * 1440, 7)
+    ],
+    "elapsed": [f"{k}:{(k * 7) % 60:02d}:00.5" for k in range(100, 140)],
+    "with a word": ["n/a" if k == 5 else f"2026-03-05 14:07:{k:02d}" for k in range(30)],
+}
+
+
+@pytest.mark.parametrize("name", MOMENTS)
+@pytest.mark.parametrize("size", [3, 1000])
+def test_moments_in_chunks_are_those_of_the_whole(tmp_path, monkeypatch, name, size):
+    monkeypatch.setattr("metrosep.io.text._rows._PART", 64)  # many small blocks
+    rows = [f"{t},{k % 7}" for k, t in enumerate(MOMENTS[name])]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["time,z_um", *rows]) + "\n")
+    known = [r for r, t in zip(rows, MOMENTS[name], strict=True) if t != "n/a"]
+    whole_path = tmp_path / "whole.csv"
+    whole_path.write_text("\n".join(["time,z_um", *known]) + "\n")
+
+    with open_stream(path) as stream:
+        chunks = gathered(stream, size)
+
+    given = chunks["time"][np.isfinite(chunks["time"])]
+    assert given.tolist() == ms.read(whole_path).t.tolist()
+    assert given.size == len(known)
+
+
+def test_a_day_beside_a_clock_counts_in_chunks(tmp_path, monkeypatch):
+    monkeypatch.setattr("metrosep.io.text._rows._PART", 64)
+    rows = [f"{5 + k // 6:02d}.03.2026;{4 * (k % 6):02d}:00:00;{k}" for k in range(24)]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["Datum;Uhrzeit;z_um", *rows]) + "\n")
+
+    with open_stream(path) as stream:
+        chunks = gathered(stream, 5)
+
+    assert stream.time_step == pytest.approx(14400.0, rel=0.0, abs=1e-9)  # whole seconds
+    assert chunks["Uhrzeit"].tolist() == ms.read(path).t.tolist()
+    assert chunks["Uhrzeit"] == pytest.approx(14400.0 * np.arange(24), rel=0.0, abs=1e-9)
+
+
+def test_a_day_that_may_be_a_month_is_refused_where_its_time_is_read(tmp_path):
+    rows = [f"{1 + k % 9}/{2 + k % 5}/2026 14:07:{k:02d},{k}" for k in range(30)]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["time,z_um", *rows]) + "\n")
+
+    with (
+        open_stream(path) as stream,
+        pytest.raises(ms.errors.ReadError, match=r"line 2.*day/month or month/day"),
+    ):
+        gathered(stream, 10)
+    with open_stream(path, channels=["z_um"]) as stream:
+        assert gathered(stream, 10)["z_um"].size == 30
 
 
 def test_chunk_without_samples_is_refused(table):

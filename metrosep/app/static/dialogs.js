@@ -8,7 +8,7 @@
  * @param {Dict} properties
  * @param {(Node | string)[]} children
  */
-function make(tag, properties = {}, ...children) {
+export function make(tag, properties = {}, ...children) {
   const el = /** @type {any} */ (Object.assign(document.createElement(tag), properties));
   el.append(...children);
   return el;
@@ -22,9 +22,10 @@ function make(tag, properties = {}, ...children) {
  * @param {{ name: string, label: string, value?: string, hint?: string, choices?: string[] }[]} options.fields
  * @param {string} options.ok
  * @param {Node[]} [options.extra]
+ * @param {Node[]} [options.sample] what the question is about, above the fields
  * @returns {Promise<Record<string, string> | null>} null: given up
  */
-export function askForm({ title, text = "", fields, ok, extra = [] }) {
+export function askForm({ title, text = "", fields, ok, extra = [], sample = [] }) {
   const inputs = fields.map(({ name, value = "", hint = "", choices }) => {
     if (!choices?.length) return make("input", { name, value, placeholder: hint, spellcheck: false, autocomplete: "off" });
     const list = `list-${name}`;
@@ -37,10 +38,10 @@ export function askForm({ title, text = "", fields, ok, extra = [] }) {
     if (list) label.querySelector("input").setAttribute("list", list.id);
   }
   const form = make("form", { method: "dialog" }, make("h2", { textContent: title }),
-    ...(text ? [make("p", { className: "ask", textContent: text })] : []), ...labels, ...extra,
+    ...(text ? [make("p", { className: "ask", textContent: text })] : []), ...sample, ...labels, ...extra,
     make("div", { className: "buttons" }, make("button", { type: "button", textContent: "Cancel", value: "no" }),
       make("button", { className: "main", textContent: ok, value: "yes" })));
-  return shown(form, "", (dialog) => {
+  return shown(form, sample.length ? "wide" : "", (dialog) => {
     form.querySelector("[value=no]").addEventListener("click", () => dialog.close(""));
     form.querySelector("input")?.select();
   }).then((answer) => (answer === "yes"

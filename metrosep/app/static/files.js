@@ -1,7 +1,7 @@
 // @ts-check
 // Files: handed over to the server, opened, dropped onto the page.
 
-import { askForm } from "./dialogs.js";
+import { askForm, make } from "./dialogs.js";
 import { Refusal } from "./wire.js";
 
 /** @typedef {import("./wire.js").Wire} Wire */
@@ -54,12 +54,14 @@ export async function openPaths(wire, paths, reading = {}, keep = false) {
 
 /** @param {Refusal} error @param {Record<string, string>} reading */
 function question(error, reading) {
-  const { name, choices, fields } = error.ask;
+  const { name, choices, fields, sample } = error.ask;
   if (fields?.length) {
     const asks = (/** @type {string} */ what) => fields.some((/** @type {any} */ one) => one.name === what);
-    const title = asks("channel") ? "Which data set of the file?" : asks("lateral_step") ? "Is it a map, or what do the columns hold?"
+    const title = asks("channel") ? "Which data set of the file?" : asks("sheet") ? "Which table of the file?"
+      : sample?.lines?.some((/** @type {any} */ one) => one.kind === "refused") ? "One line does not fit: what does it mean?"
+      : !asks("x") && sample?.lines ? "How is the file written?" : asks("lateral_step") ? "Is it a map, or what do the columns hold?"
       : asks("feed") ? "Which column is what?" : "What do the columns hold?";
-    return { title, text: error.message, fields, ok: "Open" };
+    return { title, text: error.message, fields, ok: "Open", sample: sampleOf(sample) };
   }
   const unit = name === "unit";
   return {
@@ -69,6 +71,25 @@ function question(error, reading) {
       choices: choices ?? (unit ? ["nm", "um", "mm", "m", "in"] : undefined) }],
     ok: "Open",
   };
+}
+
+/**
+ * Show the first lines of a table, what its columns were read as, and the lines that are no rows.
+ * @param {any} sample
+ * @returns {Node[]}
+ */
+function sampleOf(sample) {
+  if (!sample?.lines?.length) return [];
+  const cell = (/** @type {string} */ text, kind = "td") => make(kind, { textContent: text });
+  const lines = make("table", {}, ...sample.lines.flatMap((/** @type {any} */ one, /** @type {number} */ i) => [
+    ...(i && one.number > sample.lines[i - 1].number + 1 ? [make("tr", {}, cell("\u22ee", "th"))] : []),
+    make("tr", { className: one.kind === "refused" ? "refused" : "" }, cell(String(one.number), "th"), cell(one.kind), cell(one.text))]));
+  const columns = sample.columns.length ? [make("table", {}, make("tr", {}, ...["column", "unit", "read as"].map((one) => cell(one, "th"))),
+    ...sample.columns.map((/** @type {any} */ one) => make("tr", {}, cell(one.name), cell(one.unit || "none"), cell(one.role || "no role by its name"))))] : [];
+  const left = sample.left.map((/** @type {any} */ one) => make("li", { textContent: `line ${one.lines}: ${one.why} (${one.text})` }));
+  const rows = sample.n_rows === null ? "" : ` (${sample.n_rows} rows)`;
+  return [make("div", { className: "sample", tabIndex: 0 }, make("h3", { textContent: `First lines${sample.part ? ` of ${sample.part}` : ""}${rows}` }), lines, ...columns,
+    ...(left.length ? [make("h3", { textContent: "Lines that are no rows" }), make("ul", {}, ...left)] : []))];
 }
 
 /**

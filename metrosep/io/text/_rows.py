@@ -134,18 +134,26 @@ class Block:
     lines: NDArray[np.int64]
 
 
-def joined(blocks: list[Block], labels: Sequence[bool]) -> Block:
-    """Return blocks one below the other; those that were given are used up."""
-    if len(blocks) == 1:
-        return blocks[0]
-    lines = [b.lines for b in blocks]
-    columns: list[FloatArray | list[str]] = []
-    for label in reversed(labels):
-        parts: list[Any] = [b.columns.pop() for b in blocks]
-        columns.insert(
-            0, [t for p in parts for t in p] if label else np.concatenate([np.empty(0), *parts])
-        )
-    return Block(columns, np.concatenate([np.empty(0, dtype=np.int64), *lines]))
+def joined(blocks: Iterable[Block], labels: Sequence[bool], size: int) -> Block:
+    """Return blocks one below the other, each given up once it is taken; `size` is a guess of the rows."""
+    n = 0
+    lines = np.empty(size, dtype=np.int64)
+    columns: list[Any] = [[] if label else np.empty(size) for label in labels]
+    for block in blocks:
+        end = n + block.lines.size
+        if end > lines.size:  # memory that nothing is written to costs nothing
+            for kept in (lines, *(c for c in columns if not isinstance(c, list))):
+                kept.resize(end + end // 4, refcheck=False)
+        lines[n:end] = block.lines
+        for kept, values in zip(columns, block.columns, strict=True):
+            if isinstance(kept, list):
+                kept.extend(values)
+            else:
+                kept[n:end] = values
+        n = end
+    for kept in (lines, *(c for c in columns if not isinstance(c, list))):
+        kept.resize(n, refcheck=False)
+    return Block(columns, lines)
 
 
 class Body:

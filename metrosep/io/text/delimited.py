@@ -19,15 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import ReadError, UnsupportedFeatureError
+from metrosep.core.errors import AmbiguousFormatError, ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.text_options import TextOptions
+from metrosep.core.units import parse_unit
 from metrosep.io.declared import Match
 from metrosep.io.registry import BuiltIn, demand, sniffer
 from metrosep.io.source import HEAD_BYTES, RawFile
-from metrosep.io.text.dialect import find_layout, is_comment, unmeasured_rows
+from metrosep.io.text.dialect import NO_READING, find_layout, is_comment, unmeasured_rows
 from metrosep.io.text.encoding import head_text
 from metrosep.io.text.logger import first_lines
 from metrosep.io.text.measurement import measurement
@@ -39,6 +40,7 @@ from metrosep.io.text.table import (
     refuse_markers,
     text_of,
 )
+from metrosep.io.text.times import RunningClock, moments
 
 __all__ = ["channels", "parquet", "read", "sniff", "sqlite", "worksheet"]
 
@@ -148,33 +150,76 @@ _FIRST = 1000
 
 
 def open_source(file: RawFile, stack: ExitStack, **text: Any) -> TextSource:
-    """Return the columns of numbers of a text file."""
+    """Return the columns of numbers and of time of a text file."""
     source = TextTable(file, TextOptions.of(text))
-    file, head = source.file, source.head
-    labels = [n for n, label in zip(head.names, head.layout.labels, strict=False) if label]
-    if labels:
-        raise UnsupportedFeatureError(
-            f"{file.path}: column {labels[0]!r} holds text; a file with labels is not read in chunks"
-        )
-    return TextSource(file, source)
+    return TextSource(source.file, source)
 
 
 class TextSource:
-    """Columns of numbers of a text file; see `metrosep.io.stream.ChunkSource`."""
+    """Columns of numbers and of time of a text file; see `metrosep.io.stream.ChunkSource`.
+
+    A column of dates or of times of day is in s from the first row; a date beside a time of day belongs
+    to it. Columns of words are no channels.
+    """
 
     def __init__(self, file: RawFile, source: TextTable) -> None:
         self._file, self._source = file, source
-        self._names = source.head.names
+        head = source.head
+        places = range(len(head.names))
+        dated = {k for k in places if any(head.layout.dated[k : k + 1])}
+        words = {k for k in places if any(head.layout.labels[k : k + 1])}
+        self._days, self._clocks = self._moments(dated)
+        self._kept = [k for k in places if k not in words or k in self._clocks]
+        second = parse_unit("s")
         self._columns = [
-            Column(n, u, None) for n, u in zip(self._names, source.head.units, strict=True)
+            Column(head.names[k], second if k in self._clocks else head.units[k], None)
+            for k in self._kept
         ]
+        self._names = tuple(c.name for c in self._columns)
         self.labels: Mapping[str, str] = {
             c.name: c.unit.name if c.unit is not None else "" for c in self._columns
         }
         self.n_samples = None
         self.warnings: tuple[str, ...] = ()
         self.lines: Mapping[str, Any] = {}
+        self._left = tuple(
+            f"column {head.names[k]!r} holds words and is not read in chunks"
+            for k in sorted(words - self._clocks.keys() - {self._days})
+        )
         self.time_step = self._step()
+
+    def _moments(self, dated: set[int]) -> tuple[int | None, dict[int, str]]:
+        """Return the column of days beside a time of day, and the columns of moments with their names."""
+        where = {k: f"{self._file.path}: column {self._source.head.names[k]!r}" for k in dated}
+        if len(dated) != 2:
+            return None, where
+        first = next(self._source.blocks())
+        kinds = {
+            k: m.kind
+            for k in dated
+            if (m := moments([str(t) for t in first.columns[k]], first.lines, where[k]))
+            is not None
+        }
+        if sorted(kinds.values()) != ["clock", "date"]:
+            return None, where
+        day = next(k for k, kind in kinds.items() if kind == "date")
+        return day, {k: w for k, w in where.items() if k != day}
+
+    def _rows(self, names: Sequence[str]) -> Iterator[tuple[FloatArray, NDArray[np.int64]]]:
+        """Yield the numbers of the columns, and the line of each row; a time that is not asked for is NaN."""
+        asked = {k for k, c in zip(self._kept, self._columns, strict=True) if c.name in names}
+        clocks = {k: RunningClock(where) for k, where in self._clocks.items() if k in asked}
+        for block in self._source.blocks():
+            days = None if self._days is None else _moment_texts(block.columns[self._days])
+            columns = [
+                clocks[k].seconds(_moment_texts(block.columns[k]), block.lines, days)
+                if k in clocks
+                else np.full(block.lines.size, np.nan)
+                if k in self._clocks
+                else np.asarray(block.columns[k])
+                for k in self._kept
+            ]
+            yield np.column_stack(columns), block.lines
 
     def _step(self) -> float | None:
         """Return the interval of a column of time that is uniform in the first rows, in s."""
@@ -185,9 +230,12 @@ class TextSource:
         ]
         if not timed:
             return None
-        rows = next(self._source.blocks())
+        try:
+            rows, _ = next(self._rows(self._names))
+        except AmbiguousFormatError:  # said when that time is read
+            return None
         for k, factor in timed:
-            steps = np.diff(np.asarray(rows.columns[k][:_FIRST])) * factor
+            steps = np.diff(rows[:_FIRST, k]) * factor
             usual = float(np.median(steps)) if steps.size else float("nan")
             if usual > 0.0 and float(np.abs(steps - usual).max()) < 0.01 * usual:
                 return usual
@@ -200,10 +248,9 @@ class TextSource:
         kept = np.empty((0, len(self._names)))
         kept_lines = np.empty(0, dtype=np.int64)
         odd: dict[str, str] = {}
-        for block in self._source.blocks():
-            rows = np.column_stack([np.asarray(c) for c in block.columns])
+        for rows, own in self._rows(names):
             every = np.concatenate([kept, rows])
-            lines = np.concatenate([kept_lines, block.lines])
+            lines = np.concatenate([kept_lines, own])
             columns = [replace(c, values=every[:, k]) for k, c in enumerate(self._columns)]
             options = self._source.head.options
             for message in refuse_markers(self._file, columns, lines, options):
@@ -213,10 +260,15 @@ class TextSource:
             while rest.shape[0] >= size:
                 yield {n: rest[:size, k].copy() for n, k in zip(names, where, strict=True)}
                 rest = rest[size:]
-        self.warnings = (*self._source.warnings, *odd.values())
+        self.warnings = (*self._source.warnings, *odd.values(), *self._left)
         self.lines = self._source.lines
         if rest.shape[0]:
             yield {n: rest[:, k].copy() for n, k in zip(names, where, strict=True)}
+
+
+def _moment_texts(texts: Any) -> list[str]:
+    """Return the entries of a column of moments, empty where a word says that there is none."""
+    return ["" if t.lower() in NO_READING else t.strip('"') for t in map(str, texts)]
 
 
 def _sample(rows: FloatArray, lines: NDArray[np.int64]) -> tuple[FloatArray, NDArray[np.int64]]:

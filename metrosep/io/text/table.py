@@ -127,7 +127,9 @@ def read_table(file: RawFile, **text: Any) -> Table:
     """Return the columns of a text file; every one of its lines is accounted for."""
     source = TextTable(file, TextOptions.of(text))
     file = source.file
-    rows = joined(list(source.blocks()), source.head.layout.labels)
+    spare = len(source.head.names) - len(source.head.layout.labels)  # empty columns with a name
+    labels = (*source.head.layout.labels, *[False] * spare)
+    rows = joined(source.blocks(), labels, source.rows_at_most())
     columns = [
         Column(name, unit, None, tuple(values))
         if isinstance(values, list)
@@ -241,6 +243,11 @@ class TextTable:
                 part = plain_ends(handle.read(_PLACE).decode(self._encoding, "replace"))
                 further += _usable(part, options)
         self.head = TableHead(file, top, self._encoding, options, further)
+
+    def rows_at_most(self) -> int:
+        """Return a guess of the number of rows, from the length of the lines at the start."""
+        head = self.file.head_lines
+        return 16 + int(1.1 * self.file.size * max(head.count(_end_of(head)), 1) / len(head))
 
     def blocks(self) -> Iterator[Block]:
         """Yield the rows; at the end the lines must add up, and what was odd is known."""

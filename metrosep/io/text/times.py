@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import AmbiguousFormatError
 
-__all__ = ["Moments", "is_moment", "moments"]
+__all__ = ["Moments", "RunningClock", "is_moment", "moments"]
 
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _GERMAN = {"mrz": 3, "mär": 3, "mai": 5, "okt": 10, "dez": 12}
@@ -104,6 +104,65 @@ def moments(
     seconds[known] = (ns - ns[0]) * 1e-9
     kind = "moment" if dated == timed == {True} else "date" if dated == {True} else "clock"
     return Moments(kind, seconds, start)
+
+
+class RunningClock:
+    """A column of moments that comes in parts: seconds from its first row, the same as `moments` gives.
+
+    What only the whole column can settle (a day that may be a month) is refused.
+    """
+
+    def __init__(self, where: str) -> None:
+        self._where = where
+        self._first: int | None = None
+        self._last = self._days = 0
+        self._form: tuple[bool, str] | None = None
+
+    def seconds(
+        self, texts: Sequence[str], lines: NDArray[np.int64], days: Sequence[str] | None = None
+    ) -> FloatArray:
+        """Return the next part, NaN where there is no text; with the dates beside it, if there are."""
+        found = np.full(len(texts), np.nan)
+        for i, text in enumerate(texts):
+            if not text:
+                continue
+            line = int(lines[i])
+            part = self._plain(text, line)
+            if days is not None:
+                part = part._replace(date=self._plain(days[i], line).date)
+            own = (part.date is not None, part.form)
+            if self._form is None:
+                self._form = own
+            elif own != self._form:
+                raise self._odd(text, line, "is of another form than those above it")
+            ns = part.ns or 0
+            if part.date is not None:
+                ns += int(_day(*part.date).astype(np.int64)) * _DAY
+            else:  # past midnight
+                ns += self._days * _DAY
+                if ns - self._last < -_HALF:
+                    self._days += 1
+                    ns += _DAY
+            self._first = ns if self._first is None else self._first
+            self._last = ns
+            found[i] = (ns - self._first) * 1e-9
+        return found
+
+    def _plain(self, text: str, line: int) -> _Parts:
+        part = _parts(text)
+        if part is None or (part.date is not None and not _is_date(*part.date)):
+            raise self._odd(text, line, "is no date or time of day")
+        if part.swappable and part.date is not None and part.date[1] != part.date[2]:
+            raise self._odd(
+                text, line, "may be day/month or month/day, which only the whole tells"
+            )
+        return part
+
+    def _odd(self, text: str, line: int, why: str) -> AmbiguousFormatError:
+        return AmbiguousFormatError(
+            f"{self._where}: line {line}: {text!r} {why}; read the file as a whole with metrosep.read, or "
+            "name the other channels with channels="
+        )
 
 
 def _refuse_mixed(
