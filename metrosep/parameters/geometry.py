@@ -794,8 +794,9 @@ def run_out(
     datum: DatumAxis,
     *,
     sections: ArrayLike | None = None,
+    measured: Literal["radial", "axial"] = "radial",
 ) -> GeometricDeviation:
-    """Return the radial run-out about a datum axis: circular with sections, else total.
+    """Return the run-out about a datum axis: circular with sections, else total.
 
     Parameters
     ----------
@@ -805,14 +806,18 @@ def run_out(
         In the same frame.
     sections : array_like, shape (n,), optional
         Which section each point belongs to; without it the range over all is the total run-out.
+    measured : {"radial", "axial"}, optional
+        Distances from the axis, or positions along it, of a face; its sections are then circles.
 
     Returns
     -------
     GeometricDeviation
-        Range of the radii about the axis, of circular run-out that of the worst section.
+        Range of the distances, of circular run-out that of the worst section.
 
     Raises
     ------
+    DataError
+        If `measured` is unknown.
     InvalidSamplesError
         If the shapes differ.
     TooFewSamplesError
@@ -822,19 +827,19 @@ def run_out(
     ----------
     .. [1] ISO 1101:2017, 17.15 and 17.16 (recalled).
     """
+    choice(measured, "measured", ("radial", "axial"))
     about = f"axis, {datum.association}"
-    if sections is None:
-        r = datum.distances(points)
-        held = np.array([np.argmax(r), np.argmin(r)])
-        return GeometricDeviation(
-            float(np.ptp(r)), "TRO", "total radial run-out", "all points", about, held
-        )
-    p, labels, _ = _with_labels(points, sections, datum.direction)
-    r = datum.distances(p)
+    named = np.zeros(len(np.asarray(points))) if sections is None else sections
+    p, labels, _ = _with_labels(points, named, datum.direction)
+    r = datum.distances(p) if measured == "radial" else p @ datum.direction
     ranges = {label: float(np.ptp(r[labels == label])) for label in np.unique(labels)}
     worst = max(ranges, key=lambda k: ranges[k])
     inside = np.flatnonzero(labels == worst)
     held = inside[[np.argmax(r[inside]), np.argmin(r[inside])]]
+    if sections is None:
+        return GeometricDeviation(
+            ranges[worst], "TRO", f"total {measured} run-out", "all points", about, held
+        )
     return GeometricDeviation(
-        ranges[worst], "CRO", "circular radial run-out", f"worst section {worst}", about, held
+        ranges[worst], "CRO", f"circular {measured} run-out", f"worst section {worst}", about, held
     )
