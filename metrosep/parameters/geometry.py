@@ -24,6 +24,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.numbers import choice
 from metrosep.core.quantity import Quantity
+from metrosep.core.units import format_length
 from metrosep.forms.base import Form, Placement
 from metrosep.parameters.interferometric import smallest_circle
 from metrosep.parameters.straightness import optimum
@@ -54,6 +55,8 @@ _NEAR, _ROUNDING = 1e-4, 1e-15
 """Of a zone, and in m: a zone that may be wider by more than this did not settle."""
 _ROUND = 0.2
 """Of the radius: distances from the axis that differ by more are not those of a cylinder."""
+_LONG = 0.01
+"""Of the radius: a shorter cylinder does not show the direction of its axis."""
 _STEP = 0.1
 """Of the radius: largest step of the axis in one linear program."""
 _NO_AXIS = (
@@ -352,6 +355,13 @@ def datum_axis(points: ArrayLike, *, direction: ArrayLike) -> DatumAxis:
 def _cylinder(p: FloatArray, d: FloatArray) -> tuple[DatumAxis, float]:
     """Return axis and radius of the least-squares cylinder, by Gauss-Newton steps of the axis."""
     axis = DatumAxis(_circle_centre(p, d), d, "LS")
+    long, radius = float(np.ptp(p @ d)), float(axis.distances(p).mean())
+    if not long > _LONG * radius:
+        raise NotConvergedError(
+            f"the points lie within {format_length(long)} along the axis, at a radius of "
+            f"{format_length(radius)}: the axis of a cylinder needs sections at several heights; check the "
+            "unit of the heights, or take the roundness of one section"
+        )
     for _ in range(_MOST):
         r, J = _radii(p, axis)
         step = np.linalg.lstsq(J, r, rcond=None)[0]

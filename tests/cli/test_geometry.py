@@ -358,7 +358,8 @@ def test_a_recipe_is_printed_and_runs_on_a_batch(metrosep, tmp_path):
         ("parallelism", (), 'needs the key "datum"'),
         ("cylindricity", (), "are of 3 elements"),
         ("coaxiality", ("datum=frame", "feature=A"), "needs to know the section"),
-        ("cylindricity", ("feature=A",), "determine"),
+        ("cylindricity", ("feature=A",), "sections at several heights"),
+        ("cylindricity", ("feature=A", "direction=x"), "determine"),
         ("cylindricity", ("radius=2 mm",), 'unknown key "radius"'),
     ],
 )
