@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -135,7 +136,11 @@ def geometry(
         ) from None
     if context.obj is not None:
         context.obj["words"] = functools.partial(step_words, op=what, command=True)
-    result = recipe.run(list(files), out=out, progress=progress(context), overwrite=force)
+    try:
+        result = recipe.run(list(files), out=out, progress=progress(context), overwrite=force)
+    except RecipeError as exc:
+        said = re.sub(r"^--op: |step \d+ \(\w+\): ", "", option_error(exc))
+        raise click.UsageError(said, ctx=context) from None
     print_named(recipe, result, as_json=as_json, command=True)
     return verdict_code(result.verdict)
 

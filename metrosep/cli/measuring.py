@@ -344,9 +344,14 @@ def _measured(
 ) -> dict[str, Any]:
     """Return what the steps of a recipe find in a file, as it is printed, and the `Measurement`."""
     from metrosep.core.errors import RecipeError
+    from metrosep.core.profile import Profile
+    from metrosep.core.surface import Surface
+    from metrosep.io.check import height_findings
     from metrosep.recipe.pipeline_run import judge_measurement, measure_object
 
     obj = read_aloud(name, reading)
+    for finding in height_findings(obj) if isinstance(obj, Surface | Profile) else ():
+        say(f"warning: {Path(name).name}: {finding.problem}; {finding.fix}")
     try:
         measured = measure_object(recipe, obj)
         judged = judge_measurement(recipe, measured, values=values)

@@ -122,7 +122,17 @@ class Profile(Heights, HeightArithmetic, PublicObject):
             If the positions are not uniform.
         """
         if not self.is_uniform:
-            raise NotUniformError("the profile has no single step dx; resample it first")
+            steps = np.diff(self.x)
+            if steps.size == 0:
+                raise NotUniformError("a profile of one sample has no step dx")
+            mean = float(self.x[-1] - self.x[0]) / steps.size
+            off = float(np.abs(steps - mean).max())
+            raise NotUniformError(
+                "the steps of the profile are not uniform: they depart from their mean "
+                f"{format_length(mean)} by up to {format_length(off)}, {100.0 * off / mean:.3g} % of it, "
+                "where 0.0001 % is allowed; if x was only rounded, read the heights alone with "
+                "z=... and lateral_step=..., else resample them with numpy.interp"
+            )
         return float((self.x[-1] - self.x[0]) / (self.x.size - 1))
 
     def crop(self, start: float, stop: float) -> Profile:

@@ -12,7 +12,6 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import (
     DataError,
     InvalidSamplesError,
-    NotUniformError,
     TooFewSamplesError,
 )
 from metrosep.core.numbers import choice, positive
@@ -160,26 +159,11 @@ def check_not_repeated(profile: Profile) -> None:
     if len(profile) < 2:
         raise TooFewSamplesError("a closed profile needs at least 2 samples, got 1")
     span = float(profile.x[-1] - profile.x[0])
-    if abs(span - 2.0 * math.pi) < 0.1 * profile_step(profile):
+    if abs(span - 2.0 * math.pi) < 0.1 * profile.dx:
         raise InvalidSamplesError(
             "x spans one whole turn of 2 pi including both ends, so the last sample repeats the "
             "first; a closed profile has the period n dx: drop the last sample"
         )
-
-
-def profile_step(profile: Profile) -> float:
-    """Return the step of a uniform profile of two samples and more, or say how uneven it is."""
-    if profile.is_uniform:
-        return profile.dx
-    steps = np.diff(profile.x)
-    mean = float(profile.x[-1] - profile.x[0]) / steps.size
-    off = float(np.abs(steps - mean).max())
-    raise NotUniformError(
-        "the steps of the profile are not uniform: they depart from their mean "
-        f"{format_length(mean)} by up to {format_length(off)}, {100.0 * off / mean:.3g} % of it, "
-        "where 0.0001 % is allowed; if x was only rounded, read the heights alone with "
-        "metrosep.read, z=... and lateral_step=..., else resample them with numpy.interp"
-    )
 
 
 def surface_steps(surface: Surface) -> tuple[float, float]:
@@ -238,7 +222,7 @@ def profile_task(
     if cutoff is None:
         raise DataError("a profile filter needs cutoff=, a wavelength in m")
     require_valid(profile.z, minimum, what)
-    dx = profile_step(profile)
+    dx = profile.dx
     inside = (slice(0, len(profile)),) if closed else measured_box(profile.z)
     z = profile.z[inside]
     wavelength = checked_wavelength(cutoff, name, dx, dx * z.size)

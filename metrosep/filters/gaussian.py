@@ -116,7 +116,7 @@ def _cutoff_of_upr(profile: Profile, upr: float, cutoff: arguments.Wavelength, e
     number = real(upr, "upr", what="a number of undulations per revolution")
     if number < 1.0:
         raise DataError(f"upr must be at least 1 undulation per revolution, got {upr}")
-    return arguments.profile_step(profile) * len(profile) / number
+    return profile.dx * len(profile) / number
 
 
 @documented(**DOCS)

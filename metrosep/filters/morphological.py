@@ -313,7 +313,7 @@ def checked_element(
     if isinstance(obj, Profile):
         if len(obj) < 2:
             raise TooFewSamplesError("a morphological filter needs 2 samples, got 1")
-        steps: tuple[float, ...] = (arguments.profile_step(obj),)
+        steps: tuple[float, ...] = (obj.dx,)
     else:
         steps = arguments.surface_steps(obj)
     name = "length" if radius is None else "radius"

@@ -174,7 +174,7 @@ def check_object(obj: Surface | Profile | Recording) -> tuple[Finding, ...]:
             found += _wrapped(obj, name)
     else:
         found += _values(obj.z.ravel(), "")
-        found += _height(obj)
+        found += height_findings(obj)
         found += _lateral(obj)
         found += _window(obj.metadata)
     return _sorted(found)
@@ -240,7 +240,7 @@ def _alone(valid: FloatArray, value: float, share: float) -> bool:
     return bool(share > 10.0 * typical)
 
 
-def _height(obj: Surface | Profile) -> Iterator[Finding]:
+def height_findings(obj: Surface | Profile) -> Iterator[Finding]:
     size = obj.peak_to_valley()
     if size > LARGE_HEIGHT:
         yield Finding(

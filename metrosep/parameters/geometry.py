@@ -24,6 +24,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.numbers import choice
 from metrosep.core.quantity import Quantity
+from metrosep.core.units import format_length
 from metrosep.forms.base import Form, Placement
 from metrosep.parameters.interferometric import smallest_circle
 from metrosep.parameters.straightness import optimum
@@ -54,6 +55,8 @@ _NEAR, _ROUNDING = 1e-4, 1e-15
 """Of a zone, and in m: a zone that may be wider by more than this did not settle."""
 _ROUND = 0.2
 """Of the radius: distances from the axis that differ by more are not those of a cylinder."""
+_LONG = 0.01
+"""Of the radius: a shorter cylinder does not show the direction of its axis."""
 _STEP = 0.1
 """Of the radius: largest step of the axis in one linear program."""
 _NO_AXIS = (
@@ -352,6 +355,13 @@ def datum_axis(points: ArrayLike, *, direction: ArrayLike) -> DatumAxis:
 def _cylinder(p: FloatArray, d: FloatArray) -> tuple[DatumAxis, float]:
     """Return axis and radius of the least-squares cylinder, by Gauss-Newton steps of the axis."""
     axis = DatumAxis(_circle_centre(p, d), d, "LS")
+    long, radius = float(np.ptp(p @ d)), float(axis.distances(p).mean())
+    if not long > _LONG * radius:
+        raise NotConvergedError(
+            f"the points lie within {format_length(long)} along the axis, at a radius of "
+            f"{format_length(radius)}: the axis of a cylinder needs sections at several heights; check the "
+            "unit of the heights, or take the roundness of one section"
+        )
     for _ in range(_MOST):
         r, J = _radii(p, axis)
         step = np.linalg.lstsq(J, r, rcond=None)[0]
@@ -794,8 +804,9 @@ def run_out(
     datum: DatumAxis,
     *,
     sections: ArrayLike | None = None,
+    measured: Literal["radial", "axial"] = "radial",
 ) -> GeometricDeviation:
-    """Return the radial run-out about a datum axis: circular with sections, else total.
+    """Return the run-out about a datum axis: circular with sections, else total.
 
     Parameters
     ----------
@@ -805,14 +816,18 @@ def run_out(
         In the same frame.
     sections : array_like, shape (n,), optional
         Which section each point belongs to; without it the range over all is the total run-out.
+    measured : {"radial", "axial"}, optional
+        Distances from the axis, or positions along it, of a face; its sections are then circles.
 
     Returns
     -------
     GeometricDeviation
-        Range of the radii about the axis, of circular run-out that of the worst section.
+        Range of the distances, of circular run-out that of the worst section.
 
     Raises
     ------
+    DataError
+        If `measured` is unknown.
     InvalidSamplesError
         If the shapes differ.
     TooFewSamplesError
@@ -822,19 +837,19 @@ def run_out(
     ----------
     .. [1] ISO 1101:2017, 17.15 and 17.16 (recalled).
     """
+    choice(measured, "measured", ("radial", "axial"))
     about = f"axis, {datum.association}"
-    if sections is None:
-        r = datum.distances(points)
-        held = np.array([np.argmax(r), np.argmin(r)])
-        return GeometricDeviation(
-            float(np.ptp(r)), "TRO", "total radial run-out", "all points", about, held
-        )
-    p, labels, _ = _with_labels(points, sections, datum.direction)
-    r = datum.distances(p)
+    named = np.zeros(len(np.asarray(points))) if sections is None else sections
+    p, labels, _ = _with_labels(points, named, datum.direction)
+    r = datum.distances(p) if measured == "radial" else p @ datum.direction
     ranges = {label: float(np.ptp(r[labels == label])) for label in np.unique(labels)}
     worst = max(ranges, key=lambda k: ranges[k])
     inside = np.flatnonzero(labels == worst)
     held = inside[[np.argmax(r[inside]), np.argmin(r[inside])]]
+    if sections is None:
+        return GeometricDeviation(
+            ranges[worst], "TRO", f"total {measured} run-out", "all points", about, held
+        )
     return GeometricDeviation(
-        ranges[worst], "CRO", "circular radial run-out", f"worst section {worst}", about, held
+        ranges[worst], "CRO", f"circular {measured} run-out", f"worst section {worst}", about, held
     )

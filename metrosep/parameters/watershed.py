@@ -309,40 +309,47 @@ def _prominences(
     Hills count from 1. A hill that is pruned goes to the one across its saddle, with all that it took
     before: what joined it stands still less above its own saddle.
     """
-    first, second, saddle = _highest_saddles(filled, labels, tops.size)
+    key, saddle = _saddles(filled, labels, tops.size)
+    a, b = np.divmod(key, tops.size)  # the hills that touch; later those that stand for them
     prominence = np.full(tops.size, math.inf)
-    parent = list(range(tops.size))
-    pruned: list[tuple[int, int]] = []
+    pruned: list[IntArray] = []
+    while saddle.size:
+        # Across its own highest saddle a hill ends if what it meets there is higher: nothing joined
+        # it before, and the other side can only be higher yet.
+        highest = np.full(tops.size, -math.inf)
+        for side in (a, b):
+            np.maximum.at(highest, side, saddle)
+        own = np.full(tops.size, np.iinfo(np.int64).max)  # of equal saddles that of the least key
+        sides = [(np.flatnonzero(saddle == highest[s]), s, o) for s, o in ((a, b), (b, a))]
+        for at, side, _ in sides:
+            np.minimum.at(own, side[at], key[at])
+        other = np.full(tops.size, -1)
+        for at, side, far in sides:
+            mine = at[key[at] == own[side[at]]]
+            other[side[mine]] = far[mine]
+        joined = np.flatnonzero(other >= 0)
+        into = other[joined]
+        ends = (tops[joined] < tops[into]) | ((tops[joined] == tops[into]) & (joined > into))
+        joined, into = joined[ends], into[ends]
+        prominence[joined] = tops[joined] - highest[joined]
+        low = (prominence[joined] < threshold) | (prominence[joined] <= 0.0)
+        pruned.append(own[joined[low]])
+        stands = np.arange(tops.size)
+        stands[joined] = into
+        while not np.array_equal(further := stands[stands], stands):
+            stands = further
+        a, b = stands[a], stands[b]
+        left = a != b
+        a, b, saddle, key = a[left], b[left], saddle[left], key[left]
+    pairs = np.concatenate(pruned) if pruned else np.empty(0, dtype=np.intp)
+    return prominence, _joined(*np.divmod(pairs, tops.size), tops.size)
 
-    def root(i: int) -> int:
-        while parent[i] != i:
-            parent[i] = parent[parent[i]]
-            i = parent[i]
-        return i
 
-    height = tops.tolist()
-    order = np.argsort(-saddle, kind="stable")
-    for a, b, level in zip(
-        first[order].tolist(), second[order].tolist(), saddle[order].tolist(), strict=True
-    ):
-        i, j = root(a), root(b)
-        if i == j:
-            continue
-        if (height[i], -i) < (height[j], -j):
-            i, j = j, i
-        parent[j] = i
-        prominence[j] = height[j] - level
-        if prominence[j] < threshold or prominence[j] <= 0.0:
-            pruned.append((a, b))
-    return prominence, _joined(pruned, tops.size)
-
-
-def _joined(pairs: Sequence[tuple[int, int]], n: int) -> NDArray[np.int32]:
+def _joined(a: IntArray, b: IntArray, n: int) -> NDArray[np.int32]:
     """Return the number, from 1, of the group that each of n hills belongs to."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    a, b = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
     joined = coo_array((np.ones(a.size, dtype=np.int8), (a, b)), shape=(n, n))
     return np.asarray(connected_components(joined, directed=False)[1] + 1, dtype=np.int32)
 
@@ -363,13 +370,11 @@ def _limit_to_region(
     prominence[alone] = filled.reshape(-1)[at] - lowest[regions.reshape(-1)[at] - 1]
 
 
-def _highest_saddles(
-    filled: FloatArray, labels: NDArray[np.int32], n: int
-) -> tuple[IntArray, IntArray, FloatArray]:
-    """Return the pairs of hills of the tree of highest saddles, from 0, and the saddle heights."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import minimum_spanning_tree
+def _saddles(filled: FloatArray, labels: NDArray[np.int32], n: int) -> tuple[IntArray, FloatArray]:
+    """Return where hills touch: n times the lower number, from 0, plus the higher one; and heights.
 
+    A pair may occur more than once.
+    """
     keys: list[IntArray] = []
     levels: list[FloatArray] = []
     flat, heights, width = labels.reshape(-1), filled.reshape(-1), labels.shape[1]
@@ -383,27 +388,14 @@ def _highest_saddles(
         both = (a > 0) & (b > 0)
         if not both.all():
             a, b, here, there = a[both], b[both], here[both], there[both]
-        keys.append((np.minimum(a, b) - 1) * n + np.maximum(a, b) - 1)
-        levels.append(np.minimum(heights[here], heights[there]))
-    key, level = np.concatenate(keys), np.concatenate(levels)
-    if key.size == 0:
-        empty = np.empty(0, dtype=np.intp)
-        return empty, empty, np.empty(0)
-    order = np.argsort(key)
-    key, level = key[order], level[order]
-    new = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
-    key, level = key[new], np.maximum.reduceat(level, new)
-    # Weights of a spanning tree must not be zero: ranks from 1, the highest saddle first.
-    rank = np.empty(level.size)
-    rank[np.argsort(-level, kind="stable")] = np.arange(1.0, level.size + 1.0)
-    tree = minimum_spanning_tree(coo_array((rank, np.divmod(key, n)), shape=(n, n)).tocsr())
-    chosen = tree.tocoo()
-    by_rank = np.sort(level)[::-1]
-    return (
-        chosen.row.astype(np.intp),
-        chosen.col.astype(np.intp),
-        by_rank[chosen.data.astype(np.intp) - 1],
-    )
+        key = (np.minimum(a, b) - 1) * n + np.maximum(a, b) - 1
+        level = np.minimum(heights[here], heights[there])
+        if key.size:  # of a border that runs on, its highest place
+            new = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
+            key, level = key[new], np.maximum.reduceat(level, new)
+        keys.append(key)
+        levels.append(level)
+    return np.concatenate(keys), np.concatenate(levels)
 
 
 def _neighbours() -> Sequence[tuple[tuple[slice, slice], tuple[slice, slice]]]:

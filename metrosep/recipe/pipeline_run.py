@@ -41,6 +41,9 @@ __all__ = [
 
 Tell = Callable[[str], None]
 
+COMMAND = "command line"
+"""Name of a recipe that a command makes: its lines mean nothing to who typed the command."""
+
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
@@ -146,7 +149,8 @@ def step_error(exc: MetrosepError, recipe: Recipe, number: int) -> MetrosepError
         return place.error(
             text, exc.key if isinstance(exc, StepError) else _key_in(exc, recipe, number)
         )
-    exc.args = (str(place.error(text, "op")), *exc.args[1:])
+    told = f"{op}: {exc}" if recipe.name == COMMAND else str(place.error(text, "op"))
+    exc.args = (told, *exc.args[1:])
     return exc
 
 

@@ -358,7 +358,8 @@ def test_a_recipe_is_printed_and_runs_on_a_batch(metrosep, tmp_path):
         ("parallelism", (), 'needs the key "datum"'),
         ("cylindricity", (), "are of 3 elements"),
         ("coaxiality", ("datum=frame", "feature=A"), "needs to know the section"),
-        ("cylindricity", ("feature=A",), "determine"),
+        ("cylindricity", ("feature=A",), "sections at several heights"),
+        ("cylindricity", ("feature=A", "direction=x"), "determine"),
         ("cylindricity", ("radius=2 mm",), 'unknown key "radius"'),
     ],
 )
@@ -504,3 +505,20 @@ def test_the_example_is_made_by_its_script(repository, tmp_path):
     spec.loader.exec_module(module)
     module.main(tmp_path)
     assert (tmp_path / "traces.csv").read_bytes() == (folder / "traces.csv").read_bytes()
+
+
+@pytest.mark.parametrize("lean", [1e-4, -1e-4])
+def test_axial_run_out_of_a_shoulder(metrosep, tmp_path, lean):
+    """A shoulder that is square to the table, about a shaft that leans in x: 2 r lean on each circle."""
+    shaft = np.concatenate([circle(h, (lean * h, 0.0), 10.0) for h in (0, 10, 20)])
+    rings = {"r15": circle(30, radius=15.0), "r20": circle(30.001, radius=20.0)}
+    rows = [("A", p[2], p[0], p[1], f"a{p[2]:g}") for p in shaft]
+    rows += [("S", p[2], p[0], p[1], ring) for ring, points in rings.items() for p in points]
+    header = ("Element", "Z [mm]", "X [mm]", "Y [mm]", "Kreis")
+    file = semicolons(tmp_path / "s.csv", rows, header)
+    words = (*XYZ, "--section", "Kreis", "--set", "datum=A", "--set", "measured=axial")
+    _, found = values(metrosep, "geometry", "run_out", file, *words)
+    assert abs(found["CRO"]["value"] - 40e-3 * abs(lean)) < CLOSE
+    # the outer circle is 1 um higher: from 2 um above it to 1.5 um below the inner one
+    assert abs(found["TRO"]["value"] - 4.5 * UM) < CLOSE
+    assert "axial" in found["TRO"]["definition"]

@@ -406,3 +406,28 @@ def test_what_the_reader_warns_of_is_said_where_a_number_is_made(metrosep, tmp_p
         code, _, err = metrosep(*call)
         assert code == 0, err
         assert "line 59 ('Mittelwert;0.5') stands below the table" in err
+
+
+def test_heights_in_a_wrong_unit_are_warned_of_and_rounded_positions_have_a_way_out(
+    metrosep, tmp_path
+):
+    """Nanometres under a header of micrometres; positions rounded to 1/1000 of a step."""
+    file = tmp_path / "big.csv"
+    rows = [f"{i},{5e7 * (i % 7)}" for i in range(400)]
+    file.write_text("\n".join(["x_um,z_um", *rows]) + "\n")
+    code, _, err = metrosep("measure", file, "--params", "Pq")
+    assert code == 0
+    assert "the unit of the heights is probably wrong" in err
+
+    file = tmp_path / "rounded.csv"
+    rows = [f"{round(i / 7, 4)},{0.01 * (i % 7)}" for i in range(400)]
+    file.write_text("\n".join(["x_um,z_um", *rows]) + "\n")
+    code, _, err = metrosep("measure", file, "--params", "Pq")
+    assert code == 4
+    assert "command line" not in err
+    assert "--lateral-step" in err
+    code, out, _ = metrosep(
+        "measure", file, "--params", "Pq", "--set", "z=z_um", "--lateral-step", "0.142857 um"
+    )
+    assert code == 0
+    assert "Pq" in out

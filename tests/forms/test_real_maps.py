@@ -19,6 +19,7 @@ from metrosep.forms import (
     Sphere,
     Toric,
     fit,
+    form_from_text,
 )
 
 NM = 1e-9
@@ -90,6 +91,26 @@ def test_u_is_the_scatter_of_maps_whose_pixels_hang_together(model, s):
     assert np.mean(covered) >= 0.87
     if s:
         assert np.sqrt(np.mean(np.square(white))) > 1.5 * s
+
+
+def test_many_terms_over_long_waves_are_not_too_sure():
+    """36 terms over deviations that hang together over a third of the disc: covered, and said.
+
+    Bounded by the residual alone, the 95 % intervals held two thirds of the errors.
+    """
+    n = 64
+    y, x = np.mgrid[-1 : 1 : n * 1j, -1 : 1 : n * 1j]
+    covered = []
+    for seed in range(8):
+        z = 5 * NM * correlated(np.random.default_rng(seed), n, 10)
+        found = fit(
+            ms.Surface(np.where(x * x + y * y <= 1.0, z, np.nan), STEP, STEP),
+            form_from_text("zernike: terms=36"),
+        )
+        off = np.array([found.params[name] for name in found.u])
+        covered.append(np.abs(off) <= found.coverage_factor * np.array([*found.u.values()]))
+        assert any("bound from the energy" in w for w in found.warnings)
+    assert np.mean(covered) >= 0.9
 
 
 def long_maps(n_y, n_x, length):
@@ -169,20 +190,73 @@ def test_robust_fit_knows_the_correlation_too():
     assert np.sqrt(np.mean(np.square(pulls))) < 1.8
 
 
-@pytest.mark.parametrize("name", ["st/metropro-1.dat", "st/sur-2.sur", "st/bcrf-1.bcrf"])
-def test_two_halves_of_a_real_map_agree_within_their_u(corpus, name):
-    """Stripes of 24 rows, every other one to each half."""
-    whole = ms.read(corpus / name)
-    stripe = (np.arange(whole.shape[0]) // 24) % 2
-    halves = []
-    for side in (0, 1):
-        z = np.where((stripe == side)[:, None], whole.z, np.nan)
-        half = ms.Surface(z, whole.dx, whole.dy)
-        halves.append(fit(half, Sphere(), centre=(0.0, 0.0)))
-    a, b = halves
-    apart = abs(a.params["c"] - b.params["c"])
+def real_maps(corpus, pixels):
+    """The maps of the corpus, every n-th pixel where they are larger."""
+    for path in sorted((*(corpus / "st").iterdir(), *(corpus / "prysm").iterdir())):
+        try:
+            measured = ms.read(path)
+        except MetrosepError:
+            continue
+        if isinstance(measured, ms.Surface):
+            n = max(1, round((measured.z.size / pixels) ** 0.5))
+            steps = (n * (measured.dx or 1e-6), n * (measured.dy or 1e-6))
+            yield path.name, ms.Surface(measured.z[::n, ::n], *steps)
 
-    assert apart <= 3.0 * max(a.u["c"], b.u["c"])
+
+def test_halves_of_every_real_map_agree_within_their_u(corpus):
+    """Stripes along either axis, every other one to each half; maps with room for eight stripes."""
+    seen = 0
+    for name, whole in real_maps(corpus, 1e5):
+        if min(whole.shape) < 96:
+            continue
+        seen += 1
+        for axis in (0, 1):
+            wide = min(24, whole.shape[axis] // 8)
+            stripe = np.arange(whole.shape[axis]) // wide % 2
+            kept = stripe[:, None] if axis == 0 else stripe[None, :]
+            a, b = (
+                fit(
+                    ms.Surface(np.where(kept == side, whole.z, np.nan), whole.dx, whole.dy),
+                    Sphere(),
+                    centre=(0.0, 0.0),
+                )
+                for side in (0, 1)
+            )
+            for key in ("tilt_x", "tilt_y", "c"):
+                apart = abs(a.params[key] - b.params[key])
+                assert apart <= 3.0 * max(a.u[key], b.u[key]), (name, axis, key)
+    assert seen >= 8
+
+
+NOISE_FORMS = (
+    "sphere", "conic", "conic: k=-1", "biconic", "toric", "cylinder", "asphere", "polynomial: degree=4",
+    "zernike: terms=15",
+)  # fmt: skip
+
+
+def test_flat_noise_maps_always_have_an_answer():
+    """150 of any size, step, correlation, outline and dropouts: no exception, never above the plane.
+
+    Longer than 2 s, as a failure once showed in 1 of 40 maps.
+    """
+    for i in range(150):
+        rng = np.random.default_rng(i)
+        ny, nx = rng.integers(20, 56, 2)
+        z = 10 ** rng.uniform(-10, -7) * rng.standard_normal((ny, nx))
+        if i % 2:
+            z = 1e-8 * correlated(rng, 56, int(rng.choice([2, 5])))[:ny, :nx]
+        y, x = np.mgrid[:ny, :nx]
+        if i % 3 == 0:
+            z[(2 * x / nx - 1) ** 2 + (2 * y / ny - 1) ** 2 > 1] = np.nan
+        if i % 4 == 1:
+            z[rng.random(z.shape) < 0.1] = np.nan
+        z += rng.uniform(-1e-6, 1e-6) * x * (i % 5 == 0)
+        dx = 10 ** rng.uniform(-6, -3)
+        noisy = ms.Surface(z, dx, dx * (1 + i % 2))
+        found = fit(noisy, form_from_text(NOISE_FORMS[i % len(NOISE_FORMS)]))
+
+        found.report()
+        assert found.rms <= fit(noisy, Plane()).rms * (1 + 1e-6)
 
 
 def test_one_large_block_of_waviness_leaves_u_unknown_and_says_so():
@@ -299,20 +373,10 @@ def test_a_conic_constant_that_shows_is_found():
 
 def test_every_real_map_fits_and_never_worse_than_a_plane(corpus):
     seen = 0
-    for path in sorted((*(corpus / "st").iterdir(), *(corpus / "prysm").iterdir())):
-        try:
-            measured = ms.read(path)
-        except MetrosepError:
-            continue
-        if not isinstance(measured, ms.Surface):
-            continue
-        if measured.dx is None:
-            measured = ms.Surface(measured.z, 1e-6, 1e-6)
+    for name, measured in real_maps(corpus, 4e4):
         seen += 1
-        n = max(1, round((measured.z.size / 4e4) ** 0.5))  # every nth pixel, for speed
-        measured = ms.Surface(measured.z[::n, ::n], n * measured.dx, n * measured.dy)
         plane = fit(measured, Plane())
         for form in FLAT_FORMS:
             found = fit(measured, form)
-            assert found.rms <= plane.rms * (1 + 1e-9), (path.name, form)
+            assert found.rms <= plane.rms * (1 + 1e-9), (name, form)
     assert seen >= 9

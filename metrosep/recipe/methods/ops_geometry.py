@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -331,17 +331,34 @@ class RunOut(_WithDatumAxis):
     """`metrosep.parameters.run_out` by its name."""
 
     name: ClassVar[str] = "run_out"
-    what: ClassVar[str] = "circular (CRO) and total (TRO) radial run-out about a datum axis"
+    what: ClassVar[str] = "circular (CRO) and total (TRO) run-out about a datum axis"
+
+    measured: str = option(
+        "radial", kind="text", choices=("radial", "axial"), help="distances from the axis, or positions of a face along it, whose sections are circles"
+    )  # fmt: skip
 
     def _found(self, feature: Points, *datum: Points) -> tuple[GeometricDeviation, ...]:
         from metrosep.parameters.geometry import run_out
 
-        axis = self._axis(*datum)
-        total = run_out(feature.xyz, axis)
+        axis, measured = self._axis(*datum), cast("Any", self.measured)
+        total = run_out(feature.xyz, axis, measured=measured)
         labels = self._sections(feature, axis.direction)
+        if self.measured == "axial" and self.section_gap is not None:
+            raise DataError(
+                "section_gap= tells sections along the axis; the circles of a face are named by the column "
+                "section"
+            )
         if labels is None:
             return (total,)
-        return (run_out(feature.xyz, axis, sections=labels), total)
+        return (run_out(feature.xyz, axis, sections=labels, measured=measured), total)
+
+    def _off(self, feature: Points, *datum: Points) -> tuple[FloatArray, FloatArray | None, str]:
+        axis = self._axis(*datum)
+        off, angle, words = _about(axis, feature, "about the datum axis, from their mean")
+        if self.measured == "axial":
+            along = feature.xyz @ axis.direction
+            off, words = along - along.mean(), "along the datum axis, from their mean"
+        return off, angle, words
 
 
 @dataclass(frozen=True, kw_only=True)
