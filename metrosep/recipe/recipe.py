@@ -279,7 +279,7 @@ class Recipe:
             batch_options=freeze_mapping(batch_table(data.get("batch", {}), place("[batch]"))),
             bases=bases,
         )
-        files = [(o, OUTPUTS[o["kind"]]) for o in recipe.outputs]
+        files = [(o, (METHOD_OUTPUTS | OUTPUTS)[o["kind"]]) for o in recipe.outputs]
         _require_files(files, Path(folder), lambda i: place("[[output]]", i), admits)
         check_recipe(recipe)
         return recipe
