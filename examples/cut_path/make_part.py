@@ -22,9 +22,7 @@ NOISE, STEP, HALF = 1e-9, 40e-6, 3e-3
 
 def program():
     """Return the program of the nominal tool."""
-    job = TurningJob(
-        FORM, 3e-3, 5e-6, rpm=120, core=0.6e-3, sense="counterclockwise", nose=NOSE
-    )
+    job = TurningJob(FORM, 3e-3, 5e-6, rpm=120, core=0.6e-3, sense="counterclockwise", nose=NOSE)
     return job.program(job.path(step=2.0 * np.pi / 120))
 
 

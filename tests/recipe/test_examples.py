@@ -54,6 +54,11 @@ NAMES = [
     "motion_error_fourier/recipe.toml",
     "motion_error_fourier/joint.toml",
     "measured_part/recipe.toml",
+    "cut_path/torus.toml",
+    "cut_path/grid.toml",
+    "cut_path/toric.toml",
+    "cut_path/asphere.toml",
+    "cut_path/again.toml",
 ]
 
 
@@ -63,7 +68,14 @@ NO_RECIPE = {"fts_lathe/machine.toml", "volumetric_map/machine.toml", "carriers/
 NO_CHART = {"fiducials/recipe.toml"}
 
 
-LONG = {"fts_lathe/wavefront.toml", "slow_tool_servo/recipe.toml", "dual_servo/recipe.toml"}
+LONG = {
+    "fts_lathe/wavefront.toml",
+    "slow_tool_servo/recipe.toml",
+    "dual_servo/recipe.toml",
+    "cut_path/torus.toml",
+    "cut_path/asphere.toml",
+    "cut_path/again.toml",
+}
 """Run by the tests of their own examples (tests/examples) as well."""
 
 

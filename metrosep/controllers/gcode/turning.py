@@ -542,7 +542,9 @@ def _touched(program: TurningProgram, nose: RoundNose, form: Form) -> tuple[floa
         on = np.flatnonzero((gone >= low) & (gone <= high))
         on = on if on.size else np.arange(len(program))
         on = on[:: max(1, on.size // _AROUND)]
-        made = tips(form, program.X[on], program.azimuth[on], Edge.of(nose, program.sense), strict=False)
+        made = tips(
+            form, program.X[on], program.azimuth[on], Edge.of(nose, program.sense), strict=False
+        )
         known = np.abs(made.rho[np.isfinite(made.rho)])
         if not known.size:
             raise DataError("the tool touches nothing of the form at an end of the program")
