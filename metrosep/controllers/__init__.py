@@ -22,6 +22,10 @@ if TYPE_CHECKING:
         error_correction as error_correction,
         nose_correction as nose_correction,
     )
+    from metrosep.controllers.gcode.lathe import (
+        LatheAxes as LatheAxes,
+        rounding_error as rounding_error,
+    )
     from metrosep.controllers.gcode.lists import (
         PointResult as PointResult,
         rewrite_points as rewrite_points,
@@ -29,6 +33,13 @@ if TYPE_CHECKING:
     from metrosep.controllers.gcode.paths import (
         PathResult as PathResult,
         rewrite_path as rewrite_path,
+    )
+    from metrosep.controllers.gcode.turning import (
+        ProgramCheck as ProgramCheck,
+        WrittenProgram as WrittenProgram,
+        check_program as check_program,
+        read_program as read_program,
+        write_program as write_program,
     )
     from metrosep.controllers.registry import describe as describe, find as find, names as names
 

@@ -304,8 +304,9 @@ class TurningJob:
             If the path is of another job, or none.
         """
         path = self._own(path)
+        turns = path.turns - path.last_angle / (2.0 * math.pi)  # an uncut core takes no time
         return machining_time(
-            path.n_points, path.turns, spindle_speed=self.rpm / 60.0, block_time=self.block_time
+            path.n_points, turns, spindle_speed=self.rpm / 60.0, block_time=self.block_time
         )
 
     def predict(
@@ -443,7 +444,7 @@ class TurningJob:
         fits = gouge_check(self.form, self.nose, region=(self.core, self.radius))
         fits.require()
         edge = Edge.of(self.nose, self.sense)
-        X, azimuth, theta, speed = self._course(spiral)
+        X, azimuth, t, speed = self._course(spiral)
         rates = spiral.interpolation == "pvt"
         if servo == "XZ":
             X, azimuth, Z, said = contact_path(self.form, X, azimuth, edge)
@@ -458,7 +459,6 @@ class TurningJob:
                 )
             if spiral.knots == "least-squares":
                 Z = spiral.points(self._surface).z
-        t = frozen((theta - theta[0]) / speed)
         if rates and velocities is None:
             # the contacts wander by no closed form: the velocities of the C2 spline, right to h^4
             velocities = np.stack([knot_slopes(t, v) for v in (X, azimuth, Z)])
@@ -471,13 +471,12 @@ class TurningJob:
 
     def _surface_program(self, spiral: SpiralPath, *, cut_points: bool) -> TurningProgram:
         """Return the program of a job without a nose, or refuse it."""
-        X, azimuth, theta, speed = self._course(spiral)
+        X, azimuth, t, _ = self._course(spiral)
         said = self._no_tip_path(X, azimuth)
         if not cut_points:
             raise DataError(f"{said}; or say cut_points=True")
         if spiral.interpolation == "pvt":
             raise DataError("a PVT program is one of the tip: give the nose of the tool")
-        t = frozen((theta - theta[0]) / speed)
         Z = spiral.points(self._surface).z
         return TurningProgram(
             frozen(X), frozen(azimuth), Z, t, "cut points", spiral.interpolation,
@@ -485,13 +484,17 @@ class TurningJob:
         )  # fmt: skip
 
     def _course(self, spiral: SpiralPath) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-        """Return radius, azimuth and angle travelled of the points, and the spindle speed in rad/s."""
-        u, _ = spiral.stations()
-        theta = 2.0 * math.pi * spiral.turns - u
+        """Return radius, azimuth and time of the points, and the spindle speed in rad/s."""
+        u = spiral.angles()
+        X = u * (self.feed / (2.0 * math.pi))
+        theta = np.subtract(2.0 * math.pi * spiral.turns, u, out=u)
         speed = 2.0 * math.pi * self.rpm / 60.0
         if self.block_time:
             speed = min(speed, float(np.diff(theta).min()) / self.block_time)
-        return u * (self.feed / (2.0 * math.pi)), spiral.azimuth_of(theta), theta, speed
+        azimuth = spiral.azimuth_of(theta)
+        theta -= theta[0]
+        theta /= speed
+        return X, azimuth, frozen(theta), speed
 
     @described_by(predict, errors=False)
     def compensated(
@@ -557,9 +560,8 @@ class TurningJob:
             audit |= {f"{n}_um": getattr(tool, n) * 1e6 for n in ("dx", "dy", "dR")}
         if follow_up is not None:
             z -= gain * held_on_points(follow_up, spiral, points.rho, messages)
-        X, azimuth, theta, speed = self._course(spiral)
+        X, azimuth, t, _ = self._course(spiral)
         joined: Interpolation = spiral.interpolation
-        t = frozen((theta - theta[0]) / speed)
         velocities = None
         if joined == "pvt":
             velocities = frozen(np.stack([knot_slopes(t, v) for v in (X, azimuth, z)]))

@@ -784,6 +784,29 @@ class SpiralPath(PublicObject):
         LimitError
             If there are more than 10 million points.
         """
+        left = self._left()
+        if self.distribution == "CA":
+            return left, arc_length(left, self.feed)
+        return angle_at_length(left, self.feed), left
+
+    def angles(self) -> FloatArray:
+        """Return the angle left to the centre of all points, lead-in first.
+
+        Returns
+        -------
+        ndarray, shape (lead_in + n_points + 1,), rad
+            As the first of `stations`, without the memory of the other.
+
+        Raises
+        ------
+        LimitError
+            If there are more than 10 million points.
+        """
+        left = self._left()
+        return left if self.distribution == "CA" else angle_at_length(left, self.feed)
+
+    def _left(self) -> FloatArray:
+        """Return the angle or length left of all points, in the unit of the step."""
         count = self.n_points + self.lead_in + 1
         if count > _MOST_POINTS:
             raise LimitError(
@@ -795,9 +818,7 @@ class SpiralPath(PublicObject):
         left = self._total - number * self.step
         if left[-1] < 2.0 * _WHOLE * self._total:
             left[-1] = 0.0
-        if self.distribution == "CA":
-            return left, arc_length(left, self.feed)
-        return angle_at_length(left, self.feed), left
+        return left
 
 
 def checked_radius(radius: object) -> float:

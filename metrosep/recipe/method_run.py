@@ -32,6 +32,7 @@ from metrosep.recipe.outputs import (
 )
 from metrosep.recipe.parts import input_records, named_files, write_parts
 from metrosep.recipe.preflight import RESULT_NAME
+from metrosep.recipe.programs import write_programs
 from metrosep.recipe.report_fields import report_of
 from metrosep.recipe.result import (
     SCHEMA,
@@ -107,6 +108,9 @@ def run_method(
         )
         document |= _described(made)
         names = [f.name for t in made for f in t.files]
+        programs, said = write_programs(recipe, produced, stage, tell)
+        names += programs
+        document["messages"] = [*document["messages"], *said]
         names += write_parts(recipe, described, stage, tell, document)
         names += write_reports(recipe, document, stage, tell)
         if with_result:

@@ -247,6 +247,9 @@ def _names(output: Mapping[str, Any], place: Place) -> list[str]:
         machine_limits(output, place)
         name = output_name(output["path"], place)
         return [name, f"{name}.json"]
+    if output["kind"] == "program":
+        name = output_name(output["path"], place)
+        return [name, f"{name}.json"]
     if output["kind"] == "parts":
         return [_parts_name(output_name(output.get("path", "parts.csv"), place), place)]
     known = report_formats()

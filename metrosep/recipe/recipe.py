@@ -303,7 +303,7 @@ class Recipe:
             bases=bases,
             **_stated(data.get("report", {}), report, Path(folder), place("[report]"), admits),
         )
-        files = [(o, OUTPUTS[o["kind"]]) for o in recipe.outputs]
+        files = [(o, (METHOD_OUTPUTS | OUTPUTS)[o["kind"]]) for o in recipe.outputs]
         _require_files(files, Path(folder), lambda i: place("[[output]]", i), admits)
         check_recipe(recipe)
         return recipe

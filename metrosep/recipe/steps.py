@@ -9,6 +9,7 @@ from metrosep.core.methods import METHODS
 from metrosep.core.options import options_of
 from metrosep.recipe.methods.plan import PLAN
 from metrosep.recipe.pipeline import STEPS as MEASURING
+from metrosep.recipe.programs import PROGRAM
 from metrosep.recipe.schema import LAYOUT, Field
 from metrosep.separation.positions.expansion import Expansion
 from metrosep.separation.positions.laser_options import SETUP
@@ -199,4 +200,5 @@ METHOD_OUTPUTS = {
     "table": {**OUTPUTS["table"], "spacing": Field("spacing")},  # a list of targets has its own
     "parts": OUTPUTS["parts"],
     "report": OUTPUTS["report"],
+    "program": PROGRAM,
 }

@@ -58,6 +58,11 @@ NAMES = [
     "five_axis_calibration/circle.toml",
     "thermal/recipe.toml",
     "roundness_traces/recipe.toml",
+    "cut_path/torus.toml",
+    "cut_path/grid.toml",
+    "cut_path/toric.toml",
+    "cut_path/asphere.toml",
+    "cut_path/again.toml",
 ]
 
 
@@ -67,7 +72,14 @@ NO_RECIPE = {"fts_lathe/machine.toml", "volumetric_map/machine.toml", "carriers/
 NO_CHART = {"fiducials/recipe.toml"}
 
 
-LONG = {"fts_lathe/wavefront.toml", "slow_tool_servo/recipe.toml", "dual_servo/recipe.toml"}
+LONG = {
+    "fts_lathe/wavefront.toml",
+    "slow_tool_servo/recipe.toml",
+    "dual_servo/recipe.toml",
+    "cut_path/torus.toml",
+    "cut_path/asphere.toml",
+    "cut_path/again.toml",
+}
 """Run by the tests of their own examples (tests/examples) as well."""
 
 

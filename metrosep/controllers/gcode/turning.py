@@ -33,8 +33,10 @@ from metrosep.process.cutting.edge_errors import cusp_heights
 from metrosep.process.cutting.programs import Quantity, TurningProgram
 from metrosep.process.cutting.virtual_part import VirtualPart, virtual_cut
 from metrosep.process.nose import RoundNose
+from metrosep.process.tips import Edge, tips
+from metrosep.process.tool_settings import ToolSetting
 
-__all__ = ["ProgramCheck", "check_program", "read_program", "write_program"]
+__all__ = ["ProgramCheck", "WrittenProgram", "check_program", "read_program", "write_program"]
 
 Kind = Literal["gcode", "pmac", "points"]
 """Blocks with G1; PVT blocks of a PMAC; a list of points as CSV."""
@@ -46,6 +48,8 @@ _SLACK = 0.2e-9
 """m: what a check may find beyond what is predicted."""
 _PLACES, _SEED = 20_000, 2020
 _WHOLE_MS = 1e-9
+_AROUND = 90
+"""Tips of a turn that tell how far its contacts reach."""
 _ROWS = 50_000
 _LONGEST = 200
 """Characters of a comment; some controls take 256 in a block."""
@@ -114,6 +118,7 @@ def write_program(
     *,
     nose: RoundNose,
     form: Form,
+    setting: ToolSetting | None = None,
     kind: Kind = "gcode",
     velocity_time: float | None = None,
     block_resolution: float = 1e-3,
@@ -136,6 +141,8 @@ def write_program(
         The tool, for the check and the head.
     form : Form
         The surface wanted.
+    setting : ToolSetting, optional
+        How far the tool stands off, where the program makes up for it: the part is cut with it.
     kind : {"gcode", "pmac", "points"}, optional
         Blocks with G1 (or the spline word of the control), PVT blocks of a PMAC, or a CSV of points with
         times, and velocities for PVT.
@@ -187,7 +194,7 @@ def write_program(
     def said(written: Path) -> str:
         if verify and program.quantity == "tip":
             back = read_program(written, axes, velocity_time=velocity_time)
-            made = check_program(back, nose, form, axes=axes, planned=program)
+            made = check_program(back, nose, form, axes=axes, planned=program, setting=setting)
             _require(made, tolerance)
             found.append(made)
         check = found[0] if found else None
@@ -289,7 +296,12 @@ def _words(program: TurningProgram, axes: LatheAxes) -> tuple[FloatArray, FloatA
     c = np.degrees(axes.c_of(program.azimuth))
     if axes.c_wraps:
         c = np.mod(np.round(c, axes.c_decimals), 360.0)
-    return program.X / axes.x_scale, c, program.Z / axes.z_scale
+    columns = (
+        (program.X / axes.x_scale, axes.x_decimals), (c, axes.c_decimals),
+        (program.Z / axes.z_scale, axes.z_decimals),
+    )  # fmt: skip
+    x, c, z = (np.round(v, digits) + 0.0 for v, digits in columns)  # no minus zero
+    return x, c, z
 
 
 def _in_rows(*columns: FloatArray) -> Iterator[tuple[float, ...]]:
@@ -452,6 +464,7 @@ def check_program(
     *,
     axes: LatheAxes | None = None,
     planned: TurningProgram | None = None,
+    setting: ToolSetting | None = None,
     region: tuple[float, float] | None = None,
     places: int = _PLACES,
     seed: int = _SEED,
@@ -470,8 +483,11 @@ def check_program(
         For what the digits may cost; without, nothing is allowed for them.
     planned : TurningProgram, optional
         The program that was to be written, to compare with.
+    setting : ToolSetting, optional
+        How far the tool stands off.
     region : tuple of (float, float), m, optional
-        Inner and outer radius of the places; all that lies between the turns if omitted.
+        Inner and outer radius of the places; where the tool touches between its first and its last turns
+        if omitted.
     places : int, optional
         How many, at random over the area.
     seed : int, optional
@@ -487,8 +503,7 @@ def check_program(
     DataError
         If the program is one of cut points, or cuts nothing of the region.
     """
-    outer, inner = float(program.X.max()), max(0.0, float(program.X.min()))
-    low, high = region or (inner, outer)
+    low, high = region or _touched(program, nose, form)
     n = numbers.count(places, "places", least=100)
     rng = np.random.default_rng(numbers.count(seed, "seed", least=0))
     rho = np.sqrt(rng.uniform(low * low, high * high, n))
@@ -496,7 +511,7 @@ def check_program(
     x, y = rho * np.cos(theta), rho * np.sin(theta)
     defined = np.isfinite(form(x, y))
     x, y = x[defined], y[defined]
-    part = virtual_cut(program, nose, x, y, form=form)
+    part = virtual_cut(program, nose, x, y, form=form, setting=setting)
     feed = abs(float(program.X[0] - program.X[-1])) / max(program.turns, 1e-9)
     cut = np.isfinite(part.error)
     cusp = math.nan
@@ -505,7 +520,7 @@ def check_program(
         cusp = float(np.nanmax(high_)) if np.isfinite(high_).any() else math.nan
     difference = math.nan
     if planned is not None:
-        wanted = virtual_cut(planned, nose, x, y, form=form)
+        wanted = virtual_cut(planned, nose, x, y, form=form, setting=setting)
         difference = float(np.nanmax(np.abs(wanted.z - part.z)))
     digits = 0.0 if axes is None else rounding_error(axes, form, high)
     said = (
@@ -516,6 +531,28 @@ def check_program(
         part, part.peak_to_valley, cusp, difference, digits, program.interpolation,
         (*part.messages, said),
     )  # fmt: skip
+
+
+def _touched(program: TurningProgram, nose: RoundNose, form: Form) -> tuple[float, float]:
+    """Return the radii between which contacts of every azimuth lie, one turn off each end."""
+    turn = 2.0 * math.pi
+    gone = np.abs(program.azimuth - program.azimuth[0])
+    ends = []
+    for low, high in ((turn, 2.0 * turn), (gone[-1] - 2.0 * turn, gone[-1] - turn)):
+        on = np.flatnonzero((gone >= low) & (gone <= high))
+        on = on if on.size else np.arange(len(program))
+        on = on[:: max(1, on.size // _AROUND)]
+        made = tips(
+            form, program.X[on], program.azimuth[on], Edge.of(nose, program.sense), strict=False
+        )
+        known = np.abs(made.rho[np.isfinite(made.rho)])
+        if not known.size:
+            raise DataError("the tool touches nothing of the form at an end of the program")
+        ends.append((float(known.min()), float(known.max())))
+    (a, b), (c, d) = ends
+    # the inner end counts from its furthest contact, the outer one to its nearest
+    low, high = (d, a) if a + b > c + d else (b, c)
+    return (low, high) if low < high else (min(a, c), max(b, d))
 
 
 # ---- the reader: it knows the machine, and nothing of what was meant --------------------------------

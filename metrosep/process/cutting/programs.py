@@ -123,7 +123,7 @@ class TurningProgram(Frozen):
                 f"{self.t[at]:.9g} s: times must grow"
             )
         steps = np.diff(self.azimuth)
-        back = steps * (1.0 if steps.sum() >= 0.0 else -1.0) <= 0.0
+        back = steps <= 0.0 if self.azimuth[-1] > self.azimuth[0] else steps >= 0.0
         if back.any():
             at = int(np.argmax(back))
             raise DataError(

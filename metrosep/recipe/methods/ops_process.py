@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -183,6 +183,10 @@ class JobResult:
     allowed: Any = None
     beside: tuple[Step, ...] = ()  # of the log of the dry run
     doubts: tuple[str, ...] = ()  # why the program is not corrected by that log
+    form: Any = None  # the surface wanted
+    nose: Any = None  # of the tool that cuts; None where nobody gave it
+    setting: Any = None  # of that tool
+    found: tuple[str, ...] = ()  # what a measured part says of the tool
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -194,7 +198,9 @@ class JobResult:
             (f"{unshaped} is known as a P-V only: the maps cannot be added",) if unshaped else ()
         )
         return tuple(
-            dict.fromkeys((*self.doubts, *plan, *self.prediction.messages, *sums, *program))
+            dict.fromkeys(
+                (*self.doubts, *self.found, *plan, *self.prediction.messages, *sums, *program)
+            )
         )
 
 
@@ -234,7 +240,7 @@ class JobPredicted(Method):
         ),
         "interpolation": Option(
             "text",
-            choices=("linear", "spline"),
+            choices=("linear", "spline", "pvt"),
             help="how the controller goes from point to point",
         ),
         "lead_in": Option("integer", help="turns before the rim is reached"),
@@ -258,6 +264,29 @@ class JobPredicted(Method):
         ),
         "window": Option(
             "angle", help='angle of the nose that is sharp, symmetric about the tip, "60 deg"'
+        ),
+        "radius_in": Option(
+            "text",
+            choices=("face", "projection"),
+            help="whether nose_radius is that in the rake face or of the view along the cut, as certified",
+        ),
+        "yaw": Option("angle", help="turn of the rake face about z, counter-clockwise from +z"),
+        "clearance": Option("angle", help="angle between flank and cut surface"),
+        "flank": Option(
+            "text", choices=("conical", "cylindrical"), help="how the clearance is ground"
+        ),
+        "servo": Option(
+            "text",
+            choices=("Z", "XZ"),
+            help="what follows the surface: Z alone, or X and Z so that contacts lie on the spiral",
+        ),
+        "part": Option(
+            "file",
+            help="map of the part as cut with the nominal path, its centre at 0, 0: it tells dx, dy, dR, "
+            "and the program makes up for them",
+        ),
+        "part_free": Option(
+            "texts", help="what that map tells, dx,dy,dR (yaw, rake too); piston and tilt always"
         ),
         "follow_up": Option("file", help="file with the log of the dry run of this part"),
         "log_time": Option("text", help="column of the log, t_s if left out"),
@@ -296,6 +325,10 @@ class JobPredicted(Method):
         setting = {k: rest[k] for k in ("dx", "dy", "dR", "u_dx", "u_dy", "u_dR") if k in rest}
         if setting:
             tool = ToolSetting(**setting)
+        found: tuple[str, ...] = ()
+        if "part" in rest:
+            job, tool, found = _told_by_part(job, rest, tool)
+            plan, path = _path(job, rest)
         log = _logged(rest, job)
         removed = tuple(v.strip() for v in rest.get("removed", "").split(",") if v.strip())
         prediction = job.predict(path, tool=tool, follow_up=log, removed=removed)
@@ -306,7 +339,12 @@ class JobPredicted(Method):
         program = None
         if tool is not None or known is not None or job.nose is not None:
             gain = float(rest.get("gain", 1.0))
-            program = job.compensated(path, tool=tool, follow_up=known, gain=gain)
+            program = (
+                job.program(path, servo="XZ")
+                if rest.get("servo") == "XZ"
+                else job.compensated(path, tool=tool, follow_up=known, gain=gain)
+            )
+            _clears(job, rest)
         history = getattr(log, "history", ())
         return JobResult(
             plan,
@@ -317,6 +355,10 @@ class JobPredicted(Method):
             _allowed(job, plan),
             history,
             doubts,
+            job.form,
+            job.nose,
+            tool,
+            found,
         )
 
 
@@ -325,10 +367,59 @@ def _nose(rest: Mapping[str, Any]) -> Any:
     from metrosep.process import RoundNose
 
     if "nose_radius" not in rest:
-        if also := [k for k in ("rake", "window") if k in rest]:
+        if also := [k for k in _OF_NOSE if k in rest]:
             raise DataError(f"{also[0]} belongs to a nose; give its radius: nose_radius")
         return None
-    return RoundNose(rest["nose_radius"], rest.get("rake", 0.0), window=rest.get("window"))
+    return RoundNose(rest["nose_radius"], **{k: rest[k] for k in _OF_NOSE[:6] if k in rest})
+
+
+_OF_NOSE = ("rake", "window", "clearance", "flank", "yaw", "radius_in", "servo", "part")
+"""Keys that mean something with a nose only; the first six are its own."""
+
+
+def _clears(job: Any, rest: Mapping[str, Any]) -> None:
+    """Refuse a flank that rubs, where its clearance is known."""
+    from metrosep.process import clearance_check
+
+    if "clearance" in rest:
+        travel = "falling" if job.sense == "clockwise" else "growing"
+        way: Any = travel if job.sense is not None else "both"
+        clearance_check(job.form, job.nose, travel=way, region=(job.core, job.radius)).require()
+
+
+def _told_by_part(
+    job: Any, rest: Mapping[str, Any], tool: Any
+) -> tuple[Any, Any, tuple[str, ...]]:
+    """Return the job with the tool that a measured part tells of, its setting, and what was found."""
+    from metrosep.io.read import read
+    from metrosep.process import identify_edge
+
+    if tool is not None:
+        raise DataError("part tells the setting of the tool: leave dx, dy and dR out, or part")
+    measured = read(rest["part"])
+    if not isinstance(measured, Surface):
+        raise DataError(f"part: {rest['part']} holds a {type(measured).__name__}, a map is needed")
+    free = tuple(rest.get("part_free", ("dx", "dy", "dR")))
+    fit = identify_edge(
+        measured,
+        job.form,
+        nose=job.nose,
+        sense=job.sense,
+        free=("piston", "tilt_x", "tilt_y", *free),
+        region=(max(job.core, 0.02 * job.radius) + job.feed, job.radius - job.feed),
+    )
+    texts = []
+    for name in free:
+        value, u = fit.values[name], fit.u[name]
+        if name in ("yaw", "rake"):
+            texts.append(f"{name} {np.degrees(value):.4g} deg, u {np.degrees(u):.2g} deg")
+        else:
+            texts.append(f"{name} {format_length(value)}, u {format_length(u)}")
+    text = (
+        f"the measured part tells: {'; '.join(texts)}. They explain {100 * fit.explained:.3g} % of its "
+        f"variance; {format_length(fit.residual)} RMS is left, cusps and noise included"
+    )
+    return replace(job, nose=fit.nose), fit.setting, (text, *fit.messages)
 
 
 _ALIKE = 0.2
@@ -375,6 +466,11 @@ def _check_predict(rest: Mapping[str, Any]) -> None:
         raise DataError(
             f"dy = {format_length(rest['dy'])}: nothing nearer than that to the spindle axis is cut, "
             f"and the part ends at {format_length(rest['radius'])}"
+        )
+    corrected = [k for k in ("dx", "dy", "dR", "follow_up", "part") if k in rest]
+    if rest.get("servo") == "XZ" and corrected:
+        raise DataError(
+            f'{corrected[0]} is made up for by Z alone: leave servo out, or give no {corrected[0]} with "XZ"'
         )
     log = [k for k in ("log_time", "log_command", "log_actual") if k in rest]
     if log and "follow_up" not in rest:

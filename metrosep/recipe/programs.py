@@ -1,0 +1,118 @@
+"""Program files that a recipe asks for: written, read back, cut, and what the virtual part says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from metrosep.controllers.gcode.lathe import LatheAxes
+from metrosep.core.errors import DataError
+from metrosep.core.options import options_of
+from metrosep.core.units import format_length, parse_quantity
+from metrosep.recipe.preflight import output_name
+from metrosep.recipe.schema import Field
+
+if TYPE_CHECKING:
+    from metrosep.recipe.recipe import Recipe
+
+__all__ = ["PROGRAM", "write_programs"]
+
+PROGRAM: Mapping[str, Field] = {
+    "kind": Field("text", required=True),
+    "path": Field("text", required=True),
+    "format": Field(
+        "text",
+        choices=("gcode", "pmac", "points"),
+        help="blocks with G1 (or the spline word), PVT blocks of a PMAC, or a CSV of points",
+    ),
+    **options_of(LatheAxes),
+    "velocity_time": Field("time", help="unit of time of a PMAC's velocities (Ix90)"),
+    "tolerance": Field(
+        "size", help="largest P-V of the part cut from the file, without the cusps of the feed"
+    ),
+    "verify": Field(
+        "flag", help="false: the part is not cut from the file before it gets its name"
+    ),
+    "cut_points": Field(
+        "flag", help="true: points of the surface are written, for whoever offsets them elsewhere"
+    ),
+    "overwrite": Field("flag", help="true: another file of that name is replaced"),
+}
+"""Keys of an output of kind "program"."""
+
+_OWN = (
+    "kind",
+    "path",
+    "format",
+    "velocity_time",
+    "tolerance",
+    "verify",
+    "cut_points",
+    "overwrite",
+)
+
+
+def write_programs(
+    recipe: Recipe, produced: Any, folder: Path, tell: Callable[[str], None]
+) -> tuple[list[str], list[str]]:
+    """Return the names of the program files that were written, and what their virtual parts say."""
+    names: list[str] = []
+    said: list[str] = []
+    for i, output in enumerate(recipe.outputs):
+        if output["kind"] != "program":
+            continue
+        place = recipe.place("[[output]]", i)
+        name = output_name(output["path"], place)
+        program = getattr(produced, "program", None)
+        nose = getattr(produced, "nose", None)
+        if program is None:
+            raise place.error(
+                "there is no program to write: give the nose of the tool (nose_radius), or a setting or a "
+                "log that it makes up for",
+                "kind",
+            )
+        tell(f"writing {name}")
+        names += [name, f"{name}.json"]
+        said += _written(output, program, nose, produced, folder / name)
+    return names, said
+
+
+def _written(
+    output: Mapping[str, Any], program: Any, nose: Any, produced: Any, target: Path
+) -> list[str]:
+    from metrosep.controllers.gcode.turning import write_program
+    from metrosep.process import RoundNose
+
+    axes = LatheAxes(**{k: v for k, v in output.items() if k not in _OWN})
+    seconds = output.get("velocity_time")
+    limit = output.get("tolerance")
+    if nose is None and not output.get("cut_points", False):
+        raise DataError(
+            "the step has no nose (nose_radius): its points are points of the surface, no tip path; a "
+            "program of them needs cut_points = true"
+        )
+    made = write_program(
+        program,
+        target,
+        axes,
+        nose=nose or RoundNose(1e-6),  # cut points are not checked: no tool is known
+        form=produced.form,
+        setting=produced.setting,
+        kind=output.get("format", "gcode"),
+        velocity_time=None if seconds is None else parse_quantity(seconds, dimension="time"),
+        tolerance=None if limit is None else parse_quantity(limit, dimension="length"),
+        cut_points=bool(output.get("cut_points", False)),
+        verify=bool(output.get("verify", True)),
+        overwrite=bool(output.get("overwrite", False)),
+    )
+    if made.check is None:
+        return [f"{target.name}: was not cut in a virtual part"]
+    check = made.check
+    text = (
+        f"{target.name}: the part cut from the file is off by {format_length(check.peak_to_valley)} P-V, of "
+        f"which cusps of the feed {format_length(check.cusp)}; from the program it differs by "
+        f"{format_length(check.difference)}, digits may cost {format_length(check.rounding)} "
+        f"({check.interpolation} between blocks)"
+    )
+    return [text, *(f"{target.name}: {m}" for m in check.messages)]

@@ -1,0 +1,117 @@
+"""A recipe that ends in a program file: the door a user takes, judged by the bytes."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import metrosep as ms
+from metrosep.cli.main import main
+from metrosep.core.errors import DataError, LimitError, MetrosepError
+from metrosep.recipe import Recipe
+
+STEP = """metrosep = 1
+[[step]]
+op = "predict"
+form = "expression: 9*x**2+14*y**2+3*x*y+6e-3*x+2e-6*sin(2*pi*y/9e-4)"
+radius = "1.4 mm"
+core = "1.1 mm"
+feed = "10 um"
+rpm = 60
+sense = "clockwise"
+nose_radius = "0.6 mm"
+rake = "-20 deg"
+interpolation = "linear"
+angle_step = "2 deg"
+"""
+OUTPUT = """
+[[output]]
+kind = "program"
+path = "part.nc"
+c_positive = "workpiece ccw"
+inverse_time = "1/min"
+"""
+
+
+def run(text, folder):
+    return Recipe.parse(text, folder=folder).run(out=folder / "out")
+
+
+def test_a_file_appears_with_what_its_part_is(tmp_path):
+    result = run(STEP + OUTPUT, tmp_path)
+    text = (tmp_path / "out" / "part.nc").read_text()
+    words = re.findall(r"^(?:G1 )?X([\d.]+) C([-\d.]+) Z([-\d.]+) F", text, re.MULTILINE)
+    X, C, Z = np.array(words, dtype=float).T
+    # the part turns counter-clockwise with C: the place under a tool on +X lies at -C
+    phi = -np.radians(C)
+    tip = ms.process.tip_path(
+        result.produced.form, X * 1e-3, phi, sense="clockwise", nose=result.produced.nose
+    )
+    assert np.abs(tip.z - Z * 1e-3).max() < 0.15e-9
+    assert (np.diff(phi) < 0).all()
+    said = json.loads((tmp_path / "out" / "part.nc.json").read_text())["virtual_part"]
+    assert said["file_against_program_nm"] <= said["digits_may_cost_nm"] + 0.2
+    assert any("part.nc: the part cut from the file is off by" in m for m in result.document["messages"])
+    assert {f.name for f in result.files} >= {"part.nc", "part.nc.json", "result.json"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "error", "match"),
+    [
+        ('c_positive = "workpiece ccw"\n', "", MetrosepError, "c_positive"),
+        ('"workpiece ccw"', '"ccw"', MetrosepError, "c_positive"),
+        ('inverse_time = "1/min"\n', "", DataError, "G93 is three different things"),
+        ('interpolation = "linear"', 'interpolation = "spline"', DataError, "G1 is a line"),
+        ('inverse_time = "1/min"\n', 'inverse_time = "1/min"\ntolerance = "1 nm"\n', LimitError, "nothing was written"),
+        ('sense = "clockwise"\n', "", DataError, "cuts differently both ways"),
+        ('nose_radius = "0.6 mm"\nrake = "-20 deg"\n', "", MetrosepError, "no program to write"),
+        ('rpm = 60\n', 'rpm = 60\nclearance = "0.5 deg"\n', LimitError, "flank rubs"),
+        ('rpm = 60\n', 'rpm = 60\nservo = "XZ"\ndx = "1 um"\n', DataError, "made up for by Z alone"),
+    ],
+)  # fmt: skip
+def test_what_is_missing_is_refused_and_nothing_is_written(tmp_path, old, new, error, match):
+    assert old in STEP + OUTPUT
+    with pytest.raises(error, match=match):
+        run((STEP + OUTPUT).replace(old, new, 1), tmp_path)
+    assert not (tmp_path / "out" / "part.nc").exists()
+
+
+def test_both_axes_follow_where_it_is_asked(tmp_path):
+    made = run((STEP + OUTPUT).replace("rpm = 60\n", 'rpm = 60\nservo = "XZ"\n'), tmp_path)
+    rho = np.hypot(made.produced.program.X, 0)
+    assert np.abs(np.diff(rho, 2)).max() > 1e-9  # X is no straight line
+
+
+def test_the_command_says_what_the_part_is(tmp_path, capsys):
+    (tmp_path / "job.toml").write_text(STEP + OUTPUT)
+    with pytest.raises(SystemExit) as end:
+        main(["predict", str(tmp_path / "job.toml"), "-o", str(tmp_path / "made")])
+    assert end.value.code == 0
+    said = capsys.readouterr()
+    assert "the part cut from the file is off by" in said.out + said.err
+    assert (tmp_path / "made" / "part.nc").exists()
+
+
+@pytest.mark.slow
+def test_the_example_makes_up_for_the_tool_as_it_stands(repository, tmp_path):
+    """Judged with the tool that nobody told the recipe: the part of the second program is better."""
+    import runpy
+
+    from metrosep.controllers import LatheAxes, read_program
+    from metrosep.process import virtual_cut
+
+    folder = repository / "examples" / "cut_path"
+    truth = runpy.run_path(str(folder / "make_part.py"))
+    ms.Recipe.load(folder / "again.toml").run(out=tmp_path / "again")
+    axes = LatheAxes("tool ccw", inverse_time="s", spline_word="CSPLINE")
+    again = read_program(tmp_path / "again" / "again.mpf", axes)
+    rng = np.random.default_rng(4)
+    rho, theta = rng.uniform(0.7e-3, 2.9e-3, 3000), rng.uniform(-3.1, 3.1, 3000)
+    x, y = rho * np.cos(theta), rho * np.sin(theta)
+    first, second = (
+        virtual_cut(p, truth["NOSE"], x, y, form=truth["FORM"], setting=truth["TRUTH"])
+        for p in (truth["program"](), again)
+    )
+    assert first.peak_to_valley > 30e-9
+    assert second.peak_to_valley < 12e-9  # cusps of 6 nm
