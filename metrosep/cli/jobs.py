@@ -33,8 +33,14 @@ __all__ = ["demo", "print_named", "progress", "recipe_words", "run", "separate"]
 
 def progress(context: click.Context) -> Callable[[str], None]:
     """Return what is told of the steps of a run: nothing where the user wants quiet."""
-    quiet = bool((context.obj or {}).get("quiet"))
-    return (lambda _message: None) if quiet else (lambda message: say(f"metrosep: {message}"))
+    told = context.obj if isinstance(context.obj, dict) else {}
+
+    def tell(message: str) -> None:
+        told["phase"] = message  # for what a long command is at
+        if not told.get("quiet"):
+            say(f"metrosep: {message}")
+
+    return tell
 
 
 @click.command()
