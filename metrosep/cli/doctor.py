@@ -79,7 +79,13 @@ def _findings() -> dict[str, dict[str, str | None]]:
 
 def _name(requirement: str) -> str:
     """Return the name of a package from a requirement."""
-    return requirement.split(">")[0].split("=")[0].split("<")[0].split("[")[0].strip(" (")
+    return (
+        requirement.split(">", maxsplit=1)[0]
+        .split("=", maxsplit=1)[0]
+        .split("<", maxsplit=1)[0]
+        .split("[", maxsplit=1)[0]
+        .strip(" (")
+    )
 
 
 def _version(name: str) -> str | None:

@@ -78,7 +78,7 @@ def run(
     force: bool,
     as_json: bool,
 ) -> int:
-    """Carry out RECIPE on INPUT files or folders.
+    """Run RECIPE on INPUT files or folders.
 
     The exit code is the verdict: 0 accepted, 1 rejected, 3 inconclusive. If anything fails, nothing
     new appears in the output folder.
@@ -101,7 +101,7 @@ def run(
     "--method",
     default="joint",
     show_default=True,
-    help="joint, kono or mean; or a named separation such as donaldson (metrosep ops lists them).",
+    help="Method: joint, kono or mean; or a named separation, donaldson (metrosep ops lists them).",
 )
 @named_options
 @click.option(
@@ -119,7 +119,7 @@ def run(
 @click.option("--drift", type=int, metavar="0|1|2", help="Polynomial in time of each run (joint).")
 @click.option("--lines", metavar="auto|FREQ,...", help='Disturbing lines: auto, "50 Hz" (joint).')
 @click.option(
-    "--robust", is_flag=True, default=None, help="Spikes lose their weight (joint, mean)."
+    "--robust", is_flag=True, default=None, help="Reduce the weight of outliers (joint, mean)."
 )
 @click.option(
     "--table",

@@ -146,9 +146,15 @@ def read(
 @click.command()
 @click.argument("file")
 @click.option("--radius", required=True, metavar="LENGTH", help='Programmed radius, "150 mm".')
-@click.option("--feed", required=True, metavar="SPEED", help='Along the circle, "1000 mm/min".')
 @click.option(
-    "--angle", default="angle_deg", show_default=True, metavar="COLUMN", help="Of the place."
+    "--feed", required=True, metavar="SPEED", help='Feedrate along the circle, "1000 mm/min".'
+)
+@click.option(
+    "--angle",
+    default="angle_deg",
+    show_default=True,
+    metavar="COLUMN",
+    help="Column of the angle.",
 )
 @click.option("--ccw", metavar="COLUMN", help="Deviation of the radius, angle rising.")
 @click.option("--cw", metavar="COLUMN", help="The same, angle falling.")

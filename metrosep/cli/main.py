@@ -166,7 +166,9 @@ class _Heartbeat:
     def __init__(self, words: list[str], told: dict[str, Any]) -> None:
         self._name = next((w for w in words if w in _HOMES), "")
         self._told = told
-        self._quiet = not self._name or self._name in self._SILENT or "-q" in words or "--quiet" in words
+        self._quiet = (
+            not self._name or self._name in self._SILENT or "-q" in words or "--quiet" in words
+        )
         self._on_terminal = sys.stderr is not None and sys.stderr.isatty()
         self._done: Any = None
 

@@ -87,9 +87,7 @@ def removed_freedoms(removed: str | Iterable[str]) -> tuple[str, ...]:
             name = word.strip().lower()
             if name not in FREEDOMS and name not in _WORDS:
                 known = ", ".join((*_WORDS, *FREEDOMS))
-                raise DataError(
-                    f"there is no freedom {word.strip()!r} to remove; take of: {known}"
-                )
+                raise DataError(f"Unknown alignment term {word.strip()!r}. Available: {known}")
             found.update(_WORDS.get(name, (name,)))
     return tuple(n for n in FREEDOMS if n in found)
 
