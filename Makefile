@@ -7,6 +7,7 @@
 #   make test-browser     the workbench in headless Chromium (skipped by name where there is none)
 #   make test-notebook    its widgets in JupyterLab and marimo, driven by Chromium
 #   make house           lines, files, circles of imports, what stands twice, modules that commands load
+#   make bundle           wheels of metrosep and of all that it can use, for a computer without network
 #   make docs | bench | constraints | clean
 # Another interpreter: make PYTHON=python3.12 test
 
@@ -29,7 +30,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 
 .DELETE_ON_ERROR:
-.PHONY: help install groups demo test test-slow test-controller test-clients test-browser test-notebook check lint lint-quick house docs bench constraints clean
+.PHONY: help install groups demo test test-slow test-controller test-clients test-browser test-notebook check lint lint-quick house docs bench constraints bundle check-bundle clean
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -169,6 +170,28 @@ $(PEERS)/.installed:
 	@touch $@
 
 # Pins of everything in the groups; bare names and versions, so that any registry serves them.
+# A folder to carry to a computer of the same system and version of Python; README.txt says how to install it.
+BUNDLE ?= metrosep-bundle
+EXTRAS ?= ui,notebook,pdf,dcc,xlsx,parquet,formats,xarray
+
+bundle: $(VENV)/.created
+	rm -rf $(BUNDLE)
+	mkdir -p $(BUNDLE)/wheels
+	$(PIP) wheel --no-deps --wheel-dir $(BUNDLE)/wheels .
+	$(PIP) download -c constraints.txt --only-binary :all: --dest $(BUNDLE)/wheels \
+	    "$$(ls $(BUNDLE)/wheels/metrosep-*.whl)[$(EXTRAS)]"
+	cp LICENSE README.md $(BUNDLE)/
+	$(BIN)/python tools/bundle_readme.py $(BUNDLE) $(EXTRAS)
+	@echo "the bundle is in $(BUNDLE); check it: make check-bundle"
+
+# Install the bundle into a new environment without any network, and measure with it.
+check-bundle:
+	rm -rf $(BUNDLE)/.check
+	$(PYTHON) -m venv $(BUNDLE)/.check
+	$(BUNDLE)/.check/bin/python -m pip install --quiet --no-index --find-links $(BUNDLE)/wheels "metrosep[$(EXTRAS)]"
+	cd $(BUNDLE) && .check/bin/metrosep doctor && .check/bin/metrosep -q demo -o .check/demo >/dev/null
+	rm -rf $(BUNDLE)/.check
+
 constraints: $(VENV)/.created
 	$(PIP) install --upgrade uv
 	$(BIN)/uv pip compile pyproject.toml --group test --group lint --group docs --group bench \

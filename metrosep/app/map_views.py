@@ -469,13 +469,13 @@ def find_vibrations(
     times above the median around it at *each* feedrate, and is a peak within 0.75 of a resolution
     cell at two of them at least; or, at high frequencies, a resonance of an autoregressive model
     (`noise_peaks`) about which the density is 4 times its median at each feedrate. Geometry that the method left does not: its frequency changes
-    with the feedrate. With one feedrate the two cannot be told apart, and no resonance is named.
+    with the feedrate. With one feedrate the two cannot be distinguished, and no resonance is named.
     The periodograms have Hann windows; gaps are not bridged, the longest part is taken.
     """
     some = runs.select(direction=direction)
     lines = tuple(Vibration(f, some.feeds, "line") for f in _lines(estimate, direction))
     if len(some.feeds) < 2:
-        why = "one feedrate only: a vibration cannot be told from geometry"
+        why = "one feedrate only: a vibration cannot be distinguished from geometry"
         return (
             lines,
             why if some.feeds else "the runs have no feedrate: no vibration can be placed",

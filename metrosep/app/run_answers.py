@@ -92,7 +92,7 @@ def _found(estimate: ErrorEstimate) -> dict[str, Any]:
 def _of_session(session: Session) -> tuple[Recipe, Separations, RunSet, _Kept]:
     opened, document = session.need()
     if not isinstance(opened.material, Separations):
-        raise DataError(f"what is open is not a set of repeated runs, it is a {opened.kind}")
+        raise DataError(f"This view needs repeated runs; the open file is a {opened.kind}.")
     recipe = document.recipe
     kept = _KEPT.setdefault(session, _Kept())
     return recipe, opened.material, opened.material.runs(recipe), kept

@@ -613,7 +613,7 @@ def repeat_views(
     """
     given = list(runs)
     if not given:
-        raise DataError("there is no run to look at")
+        raise DataError("No run is open.")
     found = [r if isinstance(r, Extremes) else Extremes(r) for r in given]
     if window is None:
         ends = min(float(e.x[0]) for e in found), max(float(e.x[-1]) for e in found)

@@ -194,10 +194,7 @@ def format_error(recipe: Recipe) -> RecipeError | None:
 
 
 def _unknown(name: str, known: Mapping[str, Any]) -> str:
-    return (
-        f"index format {name!r} is written by nothing that is installed; there are "
-        f"{', '.join(sorted(known))}"
-    )
+    return f"Unknown index format {name!r}. Available: {', '.join(sorted(known))}"
 
 
 def write_index(document: Mapping[str, Any], path: Path, name: str) -> Path:

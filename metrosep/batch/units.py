@@ -593,14 +593,14 @@ def sentences(records: Iterable[Mapping[str, Any]], place: str) -> list[str]:
     --------
     >>> links = LeftOut("links", "are links to folders", ("again",))
     >>> sentences([links.record()], "the input folder")
-    ['1 below the input folder are links to folders and are left out: again']
+    ['1 below the input folder are links to folders and are omitted: again']
     """
     told = []
     for item in records:
         names, n = item["names"], item["count"]
         shown = ", ".join(one_line_name(name) for name in names[:_SHOWN])
         told.append(
-            f"{n} below {place} {item['why']} and are left out: {shown}"
+            f"{n} below {place} {item['why']} and are omitted: {shown}"
             + (" ..." if n > _SHOWN else "")
         )
     return told

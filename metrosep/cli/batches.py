@@ -43,12 +43,12 @@ _OF_UNITS = (1, 3, 6)
     default=True,
     help="Keep what is done (default), or do all again.",
 )
-@click.option("--fail-fast", is_flag=True, help="Begin nothing more after the first that fails.")
+@click.option("--fail-fast", is_flag=True, help="Stop after the first failure.")
 @click.option("--watch", is_flag=True, help="Go on looking for new files until Ctrl-C.")
 @click.option(
     "--every", type=float, metavar="SECONDS", help="With --watch: between two looks; 5 if omitted."
 )
-@click.option("--dry-run", is_flag=True, help="Only say what would be done.")
+@click.option("--dry-run", is_flag=True, help="Report what would be done, and do nothing.")
 @click.option(
     "--exit-zero",
     is_flag=True,
@@ -69,7 +69,7 @@ def batch(
     as_json: bool,
     **options: Any,
 ) -> int:
-    """Carry out RECIPE on every file below DIR, each with its own verdict.
+    """Run RECIPE on every file below DIR, each with its own verdict.
 
     A batch that was stopped or killed goes on where it was when it is started again. Exit codes, the
     worst counts: 5 internal error, 6 files that failed or folders that cannot be read, 1 rejected,

@@ -57,9 +57,7 @@ def info(
 @click.command()
 @click.argument("files", nargs=-1, required=True, metavar="FILE...")
 @file_options
-@click.option(
-    "--explain", is_flag=True, help="Of recipes: print what holds where a key is left out."
-)
+@click.option("--explain", is_flag=True, help="Print the default of each key of a recipe.")
 @override_option
 @json_option
 def check(
@@ -69,10 +67,10 @@ def check(
     overrides: tuple[str, ...],
     as_json: bool,
 ) -> int:
-    """Say what is odd about FILE: level, problem, fix.
+    """Check FILE and suggest a fix for each problem.
 
     The exit code is 0 without errors (there may be warnings), 1 with errors, 4 when a file cannot
-    be read. Of recipes (.toml) every mistake that shows without data is told, with its line; the exit
+    be read. Of recipes (.toml) every mistake that shows without data is reported, with its line; the exit
     code is 0, or 2 with mistakes.
     """
     if are_recipes(files):
@@ -91,7 +89,7 @@ def check(
     for name, findings in found.items():
         if not as_json:
             click.echo(
-                f"{name}: {'nothing odd' if not findings else ''}".rstrip(": ")
+                f"{name}: {'no problem found' if not findings else ''}".rstrip(": ")
                 + ":" * bool(findings)
             )
         for finding in () if as_json else findings:
@@ -187,7 +185,7 @@ def convert(
 @click.command()
 @json_option
 def formats(as_json: bool) -> int:
-    """List the file formats, and on what the claim rests that they are read rightly."""
+    """List the file formats and how each was verified."""
     from metrosep.io.registry import formats as known
 
     rows = [
@@ -458,7 +456,7 @@ def _defaults(recipe: Recipe) -> list[dict[str, Any]]:
 
 def _explained(recipe: Recipe) -> Iterator[str]:
     for step in _defaults(recipe):
-        yield f"{step['op']}: {step['what']}; left out, so that this holds:"
+        yield f"{step['op']}: {step['what']}; keys that are not given, and what holds:"
         for key in step["keys"]:
             value = "none" if key["default"] is None else json.dumps(key["default"])
             yield f"  {key['name']:16} {value:12} {key['help']}"

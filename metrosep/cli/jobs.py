@@ -33,8 +33,14 @@ __all__ = ["demo", "print_named", "progress", "recipe_words", "run", "separate"]
 
 def progress(context: click.Context) -> Callable[[str], None]:
     """Return what is told of the steps of a run: nothing where the user wants quiet."""
-    quiet = bool((context.obj or {}).get("quiet"))
-    return (lambda _message: None) if quiet else (lambda message: say(f"metrosep: {message}"))
+    told = context.obj if isinstance(context.obj, dict) else {}
+
+    def tell(message: str) -> None:
+        told["phase"] = message  # for what a long command is at
+        if not told.get("quiet"):
+            say(f"metrosep: {message}")
+
+    return tell
 
 
 @click.command()
@@ -72,7 +78,7 @@ def run(
     force: bool,
     as_json: bool,
 ) -> int:
-    """Carry out RECIPE on INPUT files or folders.
+    """Run RECIPE on INPUT files or folders.
 
     The exit code is the verdict: 0 accepted, 1 rejected, 3 inconclusive. If anything fails, nothing
     new appears in the output folder.
@@ -95,7 +101,7 @@ def run(
     "--method",
     default="joint",
     show_default=True,
-    help="joint, kono or mean; or a named separation such as donaldson (metrosep ops lists them).",
+    help="Method: joint, kono or mean; or a named separation, donaldson (metrosep ops lists them).",
 )
 @named_options
 @click.option(
@@ -113,7 +119,7 @@ def run(
 @click.option("--drift", type=int, metavar="0|1|2", help="Polynomial in time of each run (joint).")
 @click.option("--lines", metavar="auto|FREQ,...", help='Disturbing lines: auto, "50 Hz" (joint).')
 @click.option(
-    "--robust", is_flag=True, default=None, help="Spikes lose their weight (joint, mean)."
+    "--robust", is_flag=True, default=None, help="Reduce the weight of outliers (joint, mean)."
 )
 @click.option(
     "--table",

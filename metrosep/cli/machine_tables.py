@@ -61,7 +61,7 @@ _VOLUME = (
     "--spacing",
     required=True,
     metavar="LENGTH",
-    help='Between the entries, "10 mm"; or "X=10 mm,Y=5 mm".',
+    help='Distance of the entries, "10 mm"; or "X=10 mm,Y=5 mm".',
 )
 @click.option(
     "--corrects", metavar="AXIS,...", help="Axes to correct; all linear ones if omitted."
@@ -87,13 +87,13 @@ _VOLUME = (
     "facts",
     multiple=True,
     metavar="NAME=VALUE",
-    help="Fact or limit of the machine; of one file alone: x-z.NAME=VALUE. May be repeated.",
+    help="Machine setting or limit; x-z.NAME=VALUE for one file alone. May be repeated.",
 )
 @click.option(
     "--waive",
     multiple=True,
     metavar="CHECK",
-    help="Accept the refusal of a check, by name; recorded.",
+    help="Ignore the named check. The result records it.",
 )
 @click.option("--sign-confirmed", is_flag=True, help="The sign was tried on this machine.")
 @click.option("-o", "--out", required=True, metavar="FOLDER", help="Folder for the files.")
@@ -163,7 +163,7 @@ def _places_hinted() -> Iterator[None]:
         if "is missing; q holds" not in str(exc):
             raise
         raise click.UsageError(
-            f'{exc}: say where that axis stands, such as --at "Z=0 mm" or --at "A=0 deg"'
+            f'{exc}: give the position of that axis, such as --at "Z=0 mm" or --at "A=0 deg"'
         ) from None
 
 

@@ -158,8 +158,10 @@ def read(
 @click.command()
 @click.argument("files", nargs=-1, required=True, metavar="FILE...")
 @click.option("--radius", required=True, metavar="LENGTH", help='Programmed radius, "150 mm".')
-@click.option("--feed", required=True, metavar="SPEED", help='Along the circle, "1000 mm/min".')
-@click.option("--angle", metavar="COLUMN", help="Of the place.")
+@click.option(
+    "--feed", required=True, metavar="SPEED", help='Feedrate along the circle, "1000 mm/min".'
+)
+@click.option("--angle", metavar="COLUMN", help="Column of the angle of the place.")
 @click.option("--ccw", metavar="COLUMN", help="Deviation of the radius, angle rising.")
 @click.option("--cw", metavar="COLUMN", help="The same, angle falling.")
 @click.option("--x", metavar="COLUMN", help="Of a log: position of the first axis of the plane.")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import importlib
 import os
+import re
 import sys
-from pathlib import Path
+from functools import cache
 from typing import Any
 
 import click
@@ -14,17 +15,26 @@ from metrosep._version import __version__
 
 __all__ = ["cli", "main"]
 
-_HOMES = {
-    "demo": "jobs", "info": "files", "check": "files", "convert": "files", "measure": "measuring",
-    "form": "measuring", "separate": "jobs", "table": "tables", "machine-tables": "machine_tables", "path": "paths",
-    "report": "reporting", "diff": "reporting", "verify": "tables",
-    "verify-softgauge": "measuring", "run": "jobs", "batch": "batches", "plan": "planning",
-    "calibrate": "machines", "circle": "machines", "read": "machines",
-    "thermal": "machines",
-    "air": "modelling", "rank": "modelling", "predict": "modelling", "formats": "files", "controllers": "files",
-    "ops": "ops", "psd": "spectra", "geometry": "geometry", "ui": "workbench",
-    "volume": "machine_tables",
+_GROUPS = {
+    "Measure": {
+        "info": "files", "check": "files", "convert": "files", "measure": "measuring", "form": "measuring",
+        "psd": "spectra", "geometry": "geometry", "circle": "machines", "verify-softgauge": "measuring",
+    },
+    "Separate": {
+        "run": "jobs", "batch": "batches", "separate": "jobs", "plan": "planning", "calibrate": "machines",
+        "thermal": "machines", "air": "modelling",
+    },
+    "Compensate": {
+        "table": "tables", "machine-tables": "machine_tables", "volume": "machine_tables", "path": "paths",
+        "verify": "tables", "read": "machines", "rank": "modelling", "predict": "modelling",
+    },
+    "Report": {"report": "reporting", "diff": "reporting"},
+    "Tools": {
+        "demo": "jobs", "ui": "workbench", "formats": "files", "controllers": "files", "ops": "ops",
+        "doctor": "doctor", "completion": "doctor",
+    },
 }  # fmt: skip
+_HOMES = {name: home for group in _GROUPS.values() for name, home in group.items()}
 """The module of each command, which is loaded when the command is called."""
 
 
@@ -55,16 +65,29 @@ class _Commands(click.Group):
         return ctx.fail(f"No such command {args[0]!r}. Did you mean {near[0]!r}?")
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the list of commands with the first sentence of the docstring of each."""
-        width = formatter.width - 6 - max(map(len, _HOMES))
-        with formatter.section("Commands"):
-            rows = [(n, click.Command(n, help=_docstring(n))) for n in sorted(_HOMES)]
-            formatter.write_dl([(n, c.get_short_help_str(width)) for n, c in rows])
+        """Write the commands in groups, each with the first sentence of its docstring, and examples."""
+        for group, homes in _GROUPS.items():
+            with formatter.section(group):
+                formatter.write_dl([(n, _first_sentence(n)) for n in homes], col_max=18)
+        with formatter.section("Examples"):
+            formatter.write_text("\b\n" + "\n".join(_EXAMPLES))
+
+
+_EXAMPLES = (
+    'metrosep measure part.x3p --form plane --params Sq,Sz --upper "Sq=5 nm" -o out',
+    'metrosep separate runs.csv --x x_mm --z z_um --table "linuxcnc=x.comp" --axis X -o out',
+    "metrosep report out --format html,pdf -o reports",
+)
+
+
+def _first_sentence(command: str) -> str:
+    text = " ".join(_docstring(command).split())
+    return re.split(r"(?<=[.:])(?: |$)", text, maxsplit=1)[0].rstrip(":.") + "."
 
 
 def _docstring(command: str) -> str:
     """Return the docstring of a command as its source has it: the module is not loaded for it."""
-    source = Path(__file__).with_name(f"{_HOMES[command]}.py").read_text(encoding="utf-8")
+    source = _source(_HOMES[command])
     name = command.replace("-", "_")
     return source.partition(f"\ndef {name}(")[2].partition('"""')[2].partition('"""')[0]
 
@@ -74,7 +97,7 @@ def _docstring(command: str) -> str:
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.version_option(__version__, prog_name="metrosep")
-@click.option("-v", "--verbose", count=True, help="More words; twice for a traceback.")
+@click.option("-v", "--verbose", count=True, help="Show details; -vv also shows a traceback.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress on standard error.")
 @click.pass_context
 def cli(context: click.Context, verbose: int, quiet: bool) -> None:
@@ -129,18 +152,72 @@ def _give_up_standard_output() -> None:
         os.close(nothing)
 
 
+@cache
+def _source(module: str) -> str:
+    with open(f"{os.path.dirname(__file__)}/{module}.py", encoding="utf-8") as file:  # noqa: PTH120, PTH123
+        return file.read()
+
+
+class _Heartbeat:
+    """Says on standard error what a long command is at: from 2 s on a terminal, else every 10 s."""
+
+    _SILENT = ("ui", "batch", "completion")  # they have words of their own
+
+    def __init__(self, words: list[str], told: dict[str, Any]) -> None:
+        self._name = next((w for w in words if w in _HOMES), "")
+        self._told = told
+        self._quiet = (
+            not self._name or self._name in self._SILENT or "-q" in words or "--quiet" in words
+        )
+        self._on_terminal = sys.stderr is not None and sys.stderr.isatty()
+        self._done: Any = None
+
+    def __enter__(self) -> None:
+        if self._quiet:
+            return
+        import threading
+
+        self._done = threading.Event()
+        threading.Thread(target=self._beat, daemon=True).start()
+
+    def __exit__(self, *_: object) -> None:
+        if self._done is not None:
+            self._done.set()
+
+    def _beat(self) -> None:
+        import time
+
+        began, shown = time.monotonic(), False
+        pause = 2.0 if self._on_terminal else 10.0
+        while not self._done.wait(pause):
+            phase = self._told.get("phase") or self._name
+            text = f"metrosep: {phase}, {time.monotonic() - began:.0f} s"
+            click.echo(f"\r{text[:78]:<78}" if self._on_terminal else text, err=True,
+                       nl=not self._on_terminal)  # fmt: skip
+            shown = True
+            pause = 1.0 if self._on_terminal else 10.0
+        if shown and self._on_terminal:
+            click.echo(f"\r{'':78}\r", err=True, nl=False)
+
+
 def main(arguments: list[str] | None = None) -> Any:
     """Run the command line and exit."""
-    from metrosep.cli.errors import is_standard_output, report_error
-
     # two spinning BLAS threads cost more than they give on the small products here
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     words = _global_first(sys.argv[1:] if arguments is None else arguments)
     told: dict[str, Any] = {}  # holds "words" where a command has words of its own
+    if not words and "_METROSEP_COMPLETE" not in os.environ:
+        context = cli.make_context("metrosep", [], resilient_parsing=True)
+        click.echo(context.get_help(), err=True)
+        sys.exit(2)
+    beat = _Heartbeat(words, told)
     try:
-        code = cli.main(args=words, prog_name="metrosep", standalone_mode=False, obj=told)
+        with beat:
+            code = cli.main(args=words, prog_name="metrosep", standalone_mode=False, obj=told)
     except click.exceptions.Abort:
+        from metrosep.cli.errors import report_error
+
         sys.exit(report_error(KeyboardInterrupt(), verbosity=0))
     except click.ClickException as exc:
         line = " ".join(exc.format_message().split())
@@ -152,6 +229,8 @@ def main(arguments: list[str] | None = None) -> Any:
     except SystemExit as exc:  # click ends so, with 1, where the reader of a pipe has gone
         sys.exit(2 if exc.code == 1 else exc.code)
     except (KeyboardInterrupt, Exception) as exc:  # every error becomes one line and a code
+        from metrosep.cli.errors import is_standard_output, report_error
+
         if is_standard_output(exc):
             _give_up_standard_output()
         names, verbosity = _parameters(words), _verbosity(words)

@@ -107,13 +107,15 @@ def flat_values(quantities: Any) -> dict[str, float | None]:
 )
 @click.option("--centre", is_flag=True, help="Subtract the mean again (instruments do not).")
 @click.option("--line", type=click.Choice(["lsq", "secant"]), default="lsq", show_default=True)
-@click.option("--params", metavar="SYMBOLS", help="Such as Sa,Sq,PV; all that apply if omitted.")
+@click.option(
+    "--params", metavar="SYMBOLS", help="Parameters, Sa,Sq,PV; all that apply if omitted."
+)
 @click.option(
     "--reference",
     type=click.Choice(["MZ", "LS", "EP", "MC", "MI"]),
     default="MZ",
     show_default=True,
-    help="Of straightness (STRt), flatness (FLTt), roundness (RONt).",
+    help="Reference of straightness (STRt), flatness (FLTt), roundness (RONt).",
 )
 @click.option("--upper", multiple=True, metavar="SYMBOL=VALUE", help='Limit, "Sq=5 nm".')
 @click.option("--lower", multiple=True, metavar="SYMBOL=VALUE", help="Limit from below.")
@@ -414,7 +416,7 @@ def _print_measured(name: str, found: Mapping[str, Any]) -> None:
     default="plane",
     show_default=True,
     metavar="FORM",
-    help='Such as sphere, "conic: R=50 mm", "zernike: terms=36, order=fringe".',
+    help='Form: sphere, "conic: R=50 mm", "zernike: terms=36, order=fringe".',
 )
 @click.option("--free", metavar="NAMES", help="What may move: piston,tilt_x,tilt_y,shift_x,R ...")
 @click.option("--fix", multiple=True, metavar="NAME=VALUE", help='Held: "R=50 mm".')
@@ -428,7 +430,7 @@ def _print_measured(name: str, found: Mapping[str, Any]) -> None:
     type=click.Choice(["vertical", "normal"]),
     default="vertical",
     show_default=True,
-    help="Of the deviation.",
+    help="Direction of the deviation.",
 )
 @click.option("--centre", metavar="X,Y", help='Origin of the form in the data: "1.5 mm, 2 mm".')
 @click.option("--residual", metavar="FILE", help="Write what is left: x3p, sur, h5, csv, int ...")
@@ -443,7 +445,7 @@ def _print_measured(name: str, found: Mapping[str, Any]) -> None:
     metavar="TERM=N,...",
     help='Terms that are curves, with their orders (--identify): "EZX=6,EZC=3".',
 )
-@click.option("--radius", metavar="LENGTH", help="Of the part (--identify).")
+@click.option("--radius", metavar="LENGTH", help="Radius of the part (--identify).")
 @click.option("-o", "--out", metavar="DIR", help="Folder for the report (--identify).")
 @file_options
 @json_option
@@ -613,7 +615,7 @@ def verify_softgauge(
     """Compare our parameters with those that a software gauge FILE (ISO 5436-2 .smd, or a map) expects.
 
     The exit code is 0 when all agree, 1 when one does not, 3 when nothing is proved: a value was
-    not compared, or heights are missing. A wrong checksum is told with the result.
+    not compared, or heights are missing. A wrong checksum is reported with the result.
     """
     from pathlib import Path
 

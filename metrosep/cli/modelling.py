@@ -24,8 +24,8 @@ _REPORT = ["", "[[output]]", 'kind = "parts"', "", "[[output]]", 'kind = "report
 @click.command()
 @click.argument("machine")
 @click.option("--form", required=True, metavar="FORM", help='"toric: Rb=265 mm, Rd=132.5 mm" ...')
-@click.option("--radius", required=True, metavar="LENGTH", help='Of the part: "20 mm".')
-@click.option("--inner-radius", metavar="LENGTH", help="Of a hole in the part.")
+@click.option("--radius", required=True, metavar="LENGTH", help='Radius of the part: "20 mm".')
+@click.option("--inner-radius", metavar="LENGTH", help="Radius of a hole in the part.")
 @click.option(
     "--error",
     "errors",
@@ -41,7 +41,11 @@ _REPORT = ["", "[[output]]", 'kind = "parts"', "", "[[output]]", 'kind = "report
     help="none, piston, plane (default), plane+defocus, rigid, mounting, zernike 11, or names.",
 )
 @click.option("--response", type=click.Choice(["form", "wavefront"]), help="What is ranked.")
-@click.option("--mode", type=click.Choice(["reflect", "refract"]), help="Of the wavefront.")
+@click.option(
+    "--mode",
+    type=click.Choice(["reflect", "refract"]),
+    help="How the surface makes the wavefront.",
+)
 @click.option("--n", type=float, metavar="INDEX", help="Refractive index of the material.")
 @click.option(
     "--distribution",

@@ -63,8 +63,8 @@ def force_option(command: F) -> F:
 def machine_options(command: F) -> F:
     """Add what the presets of machines need to know."""
     for name, text in (
-        ("--pivot-height", "Of the table above the axis of A, for the preset five_axis."),
-        ("--radius", "Of the part, for the preset fts_lathe."),
+        ("--pivot-height", "Height of the table above the axis of A, for the preset five_axis."),
+        ("--radius", "Radius of the part, for the preset fts_lathe."),
     ):
         command = click.option(name, metavar="LENGTH", help=text)(command)
     return command
@@ -202,12 +202,14 @@ def optional_read_options(command: F) -> F:
             click.option(
                 "--feed", metavar="COLUMN|VALUE", help='Feedrate: feed_mm_min or "7200 mm/min".'
             ),
-            click.option("--run", metavar="COLUMN", help="Column that tells runs apart."),
+            click.option("--run", metavar="COLUMN", help="Column that distinguishes the runs."),
             click.option("--direction", metavar="COLUMN", help="Column with fwd/rev."),
             click.option("--time", metavar="COLUMN", help='Time: t_s or "t:ms".'),
-            click.option("--sampling-rate", metavar="RATE", help='Such as "1 kHz".'),
+            click.option("--sampling-rate", metavar="RATE", help='Sampling rate, "1 kHz".'),
             click.option(
-                "--scale", metavar="SENSITIVITY", help='Of a sensor in volts: "2.5 um/V".'
+                "--scale",
+                metavar="SENSITIVITY",
+                help='Sensitivity, for sensors with voltage output: "2.5 um/V".',
             ),
             *(
                 click.option(f"--{name.replace('_', '-')}", help=text)
@@ -227,10 +229,9 @@ def expansion_options() -> list[Callable[[F], F]]:
     made: list[Any] = []
     for name, declared in options_of(Expansion).items():
         words = f"{declared.help[0].upper()}{declared.help[1:]}."
-        if name == "expansion":
-            words = f"Coefficient of expansion {declared.help}."
-        elif name == "temperature":
-            words = f"Temperature {declared.help}."
+        noun = {"expansion": "Coefficient of expansion", "temperature": "Temperature"}
+        if declared.kind in noun and not name.startswith("u_"):
+            words = f"{noun[declared.kind]} {declared.help}."
         flag = declared.kind == "flag"
         more: dict[str, Any] = (
             {"is_flag": True} if flag else {"metavar": f'"{KINDS[declared.kind].example}"'}
@@ -248,7 +249,10 @@ def table_options(command: F) -> F:
     """Add the options that shape a compensation table."""
     for option in reversed(
         (
-            click.option("--axis", help="Axis that is looked up; of a result its own, else X."),
+            click.option(
+                "--axis",
+                help="Axis whose position selects the entry. Default: axis of the result, or X.",
+            ),
             click.option(
                 "--compensates",
                 metavar="AXIS",
@@ -257,7 +261,7 @@ def table_options(command: F) -> F:
             ),
             click.option(
                 "--spacing",
-                help=f"Between the entries: {USUAL_SPACING} ({USUAL_TURN}) if left out; of a list its targets.",
+                help=f"Distance of the entries. Default: {USUAL_SPACING} ({USUAL_TURN}); of a list its targets.",
             ),
             click.option(
                 "--cross-axis",
@@ -268,13 +272,13 @@ def table_options(command: F) -> F:
             click.option(
                 "--reference-direction",
                 type=click.Choice(["forward", "reverse", "middle"]),
-                help="Direction in which the reference is reached; forward if left out.",
+                help="Direction in which the reference is reached; forward by default.",
             ),
             *expansion_options(),
             click.option(
                 "--table-direction",
                 type=click.Choice(["auto", "both", "split", "forward", "reverse"]),
-                help="Of the runs: both in one column (both), a column for each (split), or those of "
+                help="Directions of the table: both in one column (both), a column for each (split), or those of "
                 "one; auto splits where the error differs.",
             ),
             click.option(
@@ -288,13 +292,13 @@ def table_options(command: F) -> F:
                 "--machine",
                 multiple=True,
                 metavar="NAME=VALUE",
-                help='Fact or limit of the machine, "count=10 nm", "stroke=5 um"; may be repeated.',
+                help='Machine setting or limit, "count=10 nm", "stroke=5 um"; may be repeated.',
             ),
             click.option(
                 "--waive",
                 multiple=True,
                 metavar="CHECK",
-                help="Accept the refusal of a check, by name; recorded.",
+                help="Ignore the named check. The result records it.",
             ),
             click.option(
                 "--sign-confirmed", is_flag=True, help="The sign was tried on this machine."

@@ -30,15 +30,21 @@ _SENSES = ("reached-minus-target", "target-minus-reached")
 def list_options() -> Callable[[F], F]:
     """Add the options that name the columns of a list of targets, beside --direction."""
     options = [
-        click.option("--target", metavar="COLUMN", help="Of a list: target, target_mm."),
         click.option(
-            "--readings", metavar="COLUMN,...", help="Of a list: readings, one column a cycle."
+            "--target", metavar="COLUMN", help="Column of the targets of a list, target_mm."
         ),
-        click.option("--cycle", metavar="COLUMN", help="Of a list: cycle, where it is a column."),
+        click.option(
+            "--readings",
+            metavar="COLUMN,...",
+            help="Columns of the readings of a list, one for each cycle.",
+        ),
+        click.option(
+            "--cycle", metavar="COLUMN", help="Column of the cycle of a list, if it has one."
+        ),
         click.option(
             "--deviation",
             type=click.Choice(_SENSES),
-            help="Of a list of deviations: their sense, never assumed.",
+            help="Sense of the deviations of a list, never assumed.",
         ),
     ]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -33,7 +34,7 @@ _MANY = 8
     default="html",
     show_default=True,
     metavar="NAME,...",
-    help="Of the reports: html, pdf, xlsx, csv, parquet, dfq, or what else is installed.",
+    help="Formats of the reports: html, pdf, xlsx, csv, parquet, dfq, dcc.",
 )
 @click.option("-o", "--out", required=True, metavar="DIR", help="Folder for the reports.")
 @report_option
@@ -247,10 +248,12 @@ def _writers(
     known = report_formats()
     wanted = list(dict.fromkeys(f.strip().lower() for f in formats.split(",") if f.strip()))
     unknown = [name for name in wanted if name not in known]
+    found = difflib.get_close_matches(unknown[0], known, n=1) if unknown else []
+    near = f' Did you mean "{found[0]}"?' if found else ""
     if unknown or not wanted:
         raise click.UsageError(
-            f"--format {unknown[0] if unknown else formats!r} is written by nothing that is installed; "
-            f"there are {', '.join(sorted(known))}"
+            f"Unknown report format {unknown[0] if unknown else formats!r}. Available: "
+            f"{', '.join(sorted(known))}.{near}"
         )
     writers: dict[str, Writer] = {name: known[name].load() for name in wanted}
     if "pdf" in writers and pdf_engine == "matplotlib":
@@ -309,7 +312,7 @@ def _of_index(path: Path, below: list[Path], *, quiet: bool) -> list[Path]:
     if others and not quiet:
         say(
             f"note: {others} result(s) below {path} are not of its index.json (another recipe, former "
-            "contents, files that are gone) and are left out; give their own folders to have them"
+            "contents, files that are gone) and are omitted; give their own folders to include them"
         )
     if failed and not quiet:
         say(f"note: {failed} unit(s) of {index} have no result: they failed or were not begun")

@@ -56,7 +56,7 @@ __all__ = [
 @click.option(
     "--method",
     type=click.Choice(["joint", "kono", "mean"]),
-    help="Of runs: how they are separated; joint if left out, as by 'separate'.",
+    help="Method that separates runs. Default: joint, as for 'separate'.",
 )
 @table_options
 @click.option("--over", metavar="AXIS,AXIS", help='Axes of a map, "X,Y".')
@@ -406,7 +406,7 @@ def verify(
 ) -> int:
     """Dry-run TABLE against measured runs (or a map), as its controller would apply it.
 
-    Runs that made the table are left out one by one: each is judged with the table made without it.
+    Runs that made the table are omitted one by one: each is judged with the table made without it.
 
     Exit code 0: the machine is better with it. 1: it is not, or less than 30 % of the error goes. 3:
     the readings do not show it. 4: table or runs cannot be read, or the table is not the one that its

@@ -72,11 +72,14 @@ class Corrections(Stated):
                     "(combine_tables joins others)"
                 )
         mine, theirs = self._entries(), other._entries()
-        ways = {k: mine.get(k, mine.get("forward")) for k in {**mine, **theirs}}
-        total = {k: v + theirs.get(k, theirs.get("forward")) for k, v in ways.items()}
+        total = {
+            k: (mine[k] if k in mine else mine["forward"])
+            + (theirs[k] if k in theirs else theirs["forward"])
+            for k in {**mine, **theirs}
+        }
         one, two = getattr(self, "u", None), getattr(other, "u", None)
         spread = None if one is None or two is None else np.hypot(one, two)
-        known = {"u": spread, "covariances": {}, "source": None}
+        known: dict[str, Any] = {"u": spread, "covariances": {}, "source": None}
         held = {k: v for k, v in known.items() if hasattr(self, k)}
         made: Any = replace(cast(Any, self), **total, **held)
         return cast(Self, made)

@@ -25,7 +25,7 @@ __all__ = ["HeightArithmetic", "require_same_grid"]
 _SAME = 0.01
 """Of a step: grids that differ by less are one grid."""
 
-_UFUNCS = {
+_UFUNCS: dict[Any, Callable[..., Any]] = {
     np.negative: operator.neg, np.absolute: operator.abs, np.add: operator.add,
     np.subtract: operator.sub, np.multiply: operator.mul, np.true_divide: operator.truediv,
 }  # fmt: skip

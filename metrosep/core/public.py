@@ -102,7 +102,8 @@ class PublicObject:
         WriteError
             If the file cannot be written.
         """
-        return attached.save(self, path)
+        place: Path = attached.save(self, path)
+        return place
 
     def equals(self, other: object) -> bool:
         """Return whether another object has the same class and values; NaN equals NaN.

@@ -13,10 +13,10 @@ from metrosep.core.errors import ReadError
 __all__ = ["TEXT_OPTIONS", "TextOptions", "accepted_options"]
 
 TEXT_OPTIONS: Final = {
-    "separator": "Between the columns, where it is not clear: tab, space, comma, semicolon.",
+    "separator": "Column separator, if it cannot be detected: tab, space, comma, semicolon.",
     "decimal": "Decimal mark, where it is not clear: . or ,",
     "thousands": "Mark between groups of three digits, where numbers have one: , or . or '",
-    "encoding": "Of the text, where it is not clear: utf-16.",
+    "encoding": "Encoding of the text, if it cannot be detected: utf-16.",
     "comment": "Text that begins the lines to leave out, where it is none of # % ! //",
     "skip_rows": "How many lines to leave out at the start.",
     "skip_lines": "Lines to leave out by their number: 31,40-52.",

@@ -54,7 +54,7 @@ def _of(obj: Any, table: Mapping[str, Callable[..., Any]]) -> Callable[..., Any]
     return next((table[c.__name__] for c in type(obj).__mro__ if c.__name__ in table), None)
 
 
-def _axes(surface: Surface) -> tuple[FloatArray, FloatArray, str]:
+def _axes(surface: Surface) -> tuple[Any, Any, str]:
     """Return x and y and their unit: m, or pixels where a step is not known."""
     n_y, n_x = surface.shape
     if surface.dx is None or surface.dy is None:
@@ -273,7 +273,7 @@ def _labelled_map(xr: Any, m: Any) -> Any:
 
 def _labelled_wavefront(xr: Any, w: Any) -> Any:
     places = ("y", "x") if np.ndim(w.opd) == 2 else ("point",)
-    data = {k: (places, np.asarray(getattr(w, k)), {"units": "m"}) for k in ("opd",)}
+    data: dict[str, Any] = {"opd": (places, np.asarray(w.opd), {"units": "m"})}
     data |= {f"{k}_m": (places, np.asarray(getattr(w, k))) for k in "xy"}
     return xr.Dataset(data)
 

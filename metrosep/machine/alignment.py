@@ -101,9 +101,7 @@ def removed_freedoms(removed: str | Iterable[str]) -> tuple[str, ...]:
             if name not in FREEDOMS and name not in _WORDS:
                 plain = (n for n in FREEDOMS if not n.startswith("noll"))
                 known = ", ".join((*_WORDS, "zernike N", *plain))
-                raise DataError(
-                    f"there is no freedom {word.strip()!r} to remove; take of: {known}"
-                )
+                raise DataError(f"Unknown alignment term {word.strip()!r}. Available: {known}")
             found.update(_WORDS.get(name, (name,)))
     return tuple(n for n in FREEDOMS if n in found)
 

@@ -95,7 +95,7 @@ class _Scale:
 
     def ends(self, low: float, high: float, base: str) -> tuple[float, float]:
         """Return the ends in SI."""
-        kind = {"m": "length", "rad": "angle"}.get(base)
+        kind = {"rad": "angle", "V": "voltage", "s": "time"}.get(base, "length")
         a = low if self.low is None else quantity(self.low, "vmin", kind)
         b = high if self.high is None else quantity(self.high, "vmax", kind)
         if not a < b and (self.low is not None or self.high is not None):

@@ -421,7 +421,7 @@ def series_section(document: Document, folder: Path | None = None) -> dict[str, 
             "surest terms with control limits. Right: correlation after each term's own line is taken "
             f"off. Beyond chance: false discovery rate {100 * found.rate:g} % over all terms, and over "
             "all pairs; of terms that say the same (correlation 0.9999 and more) one is counted. "
-            "Values that differ by rounding only are left out."
+            "Values that differ by rounding only are omitted."
         ),
         "drifts": [_drift_line(t) for t in found.drifting[:_MOST_LINES]],
         "pairs": [

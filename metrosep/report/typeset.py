@@ -348,7 +348,7 @@ def _lines(shown: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if shown["decision_rule"] and mark.word != "NO VERDICT":
         yield "text", f"Decision rule: {shown['decision_rule']}"
     yield from _facts(shown["header"])
-    for message in shown["messages"]:
+    for message in (*c["warnings"], *shown["messages"]):
         yield "text", f"Note: {message}"
     yield from _facts(shown["summary"])
     if shown["characteristics"]:

@@ -219,7 +219,7 @@ def _run_rows(document: Document) -> list[dict[str, str]]:
             "offset": text(r["offset_mm"], "+.3f") if placed else "",
             "u_offset": text(r["u_offset_mm"], "#.2g") if placed else "",
             "found": "; ".join(
-                p for p in ("" if r["used"] else "left out", typeset(r["finding"])) if p
+                p for p in ("" if r["used"] else "excluded", typeset(r["finding"])) if p
             ),
         }
         for r in rows

@@ -125,7 +125,10 @@ def _summary(book: Workbook, document: Mapping[str, Any], shown: Mapping[str, An
         book.add_format({"italic": True}),
     )
     wrapped = book.add_format({"text_wrap": True, "valign": "top"})
-    row = write_text(sheet, 0, 0, shown["title"], bold)
+    c = shown["c"]
+    draft = f" ({c['t']['draft']})" if c["draft"] else ""
+    row = write_text(sheet, 0, 0, f"{c['kind']} {c['number']}".strip().capitalize() + draft, bold)
+    row = write_text(sheet, row, 0, shown["title"], bold)
     mark = shown["stamp"]
     verdict = document.get("verdict")
     sheet.write_string(row, 0, f"{mark.symbol} {mark.word}", _verdict_style(book, verdict))
@@ -133,14 +136,19 @@ def _summary(book: Workbook, document: Mapping[str, Any], shown: Mapping[str, An
     if shown["decision_rule"] and verdict is not None:
         sheet.write_string(row, 0, "Decision rule")
         row = write_text(sheet, row, 1, shown["decision_rule"], wrapped)
-    facts = [*shown["summary"], *((shown["table"] or {}).get("rows") or [])]
+    facts = [("Needed to issue it", c["missing"])] if c["missing"] else []
+    facts += [(title, "; ".join(f"{k}: {v}" for k, v in rows)) for title, rows in c["blocks"]]
+    facts += [(c["t"]["u_origin"], o) for o in c["origins"]]
+    facts += [(c["t"]["traceability"], c["traceability"])] if c["traceability"] else []
+    facts += [(c["t"]["deviations"], d) for d in c["deviations"]]
+    facts += [*shown["summary"], *((shown["table"] or {}).get("rows") or [])]
     for name, value in facts:
         sheet.write_string(row, 0, one_line(name))
         row = write_text(sheet, row, 1, value, wrapped)
     for found in (shown["table"] or {}).get("findings") or []:
         sheet.write_string(row, 0, one_line(f"Table, {found['level']}"), soft)
         row = write_text(sheet, row, 1, f"{found['problem']} {found['fix']}", wrapped)
-    for message in shown["messages"]:
+    for message in (*c["warnings"], *shown["messages"]):
         sheet.write_string(row, 0, "Note", soft)
         row = write_text(sheet, row, 1, message, wrapped)
     _picture(sheet, document, row + 1)
@@ -215,6 +223,48 @@ def _profiles(book: Workbook, document: Mapping[str, Any]) -> None:
             if value is not None:
                 sheet.write_number(row, i, value)
     sheet.freeze_panes(3, 0)
+    if columns:
+        _charts(book, columns)
+
+
+_CHART_ROWS, _CHART_SIZE = 20, {"width": 900, "height": 380}
+
+
+def _charts(book: Workbook, columns: Sequence[Column]) -> None:
+    """Draw each group of curves as a native chart over the columns of the sheet Profiles; u is not drawn."""
+    sheet = _sheet(book, "Charts", (14,))
+    groups: dict[str, list[int]] = {}
+    for i, column in enumerate(columns):
+        groups.setdefault(column.chart, []).append(i)
+    for number, (title, members) in enumerate(groups.items()):
+        chart = book.add_chart({"type": "scatter", "subtype": "straight"})
+        first = columns[members[0]]
+        abscissa, unit = members[0], ""
+        for i in members:
+            column = columns[i]
+            if column.name == first.name or column.name.startswith(f"{first.name}, "):
+                abscissa = i
+            elif not column.name.startswith("standard uncertainty"):
+                last = 2 + min(len(column.values), _MOST_ROWS)
+                chart.add_series(
+                    {
+                        "name": one_line(column.name)[:_MOST_LETTERS],
+                        "categories": ["Profiles", 3, abscissa, last, abscissa],
+                        "values": ["Profiles", 3, i, last, i],
+                        "line": {"width": 1.25},
+                    }
+                )
+                unit = unit or column.unit
+        chart.set_title({"name": one_line(title)[:_MOST_LETTERS]})
+        chart.set_x_axis({"name": _axis_name(first.name, first.unit), "crossing": "min"})
+        chart.set_y_axis({"name": _axis_name("value", unit), "crossing": "min"})
+        chart.set_size(_CHART_SIZE)
+        chart.show_blanks_as("gap")
+        sheet.insert_chart(number * _CHART_ROWS, 0, chart)
+
+
+def _axis_name(name: str, unit: str) -> str:
+    return one_line(f"{name} / {unit}" if unit not in ("", "1") else name)
 
 
 def _provenance(book: Workbook, document: Mapping[str, Any], shown: Mapping[str, Any]) -> None:

@@ -176,7 +176,7 @@ def test_the_report_tells_and_writes_the_index_again(recipe, inbox, tmp_path):
         report.index(tmp_path / "copy.csv").read_bytes()
         == (tmp_path / "qa/index.csv").read_bytes()
     )
-    with pytest.raises(DataError, match="'pptx' is written by nothing"):
+    with pytest.raises(DataError, match="Unknown index format 'pptx'"):
         report.index(tmp_path / "index.pptx")
 
 

@@ -123,7 +123,7 @@ def test_a_closed_subfolder_is_told_and_the_rest_goes_on(tmp_path, monkeypatch):
     found = units(MEASURE, tmp_path)
     assert [u.name for u in found.units] == ["a.xyz"]
     assert found.messages == (
-        f"1 below {tmp_path} are folders that cannot be read and are left out: closed",
+        f"1 below {tmp_path} are folders that cannot be read and are omitted: closed",
     )
 
 

@@ -176,7 +176,7 @@ def test_command_prints_findings_and_codes(tmp_path, capsys, rough):
     bad.write_bytes(b"\0\1\2")
 
     assert code_of("check", str(good)) == 0
-    assert "nothing odd" in capsys.readouterr().out
+    assert "no problem found" in capsys.readouterr().out
     assert code_of("check", str(odd), "--json") == 1
     document = json.loads(capsys.readouterr().out)
     assert document["findings"][0]["level"] == "error"

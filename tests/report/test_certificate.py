@@ -518,3 +518,40 @@ def test_letters_that_no_font_has_are_one_sentence(part, monkeypatch):
     with pytest.raises(UnsupportedFeatureError, match="no font on this computer has the Chinese"):
         render_pdf(document)
     render_html(document)
+
+
+# ---- workbook and plain pages ----------------------------------------------------------------------
+
+
+def test_the_workbook_states_the_same_and_draws_native_charts(part, tmp_path):
+    import io
+    import zipfile
+
+    import openpyxl
+
+    from metrosep.report.workbook import render_workbook
+
+    data = render_workbook(run(part, REPORT.replace("due = 2026-06-01", "due = 2026-03-03")))
+    book = openpyxl.load_workbook(io.BytesIO(data))
+    text = " ".join(str(c.value) for row in book["Summary"].iter_rows() for c in row if c.value)
+    for wanted in ("Calibration certificate 2026-0815", "A-0042", "Optik AG",
+                   "certificate PTB 4711, k = 2.13", "was due on 2026-03-03"):  # fmt: skip
+        assert wanted in text
+    charts = [n for n in zipfile.ZipFile(io.BytesIO(data)).namelist() if "charts/chart" in n]
+    assert len(charts) == len({c.value for c in book["Profiles"][1]})
+    drawn = zipfile.ZipFile(io.BytesIO(data)).read(charts[0]).decode()
+    assert "Profiles!$B$4" in drawn
+    assert "position / m" in drawn
+
+
+def test_no_message_is_lost_between_first_page_and_annex(part):
+    from metrosep.report.typeset import _lines
+    from metrosep.report.view import view
+
+    document = run(part, REPORT)
+    document["messages"] = [f"message number {i}" for i in range(7)]
+    shown = words(render_html(document))
+    plain = " ".join(text for _, text in _lines(view(document)))
+    for i in range(7):
+        assert shown.count(f"essage number {i}") == 1
+        assert plain.count(f"essage number {i}") == 1

@@ -122,8 +122,9 @@ def test_the_workbook_says_what_the_document_says(document):
         _cells(book["Summary"]),
         list(book["Characteristics"].iter_rows(values_only=True)),
     )
-    assert summary[0] == document["title"]
-    assert summary[1] == "✓ ACCEPT"
+    assert summary[0] == "Test report (DRAFT)"
+    assert summary[1] == document["title"]
+    assert summary[2] == "✓ ACCEPT"
     head = dict(zip(rows[0], range(len(rows[0])), strict=True))
     pv, entry = rows[1], document["characteristics"][0]
     assert pv[head["unit"]] == "nm"

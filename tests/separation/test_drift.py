@@ -286,7 +286,7 @@ def test_bad_joint_fits_are_refused(arguments, options, error, match):
 
 
 def test_confounded_order_is_not_separable():
-    """With no time between the readings of one object, its drift cannot be told from the other."""
+    """With no time between the readings of one object, its drift cannot be distinguished from the other."""
     with pytest.raises(NotSeparableError, match="A-B-B-A"):
         joint_drift([0.0, 1e-9, 1.0, 1.0 + 1e-9], [0.0, 1e-12, 1.0, 1.0], "AABB")
     with pytest.raises(DataError, match="labels are"):

@@ -177,7 +177,7 @@ def test_a_delay_is_part_of_the_offsets_and_that_is_said():
 
 @pytest.mark.parametrize(
     ("options", "kind", "said"),
-    [({"lag": "fit"}, NotSeparableError, "lag='fit' and position_offsets cannot be told apart"),
+    [({"lag": "fit"}, NotSeparableError, "lag='fit' and position_offsets cannot be distinguished"),
      ({"following": "waves"}, NotSeparableError, "following='waves' and position_offsets"),
      ({"position_reference": "r9"}, DataError, "names no forward run; the runs are r0, r1"),
      ({"position_reference": 3}, MetrosepError, "name of a run"),

@@ -74,7 +74,7 @@ def test_common_drift_at_one_feed_is_said_to_be_slope(contract_machine, as_runse
     made = contract_machine.Machine(701, feeds=(120.0,), n_repeats=4)
     estimate = joint(as_runset(made), min_feeds=1, drift=1)
 
-    assert "cannot be told from the alignment slope" in " ".join(estimate.messages)
+    assert "cannot be distinguished from the alignment slope" in " ".join(estimate.messages)
     assert estimate.slope.u is None
     assert not estimate.terms["drift"]["common_drift_observable"]
 

@@ -461,7 +461,7 @@ class DriftFit(RecordedMethod):
     InvalidSamplesError
         If times do not rise, or there is not one label for each.
     NotSeparableError
-        If drift and quantities cannot be told apart at these times and labels.
+        If drift and quantities cannot be distinguished at these times and labels.
     TooFewSamplesError
         If there are fewer readings than unknowns.
 

@@ -113,7 +113,7 @@ class ShiftRotation(MapMethod):
         if angles.size < 2 or not (turned or np.ptp(shifts, axis=0).any()):
             raise NotSeparableError(
                 f"{self.name}: the part was neither turned nor shifted, so part and instrument "
-                "cannot be told apart"
+                "cannot be distinguished"
             )
         object.__setattr__(self, "terms", count(self.terms, f"{self.name}: terms"))
         stored_in_si(self, positive, dx="length", dy="length")

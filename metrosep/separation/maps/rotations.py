@@ -100,7 +100,7 @@ class RotationTest(MapMethod):
         if angles.size < 2 or away < 1e-6:
             raise NotSeparableError(
                 f"{self.name}: the part was not turned ({angles.size} readings at one angle), so "
-                "part and instrument cannot be told apart; measure at two angles or more"
+                "part and instrument cannot be distinguished; measure at two angles or more"
             )
         checked_removed(self.removed)
         stored_in_si(self, positive, dx="length", dy="length")

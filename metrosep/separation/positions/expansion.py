@@ -93,12 +93,12 @@ class Expansion:
     u_expansion: float | str | None = option(
         None,
         kind="expansion",
-        help="standard uncertainty of the coefficients; 1 ppm/K if left out",
+        help="standard uncertainty of the coefficients; 1 ppm/K by default",
     )
     u_temperature: float | str | None = option(
         None,
         kind="temperature difference",
-        help="standard uncertainty of the temperatures; 0.5 K if left out",
+        help="standard uncertainty of the temperatures; 0.5 K by default",
     )
     temperature_use: float | str | None = option(
         None, kind="temperature", help="at which the table will be used, if it is not 20 degC"

@@ -54,7 +54,7 @@ SETUP: Mapping[str, Option] = {
     ),
     "u_spot_walk": Option("uncertainty", help="standard uncertainty of spot_walk"),
     "walk_travel": Option(
-        "size", help="travel over which the spot walks; that of the readings if left out"
+        "size", help="travel over which the spot walks; that of the readings by default"
     ),
     "misalignment": Option(
         "text", choices=("limit", "measured"), default="limit",

@@ -33,7 +33,7 @@ __all__ = ["FringeError", "periodic_error"]
 
 
 _WORST_CONDITION = 1e4
-"""Of the scaled design: beyond it a harmonic cannot be told from the trend or from another."""
+"""Of the scaled design: beyond it a harmonic cannot be distinguished from the trend or from another."""
 
 _NEIGHBOURS = np.array([-6, -5, -4, -3, -2, 2, 3, 4, 5, 6])
 """Lines beside a harmonic, in cycles over the travel, that show the noise there."""
@@ -149,7 +149,7 @@ class FringeError(RecordedMethod):
         shown = [k for k in range(1, self.harmonics + 1) if k not in hidden]
         if not shown:
             raise NotSeparableError(
-                f"periodic_error: no harmonic of {self.period:.6g} m can be told from a polynomial of "
+                f"periodic_error: no harmonic of {self.period:.6g} m can be distinguished from a polynomial of "
                 f"degree {self.degree} over {float(np.ptp(x[good])):.3g} m at these positions; measure "
                 "over more fringes, with steps that are not multiple of one, or in other units "
                 "(positions in m?)"
@@ -296,7 +296,7 @@ def periodic_error(
     Raises
     ------
     DataError, InvalidSamplesError, TooFewSamplesError, NotSeparableError, UnitError
-        If lengths differ, the unit is not one of SI, values are not finite, or no harmonic can be told from the polynomial.
+        If lengths differ, the unit is not one of SI, values are not finite, or no harmonic can be distinguished from the polynomial.
 
     Notes
     -----

@@ -279,7 +279,7 @@ def positions_from_columns(
     -----
     Targets that differ by less than 1e-9 of their range are one (the first is returned).
 
-    Which column is which direction cannot be told from the numbers; B and B_mean change sign when
+    Which column is which direction cannot be distinguished from the numbers; B and B_mean change sign when
     they are exchanged, R, A, E and M do not.
 
     Examples

@@ -470,7 +470,7 @@ def _close_feeds(feeds: tuple[float, ...], travel: float) -> list[str]:
     slower, faster = 0.5 * feeds[0] * _MM_PER_MIN, 2.0 * feeds[-1] * _MM_PER_MIN
     sentence = (
         f"the feedrates differ by {spread * 100:.2g} % only: at wavelengths above "
-        f"{spread * travel * 1e3:.2g} mm a vibration cannot be told from geometry; add runs at "
+        f"{spread * travel * 1e3:.2g} mm a vibration cannot be distinguished from geometry; add runs at "
         f"{slower:.0f} or {faster:.0f} mm/min"
     )
     return [sentence]
@@ -750,7 +750,7 @@ def explain_resolution(
     if len(runs.feeds) == 1:
         sentences.append(
             f"one feedrate only ({runs.feeds[0] * _MM_PER_MIN:.0f} mm/min): a vibration that starts "
-            "in phase with the run cannot be told from geometry; add runs at another feedrate"
+            "in phase with the run cannot be distinguished from geometry; add runs at another feedrate"
         )
         if solution.lag == 0.0:
             moved = format_length(runs.feeds[0] * 1e-3, digits=2)

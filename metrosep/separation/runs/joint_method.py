@@ -556,7 +556,7 @@ def joint_drift(
     Raises
     ------
     NotSeparableError
-        If drift and quantities cannot be told apart at these times and labels.
+        If drift and quantities cannot be distinguished at these times and labels.
     TooFewSamplesError
         If there are fewer readings than unknowns.
     InvalidSamplesError
@@ -755,7 +755,7 @@ def _problem(design: FloatArray) -> Exception | None:
     scale = np.maximum(np.sqrt((design**2).sum(axis=0)), np.finfo(float).tiny)
     if np.linalg.cond(design / scale) > _WORST_CONDITION:
         return NotSeparableError(
-            "drift and quantities cannot be told apart: return to a quantity that was measured "
+            "drift and quantities cannot be distinguished: return to a quantity that was measured "
             "before (A-B-B-A), or lower the order of the drift"
         )
     return None

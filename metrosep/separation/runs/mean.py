@@ -183,7 +183,7 @@ def _messages(runs: RunSet) -> tuple[str, ...]:
         sentences.append("one run only: there is no scatter to tell an uncertainty from")
     if len(runs.feeds) < 2:
         sentences.append(
-            "one feedrate only: a vibration that starts in phase with the run cannot be told from "
+            "one feedrate only: a vibration that starts in phase with the run cannot be distinguished from "
             "geometry; add runs at another feedrate"
         )
     return tuple(sentences)

@@ -175,17 +175,17 @@ class JointOptions:
             )
         if self.position_offsets and fit_lag:
             raise NotSeparableError(
-                "lag='fit' and position_offsets cannot be told apart: a delay moves each run by the delay "
+                "lag='fit' and position_offsets cannot be distinguished: a delay moves each run by the delay "
                 "times its speed; fit the one or the other"
             )
         if self.position_offsets and self.following == "waves":
             raise NotSeparableError(
-                "following='waves' and position_offsets cannot be told apart: a displaced run changes the "
+                "following='waves' and position_offsets cannot be distinguished: a displaced run changes the "
                 "phase of each wave; fit the one or the other"
             )
         if self.following == "waves" and fit_lag:
             raise NotSeparableError(
-                "lag='fit' and following='waves' cannot be told apart: a lag is a wave in "
+                "lag='fit' and following='waves' cannot be distinguished: a lag is a wave in "
                 "quadrature that grows with the feed; fit the one or the other"
             )
         if self.probe_gain == "fit" and n_probes < 2:

@@ -385,7 +385,7 @@ def report_drift(solution: Solution, prepared: Sequence[PreparedRun]) -> Report:
         columns["common_drift_observable"] = False
         what = "alignment slope" if terms.drift == 1 else "alignment slope and parabola"
         sentences.append(
-            "one direction at one feedrate: a drift that is the same in every run cannot be told "
+            "one direction at one feedrate: a drift that is the same in every run cannot be distinguished "
             f"from the {what} of the axis; it is counted as geometry, only the differences between "
             "the runs are drift; add runs at another feedrate"
         )
@@ -443,7 +443,7 @@ def report_lines(solution: Solution, prepared: Sequence[PreparedRun], runs: RunS
         sentences.append("no deterministic line stands out of the noise beyond chance")
     elif len(runs.feeds) == 1:
         sentences.append(
-            "one feedrate only: geometry at the wavelength of a line cannot be told from the line "
+            "one feedrate only: geometry at the wavelength of a line cannot be distinguished from the line "
             "and is not estimated; add runs at another feedrate"
         )
     phase = "locked" if terms.locked else "free"

@@ -1,0 +1,158 @@
+"""What a person reads at the command line: the word list of the style page holds on every help line and message."""
+
+import ast
+import json
+import re
+from pathlib import Path
+
+import click
+import pytest
+
+import metrosep
+from metrosep.cli.main import _GROUPS, _HOMES, cli, main
+
+PACKAGE = Path(metrosep.__file__).parent
+
+WORDS = {
+    "doubt": r"\bdoubt(?:s|ful)?\b",
+    "told": r"\b(?:is|are|be|was) told\b(?! apart)",
+    "cannot be told": r"\bcannot be told\b",
+    "more words": r"\b[Mm]ore words\b",
+    "stands twice": r"\bstands? twice\b",
+    "carried out": r"\b[Cc]arr(?:y|ied) out\b",
+    "odd": r"\bodd about\b|\bnothing odd\b",
+    "taken out": r"\btaken out\b",
+    "left out": r"\bleft out\b",
+    "is no": r"(?<!there )(?<!There )\b(?:is|are) no (?!longer|more|worse|better|larger|\w+ (?:is|are|lies)\b)\w+",
+}
+"""Words of the style page that nobody says at the machine; each with what a person would say instead."""
+
+HEADLESS = re.compile(r"^(?:Of|Such as|Between|Not|Fact) ")
+EVERYWHERE = ("cannot be told", "stands twice", "more words")
+"""These must stand in no message of the package; the others in no help line and no message of the doors."""
+
+DOORS = ("cli", "report", "batch")
+
+
+def helps():
+    """Yield every text of the help: of the group, of each command, of each option."""
+    for name in _HOMES:
+        command = cli.get_command(click.Context(cli), name)
+        yield name, command.help or ""
+        for option in command.params:
+            if getattr(option, "help", None):
+                yield f"{name} {option.opts[0]}", option.help
+
+
+def messages(folder):
+    """Yield the texts in code that a user can see: no docstring, no comment of a constant."""
+    for path in sorted((PACKAGE / folder).rglob("*.py")):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        quiet = {
+            id(node.value)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+        }
+        for node in ast.walk(tree):
+            if (
+                isinstance(node, ast.Constant)
+                and isinstance(node.value, str)
+                and id(node) not in quiet
+            ):
+                yield f"{path.relative_to(PACKAGE)}:{node.lineno}", node.value
+
+
+@pytest.mark.parametrize("word", WORDS)
+def test_no_help_line_has_a_word_of_the_list(word):
+    found = [(where, text) for where, text in helps() if re.search(WORDS[word], text)]
+    assert found == []
+
+
+@pytest.mark.parametrize("word", WORDS)
+@pytest.mark.parametrize("folder", DOORS)
+def test_no_message_of_the_doors_has_a_word_of_the_list(folder, word):
+    found = [(where, text) for where, text in messages(folder) if re.search(WORDS[word], text)]
+    assert found == []
+
+
+@pytest.mark.parametrize("word", EVERYWHERE)
+def test_no_message_of_the_package_has_the_worst_of_them(word):
+    found = [(where, text) for where, text in messages(".") if re.search(WORDS[word], text)]
+    assert found == []
+
+
+def test_the_help_of_an_option_stands_alone():
+    bad = [(where, text) for where, text in helps() if HEADLESS.match(text)]
+    assert bad == []
+
+
+# ---- rules of the command line -------------------------------------------------------------------
+
+
+def run(*words):
+    with pytest.raises(SystemExit) as ended:
+        main([str(w) for w in words])
+    return ended.value.code
+
+
+def test_alone_it_shows_groups_and_examples_and_is_no_error(capsys):
+    assert run() == 2
+    said = capsys.readouterr().err
+    assert "error:" not in said
+    for group in (*_GROUPS, "Examples"):
+        assert f"{group}:" in said
+    assert "…" not in said
+    assert "..." not in said.replace("[ARGS]...", "")
+    assert len(said.splitlines()) > 50
+
+
+@pytest.mark.parametrize("word", ["mesure", "reprot", "batc"])
+def test_a_command_that_is_mistyped_gets_its_neighbour(capsys, word):
+    assert run(word) == 2
+    assert "Did you mean" in capsys.readouterr().err
+
+
+def test_a_format_that_is_mistyped_gets_its_neighbour(capsys, tmp_path):
+    assert run("report", tmp_path, "-o", tmp_path / "r", "--format", "htm") == 2
+    assert "Unknown report format 'htm'" in (said := capsys.readouterr().err)
+    assert 'Did you mean "html"?' in said
+    assert not (tmp_path / "r").exists()
+
+
+def test_doctor_lists_what_is_installed(capsys):
+    assert run("doctor", "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["versions"]["numpy"]
+    assert 'pip install "metrosep[' in " ".join(found["extras"].values()) or found["extras"]
+    assert "can be written" in found["places"]["scratch"]
+
+
+@pytest.mark.parametrize(
+    ("shell", "text"),
+    [("bash", "_METROSEP_COMPLETE=bash_complete"), ("zsh", "#compdef metrosep"),
+     ("fish", "_METROSEP_COMPLETE=fish_complete"), ("powershell", "Register-ArgumentCompleter")],
+)  # fmt: skip
+def test_completion_prints_a_script(capsys, shell, text):
+    assert run("completion", shell) == 0
+    assert text in capsys.readouterr().out
+
+
+def test_completion_answers(capsys, monkeypatch):
+    monkeypatch.setenv("_METROSEP_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", "metrosep mea")
+    monkeypatch.setenv("COMP_CWORD", "1")
+    run()
+    assert "plain,measure" in capsys.readouterr().out
+
+
+def test_a_long_command_says_what_it_is_at(monkeypatch, capsys):
+    from metrosep.cli import main as module
+
+    beat = module._Heartbeat(["run"], {"phase": "step 3: form"})
+    monkeypatch.setattr(beat, "_on_terminal", True)
+    pauses = iter([False, True])
+    beat._done = type("Done", (), {"wait": lambda _self, _pause: next(pauses)})()
+    beat._beat()
+    assert "metrosep: step 3: form, 0 s" in capsys.readouterr().err
+    assert module._Heartbeat(["-q", "run"], {})._quiet
+    assert module._Heartbeat(["--help"], {})._quiet
