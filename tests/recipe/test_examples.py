@@ -57,6 +57,12 @@ NAMES = [
     "five_axis_calibration/recipe.toml",
     "five_axis_calibration/circle.toml",
     "thermal/recipe.toml",
+    "mill_instruments/indicator.toml",
+    "mill_instruments/level.toml",
+    "mill_instruments/laser_linear.toml",
+    "mill_instruments/laser_angular.toml",
+    "mill_instruments/ballbar.toml",
+    "mill_instruments/tracker.toml",
 ]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -47,7 +48,7 @@ def machine_calibration_of(produced: Any, inputs: Any = None) -> Description:
     for label, noise in found.noise.items():
         rest = np.asarray(found.residuals[label])
         unit = _unit_of(found, label)
-        key = label.replace(" ", "_")
+        key = re.sub(r"[^\w.-]+", "_", label)
         text = f"root mean square of what the model leaves of {label}"
         quantities[f"residual.{key}"] = quantity(
             float(np.sqrt(np.nanmean(rest**2))), unit, text, symbol=f"residual {label}"
