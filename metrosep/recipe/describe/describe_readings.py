@@ -39,12 +39,15 @@ def machine_calibration_of(produced: Any, inputs: Any = None) -> Description:
             quantities[name] = quantity(term.value, unit, text, u=term.u, symbol=name)
             continue
         x = _places(found, name)
-        value, u = term.evaluate(x), term.sd(x)
-        high, low = int(np.argmax(value)), int(np.argmin(value))
-        text = f"P-V of {name} over the places that were read; u of the extremes as if independent"
-        quantities[f"{name}.pv"] = quantity(
-            np.ptp(value), unit, text, u=float(np.hypot(u[high], u[low])), symbol=f"PV {name}"
+        value = term.evaluate(x)
+        # the extremes hang together by the coefficients
+        ends = found.bases[name].at(x[[int(np.argmax(value)), int(np.argmin(value))]])
+        apart = ends[0] - ends[1]
+        u = math.sqrt(max(float(apart @ term.cov @ apart), 0.0))
+        text = (
+            f"P-V of {name} over the places that were read; u with the covariance of the extremes"
         )
+        quantities[f"{name}.pv"] = quantity(np.ptp(value), unit, text, u=u, symbol=f"PV {name}")
     for label, noise in found.noise.items():
         rest = np.asarray(found.residuals[label])
         unit = _unit_of(found, label)
