@@ -291,6 +291,29 @@ def test_gaps_of_a_sensor_are_said_and_do_not_move_the_result():
     assert_allclose(fit.terms["EXX"].gains, [-3e-6], rtol=0, atol=2e-8)
 
 
+def test_spikes_of_probe_and_sensor_are_left_out_and_said():
+    t, T, y = first_order(np.random.default_rng(1), noise=5 * NM)
+    hit, broken = y.copy(), T.copy()
+    hit[[150, 151, 400]] += 60 * UM
+    broken[300] -= 40.0
+
+    clean = fit_thermal(t, {"a": T}, {"EXX": y}).terms["EXX"]
+    fit = fit_thermal(t, {"a": broken}, {"EXX": hit})
+
+    assert any("EXX: 3 values stand out" in m for m in fit.messages)
+    assert any("a: 1 value stands out" in m for m in fit.messages)
+    assert_allclose(fit.terms["EXX"].gains, clean.gains, rtol=0, atol=2e-8)
+
+
+def test_a_coarse_display_is_no_spike():
+    t, T, y = first_order(np.random.default_rng(1), noise=5 * NM)
+
+    fit = fit_thermal(t, {"a": np.round(T, 1)}, {"EXX": np.round(y, 6)})
+
+    assert not any("out of the neighbours" in m for m in fit.messages)
+    assert_allclose(fit.terms["EXX"].gains, [-3e-6], rtol=0, atol=6e-8)  # steps of 0.1 K and 1 um
+
+
 def test_a_stored_fit_says_the_same(learnt):
     again = ThermalFit.from_dict(json.loads(json.dumps(learnt.to_dict(), allow_nan=False)))
     term = learnt.terms["EZZ"]
