@@ -34,16 +34,18 @@ def machine(session: Session, message: Message, cancel: Cancel, tell: Tell) -> A
         "null": list(result.produced.found.null) if op == "calibrate" else [],
         "charts": separation["charts"],
         "messages": [
-            session.words(str(m)) for m in result.document["messages"] if m not in _null(result)
+            session.words(str(m))
+            for m in (_messages(result) if op == "calibrate" else result.document["messages"])
         ],
         "verdict": result.verdict,
     }
     return plain(header), {}
 
 
-def _null(result: Any) -> frozenset[str]:
-    found = getattr(result.produced, "found", None)
-    return frozenset(getattr(found, "null", ()))
+def _messages(result: Any) -> list[str]:
+    """Return what a calibration says beside what it does not determine, which has a list of its own."""
+    of_null = set(result.produced.messages) - set(result.produced.found.messages)
+    return [str(m) for m in result.document["messages"] if m not in of_null]
 
 
 def _terms(produced: Any) -> list[dict[str, Any]]:

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 __all__ = ["calibrate", "circle", "read", "thermal"]
 
 _MOST_BYTES = 2**26
+_OWN_FILES = ("result.json", "calibration.json", "thermal.json", "constants.toml")
+"""Of an earlier call: a folder that holds one is not written into without --force."""
 
 
 @click.command()
@@ -466,7 +468,7 @@ def _run(
         click.echo(text, nl=False)
         return None
     if out is not None:
-        _refuse_standing(Path(out), ["result.json"], force=force)
+        _refuse_standing(Path(out), list(_OWN_FILES), force=force)
     try:
         recipe = Recipe.parse(text, name="command line", folder=Path.cwd())
     except RecipeError as error:

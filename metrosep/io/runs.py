@@ -650,6 +650,7 @@ def _specs(role: Role) -> list[ColumnSpec]:
     return role.column if isinstance(role.column, list) else [role.column]
 
 
+_BRACKETS = re.compile(r"[\s_]*[(\[][^)\]]*[)\]]\s*$")
 _BEHIND = re.compile(r"[\s_]*(?:[(\[][^)\]]*[)\]]|[\s_][^\s_]+)\s*$")
 
 
@@ -666,10 +667,14 @@ def _names(file: RawFile, table: Table, role: Role, name: str) -> tuple[str, ...
             return tuple(plain)
         return tuple(_BEHIND.sub("", n) if _said(n, role.dimension) else n for n in names)
     found = [pick(file, table, spec, role=name)[0] for spec in _specs(role)]
-    return tuple(
-        c.name.rsplit("_", 1)[0] if c.unit is not None and "_" in c.name.strip("_") else c.name
-        for c in found
-    )
+    return tuple(_without_unit(c.name) if c.unit is not None else c.name for c in found)
+
+
+def _without_unit(name: str) -> str:
+    """Return the name of a column whose header bears a unit, ``m1_um`` or ``m1 [um]``, without it."""
+    if _BRACKETS.search(name):
+        return _BRACKETS.sub("", name)
+    return name.rsplit("_", 1)[0] if "_" in name.strip("_") else name
 
 
 def _either(file: RawFile, table: Table, role: Role, name: str, before: str | None) -> str:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray, frozen_float
@@ -24,6 +24,10 @@ _RATIO = math.sqrt(2.0)  # from one time constant that is tried to the next
 _LONGEST = 0.5  # of the record: a longer lag is not told from a drift
 _ALIKE = 1e-6  # determinant of correlations below which no reading tells inputs apart
 _ROUNDING = 1e-14  # of the sum of squares, of which what is left is a small difference
+_WINDOW, _STANDS_OUT = (
+    7,
+    10.0,
+)  # samples; by how many times the noise, and the spread about it, a spike does
 _UNSETTLED = 4.0  # standard deviations of what the first minutes hold of an earlier history
 
 
@@ -102,6 +106,14 @@ class Record:
             k: _column(kelvins(v, k), f"temperature {k!r}", n) for k, v in temperatures.items()
         }
         self.readings = {k: _column(v, f"reading {k!r}", n) for k, v in readings.items()}
+        for kind in (given, self.readings):
+            for name, values in kind.items():
+                spikes = _spikes(values)
+                if spikes.any():
+                    kind[name] = np.where(spikes, np.nan, values)
+                    n_out = int(spikes.sum())
+                    words = "1 value stands" if n_out == 1 else f"{n_out} values stand"
+                    self.messages.append(f"{name}: {words} out of the neighbours; left out")
         self.known = np.ones(n, dtype=bool)
         self.temperatures = {k: self._without_gaps(k, v) for k, v in given.items()}
         numbers.count(blocks, "blocks", least=_FEWEST_BLOCKS)
@@ -135,6 +147,26 @@ class Record:
         most = _LONGEST * float(np.ptp(self.t))
         n = max(math.floor(math.log(most / least) / math.log(_RATIO)), 0) if most > least else 0
         return (0.0, *(least * _RATIO**k for k in range(n + 1)))
+
+
+def _spikes(values: FloatArray) -> NDArray[np.bool_]:
+    """Return which values, one or two in a row, stand far out of the six about them; heat does not."""
+    known = np.flatnonzero(np.isfinite(values))
+    found = np.zeros(values.size, dtype=bool)
+    if known.size < 2 * _WINDOW:
+        return found
+    own = values[known]
+    half = _WINDOW // 2
+    about = np.lib.stride_tricks.sliding_window_view(np.pad(own, half, mode="reflect"), _WINDOW)
+    others = np.sort(np.delete(about, half, axis=1), axis=1)[:, 1:-1]
+    out = np.maximum(others[:, 0] - own, own - others[:, -1])
+    second = np.abs(np.diff(own, 2))
+    noise = 1.4826 * float(np.median(second)) / math.sqrt(6.0)
+    steps = np.abs(np.diff(own))
+    finest = float(steps[steps > 0.0].min(initial=np.inf))  # the last digit of a display
+    least = max(noise, min(finest, float(np.ptp(own))))
+    found[known] = out > _STANDS_OUT * least + _STANDS_OUT * np.ptp(others, axis=1)
+    return found
 
 
 def _column(values: ArrayLike, name: str, n: int) -> FloatArray:

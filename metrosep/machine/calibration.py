@@ -276,7 +276,8 @@ def calibrate(
     -----
     Motions of a linear axis are zero at home; slopes of straightness are in squareness and in the
     frame of the instrument. See `metrosep.machine._bases` for rotary axes. Columns have unit length
-    before directions below 1e-9 of the largest are called null [1]_. Readings are refused beyond 4
+    before directions below 1e-5 of the largest are called null (1e-9 in [1]_, which positions that are
+    rounded to 1 um would pass). Readings are refused beyond 4
     standard deviations of what all others, their drift included, predict. Where the noise of a set is stated
     and its residuals are larger by more than chance (1 %), all u are raised by the Birge ratio.
 

@@ -423,8 +423,8 @@ class ThermalFit:
             u = np.sqrt(np.diag(term.covariance))
             parts = []
             for i, (sensor, lag) in enumerate(zip(term.sensors, term.lags, strict=True)):
-                gain = format_engineering(float(term.gains[i]), f"{unit}/K")
-                spread = format_engineering(float(u[i]), f"{unit}/K", digits=2)
+                gain = format_engineering(float(term.gains[i]), unit) + "/K"
+                spread = format_engineering(float(u[i]), unit, digits=2) + "/K"
                 behind = f" behind {format_engineering(lag, 's')}" if lag else ""
                 parts.append(f"{gain} of {sensor}{behind} (u = {spread})")
             what = " + ".join(parts) or "no temperature foretells it"

@@ -63,6 +63,12 @@ NAMES = [
     "cut_path/toric.toml",
     "cut_path/asphere.toml",
     "cut_path/again.toml",
+    "mill_instruments/indicator.toml",
+    "mill_instruments/level.toml",
+    "mill_instruments/laser_linear.toml",
+    "mill_instruments/laser_angular.toml",
+    "mill_instruments/ballbar.toml",
+    "mill_instruments/tracker.toml",
 ]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ def machine_calibration_of(produced: Any, inputs: Any = None) -> Description:
     for label, noise in found.noise.items():
         rest = np.asarray(found.residuals[label])
         unit = _unit_of(found, label)
-        key = label.replace(" ", "_")
+        key = re.sub(r"[^\w.-]+", "_", label)
         text = f"root mean square of what the model leaves of {label}"
         quantities[f"residual.{key}"] = quantity(
             float(np.sqrt(np.nanmean(rest**2))), unit, text, symbol=f"residual {label}"
@@ -120,12 +121,15 @@ def _motions(found: Any, seen: dict[str, Any]) -> dict[str, Quantity]:
             quantities[name] = quantity(term.value, unit, text, u=term.u, symbol=name)
             continue
         x = _places(found, name)
-        value, u = term.evaluate(x), term.sd(x)
-        high, low = int(np.argmax(value)), int(np.argmin(value))
-        text = f"P-V of {name} over the places that were read; u of the extremes as if independent"
-        quantities[f"{name}.pv"] = quantity(
-            np.ptp(value), unit, text, u=float(np.hypot(u[high], u[low])), symbol=f"PV {name}"
+        value = term.evaluate(x)
+        # the extremes hang together by the coefficients
+        ends = found.bases[name].at(x[[int(np.argmax(value)), int(np.argmin(value))]])
+        apart = ends[0] - ends[1]
+        u = math.sqrt(max(float(apart @ term.cov @ apart), 0.0))
+        text = (
+            f"P-V of {name} over the places that were read; u with the covariance of the extremes"
         )
+        quantities[f"{name}.pv"] = quantity(np.ptp(value), unit, text, u=u, symbol=f"PV {name}")
     return quantities
 
 

@@ -18,6 +18,9 @@ from metrosep.recipe.methods.ops_machine import MACHINE, machine_of
 __all__ = ["CircleRun", "MachineCalibration", "ThermalResult"]
 
 
+_ALONE = ": no reading depends on it"
+
+
 # ---- calibrate ------------------------------------------------------------------------------------
 
 
@@ -31,7 +34,10 @@ class MachineCalibration:
     @property
     def messages(self) -> tuple[str, ...]:
         """What was not determined, and what the user should know."""
-        return (*self.found.null, *self.found.messages)
+        alone = [n.removesuffix(_ALONE) for n in self.found.null if n.endswith(_ALONE)]
+        together = [n for n in self.found.null if not n.endswith(_ALONE)]
+        unseen = [f"no reading depends on {', '.join(alone)}"] if alone else []
+        return (*unseen, *together, *self.found.messages)
 
 
 class MachineCalibrated(Method):
