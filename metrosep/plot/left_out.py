@@ -309,6 +309,8 @@ def _lag_phrase(test: Mapping[str, Any], stated: Any, taken: float | None, u: fl
     if not test or test.get("lag_ms") is None:
         return f"corrected: {corrected}; not tested, that needs two feedrates and short waves"
     shown = f"the readings show {test['lag_ms']:.2g} ms (u {test['u_ms']:.2g} ms)"
+    if isinstance(stated, str) and stated == "auto" and not test.get("fitted", True):
+        return f"{shown}: too little is known of a delay, so none was corrected"
     if isinstance(stated, str) and stated == "auto" and test.get("probability") is not None:
         return (
             f"{shown}; weight of a delay {test['probability']:.2f}, so corrected: {corrected}, the "

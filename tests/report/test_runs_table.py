@@ -106,3 +106,14 @@ def test_the_delay_says_what_was_found_and_what_was_done(planted):
         in (re.sub(r" +", " ", text))
     )
     assert "corrected: 0.97 ms (u 0.12 ms)" in text or "corrected: 0.97 ms (u 0.13 ms)" in text
+
+
+def test_a_delay_of_which_nothing_is_known_is_not_called_corrected(planted):
+    """Slow noise, or runs that lie apart: u above 1 ms, so no delay was taken out."""
+    planted["estimate"]["audit"] = {
+        "lag_test": {"lag_ms": -0.6, "u_ms": 1.3, "probability": 0.4, "fitted": False}
+    }
+    planted["estimate"] |= {"lag_s": 0.0, "lag_sd_s": None}
+    text = re.sub(r" +", " ", re.sub(r"<.*?>|\s+", " ", render_html(planted)))
+
+    assert "the readings show -0.6 ms (u 1.3 ms): too little is known of a delay, so none" in text

@@ -612,9 +612,9 @@ def explain_displacement(solution: Solution) -> tuple[str, ...]:
         return ()
     return (
         (
-            f"the runs lie apart along the axis, by {format_length(found.sd, digits=2)} (sd): the uncertainty "
-            "holds it, and the lag is known to less; position_offsets=true (command line: --set "
-            "position_offsets=true) fits the place of each run"
+            f"the runs lie apart along the axis, each by its own, {format_length(found.sd, digits=2)} (sd): "
+            "the uncertainty holds it, and a lag is less well known; position_offsets=true (command "
+            "line: --set position_offsets=true) fits the place of each run"
         ),
     )
 

@@ -56,6 +56,11 @@ def displaced_feed(mm, feed=120.0):
     ]
 
 
+def all_displaced(mm):
+    """Each run starts at its own place: a trigger or a home position that scatters."""
+    return lambda runs, rng: [replace(r, x_mm=r.x_mm + mm * rng.standard_normal()) for r in runs]
+
+
 def stuck(share):
     def spoil(runs, rng):
         z = _run(runs).z_nm.copy()
@@ -167,6 +172,7 @@ FAULTS = [
         Fault(f"feed displaced {mm} mm", displaced_feed(mm), SHIFT_KIND, run="7200 mm/min", size=mm, floor=0.01)
         for mm in (0.2, 0.5, -1.0)
     ),
+    Fault("every run displaced, sd 0.15 mm", all_displaced(0.15), r"lie apart along the axis", run=""),
     Fault("stuck 3 %", stuck(0.03), r"repeats|stuck|stand"),
     Fault("stuck 20 %", stuck(0.2), r"repeats|stuck|stand", must_refuse=True),
     Fault("stuck wholly", lambda runs, rng: _with(runs, NAME, z_nm=np.full_like(_run(runs).z_nm, 77.0)), r"stuck|everywhere", must_refuse=True),
