@@ -348,7 +348,7 @@ def _measured(
     from metrosep.core.errors import RecipeError
     from metrosep.core.profile import Profile
     from metrosep.core.surface import Surface
-    from metrosep.io.check import height_findings
+    from metrosep.io.findings import height_findings
     from metrosep.recipe.pipeline_run import judge_measurement, measure_object
 
     obj = read_aloud(name, reading)

@@ -10,8 +10,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from metrosep.core.surface import Surface
 from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import format_length
 from metrosep.io._roles import runs_in
+from metrosep.io.findings import Finding, Level, height_findings
 from metrosep.io.read import read_one, recognise
 from metrosep.io.registry import find, principal
 from metrosep.io.runs import read_runs
@@ -32,19 +32,11 @@ from metrosep.io.text.table import Table, read_table
 
 __all__ = ["Finding", "check_file", "check_object", "describe"]
 
-Level = Literal["error", "warning", "note"]
-
 MANY_INVALID = 0.05
 """Share of points not measured from which it is worth a finding; from half on it is an error."""
 
 AT_THE_LIMIT = 0.005
 """Share of samples at exactly the largest or the smallest value that tells a limit from an extreme."""
-
-LARGE_HEIGHT = 0.1
-"""P-V in m beyond which a unit is more likely wrong than a part that rough."""
-
-SMALL_HEIGHT = 1e-12
-"""P-V in m below which no instrument measures."""
 
 OFF_CENTRE = 0.05
 """Distance of the window's centre from the camera's, as a share of the camera, that is a finding."""
@@ -53,32 +45,6 @@ _LEFT_OUT = ("preamble", "repeated header", "footer", "set aside")
 """Classes of lines that might have been rows; comments and blank lines are not."""
 
 _TURNS = {"rad": 2.0 * math.pi, "": 360.0}
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One oddity of a file.
-
-    Parameters
-    ----------
-    level : {"error", "warning", "note"}
-        ``error``: numbers from this file would mislead; ``warning``: look at it; ``note``: know it.
-    problem : str
-        What is odd, with numbers.
-    fix : str
-        What to do.
-    unreadable : bool, optional
-        Whether the file could not be read at all.
-    """
-
-    level: Level
-    problem: str
-    fix: str
-    unreadable: bool = False
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the finding as plain values."""
-        return asdict(self)
 
 
 def check_file(path: str | os.PathLike[str], **options: Any) -> tuple[Finding, ...]:
@@ -238,22 +204,6 @@ def _alone(valid: FloatArray, value: float, share: float) -> bool:
         return False
     typical = float(np.median(counts)) / counts.sum()
     return bool(share > 10.0 * typical)
-
-
-def height_findings(obj: Surface | Profile) -> Iterator[Finding]:
-    size = obj.peak_to_valley()
-    if size > LARGE_HEIGHT:
-        yield Finding(
-            "error" if size > 1.0 else "warning",
-            f"P-V is {format_length(size)}: the unit of the heights is probably wrong",
-            "compare with the instrument's display; declare the unit with --unit, or scale the export",
-        )
-    elif 0.0 < size < SMALL_HEIGHT:
-        yield Finding(
-            "warning",
-            f"P-V is {size:.3g} m, less than any instrument resolves: the unit is probably wrong",
-            "compare with the instrument's display; declare the unit with --unit",
-        )
 
 
 def _lateral(obj: Surface | Profile) -> Iterator[Finding]:

@@ -138,7 +138,7 @@ def _table(file: RawFile, layout: dict[str, Any]) -> tuple[Table, int]:
         i for i, line in enumerate(file.data.splitlines(), 1) if line.strip().lower() == b"overrun"
     ]
     if not lost:
-        return columns_of(file, layout)[0], 0
+        return columns_of(file, layout)[1], 0
     skip = ",".join(str(i) for i in lost)
     given = layout.get("skip_lines")
     layout = {**layout, "skip_lines": f"{given},{skip}" if given else skip}

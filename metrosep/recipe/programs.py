@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from metrosep.controllers.gcode.lathe import LatheAxes
 from metrosep.core.errors import DataError
 from metrosep.core.options import options_of
 from metrosep.core.units import format_length, parse_quantity
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PROGRAM", "write_programs"]
 
-PROGRAM: Mapping[str, Field] = {
+_FILE: Mapping[str, Field] = {
     "kind": Field("text", required=True),
     "path": Field("text", required=True),
     "format": Field(
@@ -26,7 +26,8 @@ PROGRAM: Mapping[str, Field] = {
         choices=("gcode", "pmac", "points"),
         help="blocks with G1 (or the spline word), PVT blocks of a PMAC, or a CSV of points",
     ),
-    **options_of(LatheAxes),
+}
+_PROOF: Mapping[str, Field] = {
     "velocity_time": Field("time", help="unit of time of a PMAC's velocities (Ix90)"),
     "tolerance": Field(
         "size", help="largest P-V of the part cut from the file, without the cusps of the feed"
@@ -39,18 +40,28 @@ PROGRAM: Mapping[str, Field] = {
     ),
     "overwrite": Field("flag", help="true: another file of that name is replaced"),
 }
-"""Keys of an output of kind "program"."""
 
-_OWN = (
-    "kind",
-    "path",
-    "format",
-    "velocity_time",
-    "tolerance",
-    "verify",
-    "cut_points",
-    "overwrite",
-)
+
+class _ProgramKeys(Mapping[str, Field]):
+    """Keys of an output of kind "program"; those of the machine are loaded when one is asked for."""
+
+    @cached_property
+    def _known(self) -> dict[str, Field]:
+        from metrosep.controllers.gcode.lathe import LatheAxes
+
+        return {**_FILE, **options_of(LatheAxes), **_PROOF}
+
+    def __getitem__(self, key: str) -> Field:
+        return self._known[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._known)
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+
+PROGRAM: Mapping[str, Field] = _ProgramKeys()
 
 
 def write_programs(
@@ -81,10 +92,11 @@ def write_programs(
 def _written(
     output: Mapping[str, Any], program: Any, nose: Any, produced: Any, target: Path
 ) -> list[str]:
+    from metrosep.controllers.gcode.lathe import LatheAxes
     from metrosep.controllers.gcode.turning import write_program
     from metrosep.process import RoundNose
 
-    axes = LatheAxes(**{k: v for k, v in output.items() if k not in _OWN})
+    axes = LatheAxes(**{k: v for k, v in output.items() if k not in {**_FILE, **_PROOF}})
     seconds = output.get("velocity_time")
     limit = output.get("tolerance")
     if nose is None and not output.get("cut_points", False):
