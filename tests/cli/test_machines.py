@@ -333,3 +333,37 @@ def test_columns_that_both_may_be_the_angle_are_asked_for(call, folder, tmp_path
         "circle", str(file), "--radius", "100 mm", "--feed", "1500 mm/min", "--angle", "angle_deg"
     )
     assert done.code == 0
+
+
+def test_diagonals_from_files_give_squareness(call, tmp_path):
+    """Ways of X, Y and Z as lines in space; the laser looks along the nominal diagonal, 0.1 mrad off."""
+    span = np.array([0.5, 0.4, 0.3])
+    ways = np.array([[1.0, 0, 0], [-12e-6, 1, 0], [-7e-6, -9e-6, 1]])  # C0Y 12, B0Z -7, A0Z 9
+    files = []
+    for n, flips in enumerate([(1, 1, 1), (-1, 1, 1), (1, -1, 1), (1, 1, -1)]):
+        way = np.array(flips) * span
+        places = np.where(way > 0, 0.0, span) + np.linspace(0, 1, 11)[:, None] * way
+        u = way / np.linalg.norm(way)
+        beam = u + 1e-4 * np.cross(u, [0.6, 0.0, 0.8])
+        actual = (places - places[0]) @ ways
+        read = actual @ (beam / np.linalg.norm(beam)) - (places - places[0]) @ u
+        head = [
+            '# instrument = "displacement"',
+            f"# direction = [{', '.join(f'{v * 1e3:g}' for v in way)}]",
+            '# unknown = ["offset", "beam"]',
+            f'# name = "diagonal {n}"',
+            "X_mm,Y_mm,Z_mm,reading_um",
+        ]
+        rows = [
+            ",".join(f"{v:.4f}" for v in (*p * 1e3, r * 1e6))
+            for p, r in zip(places, read, strict=True)
+        ]
+        files.append(tmp_path / f"d{n}.csv")
+        files[-1].write_text("\n".join([*head, *rows]) + "\n", "utf-8")
+    words = ("--terms", "C0Y,B0Z,A0Z,EXX,EYY,EZZ", "--degree", "X=1", "--degree", "Y=1")
+    done = call("calibrate", "mill_xyz", *map(str, files), *words, "--degree", "Z=1", "--json")
+    found = json.loads(done.out)
+    for name, value in {"C0Y": 12.0, "B0Z": -7.0, "A0Z": 9.0}.items():
+        assert abs(found["terms"][name]["values"][0] * 1e6 - value) < 0.1
+    assert found["terms"]["EXX"]["values"] is None  # scales are never from diagonals
+    assert any("EXX order 1" in n for n in found["null"])
