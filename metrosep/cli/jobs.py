@@ -21,7 +21,6 @@ from metrosep.cli.options import (
     say,
     table_options,
 )
-from metrosep.cli.tables import print_table
 from metrosep.core.errors import ReadError
 
 if TYPE_CHECKING:
@@ -300,6 +299,8 @@ def _print_polynomial_u(polynomial: dict[str, Any]) -> None:
 def _print_tables(result: Result, *, warnings_only: bool = False) -> None:
     for made in (result.document["table"], *result.document["more_tables"]):
         if made is not None:
+            from metrosep.cli.tables import print_table
+
             print_table(str(made.get("path", "table")), made, warnings_only=warnings_only)
 
 

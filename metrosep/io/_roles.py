@@ -6,34 +6,26 @@ The words are those of exports in English, German, French, Italian, Spanish, Chi
 from __future__ import annotations
 
 import re
-import shlex
 import unicodedata
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import FormatMismatchError
+from metrosep.io.several_runs import BLOCKS, FoundRuns
 from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.encoding import ROLE_WORDS, Role
 from metrosep.io.text.table import Column, Table
 
 __all__ = [
-    "BLOCKS",
-    "FoundRuns",
     "Role",
-    "SeveralRunsError",
     "is_read_too",
     "jumps_back",
     "role_of",
     "runs_in",
 ]
-
-BLOCKS = "blocks"
-"""What ``run=`` takes where no column numbers the runs: they begin where the position jumps back."""
 
 
 def _plain(name: str) -> str:
@@ -92,82 +84,6 @@ def jumps_back(values: FloatArray, lines: NDArray[np.int64]) -> list[int]:
         return []
     back = steps * np.sign(usual) < -abs(usual) * np.where(np.diff(lines) > 1, 1.0, _JUMP)
     return [int(i) + 1 for i in np.flatnonzero(back)]
-
-
-@dataclass(frozen=True, slots=True)
-class FoundRuns:
-    """Several runs in one table: how many, what tells them apart, and which columns they need."""
-
-    n: int
-    run: str
-    lines: tuple[int, ...]
-    columns: dict[str, str]
-    units: dict[str, str] = field(default_factory=dict)  # of these columns, where there is one
-    undeclared: tuple[str, ...] = ()
-    in_volts: bool = False  # the reading is a voltage, and its sensitivity is not known
-    assumed: frozenset[str] = frozenset()  # keys of columns that no name tells, only what is left
-
-    def __str__(self) -> str:
-        if self.run != BLOCKS:
-            return f"holds {self.n} runs, distinguished by column {self.run!r}"
-        shown = ", ".join(map(str, self.lines[:8])) + (", ..." if len(self.lines) > 8 else "")
-        return f"holds {self.n} runs one below the other, which begin at lines {shown}"
-
-    def is_known(self, given: Collection[str] = ()) -> bool:
-        """Whether names, units and what the caller gives tell all that is needed to read the runs."""
-        open_units = {k for k, name in self.columns.items() if name in self.undeclared}
-        open_units |= {"scale"} if self.in_volts and "z" not in given else set()
-        unsure = open_units | ({"x", "z"} - self.columns.keys()) | self.assumed
-        return unsure <= set(given)
-
-    def specs(self) -> dict[str, Any]:
-        """Return the columns with their units, and what tells the runs apart, as `read_runs` takes them."""
-        units = self.units
-        return {k: (n, units[k]) if k in units else n for k, n in self.columns.items()} | {
-            "run": self.run
-        }
-
-    def advice(self, path: object, options: Mapping[str, Any] | None = None) -> str:
-        """Return the calls that read them, with the options that the file was read with."""
-        columns = {k: f"{v}:UNIT" if v in self.undeclared else v for k, v in self.columns.items()}
-        given = {"x": "COLUMN", "z": "COLUMN", **columns, "run": self.run}
-        if self.in_volts:
-            given["scale"] = "SENSITIVITY"
-        given |= {k: _typed(v) for k, v in (options or {}).items() if v is not None}
-        open_ = {
-            "the columns (COLUMN)": "COLUMN" in given.values(),
-            "the units (UNIT)": any(v.endswith(":UNIT") for v in given.values()),
-            "the sensitivity of the sensor, such as 2.5 um/V": given.get("scale") == "SENSITIVITY",
-        }
-        named = " and ".join(what for what, is_open in open_.items() if is_open)
-        fill_in = f"fill in {named}, which the file does not tell: " if named else ""
-        call = ", ".join(f"{k}={v!r}" for k, v in given.items())
-        words = (w for k, v in given.items() for w in (f"--{k.replace('_', '-')}", v))
-        return (
-            f"{fill_in}read them with metrosep.read_runs({str(path)!r}, {call}), or separate them with: "
-            f"metrosep separate {shlex.join([str(path), *words])}"
-        )
-
-
-def _typed(value: Any) -> str:
-    """Return the value of a text option as a person types it."""
-    if isinstance(value, str):
-        return value
-    if isinstance(value, tuple) and len(value) == 2 and all(isinstance(v, str) for v in value):
-        return ":".join(value)  # a column and its unit
-    if isinstance(value, list | tuple):
-        return ",".join(map(str, value)) or "none"
-    return str(value)
-
-
-class SeveralRunsError(FormatMismatchError):
-    """A table of several runs, where one profile or recording was asked for."""
-
-    def __init__(
-        self, path: object, found: FoundRuns, options: Mapping[str, Any] | None = None
-    ) -> None:
-        self.path, self.found = path, found
-        super().__init__(f"{path}: {found}; {found.advice(path, options)}")
 
 
 def _rises_between(values: FloatArray | None, starts: list[int]) -> bool:

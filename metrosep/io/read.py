@@ -25,7 +25,6 @@ from metrosep.core.surface import Surface
 from metrosep.core.text_options import TEXT_OPTIONS, accepted_options
 from metrosep.core.units import parse_unit
 from metrosep.io import registry
-from metrosep.io._roles import BLOCKS, SeveralRunsError
 from metrosep.io.objects import (
     ROW_ORDERS,
     lateral_or_none,
@@ -34,6 +33,7 @@ from metrosep.io.objects import (
     only_channels,
 )
 from metrosep.io.registry import Format
+from metrosep.io.several_runs import BLOCKS, SeveralRunsError
 from metrosep.io.source import RawFile, lateral_steps, open_file, refuse_options
 
 __all__ = ["channels", "read", "read_one", "recognise"]

@@ -41,7 +41,8 @@ from metrosep.core.units import (
     surrounding_header,
 )
 from metrosep.io import registry
-from metrosep.io._roles import BLOCKS, jumps_back, runs_in
+from metrosep.io._roles import jumps_back, runs_in
+from metrosep.io.several_runs import BLOCKS
 from metrosep.io.source import RawFile, open_file, rate_of
 from metrosep.io.text.dialect import Dialect
 from metrosep.io.text.encoding import decode

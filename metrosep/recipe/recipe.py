@@ -421,8 +421,6 @@ def _stated(
     data: Any, typed: Sequence[str], folder: Path, place: Place, admits: Admits | None
 ) -> dict[str, Any]:
     """Return the table ``[report]``, what was typed in its place, and the template that it names."""
-    from metrosep.recipe.look import read_look
-
     try:
         fields = checked_report(data)
     except DataError as exc:
@@ -435,6 +433,8 @@ def _stated(
     template = own.get("template") or fields.get("template")
     if template is None:
         return {"report": fields, "typed": own}
+    from metrosep.recipe.look import read_look
+
     _require_files(
         [({"template": template}, {"template": Field("file")})], folder, lambda _: place, admits
     )

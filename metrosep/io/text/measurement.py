@@ -25,9 +25,10 @@ from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
 from metrosep.core.surface import Surface
 from metrosep.core.units import Unit, likely_meaning, parse_unit
-from metrosep.io._roles import SeveralRunsError, is_read_too, role_of, runs_in
+from metrosep.io._roles import is_read_too, role_of, runs_in
 from metrosep.io.objects import ROW_ORDERS, SI_NAMES, make_surface, scaled, to_grid
 from metrosep.io.own_notes import header_notes
+from metrosep.io.several_runs import SeveralRunsError
 from metrosep.io.source import RawFile, lateral_steps, rate_of, refuse_options
 from metrosep.io.text.dialect import header_unit
 from metrosep.io.text.table import (
