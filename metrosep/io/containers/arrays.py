@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from metrosep.core.errors import UnsupportedFeatureError
 from metrosep.io.declared import need_bytes
-from metrosep.io.registry import demand
 from metrosep.io.source import MAX_PIXELS, RawFile
 
 __all__ = ["array_of"]
 
 _VERSIONS = {1: ("<H", 10), 2: ("<I", 12), 3: ("<I", 12)}
+_MAGIC = b"\x93NUMPY"
 _LONGEST_HEADER = 4096
 
 
@@ -29,7 +29,9 @@ def array_of(
     dimensions: Collection[int] = (1, 2),
 ) -> tuple[NDArray[Any], dict[str, Any]]:
     """Return the array of a file and what its header says; only numbers unless other kinds are allowed."""
-    demand(file, "npy")
+    known = file.data.startswith(_MAGIC) and file.size > len(_MAGIC)
+    if not known or file.data[len(_MAGIC)] not in _VERSIONS:
+        raise file.corrupt("is not an array of NumPy", offset=0, found=repr(file.data[:8]))
     code, start = _VERSIONS[file.data[6]]
     need_bytes(file, 8, start - 8, "the header")
     (length,) = struct.unpack_from(code, file.data, 8)

@@ -47,6 +47,7 @@ def read(
 ) -> Surface | Profile | Recording:
     """Return the array as what the caller declares."""
     only_channels(file, "NumPy", channel, ("array",))
+    demand(file, "npy")
     values, header = array_of(file, max_pixels)
     if not np.isfinite(values).any():
         raise file.corrupt("the array holds no number")
