@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from metrosep.cli.measuring import limit_text
-from metrosep.cli.options import force_option, json_option, name_values
+from metrosep.cli.options import READING, force_option, json_option, name_values
 from metrosep.cli.shortcut import input_lines, option_error, quoted, typed
 from metrosep.core.text_options import TEXT_OPTIONS
 
@@ -33,7 +33,6 @@ GEOMETRY: Mapping[str, tuple[str, ...]] = {
 """What is judged, and the symbols of its values; the first is meant where a limit names none."""
 
 _COLUMNS = ("x", "y", "z", "angle", "radius", "height", "section", "element")
-_OF_FILE = ("unit", "lateral_step", "channel", "format")
 
 
 def _columns(command: Any) -> Any:
@@ -175,7 +174,7 @@ def _recipe_text(
     of_points = what in METHODS
     fields: Mapping[str, Option] = METHODS[what].fields if of_points else MEASURING[what].fields
     known = input_fields(METHODS[what]) if of_points else MEASURING_INPUT
-    for key in (*_COLUMNS, *_OF_FILE):
+    for key in (*_COLUMNS, *READING):
         if options.get(key) is not None and key not in known:
             raise click.UsageError(f"--{key.replace('_', '-')} is not read by {what}")
     if not of_points and len(files) > 1:

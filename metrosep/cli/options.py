@@ -39,10 +39,10 @@ USUAL_TURN = "1 deg"
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_READING = ("unit", "lateral_step", "channel", "format")
+READING = ("unit", "lateral_step", "channel", "format")
 """Options of a file beside --set."""
 
-INPUT_KEYS = (*_READING, *TEXT_OPTIONS)
+INPUT_KEYS = (*READING, *TEXT_OPTIONS)
 """Options of readers that a recipe has keys for."""
 
 
@@ -114,7 +114,7 @@ def file_options(command: Callable[..., int]) -> Callable[..., int]:
 
     @functools.wraps(command)
     def with_reading(settings: tuple[str, ...], **options: Any) -> int:
-        plain = {name: options.pop(name) for name in _READING}
+        plain = {name: options.pop(name) for name in READING}
         reading = {name: value for name, value in plain.items() if value is not None}
         return command(reading={**reading, **_settings(settings)}, **options)
 
