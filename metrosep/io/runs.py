@@ -36,6 +36,7 @@ from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import (
     SURROUNDINGS,
     TYPICAL,
+    Unit,
     parse_quantity,
     parse_unit,
     surrounding_header,
@@ -256,13 +257,12 @@ def _runs_of(
         )
     kinds = ("angle" if turns else "length", "angle" if turned and turns else "length")
     units = {"unit": "rad", "z_unit": "rad" if turned else "m"} if turns else {}
-    t = None
+    timed = None
     if request.time is not None:
-        t_column, t_unit = pick(file, table, request.time, role="time")
-        if t_column.name in table.header.get("undecided", ()):
-            raise AmbiguousFormatError(table.header["undecided"][t_column.name])
-        t = to_si(file, t_column, t_unit, dimension="time", role="time")
-    speeds = _feed_column(file, table, feed)
+        timed = pick(file, table, request.time, role="time")
+        if timed[0].name in table.header.get("undecided", ()):
+            raise AmbiguousFormatError(table.header["undecided"][timed[0].name])
+    fed = _feed_column(file, table, feed)
     signs = _direction_column(file, table, request.direction)
     x = to_si(file, x_column, x_unit, dimension=kinds[0], role="x")
     parts = _parts(file, table, request, x)
@@ -271,6 +271,10 @@ def _runs_of(
     del x_column  # a long column is given up as soon as its numbers are in SI
     z = to_si(file, z_column, z_unit, dimension=kinds[1], role="z", scale=request.scale)
     z_column = replace(z_column, values=None)
+    t = None if timed is None else to_si(file, *timed, dimension="time", role="time")
+    del timed
+    speeds = to_si(file, *fed, dimension="speed", role="feed") if isinstance(fed, tuple) else fed
+    del fed
     for run_id, rows in _by_direction(parts, signs):
         where = f"{file.path}: run {run_id!r}"
         empty = np.flatnonzero(np.isnan(x[rows]))
@@ -342,16 +346,15 @@ def _clock(t: FloatArray | None, rows: NDArray[np.intp], request: _Request) -> F
 
 def _feed_column(
     file: RawFile, table: Table, feed: ColumnSpec | float | None
-) -> FloatArray | float | None:
-    """Return the feed of each row in m/s, or one for all, or None."""
+) -> tuple[Column, Unit | None] | float | None:
+    """Return the column of the feed and its unit, or one feed for all in m/s, or None."""
     if feed is None:
         return None
     if isinstance(feed, (int, float)):
         return float(feed)
     if isinstance(feed, str) and feed.strip()[:1] in "0123456789.+-" and feed not in table.names:
         return parse_quantity(feed, dimension="speed", name="feed")
-    column, unit = pick(file, table, feed, role="feed")
-    return to_si(file, column, unit, dimension="speed", role="feed")
+    return pick(file, table, feed, role="feed")
 
 
 def _one_feed(

@@ -1,6 +1,8 @@
 """read_runs: units, feeds, directions and clocks, and every way they can contradict each other."""
 
+import contextlib
 import hashlib
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -300,3 +302,41 @@ def test_layout_reaches_the_table(put):
     runs = ms.read_runs(path, x="column1:mm", z="column2:um", skip_rows=1, decimal=",")
 
     np.testing.assert_allclose(runs[0].x, [0.5e-3, 1.5e-3, 2.5e-3], rtol=0, atol=PM)
+
+
+def test_runs_of_a_long_text_take_at_most_three_times_its_size(tmp_path, monkeypatch):
+    monkeypatch.setattr("metrosep.io.text.table._BLOCK", 2**18)  # as small as the file is
+    monkeypatch.setattr("metrosep.io.text._rows._PART", 2**16)
+    n, header = 90_000, "run,x_mm,z_um,feed_mm_min\n"
+    rows = "".join(
+        f"{k // 30_000},{k % 30_000 * 1e-3:.6f},{k % 7}.12345678,3000.0\n" for k in range(n)
+    )
+    path = tmp_path / "long.csv"
+    path.write_text(header + rows)
+    del rows
+    columns = {"x": "x_mm", "z": "z_um", "run": "run", "feed": "feed_mm_min"}
+    short = tmp_path / "short.csv"
+    short.write_text(path.read_text()[:5000] + "\n")
+    with contextlib.suppress(ms.errors.MetrosepError):  # what is loaded once is not counted
+        ms.read_runs(short, **columns)
+    tracemalloc.start()
+
+    runs = ms.read_runs(path, **columns)
+
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert [len(r) for r in runs] == [30_000] * 3
+    assert peak < 3 * path.stat().st_size
+
+
+def test_an_empty_last_column_with_a_name_does_not_shift_those_of_a_long_text(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr("metrosep.io.text._rows._PART", 2**16)
+    path = tmp_path / "long.csv"
+    rows = "".join(f"{k * 1e-3:.3f},{k % 7}.12345678901,\n" for k in range(20_000))
+    path.write_text("x_mm,z_um,spare_um\n" + rows)
+
+    read = ms.read(path, x="x_mm", z="z_um")
+
+    assert (read.x[7], read.z[8]) == (7e-6, 1.12345678901e-6)

@@ -652,3 +652,85 @@ def test_json_of_info_names_the_sheet(book, metrosep):
 
     assert code == 0, err
     assert json.loads(out)["format"] == "worksheet"
+
+
+def test_a_row_that_begins_like_a_comment_is_not_lost(base, book):
+    rows = [[f"#{k}" if k % 7 == 3 else "ok", x, z] for k, (x, z) in enumerate(PROFILE)]
+    path = base(
+        "CREATE TABLE data (x_mm, z_um)", "CREATE TABLE marked (note, x_mm, z_um)", rows=[]
+    )
+    held = sqlite3.connect(path)
+    held.executemany("INSERT INTO marked VALUES (?, ?, ?)", rows)
+    held.commit()
+    held.close()
+
+    assert len(ms.read(path, x="x_mm", z="z_um")) == len(X)
+    sheet = book(Data=[["note", "x_mm", "z_um"], *rows])
+    assert len(ms.read(sheet, x="x_mm", z="z_um")) == len(X)
+
+
+def test_a_remark_alone_in_its_row_is_a_comment(book):
+    read = ms.read(book(Data=[["# by hand"], *profile()]))
+
+    assert read.metadata["lines"]["listed"]["comment"]["texts"] == ("# by hand",)
+    assert len(read) == len(X)
+
+
+def test_columns_named_like_units_are_no_row_of_units(tmp_path):
+    """A column s of a database may be a path; it was taken for seconds."""
+    pa = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    parquet.write_table(pa.table({"s": X, "V": Z}), tmp_path / "a.parquet")
+
+    with pytest.raises(ms.errors.UnitError):
+        ms.read(tmp_path / "a.parquet")
+    assert len(ms.read(tmp_path / "a.parquet", x="columns:mm", z="columnV:um")) == len(X)
+
+
+@pytest.mark.parametrize(
+    ("texts", "z_nm"),
+    [("1.100,5 1.200,5 1.300,5", 1100.5), ("1,100.5 1,200.5 1,300.5", 1100.5)],
+)
+def test_texts_with_both_marks_show_which_is_the_decimal_one(book, texts, z_nm):
+    rows = [[x, t] for x, t in zip(X, texts.split(), strict=False)]
+
+    read = ms.read(book(Data=[["x_mm", "z_nm"], *rows]))
+
+    assert read.z[0] == pytest.approx(z_nm * 1e-9, rel=1e-15, abs=0.0)  # one rounding
+
+
+def test_a_merged_label_is_one_label(book):
+    rows = [[x, z, "A" if k == 0 else None] for k, (x, z) in enumerate(PROFILE)]
+    path = book(
+        change=lambda made: made["Data"].merge_cells("C2:C25"),
+        Data=[["x_mm", "z_um", "part"], *rows],
+    )
+
+    assert len(ms.read(path, x="x_mm", z="z_um")) == len(X)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "match"),
+    [
+        ({"d": np.zeros(3, dtype=[("x", "f8"), ("z", "f8")])}, "holds records"),
+        ({"d": np.array([1j, 2j])}, "only real numbers"),
+        ({"d": np.zeros((2, 2, 2))}, "one or two dimensions"),
+        ({"d": np.array([])}, "holds no values"),
+    ],
+)
+def test_arrays_that_are_not_read_are_named(tmp_path, arrays, match):
+    np.savez(tmp_path / "a.npz", **arrays)
+    with pytest.raises(ms.errors.ReadError, match=f"no array in it holds numbers .*{match}"):
+        ms.read(tmp_path / "a.npz")
+
+    np.savez(tmp_path / "b.npz", x_mm=X, z_um=Z, **arrays)
+    assert any(match in w for w in ms.read(tmp_path / "b.npz").metadata["warnings"])
+
+
+@pytest.mark.parametrize("unit", ["Mm", "s", "kg"])
+def test_a_wrong_unit_is_refused_with_the_sheet(book, unit):
+    path = book(Data=[[f"x [{unit}]", "z [um]"], *PROFILE])
+
+    with pytest.raises(ms.errors.MetrosepError, match="Data"):
+        ms.read(path, x=f"x [{unit}]", z="z [um]")

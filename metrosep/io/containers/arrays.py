@@ -42,6 +42,8 @@ def array_of(
     size = 1
     for n in shape:
         size *= n
+    if size == 0:
+        raise UnsupportedFeatureError(f"{file.path}: the array holds no values")
     if size > (max_pixels or MAX_PIXELS):
         raise UnsupportedFeatureError(
             f"{file.path}: claims {size} values, more than {max_pixels or MAX_PIXELS}; pass max_pixels= if "
@@ -66,6 +68,10 @@ def _fields(file: RawFile, text: bytes, kinds: str, dimensions: Collection[int])
     """Return the checked fields of the header, which is a Python literal."""
     try:
         found = ast.literal_eval(text.decode("latin-1").strip())
+        if isinstance(found["descr"], list):
+            raise UnsupportedFeatureError(
+                f"{file.path}: holds records; write each of their fields as an array of its own"
+            )
         dtype = np.dtype(str(found["descr"]))
         shape = tuple(int(n) for n in found["shape"])
         fortran = bool(found["fortran_order"])

@@ -14,7 +14,7 @@ import itertools
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
@@ -39,7 +39,14 @@ from metrosep.io.containers.arrays import array_of
 from metrosep.io.containers.workbook import Workbook, letters
 from metrosep.io.source import MAX_PIXELS, RawFile
 from metrosep.io.text._rows import DECIMAL_SHOWN
-from metrosep.io.text.dialect import NO_READING, NUMBER_LIKE, Dialect, bare_unit
+from metrosep.io.text.dialect import (
+    NO_COMMENT,
+    NO_READING,
+    NUMBER_LIKE,
+    Dialect,
+    bare_unit,
+    is_comment,
+)
 from metrosep.io.text.times import is_moment
 
 if TYPE_CHECKING:
@@ -54,6 +61,11 @@ _MAX_CELLS = 2**26
 """Cells of the largest table that is read as text."""
 _BATCH = 2**10
 _SWOLLEN = 64
+_BOTH = {
+    ",": re.compile(r"[+-]?\d{1,3}(?:\.\d{3})+,\d+"),
+    ".": re.compile(r"[+-]?\d{1,3}(?:,\d{3})+\.\d+"),
+}
+"""Numbers with both marks: the second one is the decimal mark."""
 _CONTROL = dict.fromkeys(range(32), " ")
 
 
@@ -73,12 +85,22 @@ class Sheet(RawFile):
         {"separator": "tab", "decimal": ".", "thousands": None, "encoding": "utf-8"}
     )
 
-    def __init__(self, raw: RawFile, part: str, text: str, notes: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        raw: RawFile,
+        part: str,
+        text: str,
+        notes: Sequence[str] = (),
+        *,
+        comments: bool = False,
+    ) -> None:
         place = _Place(raw.path)
         place.part = part
         super().__init__(place, text.encode())
         self.table_format = container_of(raw) or "delimited"
         self.raw, self.part, self.notes = raw, part, tuple(notes)
+        if not comments:
+            self.written = MappingProxyType({**self.written, "comment": NO_COMMENT})
 
     def corrupt(self, reason: str, **facts: Any) -> CorruptFileError:
         """Return the error about a row, which names the table too."""
@@ -169,6 +191,7 @@ class _Container:
 
     file: RawFile
     kind: str = field(default="table", init=False)
+    left: tuple[str, ...] = field(default=(), init=False)  # sentences on what is not read
 
     def holding(self) -> dict[str, str]:
         """Return the tables that hold numbers, and how many, in words."""
@@ -197,7 +220,7 @@ class _Container:
             for (k, i), text in numbers.items():
                 columns[k][i] = text
         lines = [
-            "\t".join(map(_safe_name, table.names)),
+            "\t".join(_safe_names(table.names)),
             *map("\t".join, zip(*columns, strict=True)),
         ]
         part = f"{where} (line 1 holds the names)"
@@ -214,7 +237,8 @@ class _Container:
         if wanted is not None:
             return self.named(wanted, found, listed)
         if not found:
-            raise FormatMismatchError(f"{self.file.path}: no {self.kind} in it holds numbers")
+            why = f" ({self.left[0]})" if self.left else ""
+            raise FormatMismatchError(f"{self.file.path}: no {self.kind} in it holds numbers{why}")
         if len(found) > 1:
             raise FormatMismatchError(
                 f"{self.file.path}: holds {len(found)} {self.kind}s with numbers: {listed}; choose one with "
@@ -240,10 +264,12 @@ class _Container:
         )
 
 
-def _safe_name(name: str) -> str:
-    """Return the name of a column that no reader can take for a number."""
-    text = _clean(name) or "column"
-    return f"column{text}" if NUMBER_LIKE.fullmatch(text) or text.lower() in NO_READING else text
+def _safe_names(names: Sequence[str]) -> list[str]:
+    """Return names of columns that no reader can take for numbers, nor all of them for units."""
+    texts = [_clean(name) for name in names]
+    are_units = all(not t or bare_unit(t) is not None for t in texts)
+    odd = (are_units or NUMBER_LIKE.fullmatch(t) or t.lower() in NO_READING for t in texts)
+    return [f"column{t}" if o else t for t, o in zip(texts, odd, strict=True)]
 
 
 def _clean(text: str) -> str:
@@ -274,7 +300,8 @@ def _numbers_as_text(
             m: next((k for k, t in found.items() if DECIMAL_SHOWN[m].search(t)), None)
             for m in ".,"
         }
-        sure = [m for m, key in shown.items() if key is not None]
+        both = {m: any(_BOTH[m].fullmatch(t) for t in found.values()) for m in ".,"}
+        sure = [m for m, key in shown.items() if key is not None or both[m]]
         if len(sure) != 1 and options.thousands is None:
             key = next(k for k in (*shown.values(), *marked.values()) if k is not None)
             raise AmbiguousFormatError(
@@ -284,7 +311,14 @@ def _numbers_as_text(
             )
         decimal = sure[0] if len(sure) == 1 else "." if options.thousands == "," else ","
     dialect = Dialect("\t", decimal or ".", thousands=options.thousands or "")
-    plain = {key: number for key, text in found.items() if (number := dialect.plain(text))}
+    grouped = replace(dialect, thousands=dialect.other_mark)
+    plain = {}
+    for key, text in found.items():
+        number = dialect.plain(text)
+        if number is None and not options.thousands and _BOTH[dialect.decimal].fullmatch(text):
+            number = grouped.plain(text)
+        if number is not None:
+            plain[key] = number
     if not plain:
         return {}, ()
     first = next(iter(plain))
@@ -354,7 +388,10 @@ class _Worksheets(_Container):
             )
         if name in self._book.hidden:
             notes += (f"{where} is hidden in the workbook",)
-        return Sheet(self.file, where, "\n".join(lines) + "\n", notes)
+        marked = any(
+            is_comment(row[min(row)]) for n, row in grid.rows.items() if n in grid.measured
+        )
+        return Sheet(self.file, where, "\n".join(lines) + "\n", notes, comments=not marked)
 
     def fullest(self, found: Collection[str]) -> str:
         return max(found, key=lambda name: self._grid(name).n_numbers)
@@ -371,6 +408,7 @@ class _Grid:
 
     rows: dict[int, dict[int, str]]
     texts: list[tuple[tuple[int, int], str]]  # row and column of cells that hold texts
+    measured: frozenset[int]  # rows with a number
     n_numbers: int
     n_hidden: int
     never_computed: str
@@ -408,7 +446,9 @@ class _Grid:
                     "cells; undo the merge and write each number"
                 )
         n_texts = sum(NUMBER_LIKE.fullmatch(t.strip()) is not None for _, t in texts)
-        return cls(rows, texts, len(typed) + n_texts, book.n_hidden_rows, never_computed)
+        measured = frozenset(row for row, _ in typed)
+        n_numbers = len(typed) + n_texts
+        return cls(rows, texts, measured, n_numbers, book.n_hidden_rows, never_computed)
 
 
 def _column_of(text: str) -> int:
@@ -615,7 +655,6 @@ class _Arrays(_Container):
     def __post_init__(self) -> None:
         self._archive = Archive(self.file, "the archive", "write it again with numpy.savez")
         self._loaded: dict[str, NDArray[Any]] | None = None
-        self._left: tuple[str, ...] = ()
 
     def holding(self) -> dict[str, str]:
         found = {}
@@ -665,7 +704,7 @@ class _Arrays(_Container):
             try:
                 found[name] = array_of(raw, 2**62, kinds="iufbUSM", dimensions=(0, 1, 2))[0]
             except UnsupportedFeatureError as exc:
-                self._left += (f"array {name!r} was left out: {exc}",)
+                self.left += (f"array {name!r} was left out: {exc}",)
         return found
 
     def read(self, name: str) -> _Columns:
@@ -679,7 +718,7 @@ class _Arrays(_Container):
             names,
             [_of_array(v) for v in values],
             [v.dtype.kind in "US" for v in values],
-            self._left,
+            self.left,
         )
 
 

@@ -24,7 +24,7 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import AmbiguousFormatError, CorruptFileError
 from metrosep.core.text_options import TextOptions
 from metrosep.io.source import RawFile
-from metrosep.io.text.dialect import BEYOND, NO_READING, Layout, is_comment, n_used
+from metrosep.io.text.dialect import BEYOND, NO_COMMENT, NO_READING, Layout, is_comment, n_used
 
 __all__ = [
     "DECIMAL_SHOWN",
@@ -294,7 +294,7 @@ class Body:
             not n_lines
             or any(self._labels)
             or dialect.thousands
-            or options.comment is not None
+            or options.comment not in (None, NO_COMMENT)
             or mark == ", "
             or not _PLAIN.issuperset(text[:4096])
             or any(r.start < first + n_lines and r.stop > first for r in options.skip_lines)

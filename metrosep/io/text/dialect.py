@@ -29,6 +29,7 @@ __all__ = [
     "BEYOND",
     "MARKS",
     "MISSING",
+    "NO_COMMENT",
     "NO_READING",
     "NUMBER_LIKE",
     "WORDS",
@@ -145,6 +146,10 @@ class Dialect:
     def __str__(self) -> str:
         mark = "point" if self.decimal == "." else "comma"
         return f"separator {WORDS[self.separator]}, decimal {mark}"
+
+
+NO_COMMENT: Final = "\0"
+"""Prefix of comments of a text that has none: no line begins with it."""
 
 
 def is_comment(line: str, prefix: str | None = None) -> bool:

@@ -141,9 +141,13 @@ def _rows_of(
 
 
 def _is_stacked(labels: tuple[str, ...], different: tuple[str, ...]) -> bool:
-    """Whether labels name one part of the rows after the other: a status that comes and goes does not."""
+    """Whether labels name one part of the rows after the other: a status that comes and goes does not.
+
+    Neither does a name for every row, nor one beside empty cells.
+    """
     changes = sum(a != b for a, b in itertools.pairwise(labels))
-    return changes == len(different) - 1
+    named = sum(map(bool, different))
+    return named > 1 and 2 * len(different) <= len(labels) and changes == len(different) - 1
 
 
 def _without_counter(table: Table, *, given: Sequence[ColumnSpec | None]) -> Table:

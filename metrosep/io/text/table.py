@@ -193,7 +193,7 @@ def with_moments(
     }
     for k, own in texts.items():
         odd = [i for i, t in enumerate(own) if t and not is_moment(t)]
-        if odd and 2 * len(odd) < len(own):
+        if odd and 2 * len(odd) < sum(map(bool, own)):
             line = int(lines[odd[0]])
             where = f"column {columns[k].name!r} of dates and times"
             raise bad_field(file, line, own[odd[0]], where, "moment")
