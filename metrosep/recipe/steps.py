@@ -11,7 +11,7 @@ from metrosep.recipe.methods.plan import PLAN
 from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.schema import LAYOUT, Field
 from metrosep.separation.positions.expansion import Expansion
-from metrosep.separation.positions.laser_options import SETUP
+from metrosep.separation.positions.laser_options import READ_AS, SETUP
 from metrosep.separation.positions.pitch import REFERENCE_DIRECTIONS
 from metrosep.separation.runs.options import RUN_OPTIONS
 
@@ -92,7 +92,7 @@ STEPS = {
         ),
     },
     "plan_feedrates": PLAN,
-    "laser_setup": {"op": Field("text", required=True), **SETUP},
+    "laser_setup": {"op": Field("text", required=True), "values": READ_AS, **SETUP},
     **{name: op.fields for name, op in MEASURING.items()},
 }
 
