@@ -281,7 +281,8 @@ def _corrected(runs: RunSet, step: Mapping[str, Any]) -> RunSet:
     from metrosep.separation.positions.laser_setup import LaserSetup
 
     options = {k: v for k, v in step.items() if k != "op"}
-    found, far = LaserSetup(**options).corrected(runs)
+    stated = {k: v for k, v in options.items() if k != "values"}
+    found, far = LaserSetup(**stated).corrected(runs, values=options.get("values", "deviation"))
     values = laser_quantities(far.air, far)
     beside = (
         f"the readings of the laser were corrected: {values['correction.total']}; this u is common to all runs and not in "

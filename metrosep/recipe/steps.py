@@ -12,7 +12,7 @@ from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.programs import PROGRAM
 from metrosep.recipe.schema import LAYOUT, Field
 from metrosep.separation.positions.expansion import Expansion
-from metrosep.separation.positions.laser_options import SETUP
+from metrosep.separation.positions.laser_options import READ_AS, SETUP
 from metrosep.separation.positions.pitch import REFERENCE_DIRECTIONS
 from metrosep.separation.runs.options import RUN_OPTIONS
 
@@ -94,7 +94,7 @@ STEPS = {
         ),
     },
     "plan_feedrates": PLAN,
-    "laser_setup": {"op": Field("text", required=True), **SETUP},
+    "laser_setup": {"op": Field("text", required=True), "values": READ_AS, **SETUP},
     **{name: op.fields for name, op in MEASURING.items()},
 }
 

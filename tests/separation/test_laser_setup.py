@@ -470,6 +470,67 @@ def test_runs_are_corrected_before_they_are_separated(tmp_path):
     assert "wavelength in the air that was" in (tmp_path / "out" / "report.html").read_text()
 
 
+def positions_in_nm(folder, sign=1.0):
+    """A log of a laser in vacuum wavelengths: absolute positions in nm, and the setup of LASER."""
+    x = np.linspace(0.0, 0.4, 401)
+    error = 1e-6 * np.cos(40.0 * x) + 3e-6 * x
+    shown = displayed(x + error, n=n_of(293.95), n_zero=n_of(293.95), n_software=1.0)
+    rows = [
+        f"{a * 1e3:.4f},{sign * s * 1e9:.2f},{k},{feed}"
+        for k, feed in ((1, 600), (2, 900), (3, 1200))
+        for a, s in zip(x, shown, strict=True)
+        if (k, round(a * 1e3)) != (2, 77)  # one sample was lost
+    ]
+    (folder / "runs.csv").write_text("x_mm,laser_nm,run,feed_mm_min\n" + "\n".join(rows) + "\n")
+
+
+def laser_recipe(folder, *more):
+    text = RUNS.format(laser=LASER + "\n".join(more) + "\n")
+    text = text.replace('"z_um"', '"laser_nm"')
+    (folder / "r.toml").write_text(text)
+    return Recipe.load(folder / "r.toml")
+
+
+def test_positions_in_nm_are_corrected_once_and_become_errors(tmp_path):
+    positions_in_nm(tmp_path)
+    result = laser_recipe(tmp_path, 'values = "position"').run(out=tmp_path / "out")
+    at = np.linspace(0.01, 0.39, 50)
+    apart = result.produced.evaluate(at) - 1e-6 * np.cos(40.0 * at)
+    apart -= np.polyval(np.polyfit(at, apart, 1), at)
+    values = {c["metric"]: c for c in result.document["characteristics"]}
+
+    assert np.abs(apart).max() < 2 * NM  # means over bins of a wave of 157 mm
+    # the slope of the error is there, that of the air (-270e-6) is not: 0.1 % of it is u(n)
+    whole = np.linspace(0.0, 0.4, 401)
+    own = np.polyfit(whole, 1e-6 * np.cos(40.0 * whole) + 3e-6 * whole, 1)[0]
+    assert values["slope"]["value"] == pytest.approx(own, abs=0.3e-6)
+    assert abs(values["correction.wavelength"]["value"] + 107.4e-6) < 0.5e-6
+
+
+@pytest.mark.parametrize(
+    ("more", "sign", "words"),
+    [
+        ((), 1.0, 'look like positions, not like errors.*values = "position"'),
+        (('values = "position"',), -1.0, "change by -1 times.*change the sign"),
+    ],
+)
+def test_positions_taken_for_errors_would_double_the_correction_and_are_refused(
+    tmp_path, more, sign, words
+):
+    positions_in_nm(tmp_path, sign)
+
+    with pytest.raises(MetrosepError, match=words):
+        laser_recipe(tmp_path, *more).run(out=tmp_path / "out")
+
+
+def test_errors_are_no_positions(tmp_path):
+    x = np.linspace(0.0, 0.3, 31)
+    setup = LaserSetup(software="vacuum", temperature=293.15, pressure=1e5, humidity=0.4)
+
+    with pytest.raises(MetrosepError, match="do not look like positions"):
+        setup.corrected(ms.RunSet([ms.Run(x, 1e-6 * x, feed=0.01)]), values="position")
+
+
 def test_each_run_may_bring_its_own_air_and_pitch():
     x = np.linspace(0.0, 0.3, 31)
     runs = []

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import DataError, InvalidSamplesError, OptionError
 from metrosep.core.inputs import RoleColumns
-from metrosep.core.numbers import real
+from metrosep.core.numbers import choice, real
 from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.provenance import freeze_mapping
 from metrosep.core.readable import typed_number
@@ -28,7 +28,7 @@ from metrosep.core.units import format_length, parse_quantity
 from metrosep.optics.air import AirIndex, air_index
 from metrosep.optics.air_options import AIR, U_AIR, WET
 from metrosep.separation.contract import NamedMethod, Separation, Unobservable
-from metrosep.separation.positions.laser_options import AIR_KEYS, SETUP
+from metrosep.separation.positions.laser_options import AIR_KEYS, READ_AS, SETUP
 from metrosep.separation.positions.positioning import as_positions
 
 __all__ = [
@@ -161,14 +161,18 @@ class LaserSetup:
             book.add("reading", "reading", self["u_reading"])
         return book.made()
 
-    def corrected(self, runs: RunSet) -> tuple[RunSet, LaserCorrections]:
+    def corrected(
+        self, runs: RunSet, *, values: str = "deviation"
+    ) -> tuple[RunSet, LaserCorrections]:
         """Return runs with corrected errors, and the corrections of the run that reaches farthest.
 
         Parameters
         ----------
         runs : RunSet
-            Errors ``actual - nominal`` along the travel, read by the laser. ``metadata["air"]`` of a
+            Errors ``actual - nominal`` along the travel, or positions, read by the laser. ``metadata["air"]`` of a
             run may hold columns as of `correct`, or one value of each.
+        values : {"deviation", "position"}, optional
+            What the readings are: errors, or positions that the laser displayed.
 
         Returns
         -------
@@ -179,14 +183,20 @@ class LaserSetup:
         ------
         OptionError
             As for `correct`; also where a correction needs a column, such as pitch.
+        InvalidSamplesError
+            If readings do not look like `values`.
         """
+        choice(values, "values", ("deviation", "position"))
+        for i, run in enumerate(runs):
+            _require_kind(run, values, run.run_id or str(i + 1))
+        errors = [run.z - run.x if values == "position" else run.z for run in runs]
         made = [
-            self.correct(run.x + run.z - self["zero"], **run.metadata.get("air", {}))
-            for run in runs
+            self.correct(run.x + e - self["zero"], **run.metadata.get("air", {}))
+            for run, e in zip(runs, errors, strict=True)
         ]
         new = [
-            Run(r.x, r.z + c.total, t=r.t, feed=r.feed, run_id=r.run_id, metadata=r.metadata)
-            for r, c in zip(runs, made, strict=True)
+            Run(r.x, e + c.total, t=r.t, feed=r.feed, run_id=r.run_id, metadata=r.metadata)
+            for r, e, c in zip(runs, errors, made, strict=True)
         ]
         far = max(made, key=lambda c: float(np.nanmax(np.abs(c.reading))))
         return RunSet(new, metadata=runs.metadata, history=runs.history), far
@@ -370,6 +380,29 @@ def _require_small(name: str, angle: float) -> None:
         raise InvalidSamplesError(
             f"{name} is {angle:.4g} rad, more than {_LARGEST_ANGLE:g} rad; check its unit "
             "(a bare number is in rad)"
+        )
+
+
+_LIKE_POSITIONS, _LIKE_ERRORS = 0.1, 0.5
+"""Readings whose slope over the positions is this near to 1 are positions, below the second errors:
+an axis that is wrong by a tenth of its travel is broken, not measured."""
+
+
+def _require_kind(run: Run, values: str, name: str) -> None:
+    """Refuse readings that are not what they are stated to be."""
+    known = np.isfinite(run.z)
+    x = run.x[known] - float(run.x[known].mean())
+    slope = float(x @ run.z[known]) / float(x @ x)
+    if values == "deviation" and abs(slope) > _LIKE_ERRORS:
+        raise InvalidSamplesError(
+            f"the readings of run {name} look like positions, not like errors: they change by {slope:.4g} "
+            'times the position; say values = "position" in the step laser_setup'
+        )
+    if values == "position" and abs(slope - 1.0) > _LIKE_POSITIONS:
+        raise InvalidSamplesError(
+            f"the readings of run {name} do not look like positions: they change by {slope:.4g} times the "
+            "position, and it must be 1; if they are errors (actual minus nominal) leave values = "
+            '"position" out, if they fall while the position rises change the sign of one of them'
         )
 
 
@@ -656,10 +689,7 @@ class LaserPositions(NamedMethod):
         "part_temperature": "temperature?", "pitch": "angle?", "yaw": "angle?",
     }  # fmt: skip
     arguments: ClassVar[Mapping[str, Option]] = {
-        "values": Option(
-            "text", choices=("position", "deviation"), default="position",
-            help="what the readings are: positions, or positions minus nominal",
-        ),
+        "values": replace(READ_AS, default="position"),
         **SETUP,
     }  # fmt: skip
 
