@@ -52,7 +52,9 @@ def test_a_file_appears_with_what_its_part_is(tmp_path):
     assert (np.diff(phi) < 0).all()
     said = json.loads((tmp_path / "out" / "part.nc.json").read_text())["virtual_part"]
     assert said["file_against_program_nm"] <= said["digits_may_cost_nm"] + 0.2
-    assert any("part.nc: the part cut from the file is off by" in m for m in result.document["messages"])
+    assert any(
+        "part.nc: the part cut from the file is off by" in m for m in result.document["messages"]
+    )
     assert {f.name for f in result.files} >= {"part.nc", "part.nc.json", "result.json"}
 
 
