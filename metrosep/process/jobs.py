@@ -304,7 +304,7 @@ class TurningJob:
             If the path is of another job, or none.
         """
         path = self._own(path)
-        turns = path.turns - path.last_angle / (2.0 * math.pi)  # an uncut core takes no time
+        turns = path.turns - self.core / self.feed  # an uncut core takes no time
         return machining_time(
             path.n_points, turns, spindle_speed=self.rpm / 60.0, block_time=self.block_time
         )

@@ -182,11 +182,33 @@ class EdgeProfile:
         return cls(psi, delta - columns @ found, removed, (text,))
 
     def at(self, psi: FloatArray) -> FloatArray:
-        """Return the deviation at angles, m; carried on beyond the table, where there is no edge."""
+        """Return the deviation of the radius at angles.
+
+        Parameters
+        ----------
+        psi : ndarray, rad
+            From the tip; beyond the table the spline is carried on, where there is no edge.
+
+        Returns
+        -------
+        ndarray, m
+            Outward positive.
+        """
         return np.asarray(self._splines[0](psi))
 
     def slope(self, psi: FloatArray) -> FloatArray:
-        """Return the change of the deviation with the angle, m."""
+        """Return the change of the deviation with the angle.
+
+        Parameters
+        ----------
+        psi : ndarray, rad
+            As of `at`.
+
+        Returns
+        -------
+        ndarray, m
+            For each rad.
+        """
         return np.asarray(self._splines[1](psi))
 
 

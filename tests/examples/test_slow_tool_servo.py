@@ -71,14 +71,14 @@ def test_pilot_program_cuts_the_nominal_surface(folder):
 
     # the machine of make_data.py cuts the program: dx and dy put the tool elsewhere, Z follows late
     own = runpy.run_path(str(folder / "make_data.py"))
-    rho, theta = program.rho * 1e6 + own["DX_UM"], program.azimuth
+    rho, theta = program.X * 1e6 + own["DX_UM"], program.azimuth
     there = np.hypot(rho, own["DY_UM"]), theta + np.arctan2(own["DY_UM"], rho)
     wanted = own["grid"](there[0] * np.cos(there[1]), there[0] * np.sin(there[1]))
     time, command, actual = np.loadtxt(folder / "dry_run.csv", delimiter=",", skiprows=1).T
-    late = np.interp((60.0 - program.rho * 1e6) / 2.0 * 3.0, time, actual - command)
-    part = (program.rho > 10e-6) & (program.rho < 59.9e-6)
+    late = np.interp((60.0 - program.X * 1e6) / 2.0 * 3.0, time, actual - command)
+    part = (program.X > 10e-6) & (program.X < 59.9e-6)
     before = (1e9 * program.nominal + late - wanted)[part]
-    after = (1e9 * program.z + late - wanted)[part]
+    after = (1e9 * program.Z + late - wanted)[part]
     assert before.std() > 5.0
     assert after.std() < 0.35  # dR is not in this cut, and its correction is: 0.49 nm P-V
     assert any("dry_run.csv" in key for key in result.document["separation"]["audit"])
