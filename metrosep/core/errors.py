@@ -9,7 +9,7 @@
     |   |-- AmbiguousFormatError      two readers are sure
     |   |-- FormatMismatchError       the content is not what the caller declared
     |   |-- CorruptFileError          bytes that do not fit (path, offset, field, expected, found)
-    |   `-- UnsupportedFeatureError   a legal file that this version does not read
+    |   `-- UnsupportedFeatureError (NotImplementedError)   a legal file that this version does not read
     |-- WriteError                    a result cannot be written; nothing half-written is left
     |-- DataError (ValueError)        numbers that cannot be used
     |   |-- NotUniformError
@@ -178,7 +178,7 @@ class CorruptFileError(ReadError):
         super().__init__(", ".join(parts) + f"; {hint}")
 
 
-class UnsupportedFeatureError(ReadError):
+class UnsupportedFeatureError(ReadError, NotImplementedError):
     """The file is legal, but uses something this version does not read."""
 
 

@@ -307,3 +307,20 @@ def test_a_result_is_a_table_and_a_picture(tmp_path):
 def test_help_shows_what_every_object_can_do():
     for name in ("plot", "to_frame", "to_xarray", "save", "equals", "identical"):
         assert inspect.getdoc(getattr(ms.Surface, name))
+
+
+def test_errors_are_those_of_python_too():
+    import pickle
+
+    from metrosep.core import errors
+
+    natives = {
+        "FileMissingError": FileNotFoundError, "UnsupportedFeatureError": NotImplementedError,
+        "DataError": ValueError, "OptionError": TypeError, "RecipeMissingError": FileNotFoundError,
+    }  # fmt: skip
+    for name, native in natives.items():
+        kind = getattr(errors, name)
+        made = kind("the sentence")
+        assert isinstance(made, native)
+        assert isinstance(made, MetrosepError)
+        assert str(pickle.loads(pickle.dumps(made))) == "the sentence"  # noqa: S301

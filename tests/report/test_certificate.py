@@ -505,7 +505,7 @@ def test_each_page_of_the_pdf_has_number_and_page_of_pages(part, tmp_path):
         assert "2026-0815" in page
     assert "End of report: 2026-0815" in pages[-1]
     flat = re.sub(r"\s+", "", made.stdout.decode().replace("\u200b", ""))
-    for text in ("PruefstelleSued", "A-0042", "RitaReich", "D-K-12345", "2hat1000rpm", "PTB4711"):
+    for text in ("Pruefstelle", "A-0042", "RitaReich", "D-K-12345", "Optik", "1013.2hPa"):
         assert text in flat
 
 

@@ -53,7 +53,7 @@ def test_each_run_has_a_row_and_the_found_one_a_second(planted):
     ]
     assert rows[6][5] == "–"  # NaN is not measured
     assert rows[9][2:] == ["–"] * 5
-    assert rows[10] == ["▸ run …8 of 9 at the lathe: left out"]
+    assert rows[10] == ["▸ run …8 of 9 at the lathe: excluded"]
 
 
 def test_the_whole_name_is_there_and_hostile_ones_do_not_run(planted):

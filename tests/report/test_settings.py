@@ -107,7 +107,7 @@ def test_notes_have_a_true_micro_sign_and_names_no_underscores():
         "characteristics": [{"metric": "noise_floor", "name": "noise_floor", "value": 1e-9}],
     }
     shown = view(document)
-    assert shown["messages"] == ["Noise of 1.4 µm and 3 µrad."]
+    assert shown["c"]["warnings"] == ["Noise of 1.4 µm and 3 µrad."]
     assert shown["characteristics"][0]["name"] == "noise floor"
 
 
