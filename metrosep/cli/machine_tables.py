@@ -179,7 +179,7 @@ def _places_hinted() -> Iterator[None]:
 @click.option(
     "--over", metavar="AXIS,...", help="Three looked-up axes; the linear ones if omitted."
 )
-@click.option("--at", "places", multiple=True, metavar="AXIS=PLACE", help="Where others stand.")
+@click.option("--at", "places", multiple=True, metavar="AXIS=PLACE", help="Place of another axis: \"A=0 deg\".")
 @click.option("--span", "spans", multiple=True, metavar="AXIS=A..B", help="Travel of an axis.")
 @click.option("--tool", metavar="X,Y,Z", help="Tool point in the frame of the last element.")
 @click.option(
@@ -203,7 +203,7 @@ def volume(
     """Volumetric error of MACHINE over its travel, and the coarsest grid that corrects it.
 
     MACHINE and ERRORS are as for 'machine-tables'; a folder that 'calibrate' wrote stands for its
-    files. The grid is judged at places that are no nodes, and at other tool points; with --verify also
+    files. The grid is judged at places off its nodes, and at other tool points; with --verify also
     by readings that were taken on the machine with it.
 
     Exit code 1: the error does not shrink; nothing is written.

@@ -3,6 +3,7 @@
 import ast
 import json
 import re
+from functools import cache
 from pathlib import Path
 
 import click
@@ -44,8 +45,13 @@ def helps():
                 yield f"{name} {option.opts[0]}", option.help
 
 
+@cache
 def messages(folder):
-    """Yield the texts in code that a user can see: no docstring, no comment of a constant."""
+    """Return the texts in code that a user can see: no docstring, no comment of a constant."""
+    return tuple(_texts(folder))
+
+
+def _texts(folder):
     for path in sorted((PACKAGE / folder).rglob("*.py")):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         quiet = {

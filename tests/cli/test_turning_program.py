@@ -86,7 +86,7 @@ def test_a_raked_nose_is_asked_for_its_way_and_the_hint_works(turned):
             'nose_radius = "80 mm"',
             "the nose gouges: its tip radius 80 mm is larger than the concave",
         ),
-        ('nose_radius = "0.8 mm"\nwindow = "10 deg"', "beyond its sharp window of 10 degrees"),
+        ('nose_radius = "0.8 mm"\nwindow = "10 deg"', "window from -5 to 5 degrees"),
     ],
 )
 def test_noses_that_cannot_cut_the_part_are_refused(turned, keys, words):
