@@ -294,8 +294,12 @@ def test_the_scatter_of_places_at_equal_feeds_is_the_displacement():
         (2e-3 * np.array(FEEDS), FEEDS),  # a lag of 2 ms
         (np.random.default_rng(6).normal(0.0, 0.02, 6), FEEDS),  # what u explains
         (np.array([0.1, -0.3, 0.2]), (80.0, 120.0, 160.0)),  # nothing is known
+        (
+            np.array([0.01, -0.01, 0.0, 0.8, 0.02, 0.0, -0.02, 0.01, 0.0]),
+            FEEDS[:2] + FEEDS[2:4] * 2 + FEEDS[:1] * 3,
+        ),
     ],
-    ids=["none", "lag", "noise", "one run at each feed"],
+    ids=["none", "lag", "noise", "one run at each feed", "one run far off"],
 )
 def test_places_that_a_lag_or_their_u_explain_are_no_displacement(shift, feeds):
     found = scored(shift, 0.02, feeds)

@@ -98,7 +98,12 @@ def displacement(model: Model, scores: Sequence[RunScore]) -> Displacement:
     variance = np.array([s.u_shift for s in scores]) ** 2
     speed = np.array([run.velocity for run in model.seen])
     feed = np.array([run.feed for run in model.seen])
-    groups = [feed == f for f in np.unique(feed) if (feed == f).sum() > 1]
+    # One run that is far off and named for it is no scatter of all.
+    kept = np.ones(len(scores), dtype=bool)
+    odd = suspicion(scores)
+    if odd is not None and odd[1].startswith(DISPLACED):
+        kept[odd[0]] = False
+    groups = [kept & (feed == f) for f in np.unique(feed) if (kept & (feed == f)).sum() > 1]
     if not groups:
         return Displacement()
     # A run that is displaced moves what it is held against, the others: by 1/(n - 1) of it.
