@@ -36,7 +36,7 @@ from metrosep.core.text_options import TextOptions
 from metrosep.core.units import column_unit
 from metrosep.io.archive import Archive, zip_members
 from metrosep.io.containers.arrays import array_of
-from metrosep.io.containers.workbook import Workbook, letters
+from metrosep.io.containers.workbook import Workbook, column_number, letters
 from metrosep.io.source import MAX_PIXELS, RawFile
 from metrosep.io.text._rows import DECIMAL_SHOWN
 from metrosep.io.text.dialect import (
@@ -440,7 +440,7 @@ class _Grid:
                 rows[number] = found
         for area in book.merged:
             place = re.match(r"([A-Z]{1,3})(\d{1,7}):", area)
-            if place and (int(place[2]), _column_of(place[1])) in typed:
+            if place and (int(place[2]), column_number(place[1])) in typed:
                 raise FormatMismatchError(
                     f"{file.path}, worksheet {name!r}: the merged cells {area} hold one number for several "
                     "cells; undo the merge and write each number"
@@ -449,13 +449,6 @@ class _Grid:
         measured = frozenset(row for row, _ in typed)
         n_numbers = len(typed) + n_texts
         return cls(rows, texts, measured, n_numbers, book.n_hidden_rows, never_computed)
-
-
-def _column_of(text: str) -> int:
-    number = 0
-    for letter in text:
-        number = 26 * number + ord(letter) - 64
-    return number
 
 
 # ---- SQLite: tables only, since a view may compute without end --------------------------------------

@@ -23,7 +23,7 @@ from metrosep.io.source import RawFile
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-__all__ = ["Cell", "Cells", "Workbook", "letters"]
+__all__ = ["Cell", "Cells", "Workbook", "column_number", "letters"]
 
 Cells: TypeAlias = list[tuple[int, dict[str, float | str]]]
 """Number of each row, from 1, and its cells by column letter; empty cells are left out."""
@@ -284,7 +284,7 @@ class _SheetParser:
             place = attributes.get("r")
             found = None if place is None else _PLACE.fullmatch(place)
             self._column = (
-                self._column + 1 if place is None else _column(found[1] if found else "")
+                self._column + 1 if place is None else column_number(found[1] if found else "")
             )
             self._style = _index(attributes.get("s", "0"))
             self._kind, self._text, self._formula = attributes.get("t", "n"), "", False
@@ -331,7 +331,7 @@ def _tag(name: object) -> str:
     return str(name).rsplit("}", 1)[-1]
 
 
-def _column(text: str) -> int:
+def column_number(text: str) -> int:
     """Return the number of a column from its letters, 0 for none."""
     number = 0
     for letter in text:
