@@ -467,16 +467,24 @@ def _highest(
     several = may.sum(axis=1) > 1
     if wanted is not None:
         several &= wanted
-    for row in np.flatnonzero(several):
-        hills = np.flatnonzero(may[row]) + 1
-        at = (np.full(hills.size, x[row]), np.full(hills.size, phi[row]))
+    # every hill of every such tip at once: rows in order, the hills of a tip beside each other
+    rows, hills = np.nonzero(may & several[:, None])
+    if rows.size:
+        hills = hills + 1
+        at = (x[rows], phi[rows])
         angles, on = _refined(form, *at, edge, *_beside(tried, hills))
         heights = _gap(form, *at, edge, angles)
-        first = int(heights.argmax())
-        if heights[first] > height[row]:
-            psi[row], height[row], border[row] = angles[first], heights[first], on[first]
-        level = (heights >= height[row] - _ALIKE) & (np.abs(angles - psi[row]) > 1e-6)
-        contacts[row] = 1 + int(level.sum())
+        starts = np.flatnonzero(np.diff(rows, prepend=-1))
+        tips = rows[starts]
+        highest = np.maximum.reduceat(heights, starts)
+        of = np.repeat(np.arange(tips.size), np.diff(starts, append=rows.size))
+        is_first = heights == highest[of]
+        first = np.flatnonzero(is_first)[np.searchsorted(of[is_first], np.arange(tips.size))]
+        higher = highest > height[tips]
+        which, place = tips[higher], first[higher]
+        psi[which], height[which], border[which] = angles[place], heights[place], on[place]
+        level = (heights >= height[rows] - _ALIKE) & (np.abs(angles - psi[rows]) > 1e-6)
+        contacts[tips] = 1 + np.add.reduceat(level.astype(np.int64), starts)
     return psi, height, border, contacts
 
 
