@@ -45,7 +45,7 @@ def test_words_expand_in_a_fixed_order_without_doubles():
 
 @pytest.mark.parametrize("bad", ["tip", ("piston", "dz"), 3, [None]])
 def test_unknown_freedoms_are_refused(bad):
-    with pytest.raises(DataError, match=r"alignment term|list"):
+    with pytest.raises(DataError, match=r"alignment term|freedom|list"):
         removed_freedoms(bad)
 
 
