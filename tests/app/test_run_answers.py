@@ -453,5 +453,5 @@ def test_a_map_has_no_runs(tmp_path):
         http.websocket_connect(f"/ws?token={TOKEN}", headers=HOST) as socket,
     ):
         page = Page(socket)
-        assert "not a set of repeated runs" in page.refused("curves")
-        assert "not a set of repeated runs" in page.refused("waves")
+        assert "needs repeated runs" in page.refused("curves")
+        assert "needs repeated runs" in page.refused("waves")
