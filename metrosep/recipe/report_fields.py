@@ -54,7 +54,7 @@ class Laboratory:
 
     name: str = option("", kind="text", help="name of the laboratory")
     street: str = option("", kind="text", help="street and number")
-    city: str = option("", kind="text", help="post code and city")
+    city: str = option("", kind="text", help="post code and city of the laboratory")
     country: str = option("", kind="text", help="country, two letters (ISO 3166): DE")
     accreditation: str = option("", kind="text", help="number of the accreditation")
 
@@ -64,7 +64,7 @@ class Customer:
     """For whom."""
 
     name: str = option("", kind="text", help="name of the customer")
-    city: str = option("", kind="text", help="post code and city")
+    city: str = option("", kind="text", help="post code and city of the customer")
     country: str = option("", kind="text", help="country, two letters (ISO 3166)")
     contact: str = option("", kind="text", help="person or address to contact")
     order: str = option("", kind="text", help="number of the order")
@@ -77,9 +77,9 @@ class Item:
     name: str = option("", kind="text", help="name of the item")
     drawing: str = option("", kind="text", help="number of its drawing")
     material: str = option("", kind="text", help="material")
-    manufacturer: str = option("", kind="text", help="manufacturer")
-    model: str = option("", kind="text", help="model")
-    serial: str = option("", kind="text", help="serial number")
+    manufacturer: str = option("", kind="text", help="manufacturer of the item")
+    model: str = option("", kind="text", help="model of the item")
+    serial: str = option("", kind="text", help="serial number of the item")
     condition: str = option("", kind="text", help="condition on receipt")
 
 
@@ -88,8 +88,8 @@ class MachineUnderTest:
     """The machine of a test after ISO 230."""
 
     manufacturer: str = option("", kind="text", help="manufacturer of the machine")
-    model: str = option("", kind="text", help="model")
-    serial: str = option("", kind="text", help="serial number")
+    model: str = option("", kind="text", help="model of the machine")
+    serial: str = option("", kind="text", help="serial number of the machine")
     controller: str = option("", kind="text", help="controller and its version")
     axes: str = option("", kind="text", help="axes under test, positions of the others")
     compensation: str = option(
@@ -103,9 +103,9 @@ class Instrument:
     """With what."""
 
     name: str = option("", kind="text", help="name of the instrument or standard")
-    manufacturer: str = option("", kind="text", help="manufacturer")
-    model: str = option("", kind="text", help="model")
-    serial: str = option("", kind="text", help="serial number")
+    manufacturer: str = option("", kind="text", help="manufacturer of the instrument")
+    model: str = option("", kind="text", help="model of the instrument")
+    serial: str = option("", kind="text", help="serial number of the instrument")
     certificate: str = option("", kind="text", help="number of its calibration certificate")
     certificate_date: str = option("", kind="date", help="date of that certificate")
     due: str = option("", kind="date", help="date at which the next calibration is due")
