@@ -179,7 +179,9 @@ def _places_hinted() -> Iterator[None]:
 @click.option(
     "--over", metavar="AXIS,...", help="Three looked-up axes; the linear ones if omitted."
 )
-@click.option("--at", "places", multiple=True, metavar="AXIS=PLACE", help="Place of another axis: \"A=0 deg\".")
+@click.option(
+    "--at", "places", multiple=True, metavar="AXIS=PLACE", help='Place of another axis: "A=0 deg".'
+)
 @click.option("--span", "spans", multiple=True, metavar="AXIS=A..B", help="Travel of an axis.")
 @click.option("--tool", metavar="X,Y,Z", help="Tool point in the frame of the last element.")
 @click.option(

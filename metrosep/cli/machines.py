@@ -166,8 +166,14 @@ def read(
 @click.option("--angle", metavar="COLUMN", help="Column of the angle of the place.")
 @click.option("--ccw", metavar="COLUMN", help="Deviation of the radius, angle rising.")
 @click.option("--cw", metavar="COLUMN", help="The same, angle falling.")
-@click.option("--x", metavar="COLUMN", help="Column of a log with the position of the first axis of the plane.")
-@click.option("--y", metavar="COLUMN", help="Column of a log with the position of the second axis.")
+@click.option(
+    "--x",
+    metavar="COLUMN",
+    help="Column of a log with the position of the first axis of the plane.",
+)
+@click.option(
+    "--y", metavar="COLUMN", help="Column of a log with the position of the second axis."
+)
 @click.option(
     "--reading", metavar="COLUMN", help="Deviation of the radius, both senses one after the other."
 )
@@ -245,7 +251,9 @@ def circle(
     help='Which error a reading is: "EZ0C=EZZ", "near=EXX at 50 mm"; may be repeated.',
 )
 @click.option("--lags", metavar="TIME,...", help='Time constants to try: "10 min,1 h".')
-@click.option("--blocks", type=int, metavar="N", help="Blocks of time, each foretold from the others.")
+@click.option(
+    "--blocks", type=int, metavar="N", help="Blocks of time, each foretold from the others."
+)
 @click.option("--most", type=int, metavar="N", help="Largest number of sensors of a reading.")
 @click.option(
     "--reference",

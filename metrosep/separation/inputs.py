@@ -7,15 +7,17 @@ the function, the recipe and the command line make the same of them.
 from __future__ import annotations
 
 import difflib
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from metrosep.core.errors import DataError, InvalidSamplesError, OptionError
-from metrosep.core.inputs import Readings, Results, RoleColumns
+from metrosep.core.inputs import NamedFiles, Readings, Results, RoleColumns
 from metrosep.core.methods import METHODS, Method
 from metrosep.core.numbers import is_real
 from metrosep.core.options import KINDS, Option, checked
@@ -52,7 +54,9 @@ def separate_named(data: Any, method: str, options: Mapping[str, Any]) -> Any:
         k: rest.pop(k) for k in ("x", "angle", "unit", *cls.roles) if k in rest and k not in known
     }
     values = _options(cls, known, rest)
-    if not isinstance(data, Readings | RoleColumns | Mapping | Sequence | np.ndarray | Surface):
+    if not isinstance(
+        data, Readings | RoleColumns | NamedFiles | Mapping | Sequence | np.ndarray | Surface
+    ):
         if data is None and cls.reads == "nothing":
             return cls.from_inputs((), values)
         if not hasattr(data, "columns"):  # what only the plain function takes, such as a Recording
@@ -96,17 +100,20 @@ def _value(declared: Option, value: Any, name: str) -> Any:
 
 def _inputs(cls: type[Method], data: Any, own: Mapping[str, Any]) -> Any:
     """Return data as what the method reads."""
-    if isinstance(data, Readings | RoleColumns):
+    if isinstance(data, Readings | RoleColumns | NamedFiles):
         return data
     if cls.reads in ("maps", "results"):
         items = (data,) if isinstance(data, Surface | Profile) else tuple(data)
         require_count(cls, len(items), [f"number {i + 1}" for i in range(len(items))])
         return Results(items) if cls.reads == "results" else items
     if cls.reads == "files":
-        raise DataError(
-            f"method {cls.name!r} reads files; in Python call metrosep.machine.{cls.name} or "
-            "metrosep.machine.circle_test with arrays, or run a recipe"
-        )
+        paths = (data,) if isinstance(data, str | os.PathLike) else data
+        if not all(isinstance(p, str | os.PathLike) for p in paths):
+            raise DataError(
+                f"method {cls.name!r} reads files: give their paths; arrays go to "
+                "metrosep.machine.calibrate, circle_test and fit_thermal"
+            )
+        return NamedFiles(tuple(map(Path, paths)), dict(own))
     if cls.reads == "table" and not hasattr(data, "keys"):
         raise DataError(
             f"method {cls.name!r} reads columns by their role: give a mapping of "

@@ -190,7 +190,7 @@ def test_bad_wishes(options, words):
 def test_no_profile_and_no_run():
     with pytest.raises(DataError, match="made of a Profile, got list"):
         profile_view([1.0, 2.0])
-    with pytest.raises(DataError, match="no run"):
+    with pytest.raises(DataError, match="No run"):
         repeat_views([])
 
 

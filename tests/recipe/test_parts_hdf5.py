@@ -244,7 +244,7 @@ def test_columns_of_every_kind():
     units = {n: u for n, (_, u) in found.items()}
     assert units == {
         "term": None, "count": None, "x_mm": "mm", "mean (um/V)": None, "feed_mm_min": "mm/min",
-        "speed_rev_per_s": None,
+        "speed_rev_per_s": "Hz",
     }  # fmt: skip
     with h5py.File(io.BytesIO(data)) as file:
         assert file["mean (um_V)"].attrs["name"] == "mean (um/V)"

@@ -32,13 +32,19 @@ ANGLE = 2.0 * np.pi * np.arange(128) / 128
 X = np.linspace(0.0, 0.3, 31)
 
 
+LONG = ("cut_path/torus.toml", "cut_path/asphere.toml", "cut_path/again.toml")
+"""They cut a virtual part of a million places twice; toric.toml and grid.toml have the same options."""
+
+
 def recipes():
     """Give the recipes of the examples whose one step is a method."""
     for file in sorted(EXAMPLES.glob("*/*.toml")):
         recipe = tomllib.loads(file.read_text("utf-8"))
         steps = recipe.get("step")
         if isinstance(steps, list) and len(steps) == 1 and steps[0].get("op") in METHODS:
-            yield pytest.param(file, id=f"{steps[0]['op']} {file.parent.name}/{file.name}")
+            name = f"{file.parent.name}/{file.name}"
+            marks = [pytest.mark.slow] if name in LONG else []
+            yield pytest.param(file, id=f"{steps[0]['op']} {name}", marks=marks)
 
 
 def equal(found, wanted):

@@ -100,7 +100,7 @@ def display_limits(values: FloatArray) -> tuple[float, float, int, int]:
     Examples
     --------
     >>> display_limits(np.array([0.0, 1.0, 2.0])), display_limits(np.r_[np.arange(5000.0), 1e6])[2:]
-    ((0.0, 2.0, 0, 0), (6, 6))
+    ((0.0, 2.0, 0, 0), (5, 5))
     """
     known = values[np.isfinite(values)]
     if known.size == 0:
