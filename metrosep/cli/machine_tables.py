@@ -124,6 +124,11 @@ def machine_tables(
         raise click.UsageError(
             f"--format grid holds three axes, --over names {len(over)}: take csv or csv-map"
         )
+    turning = [e.name for e in chain.elements if e.kind == "rotary" and e.name in over]
+    if grid and turning:
+        raise click.UsageError(
+            f"--format grid is over three linear axes, and {turning[0]} turns: take tables, without --format"
+        )
     if not grid and find(name).info.carries != holds:
         what = "a table of one axis" if holds == "table" else "a map over two axes"
         raise click.UsageError(
@@ -211,6 +216,7 @@ def volume(
     Exit code 1: the error does not shrink; nothing is written.
     """
     from metrosep.compensation.volumes import volume_positions
+    from metrosep.core.errors import DataError
     from metrosep.core.numbers import quantity
 
     chain = chain_of(machine, options)
@@ -218,8 +224,10 @@ def volume(
     terms, known = terms_of(errors, kinds)
     linear = sorted(e.name for e in chain.elements if e.kind == "linear" and not e.parked)
     over = _names(options["over"] or ",".join(linear), "--over", 3)
-    if len(over) != 3:
-        raise click.UsageError(f"--over names three axes; {machine} has {', '.join(linear)}")
+    if len(over) != 3 or not set(over) <= set(linear):
+        raise click.UsageError(
+            f"--over names three linear axes; {machine} has {', '.join(linear)}"
+        )
     if out is not None and options["proof"] is not None:
         raise click.UsageError("--verify judges corrections that are active already: leave -o out")
     readings = None
@@ -247,11 +255,18 @@ def volume(
         **place,
     }
     nodes = {a: int(p.size) for a, p in positions.items()}
-    if out is None:
-        from metrosep.compensation.from_machine import volume_from_machine
+    from metrosep.compensation.from_machine import volume_from_machine
 
-        made = volume_from_machine(chain, terms, **common)
-        judged = made.verify(readings=readings)
+    made = volume_from_machine(chain, terms, **common)
+    judged = made.verify(readings=readings)
+    stays = judged["after_max_component_m"]
+    allowed = quantity(options["tolerance"], "--tolerance", "length")
+    if stays > allowed + _PICOMETRE:
+        raise DataError(
+            f"the grid would leave {_size(stays)} in one direction, more than --tolerance: errors change "
+            "within its cells; write one with machine-tables --format grid and a --spacing of your own"
+        )
+    if out is None:
         found: dict[str, Any] = {"verification": judged}
         _print_volume(judged, made.messages)
     else:
@@ -744,13 +759,32 @@ def _term_files(given: Sequence[str]) -> list[str]:
         if not folder.is_dir():
             found.append(file)
             continue
-        own = [p for p in sorted(folder.iterdir()) if p.suffix in (".csv", ".toml")]
-        if not (folder / "calibration.json").is_file() or not own:
-            raise click.UsageError(
-                f"{file} is a folder without calibration.json and its terms: give a folder that "
-                "'calibrate' wrote, or the files of errors"
-            )
-        found += [str(p) for p in own]
+        found += _calibrated(folder)
+    return found
+
+
+def _calibrated(folder: Path) -> list[str]:
+    """Return the files of the terms that the calibration of a folder found; older ones are not its own."""
+    from metrosep.core.errors import DataError
+    from metrosep.machine.elements import axis_of
+
+    try:
+        terms = json.loads((folder / "calibration.json").read_text("utf-8"))["terms"]
+    except (OSError, ValueError, KeyError, TypeError):
+        raise click.UsageError(
+            f"{folder} is a folder without calibration.json and its terms: give a folder that 'calibrate' "
+            "wrote, or the files of errors"
+        ) from None
+    found = []
+    files: dict[str, bool] = {}
+    for name, term in terms.items():
+        file = "constants.toml" if term["basis"] == "constant" else f"{axis_of(name)}.csv"
+        files[file] = files.get(file, False) or term["values"] is not None
+    for file, is_known in files.items():
+        if (folder / file).is_file():
+            found.append(str(folder / file))
+        elif is_known:
+            raise DataError(f"{folder / file}: the calibration names it, and it is not there")
     return found
 
 

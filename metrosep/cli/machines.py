@@ -189,6 +189,7 @@ def read(
 @click.option("--figure", metavar="FILE", help="Polar picture of both runs, PNG or SVG.")
 @click.option("-o", "--out", metavar="DIR", help="Folder for report, table and result.json.")
 @click.option("--print-recipe", is_flag=True, help="Print the recipe of this call and stop.")
+@force_option
 @json_option
 @click.pass_context
 def circle(
@@ -198,6 +199,7 @@ def circle(
     figure: str | None,
     out: str | None,
     print_recipe: bool,
+    force: bool,
     as_json: bool,
     **options: Any,
 ) -> int:
@@ -214,7 +216,7 @@ def circle(
     lines += ["", "[[step]]", 'op = "circle"']
     lines += [f"{k} = {quoted(options[k])}" for k in ("radius", "feed", "plane")]
     lines += ["uncalibrated = true"] if options["uncalibrated"] else []
-    result = _run(context, lines, files, out, print_recipe=print_recipe)
+    result = _run(context, lines, files, out, print_recipe=print_recipe, force=force)
     if result is None:
         return 0
     test = result.produced.test
@@ -461,7 +463,7 @@ def _run(
     out: str | None,
     *,
     print_recipe: bool,
-    force: bool = True,
+    force: bool,
 ) -> Result | None:
     """Carry out the recipe of a call; None where it was only printed."""
     from metrosep.cli.shortcut import option_error

@@ -191,6 +191,13 @@ def _issued(file: Path, folder: Path, change: Change) -> Change:
         )
     register = Register.load(folder)
     register = register.with_issue(document["report"], hash_bytes(file.read_bytes()))
+    new = register.issued[-1]
+    for row in register.issued[:-1]:
+        if _file_name(row) == _file_name(new):
+            raise click.UsageError(
+                f"--number {new['number']}: its files would have the names of report {row['number']}, issued "
+                f"on {row.get('date')}; give a number that differs in letters or digits"
+            )
     return replace(change, register=register)
 
 

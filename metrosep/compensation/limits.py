@@ -15,6 +15,7 @@ import numpy as np
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, LimitError
+from metrosep.core.provenance import Step
 from metrosep.core.public import same
 from metrosep.core.units import format_length
 
@@ -64,7 +65,10 @@ class Corrections(Stated):
         """
         if type(other) is not type(self):
             return NotImplemented
-        same_key = ("positions", "x", "y", "axis", "axes", "compensates", "reference")
+        same_key = (
+            "positions", "x", "y", "axis", "axes", "compensates", "reference", "heat", "border",
+            "reference_direction", "removed",
+        )  # fmt: skip
         for key in (k for k in same_key if hasattr(self, k)):
             if not same(getattr(self, key), getattr(other, key)):
                 raise DataError(
@@ -79,7 +83,10 @@ class Corrections(Stated):
         }
         one, two = getattr(self, "u", None), getattr(other, "u", None)
         spread = None if one is None or two is None else np.hypot(one, two)
-        known: dict[str, Any] = {"u": spread, "covariances": {}, "source": None}
+        known: dict[str, Any] = {
+            "u": spread, "covariances": {}, "source": None, "is_exact_inverse": False,
+            "history": (*getattr(self, "history", ()), Step("add", {"entries": "of two tables"})),
+        }  # fmt: skip
         held = {k: v for k, v in known.items() if hasattr(self, k)}
         made: Any = replace(cast(Any, self), **total, **held)
         return cast(Self, made)

@@ -16,6 +16,7 @@ Both hold for one tool point t0: another sees W x (t - t0) more, W the angle err
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -187,12 +188,18 @@ class MachineVolume:
         Returns
         -------
         ndarray, shape (3,), m
-            In workpiece X, Y, Z, by machines.md, eq. 21, second differences taken at half the
-            spacing.
+            In workpiece X, Y, Z: machines.md, eq. 21, with the errors' distance from their chords, as
+            `volume_positions` takes it.
         """
-        fine = tuple(np.sort(np.append(g, 0.5 * (g[1:] + g[:-1]))) for g in self.positions)
-        error = self.source.moved(at_nodes(self.over, fine, self.source.at), {})
-        return np.asarray(np.sum(_curvatures(error), axis=0) / 2.0)  # 4 / 8: half the spacing
+        spans = {
+            a: (float(g[0]), float(g[-1])) for a, g in zip(self.over, self.positions, strict=True)
+        }
+        total = np.zeros(3)
+        for axis, g in zip(self.over, self.positions, strict=True):
+            lines = _along(self.source, spans, axis)
+            steps = (g[-1] - g[0]) / float(np.diff(g).max())
+            total += [_sag(lines[..., k : k + 1], steps) for k in range(3)]
+        return total
 
     def verify(
         self,
@@ -216,8 +223,8 @@ class MachineVolume:
         Returns
         -------
         dict
-            ``before_rms_m``, ``after_rms_m``, ``after_max_m``, ``wrong_sign_rms_m``, ``bound_m``
-            (X, Y, Z), ``places``, ``against`` (what it was judged by), and ``other_tools``: a list
+            ``before_rms_m``, ``after_rms_m``, ``after_max_m`` (of the vector), ``after_max_component_m``,
+            ``wrong_sign_rms_m``, ``bound_m`` (X, Y, Z), ``places``, ``against`` (what it was judged by), and ``other_tools``: a list
             of ``tool_m``, ``before_rms_m``, ``after_rms_m``, ``after_per_metre``. With readings also
             ``readings``: ``name``, ``rms_m`` of what was read, and what the model says of it:
             ``predicted_rms_m``, ``without_rms_m``, ``wrong_sign_rms_m``; the set-up is fitted off
@@ -299,6 +306,7 @@ class MachineVolume:
             "before_rms_m": before,
             "after_rms_m": after,
             "after_max_m": float(np.linalg.norm(left[1], axis=-1).max()),
+            "after_max_component_m": float(np.abs(left[1]).max()),
             "wrong_sign_rms_m": wrong,
             "bound_m": self.bound().tolist(),
             "places": int(left[1][..., 0].size),
@@ -381,15 +389,6 @@ class MachineVolume:
         }
 
 
-def _curvatures(error: FloatArray) -> list[FloatArray]:
-    """Return the largest second difference of vectors on a grid along each axis, by component."""
-    found = []
-    for axis in (2, 1, 0):
-        second = np.diff(error, n=2, axis=axis)
-        found.append(np.abs(second).max(axis=(0, 1, 2)) if second.size else np.zeros(3))
-    return found
-
-
 def volume_positions(
     chain: Chain,
     errors: Any,
@@ -430,32 +429,65 @@ def volume_positions(
 
     Notes
     -----
-    Each axis gets a third of the tolerance (machines.md, eq. 21); curvatures are taken on a grid
-    of 33 nodes, so waves of an error must be longer than a tenth of the travel.
+    Each axis gets a third of the tolerance (machines.md, eq. 21). How far the errors leave their chords
+    is looked at along lines with the other axes at both ends and in the middle of their travel, at
+    4097 places and for steps that begin anywhere.
     """
     if len(spans) != AXES:
         raise DataError(f"spans names three axes; got {', '.join(spans) or 'none'}")
     allowed = numbers.positive(numbers.quantity(tolerance, "tolerance", "length"), "tolerance")
-    n = 33
-    grid = tuple(np.linspace(low, high, n) for low, high in spans.values())
+    ends = tuple(np.array(span, dtype=np.float64) for span in spans.values())
     source = volumetric_source(
-        chain, errors, axes=tuple(spans), grid=grid, at=dict(at or {}), corrects=None, tool=tool,
+        chain, errors, axes=tuple(spans), grid=ends, at=dict(at or {}), corrects=None, tool=tool,
         exact=False,
     )  # fmt: skip
-    error = source.moved(at_nodes(tuple(spans), grid, source.at), {})
-    if float(np.ptp(error, axis=(0, 1, 2)).max()) < _NOTHING:
+    lines = {axis: _along(source, spans, axis) for axis in spans}
+    if max(float(np.ptp(E, axis=(0, 1)).max()) for E in lines.values()) < _NOTHING:
         raise DataError(
             "the errors do not move the tool point within these travels: there is nothing to correct"
         )
     found = {}
-    for (axis, (low, high)), second in zip(spans.items(), _curvatures(error), strict=True):
-        # with m steps the second difference over the fine step f grows to second (h / f)^2
-        steps = (n - 1) * np.sqrt(float(second.max()) / 8.0 / (allowed / AXES))
-        count = max(int(np.ceil(steps - 1e-9)), 1) + 1
-        if count > _MOST_NODES:
+    for axis, (low, high) in spans.items():
+        counts = range(2, _MOST_NODES + 1)
+        wanted = next((n for n in counts if _sag(lines[axis], n - 1) <= allowed / AXES), None)
+        if wanted is None:
             raise DataError(
-                f"{axis} would need {count} nodes for {format_length(allowed)}, more than "
-                f"{_MOST_NODES}: an error has a step or a short wave, or a unit is wrong"
+                f"{axis} would need more than {_MOST_NODES} nodes for {format_length(allowed)}: an error "
+                "has a step or a short wave, or a unit is wrong"
             )
-        found[axis] = np.linspace(low, high, count)
+        found[axis] = np.linspace(low, high, wanted)
     return found
+
+
+_FINE = 4096
+"""Steps along a line of the volume on which errors are looked at: waves down to a thousandth of it."""
+
+
+def _along(
+    source: VolumetricError, spans: Mapping[str, tuple[float, float]], axis: str
+) -> FloatArray:
+    """Return the errors along an axis, the others at both ends and in the middle, (9, n, 3)."""
+    low, high = spans[axis]
+    x = np.linspace(low, high, _FINE + 1)
+    others = {a: np.linspace(*span, 3) for a, span in spans.items() if a != axis}
+    one, two = others
+    q: dict[str, Any] = {**source.at, axis: x}
+    places = [{one: i, two: k} for i in others[one] for k in others[two]]
+    return np.stack([source.moved({**q, **place}, {}) for place in places])
+
+
+def _sag(errors: FloatArray, steps: float) -> float:
+    """Return by how much errors leave their chords over a step that begins anywhere.
+
+    A wave that is as long as the step is zero at every node: eight beginnings find it.
+    """
+    at = np.arange(_FINE + 1) / _FINE
+    h = 1.0 / steps
+    begin = np.arange(0.0, 1.0 - h + 1e-12, h / 8.0)[:, None]
+    share = np.linspace(0.0, 1.0, max(8, math.ceil(_FINE / (4.0 * steps))) + 1)
+    largest = 0.0
+    for part in (p for line in errors for p in line.T):
+        E = np.interp(begin + share * h, at, part)
+        chord = E[:, :1] * (1.0 - share) + E[:, -1:] * share
+        largest = max(largest, float(np.abs(E - chord).max()))
+    return largest

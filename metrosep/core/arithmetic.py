@@ -97,7 +97,7 @@ class HeightArithmetic:
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
         """Return an object for what the table of operators holds, a plain array for every other function."""
         if ufunc in _UFUNCS and method == "__call__" and not options and not _has_arrays(inputs):
-            return _UFUNCS[ufunc](*inputs)
+            return _UFUNCS[ufunc](*(i.item() if isinstance(i, np.generic) else i for i in inputs))
         plain = [np.asarray(i) if isinstance(i, HeightArithmetic) else i for i in inputs]
         return getattr(ufunc, method)(*plain, **options)
 

@@ -45,6 +45,9 @@ _WORDS: Mapping[str, tuple[str, ...]] = {
 """Names of columns by what they are, without their unit, in small letters."""
 
 _ROLES = tuple(_WORDS)
+_FEWEST, _FEWEST_TURNING = 16, 3
+"""Readings of a sense, and those about a reversal that are none."""
+
 _CELLS = (72, 720)  # fewest and most of the common grid
 _MOVING = 0.9  # of the median speed along the circle: slower samples start, stop or dwell
 _SAME = 1e-3  # of the step between places: rounding of text
@@ -223,7 +226,13 @@ def _part(
         raise FormatMismatchError(
             f"{file.path}: the deviation of the radius is missing; name it with reading, ccw or cw"
         )
-    return _senses(file, np.unwrap(angle), reading)
+    known = np.isfinite(angle)
+    whole = np.full(angle.shape, np.nan)
+    whole[known] = np.unwrap(angle[known])
+    lost = int(np.count_nonzero(~(known & np.isfinite(reading))))
+    if lost:
+        said.append(f"{file.name}: {lost} rows without an angle or a reading are left aside")
+    return _senses(file, whole, reading)
 
 
 def _round(
@@ -270,7 +279,13 @@ def _senses(file: RawFile, angle: FloatArray, reading: FloatArray) -> list[Runs]
     found: list[Runs] = []
     for sign in (1.0, -1.0):
         rows = known & (sign * step > 0.0)
-        if int(rows.sum()) >= 16:
+        n = int(rows.sum())
+        if _FEWEST_TURNING < n < _FEWEST:
+            raise DataError(
+                f"{file.path}: {n} readings run with the angle {'rising' if sign > 0 else 'falling'}; a sense "
+                f"needs {_FEWEST}: take more, or leave that sense out of the file"
+            )
+        if n >= _FEWEST:
             place = np.mod(angle[rows], 2.0 * np.pi)
             order = np.argsort(place, kind="stable")
             values = reading[rows][order]

@@ -104,7 +104,7 @@ def load(path: str | os.PathLike[str]) -> Any:
                     f"version {__version__} reads {SCHEMA}"
                 )
             content = json.loads(bytes(file["content"][()]).decode("utf-8"))
-            made = _restored(content, lambda i: file[f"array_{i}"][()], str(path))
+            made = _restored(content, lambda i: _own_array(file, f"array_{i}"), str(path))
     except (OSError, KeyError, ValueError, TypeError, RuntimeError) as exc:
         if isinstance(exc, DataError | CorruptFileError | UnsupportedFeatureError):
             raise
@@ -112,6 +112,17 @@ def load(path: str | os.PathLike[str]) -> Any:
     if not isinstance(made, PublicObject):
         raise CorruptFileError(path, "it does not hold an object", hint=hint)
     return made
+
+
+def _own_array(file: Any, name: str) -> Any:
+    """Return an array that lies in the file itself: neither a link nor storage in another file."""
+    import h5py
+
+    link = file.get(name, getlink=True)
+    array = file[name] if isinstance(link, h5py.HardLink) else None
+    if not isinstance(array, h5py.Dataset) or array.external or array.is_virtual:
+        raise ValueError(f"{name} is not stored in the file itself")
+    return array[()]
 
 
 def _class_name(cls: type) -> str:

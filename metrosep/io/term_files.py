@@ -81,6 +81,8 @@ def read_term_table(
             raise DataError(
                 f"{file}: {column!r} is not an error of {names[0]}, whose positions the file has"
             )
+        if own in names:
+            raise DataError(f"{file}: {own} is there twice; leave one of its columns")
         angle = kinds[own] == "angle" if k == 0 else is_angle(own)
         dimension = "angle" if angle else "length"
         scales.append(parse_quantity(f"1 {unit}", dimension=dimension, name=f"{file}: {column}"))

@@ -310,6 +310,11 @@ class ThermalFit:
         LimitError
             An input lies outside what the record has seen.
         """
+        if t is None and any(np.ndim(v) for v in temperatures.values() if not isinstance(v, str)):
+            raise DataError(
+                "temperatures that have settled are one number for each sensor; several are a history and "
+                "need t, their times"
+            )
         places: dict[str, list[ThermalTerm]] = {}
         for part in self.terms.values():
             if part.term is not None:

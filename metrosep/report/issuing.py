@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,6 +16,16 @@ __all__ = ["Register"]
 
 SCHEMA = "metrosep.issue/1"
 NAME = "issue.json"
+
+
+_OF_THE_ISSUE = ("number", "revision", "issued", "persons")
+
+
+def _hash_of_fields(fields: Mapping[str, Any]) -> str:
+    """Return the hash of what a report says beside its result: item, customer, instrument ..."""
+    said = {k: v for k, v in fields.items() if k not in _OF_THE_ISSUE}
+    text = json.dumps(said, sort_keys=True, ensure_ascii=False, default=str)
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +61,7 @@ class Register:
             "date": fields["issued"],
             "released": fields["persons"]["released"],
             "sha256": sha256,
+            "fields_sha256": _hash_of_fields(fields),
         }
         for row in self.issued:
             if (row.get("number"), row.get("revision")) != (new["number"], new["revision"]):
@@ -61,6 +73,12 @@ class Register:
                     f"report {new['number']} revision {new['revision']} was issued on {row.get('date')} for "
                     f"the result with SHA-256 {row.get('sha256')}, and this one has {sha256}; give another "
                     "number, or a revision with replaces, change and reason"
+                )
+            if row.get("fields_sha256", new["fields_sha256"]) != new["fields_sha256"]:
+                raise RecipeError(
+                    f"report {new['number']} revision {new['revision']} was issued on {row.get('date')} with "
+                    "other fields (item, customer, instrument ...); give another number, or a revision with "
+                    "replaces, change and reason"
                 )
             raise RecipeError(
                 f"report {new['number']} revision {new['revision']} was issued on {row.get('date')} by "

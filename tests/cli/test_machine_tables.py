@@ -235,6 +235,22 @@ def test_a_volume_without_a_folder_writes_nothing_and_says_what_stays(metrosep, 
     assert sorted(stack.iterdir()) == before
 
 
+def test_a_wave_as_long_as_a_step_is_seen(metrosep, stack):
+    """10 mm over 320 mm are 32 whole waves: zero at every node of 33, 17, 9 ..."""
+    x = np.arange(0.0, 320.1, 1.25)
+    rows = [f"{a:.4f},{5.0 * np.sin(2 * np.pi * a / 10.0):.6f}" for a in x]
+    (stack / "wave.csv").write_text("x_mm,EXX_um\n" + "\n".join(rows) + "\n")
+    spans = ("--span", "Y=0 mm..100 mm", "--span", "Z=0 mm..100 mm")
+    call = ("volume", "stack.toml", "wave.csv", *spans, "-o", "out", "--json")
+    code, _, err = metrosep(*call, "--tolerance", "0.2 um")
+    assert code != 0
+    assert "more than 129 nodes" in err
+    assert not (stack / "out").exists()
+    code, _, err = metrosep(*call, "--tolerance", "20 um")  # two nodes correct nothing of it
+    assert code == 1
+    assert "do not shrink the error" in err
+
+
 def nest_file(stack, sense):
     """Write what a nest of three probes reads on the machine with the grid active; sense -1: its mirror."""
     at = places(11, 60)
@@ -275,7 +291,7 @@ def test_readings_with_the_grid_active_prove_its_signs_or_refuse_it(metrosep, st
         (("--tolerance", "1"), "unit"),
         (("--tolerance", "-1 um"), "positive"),
         (("--tolerance", "1 pm"), "more than 129"),
-        (("--tolerance", "1 um", "--over", "X,Y"), "three axes"),
+        (("--tolerance", "1 um", "--over", "X,Y"), "three linear axes"),
         (("--tolerance", "1 um", "--span", "X=0 mm..0 mm"), "travel must rise"),
     ],
 )
@@ -510,6 +526,17 @@ def test_a_list_that_cannot_be_corrected_is_refused(metrosep, stack, text, messa
     assert code in (2, 4)
     assert message in err
     assert not (stack / "right.csv").exists()
+
+
+def test_a_correction_that_no_axis_of_rotation_needs_is_refused(metrosep, stack):
+    (stack / "a.toml").write_text('EAA = "0.009 rad"\nECC = "0.009 rad"\n')
+    (stack / "part.csv").write_text("X_mm,Y_mm,Z_mm,A_deg,C_deg\n100,50,30,-30,90\n")
+    (stack / "b.toml").write_text('EAA = "40 urad"\nECC = "0.009 rad"\nB0C = "0.009 rad"\n')
+    common = ("path", "part.csv", "--machine", "five_axis", "--pivot-height", "80 mm")
+    code, _, err = metrosep(*common, "--error", "b.toml", "-o", "no.csv", "--stroke", "20 mm")
+    assert code == 1
+    assert "the correction of C is" in err
+    assert not (stack / "no.csv").exists()
 
 
 def test_five_axes_get_the_sign_of_each_error(metrosep, stack):

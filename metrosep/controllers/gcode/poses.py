@@ -52,6 +52,9 @@ if TYPE_CHECKING:
 
 __all__ = ["PosesResult", "rewrite_poses"]
 
+_LARGEST_TURN = 10e-3
+"""rad: no error of an axis of rotation that still works needs a larger correction."""
+
 _STEP_ANGLE = 1e-9
 """rad: finest step of an angle that is written, 1 nm at a metre."""
 
@@ -151,7 +154,7 @@ def rewrite_poses(
     CorruptFileError
         A row has another number of columns, or no number where one is needed.
     LimitError
-        A correction exceeds `stroke`.
+        A correction exceeds `stroke`, or 10 mrad of an axis of rotation.
     SignCheckFailedError
         By the bytes that would be written the error does not shrink.
     WriteError
@@ -205,6 +208,16 @@ def rewrite_poses(
                 f"{format_length(float(largest[i]))}, the limit is {format_length(limit)}; are the errors "
                 "in another unit? give stroke= for larger ones"
             )
+    for axis in found.correction.keys() - linear:
+        largest = np.abs(found.correction[axis])
+        if largest.max() > _LARGEST_TURN:
+            i = int(np.argmax(largest))
+            raise LimitError(
+                f"{start}: line {rows.row[i] + 1}: the correction of {axis} is "
+                f"{math.degrees(float(largest[i])):.3g} deg, the limit is "
+                f"{math.degrees(_LARGEST_TURN):.3g} deg; are the angle errors in another unit, or does the "
+                "path pass close to the singular pose?"
+            )
     changed = 0
     for i, number in enumerate(rows.row):
         edits = []
@@ -224,11 +237,13 @@ def rewrite_poses(
     reread = rows_of(written, head, sep, columns, end)
     actual = _positions(reread.values, columns, offset)
     sizes = _judged(chain, errors, nominal, actual, tool, tool_axis)
-    if changed and not sizes["after_rms_m"] < sizes["before_rms_m"]:
+    turned_away = sizes["turn_after_rms_rad"] > sizes["turn_before_rms_rad"] + 10.0 * _STEP_ANGLE
+    if changed and (turned_away or not sizes["after_rms_m"] < sizes["before_rms_m"]):
         raise SignCheckFailedError(
             f"{end}: the list would not shrink the error of the tool point, RMS "
-            f"{format_length(sizes['before_rms_m'])} -> {format_length(sizes['after_rms_m'])}; nothing "
-            "was written"
+            f"{format_length(sizes['before_rms_m'])} -> {format_length(sizes['after_rms_m'])}, of its axis "
+            f"{sizes['turn_before_rms_rad']:.3g} -> {sizes['turn_after_rms_rad']:.3g} rad; nothing was "
+            "written"
         )
     audit = {
         "kind": "machine",

@@ -333,12 +333,16 @@ def _gcode(program: TurningProgram, axes: LatheAxes) -> Iterator[str]:
         feeds = (
             np.degrees(np.abs(np.diff(program.azimuth, prepend=program.azimuth[0]))) / times * 60.0
         )
-    feeds[0] = 60.0 if axes.feed != "G93" else feeds[0]
+    # to the first point: a millimetre or a degree in a second, whatever the unit of the words is
+    if axes.feed != "G93":
+        feeds[0] = 60.0 if axes.feed != "G94" else 60.0 * 1e-3 / axes.z_scale
+    # nine digits, and never an exponent: a control reads its E as another word
+    small = feeds[feeds > 0.0].min(initial=1.0)
+    plain = small >= 1e-4 and feeds.max() < 1e9
+    digits = "9g" if plain else f"{max(0, 8 - math.floor(math.log10(small)))}f"
     yield "G90 " + ("G21" if axes.unit == "mm" else "G20")
     yield ("G93" if axes.feed == "G93" else "G94") + " G61"
-    shape = (
-        f"X{{:.{axes.x_decimals}f}} C{{:.{axes.c_decimals}f}} Z{{:.{axes.z_decimals}f}} F{{:.9g}}"
-    )
+    shape = f"X{{:.{axes.x_decimals}f}} C{{:.{axes.c_decimals}f}} Z{{:.{axes.z_decimals}f}} F{{:.{digits}}}"
     rows = _in_rows(x, c, z, feeds)
     yield "G1 " + shape.format(*next(rows))
     if axes.spline_word:
@@ -557,7 +561,7 @@ def _touched(program: TurningProgram, nose: RoundNose, form: Form) -> tuple[floa
 
 # ---- the reader: it knows the machine, and nothing of what was meant --------------------------------
 
-_NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
+_NUMBER = r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)"
 _PLAIN = re.compile(
     rf"(?:N[0-9]+ ?)?X({_NUMBER}) ?C({_NUMBER}) ?Z({_NUMBER})(?: ?F({_NUMBER}))?\s*"
 )
@@ -686,6 +690,12 @@ def _read_gcode(place: Path, lines: list[str], axes: LatheAxes, quantity: Any) -
                         raise _refused(place, number, f"{letters} is there twice")
                     words[letters] = value
                 elif code in ("G93", "G94"):
+                    if at and mode not in ("", code):
+                        raise _refused(
+                            place,
+                            number,
+                            f"{code} after blocks under {mode}; a path has one way to tell time",
+                        )
                     mode = code
                 elif code in ("G20", "G21"):
                     unit = "inch" if code == "G20" else "mm"

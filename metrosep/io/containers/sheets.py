@@ -10,7 +10,6 @@ silence. Nothing is executed: no formula, pickle, view or trigger; nothing is wr
 from __future__ import annotations
 
 import difflib
-import itertools
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -468,10 +467,11 @@ class _Database(_Container):
             raise self.file.corrupt(
                 "the SQLite file is cut off", expected=f"{size} bytes", found=f"{self.file.size}"
             )
-        journal = Path(f"{self.file.path!s}-wal")
-        if not self.file.in_memory and journal.is_file() and journal.stat().st_size:
+        beside = [Path(f"{self.file.path!s}{end}") for end in ("-wal", "-journal")]
+        journal = next((j for j in beside if j.is_file() and j.stat().st_size), None)
+        if not self.file.in_memory and journal is not None:
             raise UnsupportedFeatureError(
-                f"{self.file.path}: rows that are not in the file yet lie in {journal.name}; close the program "
+                f"{self.file.path}: what is not settled yet lies in {journal.name}; close the program "
                 "that writes it, and read it again"
             )
         if self.file.in_memory:
@@ -504,7 +504,7 @@ class _Database(_Container):
     def _holds_numbers(self, name: str) -> bool:
         return any(
             isinstance(v, int | float) or (isinstance(v, str) and NUMBER_LIKE.fullmatch(v.strip()))
-            for row in itertools.islice(self._rows_of(name), 100)
+            for row in self._rows_of(name)
             for v in row
         )
 

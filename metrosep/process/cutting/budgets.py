@@ -325,7 +325,13 @@ def _moved(program: TurningProgram, deviation: PathDeviation) -> TurningProgram:
     t = np.unique(np.concatenate([program.t, deviation.t[inside]]))
     t = t[np.append(True, np.diff(t) > 1e-9 * program.duration / len(program))]
     X, azimuth, Z = program.at(t)
-    dX, da, dZ = (np.nan_to_num(v) for v in deviation.at(t))
+    dX, da, dZ = deviation.at(t)
+    unknown = ~(np.isfinite(dX) & np.isfinite(da) & np.isfinite(dZ))
+    if unknown.any():
+        raise DataError(
+            f"the log covers {100.0 * (1.0 - float(unknown.mean())):.3g} % of the program; what it does not "
+            "cover is not zero: give a log of the whole program, or a shorter program"
+        )
     joined = "linear" if program.interpolation == "linear" else "spline"
     return TurningProgram(X + dX, azimuth + da, Z + dZ, t, "tip", joined)  # type: ignore[arg-type]
 
