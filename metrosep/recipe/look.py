@@ -111,6 +111,8 @@ def _require_png(data: bytes, name: str) -> None:
         ):
             break
         kinds.append(body[:4])
+        if body[:4] == b"IHDR" and len(body) < 12:
+            break
         if body[:4] == b"IHDR" and max(struct.unpack(">II", body[4:12])) > _MOST_PIXELS:
             raise DataError(f"logo = {name!r} has more than {_MOST_PIXELS} pixels along a side")
         at += 12 + n
@@ -219,7 +221,10 @@ def clean_svg(data: bytes, name: str = "logo.svg") -> bytes:
         raise DataError(f"logo = {name!r} is not an SVG that can be read ({exc})") from None
     if root.tag != f"{{{_SVG}}}svg":
         raise DataError(f"logo = {name!r} is XML, but not an SVG picture")
-    _strip(root)
+    try:
+        _strip(root)
+    except RecursionError:
+        raise DataError(f"logo = {name!r}: its groups are nested too deeply") from None
     ET.register_namespace("", _SVG)
     made: bytes = ET.tostring(root)
     return made

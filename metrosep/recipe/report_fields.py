@@ -330,7 +330,8 @@ def stated_report(
     """Return the fields of a report with the origin of each (key ``origin``); empty where none is stated.
 
     The command line goes before ``NAME.report.toml`` beside the first input, that before the
-    recipe. ``{file}``, ``{meta.KEY}`` and ``{group}`` of a batch are filled in.
+    recipe. An item, machine or instrument with another serial number is another one: of the lower
+    source none of its fields is taken. ``{file}``, ``{meta.KEY}`` and ``{group}`` of a batch are filled in.
     """
     sources = [
         (ORIGINS[0], dict(typed or {})),
@@ -340,8 +341,15 @@ def stated_report(
     merged: dict[str, Any] = {}
     origin: dict[str, str] = {}
     for name, fields in sources:
-        for key, value in flat_fields(fields):
-            if key not in origin:
+        stated = list(flat_fields(fields))
+        # another serial number is another thing: nothing of it belongs to the one that goes before
+        others = {
+            key.removesuffix("serial")
+            for key, value in stated
+            if key.endswith(".serial") and key in origin and value != _of(merged, key)
+        }
+        for key, value in stated:
+            if key not in origin and not key.startswith(tuple(others)):
                 origin[key] = name
                 _put(merged, key, value)
     if not merged:
@@ -424,6 +432,11 @@ def flat_fields(fields: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
                 yield from ((f"{key}.{i}.{k}", v) for k, v in each.items())
         else:
             yield key, value
+
+
+def _of(fields: Mapping[str, Any], key: str) -> Any:
+    """Return what `_put` put under a key."""
+    return dict(flat_fields(fields)).get(key)
 
 
 def _put(fields: dict[str, Any], key: str, value: Any) -> None:

@@ -239,6 +239,14 @@ def _si(name: str, *inside: Any) -> Any:
     return _element(_SI, name, *inside)
 
 
+def _replaced(fields: Mapping[str, Any]) -> str:
+    """Return the identifier of the replaced report: its number and revision, as it bears them itself."""
+    name, revision = str(fields["replaces"]), int(fields.get("revision", 0))
+    if name == str(fields["number"]):
+        return f"{name}-{max(revision - 1, 0)}"
+    return name if re.search(r"-\d+$", name) else f"{name}-0"
+
+
 def _words(text: Any) -> str:
     """Return a text without line ends and blanks at its ends."""
     return " ".join(one_line(text).split())
@@ -282,7 +290,7 @@ def _administrative(
         replaced = _dcc(
             "reportAmendedSubstituted",
             _dcc("typeOfChange", fields["change"]),
-            _dcc("replacedUniqueIdentifier", _words(fields["replaces"])),
+            _dcc("replacedUniqueIdentifier", _words(_replaced(fields))),
         )
     order = _identifications([("customer", customer.get("order"), c["t"]["order"])])
     core = _dcc(
