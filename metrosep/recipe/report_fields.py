@@ -330,8 +330,8 @@ def stated_report(
     """Return the fields of a report with the origin of each (key ``origin``); empty where none is stated.
 
     The command line goes before ``NAME.report.toml`` beside the first input, that before the
-    recipe. An item, machine or instrument with another serial number is another one: of the lower
-    source none of its fields is taken. ``{file}``, ``{meta.KEY}`` and ``{group}`` of a batch are filled in.
+    recipe. An instrument with another serial number is another one: of the lower source none of
+    its fields is taken. ``{file}``, ``{meta.KEY}`` and ``{group}`` of a batch are filled in.
     """
     sources = [
         (ORIGINS[0], dict(typed or {})),
@@ -342,11 +342,14 @@ def stated_report(
     origin: dict[str, str] = {}
     for name, fields in sources:
         stated = list(flat_fields(fields))
-        # another serial number is another thing: nothing of it belongs to the one that goes before
+        # another serial number is another instrument: its certificate is not that of the one before
         others = {
             key.removesuffix("serial")
             for key, value in stated
-            if key.endswith(".serial") and key in origin and value != _of(merged, key)
+            if key.startswith(_INSTRUMENT)
+            and key.endswith(".serial")
+            and key in origin
+            and value != _of(merged, key)
         }
         for key, value in stated:
             if key not in origin and not key.startswith(tuple(others)):

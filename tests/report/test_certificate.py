@@ -193,6 +193,13 @@ def test_a_report_changes_no_hash_and_no_number(part):
     assert plain["characteristics"] == stated["characteristics"]
 
 
+def test_another_instrument_brings_no_certificate_of_the_one_before(part):
+    typed = ["instrument.serial=NEW-1"]
+    found = run(part, REPORT, report=typed)["report"]
+    (instrument,) = [i for i in found["instrument"] if i.get("serial") == "NEW-1"]
+    assert set(instrument) == {"serial"}
+
+
 def test_the_order_of_precedence_is_command_line_file_beside_recipe(part):
     part.with_name("part.x3p.report.toml").write_text('number = "beside"\n[item]\nserial = "S1"\n')
     found = run(part, REPORT, report=["number=typed", "customer.name={file}"])["report"]
