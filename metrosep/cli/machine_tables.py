@@ -135,7 +135,7 @@ def machine_tables(
             f"--format {name} holds a {find(name).info.carries}, and {what} is needed over {', '.join(over)}"
             + (f"; {_VOLUME}" if len(over) == 3 else "")
         )
-    kinds = {e.name: "angle" if e.kind == "rotary" else "length" for e in chain.elements}
+    kinds = chain.dimensions
     terms, known = terms_of(errors, kinds)
     common: dict[str, Any] = {
         "over": over,
@@ -220,7 +220,7 @@ def volume(
     from metrosep.core.numbers import quantity
 
     chain = chain_of(machine, options)
-    kinds = {e.name: "angle" if e.kind == "rotary" else "length" for e in chain.elements}
+    kinds = chain.dimensions
     terms, known = terms_of(errors, kinds)
     linear = sorted(e.name for e in chain.elements if e.kind == "linear" and not e.parked)
     over = _names(options["over"] or ",".join(linear), "--over", 3)
@@ -766,7 +766,7 @@ def _term_files(given: Sequence[str]) -> list[str]:
 def _calibrated(folder: Path) -> list[str]:
     """Return the files of the terms that the calibration of a folder found; older ones are not its own."""
     from metrosep.core.errors import DataError
-    from metrosep.machine.elements import axis_of
+    from metrosep.io.term_files import term_file
 
     try:
         terms = json.loads((folder / "calibration.json").read_text("utf-8"))["terms"]
@@ -778,7 +778,7 @@ def _calibrated(folder: Path) -> list[str]:
     found = []
     files: dict[str, bool] = {}
     for name, term in terms.items():
-        file = "constants.toml" if term["basis"] == "constant" else f"{axis_of(name)}.csv"
+        file = term_file(name, is_constant=term["basis"] == "constant")
         files[file] = files.get(file, False) or term["values"] is not None
     for file, is_known in files.items():
         if (folder / file).is_file():

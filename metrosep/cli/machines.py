@@ -133,7 +133,7 @@ def read(
 
     chain = chain_of(machine, options)
     given = read_reading_set(file, chain, needs_readings=False)
-    kinds = {e.name: "angle" if e.kind == "rotary" else "length" for e in chain.elements}
+    kinds = chain.dimensions
     terms, _ = terms_of(errors, kinds)
     found = chain.read(given.instrument, given.q, terms, tool=given.tool, exact=exact)
     rows = np.atleast_2d(found.T).T * 1e6

@@ -199,7 +199,7 @@ def _poses(
         if options[name] not in (None, ()):
             raise click.UsageError(f"--{name.replace('_', '-')} does not go with --machine")
     chain = chain_of(machine, {"radius": None, "pivot_height": own["pivot_height"]})
-    kinds = {e.name: "angle" if e.kind == "rotary" else "length" for e in chain.elements}
+    kinds = chain.dimensions
     given: dict[str, Any] = _lengths(options, ("resolution", "stroke"))
     if own["tool"] is not None:
         given["tool"] = point_of(own["tool"])

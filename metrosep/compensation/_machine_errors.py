@@ -150,18 +150,22 @@ def positions_to_axes(
             raise DataError(
                 f"chain {chain.name!r} has no axis {axis!r}; its axes are {', '.join(chain.axes)}"
             )
+    return tuple(rising(p, a) for a, p in positions_by_axis(axes, positions).items())
+
+
+def positions_by_axis(axes: tuple[str, ...], positions: Any) -> dict[str, Any]:
+    """Return what was given for each axis: by its name, or one after the other."""
     if isinstance(positions, Mapping):
         if set(positions) != set(axes):
             raise DataError(
                 f"positions are of {', '.join(positions)}, over names {', '.join(axes)}"
             )
-        listed = [positions[a] for a in axes]
-    else:
-        several = len(axes) > 1 and isinstance(positions, tuple | list | np.ndarray)
-        listed = list(positions) if several else [positions]
+        return {a: positions[a] for a in axes}
+    several = len(axes) > 1 and isinstance(positions, tuple | list | np.ndarray)
+    listed = list(positions) if several else [positions]
     if len(listed) != len(axes):
         raise DataError(f"positions hold {len(listed)} arrays for {len(axes)} axes")
-    return tuple(rising(p, a) for a, p in zip(axes, listed, strict=True))
+    return dict(zip(axes, listed, strict=True))
 
 
 def volumetric_source(

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from metrosep.compensation._machine_errors import (
     VolumetricError,
     at_nodes,
+    positions_by_axis,
     positions_to_axes,
     rms_of_vectors,
     volumetric_source,
@@ -306,7 +307,7 @@ def tables_from_machine(
     if len(axes) == AXES:
         if exact is not False:
             raise DataError("over three axes errors act to first order; leave exact out")
-        nodes = positions if isinstance(positions, Mapping) else _by_axis(axes, positions)
+        nodes = positions_by_axis(axes, positions)
         stated: Any = reference
         return volume_from_machine(
             chain, errors, over=axes, positions=nodes, corrects=corrects, at=at, reference=stated,
@@ -315,13 +316,6 @@ def tables_from_machine(
     return tables_over(
         chain, errors, axes, positions, reference, at=at, corrects=corrects, tool=tool, exact=exact
     )
-
-
-def _by_axis(axes: tuple[str, ...], positions: Any) -> dict[str, Any]:
-    listed = list(positions)
-    if len(listed) != len(axes):
-        raise DataError(f"positions hold {len(listed)} arrays for {len(axes)} axes")
-    return dict(zip(axes, listed, strict=True))
 
 
 def tables_over(

@@ -162,7 +162,7 @@ def _positions(
     """Return the positions of all axes, from columns and from places that stay."""
     if not isinstance(at, Mapping):
         raise DataError(f'at is a table of axes, such as {{ Y = "0 mm" }}, got {at!r}')
-    kinds = {e.name: "angle" if e.kind == "rotary" else "length" for e in chain.elements}
+    kinds = chain.dimensions
     for axis in at:
         choice(axis, "axis in at", chain.axes)
     for name in table.names:

@@ -103,6 +103,11 @@ def read_term_table(
     }
 
 
+def term_file(name: str, *, is_constant: bool) -> str:
+    """Return the name of the file that holds a term among others: of constants, or of an axis."""
+    return "constants.toml" if is_constant else f"{axis_of(name)}.csv"
+
+
 def term_texts(
     terms: Mapping[str, ErrorTerm],
     ranges: Mapping[str, tuple[float, float]],
@@ -131,7 +136,7 @@ def term_texts(
         if isinstance(term, ConstantTerm)
     ]
     if constants:
-        texts["constants.toml"] = "\n".join(constants) + "\n"
+        texts[term_file("", is_constant=True)] = "\n".join(constants) + "\n"
     by_axis: dict[str, list[str]] = {}
     for name, term in terms.items():
         axis = axis_of(name)
@@ -148,5 +153,5 @@ def term_texts(
             head.append(f"{name}_{'urad' if is_angle(name) else 'um'}")
             columns.append(np.asarray(terms[name].evaluate(x)) * 1e6)
         rows = [",".join(f"{v:.9f}" for v in row) for row in np.column_stack(columns)]
-        texts[f"{axis}.csv"] = "\n".join([",".join(head), *rows]) + "\n"
+        texts[term_file(names[0], is_constant=False)] = "\n".join([",".join(head), *rows]) + "\n"
     return texts

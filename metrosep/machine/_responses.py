@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import InvalidSamplesError
 from metrosep.machine._mesh import Positions, SurfaceMesh, axis_positions
-from metrosep.machine.alignment import Alignment, freedom_maps
+from metrosep.machine.alignment import ZERNIKES, Alignment, freedom_maps
 from metrosep.machine.error_sets import ErrorSet
 from metrosep.machine.gram import AlignedGram, together
 from metrosep.optics.rays import Mode, check_mode, path_sensitivity
@@ -28,7 +28,7 @@ _SAMPLE = 1000
 _ROUNDING = 1e-12
 """Of the parts of a deviation: a sum this small is their rounding."""
 
-_OF_THE_WAVE = ("piston", "tilt_x", "tilt_y", "defocus", *(f"noll{j}" for j in range(4, 38)))
+_OF_THE_WAVE = ("piston", "tilt_x", "tilt_y", "defocus", *ZERNIKES)
 
 _STEP = 1e-4
 """Of the radius of a point: step of the central difference that gives the slopes of a map; its

@@ -24,6 +24,11 @@ from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesEr
 __all__ = ["FREEDOMS", "Alignment", "alignment_space", "freedom_maps", "removed_freedoms"]
 
 
+LAST_TERM = 37
+"""Noll index of the last Zernike term that an alignment may take."""
+
+ZERNIKES = tuple(f"noll{j}" for j in range(4, LAST_TERM + 1))
+
 FREEDOMS = {
     "piston": "m",
     "tilt_x": "rad",
@@ -34,7 +39,7 @@ FREEDOMS = {
     "rotation_x": "rad",
     "rotation_y": "rad",
     "rotation_z": "rad",
-    **{f"noll{j}": "m" for j in range(4, 38)},
+    **dict.fromkeys(ZERNIKES, "m"),
 }
 """Freedoms and the unit of their amount; `tilt_x` is the slope dz/dx of a plane, `noll5` a Zernike term."""
 
@@ -47,7 +52,6 @@ _WORDS: dict[str, tuple[str, ...]] = {
     "mounting": ("noll5", "noll6", "noll9", "noll10"),  # two and three lobes of a clamped part
 }
 _ZERNIKE = re.compile(r"zernike[ :]*(\d+)")
-_LAST_TERM = 37
 
 _DEPENDENT = 1e-9
 """A freedom of which the others leave less than this share is one of them already."""
@@ -94,12 +98,12 @@ def removed_freedoms(removed: str | Iterable[str]) -> tuple[str, ...]:
             name = word.strip().lower()
             zernike = _ZERNIKE.fullmatch(name)
             if zernike is not None:
-                last = numbers.between(float(zernike[1]), "the last Zernike term", 1, _LAST_TERM)
+                last = numbers.between(float(zernike[1]), "the last Zernike term", 1, LAST_TERM)
                 found.update(_WORDS["plane"][: int(last)])
-                found.update(f"noll{j}" for j in range(4, int(last) + 1))
+                found.update(ZERNIKES[: max(int(last) - 3, 0)])
                 continue
             if name not in FREEDOMS and name not in _WORDS:
-                plain = (n for n in FREEDOMS if not n.startswith("noll"))
+                plain = (n for n in FREEDOMS if n not in ZERNIKES)
                 known = ", ".join((*_WORDS, "zernike N", *plain))
                 raise DataError(f"Unknown alignment term {word.strip()!r}. Available: {known}")
             found.update(_WORDS.get(name, (name,)))
@@ -168,7 +172,7 @@ def _zernike_maps(
     names: Sequence[str], x: FloatArray, y: FloatArray, reach: float
 ) -> dict[str, FloatArray]:
     """Return the Zernike terms among freedoms, RMS 1 over the disc (Noll)."""
-    wanted = [n for n in names if n.startswith("noll")]
+    wanted = [n for n in names if n in ZERNIKES]
     if not wanted:
         return {}
     from metrosep.forms.zernike import Zernike

@@ -230,6 +230,11 @@ class Chain:
         """Names of the axes that move, in the order of the elements."""
         return tuple(e.name for e in self.elements if e.kind != "fixed")
 
+    @property
+    def dimensions(self) -> dict[str, str]:
+        """By element what its position is: ``"length"``, or ``"angle"`` of an axis that turns."""
+        return {e.name: "angle" if e.kind == "rotary" else "length" for e in self.elements}
+
     def jacobian(
         self,
         q: Positions,

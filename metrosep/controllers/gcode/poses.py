@@ -346,7 +346,7 @@ def _offsets(
     zero: Mapping[str, float], columns: Mapping[str, ListColumn], chain: Chain
 ) -> dict[str, float]:
     """Return where each axis of the list has its zero in the machine."""
-    kinds = {e.name: "angle" if e.kind == "rotary" else "length" for e in chain.elements}
+    kinds = chain.dimensions
     for unknown in zero.keys() - columns.keys():
         raise DataError(f"zero names {unknown!r}; the axes of the list are {', '.join(columns)}")
     return {a: numbers.quantity(zero.get(a, 0.0), f"zero of {a}", kinds[a]) for a in columns}

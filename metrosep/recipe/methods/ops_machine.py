@@ -232,7 +232,7 @@ def _curve(chain: Any, name: str, file: str) -> Any:
     """Return the table of a term from a file: ``x_mm,EXX_um``."""
     from metrosep.io.term_files import read_term_table
 
-    kinds = {e.name: "angle" if e.kind == "rotary" else "length" for e in chain.elements}
+    kinds = chain.dimensions
     held = read_term_table(file, kinds)
     if name not in held:
         raise DataError(f"{file}: holds {', '.join(held)}, not {name}")

@@ -73,7 +73,7 @@ class MachineCalibrated(Method):
 
         rest = dict(options)
         chain = machine_of(rest, None)
-        kinds = {e.name: "angle" if e.kind == "rotary" else "length" for e in chain.elements}
+        kinds = chain.dimensions
         homes = {
             axis: quantity(place, f"home of {axis}", kinds.get(axis, "length"))
             for axis, place in rest.pop("home", {}).items()
