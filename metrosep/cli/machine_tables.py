@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from metrosep.cli.options import (
+    F,
     chain_of,
     force_option,
     json_option,
@@ -37,25 +38,38 @@ _VOLUME = (
 )
 
 
+def _where(command: F) -> F:
+    """Add the options that say where the axes and the tool are."""
+    for option in (
+        click.option(
+            "--tool",
+            metavar="X,Y,Z",
+            help='Tool point in the frame of the last element: "0 mm,0 mm,-80 mm".',
+        ),
+        click.option(
+            "--span",
+            "spans",
+            multiple=True,
+            metavar="AXIS=A..B",
+            help='Travel of a looked-up axis, "X=0 mm..400 mm"; as far as its errors are known if omitted.',
+        ),
+        click.option(
+            "--at",
+            "places",
+            multiple=True,
+            metavar="AXIS=PLACE",
+            help='Where another axis stands: "Z=0 mm".',
+        ),
+    ):
+        command = option(command)
+    return command
+
+
 @click.command("machine-tables")
 @click.argument("machine")
 @click.argument("errors", nargs=-1, required=True, metavar="ERRORS...")
 @click.option(
     "--over", required=True, metavar="AXIS,...", help='Looked-up axes: "X", "X,Y", "X,Y,Z".'
-)
-@click.option(
-    "--at",
-    "places",
-    multiple=True,
-    metavar="AXIS=PLACE",
-    help='Where another axis stands: "Z=0 mm".',
-)
-@click.option(
-    "--span",
-    "spans",
-    multiple=True,
-    metavar="AXIS=A..B",
-    help='Travel of a looked-up axis, "X=0 mm..400 mm"; as far as its errors are known if omitted.',
 )
 @click.option(
     "--spacing",
@@ -69,11 +83,7 @@ _VOLUME = (
 @click.option(
     "--reference", metavar="PLACE,...", help="Place of zero correction, of each axis in --over."
 )
-@click.option(
-    "--tool",
-    metavar="X,Y,Z",
-    help='Tool point in the frame of the last element: "0 mm,0 mm,-80 mm".',
-)
+@_where
 @machine_options
 @click.option(
     "--format",
@@ -184,11 +194,7 @@ def _places_hinted() -> Iterator[None]:
 @click.option(
     "--over", metavar="AXIS,...", help="Three looked-up axes; the linear ones if omitted."
 )
-@click.option(
-    "--at", "places", multiple=True, metavar="AXIS=PLACE", help='Place of another axis: "A=0 deg".'
-)
-@click.option("--span", "spans", multiple=True, metavar="AXIS=A..B", help="Travel of an axis.")
-@click.option("--tool", metavar="X,Y,Z", help="Tool point in the frame of the last element.")
+@_where
 @click.option(
     "--verify",
     "proof",
@@ -215,6 +221,7 @@ def volume(
 
     Exit code 1: the error does not shrink; nothing is written.
     """
+    from metrosep.compensation.from_machine import volume_from_machine
     from metrosep.compensation.volumes import volume_positions
     from metrosep.core.errors import DataError
     from metrosep.core.numbers import quantity
@@ -236,42 +243,36 @@ def volume(
 
         readings = read_reading_set(options["proof"], chain)
     at = _places(options["places"], kinds)
-    place = {"tool": point_of(options["tool"])} if options["tool"] is not None else {}
+    place: dict[str, Any] = {}
+    if options["tool"] is not None:
+        place["tool"] = point_of(options["tool"])
+    allowed = quantity(options["tolerance"], "--tolerance", "length")
     with _places_hinted():
         positions = volume_positions(
             chain,
             terms,
             spans=_spans(over, kinds, known, options),
-            tolerance=quantity(options["tolerance"], "--tolerance", "length"),
+            tolerance=allowed,
             at=at,
             **place,
         )
-    common: dict[str, Any] = {
-        "over": over,
-        "positions": positions,
-        "at": at,
-        "corrects": None,
-        "reference": None,
-        **place,
-    }
-    nodes = {a: int(p.size) for a, p in positions.items()}
-    from metrosep.compensation.from_machine import volume_from_machine
-
-    made = volume_from_machine(chain, terms, **common)
-    judged = made.verify(readings=readings)
+    made = volume_from_machine(chain, terms, over=over, positions=positions, at=at, **place)
+    if out is None:
+        ready, judged = None, made.verify(readings=readings)
+    else:
+        ready, judged = _judged_grid(made, Path(out), force=force)
     stays = judged["after_max_component_m"]
-    allowed = quantity(options["tolerance"], "--tolerance", "length")
     if stays > allowed + _PICOMETRE:
         raise DataError(
             f"the grid would leave {_size(stays)} in one direction, more than --tolerance: errors change "
             "within its cells; write one with machine-tables --format grid and a --spacing of your own"
         )
-    if out is None:
-        found: dict[str, Any] = {"verification": judged}
+    found: dict[str, Any] = {"verification": judged}
+    if ready is None:
         _print_volume(judged, made.messages)
     else:
-        options.update(waive=())
-        found = _volume(chain, terms, common, "grid", Path(out), options, force=force)
+        found |= _grid_written(made, ready, judged, {"waive": ()})
+    nodes = {a: int(p.size) for a, p in positions.items()}
     found["nodes"] = nodes
     click.echo(
         json.dumps(found, sort_keys=True, allow_nan=False)
@@ -364,13 +365,8 @@ def _volume(
 
     made = volume_from_machine(chain, terms, **common)
     if name == "grid":
-        ready = _grid(made, folder, force=force)
-        read_back = replace(made, corrections=_of_grid(ready.data, made))
-        judged = read_back.judged()
-        sizes = judged["before_rms_m"], judged["after_rms_m"]
-        messages = (*made.messages, *_about_volume(judged))
-        where = f"{judged['places']} places off the nodes, by the file"
-        return {**_written([ready], *sizes, messages, where, options), "verification": judged}
+        ready, judged = _judged_grid(made, folder, force=force)
+        return {**_grid_written(made, ready, judged, options), "verification": judged}
     wanted: dict[tuple[tuple[str, ...], str], tuple[Any, Any]] = {}
     for (looked, axis), table in made.parts.items():
         place = dict(zip(made.over, common["reference"] or _zero(made), strict=True))
@@ -389,17 +385,36 @@ def _volume(
     return _written(ready_tables, before, after, made.messages, "places off the nodes", options)
 
 
+def _judged_grid(
+    made: MachineVolume, folder: Path, *, force: bool
+) -> tuple[Prepared, dict[str, Any]]:
+    """Return the file of a grid, and what its bytes leave of the error."""
+    ready = _grid(made, folder, force=force)
+    return ready, replace(made, corrections=_of_grid(ready.data, made)).judged()
+
+
+def _grid_written(
+    made: MachineVolume, ready: Prepared, judged: Mapping[str, Any], options: dict[str, Any]
+) -> dict[str, Any]:
+    """Write a grid that was judged."""
+    sizes = judged["before_rms_m"], judged["after_rms_m"]
+    messages = (*made.messages, *_about_volume(judged))
+    where = f"{judged['places']} places off the nodes, by the file"
+    return _written([ready], *sizes, messages, where, options)
+
+
 def _about_volume(judged: Mapping[str, Any]) -> list[str]:
     """Return what a verification of a volume says besides its RMS."""
     from metrosep.core.units import format_length
 
     bound = max(judged["bound_m"])
-    said = []
-    said.append(
-        f"largest error that stays {_size(judged['after_max_m'])}; by the spacing at "
-        f"most {_size(bound)} in each direction; judged against {judged['against']}"
-        + ("" if "readings" in judged else ": readings of another kind prove the signs (--verify)")
-    )
+    proof = "" if "readings" in judged else ": readings of another kind prove the signs (--verify)"
+    said = [
+        (
+            f"largest error that stays {_size(judged['after_max_m'])}; by the spacing at most "
+            f"{_size(bound)} in each direction; judged against {judged['against']}{proof}"
+        )
+    ]
     worst = max((t["after_per_metre"] or 0.0 for t in judged["other_tools"]), default=0.0)
     if worst * 1e-3 > _PICOMETRE:
         said.append(

@@ -559,3 +559,34 @@ def test_five_axes_get_the_sign_of_each_error(metrosep, stack):
     row = [float(v) for v in (stack / "two.csv").read_text().splitlines()[1].split(",")]
     assert row[:3] == pytest.approx([100.0, 50.0, 30.0], abs=1e-6)
     assert np.radians(row[3] + 30.0) * 1e6 == pytest.approx(-40.0, abs=1e-2)
+
+
+def test_the_folder_of_a_calibration_stands_for_its_own_terms_alone(metrosep, stack):
+    """`calibrate` writes residuals beside its terms, and an older run may have left terms of other axes."""
+    x = np.linspace(0.0, 400.0, 41)
+    wanted = 6.0 * np.sin(x / 90.0)
+    rows = ['# instrument = "displacement"', "# direction = [1, 0, 0]", '# unknown = ["offset"]',
+            "X_mm,Y_mm,Z_mm,reading_um"]  # fmt: skip
+    rows += [f"{a:.4f},0,0,{e:.6f}" for a, e in zip(x, wanted, strict=True)]
+    (stack / "laser.csv").write_text("\n".join(rows) + "\n")
+    code, _, err = metrosep(
+        "calibrate", "stack.toml", "laser.csv", "--terms", "EXX", "--degree", "X=9", "-o", "cal"
+    )
+    assert code == 0, err
+    assert (stack / "cal" / "parts-residuals.csv").exists()
+    (stack / "cal" / "Y.csv").write_text("y_mm,EYY_um\n0,0\n300,500\n")  # of a former calibration
+    (stack / "part.csv").write_text("X_mm,Y_mm,Z_mm\n150,100,50\n")
+    code, _, err = metrosep(
+        "path", "part.csv", "--machine", "stack.toml", "--error", "cal", "-o", "right.csv"
+    )
+    assert code == 0, err
+    q = [float(v) for v in (stack / "right.csv").read_text().splitlines()[1].split(",")]
+    e = 6.0 * np.sin(150.0 / 90.0)  # zero at home
+    assert (q[0] - 150.0) * 1e3 == pytest.approx(-e, abs=0.02)
+    assert q[1:] == [100.0, 50.0]
+    (stack / "cal" / "X.csv").unlink()
+    code, _, err = metrosep(
+        "path", "part.csv", "--machine", "stack.toml", "--error", "cal", "-o", "again.csv"
+    )
+    assert code in (2, 4)
+    assert "X.csv: the calibration names it" in err
