@@ -9,7 +9,7 @@ likelihood (machines.md, eq. 17) and the estimate is that of generalised least s
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -70,6 +70,8 @@ class _Part:
     """One map in bins: rows of the problem, with columns of curves, then of its own set-up."""
 
     label: str
+    measured: Measured
+    columns: FloatArray  # (n of pixels, p + k): of curves and of its own, before they are averaged
     y: FloatArray  # (n,), m
     X: FloatArray  # (n, p)
     own: FloatArray  # (n, k): alignment and setting
@@ -129,7 +131,11 @@ def curves_of_parts(
     maps: Sequence[Any],
     form: Any,
     curves: Mapping[str, int] | None,
-    options: Mapping[str, Any],
+    *,
+    terms: Iterable[str],
+    removed: str | Iterable[str],
+    tool: tuple[float, float, float],
+    positions: Positions | None,
     **points: Any,
 ) -> Calibration:
     """Return the curves that explain maps of parts; `metrosep.machine.identify` says what is given."""
@@ -141,51 +147,30 @@ def curves_of_parts(
     forms = list(form) if isinstance(form, list | tuple) else [form] * len(maps)
     if len(forms) != len(maps):
         raise DataError(f"{len(forms)} forms for {len(maps)} maps: give one, or one for each")
-    measured = [
+    given = [
         measured_points(m, Plane() if f is None else f, **points)
         for m, f in zip(maps, forms, strict=True)
     ]
-    return curves_from_maps(
-        chain,
-        measured,
-        curves,
-        terms=tuple(options["terms"]),
-        freedoms=removed_freedoms(options["removed"]),
-        tool=options["tool"],
-        positions=options["positions"],
-    )
-
-
-def curves_from_maps(
-    chain: Chain,
-    parts: Sequence[Measured],
-    curves: Mapping[str, int],
-    *,
-    terms: Sequence[str] = (),
-    freedoms: Sequence[str] = ("piston", "tilt_x", "tilt_y"),
-    tool: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    positions: Positions | None = None,
-) -> Calibration:
-    """Return error motions of a machine as curves that explain measured points of parts."""
+    freedoms = removed_freedoms(removed)
     q = [
-        axis_positions(chain, p.mesh.x, p.mesh.y, p.mesh.z, positions=positions, tool=tool)
-        for p in parts
+        axis_positions(chain, m.mesh.x, m.mesh.y, m.mesh.z, positions=positions, tool=tool)
+        for m in given
     ]
     wanted = _checked_curves(chain, curves)
     bases = _bases(chain, q, wanted, terms)
     further = _bases(chain, q, _not_asked(chain, q, wanted), ())
     with one_blas_thread():
-        binned = [
-            _binned(chain, p, at, bases, further, freedoms, tool, f"part {k + 1}")
-            for k, (p, at) in enumerate(zip(parts, q, strict=True))
+        parts = [
+            _binned(chain, m, at, bases, further, freedoms, tool, f"part {k + 1}")
+            for k, (m, at) in enumerate(zip(given, q, strict=True))
         ]
-        bases, binned, gauge, dead = _without_gauge(chain, bases, binned)
+        bases, parts, gauge, dead = _without_gauge(bases, parts)
         if not bases:
             raise DataError(
                 f"the maps show nothing of {', '.join(curves)}: these parts do not depend on them, "
                 "or the alignment takes all"
             )
-        return _found(chain, parts, q, binned, bases, further, gauge, dead, freedoms, tool)
+        return _found(chain, parts, bases, further, gauge, dead)
 
 
 def _checked_curves(chain: Chain, curves: Any) -> dict[str, int]:
@@ -214,7 +199,10 @@ def _checked_curves(chain: Chain, curves: Any) -> dict[str, int]:
 
 
 def _bases(
-    chain: Chain, q: Sequence[Mapping[str, FloatArray]], curves: Mapping[str, int], terms: Any
+    chain: Chain,
+    q: Sequence[Mapping[str, FloatArray]],
+    curves: Mapping[str, int],
+    terms: Iterable[str],
 ) -> dict[str, Basis]:
     """Return the shapes of curves and constants, in the order of the chain."""
     constant = chain.known_terms(tuple(terms))
@@ -283,24 +271,26 @@ def _binned(
 
     settings = [n for n, b in bases.items() if b.kind == "legendre"]
     moved = {n: Basis("constant", (0,)) for n in settings}
-    parts: list[FloatArray] = [
-        _columns(chain, set_, q, tool, m) for set_ in (bases, moved, further)
-    ]
-    align = _alignment(m, freedoms)
-    own = mean(np.hstack([align, parts[1]]))
+    X, setting, more = (_columns(chain, set_, q, tool, m) for set_ in (bases, moved, further))
+    slopes = {"slope_x": m.slope_x, "slope_y": m.slope_y}
+    align = freedom_maps(freedoms, x=m.x, y=m.y, z=m.z, reach=float(m.rho[-1]), **slopes)
+    own = np.hstack([align, setting])
     names = [*freedoms, *(f"setting {n}" for n in settings)]
-    kept_own = _independent(own)
+    mean_own = mean(own)
+    kept_own = _independent(mean_own)
     x, y = m.x / outer, m.y / outer
     place = mean(np.column_stack([x, y]))
     x, y = x - place[index, 0], y - place[index, 1]
     moments = mean(np.column_stack([x * x, x * y, y * y]))
     return _Part(
         label,
+        measured,
+        np.hstack([X, own[:, kept_own]]),
         mean((measured.z - m.z)[:, None])[:, 0],
-        mean(parts[0]),
-        own[:, kept_own],
-        tuple(f"{names[i]} of {label}" for i in kept_own),
-        mean(parts[2]),
+        mean(X),
+        mean_own[:, kept_own],
+        tuple(names[i] for i in kept_own),
+        mean(more),
         counts,
         np.stack([np.subtract.outer(v, v) for v in place.T]),
         np.stack([np.add.outer(v, v) for v in moments.T]),
@@ -328,14 +318,6 @@ def _columns(
     return np.concatenate(blocks)
 
 
-def _alignment(mesh: Any, freedoms: Sequence[str]) -> FloatArray:
-    """Return the maps of the freedoms at the pixels."""
-    slopes = {"slope_x": mesh.slope_x, "slope_y": mesh.slope_y}
-    return freedom_maps(
-        freedoms, x=mesh.x, y=mesh.y, z=mesh.z, reach=float(mesh.rho[-1]), **slopes
-    )
-
-
 def _independent(columns: FloatArray) -> list[int]:
     """Return which columns move the part in a way of their own, earlier ones first."""
     kept: list[int] = []
@@ -354,7 +336,7 @@ def _independent(columns: FloatArray) -> list[int]:
 
 
 def _without_gauge(
-    chain: Chain, bases: dict[str, Basis], parts: list[_Part]
+    bases: dict[str, Basis], parts: list[_Part]
 ) -> tuple[dict[str, Basis], list[_Part], list[str], list[str]]:
     """Return the problem without orders that the alignment of every part takes, and their names."""
     sizes, left = 0.0, 0.0
@@ -383,7 +365,12 @@ def _without_gauge(
             kept[name] = replace(basis, orders=tuple(orders))
         else:
             dead.append(name)
-    return kept, [replace(p, X=p.X[:, columns]) for p in parts], gauge, dead
+    n = parts[0].X.shape[1]
+    fewer = [
+        replace(p, X=p.X[:, columns], columns=np.hstack([p.columns[:, columns], p.columns[:, n:]]))
+        for p in parts
+    ]
+    return kept, fewer, gauge, dead
 
 
 # ---- noise of each part, estimate of all -----------------------------------------------------------
@@ -590,21 +577,17 @@ def _not_explained(
 
 def _found(
     chain: Chain,
-    given: Sequence[Measured],
-    q: Sequence[Mapping[str, FloatArray]],
     parts: list[_Part],
     bases: Mapping[str, Basis],
     further: Mapping[str, Basis],
     gauge: Sequence[str],
     dead: Sequence[str],
-    freedoms: Sequence[str],
-    tool: tuple[float, float, float],
 ) -> Calibration:
     estimate, noises, used, whitened = _settled(parts)
     names = [f"{n}{label}" for n, b in bases.items() for label in b.labels]
     p = len(names)
     units = [term_unit(chain, n) for n, b in bases.items() for _ in b.labels]
-    all_names = [*names, *(n for part in parts for n in part.own_names)]
+    all_names = [*names, *(f"{n} of {part.label}" for part in parts for n in part.own_names)]
     null, members = null_sentences(estimate.blind, all_names)
     null = (*null, *hardly_known(names, units, estimate.cov[:p, :p]))
     unseen = {n.split(" ")[0] for group in members for n in group if n in names}
@@ -613,41 +596,20 @@ def _found(
         errors[name] = UnseenTerm()
     u = np.sqrt(np.maximum(np.diag(estimate.cov), 0.0))
     unknowns, residuals, refused, noise = {}, {}, {}, {}
-    messages = [note for part in given for note in part.notes]
+    messages = [note for part in parts for note in part.measured.notes]
     begin = p
-    for part, measured, at, good, its in zip(parts, given, q, used, noises, strict=True):
-        m = measured.mesh
-        values = {}
-        for name, i in zip(part.own_names, range(begin, begin + len(part.own_names)), strict=True):
-            values[name.removesuffix(f" of {part.label}")] = (estimate.beta[[i]], u[[i]])
-        unknowns[part.label] = freeze_mapping(values)
-        model = _columns(chain, bases, at, tool, m) @ estimate.beta[:p]
-        own = {n: float(v[0][0]) for n, v in values.items()}
-        kept = [f for f in freedoms if f in own]
-        if kept:
-            model = model + _alignment(m, kept) @ np.array([own[f] for f in kept])
-        for name, amount in own.items():
-            if name.startswith("setting "):
-                moved = {name.removeprefix("setting "): Basis("constant", (0,))}
-                model = model + _columns(chain, moved, at, tool, m)[:, 0] * amount
-        residuals[part.label] = measured.on_map(measured.z - m.z - model)
+    for part, good, its in zip(parts, used, noises, strict=True):
+        mine = np.arange(begin, begin + len(part.own_names))
+        begin += mine.size
+        unknowns[part.label] = freeze_mapping(
+            {n: (estimate.beta[[i]], u[[i]]) for n, i in zip(part.own_names, mine, strict=True)}
+        )
+        model = part.columns @ estimate.beta[np.append(np.arange(p), mine)]
+        m = part.measured
+        residuals[part.label] = m.on_map(m.z - m.mesh.z - model)
         refused[part.label] = int(np.count_nonzero(~good))
         noise[part.label] = its.scale
-        begin += len(part.own_names)
-        messages.append(
-            f"{part.label}: noise {format_length(its.scale, digits=2)} for each pixel"
-            + (
-                f" and {format_length(its.alike(part), digits=2)} alike over "
-                f"{format_length(its.length * part.radius, digits=2)} ({its.kind})"
-                if its.ratio > 0.0
-                else ", no likeness over a length was found"
-            )
-        )
-        if refused[part.label]:
-            messages.append(
-                f"{part.label}: {refused[part.label]} of {part.y.size} bins contradict the others and "
-                "were refused"
-            )
+        messages += _about_noise(part, its, refused[part.label])
     messages += _about(chain, bases, gauge, dead)
     missing = _not_explained(chain, further, parts, used, estimate, whitened)
     if missing:
@@ -671,7 +633,7 @@ def _found(
         refused=freeze_mapping(refused),
         noise=freeze_mapping(noise),
         bases=freeze_mapping(dict(bases)),
-        blind=estimate.blind[:p],
+        blind=estimate.blind[:p] / estimate.sizes[:p, None],
         sets=freeze_mapping({}),
         messages=(*chain.messages, *messages),
         audit=freeze_mapping(
@@ -689,6 +651,23 @@ def _found(
     )
 
 
+def _about_noise(part: _Part, noise: _Noise, refused: int) -> Iterator[str]:
+    """Yield what was found of the noise of a part, and of its bins."""
+    yield (
+        f"{part.label}: noise {format_length(noise.scale, digits=2)} for each pixel"
+        + (
+            f" and {format_length(noise.alike(part), digits=2)} alike over "
+            f"{format_length(noise.length * part.radius, digits=2)} ({noise.kind})"
+            if noise.ratio > 0.0
+            else ", no likeness over a length was found"
+        )
+    )
+    if refused:
+        yield (
+            f"{part.label}: {refused} of {part.y.size} bins contradict the others and were refused"
+        )
+
+
 def _about(
     chain: Chain, bases: Mapping[str, Basis], gauge: Sequence[str], dead: Sequence[str]
 ) -> list[str]:
@@ -702,11 +681,9 @@ def _about(
         said.append(f"{', '.join(dead)}: not visible on these parts")
     for name, basis in bases.items():
         if basis.kind == "legendre":
-            axis = axis_of_term(chain, name)
-            unit = "m"
+            ends = " to ".join(format_engineering(v, "m") for v in (basis.low, basis.high))
             said.append(
-                f"{name}: over {axis} = {format_engineering(basis.low, unit)} to "
-                f"{format_engineering(basis.high, unit)}, zero in the mean; its constant is the "
+                f"{name}: over {axis_of_term(chain, name)} = {ends}, zero in the mean; its constant is the "
                 "setting of the tool or the height of the part"
             )
     return said

@@ -187,11 +187,11 @@ def identify(
     if curves is not None or several:
         from metrosep.machine._part_curves import curves_of_parts
 
-        maps = list(surface_map) if several else [surface_map]
-        place = checked_place(tool)
-        where = {"radius": radius, "inner_radius": inner_radius, "centre": centre}
-        options = {"terms": terms or (), "removed": removed, "tool": place, "positions": positions}
-        return curves_of_parts(chain, maps, form, curves, options, max_points=max_points, **where)
+        return curves_of_parts(
+            chain, list(surface_map) if several else [surface_map], form, curves, terms=terms or (),
+            removed=removed, tool=checked_place(tool), positions=positions, radius=radius,
+            inner_radius=inner_radius, centre=centre, max_points=max_points,
+        )  # fmt: skip
     names = chain.known_terms(chain.terms if terms is None else tuple(terms))
     if not names:
         raise DataError(f"terms names no error term; known are {', '.join(chain.terms)}")

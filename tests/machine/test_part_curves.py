@@ -138,6 +138,11 @@ def test_one_sphere_cannot_tell_the_slides_apart_and_says_so():
     assert np.isnan(found["EXX"].evaluate(5e-3))
     assert any("EXX" in s and "EZX" in s for s in found.null)
     assert any("EXC" in s and "EBC" in s for s in found.null)
+    # and so of the tool point: EZX and EXX act at each place of X, EZC was not asked for
+    u = found.u_at({"X": 5e-3, "C": 0.3, "Z": 0.0})
+    assert np.isinf(u[0])
+    assert np.isinf(u[2])
+    assert np.isfinite(face_found().u_at({"X": 5e-3, "C": 0.3, "Z": 0.0})).all()
 
 
 def test_a_face_and_two_spheres_of_opposite_sign_determine_all():
