@@ -114,6 +114,13 @@ def test_g94_counts_along_x_and_z_only(tmp_path):
         assert read_program(tmp_path / name, way).rpm == pytest.approx(60.0, rel=close, abs=0.0)
 
 
+def test_a_tolerance_that_nothing_would_hold_is_refused(tmp_path):
+    words = {"nose": RoundNose(R), "form": SKEW}
+    with pytest.raises(DataError, match="none is cut with verify=False or of cut points"):
+        write_program(made(), tmp_path / "p.nc", NGC, tolerance=1e-9, verify=False, **words)
+    assert list(tmp_path.iterdir()) == []
+
+
 @cache
 def spiral(sense="clockwise", per_turn=127):
     T = 2 * np.pi * np.arange(-10 * per_turn, 140 * per_turn) / per_turn
@@ -294,6 +301,9 @@ def test_cut_points_are_written_on_demand_only_and_marked(tmp_path):
     words = {"nose": RoundNose(R), "form": SKEW}
     with pytest.raises(DataError, match="program of cut points"):
         write_program(program, tmp_path / "p.nc", NGC, **words)
+    with pytest.raises(DataError, match="none is cut with verify=False or of cut points"):
+        write_program(program, tmp_path / "p.nc", NGC, cut_points=True, tolerance="5 nm", **words)
+    assert not (tmp_path / "p.nc").exists()
     assert write_program(program, tmp_path / "p.nc", NGC, cut_points=True, **words).check is None
     back = read_program(tmp_path / "p.nc", NGC)
     assert back.quantity == "cut points"

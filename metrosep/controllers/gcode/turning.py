@@ -151,7 +151,7 @@ def write_program(
     block_resolution : float, s, optional
         Step of the time of a PMAC's PVT block: 1 ms unless its manual says finer.
     tolerance : float, m, optional
-        Largest P-V of the part without cusps.
+        Largest P-V of the part without cusps, by the check: refused where there is none.
     cut_points : bool, optional
         Whether a program of cut points is written, marked as such and not checked.
     verify : bool, optional
@@ -167,8 +167,8 @@ def write_program(
     Raises
     ------
     DataError
-        If the program is one of cut points, the control would not execute its interpolation, or a unit
-        is missing.
+        If the program is one of cut points, the control would not execute its interpolation, a unit
+        is missing, or a tolerance is given and nothing is cut that could hold it.
     LimitError
         If the part cut from the file misses the program or the tolerance, or a time cannot be written.
     WriteError
@@ -182,6 +182,14 @@ def write_program(
     _require_program(program, axes, kind, cut_points=cut_points)
     target = Path(path)
     numbers.choice(kind, "kind", get_args(Kind))
+    is_cut = verify and program.quantity == "tip"
+    if tolerance is not None:
+        tolerance = numbers.positive(tolerance, "tolerance", dimension="length")
+        if not is_cut:
+            raise DataError(
+                "a tolerance is that of the part cut from the file, and none is cut with verify=False or of "
+                "cut points: leave tolerance out"
+            )
     if kind == "pmac":
         lines = _pmac(program, axes, velocity_time, block_resolution)
     else:
@@ -192,7 +200,7 @@ def write_program(
     found: list[ProgramCheck] = []
 
     def said(written: Path) -> str:
-        if verify and program.quantity == "tip":
+        if is_cut:
             back = read_program(written, axes, velocity_time=velocity_time)
             made = check_program(back, nose, form, axes=axes, planned=program, setting=setting)
             _require(made, tolerance)
@@ -452,11 +460,10 @@ def _require(check: ProgramCheck, tolerance: float | None) -> None:
         )
     if tolerance is None:
         return
-    wanted = numbers.positive(tolerance, "tolerance", dimension="length")
-    if check.form_error > wanted + _SLACK:
+    if check.form_error > tolerance + _SLACK:
         raise LimitError(
             f"the part cut from the file is off by {format_length(check.form_error)} P-V without cusps, the "
-            f"tolerance is {format_length(wanted)}; nothing was written: take more points, more digits or "
+            f"tolerance is {format_length(tolerance)}; nothing was written: take more points, more digits or "
             "another interpolation"
         )
 
