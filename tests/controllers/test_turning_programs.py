@@ -307,6 +307,11 @@ def test_cut_points_are_written_on_demand_only_and_marked(tmp_path):
     assert write_program(program, tmp_path / "p.nc", NGC, cut_points=True, **words).check is None
     back = read_program(tmp_path / "p.nc", NGC)
     assert back.quantity == "cut points"
+    write_program(program, tmp_path / "q.nc", NGC, cut_points=True, nose=None, form=SKEW)
+    assert "(tool not known)" in (tmp_path / "q.nc").read_text().splitlines()
+    tips = {**words, "nose": None}
+    with pytest.raises(DataError, match="needs the nose of the tool"):
+        write_program(made(), tmp_path / "t.nc", NGC, **tips)
     with pytest.raises(DataError, match="no tool runs it"):
         check_program(back, RoundNose(R), SKEW)
 

@@ -116,7 +116,7 @@ def write_program(
     path: str | os.PathLike[str],
     axes: LatheAxes,
     *,
-    nose: RoundNose,
+    nose: RoundNose | None,
     form: Form,
     setting: ToolSetting | None = None,
     kind: Kind = "gcode",
@@ -137,8 +137,8 @@ def write_program(
         File to write; a sidecar is written beside it.
     axes : LatheAxes
         What the words of the machine mean.
-    nose : RoundNose
-        The tool, for the check and the head.
+    nose : RoundNose or None
+        The tool, for the check and the head; None where nobody knows it, for cut points only.
     form : Form
         The surface wanted.
     setting : ToolSetting, optional
@@ -180,16 +180,20 @@ def write_program(
     the tool near by hand. Blending of corners by the control (G64) is not in the check: G61 is written.
     """
     _require_program(program, axes, kind, cut_points=cut_points)
+    if nose is None and program.quantity == "tip":
+        raise DataError("a program of the tip needs the nose of the tool that it was made for")
     target = Path(path)
     numbers.choice(kind, "kind", get_args(Kind))
-    is_cut = verify and program.quantity == "tip"
+    cutter = nose if verify and program.quantity == "tip" else None
     if tolerance is not None:
         tolerance = numbers.positive(tolerance, "tolerance", dimension="length")
-        if not is_cut:
+        if cutter is None:
             raise DataError(
                 "a tolerance is that of the part cut from the file, and none is cut with verify=False or of "
                 "cut points: leave tolerance out"
             )
+    if velocity_time is not None:
+        velocity_time = numbers.positive(velocity_time, "velocity_time", dimension="time")
     if kind == "pmac":
         lines = _pmac(program, axes, velocity_time, block_resolution)
     else:
@@ -200,9 +204,9 @@ def write_program(
     found: list[ProgramCheck] = []
 
     def said(written: Path) -> str:
-        if is_cut:
+        if cutter is not None:
             back = read_program(written, axes, velocity_time=velocity_time)
-            made = check_program(back, nose, form, axes=axes, planned=program, setting=setting)
+            made = check_program(back, cutter, form, axes=axes, planned=program, setting=setting)
             _require(made, tolerance)
             found.append(made)
         check = found[0] if found else None
@@ -251,16 +255,18 @@ def _require_program(
 def _head(
     program: TurningProgram,
     axes: LatheAxes,
-    nose: RoundNose,
+    nose: RoundNose | None,
     form: Form,
     kind: str,
     velocity_time: float | None,
 ) -> list[str]:
     """Return the lines of the head, without marks of a comment."""
-    rake, clearance = math.degrees(nose.rake), nose.clearance
-    tool = f"tool radius {1e3 * nose.radius:.9g} mm in {nose.radius_in}, rake {rake:.9g} deg"
-    if clearance is not None:
-        tool += f", clearance {math.degrees(clearance):.9g} deg"
+    tool = "tool not known"
+    if nose is not None:
+        rake = math.degrees(nose.rake)
+        tool = f"tool radius {1e3 * nose.radius:.9g} mm in {nose.radius_in}, rake {rake:.9g} deg"
+        if nose.clearance is not None:
+            tool += f", clearance {math.degrees(nose.clearance):.9g} deg"
     c_way = "rises" if (program.sense == "counterclockwise") == (axes.way > 0.0) else "falls"
     points = hashlib.sha256()
     for column in (program.X, program.azimuth, program.Z, program.t):
@@ -325,10 +331,7 @@ def _gcode(program: TurningProgram, axes: LatheAxes) -> Iterator[str]:
         unit = axes.require_inverse_time()
         feeds = {"1/min": 60.0 / times, "s": times, "1/s": 1.0 / times}[unit]
     elif axes.feed == "G94":
-        rounded = (
-            np.round(x, axes.x_decimals) * axes.x_scale,
-            np.round(z, axes.z_decimals) * axes.z_scale,
-        )
+        rounded = x * axes.x_scale, z * axes.z_scale
         way = np.hypot(*(np.diff(v, prepend=v[0]) for v in rounded))
         if (way[1:] == 0.0).any():
             at = int(np.argmax(way[1:] == 0.0)) + 1
@@ -367,7 +370,6 @@ def _pmac(
         raise DataError(
             "velocities of a PMAC are per Ix90: give velocity_time, such as 1.0 (s) for Ix90 = 1000"
         )
-    per = numbers.positive(velocity_time, "velocity_time", dimension="time")
     step = numbers.positive(resolution, "block_resolution", dimension="time")
     times = np.diff(program.t)
     counts = np.rint(times / step)
@@ -383,7 +385,10 @@ def _pmac(
     x, c, z = _words(program, axes)
     assert program.velocities is not None  # noqa: S101  # PVT programs have them
     vx, va, vz = program.velocities
-    vx, vc, vz = vx / axes.x_scale * per, np.degrees(axes.way * va) * per, vz / axes.z_scale * per
+    vx, vc, vz = (
+        v * velocity_time
+        for v in (vx / axes.x_scale, np.degrees(axes.way * va), vz / axes.z_scale)
+    )
     yield "ABS"
     shape = (
         f"X{{:.{axes.x_decimals}f}}:{{:.{axes.x_decimals + 3}f}} "
