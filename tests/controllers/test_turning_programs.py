@@ -8,9 +8,17 @@ from functools import cache
 import numpy as np
 import pytest
 
+from metrosep.controllers.gcode import turning
 from metrosep.controllers.gcode.lathe import LatheAxes, rounding_error
 from metrosep.controllers.gcode.turning import check_program, read_program, write_program
-from metrosep.core.errors import CorruptFileError, DataError, LimitError, ReadError, WriteError
+from metrosep.core.errors import (
+    CorruptFileError,
+    DataError,
+    LimitError,
+    ReadError,
+    TableError,
+    WriteError,
+)
 from metrosep.forms import Expression, Toric
 from metrosep.process import RoundNose, TurningJob, TurningProgram, tip_path, virtual_cut
 
@@ -118,6 +126,15 @@ def test_a_tolerance_that_nothing_would_hold_is_refused(tmp_path):
     words = {"nose": RoundNose(R), "form": SKEW}
     with pytest.raises(DataError, match="none is cut with verify=False or of cut points"):
         write_program(made(), tmp_path / "p.nc", NGC, tolerance=1e-9, verify=False, **words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_lost_its_last_turns_is_not_kept(tmp_path, monkeypatch):
+    """The part is cut where the file cuts: what it leaves out is seen by its number of points."""
+    all_rows = turning._in_rows
+    monkeypatch.setattr(turning, "_in_rows", lambda *c: all_rows(*(v[: -v.size // 3] for v in c)))
+    with pytest.raises(TableError, match=r"of \d+ points read back"):
+        write_program(made(), tmp_path / "p.nc", NGC, nose=RoundNose(R), form=SKEW)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -22,10 +22,11 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from metrosep.controllers.base import paired_stream, sidecar_path
+from metrosep.controllers.gcode.columns import require_hash
 from metrosep.controllers.gcode.lathe import LatheAxes, rounding_error
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, DataError, LimitError, ReadError
+from metrosep.core.errors import CorruptFileError, DataError, LimitError, ReadError, TableError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.process._plain import frozen
@@ -171,8 +172,10 @@ def write_program(
         is missing, or a tolerance is given and nothing is cut that could hold it.
     LimitError
         If the part cut from the file misses the program or the tolerance, or a time cannot be written.
+    TableError
+        If the points that are read back are not as many as were to be written.
     WriteError
-        If the file exists and is another one, or cannot be written.
+        If the file exists and is another one, cannot be written, or the disk does not hold it.
 
     Notes
     -----
@@ -204,8 +207,13 @@ def write_program(
     found: list[ProgramCheck] = []
 
     def said(written: Path) -> str:
+        require_hash(written, digest.hexdigest())
         if cutter is not None:
             back = read_program(written, axes, velocity_time=velocity_time)
+            if len(back) != len(program):
+                raise TableError(
+                    f"{len(back)} of {len(program)} points read back; this is a bug in metrosep"
+                )
             made = check_program(back, cutter, form, axes=axes, planned=program, setting=setting)
             _require(made, tolerance)
             found.append(made)
@@ -528,11 +536,12 @@ def check_program(
     defined = np.isfinite(form(x, y))
     x, y = x[defined], y[defined]
     part = virtual_cut(program, nose, x, y, form=form, setting=setting)
-    feed = abs(float(program.X[0] - program.X[-1])) / max(program.turns, 1e-9)
     cut = np.isfinite(part.error)
     cusp = math.nan
-    if feed > 0.0:
-        high_ = cusp_heights(form, x[cut], y[cut], nose=nose, feed=feed, sense=program.sense)
+    if program.feed > 0.0:
+        high_ = cusp_heights(
+            form, x[cut], y[cut], nose=nose, feed=program.feed, sense=program.sense
+        )
         cusp = float(np.nanmax(high_)) if np.isfinite(high_).any() else math.nan
     difference = math.nan
     if planned is not None:
