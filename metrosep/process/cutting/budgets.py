@@ -224,8 +224,14 @@ def cut_budget(
         found = np.full(known.shape, math.nan)
         found[known] = edge_error(form, xs[known], ys[known], nose=plain, actual=tool, sense=sense)
         causes.append(Contribution("tool", map=found))
+    said = [*base.messages]
     if setting is not None:
         causes.append(_setting(form, xs, ys, known, tool, setting, sense))
+        if unknown := [n for n in FACTORS if getattr(setting, f"u_{n}") == math.inf]:
+            said.append(
+                f"{', '.join(unknown)} is not determined (its u is infinite): the u of the tool setting does "
+                "not count it"
+            )
     course = program
     if deviation is not None:
         moved = deviation.at(base.t[known])
@@ -243,7 +249,6 @@ def cut_budget(
     both = np.isfinite(difference)
     worst = float(np.abs(difference[both]).max()) if both.any() else math.nan
     size = float(np.abs(total[both]).max()) if both.any() else math.nan
-    said = [*base.messages]
     if worst > max(_SHARE * size, _TINY):
         said.append(
             f"the full cut differs from the sum of the causes by up to {format_length(worst)} of "
@@ -266,9 +271,8 @@ def _over_a_feed(
     setting: ToolSetting | None,
 ) -> FloatArray:
     """Return the error that is left on the mean over one feed about each place."""
-    feed = abs(float(program.X[0] - program.X[-1])) / program.turns
     rho, theta = np.hypot(x, y), np.arctan2(y, x)
-    steps = feed * ((np.arange(_PER_FEED) + 0.5) / _PER_FEED - 0.5)
+    steps = program.feed * ((np.arange(_PER_FEED) + 0.5) / _PER_FEED - 0.5)
     at = np.abs(rho + steps.reshape(-1, *(1,) * rho.ndim))
     cut = virtual_cut(
         program, nose, at * np.cos(theta), at * np.sin(theta), form=form, setting=setting
