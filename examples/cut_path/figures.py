@@ -64,12 +64,12 @@ def figure(name, found):
         )
         contact.plot(angle, 1e6 * (tips.rho - tips.X))
         contact.set(
-            xlabel="azimuth in deg",
+            xlabel="angle travelled in deg",
             ylabel="contact beside the tip in um",
             title="where it touches",
         )
         line.plot(1e6 * (cusps.rho - cusps.rho[0]), 1e9 * cusps.error)
-        line.set(xlabel="rho in um", ylabel="material left in nm", title="four turns")
+        line.set(xlabel="way along rho in um", ylabel="material left in nm", title="four turns")
         on = np.isfinite(part.error)
         most = 1e9 * np.nanmax(np.abs(part.error))
         x, y = (

@@ -1,4 +1,4 @@
-"""Cut the off-axis asphere with a tool that is set wrongly, and measure it: `measured.sdf`, byte for byte.
+"""Cut the off-axis asphere with a tool that is set wrongly, and measure it: `measured.x3p`.
 
 ``python make_part.py [FOLDER]``
 """

@@ -314,6 +314,12 @@ def polar_slopes(
     return height, cosine * along_x + sine * along_y, cosine * along_y - sine * along_x
 
 
+def bent(form: Form, rho: FloatArray, theta: FloatArray, width: float) -> FloatArray:
+    """Return the mean of z_rr over a width along rho."""
+    after, before = (polar_slopes(form, rho + s * width, theta)[1] for s in (0.5, -0.5))
+    return np.asarray((after - before) / width)
+
+
 def exact_cut(
     form: Form, rho: FloatArray, theta: FloatArray, dx: float, dy: float, dR: float
 ) -> Cut:

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray, frozen_float, same_length
+from metrosep.core.docs import described_by
 from metrosep.core.errors import (
     DataError,
     DegenerateFitError,
@@ -119,10 +120,14 @@ class PrandtlIshlinskii:
         >>> (1e6 * stage.displacement([2.0], history=[0.0, 5.0, 0.0])).round(9).tolist()
         [2.15]
         """
-        course, before = _course(voltage, history)
+        course = complete(
+            np.atleast_1d(np.asarray(voltage)), "voltage", "a course cannot have gaps"
+        )
+        before = _history(history)
         made = _plays(np.concatenate([before, course]), self.thresholds, self.weights)
         return frozen(self.offset + made[before.size :])
 
+    @described_by(displacement, errors=False)
     def voltage_for(self, displacement: ArrayLike, *, history: ArrayLike) -> FloatArray:
         """Return the voltages that make a course of displacements: the exact inverse.
 
@@ -130,8 +135,6 @@ class PrandtlIshlinskii:
         ----------
         displacement : array_like, shape (n,), m
             In order of time; turning points must be samples.
-        history : array_like, shape (m,), V
-            As of `displacement`.
 
         Returns
         -------
@@ -269,6 +272,7 @@ class DriveResiduals(Frozen):
         return float(np.abs(self.residual[numbers.choice(way, "way", tuple(self.residual))]).max())
 
 
+@described_by(PrandtlIshlinskii.displacement, errors=False)
 def compare_drives(
     displacement: ArrayLike,
     stage: PrandtlIshlinskii,
@@ -286,8 +290,6 @@ def compare_drives(
         The stage, as identified.
     calibration : FlexureCalibration
         Its curves over the full stroke, up and down.
-    history : array_like, shape (m,), V
-        What the stage has seen before.
 
     Returns
     -------
@@ -325,19 +327,18 @@ def compare_drives(
         "prandtl-ishlinskii": stage.voltage_for(wanted, history=before),
     }
     left = {n: stage.displacement(v, history=before) - wanted for n, v in ways.items()}
-    found = DriveResiduals(
-        {n: frozen(v) for n, v in ways.items()}, {n: frozen(v) for n, v in left.items()}
-    )
-    one, other = found.largest("mean curve"), found.largest("branches")
-    said: tuple[str, ...] = ()
+    one, other = (float(np.abs(left[n]).max()) for n in ("mean curve", "branches"))
+    said = []
     if other > one:
-        said = (
-            (
-                f"branches leave {format_length(other)}, the mean curve {format_length(one)}: branches serve "
-                "full strokes, and this course turns before their ends"
-            ),
+        said.append(
+            f"branches leave {format_length(other)}, the mean curve {format_length(one)}: branches serve "
+            "full strokes, and this course turns before their ends"
         )
-    return DriveResiduals(found.voltage, found.residual, said)
+    return DriveResiduals(
+        {n: frozen(v) for n, v in ways.items()},
+        {n: frozen(v) for n, v in left.items()},
+        tuple(said),
+    )
 
 
 def _within(wanted: FloatArray, curve: FloatArray) -> FloatArray:
@@ -360,11 +361,6 @@ def _history(history: ArrayLike) -> FloatArray:
     if np.isnan(before).any():
         raise InvalidSamplesError("history holds NaN: state what the stage has seen")
     return before
-
-
-def _course(voltage: ArrayLike, history: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    course = complete(np.atleast_1d(np.asarray(voltage)), "voltage", "a course cannot have gaps")
-    return course, _history(history)
 
 
 def _plays(x: FloatArray, thresholds: FloatArray, weights: FloatArray) -> FloatArray:

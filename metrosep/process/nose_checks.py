@@ -21,8 +21,8 @@ from metrosep.core.errors import DataError, LimitError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.process._plain import Frozen
-from metrosep.process._setting_equations import known_form, polar_slopes
-from metrosep.process.nose import RoundNose, checked_nose, smallest_length
+from metrosep.process._setting_equations import bent, known_form, polar_slopes
+from metrosep.process.nose import RoundNose, Sense, checked_nose, smallest_length
 from metrosep.process.setting_maps import map_extent, polar_axes
 from metrosep.process.tips import Edge, tips
 
@@ -219,22 +219,16 @@ def _fine_mesh(
     return n_rho, n_theta
 
 
-def _bent(form: Form, rho: FloatArray, theta: FloatArray, width: float) -> FloatArray:
-    """Return the mean of z_rr over a width along rho."""
-    after, before = (polar_slopes(form, rho + s * width, theta)[1] for s in (0.5, -0.5))
-    return np.asarray((after - before) / width)
-
-
 def _share(
     form: Form, nose: RoundNose, rho: FloatArray, theta: FloatArray, step: float
 ) -> FloatArray:
     """Return z_rr over what the nose has there, the worse of both ways of the tool."""
     _, slope, across = polar_slopes(form, rho, theta)
     h = 1e-3 * nose.radius
-    second, open_ = _bent(form, rho, theta, h), np.arange(rho.size)
+    second, open_ = bent(form, rho, theta, h), np.arange(rho.size)
     for _ in range(_HALVINGS):
         h *= 0.5
-        finer = _bent(form, rho[open_], theta[open_], h)
+        finer = bent(form, rho[open_], theta[open_], h)
         change = finer - second[open_]
         settled = ~(np.abs(change) > _SETTLED * np.maximum(np.abs(finer), _SETTLED / nose.radius))
         # the error of a central difference falls by four with half the step
@@ -242,11 +236,9 @@ def _share(
         open_ = open_[~settled]
         if not open_.size:
             break
-    second = np.maximum(second, _bent(form, rho, theta, step))
-    up, lean = nose.tilt
-    c = up + np.multiply.outer((-1.0, 1.0), across * lean)
-    own = np.hypot(c, slope) ** 3 / (nose.radius * c * c)
-    return np.asarray(second / own.min(axis=0))
+    second = np.maximum(second, bent(form, rho, theta, step))
+    own = [Edge.of(nose, way).own_curvature(slope, across) for way in get_args(Sense)]
+    return np.asarray(second / np.min(own, axis=0))
 
 
 def _sharpest(form: Form, rho: float, theta: float, step: float) -> tuple[float, float, bool]:
@@ -257,7 +249,7 @@ def _sharpest(form: Form, rho: float, theta: float, step: float) -> tuple[float,
         tried = rho + width * np.array([-0.5, 0.0, 0.5])
         angle = np.full(3, theta)
         slope = polar_slopes(form, tried, angle)[1]
-        found = _bent(form, tried, angle, width) / np.hypot(1.0, slope) ** 3
+        found = bent(form, tried, angle, width) / np.hypot(1.0, slope) ** 3
         if np.isnan(found).all():
             return rho, max(last, 0.0), True
         best = int(np.nanargmax(found))

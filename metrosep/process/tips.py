@@ -249,6 +249,22 @@ class Edge:
         c = self.up + self.lean * made.along_y
         return np.stack([-made.along_x, -made.along_y, c - np.hypot(c, made.along_x)])
 
+    def by_azimuth(
+        self, x: FloatArray, psi: FloatArray, along_x: FloatArray, along_y: FloatArray
+    ) -> FloatArray:
+        """Return dZ/dphi of tips at X by their contacts, (X + x) sY - y sX: the envelope theorem."""
+        px, py, _ = self.point(psi)
+        return np.asarray((x + px) * along_y - py * along_x)
+
+    def reach(self, relief: float) -> float:
+        """Return the angle on either side beyond which the edge has risen by more than twice a relief."""
+        # the relief of a mesh is too small by what lies between its points, hence twice
+        rise = 2.0 * relief
+        if self.profile is not None:
+            rise += 2.0 * float(np.abs(self.profile.deviation).max())
+        share = rise / (self.radius * self.up)
+        return math.pi if share >= 1.0 else math.acos(1.0 - share)
+
     def own_curvature(self, along_x: FloatArray, along_y: FloatArray) -> FloatArray:
         """Return the second derivative of the round edge by x as it is swept at these slopes, 1/m."""
         c = self.up + self.lean * along_y
@@ -287,9 +303,7 @@ def tip_heights(
     for part, rows, _ in _walk(form, x, phi, edge, step, reach, seen, strict=True):
         z[part] = rows[0]
         if slopes is not None:
-            # the envelope theorem: dZ/dX = sX, dZ/dphi = (X + x) sY - y sX at the contact
-            px, py, _ = edge.point(rows[1])
-            slopes[:, part] = rows[4], (x[part] + px) * rows[5] - py * rows[4]
+            slopes[:, part] = rows[4], edge.by_azimuth(x[part], rows[1], rows[4], rows[5])
     return z, slopes, seen.messages()
 
 
@@ -397,18 +411,13 @@ def _place(x: FloatArray, phi: FloatArray, at: int) -> str:
 
 def _reach(form: Form, outer: float, edge: Edge) -> float:
     """Return the angle on either side beyond which no contact can lie, because the surface is not that high."""
-    # F(psi) = S - z(psi) beats F(0) only while z(psi) is below the relief; the relief of a mesh is
-    # too small by what lies between its points, hence twice
+    # F(psi) = S - z(psi) beats F(0) only while z(psi) is below the relief
     rho = np.linspace(0.0, outer + edge.radius, 97)[:, None]
     turn = np.arange(61) * (2.0 * math.pi / 61.0)
     heights = form.height((rho * np.cos(turn)).ravel(), (rho * np.sin(turn)).ravel())
     if np.isnan(heights).all():
         return math.pi
-    relief = 2.0 * float(np.nanmax(heights) - np.nanmin(heights))
-    if edge.profile is not None:
-        relief += 2.0 * float(np.abs(edge.profile.deviation).max())
-    share = relief / (edge.radius * edge.up)
-    return math.pi if share >= 1.0 else math.acos(1.0 - share)
+    return edge.reach(float(np.nanmax(heights) - np.nanmin(heights)))
 
 
 def _touched(
@@ -578,9 +587,7 @@ class TipSurface:
     def gradient(self, x: ArrayLike, y: ArrayLike = 0.0) -> tuple[FloatArray, FloatArray]:
         """Return dZ/dx and dZ/dy of the tip."""
         found, shape = self._tips(x, y)
-        px, py, _ = self._edge.point(found.psi)
-        # dZ/dX = sX and dZ/dphi = (X + x) sY - y sX, by the envelope theorem
-        turn = (found.X + px) * found.along_y - py * found.along_x
+        turn = self._edge.by_azimuth(found.X, found.psi, found.along_x, found.along_y)
         with np.errstate(divide="ignore", invalid="ignore"):
             across = np.where(found.X == 0.0, found.along_y, turn / found.X)
         c, s = np.cos(found.azimuth), np.sin(found.azimuth)

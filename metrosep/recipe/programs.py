@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from metrosep.core.errors import DataError
 from metrosep.core.options import options_of
-from metrosep.core.units import format_length, parse_quantity
+from metrosep.core.units import format_length
 from metrosep.recipe.preflight import output_name
 from metrosep.recipe.schema import Field
 
@@ -94,11 +94,8 @@ def _written(
 ) -> list[str]:
     from metrosep.controllers.gcode.lathe import LatheAxes
     from metrosep.controllers.gcode.turning import write_program
-    from metrosep.process import RoundNose
 
     axes = LatheAxes(**{k: v for k, v in output.items() if k not in {**_FILE, **_PROOF}})
-    seconds = output.get("velocity_time")
-    limit = output.get("tolerance")
     if nose is None and not output.get("cut_points", False):
         raise DataError(
             "the step has no nose (nose_radius): its points are points of the surface, no tip path; a "
@@ -108,15 +105,11 @@ def _written(
         program,
         target,
         axes,
-        nose=nose or RoundNose(1e-6),  # cut points are not checked: no tool is known
+        nose=nose,
         form=produced.form,
         setting=produced.setting,
         kind=output.get("format", "gcode"),
-        velocity_time=None if seconds is None else parse_quantity(seconds, dimension="time"),
-        tolerance=None if limit is None else parse_quantity(limit, dimension="length"),
-        cut_points=bool(output.get("cut_points", False)),
-        verify=bool(output.get("verify", True)),
-        overwrite=bool(output.get("overwrite", False)),
+        **{k: output[k] for k in _PROOF if k in output},
     )
     if made.check is None:
         return [f"{target.name}: was not cut in a virtual part"]

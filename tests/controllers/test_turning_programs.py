@@ -8,9 +8,17 @@ from functools import cache
 import numpy as np
 import pytest
 
+from metrosep.controllers.gcode import turning
 from metrosep.controllers.gcode.lathe import LatheAxes, rounding_error
 from metrosep.controllers.gcode.turning import check_program, read_program, write_program
-from metrosep.core.errors import CorruptFileError, DataError, LimitError, ReadError, WriteError
+from metrosep.core.errors import (
+    CorruptFileError,
+    DataError,
+    LimitError,
+    ReadError,
+    TableError,
+    WriteError,
+)
 from metrosep.forms import Expression, Toric
 from metrosep.process import RoundNose, TurningJob, TurningProgram, tip_path, virtual_cut
 
@@ -112,6 +120,22 @@ def test_g94_counts_along_x_and_z_only(tmp_path):
     assert blocks(tmp_path / "deg.nc")[3][1:] == pytest.approx(360 * 60, rel=1e-8, abs=0.0)
     for name, way, close in (("part.nc", axes, 0.02), ("deg.nc", degrees, 1e-6)):
         assert read_program(tmp_path / name, way).rpm == pytest.approx(60.0, rel=close, abs=0.0)
+
+
+def test_a_tolerance_that_nothing_would_hold_is_refused(tmp_path):
+    words = {"nose": RoundNose(R), "form": SKEW}
+    with pytest.raises(DataError, match="none is cut with verify=False or of cut points"):
+        write_program(made(), tmp_path / "p.nc", NGC, tolerance=1e-9, verify=False, **words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_lost_its_last_turns_is_not_kept(tmp_path, monkeypatch):
+    """The part is cut where the file cuts: what it leaves out is seen by its number of points."""
+    all_rows = turning._in_rows
+    monkeypatch.setattr(turning, "_in_rows", lambda *c: all_rows(*(v[: -v.size // 3] for v in c)))
+    with pytest.raises(TableError, match=r"of \d+ points read back"):
+        write_program(made(), tmp_path / "p.nc", NGC, nose=RoundNose(R), form=SKEW)
+    assert list(tmp_path.iterdir()) == []
 
 
 @cache
@@ -294,9 +318,17 @@ def test_cut_points_are_written_on_demand_only_and_marked(tmp_path):
     words = {"nose": RoundNose(R), "form": SKEW}
     with pytest.raises(DataError, match="program of cut points"):
         write_program(program, tmp_path / "p.nc", NGC, **words)
+    with pytest.raises(DataError, match="none is cut with verify=False or of cut points"):
+        write_program(program, tmp_path / "p.nc", NGC, cut_points=True, tolerance="5 nm", **words)
+    assert not (tmp_path / "p.nc").exists()
     assert write_program(program, tmp_path / "p.nc", NGC, cut_points=True, **words).check is None
     back = read_program(tmp_path / "p.nc", NGC)
     assert back.quantity == "cut points"
+    write_program(program, tmp_path / "q.nc", NGC, cut_points=True, nose=None, form=SKEW)
+    assert "(tool not known)" in (tmp_path / "q.nc").read_text().splitlines()
+    tips = {**words, "nose": None}
+    with pytest.raises(DataError, match="needs the nose of the tool"):
+        write_program(made(), tmp_path / "t.nc", NGC, **tips)
     with pytest.raises(DataError, match="no tool runs it"):
         check_program(back, RoundNose(R), SKEW)
 

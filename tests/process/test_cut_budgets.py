@@ -99,6 +99,15 @@ def test_the_uncertainty_of_the_setting_becomes_modes(rng):
     assert cause.u == pytest.approx(cause.pv / 3, rel=0.05, abs=0.0)
 
 
+def test_a_factor_that_is_not_determined_is_named(rng):
+    made = program(TORUS, RoundNose(R), interpolation="linear")
+    x, y = places(rng, 1.5e-3, 2.1e-3, 12)
+    setting = ToolSetting(dx=0.3 * UM, u_dx=0.1 * UM, u_dy=0.0, u_dR=math.inf)
+    found = cut_budget(made, RoundNose(R), x, y, form=TORUS, setting=setting)
+    assert found.messages[-1].startswith("dR is not determined (its u is infinite)")
+    assert found.budget.contributions[-1].modes.shape == (1, 12)
+
+
 def test_a_cut_that_contradicts_the_sum_is_said(rng):
     """A setting of 60 um is no small error: the contacts of the causes move."""
     nose = RoundNose(R)

@@ -18,6 +18,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
+from metrosep.controllers.gcode.state import INCH, MM
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
@@ -34,7 +35,7 @@ Unit = Literal["mm", "inch"]
 Feed = Literal["G93", "G94", "G94 deg"]
 InverseTime = Literal["1/min", "s", "1/s"]
 
-UNITS = {"mm": 1e-3, "inch": 25.4e-3}
+UNITS = {"mm": MM, "inch": INCH}
 _OVERSHOOT = 1.25
 """A spline through rounded points swings beyond them by that much; found by trial, see the page."""
 _MOST_DECIMALS = 12

@@ -222,13 +222,7 @@ def rewrite_points(
             "without move_x"
         )
     start, end = Path(source), Path(target)
-    check_files(start, end, overwrite=overwrite)
-    if not again:
-        require_uncorrected(start)
-    with open_program(start) as stream:
-        lines = [line for piece in pieces(stream, start, mark=True) for line in piece]
-    if not again:
-        require_unmarked(lines, start)
+    lines = lines_of(start, end, again=again, overwrite=overwrite)
     head, sep = layout(lines, start, separator)
     found = _columns(lines, head, sep, columns or {}, units or {}, start, needs_c=made.needs_c)
     rows = rows_of(lines, head, sep, found, start)
@@ -237,27 +231,103 @@ def rewrite_points(
     scale = found["Z"].scale
     wanted = digits or max(1, math.ceil(-math.log10(resolution / scale) - 1e-9))
     changed = _written(rows, found, dz, wanted, sep)
-    data = "".join(rows.lines).encode("latin-1")
-    written = [part.decode("latin-1") for part in data.splitlines(keepends=True)]
-    reread = rows_of(written, head, sep, found, end)
+    back = reread(rows, head, sep, found, end)
     step = 10.0**-wanted * scale
-    left = np.abs((reread.values["Z"] - rows.values["Z"]) * scale - dz)
+    left = np.abs((back.values["Z"] - rows.values["Z"]) * scale - dz)
     if left.size and (left > 0.5 * step * (1 + 1e-6) + 1e-14).any():
         raise TableError("Z does not read back as meant; this is a bug in metrosep")
-    mark = mark_text(("Z",), made.audit)
-    final = marked(rows.lines, mark, is_list=True) if changed else rows.lines
-    data = "".join(final).encode("latin-1")
-    source_hash = hashlib.sha256("".join(lines).encode("latin-1")).hexdigest()
-    return _finish(
-        made,
-        found,
-        (start, end),
-        (source_hash, data),
-        (dz, changed, step, float(left.max())),
-        diameter=diameter,
-        overwrite=overwrite,
-        mark=mark if len(final) > len(rows.lines) else None,
+    final, mark = with_mark(rows, mark_text(("Z",), made.audit), changed)
+    messages = [] if changed else ["no point changed: less than half of the last digit"]
+    if "VZ" not in found:
+        messages.append("no column of speed is changed; a PVT list needs columns T and VZ")
+    if changed and mark is None:
+        messages.append(
+            "the list has no comment line, so it bears no mark of its correction: only the sidecar says "
+            "that it is corrected; keep both together"
+        )
+    audit = {
+        "correction": dict(made.audit),
+        "sign": "correction c = -e is added to the commanded Z; e = actual - nominal",
+        "mark": mark,
+        "columns": {k: v.index for k, v in found.items()},
+        "x_is_diameter": diameter,
+        "n_points": int(dz.size),
+        "n_changed": changed,
+        "correction_min_m": float(dz.min()),
+        "correction_max_m": float(dz.max()),
+        "quantisation_m": step,
+        "read_back_error_m": float(left.max()),
+        "messages": messages,
+    }
+    return PointResult(
+        target=end,
+        sidecar=sidecar_path(end),
+        n_points=int(dz.size),
+        n_changed=changed,
+        correction=(float(dz.min()), float(dz.max())),
+        quantisation=step,
+        read_back_error=float(left.max()),
+        messages=tuple(messages),
+        audit=write_list(start, end, lines, final, audit, overwrite=overwrite),
     )
+
+
+def lines_of(start: Path, end: Path, *, again: bool, overwrite: bool) -> list[str]:
+    """Return the lines of a list; refuse one that is corrected already, and a target in the way."""
+    check_files(start, end, overwrite=overwrite)
+    if not again:
+        require_uncorrected(start)
+    with open_program(start) as stream:
+        lines = [line for piece in pieces(stream, start, mark=True) for line in piece]
+    if not again:
+        require_unmarked(lines, start)
+    return lines
+
+
+def reread(
+    rows: _Rows, head: int | None, sep: str, columns: Mapping[str, ListColumn], path: Path
+) -> _Rows:
+    """Return the rows as they are read from the bytes that would be written."""
+    data = "".join(rows.lines).encode("latin-1")
+    written = [part.decode("latin-1") for part in data.splitlines(keepends=True)]
+    return rows_of(written, head, sep, columns, path)
+
+
+def with_mark(rows: _Rows, text: str, changed: int) -> tuple[list[str], str | None]:
+    """Return the lines with the mark of their correction, and the mark; None where it has no place."""
+    final = marked(rows.lines, text, is_list=True) if changed else rows.lines
+    return final, text if len(final) > len(rows.lines) else None
+
+
+def write_list(
+    start: Path,
+    end: Path,
+    lines: list[str],
+    final: list[str],
+    audit: Mapping[str, object],
+    *,
+    overwrite: bool,
+) -> dict[str, object]:
+    """Write a corrected list with its sidecar, which is returned."""
+    data = "".join(final).encode("latin-1")
+    digest = hashlib.sha256(data).hexdigest()
+    sidecar = {
+        "schema": "metrosep.points/1",
+        "metrosep": __version__,
+        "source": start.name,
+        "source_sha256": hashlib.sha256("".join(lines).encode("latin-1")).hexdigest(),
+        "file_sha256": digest,
+        **audit,
+    }
+    text = json.dumps(sidecar, indent=1, sort_keys=True, allow_nan=False) + "\n"
+
+    def said(written: Path) -> str:
+        require_hash(written, digest)
+        return text
+
+    with paired_stream(end, said, overwrite=overwrite) as out:
+        out.write(data)
+    return sidecar
 
 
 def _is_comment(line: str) -> bool:
@@ -518,64 +588,3 @@ def edited(line: str, sep: str, edits: list[tuple[int, str]]) -> str:
         kept = len(old) - len(old.lstrip())
         line = line[: a + kept] + number + line[a + len(old.rstrip()) :]
     return line
-
-
-def _finish(
-    made: PathCorrection,
-    columns: Mapping[str, ListColumn],
-    files: tuple[Path, Path],
-    content: tuple[str, bytes],
-    numbers: tuple[FloatArray, int, float, float],
-    *,
-    diameter: bool,
-    overwrite: bool,
-    mark: str | None,
-) -> PointResult:
-    start, end = files
-    dz, changed, step, left = numbers
-    messages = [] if changed else ["no point changed: less than half of the last digit"]
-    if "VZ" not in columns:
-        messages.append("no column of speed is changed; a PVT list needs columns T and VZ")
-    if changed and mark is None:
-        messages.append(
-            "the list has no comment line, so it bears no mark of its correction: only the sidecar says "
-            "that it is corrected; keep both together"
-        )
-    audit = {
-        "schema": "metrosep.points/1",
-        "metrosep": __version__,
-        "source": start.name,
-        "source_sha256": content[0],
-        "file_sha256": hashlib.sha256(content[1]).hexdigest(),
-        "correction": dict(made.audit),
-        "sign": "correction c = -e is added to the commanded Z; e = actual - nominal",
-        "mark": mark,
-        "columns": {k: v.index for k, v in columns.items()},
-        "x_is_diameter": diameter,
-        "n_points": int(dz.size),
-        "n_changed": changed,
-        "correction_min_m": float(dz.min()),
-        "correction_max_m": float(dz.max()),
-        "quantisation_m": step,
-        "read_back_error_m": left,
-        "messages": messages,
-    }
-    text = json.dumps(audit, indent=1, sort_keys=True, allow_nan=False) + "\n"
-
-    def said(written: Path) -> str:
-        require_hash(written, str(audit["file_sha256"]))
-        return text
-
-    with paired_stream(end, said, overwrite=overwrite) as out:
-        out.write(content[1])
-    return PointResult(
-        target=end,
-        sidecar=sidecar_path(end),
-        n_points=int(dz.size),
-        n_changed=changed,
-        correction=(float(dz.min()), float(dz.max())),
-        quantisation=step,
-        read_back_error=left,
-        messages=tuple(messages),
-        audit=audit,
-    )

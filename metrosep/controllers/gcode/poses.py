@@ -8,8 +8,6 @@ kept: c = -e is right there, or nothing is written.
 
 from __future__ import annotations
 
-import hashlib
-import json
 import math
 import os
 from collections.abc import Mapping
@@ -20,26 +18,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from metrosep._version import __version__
-from metrosep.controllers.base import paired_stream, sidecar_path
-from metrosep.controllers.gcode.columns import (
-    check_files,
-    mark_text,
-    marked,
-    open_program,
-    pieces,
-    require_hash,
-    require_uncorrected,
-    require_unmarked,
-)
+from metrosep.controllers.base import sidecar_path
+from metrosep.controllers.gcode.columns import mark_text
 from metrosep.controllers.gcode.lists import (
     ListColumn,
     digits_of,
     edited,
     layout,
+    lines_of,
     named_columns,
+    reread,
     rows_of,
     unit_scale,
+    with_mark,
+    write_list,
 )
 from metrosep.controllers.gcode.state import format_number
 from metrosep.core import numbers
@@ -185,13 +177,7 @@ def rewrite_poses(
     resolution = numbers.positive(resolution, "resolution", dimension="length")
     limit = numbers.positive(stroke, "stroke", dimension="length")
     start, end = Path(source), Path(target)
-    check_files(start, end, overwrite=overwrite)
-    if not again:
-        require_uncorrected(start)
-    with open_program(start) as stream:
-        lines = [line for piece in pieces(stream, start, mark=True) for line in piece]
-    if not again:
-        require_unmarked(lines, start)
+    lines = lines_of(start, end, again=again, overwrite=overwrite)
     head, sep = layout(lines, start, None)
     columns = _axes_of(lines, head, sep, chain, units or {}, start)
     rows = rows_of(lines, head, sep, columns, start)
@@ -232,10 +218,7 @@ def rewrite_poses(
         if edits:
             changed += 1
             rows.lines[number] = edited(rows.lines[number], sep, edits)
-    data = "".join(rows.lines).encode("latin-1")
-    written = [part.decode("latin-1") for part in data.splitlines(keepends=True)]
-    reread = rows_of(written, head, sep, columns, end)
-    actual = _positions(reread.values, columns, offset)
+    actual = _positions(reread(rows, head, sep, columns, end).values, columns, offset)
     sizes = _judged(chain, errors, nominal, actual, tool, tool_axis)
     turned_away = sizes["turn_after_rms_rad"] > sizes["turn_before_rms_rad"] + 10.0 * _STEP_ANGLE
     if changed and (turned_away or not sizes["after_rms_m"] < sizes["before_rms_m"]):
@@ -252,27 +235,20 @@ def rewrite_poses(
         "tool_m": [float(v) for v in np.ravel(np.asarray(tool, dtype=np.float64))],
         "zero_si": {a: float(v) for a, v in offset.items()},
     }
-    mark = mark_text(tuple(columns), audit)
-    final = marked(rows.lines, mark, is_list=True) if changed else rows.lines
-    data = "".join(final).encode("latin-1")
+    final, mark = with_mark(rows, mark_text(tuple(columns), audit), changed)
     ranges = {a: (float(c.min()), float(c.max())) for a, c in found.correction.items()}
     messages = [*chain.messages, *found.messages]
     if not changed:
         messages.append("no row changed: less than half of the last digit")
-    elif len(final) == len(rows.lines):
+    elif mark is None:
         messages.append(
             "the list has no comment line, so it bears no mark of its correction: keep the sidecar "
             "with it"
         )
     sidecar = {
-        "schema": "metrosep.points/1",
-        "metrosep": __version__,
-        "source": start.name,
-        "source_sha256": hashlib.sha256("".join(lines).encode("latin-1")).hexdigest(),
-        "file_sha256": hashlib.sha256(data).hexdigest(),
         "correction": audit,
         "sign": "the actual pose of the machine with its errors is the nominal one; c = -e",
-        "mark": mark if len(final) > len(rows.lines) else None,
+        "mark": mark,
         "columns": {a: c.index for a, c in columns.items()},
         "n_points": len(rows.row),
         "n_changed": changed,
@@ -280,13 +256,6 @@ def rewrite_poses(
         **sizes,
         "messages": messages,
     }
-
-    def said(path: Path) -> str:
-        require_hash(path, str(sidecar["file_sha256"]))
-        return json.dumps(sidecar, indent=1, sort_keys=True, allow_nan=False) + "\n"
-
-    with paired_stream(end, said, overwrite=overwrite) as out:
-        out.write(data)
     return PosesResult(
         target=end,
         sidecar=sidecar_path(end),
@@ -298,7 +267,7 @@ def rewrite_poses(
         turn_after=sizes["turn_after_rms_rad"],
         correction=ranges,
         messages=tuple(messages),
-        audit=sidecar,
+        audit=write_list(start, end, lines, final, sidecar, overwrite=overwrite),
     )
 
 

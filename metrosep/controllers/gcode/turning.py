@@ -22,10 +22,11 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from metrosep.controllers.base import paired_stream, sidecar_path
+from metrosep.controllers.gcode.columns import require_hash
 from metrosep.controllers.gcode.lathe import LatheAxes, rounding_error
 from metrosep.core import numbers
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import CorruptFileError, DataError, LimitError, ReadError
+from metrosep.core.errors import CorruptFileError, DataError, LimitError, ReadError, TableError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.process._plain import frozen
@@ -116,7 +117,7 @@ def write_program(
     path: str | os.PathLike[str],
     axes: LatheAxes,
     *,
-    nose: RoundNose,
+    nose: RoundNose | None,
     form: Form,
     setting: ToolSetting | None = None,
     kind: Kind = "gcode",
@@ -137,8 +138,8 @@ def write_program(
         File to write; a sidecar is written beside it.
     axes : LatheAxes
         What the words of the machine mean.
-    nose : RoundNose
-        The tool, for the check and the head.
+    nose : RoundNose or None
+        The tool, for the check and the head; None where nobody knows it, for cut points only.
     form : Form
         The surface wanted.
     setting : ToolSetting, optional
@@ -151,7 +152,7 @@ def write_program(
     block_resolution : float, s, optional
         Step of the time of a PMAC's PVT block: 1 ms unless its manual says finer.
     tolerance : float, m, optional
-        Largest P-V of the part without cusps.
+        Largest P-V of the part without cusps, by the check: refused where there is none.
     cut_points : bool, optional
         Whether a program of cut points is written, marked as such and not checked.
     verify : bool, optional
@@ -167,12 +168,14 @@ def write_program(
     Raises
     ------
     DataError
-        If the program is one of cut points, the control would not execute its interpolation, or a unit
-        is missing.
+        If the program is one of cut points, the control would not execute its interpolation, a unit
+        is missing, or a tolerance is given and nothing is cut that could hold it.
     LimitError
         If the part cut from the file misses the program or the tolerance, or a time cannot be written.
+    TableError
+        If the points that are read back are not as many as were to be written.
     WriteError
-        If the file exists and is another one, or cannot be written.
+        If the file exists and is another one, cannot be written, or the disk does not hold it.
 
     Notes
     -----
@@ -180,8 +183,20 @@ def write_program(
     the tool near by hand. Blending of corners by the control (G64) is not in the check: G61 is written.
     """
     _require_program(program, axes, kind, cut_points=cut_points)
+    if nose is None and program.quantity == "tip":
+        raise DataError("a program of the tip needs the nose of the tool that it was made for")
     target = Path(path)
     numbers.choice(kind, "kind", get_args(Kind))
+    cutter = nose if verify and program.quantity == "tip" else None
+    if tolerance is not None:
+        tolerance = numbers.positive(tolerance, "tolerance", dimension="length")
+        if cutter is None:
+            raise DataError(
+                "a tolerance is that of the part cut from the file, and none is cut with verify=False or of "
+                "cut points: leave tolerance out"
+            )
+    if velocity_time is not None:
+        velocity_time = numbers.positive(velocity_time, "velocity_time", dimension="time")
     if kind == "pmac":
         lines = _pmac(program, axes, velocity_time, block_resolution)
     else:
@@ -192,9 +207,14 @@ def write_program(
     found: list[ProgramCheck] = []
 
     def said(written: Path) -> str:
-        if verify and program.quantity == "tip":
+        require_hash(written, digest.hexdigest())
+        if cutter is not None:
             back = read_program(written, axes, velocity_time=velocity_time)
-            made = check_program(back, nose, form, axes=axes, planned=program, setting=setting)
+            if len(back) != len(program):
+                raise TableError(
+                    f"{len(back)} of {len(program)} points read back; this is a bug in metrosep"
+                )
+            made = check_program(back, cutter, form, axes=axes, planned=program, setting=setting)
             _require(made, tolerance)
             found.append(made)
         check = found[0] if found else None
@@ -243,16 +263,18 @@ def _require_program(
 def _head(
     program: TurningProgram,
     axes: LatheAxes,
-    nose: RoundNose,
+    nose: RoundNose | None,
     form: Form,
     kind: str,
     velocity_time: float | None,
 ) -> list[str]:
     """Return the lines of the head, without marks of a comment."""
-    rake, clearance = math.degrees(nose.rake), nose.clearance
-    tool = f"tool radius {1e3 * nose.radius:.9g} mm in {nose.radius_in}, rake {rake:.9g} deg"
-    if clearance is not None:
-        tool += f", clearance {math.degrees(clearance):.9g} deg"
+    tool = "tool not known"
+    if nose is not None:
+        rake = math.degrees(nose.rake)
+        tool = f"tool radius {1e3 * nose.radius:.9g} mm in {nose.radius_in}, rake {rake:.9g} deg"
+        if nose.clearance is not None:
+            tool += f", clearance {math.degrees(nose.clearance):.9g} deg"
     c_way = "rises" if (program.sense == "counterclockwise") == (axes.way > 0.0) else "falls"
     points = hashlib.sha256()
     for column in (program.X, program.azimuth, program.Z, program.t):
@@ -317,10 +339,7 @@ def _gcode(program: TurningProgram, axes: LatheAxes) -> Iterator[str]:
         unit = axes.require_inverse_time()
         feeds = {"1/min": 60.0 / times, "s": times, "1/s": 1.0 / times}[unit]
     elif axes.feed == "G94":
-        rounded = (
-            np.round(x, axes.x_decimals) * axes.x_scale,
-            np.round(z, axes.z_decimals) * axes.z_scale,
-        )
+        rounded = x * axes.x_scale, z * axes.z_scale
         way = np.hypot(*(np.diff(v, prepend=v[0]) for v in rounded))
         if (way[1:] == 0.0).any():
             at = int(np.argmax(way[1:] == 0.0)) + 1
@@ -359,7 +378,6 @@ def _pmac(
         raise DataError(
             "velocities of a PMAC are per Ix90: give velocity_time, such as 1.0 (s) for Ix90 = 1000"
         )
-    per = numbers.positive(velocity_time, "velocity_time", dimension="time")
     step = numbers.positive(resolution, "block_resolution", dimension="time")
     times = np.diff(program.t)
     counts = np.rint(times / step)
@@ -375,7 +393,10 @@ def _pmac(
     x, c, z = _words(program, axes)
     assert program.velocities is not None  # noqa: S101  # PVT programs have them
     vx, va, vz = program.velocities
-    vx, vc, vz = vx / axes.x_scale * per, np.degrees(axes.way * va) * per, vz / axes.z_scale * per
+    vx, vc, vz = (
+        v * velocity_time
+        for v in (vx / axes.x_scale, np.degrees(axes.way * va), vz / axes.z_scale)
+    )
     yield "ABS"
     shape = (
         f"X{{:.{axes.x_decimals}f}}:{{:.{axes.x_decimals + 3}f}} "
@@ -452,11 +473,10 @@ def _require(check: ProgramCheck, tolerance: float | None) -> None:
         )
     if tolerance is None:
         return
-    wanted = numbers.positive(tolerance, "tolerance", dimension="length")
-    if check.form_error > wanted + _SLACK:
+    if check.form_error > tolerance + _SLACK:
         raise LimitError(
             f"the part cut from the file is off by {format_length(check.form_error)} P-V without cusps, the "
-            f"tolerance is {format_length(wanted)}; nothing was written: take more points, more digits or "
+            f"tolerance is {format_length(tolerance)}; nothing was written: take more points, more digits or "
             "another interpolation"
         )
 
@@ -516,11 +536,12 @@ def check_program(
     defined = np.isfinite(form(x, y))
     x, y = x[defined], y[defined]
     part = virtual_cut(program, nose, x, y, form=form, setting=setting)
-    feed = abs(float(program.X[0] - program.X[-1])) / max(program.turns, 1e-9)
     cut = np.isfinite(part.error)
     cusp = math.nan
-    if feed > 0.0:
-        high_ = cusp_heights(form, x[cut], y[cut], nose=nose, feed=feed, sense=program.sense)
+    if program.feed > 0.0:
+        high_ = cusp_heights(
+            form, x[cut], y[cut], nose=nose, feed=program.feed, sense=program.sense
+        )
         cusp = float(np.nanmax(high_)) if np.isfinite(high_).any() else math.nan
     difference = math.nan
     if planned is not None:

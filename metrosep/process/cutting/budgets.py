@@ -33,7 +33,7 @@ from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.forms.points import points_of
 from metrosep.process._plain import Frozen, complete
-from metrosep.process._setting_equations import known_form
+from metrosep.process._setting_equations import FACTORS, known_form
 from metrosep.process.cutting.edge_errors import edge_error
 from metrosep.process.cutting.programs import TurningProgram
 from metrosep.process.cutting.virtual_part import VirtualPart, virtual_cut
@@ -224,13 +224,18 @@ def cut_budget(
         found = np.full(known.shape, math.nan)
         found[known] = edge_error(form, xs[known], ys[known], nose=plain, actual=tool, sense=sense)
         causes.append(Contribution("tool", map=found))
+    said = [*base.messages]
     if setting is not None:
         causes.append(_setting(form, xs, ys, known, tool, setting, sense))
+        if unknown := [n for n in FACTORS if getattr(setting, f"u_{n}") == math.inf]:
+            said.append(
+                f"{', '.join(unknown)} is not determined (its u is infinite): the u of the tool setting does "
+                "not count it"
+            )
     course = program
     if deviation is not None:
         moved = deviation.at(base.t[known])
-        px, py, _ = edge.point(ideal.psi)
-        turn = (X[known] + px) * ideal.along_y - py * ideal.along_x
+        turn = edge.by_azimuth(X[known], ideal.psi, ideal.along_x, ideal.along_y)
         acts = np.full(known.shape, math.nan)
         acts[known] = moved[2] - ideal.along_x * moved[0] - turn * moved[1]
         causes.append(Contribution("follow-up", map=acts))
@@ -244,7 +249,6 @@ def cut_budget(
     both = np.isfinite(difference)
     worst = float(np.abs(difference[both]).max()) if both.any() else math.nan
     size = float(np.abs(total[both]).max()) if both.any() else math.nan
-    said = [*base.messages]
     if worst > max(_SHARE * size, _TINY):
         said.append(
             f"the full cut differs from the sum of the causes by up to {format_length(worst)} of "
@@ -267,9 +271,8 @@ def _over_a_feed(
     setting: ToolSetting | None,
 ) -> FloatArray:
     """Return the error that is left on the mean over one feed about each place."""
-    feed = abs(float(program.X[0] - program.X[-1])) / program.turns
     rho, theta = np.hypot(x, y), np.arctan2(y, x)
-    steps = feed * ((np.arange(_PER_FEED) + 0.5) / _PER_FEED - 0.5)
+    steps = program.feed * ((np.arange(_PER_FEED) + 0.5) / _PER_FEED - 0.5)
     at = np.abs(rho + steps.reshape(-1, *(1,) * rho.ndim))
     cut = virtual_cut(
         program, nose, at * np.cos(theta), at * np.sin(theta), form=form, setting=setting
@@ -300,23 +303,15 @@ def _setting(
     used = [i for i in range(3) if 0.0 < sizes[i] < math.inf]
     if cov is None or not used:
         return Contribution("tool setting", map=error(setting))
-    names = ("dx", "dy", "dR")
-    at = dict(zip(names, setting.values.tolist(), strict=True))
     modes = []
     for i in used:
-        ahead, behind = (
-            error(_changed(at, names[i], way * float(sizes[i]))) for way in (1.0, -1.0)
-        )
+        steps = np.zeros(3)
+        steps[i] = sizes[i]
+        ahead, behind = (error(ToolSetting(*setting.values + w * steps)) for w in (1.0, -1.0))
         modes.append((ahead - behind) / (2.0 * sizes[i]))
     return Contribution(
         "tool setting", map=error(setting), modes=np.stack(modes), cov=cov[np.ix_(used, used)]
     )
-
-
-def _changed(at: Mapping[str, float], name: str, change: float) -> ToolSetting:
-    """Return a setting with one of its values changed."""
-    moved: Any = {**at, name: at[name] + change}
-    return ToolSetting(**moved)
 
 
 def _moved(program: TurningProgram, deviation: PathDeviation) -> TurningProgram:
@@ -470,11 +465,8 @@ def identify_edge(
     plane = {"piston": np.ones(x.size), "tilt_x": x / size, "tilt_y": y / size}
 
     def modelled(at: Mapping[str, float]) -> FloatArray:
-        off: Any = {n: at.get(n, 0.0) for n in ("dx", "dy", "dR")}
-        setting = ToolSetting(**off)
-        actual = replace(
-            nose, yaw=nose.yaw + at.get("yaw", 0.0), rake=nose.rake + at.get("rake", 0.0)
-        )
+        dx, dy, dR = (at.get(n, 0.0) for n in FACTORS)
+        setting, actual = ToolSetting(dx, dy, dR), _turned(nose, at)
         return edge_error(form, x, y, nose=nose, actual=actual, setting=setting, sense=sense)
 
     values = dict.fromkeys(tool, 0.0)
@@ -490,13 +482,8 @@ def identify_edge(
     for n in ("tilt_x", "tilt_y"):
         if n in solved:
             solved[n], u[n] = solved[n] / size, u[n] / size
-    kept = [n for n in ("dx", "dy", "dR") if n in tool]
-    known: Any = {n: solved[n] for n in kept}
-    known |= {f"u_{n}": u[n] if n in kept else 0.0 for n in ("dx", "dy", "dR")}
-    setting = ToolSetting(**known)
-    actual = replace(
-        nose, yaw=nose.yaw + solved.get("yaw", 0.0), rake=nose.rake + solved.get("rake", 0.0)
-    )
+    known: Any = {n: solved.get(n, 0.0) for n in FACTORS}
+    setting = ToolSetting(**known, **{f"u_{n}": u.get(n, 0.0) for n in FACTORS})
     said = []
     pairs = [
         f"{a} and {b} ({correlation[i, j]:.3f})"
@@ -507,9 +494,14 @@ def identify_edge(
     if pairs:
         said.append(f"hardly told apart on this part: {', '.join(pairs)}")
     return EdgeFit(
-        {n: float(solved[n]) for n in names}, u, correlation, setting, actual,
+        {n: float(solved[n]) for n in names}, u, correlation, setting, _turned(nose, solved),
         float(np.sqrt(np.mean(rest**2))), explained, tuple(said),
     )  # fmt: skip
+
+
+def _turned(nose: RoundNose, at: Mapping[str, float]) -> RoundNose:
+    """Return a nose with the yaw and rake of the values added to its own."""
+    return replace(nose, yaw=nose.yaw + at.get("yaw", 0.0), rake=nose.rake + at.get("rake", 0.0))
 
 
 def _drawn(

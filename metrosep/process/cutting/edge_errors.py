@@ -26,8 +26,8 @@ from metrosep.core.errors import LimitError
 from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.process._plain import length
-from metrosep.process._setting_equations import known_form, polar_slopes
-from metrosep.process.nose import EdgeProfile, RoundNose, Sense
+from metrosep.process._setting_equations import bent, known_form, polar_slopes
+from metrosep.process.nose import EdgeProfile, RoundNose, Sense, rake_error
 from metrosep.process.setting_maps import positions
 from metrosep.process.tips import Edge, tips
 from metrosep.process.tool_settings import ToolSetting
@@ -44,6 +44,7 @@ _PER_STEP = 4
 """Angles tried within a step of the table of a wavy edge."""
 
 
+@described_by(rake_error, errors=False)
 def edge_error(
     form: Form,
     x: ArrayLike,
@@ -58,10 +59,6 @@ def edge_error(
 
     Parameters
     ----------
-    form : Form
-        The nominal surface, with the spindle axis at its origin.
-    x, y : array_like, m
-        Positions that broadcast.
     nose : RoundNose
         What the path was made for.
     actual : RoundNose, optional
@@ -133,8 +130,7 @@ def _cut(
         along = np.sqrt((rho - ey) * (rho + ey))
         stands, turned = along - ex, theta - np.arctan2(ey, along)
         tip = tips(form, stands, turned, made, strict=True)
-        nx, ny, _ = made.point(tip.psi)
-        by_angle = (stands + nx) * tip.along_y - ny * tip.along_x
+        by_angle = made.by_azimuth(stands, tip.psi, tip.along_x, tip.along_y)
         rate = tip.along_x * (-ey * ty / along - tx) - by_angle * ty / along + tz
         return tip.z + ez, rate / cuts.radius
 
@@ -262,9 +258,8 @@ def cusp_heights(
     xs, ys = positions(x, y)
     rho, theta = np.hypot(xs, ys).ravel(), np.arctan2(ys, xs).ravel()
     _, along, across = polar_slopes(form, rho, theta)
-    h = 1e-3 * nose.radius
-    ahead, behind = (polar_slopes(form, rho + s * h, theta)[1] for s in (0.5, -0.5))
-    own, bent = edge.own_curvature(along, across), (ahead - behind) / h
-    spare = np.where(own > bent, own - bent, np.nan)
+    own = edge.own_curvature(along, across)
+    spare = own - bent(form, rho, theta, 1e-3 * nose.radius)
+    spare = np.where(spare > 0.0, spare, np.nan)
     high = feed**2 * (spare if servo == "XZ" else own**2 / spare) / 8.0
     return np.asarray(high.reshape(xs.shape))

@@ -162,6 +162,11 @@ class TurningProgram(Frozen):
         return abs(float(self.azimuth[-1] - self.azimuth[0])) / _TURN
 
     @property
+    def feed(self) -> float:
+        """Mean advance of X in a turn, m."""
+        return abs(float(self.X[0] - self.X[-1])) / self.turns
+
+    @property
     def duration(self) -> float:
         """Time from the first point to the last, s."""
         return float(self.t[-1] - self.t[0])

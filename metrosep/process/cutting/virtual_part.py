@@ -388,11 +388,7 @@ class _Sweep:
 
 def _reach(program: TurningProgram, edge: Edge) -> float:
     """Return how far beside the tip the edge can still be the lowest, m."""
-    relief = 2.0 * float(program.Z.max() - program.Z.min())
-    if edge.profile is not None:
-        relief += 2.0 * float(np.abs(edge.profile.deviation).max())
-    share = 1.0 - relief / (edge.radius * edge.up)
-    far = math.pi if share <= -1.0 else math.acos(share)
+    far = edge.reach(float(program.Z.max() - program.Z.min()))
     low, high = max(-far, edge.low), min(far, edge.high)
     ends = edge.point(np.array([low, high]))[0]
     return float(np.abs(ends).max()) + abs(edge.dx)

@@ -320,15 +320,14 @@ class JobPredicted(Method):
             sense=rest.get("sense"),
             nose=_nose(rest),
         )
-        plan, path = _path(job, rest)
         tool = None
-        setting = {k: rest[k] for k in ("dx", "dy", "dR", "u_dx", "u_dy", "u_dR") if k in rest}
+        setting = {k: rest[k] for k in _SETTING if k in rest}
         if setting:
             tool = ToolSetting(**setting)
         found: tuple[str, ...] = ()
         if "part" in rest:
             job, tool, found = _told_by_part(job, rest, tool)
-            plan, path = _path(job, rest)
+        plan, path = _path(job, rest)
         log = _logged(rest, job)
         removed = tuple(v.strip() for v in rest.get("removed", "").split(",") if v.strip())
         prediction = job.predict(path, tool=tool, follow_up=log, removed=removed)
@@ -370,11 +369,13 @@ def _nose(rest: Mapping[str, Any]) -> Any:
         if also := [k for k in _OF_NOSE if k in rest]:
             raise DataError(f"{also[0]} belongs to a nose; give its radius: nose_radius")
         return None
-    return RoundNose(rest["nose_radius"], **{k: rest[k] for k in _OF_NOSE[:6] if k in rest})
+    return RoundNose(rest["nose_radius"], **{k: rest[k] for k in _NOSE if k in rest})
 
 
-_OF_NOSE = ("rake", "window", "clearance", "flank", "yaw", "radius_in", "servo", "part")
-"""Keys that mean something with a nose only; the first six are its own."""
+_SETTING = ("dx", "dy", "dR", "u_dx", "u_dy", "u_dR")
+_NOSE = ("rake", "window", "clearance", "flank", "yaw", "radius_in")
+_OF_NOSE = (*_NOSE, "servo", "part")
+"""Keys that mean something with a nose only."""
 
 
 def _clears(job: Any, rest: Mapping[str, Any]) -> None:
@@ -475,8 +476,7 @@ def _check_predict(rest: Mapping[str, Any]) -> None:
     log = [k for k in ("log_time", "log_command", "log_actual") if k in rest]
     if log and "follow_up" not in rest:
         raise DataError(f"{log[0]} names a column of a log; give its file: follow_up")
-    known = ("dx", "dy", "dR", "u_dx", "u_dy", "u_dR", "follow_up")
-    if "gain" in rest and not any(k in rest for k in known):
+    if "gain" in rest and not any(k in rest for k in (*_SETTING, "follow_up")):
         raise DataError(
             "gain is the share of a known error that the program makes up for; give the tool setting "
             "(dx, dy, dR) or the log of the dry run (follow_up)"
