@@ -30,6 +30,7 @@ from metrosep.report.text import (
     CharacteristicRow,
     characteristic_rows,
     decimals_for,
+    limits_text,
     number,
     one_line,
     readable_unit,
@@ -344,13 +345,12 @@ def _row(
     U, k = expanded_of(entry, row)
     value, spread, unit = rounded_pair(row.value, U, row.unit, limits=(row.lower, row.upper))
     _, factor = _unit_of(row.value, U, row.unit, (row.lower, row.upper))
-    limits = _limits(row, factor)
     p = _probability(entry, row, U, k)
     texts = {
         "value": value,
         "U": spread,
         "k": "–" if k is None or U is None else f"{k:.2f}",
-        "limits": limits,
+        "limits": limits_text(row.lower, row.upper, factor),
         "probability": "–" if p is None else _percent(p),
     }
     if comma:
@@ -367,16 +367,6 @@ def _row(
         "word": t[row.verdict] if row.verdict else t["not_judged"],
         "conditional": _conditional(row, t),
     }
-
-
-def _limits(row: CharacteristicRow, factor: float) -> str:
-    low, high = (
-        None if v is None else f"{v / factor:.6g}".replace("-", "−")
-        for v in (row.lower, row.upper)
-    )
-    if low is not None and high is not None:
-        return f"{low} … {high}"
-    return f"≤ {high}" if high is not None else "–" if low is None else f"≥ {low}"
 
 
 def _probability(

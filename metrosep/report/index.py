@@ -32,7 +32,15 @@ from metrosep.parameters.repeats import constant, floors
 from metrosep.parameters.series import PartSeries, part_series
 from metrosep.recipe.parts import order_notes, order_words, parts_in_order
 from metrosep.report.comparison import known_number
-from metrosep.report.text import Stamp, decimals_for, number, one_line, readable_unit, stamp
+from metrosep.report.text import (
+    Stamp,
+    decimals_for,
+    limits_text,
+    number,
+    one_line,
+    readable_unit,
+    stamp,
+)
 
 __all__ = [
     "Series",
@@ -302,14 +310,7 @@ def _index(value: float, low: float, high: float) -> dict[str, str]:
 def _limits(series: Series) -> str:
     if not series.same_limits:
         return "not the same"
-    low, high = (
-        None if v is None else f"{v:.6g}".replace("-", "−") for v in (series.lower, series.upper)
-    )
-    if low is not None and high is not None:
-        return f"{low} … {high}"
-    if high is not None:
-        return f"≤ {high}"
-    return "–" if low is None else f"≥ {low}"
+    return limits_text(series.lower, series.upper)
 
 
 def _trends(series: Sequence[Series], order: str) -> list[dict[str, str]]:
