@@ -28,6 +28,7 @@ from metrosep.recipe.report_fields import (
 )
 from metrosep.report.text import (
     CharacteristicRow,
+    capital,
     characteristic_rows,
     decimals_for,
     limits_text,
@@ -170,6 +171,7 @@ def certificate(document: Document, messages: Sequence[str] = ()) -> dict[str, A
         "language": languages[0],
         "look": look,
         "kind": t[kind],
+        "heading": _heading(t[kind], fields, t),
         "draft": is_draft(fields),
         "missing": t["missing"].format(fields=", ".join(missing)) if missing else "",
         "number": str(fields.get("number") or ""),
@@ -200,6 +202,12 @@ def certificate(document: Document, messages: Sequence[str] = ()) -> dict[str, A
             for who in ("measured", "checked", "released")
         ],
     }
+
+
+def _heading(kind: str, fields: Document, t: Mapping[str, str]) -> str:
+    """Return kind and number as one line, for the formats that are not typeset."""
+    draft = f" ({t['draft']})" if is_draft(fields) else ""
+    return f"{capital(kind)} {fields.get('number') or ''}".strip() + draft
 
 
 def _replaces(fields: Document, t: Mapping[str, str]) -> str:
@@ -254,7 +262,7 @@ def _blocks(
         rows.append((t["humidity"], f"{100.0 * fields['humidity']:.3g} %"))
     if fields.get("pressure") is not None:
         rows.append((t["pressure"], f"{fields['pressure'] / 100.0:.5g} hPa"))
-    rows.append((t["method"], _method(document)))
+    rows.append((t["method"], method_of(document)))
     rows += [(t["procedure"], str(fields["procedure"]))] if fields.get("procedure") else []
     names = [one_line(i.get("name") or "") for i in document.get("inputs") or []]
     if names:
@@ -283,7 +291,7 @@ def _temperature(fields: Document) -> str:
     return f"({value} ± {U}) °C"
 
 
-def _method(document: Document) -> str:
+def method_of(document: Document) -> str:
     """Return the steps with the standards and editions that they follow."""
     separation, estimate = document.get("separation") or {}, document.get("estimate") or {}
     name = str(separation.get("what") or "")

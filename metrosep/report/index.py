@@ -21,6 +21,7 @@ from urllib.parse import quote
 
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.limits import STATUS_OF_VERDICT
 from metrosep.parameters.gauge import (
     LEAST_VALUES,
     Capability,
@@ -34,6 +35,7 @@ from metrosep.recipe.parts import order_notes, order_words, parts_in_order
 from metrosep.report.comparison import known_number
 from metrosep.report.text import (
     Stamp,
+    capital,
     decimals_for,
     limits_text,
     number,
@@ -172,9 +174,9 @@ def _notes(document: Document) -> list[str]:
     }
     apart = document.get("apart") or {}
     texts = [f"{apart[k]} {words.get(k, one_line(k))}" for k in sorted(apart) if apart[k]]
-    notes = [f"{one_line(n)[:1].upper()}{one_line(n)[1:]}." for n in document.get("notes") or ()]
+    notes = [f"{capital(one_line(n))}." for n in document.get("notes") or ()]
     notes += [f"Kept apart, not counted here: {', '.join(texts)}."] if texts else []
-    return notes + [f"{one_line(n)[:1].upper()}{one_line(n)[1:]}." for n in order_notes(document)]
+    return notes + [f"{capital(one_line(n))}." for n in order_notes(document)]
 
 
 def _row(
@@ -468,7 +470,7 @@ def _wavelengths(row: Document, folder: Path | None) -> list[tuple[str, float]]:
 _Key = tuple[str, str, str, int]
 
 INDEX_SCHEMA = "metrosep.index/1"
-_VERDICTS = {"accepted": "accept", "rejected": "reject", "inconclusive": "inconclusive"}
+_VERDICTS = {status: verdict for verdict, status in STATUS_OF_VERDICT.items()}
 _OTHERS = {
     "measured": stamp(None),
     "failed": Stamp("FAILED", "!", "#6A1B5A", "The unit could not be measured."),

@@ -26,6 +26,7 @@ __all__ = [
     "SEPARATED_NOTE",
     "CharacteristicRow",
     "Stamp",
+    "capital",
     "cell_text",
     "characteristic_rows",
     "decimals_for",
@@ -238,6 +239,17 @@ def one_line(text: Any) -> str:
     """
     kinds = ("Cc", "Cf", "Cs", "Zl", "Zp")
     return "".join(" " if unicodedata.category(c) in kinds else c for c in str(text))
+
+
+def capital(text: str) -> str:
+    """Return a text with a capital first letter, the others as they are.
+
+    Examples
+    --------
+    >>> capital("report B-7")
+    'Report B-7'
+    """
+    return text[:1].upper() + text[1:]
 
 
 def limits_text(lower: float | None, upper: float | None, factor: float = 1.0) -> str:

@@ -551,6 +551,15 @@ def test_the_workbook_states_the_same_and_draws_native_charts(part, tmp_path):
     assert "position / m" in drawn
 
 
+def test_the_letters_of_a_number_stay_as_they_are(part):
+    from metrosep.report.typeset import _lines
+    from metrosep.report.view import view
+
+    shown = view(run(part, REPORT.replace('"2026-0815"', '"KB-2026-aB"')))
+    assert shown["c"]["heading"] == "Calibration certificate KB-2026-aB"
+    assert next(_lines(shown)) == ("title", "Calibration certificate KB-2026-aB")
+
+
 def test_no_message_is_lost_between_first_page_and_annex(part):
     from metrosep.report.typeset import _lines
     from metrosep.report.view import view
