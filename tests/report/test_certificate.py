@@ -378,6 +378,8 @@ def test_a_script_in_a_template_is_a_text_that_nothing_runs(part):
         ('logo = "big.svg"\n', "larger than"),
         ('logo = "gone.png"\n', "gone.png"),
         ('script = "x"\n', 'unknown key "script"'),
+        ('language = "fr"\n', "the template: language = 'fr' is not one of en, de, zh, ja"),
+        ('language = ["en", "de", "zh"]\n', "one or two languages, got 3"),
     ],
 )
 def test_a_wrong_template_is_refused_before_anything_is_written(part, text, says):
