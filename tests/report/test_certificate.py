@@ -28,6 +28,7 @@ from metrosep.recipe.report_fields import (
 )
 from metrosep.report import render_html
 from metrosep.report.certificate import _catalogue, rounded_pair
+from metrosep.report.issuing import Register
 
 PROBABILITY = 5e-7
 """Half of the last digit of the values that were computed elsewhere."""
@@ -460,6 +461,16 @@ def test_a_number_belongs_to_one_result_for_good(results, tmp_path, capsys):
     assert issue(b, out, *FIELDS, number="2026-2") == 0
     rows = json.loads((out / "issue.json").read_text())["issued"]
     assert [r["number"] for r in rows] == ["2026-1", "2026-2"]
+
+
+def test_two_processes_do_not_issue_into_one_folder_at_once(results, tmp_path, capsys):
+    out = tmp_path / "issued"
+    out.mkdir()
+    with Register.held(out):
+        assert issue(results[0], out, *FIELDS) == 2
+        assert "another report is being issued into this folder" in capsys.readouterr().err
+    assert not [*out.iterdir()]
+    assert issue(results[0], out, *FIELDS) == 0
 
 
 def test_issuing_without_a_serial_writes_nothing(results, tmp_path, capsys):
