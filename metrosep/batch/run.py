@@ -35,6 +35,7 @@ from metrosep.batch.units import (
     title_notes,
 )
 from metrosep.batch.work import DISK_FULL, Task, earlier_row, input_hash
+from metrosep.core.atomic import take_lock
 from metrosep.core.errors import DataError, MetrosepError, ReadError, RecipeError, WriteError
 from metrosep.core.numbers import positive
 from metrosep.recipe.outputs import recipe_hash
@@ -470,7 +471,7 @@ def locked(out: Path) -> Iterator[None]:
             "with -o"
         ) from None
     try:
-        if not _take(handle):
+        if not take_lock(handle):
             raise WriteError(
                 f"{out}: another batch works in this folder; wait for its end, or choose another "
                 "folder with -o"
@@ -478,25 +479,6 @@ def locked(out: Path) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
-
-
-def _take(handle: int) -> bool:
-    if os.name == "nt":
-        import msvcrt
-
-        with contextlib.suppress(OSError):
-            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
-            return True
-        return False
-    import fcntl
-
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    except OSError:  # a file system without locks: nobody can be asked
-        return True
-    return True
 
 
 # ---- units as they come: those of a folder once, or of a hot folder until the batch is stopped ----

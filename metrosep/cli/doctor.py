@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+import re
 import sys
 
 import click
@@ -11,11 +12,6 @@ import click
 from metrosep.cli.options import json_option
 
 __all__ = ["completion", "doctor"]
-
-_NEEDED = (
-    "click", "h5py", "lmfit", "matplotlib", "numpy", "pandas", "scikit-image", "scipy", "jinja2",
-    "defusedxml", "threadpoolctl",
-)  # fmt: skip
 
 
 @click.command()
@@ -49,17 +45,13 @@ def _findings() -> dict[str, dict[str, str | None]]:
         "python": platform.python_version(),
         "system": f"{platform.system()} {platform.machine()}",
     }
-    versions |= {name: _version(name) for name in _NEEDED}
     declared = metadata("metrosep")
+    required = [r.replace("'", '"') for r in declared.get_all("Requires-Dist") or []]
+    needed = [_name(r) for r in required if "extra ==" not in r]
+    versions |= {name: _version(name) for name in needed}
     extras: dict[str, str | None] = {}
     for extra in declared.get_all("Provides-Extra") or []:
-        marker = f'extra == "{extra}"'
-        lines = [
-            r.partition(";")[0].strip()
-            for r in declared.get_all("Requires-Dist") or []
-            if marker in r.replace("'", '"')
-        ]
-        names = ["".join(_name(line)) for line in lines]
+        names = [_name(r) for r in required if f'extra == "{extra}"' in r]
         missing = [n for n in names if _version(n) is None]
         extras[extra] = (
             f'not installed ({", ".join(missing)}): pip install "metrosep[{extra}]"'
@@ -79,13 +71,7 @@ def _findings() -> dict[str, dict[str, str | None]]:
 
 def _name(requirement: str) -> str:
     """Return the name of a package from a requirement."""
-    return (
-        requirement.split(">", maxsplit=1)[0]
-        .split("=", maxsplit=1)[0]
-        .split("<", maxsplit=1)[0]
-        .split("[", maxsplit=1)[0]
-        .strip(" (")
-    )
+    return re.split(r"[^\w.-]", requirement.strip(), maxsplit=1)[0]
 
 
 def _version(name: str) -> str | None:
@@ -97,18 +83,6 @@ def _version(name: str) -> str | None:
         return None
 
 
-_POWERSHELL = """Register-ArgumentCompleter -Native -CommandName metrosep -ScriptBlock {
-  param($word, $ast, $place)
-  $env:COMP_WORDS = $ast.ToString(); $env:COMP_CWORD = $ast.CommandElements.Count - [int]($word -ne "")
-  $env:_METROSEP_COMPLETE = "powershell_complete"
-  metrosep --help 2>$null | Select-String "^  (\\\\S+)  " | ForEach-Object { $_.Matches[0].Groups[1].Value } |
-    Where-Object { $_ -like "$word*" } | ForEach-Object {
-      [System.Management.Automation.CompletionResult]::new($_, $_, "ParameterValue", $_) }
-  Remove-Item Env:_METROSEP_COMPLETE
-}
-"""
-
-
 @click.command()
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish", "powershell"]))
 def completion(shell: str) -> int:
@@ -117,15 +91,15 @@ def completion(shell: str) -> int:
     bash: metrosep completion bash >> ~/.bashrc; zsh: metrosep completion zsh >> ~/.zshrc; fish:
     metrosep completion fish > ~/.config/fish/completions/metrosep.fish.
     """
-    if shell == "powershell":
-        click.echo(_POWERSHELL, nl=False)
-        return 0
     from click.shell_completion import get_completion_class
 
     from metrosep.cli.main import cli
 
     made = get_completion_class(shell)
-    assert made is not None  # noqa: S101  # one of the choices
+    if made is None:
+        raise click.UsageError(
+            f"this version of click has no completion for {shell}; update it: pip install --upgrade click"
+        )
     script = made(cli, {}, "metrosep", "_METROSEP_COMPLETE")
     click.echo(script.source_template % script.source_vars())
     return 0

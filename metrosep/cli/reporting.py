@@ -112,9 +112,14 @@ def report(
     folder = _folder(out)
     names = _names(files)
     if issue:
-        change = _issued(files[0], folder, change)
+        from metrosep.report.issuing import Register
+
+        with Register.held(folder):
+            change = _issued(files[0], folder, change)
+            place = change.register.write(
+                folder
+            )  # first: a number is never free again by a full disk
         names = [_file_name(change.register.issued[-1])]
-        place = change.register.write(folder)  # first: a number is never free again by a full disk
         if not quiet:
             say(f"issued   {place}")
     tasks = [

@@ -29,6 +29,7 @@ __all__ = [
     "read_plain",
     "read_plain_text",
     "require_plain",
+    "take_lock",
 ]
 
 
@@ -146,6 +147,26 @@ def _create(temporary: Path, target: Path, how: int) -> int:
     """Return the handle of a new file with the permissions of the one it will replace."""
     mode = target.stat().st_mode & 0o777 if target.exists() else 0o666
     return os.open(temporary, how | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), mode)
+
+
+def take_lock(handle: int) -> bool:
+    """Take the lock of an open file until it is closed; return False where another process has it."""
+    if os.name == "nt":
+        import msvcrt
+
+        with contextlib.suppress(OSError):
+            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
+            return True
+        return False
+    import fcntl
+
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # a file system without locks: nobody can be asked
+        return True
+    return True
 
 
 # ---- files that others name: read whole only if they are plain files of a size that was agreed on ----

@@ -103,9 +103,9 @@ def load(path: str | os.PathLike[str]) -> Any:
                     f"{path}: written as {schema} by metrosep {file.attrs.get('metrosep_version')}; this "
                     f"version {__version__} reads {SCHEMA}"
                 )
-            content = json.loads(bytes(file["content"][()]).decode("utf-8"))
+            content = json.loads(bytes(_own_array(file, "content")).decode("utf-8"))
             made = _restored(content, lambda i: _own_array(file, f"array_{i}"), str(path))
-    except (OSError, KeyError, ValueError, TypeError, RuntimeError) as exc:
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError, OverflowError) as exc:
         if isinstance(exc, DataError | CorruptFileError | UnsupportedFeatureError):
             raise
         raise CorruptFileError(path, f"damaged or cut off ({exc})", hint=hint) from None

@@ -20,7 +20,7 @@ from xml.etree import ElementTree as ET
 from metrosep.core.atomic import RECIPE_BYTES, read_plain, read_plain_text
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.core.options import option, options_of
-from metrosep.recipe.report_fields import LANGUAGES, checked_table
+from metrosep.recipe.report_fields import checked_languages, checked_table
 
 __all__ = ["PAGES", "Look", "clean_svg", "read_look"]
 
@@ -72,9 +72,7 @@ def _require(look: Mapping[str, Any]) -> None:
     for key in ("header", "footer"):
         if len(look.get(key, "")) > _LONGEST_LINE:
             raise DataError(f"{key} has {len(look[key])} characters; a line holds {_LONGEST_LINE}")
-    for name in look.get("language", ()):
-        if name not in LANGUAGES:
-            raise DataError(f"language = {name!r}: there are {', '.join(LANGUAGES)}")
+    checked_languages(look.get("language", ()), "the template")
 
 
 def _logo(template: Path, name: str, admits: Callable[[Path], bool] | None) -> str:

@@ -24,6 +24,7 @@ __all__ = [
     "LANGUAGES",
     "ORIGINS",
     "ReportFields",
+    "checked_languages",
     "checked_report",
     "checked_table",
     "flat_fields",
@@ -219,11 +220,12 @@ def checked_report(data: Any, where: str = "[report]") -> dict[str, Any]:
             for k, i in enumerate(several, start=1)
         ]
     if "language" in found:
-        found["language"] = _languages(found["language"], where)
+        found["language"] = checked_languages(found["language"], where)
     return {k: v for k, v in found.items() if v not in ("", {}, [], None)}
 
 
-def _languages(given: Sequence[str], where: str) -> list[str]:
+def checked_languages(given: Sequence[str], where: str) -> list[str]:
+    """Return one or two languages, each once, or refuse them."""
     for name in given:
         if name not in LANGUAGES:
             raise DataError(f"{where}: {not_one_of('language', name, LANGUAGES)}")
@@ -288,11 +290,9 @@ def typed_fields(texts: Sequence[str]) -> dict[str, Any]:
                 raise DataError(
                     f"--report {text}: write instrument.serial=..., or instrument.2.serial=..."
                 )
-            items = found.setdefault(_INSTRUMENT, [])
-            items += [{} for _ in range(number - len(items))]
-            items[number - 1][rest[0]] = value
+            _put(found, f"{_INSTRUMENT}.{number}.{rest[0]}", value)
         elif len(parts) == 2 and parts[0] in _TABLES:
-            found.setdefault(parts[0], {})[parts[1]] = value
+            _put(found, ".".join(parts), value)
         elif len(parts) == 1:
             found[parts[0]] = _typed(parts[0], value)
         else:
@@ -361,7 +361,7 @@ def stated_report(
     known |= {"file": files[0].name if files else ""}
     known |= {f"meta.{k}": v for k, v in (metadata or {}).items()}
     filled = _filled(merged, known)
-    return {**checked_again(filled), "origin": dict(sorted(origin.items()))}
+    return {**_checked_again(filled), "origin": dict(sorted(origin.items()))}
 
 
 def report_of(
@@ -389,8 +389,8 @@ def measured_at(document: Mapping[str, Any]) -> str:
     return "/".join(dict.fromkeys([known[0], known[-1]])) if known else ""
 
 
-def checked_again(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Return fields that were filled in with their lengths and dates checked once more."""
+def _checked_again(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Return fields that were filled in with their lengths checked once more, without empty ones."""
     for key, value in flat_fields(fields):
         if isinstance(value, str):
             _require_short(key.rpartition(".")[2], value, "[report]")

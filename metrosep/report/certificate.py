@@ -28,8 +28,10 @@ from metrosep.recipe.report_fields import (
 )
 from metrosep.report.text import (
     CharacteristicRow,
+    capital,
     characteristic_rows,
     decimals_for,
+    limits_text,
     number,
     one_line,
     readable_unit,
@@ -169,6 +171,7 @@ def certificate(document: Document, messages: Sequence[str] = ()) -> dict[str, A
         "language": languages[0],
         "look": look,
         "kind": t[kind],
+        "heading": _heading(t[kind], fields, t),
         "draft": is_draft(fields),
         "missing": t["missing"].format(fields=", ".join(missing)) if missing else "",
         "number": str(fields.get("number") or ""),
@@ -199,6 +202,12 @@ def certificate(document: Document, messages: Sequence[str] = ()) -> dict[str, A
             for who in ("measured", "checked", "released")
         ],
     }
+
+
+def _heading(kind: str, fields: Document, t: Mapping[str, str]) -> str:
+    """Return kind and number as one line, for the formats that are not typeset."""
+    draft = f" ({t['draft']})" if is_draft(fields) else ""
+    return f"{capital(kind)} {fields.get('number') or ''}".strip() + draft
 
 
 def _replaces(fields: Document, t: Mapping[str, str]) -> str:
@@ -253,7 +262,7 @@ def _blocks(
         rows.append((t["humidity"], f"{100.0 * fields['humidity']:.3g} %"))
     if fields.get("pressure") is not None:
         rows.append((t["pressure"], f"{fields['pressure'] / 100.0:.5g} hPa"))
-    rows.append((t["method"], _method(document)))
+    rows.append((t["method"], method_of(document)))
     rows += [(t["procedure"], str(fields["procedure"]))] if fields.get("procedure") else []
     names = [one_line(i.get("name") or "") for i in document.get("inputs") or []]
     if names:
@@ -282,7 +291,7 @@ def _temperature(fields: Document) -> str:
     return f"({value} ± {U}) °C"
 
 
-def _method(document: Document) -> str:
+def method_of(document: Document) -> str:
     """Return the steps with the standards and editions that they follow."""
     separation, estimate = document.get("separation") or {}, document.get("estimate") or {}
     name = str(separation.get("what") or "")
@@ -344,13 +353,12 @@ def _row(
     U, k = expanded_of(entry, row)
     value, spread, unit = rounded_pair(row.value, U, row.unit, limits=(row.lower, row.upper))
     _, factor = _unit_of(row.value, U, row.unit, (row.lower, row.upper))
-    limits = _limits(row, factor)
     p = _probability(entry, row, U, k)
     texts = {
         "value": value,
         "U": spread,
         "k": "–" if k is None or U is None else f"{k:.2f}",
-        "limits": limits,
+        "limits": limits_text(row.lower, row.upper, factor),
         "probability": "–" if p is None else _percent(p),
     }
     if comma:
@@ -367,16 +375,6 @@ def _row(
         "word": t[row.verdict] if row.verdict else t["not_judged"],
         "conditional": _conditional(row, t),
     }
-
-
-def _limits(row: CharacteristicRow, factor: float) -> str:
-    low, high = (
-        None if v is None else f"{v / factor:.6g}".replace("-", "−")
-        for v in (row.lower, row.upper)
-    )
-    if low is not None and high is not None:
-        return f"{low} … {high}"
-    return f"≤ {high}" if high is not None else "–" if low is None else f"≥ {low}"
 
 
 def _probability(

@@ -27,6 +27,7 @@ from metrosep.report.certificate import (
     fields_of,
     is_inside,
     languages_of,
+    method_of,
 )
 from metrosep.report.schemas import require_valid
 from metrosep.report.text import CharacteristicRow, characteristic_rows, one_line
@@ -300,11 +301,7 @@ def _administrative(
         _dcc("mandatoryLangCodeISO639_1", language),
         _dcc("uniqueIdentifier", _words(f"{fields['number']}-{fields.get('revision', 0)}")),
         order,
-        *(
-            _dcc("receiptDate", str(fields["received"])[:10])
-            for _ in [0]
-            if fields.get("received")
-        ),
+        _if(str(fields.get("received") or "")[:10], "receiptDate"),
         _dcc("beginPerformanceDate", days[0][:10]),
         _dcc("endPerformanceDate", days[-1][:10]),
         _dcc("performanceLocation", place),
@@ -413,8 +410,7 @@ def _measurement(
     language: str,
     units: Mapping[str, str],
 ) -> Any:
-    rows = dict(c["blocks"][-1][1])
-    method = rows[c["t"]["method"]]
+    method = method_of(document)
     norms = re.findall(r"(?:ISO|ASME|DIN|EN|IEC)[ /][\w.:-]*\d(?:-\d+)?(?::\d{4})?", method)
     reference = fields.get("procedure")
     results = _dcc("results")

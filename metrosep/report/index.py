@@ -21,6 +21,7 @@ from urllib.parse import quote
 
 from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.limits import STATUS_OF_VERDICT
 from metrosep.parameters.gauge import (
     LEAST_VALUES,
     Capability,
@@ -32,7 +33,16 @@ from metrosep.parameters.repeats import constant, floors
 from metrosep.parameters.series import PartSeries, part_series
 from metrosep.recipe.parts import order_notes, order_words, parts_in_order
 from metrosep.report.comparison import known_number
-from metrosep.report.text import Stamp, decimals_for, number, one_line, readable_unit, stamp
+from metrosep.report.text import (
+    Stamp,
+    capital,
+    decimals_for,
+    limits_text,
+    number,
+    one_line,
+    readable_unit,
+    stamp,
+)
 
 __all__ = [
     "Series",
@@ -164,9 +174,9 @@ def _notes(document: Document) -> list[str]:
     }
     apart = document.get("apart") or {}
     texts = [f"{apart[k]} {words.get(k, one_line(k))}" for k in sorted(apart) if apart[k]]
-    notes = [f"{one_line(n)[:1].upper()}{one_line(n)[1:]}." for n in document.get("notes") or ()]
+    notes = [f"{capital(one_line(n))}." for n in document.get("notes") or ()]
     notes += [f"Kept apart, not counted here: {', '.join(texts)}."] if texts else []
-    return notes + [f"{one_line(n)[:1].upper()}{one_line(n)[1:]}." for n in order_notes(document)]
+    return notes + [f"{capital(one_line(n))}." for n in order_notes(document)]
 
 
 def _row(
@@ -302,14 +312,7 @@ def _index(value: float, low: float, high: float) -> dict[str, str]:
 def _limits(series: Series) -> str:
     if not series.same_limits:
         return "not the same"
-    low, high = (
-        None if v is None else f"{v:.6g}".replace("-", "−") for v in (series.lower, series.upper)
-    )
-    if low is not None and high is not None:
-        return f"{low} … {high}"
-    if high is not None:
-        return f"≤ {high}"
-    return "–" if low is None else f"≥ {low}"
+    return limits_text(series.lower, series.upper)
 
 
 def _trends(series: Sequence[Series], order: str) -> list[dict[str, str]]:
@@ -467,7 +470,7 @@ def _wavelengths(row: Document, folder: Path | None) -> list[tuple[str, float]]:
 _Key = tuple[str, str, str, int]
 
 INDEX_SCHEMA = "metrosep.index/1"
-_VERDICTS = {"accepted": "accept", "rejected": "reject", "inconclusive": "inconclusive"}
+_VERDICTS = {status: verdict for verdict, status in STATUS_OF_VERDICT.items()}
 _OTHERS = {
     "measured": stamp(None),
     "failed": Stamp("FAILED", "!", "#6A1B5A", "The unit could not be measured."),

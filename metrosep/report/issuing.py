@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from metrosep.core.atomic import RECIPE_BYTES, atomic_write, read_plain
-from metrosep.core.errors import CorruptFileError, RecipeError
+from metrosep.core.atomic import RECIPE_BYTES, atomic_write, read_plain, take_lock
+from metrosep.core.errors import CorruptFileError, RecipeError, WriteError
 
 __all__ = ["Register"]
 
 SCHEMA = "metrosep.issue/1"
 NAME = "issue.json"
+_LOCK = ".metrosep-issue.lock"
 
 
 _OF_THE_ISSUE = ("number", "revision", "issued", "persons")
@@ -26,6 +29,13 @@ def _hash_of_fields(fields: Mapping[str, Any]) -> str:
     said = {k: v for k, v in fields.items() if k not in _OF_THE_ISSUE}
     text = json.dumps(said, sort_keys=True, ensure_ascii=False, default=str)
     return hashlib.sha256(text.encode("utf-8")).hexdigest()
+
+
+def _is_there(place: Path, handle: int) -> bool:
+    try:
+        return os.path.samestat(place.stat(), os.fstat(handle))
+    except FileNotFoundError:
+        return False
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +95,31 @@ class Register:
                 f"{row.get('released')}; an issued report keeps its date and person"
             )
         return Register((*self.issued, new))
+
+    @staticmethod
+    @contextmanager
+    def held(folder: Path) -> Iterator[None]:
+        """Keep other processes from issuing into a folder, so that no row of theirs is lost."""
+        place = folder / _LOCK
+        try:
+            handle = os.open(place, os.O_RDWR | os.O_CREAT, 0o666)
+        except OSError as exc:
+            raise WriteError(
+                f"{folder}: the register cannot be written ({exc.strerror or exc}); choose another folder"
+            ) from None
+        try:
+            # one that is gone, or another one, is of a process that has just ended
+            if not take_lock(handle) or not _is_there(place, handle):
+                raise WriteError(
+                    f"{folder}: another report is being issued into this folder; try again"
+                )
+            try:
+                yield
+            finally:
+                with suppress(OSError):  # Windows keeps a file that is open
+                    place.unlink()
+        finally:
+            os.close(handle)
 
     def write(self, folder: Path) -> Path:
         """Write the register; it appears whole or not at all."""

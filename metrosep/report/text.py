@@ -26,11 +26,13 @@ __all__ = [
     "SEPARATED_NOTE",
     "CharacteristicRow",
     "Stamp",
+    "capital",
     "cell_text",
     "characteristic_rows",
     "decimals_for",
     "document_writer",
     "length",
+    "limits_text",
     "not_seen",
     "number",
     "one_line",
@@ -237,6 +239,35 @@ def one_line(text: Any) -> str:
     """
     kinds = ("Cc", "Cf", "Cs", "Zl", "Zp")
     return "".join(" " if unicodedata.category(c) in kinds else c for c in str(text))
+
+
+def capital(text: str) -> str:
+    """Return a text with a capital first letter, the others as they are.
+
+    Examples
+    --------
+    >>> capital("report B-7")
+    'Report B-7'
+    """
+    return text[:1].upper() + text[1:]
+
+
+def limits_text(lower: float | None, upper: float | None, factor: float = 1.0) -> str:
+    """Return limits in the unit of a row.
+
+    Examples
+    --------
+    >>> limits_text(-1e-6, 2e-6, 1e-6), limits_text(None, 3.0), limits_text(None, None)
+    ('−1 … 2', '≤ 3', '–')
+    """
+    low, high = (
+        None if v is None else f"{v / factor:.6g}".replace("-", "−") for v in (lower, upper)
+    )
+    if low is not None and high is not None:
+        return f"{low} … {high}"
+    if high is not None:
+        return f"≤ {high}"
+    return _MISSING if low is None else f"≥ {low}"
 
 
 def cell_text(text: Any) -> str:

@@ -22,7 +22,7 @@ from metrosep.core.atomic import atomic_write
 from metrosep.core.errors import DataError, UnsupportedFeatureError
 from metrosep.recipe.result import clean
 from metrosep.report.html import captions_of, figures_of, is_narrow, split_main
-from metrosep.report.text import document_writer, one_line
+from metrosep.report.text import capital, document_writer, one_line
 from metrosep.report.view import view
 
 __all__ = ["PDF_STANDARDS", "render_pdf", "write_pdf", "write_plain_pdf"]
@@ -336,13 +336,12 @@ write_plain_pdf = document_writer(
 def _lines(shown: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     mark = shown["stamp"]
     c = shown["c"]
-    draft = f" ({c['t']['draft']})" if c["draft"] else ""
-    yield "title", f"{c['kind']} {c['number']}".strip().capitalize() + draft
+    yield "title", c["heading"]
     yield "head", shown["title"]
     if c["missing"]:
         yield "text", c["missing"]
     for name, rows in c["blocks"]:
-        yield "text", f"{name.capitalize()}: " + "; ".join(f"{k} {v}" for k, v in rows)
+        yield "text", f"{capital(name)}: " + "; ".join(f"{k} {v}" for k, v in rows)
     yield "head", f"{mark.symbol} {mark.word}"
     yield "text", mark.meaning
     if shown["decision_rule"] and mark.word != "NO VERDICT":
@@ -390,7 +389,7 @@ def _lines(shown: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "text", name
         yield (
             "mono",
-            f"{who.capitalize():<12} name {'_' * 24} date {'_' * 14} signature {'_' * 24}",
+            f"{capital(who):<12} name {'_' * 24} date {'_' * 14} signature {'_' * 24}",
         )
 
 

@@ -22,6 +22,7 @@ from metrosep.report.text import (
     characteristic_rows,
     decimals_for,
     length,
+    limits_text,
     number,
     one_line,
     plan_rows,
@@ -156,7 +157,7 @@ def _characteristic(entry: Document) -> dict[str, Any]:
         "unit": "" if unit == "1" else unit,
         "u": number(u, factor, decimals),
         "U": number(expanded, factor, decimals),
-        "limits": _limits(lower, upper, factor),
+        "limits": limits_text(lower, upper, factor),
         "definition": _sentence(entry.get("definition")),
         "stamp": stamp(entry["verdict"]) if judged else None,
     }
@@ -174,17 +175,6 @@ def _row_unit(
 ) -> tuple[str, float]:
     """Return the unit in which the value reads well, or the limits where there is no value."""
     return readable_unit([value] if value else [*limits], unit)
-
-
-def _limits(lower: float | None, upper: float | None, factor: float) -> str:
-    low, high = (
-        None if v is None else f"{v / factor:.6g}".replace("-", "−") for v in (lower, upper)
-    )
-    if low is not None and high is not None:
-        return f"{low} … {high}"
-    if high is not None:
-        return f"≤ {high}"
-    return "–" if low is None else f"≥ {low}"
 
 
 def _messages(document: Document, estimate: Document) -> list[str]:

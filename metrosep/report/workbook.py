@@ -126,8 +126,7 @@ def _summary(book: Workbook, document: Mapping[str, Any], shown: Mapping[str, An
     )
     wrapped = book.add_format({"text_wrap": True, "valign": "top"})
     c = shown["c"]
-    draft = f" ({c['t']['draft']})" if c["draft"] else ""
-    row = write_text(sheet, 0, 0, f"{c['kind']} {c['number']}".strip().capitalize() + draft, bold)
+    row = write_text(sheet, 0, 0, c["heading"], bold)
     row = write_text(sheet, row, 0, shown["title"], bold)
     mark = shown["stamp"]
     verdict = document.get("verdict")

@@ -283,6 +283,28 @@ def test_a_file_makes_no_class_that_is_not_an_object_of_this_package(tmp_path, n
         ms.load(path)
 
 
+@pytest.mark.parametrize("name", ["content", "array_0"])
+def test_what_a_file_holds_lies_in_the_file_itself(tmp_path, name):
+    import h5py
+
+    path, beside = surface().save(tmp_path / "s.h5"), tmp_path / "other.h5"
+    with h5py.File(path, "r+") as file, h5py.File(beside, "w") as other:
+        other[name] = file[name][()]
+        del file[name]
+        file[name] = h5py.ExternalLink(str(beside), name)
+    with pytest.raises(CorruptFileError, match=f"{name} is not stored in the file itself"):
+        ms.load(path)
+
+
+def test_a_claim_beyond_any_file_is_damage(tmp_path):
+    path = surface().save(tmp_path / "s.h5")
+    data = bytearray(path.read_bytes())
+    data[55] ^= 1  # the address of the end of the file, in the superblock
+    path.write_bytes(data)
+    with pytest.raises(CorruptFileError, match="damaged or cut off"):
+        ms.load(path)
+
+
 def test_a_newer_schema_is_named_with_both_versions(tmp_path):
     import h5py
 

@@ -151,6 +151,24 @@ def test_completion_answers(capsys, monkeypatch):
     assert "plain,measure" in capsys.readouterr().out
 
 
+def test_completion_in_powershell_asks_the_program(capsys, monkeypatch):
+    assert run("completion", "powershell") == 0
+    script = capsys.readouterr().out
+    assert "powershell_complete" in script
+    assert "--help" not in script
+    monkeypatch.setenv("_METROSEP_COMPLETE", "powershell_complete")
+    monkeypatch.setenv("COMP_WORDS", "metrosep mea")
+    monkeypatch.setenv("COMP_CWORD", "1")
+    run()
+    assert capsys.readouterr().out.split("\n")[:2] == ["plain", "measure"]
+
+
+def test_completion_without_a_shell_of_this_click_is_refused(capsys, monkeypatch):
+    monkeypatch.setattr("click.shell_completion.get_completion_class", lambda _name: None)
+    assert run("completion", "powershell") == 2
+    assert "pip install --upgrade click" in capsys.readouterr().err
+
+
 def test_a_long_command_says_what_it_is_at(monkeypatch, capsys):
     from metrosep.cli import main as module
 

@@ -28,6 +28,7 @@ from metrosep.recipe.report_fields import (
 )
 from metrosep.report import render_html
 from metrosep.report.certificate import _catalogue, rounded_pair
+from metrosep.report.issuing import Register
 
 PROBABILITY = 5e-7
 """Half of the last digit of the values that were computed elsewhere."""
@@ -378,6 +379,8 @@ def test_a_script_in_a_template_is_a_text_that_nothing_runs(part):
         ('logo = "big.svg"\n', "larger than"),
         ('logo = "gone.png"\n', "gone.png"),
         ('script = "x"\n', 'unknown key "script"'),
+        ('language = "fr"\n', "the template: language = 'fr' is not one of en, de, zh, ja"),
+        ('language = ["en", "de", "zh"]\n', "one or two languages, got 3"),
     ],
 )
 def test_a_wrong_template_is_refused_before_anything_is_written(part, text, says):
@@ -458,6 +461,16 @@ def test_a_number_belongs_to_one_result_for_good(results, tmp_path, capsys):
     assert issue(b, out, *FIELDS, number="2026-2") == 0
     rows = json.loads((out / "issue.json").read_text())["issued"]
     assert [r["number"] for r in rows] == ["2026-1", "2026-2"]
+
+
+def test_two_processes_do_not_issue_into_one_folder_at_once(results, tmp_path, capsys):
+    out = tmp_path / "issued"
+    out.mkdir()
+    with Register.held(out):
+        assert issue(results[0], out, *FIELDS) == 2
+        assert "another report is being issued into this folder" in capsys.readouterr().err
+    assert not [*out.iterdir()]
+    assert issue(results[0], out, *FIELDS) == 0
 
 
 def test_issuing_without_a_serial_writes_nothing(results, tmp_path, capsys):
@@ -549,6 +562,15 @@ def test_the_workbook_states_the_same_and_draws_native_charts(part, tmp_path):
     drawn = zipfile.ZipFile(io.BytesIO(data)).read(charts[0]).decode()
     assert "Profiles!$B$4" in drawn
     assert "position / m" in drawn
+
+
+def test_the_letters_of_a_number_stay_as_they_are(part):
+    from metrosep.report.typeset import _lines
+    from metrosep.report.view import view
+
+    shown = view(run(part, REPORT.replace('"2026-0815"', '"KB-2026-aB"')))
+    assert shown["c"]["heading"] == "Calibration certificate KB-2026-aB"
+    assert next(_lines(shown)) == ("title", "Calibration certificate KB-2026-aB")
 
 
 def test_no_message_is_lost_between_first_page_and_annex(part):
