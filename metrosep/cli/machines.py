@@ -431,16 +431,9 @@ def _print_errors(errors: Any) -> None:
 
 def _errors_written(errors: Any, folder: Path, *, force: bool) -> list[Path]:
     from metrosep.core.atomic import atomic_write
-    from metrosep.io.term_files import term_texts
-    from metrosep.machine.elements import axis_of
-    from metrosep.machine.terms import TableTerm
+    from metrosep.io.term_files import table_texts
 
-    terms = errors.terms
-    ranges = {
-        n: (t.positions[0], t.positions[-1]) for n, t in terms.items() if isinstance(t, TableTerm)
-    }
-    turning = {a for a in map(axis_of, terms) if a is not None and a[0] in "ABC"}
-    texts = term_texts(terms, ranges, turning)
+    texts = table_texts(errors.terms)
     _refuse_standing(folder, list(texts), force=force)
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
