@@ -276,6 +276,7 @@ def _picture(
         unit="m",
         caption=f"{words} Tool point {at} mm.",
         origin=(float(first[0]), float(second[0])),
+        magnitude=True,
     )
     about = f"length of the error of the tool point over {one} and {two}"
     return chart, {
