@@ -251,6 +251,7 @@ def _written(names: tuple[str, ...], step: Mapping[str, Any]) -> dict[str, tuple
     """Return under which key each term stands in the recipe, and what says its size there."""
     from metrosep.core.errors import DataError as Unknown
     from metrosep.machine import from_paper
+    from metrosep.machine.terms import is_angle
 
     errors = step.get("errors") or {}
     found: dict[str, tuple[str, Any]] = {}
@@ -264,8 +265,7 @@ def _written(names: tuple[str, ...], step: Mapping[str, Any]) -> dict[str, tuple
         found[name] = (key, value)
     for name in names:
         if name not in found:
-            is_angle = (name[1] if name[0] == "E" else name[0]) in "ABC"
-            found[name] = (name, step.get("all_angles" if is_angle else "all_lengths"))
+            found[name] = (name, step.get("all_angles" if is_angle(name) else "all_lengths"))
     return found
 
 

@@ -11,7 +11,7 @@ import click
 
 from metrosep.cli.measuring import limit_text
 from metrosep.cli.options import READING, force_option, json_option, name_values
-from metrosep.cli.shortcut import input_lines, option_error, quoted, typed
+from metrosep.cli.shortcut import input_lines, list_of, option_error, quoted, typed
 from metrosep.core.text_options import TEXT_OPTIONS
 
 if TYPE_CHECKING:
@@ -182,7 +182,7 @@ def _recipe_text(
             f"{what} is of one FILE, got {len(files)}; of many parts take metrosep batch with the "
             "recipe that --print-recipe prints"
         )
-    lines = ["metrosep = 1", "", "[input]", f"files = [{', '.join(map(quoted, files))}]"]
+    lines = ["metrosep = 1", "", "[input]", f"files = {list_of(files)}"]
     lines += input_lines({k: v for k, v in options.items() if k in known}, options)
     lines += ["", "[[step]]", f"op = {quoted(what)}"]
     for key, value in name_values(settings, "--set"):

@@ -16,7 +16,7 @@ from metrosep.cli.options import (
     name_values,
     say,
 )
-from metrosep.cli.shortcut import quoted
+from metrosep.cli.shortcut import list_of, listed, own_recipe, quoted
 
 if TYPE_CHECKING:
     from metrosep.machine import CircleTest
@@ -83,14 +83,14 @@ def calibrate(
     reading_x_um ...) in the order of time. What the readings cannot tell apart is named. With -o the
     terms are written as 'machine-tables' takes them.
     """
-    lines = ["metrosep = 1", "", "[input]", f"files = {_list(sets)}", "", "[[step]]"]
+    lines = ["metrosep = 1", "", "[input]", f"files = {list_of(sets)}", "", "[[step]]"]
     lines += ['op = "calibrate"', f"machine = {quoted(machine)}"]
     if options["radius"] is not None:
         lines.append(f"machine_radius = {quoted(options['radius'])}")
     if options["pivot_height"] is not None:
         lines.append(f"pivot_height = {quoted(options['pivot_height'])}")
     if options["terms"] is not None:
-        lines.append(f"terms = {_list(_listed(options['terms']))}")
+        lines.append(f"terms = {listed(options['terms'])}")
     degrees = {k: _count(v, k) for k, v in name_values(options["degrees"], "--degree")}
     if degrees:
         lines.append(f"degrees = {{ {', '.join(f'{k} = {v}' for k, v in degrees.items())} }}")
@@ -210,7 +210,7 @@ def circle(
     Columns are found by their names where no option names them; "2:mm" is the second of a log without
     header (LinuxCNC's halsampler). Both senses are needed to tell squareness from servo mismatch.
     """
-    lines = ["metrosep = 1", "", "[input]", f"files = {_list(files)}"]
+    lines = ["metrosep = 1", "", "[input]", f"files = {list_of(files)}"]
     columns = ("angle", "ccw", "cw", "x", "y", "reading", "length")
     lines += [f"{k} = {quoted(options[k])}" for k in columns if options[k] is not None]
     lines += ["", "[[step]]", 'op = "circle"']
@@ -304,7 +304,7 @@ def thermal(
         return _thermal_again(files[0], out, options, force=force, as_json=as_json)
     if options["history"] is not None:
         raise click.UsageError("--history needs the thermal.json of an earlier call as FILE")
-    lines = ["metrosep = 1", "", "[input]", f"files = {_list(files)}"]
+    lines = ["metrosep = 1", "", "[input]", f"files = {list_of(files)}"]
     roles = {"temperatures": "temperatures", "readings": "reading", "tilts": "tilt"}
     for option, given in (
         ("--time", options["time_"]),
@@ -313,7 +313,7 @@ def thermal(
         if given is None:
             raise click.UsageError(f"Missing option '{option}'.")
     lines.append(f"time = {quoted(options['time_'])}")
-    lines += [f"{k} = {_list(_listed(options[v]))}" for k, v in roles.items() if options[v]]
+    lines += [f"{k} = {listed(options[v])}" for k, v in roles.items() if options[v]]
     lines += ["", "[[step]]", 'op = "thermal"']
     for key in ("terms", "reference", "at"):
         option = {"terms": "--term", "reference": "--reference", "at": "--at"}[key]
@@ -323,7 +323,7 @@ def thermal(
             inner = ", ".join(f"{quoted(k)} = {quoted(v)}" for k, v in pairs)
             lines.append(f"{key} = {{ {inner} }}")
     if options["lags"]:
-        lines.append(f"lags = {_list(_listed(options['lags']))}")
+        lines.append(f"lags = {listed(options['lags'])}")
     lines += [f"{k} = {options[k]}" for k in ("blocks", "most") if options[k] is not None]
     result = _run(context, lines, files, out, print_recipe=print_recipe, force=force)
     if result is None:
@@ -431,16 +431,9 @@ def _print_errors(errors: Any) -> None:
 
 def _errors_written(errors: Any, folder: Path, *, force: bool) -> list[Path]:
     from metrosep.core.atomic import atomic_write
-    from metrosep.io.term_files import term_texts
-    from metrosep.machine.elements import axis_of
-    from metrosep.machine.terms import TableTerm
+    from metrosep.io.term_files import table_texts
 
-    terms = errors.terms
-    ranges = {
-        n: (t.positions[0], t.positions[-1]) for n, t in terms.items() if isinstance(t, TableTerm)
-    }
-    turning = {a for a in map(axis_of, terms) if a is not None and a[0] in "ABC"}
-    texts = term_texts(terms, ranges, turning)
+    texts = table_texts(errors.terms)
     _refuse_standing(folder, list(texts), force=force)
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
@@ -466,24 +459,11 @@ def _run(
     force: bool,
 ) -> Result | None:
     """Carry out the recipe of a call; None where it was only printed."""
-    from metrosep.cli.shortcut import option_error
-    from metrosep.core.errors import RecipeError
-    from metrosep.recipe.recipe import Recipe
-
-    if out is not None or print_recipe:
-        lines += ["", "[[output]]", 'kind = "parts"']
-        lines += ["", "[[output]]", 'kind = "report"', 'formats = ["html"]']
-    text = "\n".join(lines) + "\n"
-    if print_recipe:
-        click.echo(text, nl=False)
-        return None
-    if out is not None:
+    if out is not None and not print_recipe:
         _refuse_standing(Path(out), list(_OWN_FILES), force=force)
-    try:
-        recipe = Recipe.parse(text, name="command line", folder=Path.cwd())
-    except RecipeError as error:
-        raise click.UsageError(option_error(error), ctx=context) from None
-    return recipe.run(list(files), out=out)
+    report = out is not None or print_recipe
+    recipe = own_recipe(context, lines, report=report, print_recipe=print_recipe)
+    return None if recipe is None else recipe.run(list(files), out=out)
 
 
 def _draw(test: CircleTest, file: str) -> None:
@@ -508,11 +488,6 @@ def _draw(test: CircleTest, file: str) -> None:
 
 def _listed(text: str) -> tuple[str, ...]:
     return tuple(v.strip() for v in text.split(",") if v.strip())
-
-
-def _list(texts: tuple[str, ...]) -> str:
-    """Return texts as a list of TOML."""
-    return f"[{', '.join(quoted(t) for t in texts)}]"
 
 
 def _count(text: str, key: str) -> int:

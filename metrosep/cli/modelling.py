@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from metrosep.cli.options import json_option, name_values, say
-from metrosep.cli.shortcut import quoted
+from metrosep.cli.shortcut import PARTS_AND_REPORT, list_of, own_recipe, quoted
 from metrosep.core.options import KINDS
 from metrosep.separation.positions.laser_options import AIR_KEYS
 
@@ -17,8 +16,6 @@ if TYPE_CHECKING:
     from metrosep.recipe.recipe import Recipe
 
 __all__ = ["air", "identified", "predict", "rank"]
-
-_REPORT = ["", "[[output]]", 'kind = "parts"', "", "[[output]]", 'kind = "report"']
 
 
 @click.command()
@@ -140,7 +137,7 @@ def predict(context: click.Context, process: str, out: str | None, as_json: bool
             'op = "predict" (or use metrosep run)'
         )
     if out is not None and not recipe.outputs:
-        text = "\n".join([recipe.text.rstrip(), *_REPORT, 'formats = ["html"]', ""])
+        text = "\n".join([recipe.text.rstrip(), *PARTS_AND_REPORT, ""])
         recipe = Recipe.parse(text, name=recipe.name, folder=recipe.folder)
     _own_words(context, recipe)
     result = recipe.run(out=out, progress=progress(context))
@@ -171,7 +168,7 @@ def identified(
         if isinstance(value, dict):
             text = "{ " + ", ".join(f"{quoted(k)} = {v}" for k, v in value.items()) + " }"
         elif isinstance(value, list):
-            text = "[" + ", ".join(quoted(v) for v in value) + "]"
+            text = list_of(value)
         else:
             text = quoted(value)
         lines.append(f"{key} = {text}")
@@ -189,19 +186,10 @@ def _carried_out(
 ) -> int:
     """Carry out the recipe of a call."""
     from metrosep.cli.jobs import print_named, progress
-    from metrosep.cli.shortcut import option_error
-    from metrosep.core.errors import RecipeError
-    from metrosep.recipe.recipe import Recipe
 
-    report = [*_REPORT, 'formats = ["html"]'] if out is not None else []
-    text = "\n".join([*lines, *report]) + "\n"
-    if print_recipe:
-        click.echo(text, nl=False)
+    recipe = own_recipe(context, lines, report=out is not None, print_recipe=print_recipe)
+    if recipe is None:
         return 0
-    try:
-        recipe = Recipe.parse(text, name="command line", folder=Path.cwd())
-    except RecipeError as error:
-        raise click.UsageError(option_error(error), ctx=context) from None
     result = recipe.run(list(files) or None, out=out, progress=progress(context))
     if recipe.steps[0]["op"] == "rank" and not as_json:
         click.echo(result.produced.report())

@@ -15,20 +15,28 @@ from metrosep.core.text_options import TEXT_OPTIONS
 if TYPE_CHECKING:
     from metrosep.core.errors import RecipeError
     from metrosep.core.options import Option
+    from metrosep.recipe.recipe import Recipe
 
 __all__ = [
+    "PARTS_AND_REPORT",
     "RUN_INPUT",
     "input_lines",
+    "list_of",
     "listed",
     "named_tables",
     "of_table",
     "option_error",
+    "own_recipe",
     "quoted",
     "recipe_text",
     "typed",
 ]
 
 RUN_INPUT = ("x", "z", "feed", "run", "direction", "time", "sampling_rate", "scale", *TEXT_OPTIONS)
+
+PARTS_AND_REPORT = (
+    "", "[[output]]", 'kind = "parts"', "", "[[output]]", 'kind = "report"', 'formats = ["html"]',
+)  # fmt: skip
 
 
 def of_table() -> dict[str, str]:
@@ -152,7 +160,7 @@ def _table_lines(made: Mapping[str, Any]) -> list[str]:
         pairs = ", ".join(f"{name} = {quoted(value)}" for name, value in made["machine"].items())
         lines.append(f"machine = {{ {pairs} }}")
     if made["waive"]:
-        lines.append(f"waive = [{', '.join(map(quoted, made['waive']))}]")
+        lines.append(f"waive = {list_of(made['waive'])}")
     confirmed = made.get("sign_confirmed")
     if confirmed:
         word = "true" if confirmed is True else confirmed
@@ -190,6 +198,23 @@ def recipe_text(
     if report:
         lines += ["", "[[output]]", 'kind = "report"', 'formats = ["html"]']
     return "\n".join(lines) + "\n"
+
+
+def own_recipe(
+    context: click.Context, lines: Iterable[str], *, report: bool, print_recipe: bool
+) -> Recipe | None:
+    """Return the recipe of a call from its lines, with its outputs; None where it was only printed."""
+    from metrosep.core.errors import RecipeError
+    from metrosep.recipe.recipe import Recipe
+
+    text = "\n".join([*lines, *(PARTS_AND_REPORT if report else ())]) + "\n"
+    if print_recipe:
+        click.echo(text, nl=False)
+        return None
+    try:
+        return Recipe.parse(text, name="command line", folder=Path.cwd())
+    except RecipeError as error:
+        raise click.UsageError(option_error(error), ctx=context) from None
 
 
 def input_lines(given: Mapping[str, Any], keys: Iterable[str]) -> list[str]:
@@ -290,4 +315,9 @@ def _nested(value: str, *, numbers: bool) -> str:
 
 def listed(texts: str) -> str:
     """Return texts with commas between them as a list of TOML; what is empty is left out."""
-    return "[" + ", ".join(quoted(t.strip()) for t in texts.split(",") if t.strip()) + "]"
+    return list_of(t.strip() for t in texts.split(",") if t.strip())
+
+
+def list_of(texts: Iterable[str]) -> str:
+    """Return texts as a list of TOML."""
+    return f"[{', '.join(map(quoted, texts))}]"

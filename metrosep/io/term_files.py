@@ -20,7 +20,7 @@ from metrosep.core.units import parse_quantity
 from metrosep.machine.elements import axis_of
 from metrosep.machine.terms import ConstantTerm, ErrorTerm, TableTerm, is_angle
 
-__all__ = ["read_term_table", "term_texts"]
+__all__ = ["read_term_table", "table_texts", "term_texts"]
 
 _MOST_BYTES = 2**26
 
@@ -155,3 +155,23 @@ def term_texts(
         rows = [",".join(f"{v:.9f}" for v in row) for row in np.column_stack(columns)]
         texts[term_file(names[0], is_constant=False)] = "\n".join([",".join(head), *rows]) + "\n"
     return texts
+
+
+def table_texts(terms: Mapping[str, ErrorTerm]) -> dict[str, str]:
+    """Return the files that hold constants and tables, which know themselves how far they reach.
+
+    Parameters
+    ----------
+    terms : mapping of str to ErrorTerm
+        Such as those of `metrosep.machine.ThermalFit.errors`.
+
+    Returns
+    -------
+    dict of str to str
+        Content by name of the file, as of `term_texts`.
+    """
+    ranges = {
+        n: (t.positions[0], t.positions[-1]) for n, t in terms.items() if isinstance(t, TableTerm)
+    }
+    turning = {a for a in map(axis_of, terms) if a is not None and a[0] in "ABC"}
+    return term_texts(terms, ranges, turning)

@@ -83,7 +83,7 @@ class GeometricDeviation:
     datum : str
         What it refers to; empty without datum.
     support : ndarray of int
-        Points that hold the value.
+        Points that hold the value, by their number among those that were given.
     edition : str
         Whose definition it is.
     """
@@ -188,6 +188,12 @@ def _points(points: ArrayLike, least: int = 1) -> FloatArray:
     if p.shape[0] < least:
         raise TooFewSamplesError(f"{least} measured points are needed here, got {p.shape[0]}")
     return p
+
+
+def _given(points: ArrayLike, held: IntArray) -> IntArray:
+    """Return the numbers, among the points as given, of those that `_points` left."""
+    measured = ~np.isnan(np.asarray(points, dtype=np.float64)).any(axis=1)
+    return np.flatnonzero(measured)[held]
 
 
 def _unit(v: ArrayLike, name: str) -> FloatArray:
@@ -476,7 +482,7 @@ def cylindricity(
         "LS": "least-squares axis (LS)",
     }
     return GeometricDeviation(
-        float(np.ptp(r)), "CYLt", "cylindricity", how[reference], "", np.asarray(held),
+        float(np.ptp(r)), "CYLt", "cylindricity", how[reference], "", _given(points, held),
         "ISO 12180-1:2011 (recalled)",
     )  # fmt: skip
 
@@ -538,7 +544,7 @@ def surface_profile(
         )
     d = _normal_distances(form, p)
     largest = float(np.abs(d).max())
-    held = np.flatnonzero(np.abs(d) >= largest * (1.0 - 1e-9))
+    held = _given(points, np.flatnonzero(np.abs(d) >= largest * (1.0 - 1e-9)))
     how = "as the datum has it" if datum else "minimax fit of six freedoms"
     return GeometricDeviation(
         2.0 * largest,
@@ -609,7 +615,7 @@ def parallelism(points: ArrayLike, datum: DatumPlane) -> GeometricDeviation:
     .. [1] ISO 1101:2017, 17.10 (recalled).
     """
     along = _points(points) @ datum.normal
-    held = np.array([np.argmax(along), np.argmin(along)])
+    held = _given(points, np.array([np.argmax(along), np.argmin(along)]))
     about = f"plane, {datum.association}"
     return GeometricDeviation(
         float(np.ptp(along)),
@@ -675,7 +681,7 @@ def perpendicularity(
             break
     return GeometricDeviation(
         float(np.ptp(p @ across)), "PER", "perpendicularity of a plane",
-        "narrowest zone at right angles to the datum", f"plane, {datum.association}", held,
+        "narrowest zone at right angles to the datum", f"plane, {datum.association}", _given(points, held),
     )  # fmt: skip
 
 
@@ -715,7 +721,7 @@ def axis_zone(
     flat = np.stack([q @ u, q @ v], axis=1)
     x, y, radius = smallest_circle(flat) if float(np.ptp(flat)) > 0.0 else (0.0, 0.0, 0.0)
     distance = np.hypot(flat[:, 0] - x, flat[:, 1] - y)
-    held = np.flatnonzero(distance >= radius * (1.0 - 1e-9))
+    held = _given(centres, np.flatnonzero(distance >= radius * (1.0 - 1e-9)))
     return GeometricDeviation(
         2.0 * radius,
         symbol,
@@ -845,7 +851,7 @@ def run_out(
     ranges = {label: float(np.ptp(r[labels == label])) for label in np.unique(labels)}
     worst = max(ranges, key=lambda k: ranges[k])
     inside = np.flatnonzero(labels == worst)
-    held = inside[[np.argmax(r[inside]), np.argmin(r[inside])]]
+    held = _given(points, inside[[np.argmax(r[inside]), np.argmin(r[inside])]])
     if sections is None:
         return GeometricDeviation(
             ranges[worst], "TRO", f"total {measured} run-out", "all points", about, held

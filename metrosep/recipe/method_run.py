@@ -181,7 +181,7 @@ def _document(
         {
             "schema": SCHEMA,
             "metrosep": __version__,
-            "title": recipe.title or method.what.capitalize(),
+            "title": recipe.title or method.what[0].upper() + method.what[1:],
             "inputs": inputs,
             "estimate": None,
             "separation": {

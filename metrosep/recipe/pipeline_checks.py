@@ -560,10 +560,7 @@ FORM_PROFILE: Mapping[str, Option] = {
         help="none: the data may move as a body (minimax fit); frame: they are judged where they lie",
         default="none",
     ),
-    "centre": Option(
-        "lengths",
-        help='origin of the form in the data, ["1.5 mm", "2 mm"]; the middle of what was measured on a map without origin',
-    ),
+    "centre": FORM["centre"],
     "u_reading": Option(
         "uncertainty", help="standard uncertainty of one height, independent of the others"
     ),

@@ -460,6 +460,7 @@ _UNITS = {
     "_nm_per_revolution": "nm per revolution",
     "_nm2_per_hz": "nm²/Hz",
     "_mm_per_min": "mm/min",
+    "_mm_min": "mm/min",
     "_rev_per_s": "rev/s",
     "_nm2": "nm²",
     "_mm": "mm",

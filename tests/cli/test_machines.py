@@ -229,6 +229,17 @@ def test_the_report_names_what_is_not_determined(call, folder, tmp_path):
     assert "Volumetric error" in report
 
 
+def test_the_report_of_a_circle_keeps_capitals_and_the_unit_of_its_feed(call, folder, tmp_path):
+    words = ("circle", str(folder / "circle.csv"), "--radius", "100 mm", "--feed", "1500 mm/min")
+    call(*words, "-o", str(tmp_path / "out"))
+    assert json.loads((tmp_path / "out" / "result.json").read_text("utf-8"))["title"] == (
+        "Circular test of two axes after ISO 230-4"
+    )
+    page = (tmp_path / "out" / "report.html").read_text("utf-8")
+    assert "feed mm" not in page
+    assert ">1500 mm/min<" in page
+
+
 def test_a_circle_by_a_recipe(call, folder, tmp_path):
     words = ("circle", str(folder / "circle.csv"), "--radius", "100 mm", "--feed", "1500 mm/min")
     recipe = tmp_path / "circle.toml"

@@ -158,3 +158,28 @@ def test_what_cannot_be_evaluated_is_refused():
         surface_profile(points, Sphere())
     with pytest.raises(DataError, match="nearly parallel"):
         perpendicularity(points, DatumPlane(np.array([0, 0, 1.0]), 0.0, "given"), normal=[0, 0, 1])
+
+
+@pytest.mark.parametrize(
+    "judged",
+    [
+        lambda p: cylindricity(p, direction=(0, 0, 1)),
+        lambda p: cylindricity(p, direction=(0, 0, 1), reference="LS"),
+        lambda p: surface_profile(p, Sphere(R=0.05), datum=True),
+        lambda p: parallelism(p, DatumPlane(np.array([0.0, 0.0, 1.0]), 0.0, "given")),
+        lambda p: perpendicularity(
+            p, DatumPlane(np.array([0.0, 0.0, 1.0]), 0.0, "given"), normal=(1, 0, 0)
+        ),
+        lambda p: axis_zone(p, (0, 0, 1)),
+        lambda p: run_out(p, Z_AXIS),
+        lambda p: run_out(p, Z_AXIS, sections=np.hypot(p[:, 0], p[:, 1]) > 0.012),
+    ],
+    ids=["MZ", "LS", "surface", "parallel", "square", "axis", "total", "circular"],
+)
+def test_support_counts_the_points_as_they_were_given(judged):
+    points = cylinder()[0]
+    points[41] *= (1.002, 1.002, 1.0)
+    gaps = np.insert(points, [0, 3, 6, 90], np.nan, axis=0)
+    whole, found = judged(points), judged(gaps)
+    assert found.value == whole.value
+    np.testing.assert_array_equal(gaps[found.support], points[whole.support])

@@ -110,6 +110,14 @@ def test_a_chart_of_heights_has_no_zero_and_one_of_errors_has():
     assert min(v for row in left["parts"][""] for v in row if v is not None) < -85 * NM
 
 
+def test_a_chart_of_magnitudes_uses_its_whole_scale():
+    z = np.linspace(11.0, 15.0, 41 * 41).reshape(41, 41) * 1e-6
+    made = map_chart("size", {"": z}, dx=1e-3, dy=1e-3, unit="m", magnitude=True)
+    assert made["limits"] == pytest.approx([11e-6, 15e-6], rel=1e-9)
+    assert made["signed"] is False
+    assert "subtracted" not in made["caption"]
+
+
 def test_the_report_of_a_map_with_a_defect_shows_it(tmp_path):
     z = second_map()
     ms.write(ms.Surface(z, 2e-6, 2e-6), tmp_path / "part.sdf")

@@ -331,6 +331,19 @@ def test_the_place_of_the_mean_is_in_the_band_unless_one_run_is_stated_to_be_rig
     assert np.median(more[steep] / slope[steep] ** 2) == pytest.approx(1.0, abs=0.25)
 
 
+def test_runs_that_were_placed_are_not_displaced_once_more():
+    """Offsets of 10 um, too small to begin again from: their scatter counts once, and is not advised."""
+    moved = MOVED / 60.0
+    found = fitted(runs(scale=100.0, moved=moved))
+    slope = 100.0 * without_line(slope_of_error(X)) * np.std(moved, ddof=1) / np.sqrt(6.0)
+    steep = np.abs(slope) > 0.7 * np.abs(slope).max()
+    ratio = found.sd(X * 1e-3)[steep] * 1e9 / np.abs(slope[steep])
+
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.1)
+    assert not [m for m in found.messages if "position_offsets=true" in m]
+    assert "displacement_of_runs" not in found.audit
+
+
 @pytest.mark.slow
 def test_offsets_of_fresh_measurements_scatter_as_stated():
     """24 sets, five free offsets each: the mean square of error over u within the chances of 120 normals.

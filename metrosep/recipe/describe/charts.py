@@ -250,9 +250,14 @@ def map_chart(
     origin: tuple[float, float] = (0.0, 0.0),
     pv: Mapping[str, float] | None = None,
     measured: bool = False,
+    magnitude: bool = False,
     side: int | None = None,
 ) -> dict[str, Any]:
-    """Return a chart of maps on one colour scale; `measured`: zero has no meaning, so the mean is subtracted."""
+    """Return a chart of maps on one colour scale; `measured`: zero has no meaning, so the mean is subtracted.
+
+    `magnitude`: values have no sign, so the scale is not symmetric about zero.
+    """
+    signed = not (measured or magnitude)
     side = side or min(_LARGEST_SIDE, int(math.sqrt(_MOST_PIXELS / max(len(maps), 1))))
     step = max((-(-max(m.shape[:2]) // side) for m in maps.values()), default=1)
     whole = {name: np.asarray(m, dtype=np.float64) for name, m in maps.items()}
@@ -267,7 +272,7 @@ def map_chart(
         words += f" {below} pixels below, {above} above the scale."
     if step > 1:
         words += f" Drawn at 1/{step} of the resolution, pixels that stand out kept; P-V is of all pixels."
-    if not measured and every.size:  # a sign is seen at once: symmetric about zero
+    if signed and every.size:  # a sign is seen at once: symmetric about zero
         high = max(abs(low), abs(high))
         low = -high
     return {
@@ -283,7 +288,7 @@ def map_chart(
         "pv": {**_whole_pv(maps), **{k: plain(v) for k, v in (pv or {}).items()}},
         "limits": [plain(low), plain(high)] if every.size else None,
         "outside": [below, above],
-        "signed": not measured,
+        "signed": signed,
     }
 
 

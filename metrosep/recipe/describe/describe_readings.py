@@ -5,16 +5,17 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from metrosep.core._arrays import FloatArray
 from metrosep.core.quantity import Quantity
-from metrosep.io.term_files import term_texts
+from metrosep.io.term_files import table_texts, term_texts
 from metrosep.machine._bases import UnseenTerm
 from metrosep.machine.elements import axis_of, term_unit
-from metrosep.machine.terms import ConstantTerm, TableTerm
+from metrosep.machine.terms import ConstantTerm, is_angle
 from metrosep.recipe.describe.charts import bar_chart, curve, curve_chart, map_chart, panel
 from metrosep.recipe.describe.description import Description, quantity
 
@@ -29,7 +30,7 @@ _NAMES = {"m": "displacements", "rad": "angles"}
 def machine_calibration_of(produced: Any, inputs: Any = None) -> Description:
     """Return what a document holds of a `MachineCalibration`."""
     found = produced.found
-    rotary = {e.name for e in found.chain.elements if e.kind == "rotary"}
+    rotary = _rotary(found)
     seen = {n: t for n, t in found.errors.items() if not isinstance(t, UnseenTerm)}
     quantities = _motions(found, seen)
     for label, noise in found.noise.items():
@@ -52,25 +53,19 @@ def machine_calibration_of(produced: Any, inputs: Any = None) -> Description:
     if picture is not None:
         charts.append(picture)
         quantities |= volumetric
-    terms = found.fitted if produced.smallest else found.errors
-    known = {n: t for n, t in terms.items() if not isinstance(t, UnseenTerm)}
-    ranges = {n: _range(found, n) for n in known if not isinstance(known[n], ConstantTerm)}
-    document = found.to_dict()
-    text = json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n"
-    return Description(
+    return _calibration(
+        found,
+        found.fitted if produced.smallest else found.errors,
         quantities,
-        tuple(charts),
-        {"residuals": _residual_rows(found)},
-        document={"calibration": document},
-        audit=dict(found.audit),
-        files={**term_texts(known, ranges, rotary), "calibration.json": text},
+        charts,
+        tables={"residuals": _residual_rows(found)},
     )
 
 
 def part_curves_of(produced: Any, inputs: Any = None) -> Description:
     """Return what a document holds of `PartCurves`."""
     found = produced.found
-    rotary = {e.name for e in found.chain.elements if e.kind == "rotary"}
+    rotary = _rotary(found)
     seen = {n: t for n, t in found.errors.items() if not isinstance(t, UnseenTerm)}
     quantities = _motions(found, seen)
     charts = _term_charts(found, seen, rotary)
@@ -96,19 +91,36 @@ def part_curves_of(produced: Any, inputs: Any = None) -> Description:
                 caption="Measured minus form, alignment, tool setting and curves.",
             )
         )
-    known = dict(seen)
+    maps = {f"residual-{k.replace(' ', '-')}": v for k, v in produced.residuals.items()}
+    return _calibration(found, found.errors, quantities, charts, maps=maps)
+
+
+def _calibration(
+    found: Any, terms: Mapping[str, Any], quantities: Any, charts: Sequence[Any], **parts: Any
+) -> Description:
+    """Return the description of a `Calibration` with those of these terms that are determined as files."""
+    known = {n: t for n, t in terms.items() if not isinstance(t, UnseenTerm)}
     ranges = {n: _range(found, n) for n in known if not isinstance(known[n], ConstantTerm)}
     document = found.to_dict()
-    text = json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n"
     return Description(
         quantities,
         tuple(charts),
-        {},
-        {f"residual-{k.replace(' ', '-')}": v for k, v in produced.residuals.items()},
+        **parts,
         document={"calibration": document},
         audit=dict(found.audit),
-        files={**term_texts(known, ranges, rotary), "calibration.json": text},
+        files={
+            **term_texts(known, ranges, _rotary(found)),
+            "calibration.json": _json_text(document),
+        },
     )
+
+
+def _json_text(document: Mapping[str, Any]) -> str:
+    return json.dumps(document, indent=1, sort_keys=True, allow_nan=False) + "\n"
+
+
+def _rotary(found: Any) -> set[str]:
+    return {e.name for e in found.chain.elements if e.kind == "rotary"}
 
 
 def _motions(found: Any, seen: dict[str, Any]) -> dict[str, Quantity]:
@@ -264,6 +276,7 @@ def _picture(
         unit="m",
         caption=f"{words} Tool point {at} mm.",
         origin=(float(first[0]), float(second[0])),
+        magnitude=True,
     )
     about = f"length of the error of the tool point over {one} and {two}"
     return chart, {
@@ -353,22 +366,15 @@ def thermal_of(produced: Any, inputs: Any = None) -> Description:
         curve_chart(f"{name} and what temperatures say", ("time / h", "1"), own)
         for name, own in panels.items()
     ]
-    text = json.dumps(fit.to_dict(), indent=1, sort_keys=True, allow_nan=False) + "\n"
-    files = {"thermal.json": text}
     document: dict[str, Any] = {"thermal": fit.to_dict()}
+    files = {"thermal.json": _json_text(document["thermal"])}
     if produced.errors is not None:
         terms = produced.errors.terms
-        ranges = {
-            n: (t.positions[0], t.positions[-1])
-            for n, t in terms.items()
-            if isinstance(t, TableTerm)
-        }
-        turning = {a for a in map(axis_of, terms) if a is not None and a[0] in "ABC"}
-        files |= term_texts(terms, ranges, turning)
+        files |= table_texts(terms)
         document["at_K"] = dict(produced.stated)
         for n, t in terms.items():
             if isinstance(t, ConstantTerm):
-                unit = "rad" if n[1] in "ABC" else "m"
+                unit = "rad" if is_angle(n) else "m"
                 quantities[n] = quantity(
                     t.value, unit, f"{n} at the stated temperatures, from the reference", u=t.u
                 )

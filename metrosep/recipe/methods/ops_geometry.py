@@ -382,6 +382,10 @@ class Coaxiality(_WithDatumAxis):
 class _Orientation(_OfPoints):
     """Of a plane or an axis to a datum plane or axis."""
 
+    symbol: ClassVar[str]
+    level: ClassVar[str]  # kind of datum whose direction is across the zone
+    lies: ClassVar[str]  # that zone, to its datum
+
     datum: str = option(kind="text", help="element that is the datum")
     feature_kind: str = option(
         "plane", kind="text", choices=("plane", "axis"), help="what is judged: a face, or the axis of a round element through the centres of its sections"
@@ -420,19 +424,22 @@ class _Orientation(_OfPoints):
             return feature.xyz
         return self._centres(feature, _vector(self.direction, "direction"), words)
 
-    def _across(
-        self, feature: Points, datum: Points, symbol: str, words: str
-    ) -> GeometricDeviation:
+    def _found(self, feature: Points, *datum: Points) -> tuple[GeometricDeviation, ...]:
+        words = f"{self.name} of a{'n axis' if self.feature_kind == 'axis' else ' plane'}"
+        make: Callable[..., GeometricDeviation] = self._across
+        if self.datum_kind != self.level:
+            make = self._cylinder if self.feature_kind == "axis" else self._turning
+        return (make(feature, datum[0], words),)
+
+    def _across(self, feature: Points, datum: Points, words: str) -> GeometricDeviation:
         """Return the range along a direction of the datum: a zone at right angles to it."""
         from metrosep.parameters.geometry import DatumPlane, parallelism
 
         d, about = self._datum(datum)
         points = self._feature(feature, words)
         found = parallelism(points, DatumPlane(d, 0.0, ""))
-        how = "zone of two planes " + (
-            "parallel to the datum" if symbol == "PAR" else "at right angles to the datum"
-        )
-        found = replace(found, symbol=symbol, definition=words, association=how, datum=about)
+        how = f"zone of two planes {self.lies} to the datum"
+        found = replace(found, symbol=self.symbol, definition=words, association=how, datum=about)
         return self._held(found, feature)
 
     def _held(self, found: GeometricDeviation, feature: Points) -> GeometricDeviation:
@@ -444,19 +451,15 @@ class _Orientation(_OfPoints):
         held = np.isin(labels, np.unique(labels)[found.support])
         return replace(found, support=np.flatnonzero(held))
 
-    def _cylinder(
-        self, feature: Points, datum: Points, symbol: str, words: str
-    ) -> GeometricDeviation:
+    def _cylinder(self, feature: Points, datum: Points, words: str) -> GeometricDeviation:
         """Return the smallest cylinder along the datum around the centres of sections."""
         from metrosep.parameters.geometry import axis_zone
 
         d, about = self._datum(datum)
-        found = axis_zone(self._feature(feature, words), d, symbol=symbol)
+        found = axis_zone(self._feature(feature, words), d, symbol=self.symbol)
         return self._held(replace(found, definition=words, datum=about), feature)
 
-    def _turning(
-        self, feature: Points, datum: Points, symbol: str, words: str
-    ) -> GeometricDeviation:
+    def _turning(self, feature: Points, datum: Points, words: str) -> GeometricDeviation:
         """Return the narrowest zone that holds the direction of the datum and may turn about it."""
         from metrosep.parameters.geometry import DatumPlane, perpendicularity
 
@@ -464,15 +467,15 @@ class _Orientation(_OfPoints):
         normal = _least_direction(feature.xyz, d)
         found = perpendicularity(feature.xyz, DatumPlane(d, 0.0, ""), normal=normal)
         how = "narrowest zone along the datum's direction, free to turn about it"
-        return replace(found, symbol=symbol, definition=words, association=how, datum=about)
+        return replace(found, symbol=self.symbol, definition=words, association=how, datum=about)
 
     def _off(self, feature: Points, *datum: Points) -> tuple[FloatArray, FloatArray | None, str]:
         d, _ = self._datum(datum[0])
         if self.feature_kind == "axis":
             axis = _datum_axis(self.direction, feature)
             return _about(axis, feature, "from the least-squares cylinder of the feature")
-        parallel = (self.name == "parallelism") == (self.datum_kind == "plane")
-        off = feature.xyz @ (d if parallel else _least_direction(feature.xyz, d))
+        across = d if self.datum_kind == self.level else _least_direction(feature.xyz, d)
+        off = feature.xyz @ across
         return off - off.mean(), None, "across the zone, from their mean"
 
 
@@ -482,13 +485,9 @@ class Parallelism(_Orientation):
 
     name: ClassVar[str] = "parallelism"
     what: ClassVar[str] = "parallelism PAR of a face or an axis to a datum plane or axis"
-
-    def _found(self, feature: Points, *datum: Points) -> tuple[GeometricDeviation, ...]:
-        words = f"parallelism of a{'n axis' if self.feature_kind == 'axis' else ' plane'}"
-        make: Callable[..., GeometricDeviation] = self._across
-        if self.datum_kind == "axis":
-            make = self._cylinder if self.feature_kind == "axis" else self._turning
-        return (make(feature, datum[0], "PAR", words),)
+    symbol: ClassVar[str] = "PAR"
+    level: ClassVar[str] = "plane"
+    lies: ClassVar[str] = "parallel"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -497,13 +496,9 @@ class Perpendicularity(_Orientation):
 
     name: ClassVar[str] = "perpendicularity"
     what: ClassVar[str] = "perpendicularity PER of a face or an axis to a datum plane or axis"
-
-    def _found(self, feature: Points, *datum: Points) -> tuple[GeometricDeviation, ...]:
-        words = f"perpendicularity of a{'n axis' if self.feature_kind == 'axis' else ' plane'}"
-        make: Callable[..., GeometricDeviation] = self._across
-        if self.datum_kind == "plane":
-            make = self._cylinder if self.feature_kind == "axis" else self._turning
-        return (make(feature, datum[0], "PER", words),)
+    symbol: ClassVar[str] = "PER"
+    level: ClassVar[str] = "axis"
+    lies: ClassVar[str] = "at right angles"
 
 
 # ---- elements, directions, datums --------------------------------------------------------------

@@ -195,12 +195,13 @@ def _checked_size(term: str, value: float | str, *, is_angle: bool) -> None:
 def _errors(chain: Any, rest: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Take the magnitudes of the terms out of the options, and how names were read."""
     from metrosep.machine import from_paper
+    from metrosep.machine.terms import is_angle
 
     given = rest.pop("errors", {})
     lengths, angles = rest.pop("all_lengths", None), rest.pop("all_angles", None)
     found: dict[str, Any] = {}
     for term in chain.terms:
-        value = angles if _is_angle(term) else lengths
+        value = angles if is_angle(term) else lengths
         if value is not None:
             found[term] = value
     names: dict[str, str] = {}
@@ -214,7 +215,7 @@ def _errors(chain: Any, rest: dict[str, Any]) -> tuple[dict[str, Any], tuple[str
             value = _curve(chain, name, file)  # noqa: PLW2901
         elif name in chain.terms:
             try:
-                _checked_size(key, value, is_angle=_is_angle(name))
+                _checked_size(key, value, is_angle=is_angle(name))
             except UnitError as error:
                 raise UnitError(f"error of {key}: {error}") from None
         found[name] = value
@@ -237,10 +238,6 @@ def _curve(chain: Any, name: str, file: str) -> Any:
     if name not in held:
         raise DataError(f"{file}: holds {', '.join(held)}, not {name}")
     return held[name][0]
-
-
-def _is_angle(term: str) -> bool:
-    return term[1] in "ABC" if term[0] == "E" else term[0] in "ABC"
 
 
 def _paper_name(key: str, from_paper: Any) -> str:

@@ -619,8 +619,11 @@ def explain_displacement(solution: Solution) -> tuple[str, ...]:
     )
 
 
-def explain_slip(solution: Solution, *, sparse: bool) -> tuple[str, ...]:
-    """Name the waves that have another phase in each run, neighbouring harmonics as one."""
+def explain_slip(solution: Solution, *, sparse: bool, placed: bool) -> tuple[str, ...]:
+    """Name the waves that have another phase in each run, neighbouring harmonics as one.
+
+    Where the runs are not placed yet, their places may be the reason.
+    """
     groups: list[list[int]] = []
     for length in sorted(solution.slip, reverse=True):
         k = round(solution.period / length)
@@ -650,7 +653,7 @@ def explain_slip(solution: Solution, *, sparse: bool) -> tuple[str, ...]:
         displaced = (
             " (runs that lie apart along the axis look alike where the error has a wave of that "
             "length: position_offsets=true, command line --set position_offsets=true, fits their places)"
-            if own > amplitude
+            if own > amplitude and not placed
             else ""
         )
         sentences.append(

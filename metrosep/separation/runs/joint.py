@@ -190,7 +190,7 @@ def separate_joint(
         ),
         *explain_lag(solution, mode=mode, n_selected=n_selected),
         *explain_disturbances(solution, runs, spectrum),
-        *explain_slip(solution, sparse=slip == "sparse"),
+        *explain_slip(solution, sparse=slip == "sparse", placed=options.position_offsets),
         *explain_displacement(solution),
         *explain_positions(
             [r.run_id for r in prepared],
@@ -205,6 +205,11 @@ def separate_joint(
         *hint_options(solution, prepared, options),
     )
     audit = joint_audit(runs, prepared, solution, shortest, false_discovery_rate)
+    if not options.position_offsets:
+        audit["displacement_of_runs"] = {
+            "sd_mm": solution.displaced.sd / _MM,
+            "probability": solution.displaced.probability,
+        }
     if options != JointOptions() or n_probes > 1:
         audit["options"] = options.as_dict()
         audit["run_levels_nm"] = ((solution.offsets + level) / _NM).tolist()
@@ -701,10 +706,6 @@ def joint_audit(
         "effective_parameters": solution.freedom,
         "false_discovery_rate": rate,
         "lag_test": _lag_audit(solution),
-        "displacement_of_runs": {
-            "sd_mm": solution.displaced.sd / _MM,
-            "probability": solution.displaced.probability,
-        },
         "line_removed": "least squares over the evaluation range",
         "run_offsets_nm": (solution.offsets / _TABLES_NM).tolist(),
     }

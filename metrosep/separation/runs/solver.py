@@ -153,7 +153,8 @@ def solve_joint(
             if model.slip.any():
                 learn_slip(model, 8)
         scores = run_scores(model)
-        displaced = displacement(model, scores)
+        # Places that are fitted count once, by what was fitted.
+        displaced = Displacement() if options.position_offsets else displacement(model, scores)
         model.lag_variance = displaced.of_lag
         unpredicted = [system.rest(i, model, s.theta) for i, s in enumerate(scores)]
         model.kept = n_harmonics
