@@ -116,9 +116,8 @@ def report(
 
         with Register.held(folder):
             change = _issued(files[0], folder, change)
-            place = change.register.write(
-                folder
-            )  # first: a number is never free again by a full disk
+            # first: a number is never free again by a full disk
+            place = change.register.write(folder)
         names = [_file_name(change.register.issued[-1])]
         if not quiet:
             say(f"issued   {place}")
