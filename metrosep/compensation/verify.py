@@ -10,7 +10,7 @@ that is made without that run.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
@@ -30,6 +30,7 @@ from metrosep.compensation.area_errors import LENGTHS, AxisUnits, format_amount,
 from metrosep.compensation.limits import Finding
 from metrosep.compensation.measured import (
     Against,
+    Curve,
     Folds,
     Measured,
     Row,
@@ -163,6 +164,9 @@ def dry_run(
     how = kind or measured.kind
     low, high = measured.span
     first, last = max(span[0], low), min(span[1], high)
+    holes: tuple[list[str], list[str]] = ([], [])
+    if how == "runs":
+        measured, holes = _without_holes(measured, span, (first, last), entries, units)
     if not last > first:
         raise TableError(
             f"the table covers {units.place(span[0])} ... {units.place(span[1])}, the measurement "
@@ -189,7 +193,7 @@ def dry_run(
         )
         said = {r.text for r in reasons}
         reasons += [r for r in whole.reasons if r.grade == "refused" and r.text not in said]
-    covered, warnings = _coverage(shape, span, (first, last), entries)
+    covered, warnings = _coverage(shape, span, (first, last), entries, holes)
     there = _outside(shape, stack, grids, span, travel)
     beyond, more = _beyond(there)
     warnings += more
@@ -611,12 +615,12 @@ def _coverage(
     span: tuple[float, float],
     common: tuple[float, float],
     entries: FloatArray | None,
+    holes: tuple[list[str], list[str]],
 ) -> tuple[list[Reason], list[str]]:
     """Return 1.9: the share of the table that was measured, holes in it, and the share of the runs."""
-    refused, warnings, units = [], [], shape.units
+    refused, warnings, units = [], list(holes[1]), shape.units
     length = span[1] - span[0]
-    n = 2 if entries is None else entries.size
-    spacing = length / max(n - 1, 1)
+    spacing = _spacing(span, entries)
     share = (common[1] - common[0]) / length
     ranges = (
         f"the table covers {units.place(span[0])} ... {units.place(span[1])}, the measurement "
@@ -629,8 +633,7 @@ def _coverage(
     elif length * (1.0 - share) > spacing * (1.0 + 1e-9):
         warnings.append(f"{ranges}: the rest is not proven")
     if shape.how == "runs":
-        most = max(2.0 * spacing, _HOLE * length)
-        refused += list(_holes(shape.measured, common, most, _HOLE * length, units))[:1]
+        refused += holes[0][:1]
         whole = shape.measured.span[1] - shape.measured.span[0]
         if (common[1] - common[0]) / whole < _OF_RUNS:
             warnings.append(
@@ -640,24 +643,81 @@ def _coverage(
     return [Reason("refused", "coverage", text) for text in refused], warnings
 
 
+def _spacing(span: tuple[float, float], entries: FloatArray | None) -> float:
+    return (span[1] - span[0]) / max((2 if entries is None else entries.size) - 1, 1)
+
+
 def _holes(
-    measured: Measured, common: tuple[float, float], most: float, long: float, units: AxisUnits
-) -> Iterator[str]:
-    """Return the first hole of the readings inside the table, of each run that has one."""
-    for row in measured.rows:
-        for x in row.places.values():
-            steps = np.diff(x)
-            inside = (x[1:] > common[0]) & (x[:-1] < common[1])
-            usual = float(np.median(steps))
-            # of a list of targets the usual step counts
-            longest = _LONG_STEP * usual if long < 2.0 * usual else most
-            wide = np.flatnonzero(inside & (steps > longest * (1.0 + 1e-9)))
-            if wide.size:
-                i = int(wide[0])
-                yield (
-                    f"run {row.name} was not measured between {units.place(float(x[i]), digits=6)} and "
-                    f"{units.place(float(x[i + 1]), digits=6)}, inside the table: measure there, or leave it out"
+    x: FloatArray, common: tuple[float, float], most: float, long: float
+) -> list[tuple[float, float]]:
+    """Return between which readings of a run, inside the table, nothing was measured."""
+    steps = np.diff(x)
+    inside = (x[1:] > common[0]) & (x[:-1] < common[1])
+    usual = float(np.median(steps))
+    # of a list of targets the usual step counts
+    longest = _LONG_STEP * usual if long < 2.0 * usual else most
+    wide = np.flatnonzero(inside & (steps > longest * (1.0 + 1e-9)))
+    return [(float(x[i]), float(x[i + 1])) for i in wide]
+
+
+def _without_holes(
+    measured: Measured,
+    span: tuple[float, float],
+    common: tuple[float, float],
+    entries: FloatArray | None,
+    units: AxisUnits,
+) -> tuple[Measured, tuple[list[str], list[str]]]:
+    """Return the runs, a hole of one that most others cover bridged; what is refused, and warnings.
+
+    In a hole a run takes the shape of the mean of those that were measured there, and a line on top
+    that joins it to its own readings: a straight line across would count as an error of the table.
+    """
+    long = _HOLE * (span[1] - span[0])
+    most = max(2.0 * _spacing(span, entries), long)
+    found = {
+        (i, d): _holes(x, common, most, long)
+        for i, row in enumerate(measured.rows)
+        for d, x in row.places.items()
+    }
+    rows = list(measured.rows)
+    refused: list[str] = []
+    warnings: list[str] = []
+    for (i, d), holes in found.items():
+        row, curve = rows[i], measured.rows[i].curves[d]
+        missing = sum(b - a for a, b in holes)
+        for a, b in holes:
+            others = [
+                measured.rows[j].curves[d]
+                for (j, way), theirs in found.items()
+                if way == d and j != i and not any(low < b and high > a for low, high in theirs)
+            ]
+            where = (
+                f"run {row.name} was not measured between {units.place(a, digits=6)} and "
+                f"{units.place(b, digits=6)}"
+            )
+            if 2 * len(others) > len(rows) and missing < _OF_RUNS * (common[1] - common[0]):
+                curve = _joined(curve, others, a, b)
+                warnings.append(
+                    f"{where}, inside the table: there it is judged by the {len(others)} runs that were"
                 )
+            else:
+                refused.append(f"{where}, inside the table: measure there, or leave it out")
+        rows[i] = replace(row, curves={**row.curves, d: curve})
+    return replace(measured, rows=tuple(rows)), (refused, warnings)
+
+
+def _joined(curve: Curve, others: list[Curve], a: float, b: float) -> Curve:
+    """Return a curve that between a and b has the shape of the mean of others, and no step."""
+    ends = np.array([a, b])
+
+    def mean(p: FloatArray) -> FloatArray:
+        return np.asarray(np.mean([other(p) for other in others], axis=0))
+
+    def at(p: FloatArray) -> FloatArray:
+        bridge = mean(p) + np.interp(p, ends, curve(ends) - mean(ends))
+        return np.where((p > a) & (p < b), bridge, curve(p))
+
+    return at
 
 
 def _alignment(shape: _Shape) -> list[Reason]:

@@ -92,6 +92,28 @@ def test_table_from_a_result_and_verify(metrosep, runs_csv, tmp_path):
     assert json.loads(stdout)["passed"] is True
 
 
+def test_one_run_with_a_hole_does_not_refuse_the_table(metrosep, runs_csv, tmp_path):
+    """30 readings of the third run (3.6 mm) were lost; the eight others have them."""
+    lines = runs_csv.read_text().splitlines()
+    run = lines[1 + (len(lines) - 1) * 5 // 18].split(",")[0]
+    own = [i for i, line in enumerate(lines) if line.startswith(run + ",")]
+    for i in own[len(own) // 2 : len(own) // 2 + 30]:
+        lines[i] = lines[i].rsplit(",", 1)[0] + ","
+    holed = tmp_path / "holed.csv"
+    holed.write_text("\n".join(lines) + "\n")
+    comp = tmp_path / "x.comp"
+    made = ("--shortest", "1 mm", "--compensates", "X", "--spacing", "0.5 mm")
+
+    code, _, err = metrosep("separate", holed, *COLUMNS, *made, "--table", f"linuxcnc={comp}")
+    assert code == 0, err
+    code, stdout, err = metrosep("verify", comp, "--against", holed, *COLUMNS, "--json")
+    assert code == 0, err
+    found = json.loads(stdout)
+    assert found["passed"] is True
+    assert f"{run}' was not measured between" in stdout
+    assert "the 8 runs that were" in stdout
+
+
 def test_verify_rejects_a_flipped_table_with_code_1(metrosep, runs_csv, tmp_path):
     comp = tmp_path / "x.comp"
     code, _, _ = metrosep(

@@ -182,6 +182,53 @@ def test_hole_in_the_readings_is_named():
         table(lambda p: -wave(p), compensates="X").verify(against)
 
 
+def holed(x, z, low=21e-3, high=26e-3):
+    """Readings over a crest of the wave are lost: a straight line there would be 1 um off."""
+    return np.where((x > low) & (x < high), np.nan, z)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_hole_in_one_run_that_the_others_cover_is_judged_by_them(direction):
+    x, offsets = X[::direction], 1e-6 * np.arange(5)
+    against = RunSet(
+        Run(x, (holed(x, wave(x)) if i == 3 else wave(x)) + o, feed=0.1, run_id=f"r{i}")
+        for i, o in enumerate(offsets)
+    )
+    right = table(lambda p: -wave(p)).verify(against, unknown="offset")
+
+    assert right.passed
+    with pytest.raises(SignCheckFailedError):
+        table(wave).verify(against, unknown="offset")
+    (r,) = right.residuals
+    assert r.before_rms == pytest.approx(A / np.sqrt(2), rel=GRID, abs=0.0)
+    assert r.after_rms < STEP
+    assert r.run_after_rms < STEP
+    said = [f.problem for f in right.findings]
+    assert any(
+        "'r3' was not measured between 21 mm and 26 mm" in s and "4 runs" in s for s in said
+    )
+
+
+@pytest.mark.parametrize("holes", [3, 4])
+def test_hole_that_most_runs_share_is_refused(holes):
+    against = RunSet(
+        Run(X, holed(X, wave(X)) if i < holes else wave(X), feed=0.1, run_id=f"r{i}")
+        for i in range(5)
+    )
+
+    with pytest.raises(SignCheckFailedError, match=r"'r0' was not measured between"):
+        table(lambda p: -wave(p)).verify(against)
+
+
+def test_run_that_is_mostly_holes_is_refused():
+    x = X[::10]
+    z = np.where(np.isin(np.arange(x.size) // 50, (1, 2, 3, 5, 6)), np.nan, wave(x))
+    against = RunSet(Run(x, z if i == 0 else wave(x), feed=0.1, run_id=f"r{i}") for i in range(5))
+
+    with pytest.raises(SignCheckFailedError, match=r"'r0' was not measured between"):
+        table(lambda p: -wave(p)).verify(against)
+
+
 def test_nothing_measured_is_refused():
     with pytest.raises(DataError, match="no valid sample"):
         table(lambda p: -wave(p)).verify(Profile(X, np.full(X.size, np.nan)))

@@ -135,9 +135,10 @@ class Spectrum:
         self.pull = slope * (SLOPE / SLOPE_SD**2)
         bends = np.diff(np.eye(n), 2, axis=0) * (np.log(2.0) / (knots[1] - knots[0]))
         self.precision = self.precision + bends.T @ bends / _BEND_SD**2
-        # The level has a prior that is flat in s, not in ln s: where no geometry is seen, ln s would
-        # run away to nothing and take the band with it.
-        self.pull = self.pull + 0.5 / n
+        # The level, that of the longest wave, has a prior that is flat in s, not in ln s: where no
+        # geometry is seen, ln s would run away to nothing and take the band with it. As the mean
+        # level of all octaves it would lift, through the bends, those that the readings do not show.
+        self.pull[0] += 0.5
         self.phi = SLOPE * knots
 
     @property

@@ -96,8 +96,8 @@ def displacement(model: Model, scores: Sequence[RunScore]) -> Displacement:
         return Displacement()
     shift = np.array([s.shift for s in scores])
     variance = np.array([s.u_shift for s in scores]) ** 2
-    speed = np.array([run.velocity for run in model.seen])
-    feed = np.array([run.feed for run in model.seen])
+    speed = np.array([run.velocity for run in model.runs])
+    feed = np.array([run.feed for run in model.runs])
     # One run that is far off and named for it is no scatter of all.
     kept = np.ones(len(scores), dtype=bool)
     odd = suspicion(scores)
@@ -141,7 +141,7 @@ def run_scores(model: Model) -> list[RunScore]:
     A lag that the readings show and the model has not is taken out first: it moves the runs of
     each feedrate, and none of them is to blame.
     """
-    if len(model.seen) < 3:
+    if len(model.runs) < 3:
         return []
     at = lag_score(model)
     if at is None or (at.lag / at.u) ** 2 <= LAG_CHI2:

@@ -54,6 +54,32 @@ class RunEquations:
     length: float  # m: travelled over the readings
 
 
+_SAME_VELOCITY = 1e-4
+"""Relative difference up to which runs are seen through one sensor: of a phase, even of the shortest
+wave and 1 ms, 0.0005 rad."""
+
+
+def _of_one_velocity(runs: Sequence[RunEquations]) -> list[list[RunEquations]]:
+    groups: list[list[RunEquations]] = []
+    for run in sorted(runs, key=lambda r: r.velocity):
+        first = groups[-1][0].velocity if groups else math.inf
+        if abs(run.velocity - first) <= _SAME_VELOCITY * abs(run.velocity):
+            groups[-1].append(run)
+        else:
+            groups.append([run])
+    return groups
+
+
+def _sum(runs: Sequence[RunEquations]) -> RunEquations:
+    """Return the sum of matrices and vectors, with the mean velocity."""
+    gram, right = runs[0].gram.copy(), runs[0].right.copy()
+    for run in runs[1:]:
+        gram += run.gram
+        right += run.right
+    velocity = float(np.mean([r.velocity for r in runs]))
+    return replace(runs[0], gram=gram, right=right, velocity=velocity)
+
+
 @dataclass(slots=True, eq=False)
 class Wave:
     """One wave of free wavelength: its columns, its variance, and what its wavelength may do."""
@@ -133,10 +159,13 @@ class Model:
     repeats: float = 1.0  # share of the variance of the slip that counts
     kept: int = 0  # harmonics in use; all K in the last solution
     runs: list[RunEquations] = field(default_factory=list)  # as read
-    seen: list[RunEquations] = field(default_factory=list)  # slip eliminated, sensor applied
+    # sums over the runs of one velocity, as read and as seen
+    speeds: list[tuple[list[RunEquations], RunEquations]] = field(default_factory=list)
+    by_speed: list[RunEquations] = field(default_factory=list)
     total: tuple[FloatArray, FloatArray] = field(default_factory=lambda: (np.empty(0),) * 2)
     post: Posterior | None = None
     lag_variance: float = 0.0  # s^2: of a lag, because the runs are displaced, each by its own
+    _seen: list[RunEquations] | None = None
 
     def __post_init__(self) -> None:
         self.slip = np.zeros(self.extension.n)
@@ -147,28 +176,45 @@ class Model:
     def take(self, runs: Sequence[RunEquations]) -> None:
         """Take the equations of a new pass."""
         self.runs = list(runs)
+        self.speeds = [(group, _sum(group)) for group in _of_one_velocity(self.runs)]
         self.apply()
 
     def apply(self) -> None:
         """Eliminate slip and apply the sensor anew (eqs. 6, 7)."""
-        self.seen = [self.as_seen(run) for run in self.runs]
-        self.total = (sum(r.gram for r in self.seen), sum(r.right for r in self.seen))  # type: ignore[assignment]
+        # A sensor turns all runs of one velocity alike: their sum is turned once.
+        self._seen = None
+        self.by_speed = [self._as_seen(group, whole) for group, whole in self.speeds]
+        whole = _sum(self.by_speed)
+        self.total = whole.gram, whole.right
 
-    def as_seen(self, run: RunEquations) -> RunEquations:
-        """Return the equations of one run for the geometry behind its sensor."""
-        gram, right = run.gram, run.right
+    @property
+    def seen(self) -> list[RunEquations]:
+        """Equations of every run for the geometry: slip eliminated, sensor applied."""
+        if self._seen is None:
+            self._seen = [self._as_seen([run], run) for run in self.runs]
+        return self._seen
+
+    def _as_seen(self, runs: Sequence[RunEquations], whole: RunEquations) -> RunEquations:
+        """Return the sum of the equations of runs of one velocity for the geometry."""
+        from scipy.linalg.lapack import dpotrf, dtrtrs
+
+        gram, right = whole.gram, whole.right
         at = self.slipping()
         if at.size:
-            block = gram[np.ix_(at, at)] + np.diag(1.0 / np.tile(self.slip[self.slip > 0.0], 2))
-            solved = np.linalg.solve(block, np.column_stack([gram[at], right[at]]))
-            gram = gram - gram[:, at] @ solved[:, :-1]
-            gram = 0.5 * (gram + gram.T)
-            right = right - run.gram[:, at] @ solved[:, -1]
+            own = np.diag(1.0 / np.tile(self.slip[self.slip > 0.0], 2))
+            parts = []
+            for run in runs:
+                factor, _ = dpotrf(run.gram[np.ix_(at, at)] + own, lower=1)
+                side = np.column_stack([run.gram[at], run.right[at]])
+                parts.append(dtrtrs(factor, side, lower=1)[0])
+            half = np.concatenate(parts)
+            gram = gram - half[:, :-1].T @ half[:, :-1]
+            right = right - half[:, :-1].T @ half[:, -1]
         if self.sensor != Sensor():
-            h = np.conj(self.sensor.response(self.extension.wavenumbers, run.velocity))
+            h = np.conj(self.sensor.response(self.extension.wavenumbers, whole.velocity))
             gram = seen_through(gram, h)
             right = filtered(right, h)
-        return replace(run, gram=gram, right=right)
+        return replace(whole, gram=gram, right=right)
 
     def slipping(self) -> IntArray:
         """Return the coordinates with a part that differs from run to run, cosines first."""

@@ -363,8 +363,12 @@ def _gains_and_shifts(
             aligned = _aligned(splines, inside, shift, gain)
             keep = _repeating(aligned[table.reference])
             step = np.zeros(len(z))
+            shared: dict[bytes, FloatArray] = {}  # runs of one feedrate have the same others
             for i in rows:
-                columns = _columns(inside, aligned, others[i], keep)
+                own = others[i].tobytes()
+                if own not in shared:
+                    shared[own] = _columns(inside, aligned, others[i], keep)
+                columns = shared[own]
                 out_gain[i], change = _solve(columns, aligned[i] * gain[i], models[i])
                 if math.isfinite(change[0]):
                     out_shift[i, :2] = shift[i] + change[0], change[1]
@@ -605,15 +609,17 @@ def _columns(
     middle: Callable[..., Any] | None = None,
 ) -> FloatArray:
     """Return what the others read, its change with a shift, a constant and a line."""
-    from scipy.fft import dct, idct
-    from scipy.interpolate import CubicSpline
+    from scipy.fft import dct, idct, idst
 
     rows = aligned[others]
     known = ~np.isnan(rows).all(axis=0)
     g = np.zeros(x.size)
     g[known] = (middle or _medians)(rows[:, known], axis=0)
-    g = np.asarray(idct(keep * dct(g, norm="ortho"), norm="ortho"))
-    slope = CubicSpline(x, g)(x, 1)
+    waves = keep * dct(g, norm="ortho")
+    g = np.asarray(idct(waves, norm="ortho"))
+    # d/dx of cos(w_k x) is -w_k sin(w_k x), at the same places, w_k = pi k / (n pitch)
+    turned = np.append(waves[1:] * np.arange(1, x.size), 0.0) * (np.pi / (x.size * (x[1] - x[0])))
+    slope = -np.asarray(idst(turned, norm="ortho"))
     return np.column_stack([g, -slope, np.ones(x.size), (x - x.mean()) / np.ptp(x)])
 
 

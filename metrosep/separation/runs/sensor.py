@@ -87,7 +87,7 @@ def lag_score(model: Model) -> LagScore | None:
     cross = np.zeros((theta.size, 2))
     covariance = model.post.covariance()
     a, b = slice(1, 1 + n), slice(1 + n, 1 + 2 * n)
-    for run in model.seen:
+    for run in model.by_speed:
         columns = np.zeros((theta.size, 2))
         # E[D(theta)'(h - G theta)] is its value at the mean less tr(D C G); D is 2 by 2 for each k.
         pairs = {

@@ -229,7 +229,7 @@ def found_waves(model: Model) -> list[FoundWave]:
                 float(a),
                 float(b),
                 u_amplitude,
-                p if len(model.seen) >= 3 else math.nan,
+                p if len(model.runs) >= 3 else math.nan,
             )
         )
     return sorted(rows, key=lambda w: -w.wavelength)
@@ -240,8 +240,8 @@ def found_waves(model: Model) -> list[FoundWave]:
 
 def find_slip(model: Model) -> bool:
     """Give harmonics on which the runs differ at every feedrate a variance; tell whether any."""
-    feeds = sorted({r.feed for r in model.seen})
-    if len(model.seen) < 3 or len(feeds) < 2:
+    feeds = sorted({r.feed for r in model.runs})
+    if len(model.runs) < 3 or len(feeds) < 2:
         return False
     k = np.flatnonzero(model.harmonics())
     p, spread = p_values(model, k, feeds)
@@ -264,7 +264,7 @@ def p_values(model: Model, k: IntArray, feeds: list[int]) -> tuple[FloatArray, F
 
     assert model.post is not None  # noqa: S101  (after a solution)
     i, j = 1 + k, 1 + model.extension.n + k
-    theta, n = model.post.theta, len(model.seen)
+    theta, n = model.post.theta, len(model.runs)
     root = model.post.full_root
     squares, expected, spread = np.zeros((n, k.size)), np.zeros((n, k.size)), np.zeros(k.size)
     for row, mean, run in zip(squares, expected, model.seen, strict=True):
@@ -277,7 +277,7 @@ def p_values(model: Model, k: IntArray, feeds: list[int]) -> tuple[FloatArray, F
         det = np.maximum(aa * bb - ab**2, 1e-12 * aa * bb + 1e-300)
         a, b = (bb * rest[i] - ab * rest[j]) / det, (aa * rest[j] - ab * rest[i]) / det
         spread += 0.5 * (a**2 + b**2 - (aa + bb) / det) / n
-    of = np.array([r.feed for r in model.seen])
+    of = np.array([r.feed for r in model.runs])
     p = []
     for feed in feeds:
         kept = of != feed
