@@ -46,12 +46,14 @@ from metrosep.parameters.material_ratio import (
 from metrosep.parameters.table import TABLE, Context, ParameterTable, Row, chosen_rows, evaluated
 from metrosep.parameters.watershed import (
     LARGEST_HOLE,
+    Ground,
     Hills,
     Peaks,
     closed_hills,
     five_point_height,
+    ground_of,
     mean_peak_curvature,
-    significant_peaks,
+    peaks_of,
 )
 from metrosep.spectral.dft import instance_of
 
@@ -259,12 +261,16 @@ class _Work:
         return probability_lines(self.curve)
 
     @cached_property
+    def ground(self) -> Ground:
+        return ground_of(self.centred)
+
+    @cached_property
     def peaks(self) -> Peaks:
-        return significant_peaks(self.centred, pruning=self.pruning)
+        return peaks_of(self.ground, pruning=self.pruning)
 
     @cached_property
     def pits(self) -> Peaks:
-        return significant_peaks(-self.centred, pruning=self.pruning)
+        return peaks_of(self.ground.turned_over(), pruning=self.pruning)
 
     def density(self, peaks: Peaks) -> float:
         """Return the number of peaks or pits over the measured and filled area."""

@@ -164,11 +164,12 @@ def _half_plane_sums(d: FloatArray) -> FloatArray:
     n_y, n_x = d.shape
     m_y, m_x = n_y // 2, n_x // 2
     shape = (fft.next_fast_len(n_y + m_y, real=True), fft.next_fast_len(n_x + m_x, real=True))
-    spectrum = fft.rfft2(d, shape)
+    # Rows of zeros are not transformed, and of the lags in y only those that are wanted.
+    spectrum = fft.fft(fft.rfft(d, shape[1]), shape[0], axis=0, overwrite_x=True)
     power = spectrum.real**2
     power += spectrum.imag**2
-    lags = fft.irfft2(power, shape, overwrite_x=True)
-    return np.concatenate([lags[: m_y + 1, -m_x:], lags[: m_y + 1, : m_x + 1]], axis=1)
+    lags = fft.irfft(fft.ifft(power, axis=0)[: m_y + 1], shape[1], overwrite_x=True)
+    return np.concatenate([lags[:, -m_x:], lags[:, : m_x + 1]], axis=1)
 
 
 def central_lobe(acf: Autocorrelation, *, threshold: float = 0.2) -> CentralLobe:

@@ -14,22 +14,27 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from metrosep.core._arrays import FloatArray, IntArray, frozen_float
+from metrosep.core.blas import one_blas_thread
 from metrosep.core.errors import DataError, InvalidSamplesError, TooFewSamplesError
 
 __all__ = [
+    "Ground",
     "Hills",
     "Peaks",
     "closed_hills",
     "five_point_height",
+    "ground_of",
     "mean_peak_curvature",
+    "peaks_of",
     "significant_peaks",
 ]
 
@@ -120,27 +125,54 @@ def significant_peaks(
     >>> len(significant_peaks(c[:, None] + c[None, :]))
     16
     """
-    if not 0.0 <= pruning < 1.0:
-        raise DataError(f"pruning is a share of Sz from 0 to below 1, got {pruning}")
+    ground = ground_of(z, largest_hole=largest_hole)
+    return peaks_of(ground, pruning=pruning, threshold=threshold)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ground:
+    """A map that is ready to be segmented: its small holes are filled."""
+
+    # shape (n_y, n_x), m: heights with the filled pixels, -inf where nothing was measured; as given
+    filled: FloatArray
+    heights: FloatArray
+    is_filled: NDArray[np.bool_]  # shape (n_y, n_x): pixels that were filled
+
+    def turned_over(self) -> Ground:
+        """Return the ground upside down: its peaks are the pits."""
+        filled = np.negative(self.filled)
+        filled[filled == math.inf] = -math.inf
+        return Ground(filled, -self.heights, self.is_filled)
+
+
+def ground_of(z: ArrayLike, *, largest_hole: int = LARGEST_HOLE) -> Ground:
+    """Return a map with its holes of at most `largest_hole` pixels filled; see `significant_peaks`."""
     if isinstance(largest_hole, bool) or int(largest_hole) != largest_hole or largest_hole < 0:
         raise DataError(f"largest_hole is a whole number of pixels from 0, got {largest_hole!r}")
     heights = frozen_float(z, name="z", ndim=2)
     measured = heights == heights
     if not measured.any():
         raise InvalidSamplesError("no pixel is valid: there are no peaks")
-    highest = float(heights[measured].max())
-    lowest = float(heights[measured].min())
+    is_filled = _small_holes(measured, int(largest_hole))
+    filled = _with_filled(heights, measured, is_filled) if is_filled.any() else heights
+    return Ground(np.where(measured | is_filled, filled, -math.inf), heights, is_filled)
+
+
+def peaks_of(ground: Ground, *, pruning: float = 0.05, threshold: float | None = None) -> Peaks:
+    """Return the significant peaks of a ground; see `significant_peaks`."""
+    if not 0.0 <= pruning < 1.0:
+        raise DataError(f"pruning is a share of Sz from 0 to below 1, got {pruning}")
+    heights, filled = ground.heights, ground.filled
+    highest, lowest = float(np.nanmax(heights)), float(np.nanmin(heights))
     if highest == lowest:
         raise InvalidSamplesError("all heights are equal: there are no peaks")
     if threshold is None:
         threshold = pruning * (highest - lowest)
-    is_filled = _small_holes(measured, int(largest_hole))
-    if is_filled.any():
-        heights = _with_filled(heights, measured, is_filled)
-        measured = measured | is_filled
-    filled = np.where(measured, heights, -math.inf)
+    measured = filled > -math.inf
     labels, tops, complete = _hills(filled, measured)
-    prominences, hill = _prominences(filled, labels, filled.reshape(-1)[tops], threshold)
+    prominences, hill = _prominences(
+        *_saddles(filled, labels, tops.size), filled.reshape(-1)[tops], threshold
+    )
     _limit_to_region(prominences, filled, measured, tops)
     # A flat shoulder ends its own paths, at no height above the saddle to the hill behind it.
     kept = np.nonzero((prominences >= threshold) & (prominences > 0.0) & complete)[0]
@@ -149,10 +181,10 @@ def significant_peaks(
     return Peaks(
         rows,
         columns,
-        heights[rows, columns],
+        filled[rows, columns],
         prominences[kept],
         threshold,
-        is_filled,
+        ground.is_filled,
         filled,
         np.append(np.int32(0), hill)[labels],
         int(hill.max()),
@@ -220,8 +252,10 @@ def _quadratic(
     z = np.where(w > 0.0, heights[y, x], 0.0)
     n = (w > 0.0).sum(axis=1)
     middle = z.sum(axis=1) / np.maximum(n, 1)
-    gram = np.einsum("pi,ij,ik->pjk", w, terms, terms)
-    right = np.einsum("pi,pi,ij->pj", w, z - middle[:, None], terms)
+    squares = (terms[:, :, None] * terms[:, None, :]).reshape(dx.size, -1)
+    with one_blas_thread():
+        gram = (w @ squares).reshape(-1, 6, 6)
+        right = (w * (z - middle[:, None])) @ terms
     values = np.linalg.eigvalsh(gram)
     sound = values[:, 0] > 1e-6 * values[:, -1]  # else rounding and noise decide
     level = middle.copy()
@@ -287,29 +321,29 @@ def _steepest_ascent(filled: FloatArray) -> NDArray[np.int64]:
     n_y, n_x = filled.shape
     padded = np.pad(filled, 1, constant_values=-math.inf)
     target = np.arange(filled.size).reshape(filled.shape)
-    best, step = np.empty((_STRIP, n_x)), np.empty((_STRIP, n_x), dtype=np.int64)
+    ways = [(dy, dx) for dy, dx in itertools.product((-1, 0, 1), repeat=2) if (dy, dx) != (0, 0)]
+    step = np.array([0, *(dy * n_x + dx for dy, dx in ways)])
     for start in range(0, n_y, _STRIP):  # strips that stay in the cache
         stop = min(start + _STRIP, n_y)
-        b, s = best[: stop - start], step[: stop - start]
-        b[:], s[:] = filled[start:stop], 0
-        for dy, dx in itertools.product((-1, 0, 1), repeat=2):
+        best = filled[start:stop].copy()
+        way = np.zeros(best.shape, dtype=np.uint8)
+        for number, (dy, dx) in enumerate(ways, start=1):
             neighbour = padded[1 + dy + start : 1 + dy + stop, 1 + dx : 1 + dx + n_x]
-            higher = neighbour > b
-            np.copyto(b, neighbour, where=higher)
-            np.copyto(s, dy * n_x + dx, where=higher)
-        target[start:stop] += s
+            # The largest number is the last that was higher than all before it.
+            np.maximum(way, (neighbour > best) * np.uint8(number), out=way)
+            np.maximum(best, neighbour, out=best)
+        target[start:stop] += step[way]
     return target
 
 
 def _prominences(
-    filled: FloatArray, labels: NDArray[np.int32], tops: FloatArray, threshold: float
+    key: IntArray, saddle: FloatArray, tops: FloatArray, threshold: float
 ) -> tuple[FloatArray, NDArray[np.int32]]:
     """Return the height of each peak above the saddle to a higher one, and its hill after pruning.
 
     Hills count from 1. A hill that is pruned goes to the one across its saddle, with all that it took
     before: what joined it stands still less above its own saddle.
     """
-    key, saddle = _saddles(filled, labels, tops.size)
     a, b = np.divmod(key, tops.size)  # the hills that touch; later those that stand for them
     prominence = np.full(tops.size, math.inf)
     pruned: list[IntArray] = []
@@ -373,40 +407,71 @@ def _limit_to_region(
 def _saddles(filled: FloatArray, labels: NDArray[np.int32], n: int) -> tuple[IntArray, FloatArray]:
     """Return where hills touch: n times the lower number, from 0, plus the higher one; and heights.
 
-    A pair may occur more than once.
+    A pixel joins its hill to those of the higher pixels around it, at its own height. Where all of
+    these touch one another, they are joined higher up already, and nothing that is joined twice ends
+    at the lower saddle: only pixels count around which the higher ones fall apart, or of which a
+    neighbour is as high. A pair may occur more than once.
     """
+    fall_apart = _parts_of_a_ring() > 1
     keys: list[IntArray] = []
     levels: list[FloatArray] = []
     flat, heights, width = labels.reshape(-1), filled.reshape(-1), labels.shape[1]
-    for (rows, columns), (below, right) in _neighbours():
-        border = np.flatnonzero(labels[rows, columns] != labels[below, right])
-        n_columns = width - (columns != slice(None))
-        row, column = np.divmod(border, n_columns)
-        here = (row + (rows.start or 0)) * width + column + (columns.start or 0)
-        there = (row + (below.start or 0)) * width + column + (right.start or 0)
-        a, b = flat[here].astype(np.intp), flat[there].astype(np.intp)
-        both = (a > 0) & (b > 0)
-        if not both.all():
-            a, b, here, there = a[both], b[both], here[both], there[both]
-        key = (np.minimum(a, b) - 1) * n + np.maximum(a, b) - 1
-        level = np.minimum(heights[here], heights[there])
-        if key.size:  # of a border that runs on, its highest place
-            new = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
-            key, level = key[new], np.maximum.reduceat(level, new)
-        keys.append(key)
-        levels.append(level)
+    for start, higher, not_lower in _around_each(filled):
+        here = np.flatnonzero(fall_apart[higher] | (higher != not_lower))
+        wanted = not_lower.reshape(-1)[here]
+        here += start * width
+        for bit, (dy, dx) in enumerate(_RING):
+            at = here[(wanted & np.uint8(1 << bit)) != 0]
+            a, b = flat[at], flat[at + (dy * width + dx)]
+            apart = a != b
+            at, a, b = at[apart], a[apart].astype(np.intp), b[apart].astype(np.intp)
+            keys.append((np.minimum(a, b) - 1) * n + np.maximum(a, b) - 1)
+            levels.append(heights[at])
     return np.concatenate(keys), np.concatenate(levels)
 
 
-def _neighbours() -> Sequence[tuple[tuple[slice, slice], tuple[slice, slice]]]:
-    """Give the slices of each of the four pairs of neighbours: right, down, and both diagonals."""
-    all_, head, tail = slice(None), slice(None, -1), slice(1, None)
-    return (
-        ((all_, head), (all_, tail)),
-        ((head, all_), (tail, all_)),
-        ((head, head), (tail, tail)),
-        ((tail, head), (head, tail)),
-    )
+def _around_each(
+    filled: FloatArray,
+) -> Iterator[tuple[int, NDArray[np.uint8], NDArray[np.uint8]]]:
+    """Give rows from a number on: bits of the ring around each pixel that are higher, and not lower.
+
+    Around a pixel that was not measured there are none.
+    """
+    n_y, n_x = filled.shape
+    padded = np.pad(filled, 1, constant_values=-math.inf)
+    for start in range(0, n_y, _STRIP):  # strips that stay in the cache
+        stop = min(start + _STRIP, n_y)
+        middle = filled[start:stop]
+        higher, not_lower = (np.zeros(middle.shape, dtype=np.uint8) for _ in range(2))
+        for bit, (dy, dx) in enumerate(_RING):
+            neighbour = padded[1 + dy + start : 1 + dy + stop, 1 + dx : 1 + dx + n_x]
+            higher |= (neighbour > middle).view(np.uint8) << np.uint8(bit)
+            not_lower |= (neighbour >= middle).view(np.uint8) << np.uint8(bit)
+        for bits in (higher, not_lower):
+            bits[middle == -math.inf] = 0
+        yield start, higher, not_lower
+
+
+_RING = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
+"""Steps (y, x) to the eight neighbours, around the pixel; the even ones share a side with it."""
+
+
+@cache
+def _parts_of_a_ring() -> NDArray[np.uint8]:
+    """Return, for each set of pixels of the ring, how many parts do not touch one another."""
+    parts = np.zeros(256, dtype=np.uint8)
+    for bits in range(256):
+        left = {k for k in range(8) if bits >> k & 1}
+        while left:
+            parts[bits] += 1
+            reached = {left.pop()}
+            while reached:  # pixels of two sides meet in a corner
+                near = {
+                    (k + d) % 8 for k in reached for d in ((-1, 1) if k % 2 else (-2, -1, 1, 2))
+                }
+                reached = near & left
+                left -= reached
+    return parts
 
 
 def five_point_height(peaks: Peaks, mean: float) -> float:

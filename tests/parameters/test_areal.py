@@ -269,7 +269,7 @@ def test_only_what_is_asked_is_computed_and_names_are_checked(monkeypatch):
 
     monkeypatch.setattr(areal, "abbott_curve", never)
     monkeypatch.setattr(areal, "autocorrelation", never)
-    monkeypatch.setattr(areal, "significant_peaks", never)
+    monkeypatch.setattr(areal, "peaks_of", never)
     assert list(areal_parameters(sine_grid(n=50), names=("Sdq", "Sa"))) == ["Sa", "Sdq"]
     with pytest.raises(DataError, match=r"Ra \(nearest: Sa.*not offered as an areal parameter"):
         areal_parameters(sine_grid(n=50), names=["Sa", "Ra"])

@@ -172,6 +172,39 @@ def test_prominences_of_islands_are_those_of_a_flooding(rng, pruning):
         )
 
 
+def drops_of_a_flooding(z):
+    """Height of each flat top above the level at which it meets a higher one (the later of equals)."""
+    n_y, n_x = z.shape
+    root, top, drops = {}, {}, []
+
+    def find(p):
+        while root[p] != p:
+            p = root[p]
+        return p
+
+    for p in sorted(np.ndindex(n_y, n_x), key=lambda p: -z[p]):
+        root[p], top[p] = p, z[p]
+        for q in ((p[0] + i, p[1] + j) for i in (-1, 0, 1) for j in (-1, 0, 1)):
+            if q in root and (r := find(q)) != (own := find(p)):
+                low, high = sorted((own, r), key=lambda k: top[k])
+                root[low] = high
+                drops.append(top[low] - z[p])
+    return sorted(d for d in [*drops, z.max() - z.min()] if d > 0)
+
+
+@pytest.mark.parametrize("steps", [2, 5, 12])
+def test_steps_of_the_instrument_cost_no_peak(rng, steps):
+    """Heights of few steps: many saddles and tops are as high as one another."""
+    for shape in ((24, 31), (31, 24)):
+        z = rng.integers(0, steps + 1, size=shape).astype(float)
+        z = np.pad(z, 2, constant_values=-1.0)  # no peak at the border of the map
+        peaks = significant_peaks(z, pruning=0.0)
+        assert sorted(peaks.prominences.tolist()) == drops_of_a_flooding(z)
+        apart = significant_peaks(z, threshold=2.0)
+        assert len(apart) == sum(d >= 2.0 for d in drops_of_a_flooding(z))
+        assert len(np.unique(apart.hills)) == apart.n_hills == len(apart)
+
+
 def test_nan_rows_are_cropped_rows_and_transposing_exchanges_axes(rng):
     from scipy.ndimage import gaussian_filter
 
