@@ -45,6 +45,7 @@ from metrosep.io.text.dialect import (
     header_unit,
     is_comment,
     is_number,
+    is_other_unit,
     n_used,
     split_header,
     unmeasured_rows,
@@ -78,6 +79,8 @@ _WHOLE = 2.0**53
 _CONTAINERS = (b"PK\x03\x04", b"SQLite format 3\x00", b"PAR1", b"ARROW1")
 """First bytes of files that may hold tables: workbooks and archives, SQLite, Parquet, Feather."""
 _DECLARATION = re.compile(r'\s*"?sep=(.)"?\s*', re.IGNORECASE)
+_RULE = re.compile(r"(?=.*([-=_])\1{4})[-=_|+*\s]+")
+"""A line under the names: no word for "not measured" has five dashes in a row by itself."""
 _BEGUN = re.compile(r"\s*\"?[+-]?(?:\d+[.,]?\d*|[.,]\d)")
 """How a number begins, whatever follows."""
 
@@ -527,7 +530,10 @@ class _Preamble:
         units = [bare_unit(f) for f in fields]
         shared = len(fields) == 1 and units[0] is not None
         empty = [not f.strip("[]() ") for f in fields]
-        known = all(u is not None or e for u, e in zip(units, empty, strict=True))
+        known = all(
+            u is not None or e or (any(units) and is_other_unit(f))
+            for u, e, f in zip(units, empty, fields, strict=True)
+        )
         if (shared or len(fields) == self._n) and known and not all(empty):
             self._units = units * self._n if shared else units
             self._as_written = fields * self._n if shared else fields
@@ -549,6 +555,8 @@ class _Preamble:
             return "names"
         if n_used(fields) == 0:
             return "blank"
+        if _RULE.fullmatch(line):
+            return "preamble"
         decimal = self._dialect.decimal
         bad = [f for f in fields if not is_number(f, decimal) and f.lower() not in NO_READING]
         begun = _BEGUN.match(fields[0]) is not None
@@ -631,6 +639,9 @@ class _Preamble:
                 count += 1
                 unique = f"{name} ({count})"
             names.append(unique)
+        for i, text in enumerate(self._as_written):
+            if is_other_unit(text) and any(map(str.isalpha, text)):
+                names[i] = f"{names[i]} [{text.strip('[]()<> ')}]"
         units = [header_unit(n)[1] for n in raw]
         for i, unit in enumerate(self._units or []):
             own = units[i]
