@@ -422,9 +422,9 @@ class _Grid:
             found: dict[int, str] = {}
             for cell in row:
                 text = book.text_of(cell, name)
+                if cell.unsolved and not never_computed:
+                    never_computed = f"{letters(cell.column)}{number}"
                 if cell.kind == "n":
-                    if not text and cell.formula and not never_computed:
-                        never_computed = f"{letters(cell.column)}{number}"
                     if text:
                         typed.add((number, cell.column))
                         text = book.moment(cell, text)
@@ -730,6 +730,8 @@ def _of_array(values: NDArray[Any]) -> list[str]:
         return ["" if np.isnat(v) else str(v) for v in values]
     if values.dtype.kind == "S":
         return [_clean(v.decode("utf-8", "replace")) for v in values.tolist()]
+    if values.dtype.kind == "f" and values.dtype.itemsize > 8:  # to the nearest float
+        values = values.astype(np.float64)
     return [_of_value(v) for v in values.tolist()]
 
 

@@ -53,7 +53,7 @@ class Cell(NamedTuple):
     kind: str  # n number, s shared text, str, inlineStr, b, e error, d date
     style: int
     text: str
-    formula: bool
+    unsolved: bool  # a formula without its result
 
 
 class _Archive(Archive):
@@ -258,7 +258,7 @@ class _SheetParser:
         self._rows: list[tuple[int, list[Cell]]] = []
         self._row: list[Cell] | None = None
         self._number = self._column = self._style = 0
-        self._kind, self._text, self._formula = "n", "", False
+        self._kind, self._text, self._formula, self._valued = "n", "", False, False
         self._in_cell = self._taking = False
 
     def feed(self, data: bytes, *, last: bool) -> None:
@@ -287,12 +287,13 @@ class _SheetParser:
                 self._column + 1 if place is None else column_number(found[1] if found else "")
             )
             self._style = _index(attributes.get("s", "0"))
-            self._kind, self._text, self._formula = attributes.get("t", "n"), "", False
+            self._kind, self._text = attributes.get("t", "n"), ""
+            self._formula = self._valued = False
             self._in_cell = True
             if found is not None and int(found[2]) != self._number:
                 self._column = 0  # a cell of another row has no place in this one
         elif self._in_cell and tag in ("v", "t"):
-            self._taking = True
+            self._taking = self._valued = True
         elif self._in_cell and tag == "f":
             self._formula = True
         elif self._in_cell and tag == "rPh":
@@ -306,8 +307,10 @@ class _SheetParser:
             self._taking = False
         elif tag == "c" and self._row is not None:
             self._in_cell = False
-            if self._text or self._formula:
-                cell = Cell(self._column, self._kind, self._style, self._text, self._formula)
+            # a formula may have the empty text as its result
+            solved = self._text or (self._kind == "str" and self._valued)
+            if self._text or (self._formula and not solved):
+                cell = Cell(self._column, self._kind, self._style, self._text, not solved)
                 self._row.append(cell)
         elif tag == "row" and self._row is not None:
             self._rows.append((self._number, self._row))

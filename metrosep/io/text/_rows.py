@@ -418,12 +418,16 @@ class Body:
     def _has_remark(self, number: int, fields: Sequence[str]) -> bool:
         """Whether nothing but words stand behind a whole row: in a field that other rows do not have.
 
-        A number, a unit or a word that calls the row bad may change what the row says: no remark.
+        A number, a unit or a word that calls the row bad may change what the row says: no remark. In a
+        worksheet numbers behind a word are cells of their own, such as a mean beside the table.
         """
+        beside = self._file.table_format == "worksheet"
         row, behind = fields[: self._n], [f.strip().strip('"').strip() for f in fields[self._n :]]
         first = next(f for f in behind if f)
         odd = (
-            f.lower() in self._words or NUMBER_LIKE.match(f) or bare_unit(f) is not None
+            f.lower() in self._words
+            or bare_unit(f) is not None
+            or (NUMBER_LIKE.match(f) and not beside)
             for f in behind
             if f
         )

@@ -81,6 +81,7 @@ _CONTAINERS = (b"PK\x03\x04", b"SQLite format 3\x00", b"PAR1", b"ARROW1")
 _DECLARATION = re.compile(r'\s*"?sep=(.)"?\s*', re.IGNORECASE)
 _RULE = re.compile(r"(?=.*([-=_])\1{4})[-=_|+*\s]+")
 """A line under the names: no word for "not measured" has five dashes in a row by itself."""
+_BLANKS = re.compile(r"\n+")
 _BEGUN = re.compile(r"\s*\"?[+-]?(?:\d+[.,]?\d*|[.,]\d)")
 """How a number begins, whatever follows."""
 
@@ -130,8 +131,8 @@ def read_table(file: RawFile, **text: Any) -> Table:
     """Return the columns of a text file; every one of its lines is accounted for."""
     source = TextTable(file, TextOptions.of(text))
     file = source.file
-    spare = len(source.head.names) - len(source.head.layout.labels)  # empty columns with a name
-    labels = (*source.head.layout.labels, *[False] * spare)
+    n = len(source.head.names)  # empty columns may have a name, and fields without one be remarks
+    labels = (*source.head.layout.labels, *[False] * n)[:n]
     rows = joined(source.blocks(), labels, source.rows_at_most())
     columns = [
         Column(name, unit, None, tuple(values))
@@ -423,6 +424,14 @@ class TableHead:
             end = len(text) if end < 0 else end
             line = text[position:end]
             position, number = end + 1, number + 1
+            if (
+                not line and not options.skip_lines and number > options.skip_rows
+            ):  # a worksheet may have a million of them
+                run = _BLANKS.match(text, position)
+                n = 0 if run is None else run.end() - position
+                others.append((number, "\n" * n, "blank"))
+                position, number = position + n, number + n
+                continue
             declared = _DECLARATION.fullmatch(line) if number == 1 else None
             if options.sets_aside(number):
                 others.append((number, line, "set aside"))
@@ -452,7 +461,7 @@ class TableHead:
             if place >= self.first_line:
                 break
             if kind == "blank":
-                self._ledger.count(kind, 1)
+                self._ledger.count(kind, 1 + line.count("\n"))
                 continue
             self._ledger.add(kind, place, line)
             if kind == "comment":
