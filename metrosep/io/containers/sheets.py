@@ -35,6 +35,7 @@ from metrosep.core.text_options import TextOptions
 from metrosep.core.units import column_unit
 from metrosep.io.archive import Archive, zip_members
 from metrosep.io.containers.arrays import array_of
+from metrosep.io.containers.open_document import CONTENT, OpenDocument
 from metrosep.io.containers.workbook import Workbook, column_number, letters
 from metrosep.io.source import MAX_PIXELS, RawFile
 from metrosep.io.text._rows import DECIMAL_SHOWN
@@ -145,7 +146,7 @@ def container_of(file: RawFile) -> str | None:
         if head.startswith(start):
             return kind
     members = zip_members(file)
-    if "xl/workbook.xml" in members:
+    if "xl/workbook.xml" in members or CONTENT in members:
         return "worksheet"
     return "npz" if any(n.endswith(".npy") for n in members) else None
 
@@ -339,7 +340,8 @@ class _Worksheets(_Container):
     kind: str = field(default="worksheet", init=False)
 
     def __post_init__(self) -> None:
-        self._book = Workbook(self.file)
+        opened = Workbook if "xl/workbook.xml" in zip_members(self.file) else OpenDocument
+        self._book: Workbook | OpenDocument = opened(self.file)
         self._read: dict[str, _Grid] = {}
 
     def holding(self) -> dict[str, str]:
@@ -413,7 +415,7 @@ class _Grid:
     never_computed: str
 
     @classmethod
-    def of(cls, file: RawFile, book: Workbook, name: str) -> _Grid:
+    def of(cls, file: RawFile, book: Workbook | OpenDocument, name: str) -> _Grid:
         rows: dict[int, dict[int, str]] = {}
         texts: list[tuple[tuple[int, int], str]] = []
         typed: set[tuple[int, int]] = set()

@@ -395,10 +395,10 @@ class _Made:
         """Return a height over a position, or over rows of one step."""
         file, table = self.file, self.table
         if x is None and z is None and len(table.numbers) > 2:
-            empty = {c.name for c in table.numbers if _is_empty(c)}
-            if len(table.numbers) - len(empty) == 2:
-                kept = tuple(c for c in table.columns if c.name not in empty)
-                named = ", ".join(map(repr, sorted(empty)))
+            blank = {c.name for c in table.numbers if _is_empty(c)}
+            if len(table.numbers) - len(blank) == 2:
+                kept = tuple(c for c in table.columns if c.name not in blank)
+                named = ", ".join(map(repr, sorted(blank)))
                 said = f"column {named} holds no number and was left out"
                 self.table = table = replace(table, columns=kept, warnings=(*table.warnings, said))
         numbers = [c.name for c in table.numbers]
