@@ -487,6 +487,9 @@ class _Database(_Container):
         self._base.text_factory = lambda raw: raw.decode("utf-8", "replace")
         self._base.execute("PRAGMA trusted_schema = OFF")
         self._base.execute("PRAGMA cell_size_check = ON")
+        (state,) = self._base.execute("PRAGMA quick_check(1)").fetchone()
+        if state != "ok":
+            raise self.file.corrupt("the SQLite file is damaged", found=str(state)[:80])
         allowed = (sqlite3.SQLITE_SELECT, sqlite3.SQLITE_READ)
         self._base.set_authorizer(
             lambda action, *_: sqlite3.SQLITE_OK if action in allowed else sqlite3.SQLITE_DENY
@@ -597,7 +600,7 @@ class _Parquet(_Container):
         if self.file.head.startswith(_ARROW):
             table = ipc.open_file(source).read_all()
         else:
-            held = parquet.ParquetFile(source)
+            held = parquet.ParquetFile(source, page_checksum_verification=True)
             _refuse_many(self.file, held.metadata.num_rows * held.metadata.num_columns)
             table = held.read(use_threads=False)
         _refuse_many(self.file, table.num_rows * table.num_columns)
