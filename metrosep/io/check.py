@@ -18,14 +18,15 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import FormatMismatchError, MetrosepError, ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
-from metrosep.core.runset import RunSet
+from metrosep.core.runset import Run, RunSet
 from metrosep.core.surface import Surface
 from metrosep.core.text_options import TEXT_OPTIONS
 from metrosep.core.units import format_length
 from metrosep.io._roles import runs_in
 from metrosep.io.findings import Finding, Level, height_findings
-from metrosep.io.read import read_one, recognise
-from metrosep.io.registry import find, principal
+from metrosep.io.own_runs import run_table
+from metrosep.io.read import read_any, read_one, recognise
+from metrosep.io.registry import principal
 from metrosep.io.runs import read_runs
 from metrosep.io.source import RawFile, open_file
 from metrosep.io.text.table import Table, read_table
@@ -63,13 +64,9 @@ def check_file(path: str | os.PathLike[str], **options: Any) -> tuple[Finding, .
         Errors first; empty when nothing is odd.
     """
     try:
-        if not options and (runs := _runs(path)) is not None:
-            return tuple(
-                Finding(f.level, f"run {run.run_id!r}: {f.problem}", f.fix)
-                for run in runs
-                for f in _values(run.z, "")
-            )
-        obj = read_one(path, **options)
+        obj = read_any(path, **options)
+        if isinstance(obj, RunSet):
+            return _own_runs(path, obj)
     except FormatMismatchError as exc:
         found = _text_runs(path, options)
         return (_unreadable(exc),) if found is None else found
@@ -105,11 +102,7 @@ def _text_runs(
         return (_unreadable(exc),)
     findings = [Finding("note", f"{found}", found.advice(path, text))]
     findings += _of_reader({"warnings": table.warnings, "lines": table.ledger})
-    for run in runs or ():
-        findings += [
-            Finding(f.level, f"run {run.run_id!r}: {f.problem}", f.fix) for f in _values(run.z, "")
-        ]
-    return _sorted(findings)
+    return _sorted([*findings, *_of_each(runs or ())])
 
 
 def _sorted(findings: list[Finding]) -> tuple[Finding, ...]:
@@ -117,17 +110,18 @@ def _sorted(findings: list[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(findings, key=lambda f: order.index(f.level)))
 
 
-def _runs(path: str | os.PathLike[str]) -> RunSet | None:
-    """Return the runs of a file that metrosep wrote, ``None`` for anything else."""
-    file = open_file(path)
-    try:
-        described = find(file)
-    except ReadError:
-        return None
-    if described.id != "metrosep-h5":
-        return None
-    obj = described.load_reader().read(file)
-    return obj if isinstance(obj, RunSet) else None
+def _own_runs(path: str | os.PathLike[str], runs: RunSet) -> tuple[Finding, ...]:
+    """Return the findings on a file that metrosep wrote with its runs."""
+    table = run_table(runs)
+    found = runs_in(table)
+    findings = [] if found is None else [Finding("note", f"{found}", found.advice(path))]
+    return _sorted([*findings, *_of_reader(runs.metadata), *_of_each(runs)])
+
+
+def _of_each(runs: Iterable[Run]) -> Iterator[Finding]:
+    for run in runs:
+        for f in _values(run.z, ""):
+            yield Finding(f.level, f"run {run.run_id!r}: {f.problem}", f.fix)
 
 
 def check_object(obj: Surface | Profile | Recording) -> tuple[Finding, ...]:

@@ -36,7 +36,7 @@ from metrosep.io.registry import Format
 from metrosep.io.several_runs import BLOCKS, SeveralRunsError
 from metrosep.io.source import RawFile, lateral_steps, open_file, refuse_options
 
-__all__ = ["channels", "read", "read_one", "recognise"]
+__all__ = ["channels", "read", "read_any", "read_one", "recognise"]
 
 
 def read(
@@ -85,7 +85,8 @@ def read(
     -----
     Plain text gives a `Profile` when it has two columns of numbers and neither is a time, or when
     ``x=`` and ``z=`` name the columns; otherwise a `Recording`. A table of several runs gives a
-    `RunSet` where names and units tell run, position and reading; else the message is the call of
+    `RunSet` where names and units tell run, position and reading, and so does a file that metrosep
+    wrote with its runs; else the message is the call of
     `metrosep.io.runs.read_runs` with what is to be filled in.
     """
     options: dict[str, Any] = {
@@ -95,7 +96,7 @@ def read(
         "format": format,
     }
     try:
-        return read_one(path, **options, **layout)
+        return read_any(path, **options, **layout)
     except SeveralRunsError as exc:
         given = {k: v for k, v in {**options, **layout}.items() if v is not None}
         if exc.found.run == BLOCKS or not exc.found.is_known(given) or given.keys() - _OF_RUNS:
@@ -116,7 +117,22 @@ _OF_RUNS = TEXT_OPTIONS.keys() | _COLUMNS | {"unit", "format"}
 """Options of `read` that apply to a set of runs too."""
 
 
-def read_one(
+def read_one(path: str | os.PathLike[str], **options: Any) -> Surface | Profile | Recording:
+    """Return the one map, profile or recording of a file as `read` does; several runs are refused."""
+    obj = read_any(path, **options)
+    if not isinstance(obj, RunSet):
+        return obj
+    from metrosep.io._roles import runs_in
+    from metrosep.io.own_runs import run_table
+
+    if (found := runs_in(run_table(obj))) is not None:
+        raise SeveralRunsError(path, found)
+    raise FormatMismatchError(
+        f"{path}: holds one run; read it with metrosep.read_runs({str(path)!r})"
+    )
+
+
+def read_any(
     path: str | os.PathLike[str],
     *,
     channel: str | None = None,
@@ -124,8 +140,8 @@ def read_one(
     unit: str | tuple[str, ...] | dict[str, str] | None = None,
     format: str | None = None,  # noqa: A002
     **layout: Any,
-) -> Surface | Profile | Recording:
-    """Return the one map, profile or recording of a file as `read` does; several runs are refused."""
+) -> Surface | Profile | Recording | RunSet:
+    """Return what a file holds, runs that metrosep wrote among it; other runs raise `SeveralRunsError`."""
     file = open_file(path)
     if format is None:
         file = registry.principal(file)
@@ -147,15 +163,10 @@ def read_one(
                 f"{', '.join(own) or 'none'}"
             )
     try:
-        obj = reader.read(file, channel=channel, lateral_step=lateral_step, unit=unit, **layout)
+        return reader.read(file, channel=channel, lateral_step=lateral_step, unit=unit, **layout)
     except SeveralRunsError as exc:
         said = {k: v for k, v in layout.items() if k in TEXT_OPTIONS.keys() | _COLUMNS}
         raise SeveralRunsError(exc.path, exc.found, said) from None
-    if isinstance(obj, RunSet):
-        raise FormatMismatchError(
-            f"{file.path}: holds repeated runs; read them with metrosep.read_runs(path)"
-        )
-    return obj
 
 
 def recognise(

@@ -60,8 +60,10 @@ _INSTEAD = {
     rb"7z\xbc\xaf\x27\x1c": "is compressed with 7-Zip; unpack it first (7z x FILE) and read the file inside",
     rb"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": "is an OLE file such as an old (.xls) or a locked workbook; save it as "
     ".xlsx without a password, or export the table as CSV",
-    rb"PK\x03\x04.{26}mimetypeapplication/vnd\.oasis\.opendocument": "is an OpenDocument file; save the table as "
-    ".xlsx or CSV",
+    rb"PK\x03\x04.*xl/workbook\.bin": "is a binary workbook (.xlsb); save it as .xlsx or CSV",
+    rb"PK\x03\x04.*Index/Document\.iwa": "is a workbook of Numbers; export it as .xlsx or CSV",
+    rb"(?:\xef\xbb\xbf)?\s*<\?xml.*(?:Excel\.Sheet|office:spreadsheet|<office:document)": "is a workbook in one XML "
+    "file (Excel 2003 or .fods), whatever its name says; save it as .xlsx, .ods or CSV",
     rb"FEA1": "is a Feather file of version 1; write it again as Feather 2 or Parquet",
     rb"(?:\xef\xbb\xbf)?\s*<(?:!doctype html|html|table|meta)[ >]": "is a web page (HTML), whatever its name says; "
     "open it in a spreadsheet program and save it as .xlsx or CSV",

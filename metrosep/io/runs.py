@@ -43,6 +43,7 @@ from metrosep.core.units import (
 )
 from metrosep.io import registry
 from metrosep.io._roles import jumps_back, runs_in
+from metrosep.io.own_runs import own_runs, run_table
 from metrosep.io.several_runs import BLOCKS
 from metrosep.io.source import RawFile, open_file, rate_of
 from metrosep.io.text.dialect import Dialect
@@ -172,7 +173,12 @@ def read_runs(
     for path, file_feed in zip(files, feeds, strict=True):
         file, table, format_id = columns_of(open_file(path), layout)
         clocked = request
-        if "separator" not in table.header and time is None and sampling_rate is None:
+        if (
+            TIME in table.names
+            and "separator" not in table.header
+            and time is None
+            and sampling_rate is None
+        ):
             clocked = replace(request, time=TIME)
         if sampling_rate is None:
             table = without_empty_rows(table)
@@ -472,7 +478,10 @@ _TEXT = "delimited"
 
 def stored_runs(file: RawFile) -> RunSet | None:
     """Return the runs of a file that metrosep wrote as a whole, else ``None``."""
-    if _format(file) != _OWN:
+    known = _format(file)
+    if known == _TEXT:
+        return own_runs(file, read_table(file))
+    if known != _OWN:
         return None
     from metrosep.io.containers.native import read
 
@@ -497,6 +506,8 @@ def columns_of(file: RawFile, layout: dict[str, Any]) -> tuple[RawFile, Table, s
             f"{file.path}: is recognised as {known}, which takes no {next(iter(layout))}; leave it out"
         )
     obj = registry.get(known).load_reader().read(file)
+    if isinstance(obj, RunSet):
+        return file, run_table(obj), known
     if not isinstance(obj, Recording):
         raise FormatMismatchError(
             f"{file.path}: holds a {type(obj).__name__.lower()} ({known}), not channels over time; runs "

@@ -26,6 +26,7 @@ from metrosep.core.recording import Recording
 from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.io.own_notes import header_lines
+from metrosep.io.own_runs import run_table
 
 __all__ = ["SUFFIXES", "WITHOUT_HISTORY", "write"]
 
@@ -104,8 +105,7 @@ def write(
     metadata and gives the same object back. sdf, smd, sur, pro and int keep no history. int has 16
     bits, sur and pro 32: they round heights to steps of P-V/65534 and about P-V/2.1e9. sdf, smd and
     pro hold profiles of equal steps only, smd no point that was not measured. In text "not measured" is an empty field in CSV and ``nan`` in xyz. ``read`` gives a
-    profile, a recording or a surface back, `read_runs` a set of runs from CSV (``x="x_m"``,
-    ``z="z_m"``, ``feed="feed_m_s"``, ``time="t_s"``, ``run="run"``).
+    profile, a recording, a surface or a set of runs back.
     """
     where = Path(path)
     name = (
@@ -177,21 +177,9 @@ def _csv(obj: Surface | Profile | Recording | RunSet) -> bytes:
 
 
 def _runs(runs: RunSet) -> bytes:
-    names = ["run"]
-    has_feed = all(r.feed is not None for r in runs)
-    has_time = all(r.t is not None for r in runs)
-    names += ["feed_m_s"] * has_feed + ["t_s"] * has_time + ["x_m", "z_m"]
-    columns: list[list[str]] = [[] for _ in names]
-    for i, run in enumerate(runs):
-        parts: list[Sequence[str]] = [[run.run_id or str(i)] * len(run)]
-        if has_feed:
-            parts.append([repr(float(run.feed or 0.0))] * len(run))
-        if has_time and run.t is not None:
-            parts.append(_texts(run.t))
-        parts += [_texts(run.x), _texts(run.z)]
-        for column, part in zip(columns, parts, strict=True):
-            column.extend(part)
-    return _table(names, columns, runs)
+    columns = run_table(runs).columns
+    texts = [c.labels or () if c.values is None else _texts(c.values) for c in columns]
+    return _table([c.name for c in columns], texts, runs)
 
 
 def _table(

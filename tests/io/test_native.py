@@ -9,6 +9,7 @@ from metrosep.core.provenance import Step
 from metrosep.core.runset import Run, RunSet
 from metrosep.io.containers import native
 from metrosep.io.containers.native import native_bytes
+from metrosep.io.read import read_one
 from metrosep.io.source import RawFile
 
 METADATA = {
@@ -186,7 +187,7 @@ def test_other_type_of_number_is_refused(put, bump):
 
 def test_the_wrong_door_is_named(put, bump):
     with pytest.raises(ms.errors.FormatMismatchError, match=r"metrosep\.read_runs"):
-        ms.read(put(native_bytes(runset()), "runs.h5"))
+        read_one(put(native_bytes(runset()), "runs.h5"))
     with pytest.raises(ms.errors.FormatMismatchError, match="holds a surface, not runs"):
         ms.read_runs(put(native_bytes(bump), "surface.h5"))
 

@@ -734,3 +734,92 @@ def test_a_wrong_unit_is_refused_with_the_sheet(book, unit):
 
     with pytest.raises(ms.errors.MetrosepError, match="Data"):
         ms.read(path, x=f"x [{unit}]", z="z [um]")
+
+
+def with_formula(path, cell, element):
+    """Give a cell of a workbook another element, as its XML has it."""
+    kept = path.with_name("other.xlsx")
+    with zipfile.ZipFile(path) as old, zipfile.ZipFile(kept, "w") as new:
+        for member in old.namelist():
+            data = old.read(member)
+            if member == "xl/worksheets/sheet1.xml":
+                start = data.index(f'<c r="{cell}"'.encode())
+                end = data.index(b"</c>", start) + 4
+                data = data[:start] + element.encode() + data[end:]
+            new.writestr(member, data)
+    return kept
+
+
+@pytest.mark.parametrize(
+    "element",
+    [
+        '<c r="B5"><f>A5*2</f></c>',
+        '<c r="B5"><f>A5*2</f><v></v></c>',
+        '<c r="B5" t="str"><f>A5</f></c>',
+    ],
+)
+def test_a_formula_without_its_result_is_refused_whatever_its_type(book, element):
+    path = with_formula(book(a=profile()), "B5", element)
+
+    with pytest.raises(ms.errors.UnsupportedFeatureError, match="cell B5 holds a formula"):
+        ms.read(path)
+
+
+def test_a_formula_with_the_empty_text_as_its_result_is_an_empty_cell(book):
+    path = with_formula(book(a=profile()), "B5", '<c r="B5" t="str"><f>""</f><v></v></c>')
+
+    z = ms.read(path).z
+
+    assert np.flatnonzero(np.isnan(z)).tolist() == [3]
+
+
+def beside(cells):
+    """Write cells beside the table of a workbook."""
+
+    def change(made):
+        for place, value in cells.items():
+            made.active[place] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("cells", "said"),
+    [
+        ({"C5": "checked"}, "line 5: 'checked'"),
+        ({"H5": "Operator: M. Smith"}, "line 5: 'Operator: M. Smith'"),
+        ({"D2": "Mean", "E2": 0.5, "D3": "SD", "E3": 1.36}, "line 2: 'Mean 0.5'"),
+        ({"D1": "Diagram of z"}, "column 'Diagram of z' holds no number"),
+    ],
+)
+def test_what_stands_beside_the_table_of_a_worksheet_costs_no_row(book, cells, said):
+    path = book(change=beside(cells), a=profile())
+
+    found = ms.read(path)
+
+    assert found.z.tolist() == (np.array(Z) * 1e-6).tolist()
+    assert any(said in w for w in found.metadata["warnings"])
+
+
+def test_numbers_beside_the_table_without_a_word_are_refused(book):
+    path = book(change=beside({"D4": 0.5}), a=profile())
+
+    with pytest.raises(ms.errors.ReadError, match="line 4"):
+        ms.read(path)
+
+
+def test_long_doubles_of_an_archive_are_numbers(tmp_path):
+    path = tmp_path / "long.npz"
+    np.savez(path, x_mm=np.array(X), z_um=np.array(Z, dtype=np.longdouble))
+
+    assert ms.read(path).z.tolist() == (np.array(Z) * 1e-6).tolist()
+
+
+def test_a_million_empty_rows_take_a_moment(book):
+    path = book(change=beside({"A1048576": "end"}), a=profile())
+    begun = time.process_time()
+
+    found = ms.read(path)
+
+    assert len(found) == len(Z)
+    assert time.process_time() - begun < QUICK

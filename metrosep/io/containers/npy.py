@@ -9,6 +9,7 @@ import numpy as np
 
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
+from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.core.units import column_unit
 from metrosep.io.containers.arrays import array_of
@@ -77,7 +78,7 @@ _NPZ = "npz"
 @functools.wraps(delimited.read)
 def _npz_read(
     file: RawFile, *, lateral_step: Any = None, unit: Any = None, **options: Any
-) -> Surface | Profile | Recording:
+) -> Surface | Profile | Recording | RunSet:
     """Return the map of one matrix, or what arrays of one length hold as the columns of a table."""
     demand(file, _NPZ)
     sheet, scale = options.get("sheet"), options.get("scale")

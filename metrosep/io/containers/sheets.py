@@ -35,6 +35,7 @@ from metrosep.core.text_options import TextOptions
 from metrosep.core.units import column_unit
 from metrosep.io.archive import Archive, zip_members
 from metrosep.io.containers.arrays import array_of
+from metrosep.io.containers.open_document import CONTENT, OpenDocument
 from metrosep.io.containers.workbook import Workbook, column_number, letters
 from metrosep.io.source import MAX_PIXELS, RawFile
 from metrosep.io.text._rows import DECIMAL_SHOWN
@@ -145,7 +146,7 @@ def container_of(file: RawFile) -> str | None:
         if head.startswith(start):
             return kind
     members = zip_members(file)
-    if "xl/workbook.xml" in members:
+    if "xl/workbook.xml" in members or CONTENT in members:
         return "worksheet"
     return "npz" if any(n.endswith(".npy") for n in members) else None
 
@@ -339,7 +340,8 @@ class _Worksheets(_Container):
     kind: str = field(default="worksheet", init=False)
 
     def __post_init__(self) -> None:
-        self._book = Workbook(self.file)
+        opened = Workbook if "xl/workbook.xml" in zip_members(self.file) else OpenDocument
+        self._book: Workbook | OpenDocument = opened(self.file)
         self._read: dict[str, _Grid] = {}
 
     def holding(self) -> dict[str, str]:
@@ -413,7 +415,7 @@ class _Grid:
     never_computed: str
 
     @classmethod
-    def of(cls, file: RawFile, book: Workbook, name: str) -> _Grid:
+    def of(cls, file: RawFile, book: Workbook | OpenDocument, name: str) -> _Grid:
         rows: dict[int, dict[int, str]] = {}
         texts: list[tuple[tuple[int, int], str]] = []
         typed: set[tuple[int, int]] = set()
@@ -422,9 +424,9 @@ class _Grid:
             found: dict[int, str] = {}
             for cell in row:
                 text = book.text_of(cell, name)
+                if cell.unsolved and not never_computed:
+                    never_computed = f"{letters(cell.column)}{number}"
                 if cell.kind == "n":
-                    if not text and cell.formula and not never_computed:
-                        never_computed = f"{letters(cell.column)}{number}"
                     if text:
                         typed.add((number, cell.column))
                         text = book.moment(cell, text)
@@ -485,6 +487,9 @@ class _Database(_Container):
         self._base.text_factory = lambda raw: raw.decode("utf-8", "replace")
         self._base.execute("PRAGMA trusted_schema = OFF")
         self._base.execute("PRAGMA cell_size_check = ON")
+        (state,) = self._base.execute("PRAGMA quick_check(1)").fetchone()
+        if state != "ok":
+            raise self.file.corrupt("the SQLite file is damaged", found=str(state)[:80])
         allowed = (sqlite3.SQLITE_SELECT, sqlite3.SQLITE_READ)
         self._base.set_authorizer(
             lambda action, *_: sqlite3.SQLITE_OK if action in allowed else sqlite3.SQLITE_DENY
@@ -595,7 +600,7 @@ class _Parquet(_Container):
         if self.file.head.startswith(_ARROW):
             table = ipc.open_file(source).read_all()
         else:
-            held = parquet.ParquetFile(source)
+            held = parquet.ParquetFile(source, page_checksum_verification=True)
             _refuse_many(self.file, held.metadata.num_rows * held.metadata.num_columns)
             table = held.read(use_threads=False)
         _refuse_many(self.file, table.num_rows * table.num_columns)
@@ -730,6 +735,8 @@ def _of_array(values: NDArray[Any]) -> list[str]:
         return ["" if np.isnat(v) else str(v) for v in values]
     if values.dtype.kind == "S":
         return [_clean(v.decode("utf-8", "replace")) for v in values.tolist()]
+    if values.dtype.kind == "f" and values.dtype.itemsize > 8:  # to the nearest float
+        values = values.astype(np.float64)
     return [_of_value(v) for v in values.tolist()]
 
 

@@ -23,7 +23,17 @@ from metrosep.io.source import RawFile
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-__all__ = ["Cell", "Cells", "Workbook", "column_number", "letters"]
+__all__ = [
+    "COLUMNS",
+    "NUMBER",
+    "PIECE",
+    "ROWS",
+    "Cell",
+    "Cells",
+    "Workbook",
+    "column_number",
+    "letters",
+]
 
 Cells: TypeAlias = list[tuple[int, dict[str, float | str]]]
 """Number of each row, from 1, and its cells by column letter; empty cells are left out."""
@@ -31,11 +41,11 @@ Cells: TypeAlias = list[tuple[int, dict[str, float | str]]]
 _MAX_MEMBER = 2**24
 """Largest size in bytes of an XML member beside the worksheets."""
 _MAX_SHEET = 2**29
-_ROWS, _COLUMNS = 2**20, 2**14
+ROWS, COLUMNS = 2**20, 2**14
 """Rows and columns of the largest worksheet there is."""
-_PIECE = 2**16
+PIECE = 2**16
 _PLACE = re.compile(r"([A-Z]{1,3})(\d{1,7})")
-_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
 _BUILT_IN: Final = {
     **dict.fromkeys((14, 15, 16, 17, *range(27, 37), *range(50, 59)), "d"),
     **dict.fromkeys((18, 19, 20, 21, 45), "h"),
@@ -53,7 +63,7 @@ class Cell(NamedTuple):
     kind: str  # n number, s shared text, str, inlineStr, b, e error, d date
     style: int
     text: str
-    formula: bool
+    unsolved: bool  # a formula without its result
 
 
 class _Archive(Archive):
@@ -106,13 +116,13 @@ class Workbook:
         parser = _SheetParser()
         before = 0
         with xml_of(self._archive, member):
-            for start in range(0, max(len(data), 1), _PIECE):
-                parser.feed(data[start : start + _PIECE], last=start + _PIECE >= len(data))
+            for start in range(0, max(len(data), 1), PIECE):
+                parser.feed(data[start : start + PIECE], last=start + PIECE >= len(data))
                 for number, row in parser.taken():
                     columns = [c.column for c in row]
-                    if not before < number <= _ROWS:
+                    if not before < number <= ROWS:
                         raise self.corrupt(f"has a row {number} behind row {before}", member)
-                    if columns and not 0 < min(columns) <= max(columns) <= _COLUMNS:
+                    if columns and not 0 < min(columns) <= max(columns) <= COLUMNS:
                         raise self.corrupt(f"has a cell without a place in row {number}", member)
                     before = number
                     yield number, row
@@ -127,7 +137,7 @@ class Workbook:
                 raise self._bad(cell, sheet, "that is not a value") from None
         if cell.kind != "n" or not cell.text:
             return cell.text
-        if _NUMBER.fullmatch(cell.text) is None:
+        if NUMBER.fullmatch(cell.text) is None:
             raise self._bad(cell, sheet, "that is not a value")
         if not np.isfinite(float(cell.text)):
             raise self._bad(cell, sheet, "that is not finite")
@@ -258,7 +268,7 @@ class _SheetParser:
         self._rows: list[tuple[int, list[Cell]]] = []
         self._row: list[Cell] | None = None
         self._number = self._column = self._style = 0
-        self._kind, self._text, self._formula = "n", "", False
+        self._kind, self._text, self._formula, self._valued = "n", "", False, False
         self._in_cell = self._taking = False
 
     def feed(self, data: bytes, *, last: bool) -> None:
@@ -287,12 +297,13 @@ class _SheetParser:
                 self._column + 1 if place is None else column_number(found[1] if found else "")
             )
             self._style = _index(attributes.get("s", "0"))
-            self._kind, self._text, self._formula = attributes.get("t", "n"), "", False
+            self._kind, self._text = attributes.get("t", "n"), ""
+            self._formula = self._valued = False
             self._in_cell = True
             if found is not None and int(found[2]) != self._number:
                 self._column = 0  # a cell of another row has no place in this one
         elif self._in_cell and tag in ("v", "t"):
-            self._taking = True
+            self._taking = self._valued = True
         elif self._in_cell and tag == "f":
             self._formula = True
         elif self._in_cell and tag == "rPh":
@@ -306,8 +317,10 @@ class _SheetParser:
             self._taking = False
         elif tag == "c" and self._row is not None:
             self._in_cell = False
-            if self._text or self._formula:
-                cell = Cell(self._column, self._kind, self._style, self._text, self._formula)
+            # a formula may have the empty text as its result
+            solved = self._text or (self._kind == "str" and self._valued)
+            if self._text or (self._formula and not solved):
+                cell = Cell(self._column, self._kind, self._style, self._text, not solved)
                 self._row.append(cell)
         elif tag == "row" and self._row is not None:
             self._rows.append((self._number, self._row))

@@ -24,7 +24,16 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import AmbiguousFormatError, CorruptFileError
 from metrosep.core.text_options import TextOptions
 from metrosep.io.source import RawFile
-from metrosep.io.text.dialect import BEYOND, NO_COMMENT, NO_READING, Layout, is_comment, n_used
+from metrosep.io.text.dialect import (
+    BEYOND,
+    NO_COMMENT,
+    NO_READING,
+    NUMBER_LIKE,
+    Layout,
+    bare_unit,
+    is_comment,
+    n_used,
+)
 
 __all__ = [
     "DECIMAL_SHOWN",
@@ -372,6 +381,8 @@ class Body:
             if self._is_text(fields):
                 self._pending.append((number, line, False))
                 continue
+            if used > self._n and self._has_remark(number, fields[:used]):
+                used = self._n
             if len(fields) < self._n or used > self._n:
                 at_end = last and not any(rest.strip() for rest in every[number - first + 1 :])
                 raise self._wrong_count(number, line, len(fields), at_end=at_end)
@@ -379,7 +390,11 @@ class Body:
                 waiting = self._flush()
                 rows += [[""] * self._n for _ in waiting]
                 numbers += waiting
-            if len(fields) > self._layout.n_raw and dialect.separator != " ":
+            if (
+                used == n_used(fields)
+                and len(fields) > self._layout.n_raw
+                and dialect.separator != " "
+            ):
                 self._surplus.append(number)
             rows.append(fields[: self._n])
             numbers.append(number)
@@ -399,6 +414,32 @@ class Body:
             return None
         self.ledger.note("remark", number, remark.group().strip())
         return fields
+
+    def _has_remark(self, number: int, fields: Sequence[str]) -> bool:
+        """Whether nothing but words stand behind a whole row: in a field that other rows do not have.
+
+        A number, a unit or a word that calls the row bad may change what the row says: no remark. In a
+        worksheet numbers behind a word are cells of their own, such as a mean beside the table.
+        """
+        beside = self._file.table_format == "worksheet"
+        row, behind = fields[: self._n], [f.strip().strip('"').strip() for f in fields[self._n :]]
+        first = next(f for f in behind if f)
+        odd = (
+            f.lower() in self._words
+            or bare_unit(f) is not None
+            or (NUMBER_LIKE.match(f) and not beside)
+            for f in behind
+            if f
+        )
+        if not first[:1].isalpha() or any(odd) or not all(map(self._fits, row, self._labels)):
+            return False
+        self.ledger.note("remark", number, " ".join(f for f in behind if f))
+        return True
+
+    def _fits(self, field: str, label: bool) -> bool:
+        """Whether a field is a number or a word for none; any text fits a column of labels."""
+        word = field.strip().lower()
+        return label or word in self._words or self._layout.dialect.plain(field) is not None
 
     def _is_text(self, fields: Sequence[str]) -> bool:
         """Whether a line is words, no row: it begins with a letter where a number should stand."""

@@ -22,13 +22,23 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import AmbiguousFormatError, ReadError
 from metrosep.core.profile import Profile
 from metrosep.core.recording import Recording
+from metrosep.core.runset import RunSet
 from metrosep.core.surface import Surface
 from metrosep.core.text_options import TextOptions
 from metrosep.core.units import parse_unit
 from metrosep.io.declared import Match
+from metrosep.io.own_notes import is_marked
 from metrosep.io.registry import BuiltIn, demand, sniffer
 from metrosep.io.source import HEAD_BYTES, RawFile
-from metrosep.io.text.dialect import NO_READING, find_layout, is_comment, unmeasured_rows
+from metrosep.io.text.dialect import (
+    NO_READING,
+    Layout,
+    find_layout,
+    header_unit,
+    is_comment,
+    split_header,
+    unmeasured_rows,
+)
 from metrosep.io.text.encoding import head_text
 from metrosep.io.text.logger import first_lines
 from metrosep.io.text.measurement import measurement
@@ -45,6 +55,7 @@ from metrosep.io.text.times import RunningClock, moments
 __all__ = ["channels", "parquet", "read", "sniff", "sqlite", "worksheet"]
 
 _DIGITS = re.compile(r"[\s\"'+.,;|-]*\d[\d.,;|'eE+\-\s\"]*(?:[,;|\t ]|$)")
+_FEWEST = 3
 _MAX_TITLES = 5
 """Lines above a table with which a short text still counts as one."""
 
@@ -72,7 +83,14 @@ def sniff(file: RawFile) -> Match:
     is_table = layout.ends and (
         layout.n_fit >= others or (layout.n_fit > 1 and others <= _MAX_TITLES)
     )
-    return Match.MAYBE if is_table else _mostly_digits(sample)
+    return Match.MAYBE if is_table or _is_named(sample, layout) else _mostly_digits(sample)
+
+
+def _is_named(lines: list[str], layout: Layout) -> bool:
+    """Whether a few rows stand right below names with units, however much text is round them."""
+    above = lines[max(layout.start - 2, 0) : layout.start]
+    names = [split_header(line, layout.dialect.separator, layout.n) for line in above]
+    return layout.n_fit >= _FEWEST and any(header_unit(n)[1] for own in names for n in own or ())
 
 
 def _mostly_digits(lines: list[str]) -> Match:
@@ -103,12 +121,19 @@ def read(
     sampling_rate: float | str | None = None,
     scale: float | str | None = None,
     **text: Any,
-) -> Profile | Recording | Surface:
-    """Return the profile, the recording or the surface that a table of numbers holds."""
+) -> Profile | Recording | Surface | RunSet:
+    """Return the profile, recording or surface that a table of numbers holds, or metrosep's own runs."""
     file = text_of(file, text)
+    table = read_table(file, **text)
+    asked = (channel, lateral_step, unit, x, y, z, time, sampling_rate, scale)
+    if all(a is None for a in asked) and any(map(is_marked, table.header["comments"])):
+        from metrosep.io.own_runs import own_runs
+
+        if (runs := own_runs(file, table)) is not None:
+            return runs
     return measurement(
         file,
-        read_table(file, **text),
+        table,
         file.table_format,
         channel=channel,
         lateral_step=lateral_step,
@@ -129,7 +154,7 @@ def _container(format_id: str) -> BuiltIn:
     """Return the reader of a container of tables."""
 
     @functools.wraps(read)
-    def of_container(file: RawFile, **options: Any) -> Profile | Recording | Surface:
+    def of_container(file: RawFile, **options: Any) -> Profile | Recording | Surface | RunSet:
         demand(file, format_id)
         return read(file, **options)
 

@@ -42,6 +42,7 @@ __all__ = [
     "header_unit",
     "is_comment",
     "is_number",
+    "is_other_unit",
     "n_used",
     "split_header",
     "unmeasured_rows",
@@ -57,14 +58,20 @@ MISSING: Final = frozenset(
     {
         "", "nan", "-nan", "+nan", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#qnan", "1.#ind",
         "-1.#ind", "na", "n/a", "null", "none", "nil", "missing", "bad", "invalid", "void",
-        "no data", "nodata", "-", "--", "---", "----", "*", "**", "***", "****", *_SPREADSHEET,
+        "no data", "nodata", *_SPREADSHEET,
     }
+    | {mark * n for mark in "-*" for n in range(1, 25)}
 )  # fmt: skip
 """Words, in lower case, for "not measured"."""
 
 BEYOND: Final = frozenset(
-    {"over", "under", "overflow", "overrange", "ol", "ovld", "out of range", "saturated"}
+    {"out of range", "saturated"}
     | {s + w for s in ("", "+", "-") for w in ("inf", "infinity", "1.#inf", "\u221e")}
+    | {
+        s + w
+        for s in ("", "+", "-")
+        for w in ("over", "under", "overflow", "overrange", "ol", "ovld")
+    }
 )
 """Words, in lower case, for a reading beyond the range of the sensor."""
 
@@ -162,6 +169,8 @@ def is_comment(line: str, prefix: str | None = None) -> bool:
         return text.startswith(prefix)
     if text.startswith(("#", "%", "!", "//")):
         return _ERROR_CELL.match(text) is None  # else a row whose first cell has no value
+    if re.match(r";[^;\s]+[^;]*;", text):
+        return False  # names or values behind an empty field
     if text.startswith(";"):
         rest = text.lstrip("; \t")
         return bool(rest) and not NUMBER_LIKE.match(rest)
@@ -190,18 +199,36 @@ def n_used(fields: Sequence[str]) -> int:
 
 _IN = re.compile(r"^(.+?)\s+in\s+(\S+)$")
 _SLASH = re.compile(r"^(.+?)\s*/\s*(\S+)$")
+_COMMA = re.compile(r"^(.+?),\s*(\S+)$")
+"""Where the comma separates the columns it stands in no name."""
+_FULL_WIDTH = {0xFF01 + k: 0x21 + k for k in range(94)} | {0x3000: " "}
 _SPACED = re.compile(r"^(.+?)\s+(pm|nm|um|\u00b5m|\u03bcm|mm|cm|urad|mrad|arcsec|deg|ms|us|mV)$")
 _BRACKETS = re.compile(r"^[\[(<]\s*(.*?)\s*[\])>]$")
 
 
 def bare_unit(field: str) -> Unit | None:
     """Return the unit that a field names and nothing else, such as ``"[um]"``."""
-    text = field.strip().strip('"').strip()
+    text = field.translate(_FULL_WIDTH).strip().strip('"').strip()
     match = _BRACKETS.match(text)
     try:
         return parse_unit(match.group(1) if match else text)
     except UnitError:
         return None
+
+
+_OTHER_UNITS = frozenset((
+    "N", "mN", "kN", "g", "kg", "K", "C", "degC", "degF", "°C", "℃", "°F", "A", "mA", "uA",
+    "µA", "W", "kW", "bar", "mbar", "Pa", "hPa", "kPa", "MPa", "%", "%RH", "ppm", "dB", "J",
+    "Ohm", "Ω", "kg/m3", "N/mm2", "counts", "cts", "inc", "digit", "digits", "-", "n/a", "1",
+))  # fmt: skip
+"""Other units, and marks for none, that stand in a row of units: such a column keeps its numbers."""
+
+
+def is_other_unit(field: str) -> bool:
+    """Return whether a field of a row of units names a unit that no role of a column needs."""
+    text = field.strip().strip('"').strip()
+    match = _BRACKETS.match(text)
+    return (match.group(1) if match else text) in _OTHER_UNITS
 
 
 def header_unit(header: str) -> tuple[str, Unit | None]:
@@ -212,13 +239,13 @@ def header_unit(header: str) -> tuple[str, Unit | None]:
     >>> header_unit("s / mm")[0], header_unit("s / mm")[1].name
     ('s', 'mm')
     """
-    name, unit = column_unit(header)
+    text = header.translate(_FULL_WIDTH).strip()
+    name, unit = column_unit(text)
     if unit is not None:
         return name, unit
-    text = header.strip()
     if bare_unit(text) is not None:
         return text, None
-    for pattern in (_IN, _SLASH, _SPACED):
+    for pattern in (_IN, _SLASH, _COMMA, _SPACED):
         match = pattern.match(text)
         if match is not None:
             unit = bare_unit(match.group(2))
@@ -239,6 +266,8 @@ def split_header(line: str, separator: str, n_columns: int) -> list[str] | None:
         " ": r"\s{2,}|\t",
     }
     order = [separator, *(s for s in patterns if s != separator)]
+    if separator in "\t;|" and separator in text:
+        order = [separator]  # what stands between them are the names, whatever else is in these
     for mark in order:
         if len(mark) == 1 and mark != " ":
             fields = next(csv.reader([text], delimiter=mark, skipinitialspace=True), [])
@@ -255,7 +284,7 @@ def split_header(line: str, separator: str, n_columns: int) -> list[str] | None:
             names = re.findall(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?", text)
             if len(names) == n_columns:
                 return names
-    names = text.split()
+    names = text.split() if len(order) > 1 else []
     return names if len(names) == n_columns else None
 
 

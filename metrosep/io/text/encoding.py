@@ -23,23 +23,35 @@ ROLE_WORDS: Final[dict[Role, str]] = {
     "position": "x pos position encoder distance travel displacement lateral scanlength target nominal "
     "axisposition weg strecke lage verfahrweg soll sollwert déplacement course abscisse cible "
     "posizione spostamento corsa distanza quota posición desplazamiento distancia recorrido carrera "
-    "位置 位移 距离 行程 坐标 変位量 距離 移動量 座標",
+    "位置 位移 距离 行程 坐标 変位量 距離 移動量 座標 "
+    "координата положение перемещение расстояние",
     "height": "z height deviation dev error err sensor cap straightness profile reading probe gap topography höhe "
     "abweichung fehler geradheit profil messwert taster spalt hauteur écart erreur rectitude lecture "
     "palpeur altezza scostamento errore rettilineità profilo lettura altura desviación rectitud "
-    "perfil lectura palpador 高度 偏差 误差 直线度 轮廓 读数 高さ 誤差 真直度 形状 測定値",
+    "perfil lectura palpador 高度 偏差 误差 直线度 轮廓 读数 高さ 誤差 真直度 形状 測定値 "
+    "отклонение погрешность высота профиль показание",
     "time": "t time clock timestamp elapsed zeit zeitstempel uhrzeit datum temps heure date horodatage "
-    "tempo ora data tiempo hora fecha 时间 時間 时刻 日期 時刻 日時 測定日時",
+    "tempo ora data tiempo hora fecha 时间 時間 时刻 日期 時刻 日時 測定日時 "
+    "время дата",
     "feed": "feed feedrate f speed velocity vorschub geschwindigkeit avance vitesse avanzamento "
-    "velocità velocidad 进给 进给速度 速度 送り 送り速度",
+    "velocità velocidad 进给 进给速度 速度 送り 送り速度 "
+    "подача скорость",
     "run": "run pass cycle trace repeat repetition lauf messung zyklus wiederholung fahrt passe essai "
-    "répétition prova ciclo passata ripetizione pasada ensayo repetición 次数 循环 序列 回 回数 サイクル",
-    "direction": "direction dir richtung sens verso sentido dirección 方向",
-    "angle": "angle theta phi rotation c winkel drehwinkel angolo ángulo 角度 回転角",
-    "temperature": "temp temperature temperatur température temperatura 温度",
+    "répétition prova ciclo passata ripetizione pasada ensayo repetición 次数 循环 序列 回 回数 サイクル "
+    "проход цикл",
+    "direction": "direction dir richtung sens verso sentido dirección 方向 направление",
+    "angle": "angle theta phi rotation c winkel drehwinkel angolo ángulo 角度 回転角 угол",
+    "temperature": "temp temperature temperatur température temperatura 温度 температура",
     "index": "no nr index sample point lfdnr punkt punto 序号 点 番号",
 }
-"""What columns are called in English, German, French, Italian, Spanish, Chinese and Japanese."""
+"""What columns are called in English, German, French, Italian, Spanish, Chinese, Japanese and Russian."""
+
+_ABOVE: Final = (
+    "测量 采样 频率 周期 通道 设备 仪器 操作员 文件 单位 最大 最小 平均 传感器 编号 数据 结果 公司 "
+    "計測 測定 周期 周波数 保存 装置 作業者 最大 最小 平均 番号 データ 結果 判定 "
+    "измерение прибор оператор канал частота файл среднее датчик"
+)
+"""Words that stand above tables beside the names of the columns; full-width kana are known one by one."""
 
 _PAGES: Final = ("cp1252", "cp932", "gb18030", "big5", "euc_kr", "cp1251", "mac_roman")
 _KNOWN = re.compile(
@@ -52,6 +64,8 @@ _KNOWN = re.compile(
                 if not w.isascii() and len(w) > 1
             }
             | set("µμ°℃å±²³０１２３４５６７８９．，－＋")
+            | set(_ABOVE.split())
+            | {chr(c) for c in (*range(0x3041, 0x3097), *range(0x30A1, 0x30FB))}
             | FOREIGN_SPELLINGS,
             key=len,
             reverse=True,
@@ -62,9 +76,11 @@ _BEYOND_ASCII = re.compile(rb"(?<![^\r\n])[^\r\n\x80-\xff]*+[\x80-\xff][^\r\n]*"
 """Whole lines with a byte beyond ASCII; a long line is looked through once."""
 _LINES = 100
 """Lines that are looked at for their code page."""
+_PUNCTUATION = frozenset({*range(0x80), *range(0xA0, 0x100), *b"\x80\x85\x91\x92\x93\x94\x96\x97"})
+"""Bytes that stand alone in a text of cp1252: letters, and the dash that is written for a minus."""
 _ENOUGH = 1 / 3
 """Share of known characters: in a wrong page some bytes are a degree sign by chance."""
-_CONTROL = bytes({*range(0x20)} - {*b"\t\n\v\f\r\x1b"})
+_CONTROL = bytes({*range(0x20)} - {*b"\t\n\v\f\r\x1a\x1b"})
 
 
 def decode(data: bytes, path: object, encoding: str | None = None) -> tuple[str, str]:
@@ -130,7 +146,9 @@ def plain_ends(text: str) -> str:
     if "\r" in text:
         for end in ("\r\r\n", "\r\n", "\r"):
             text = text.replace(end, "\n")
-    return text.removeprefix("\ufeff")
+    if "\ufeff" in text:  # files that were joined have one in the middle
+        text = text.replace("\n\ufeff", "\n")
+    return text.removeprefix("\ufeff").removesuffix("\x1a")
 
 
 @lru_cache(maxsize=2)
@@ -181,7 +199,10 @@ def _legacy_page(data: bytes) -> str:
     )
     shares = {page: _known_share(sample, page) for page in _PAGES}
     best = max(_PAGES, key=lambda page: shares[page])
-    return best if shares[best] > _ENOUGH else "latin-1"
+    if shares[best] > _ENOUGH:
+        return best
+    alone = not re.search(rb"[\x80-\xff]{2}", sample)
+    return "cp1252" if alone and _PUNCTUATION.issuperset(sample) else "latin-1"
 
 
 def _known_share(sample: bytes, page: str) -> float:

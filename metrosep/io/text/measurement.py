@@ -394,6 +394,13 @@ class _Made:
     ) -> Profile:
         """Return a height over a position, or over rows of one step."""
         file, table = self.file, self.table
+        if x is None and z is None and len(table.numbers) > 2:
+            blank = {c.name for c in table.numbers if _is_empty(c)}
+            if len(table.numbers) - len(blank) == 2:
+                kept = tuple(c for c in table.columns if c.name not in blank)
+                named = ", ".join(map(repr, sorted(blank)))
+                said = f"column {named} holds no number and was left out"
+                self.table = table = replace(table, columns=kept, warnings=(*table.warnings, said))
         numbers = [c.name for c in table.numbers]
         if x is None and z is None:
             if len(numbers) == 1 and steps is not None:
@@ -489,6 +496,10 @@ def position_and_height(file: RawFile, table: Table) -> tuple[str, str, tuple[st
             ),
         )
     return first.name, second.name, ()
+
+
+def _is_empty(column: Column) -> bool:
+    return column.values is not None and bool(np.isnan(column.values).all())
 
 
 def _profile_role(column: Column) -> str | None:

@@ -45,6 +45,7 @@ from metrosep.io.text.dialect import (
     header_unit,
     is_comment,
     is_number,
+    is_other_unit,
     n_used,
     split_header,
     unmeasured_rows,
@@ -78,6 +79,9 @@ _WHOLE = 2.0**53
 _CONTAINERS = (b"PK\x03\x04", b"SQLite format 3\x00", b"PAR1", b"ARROW1")
 """First bytes of files that may hold tables: workbooks and archives, SQLite, Parquet, Feather."""
 _DECLARATION = re.compile(r'\s*"?sep=(.)"?\s*', re.IGNORECASE)
+_RULE = re.compile(r"(?=.*([-=_])\1{4})[-=_|+*\s]+")
+"""A line under the names: no word for "not measured" has five dashes in a row by itself."""
+_BLANKS = re.compile(r"\n+")
 _BEGUN = re.compile(r"\s*\"?[+-]?(?:\d+[.,]?\d*|[.,]\d)")
 """How a number begins, whatever follows."""
 
@@ -127,8 +131,8 @@ def read_table(file: RawFile, **text: Any) -> Table:
     """Return the columns of a text file; every one of its lines is accounted for."""
     source = TextTable(file, TextOptions.of(text))
     file = source.file
-    spare = len(source.head.names) - len(source.head.layout.labels)  # empty columns with a name
-    labels = (*source.head.layout.labels, *[False] * spare)
+    n = len(source.head.names)  # empty columns may have a name, and fields without one be remarks
+    labels = (*source.head.layout.labels, *[False] * n)[:n]
     rows = joined(source.blocks(), labels, source.rows_at_most())
     columns = [
         Column(name, unit, None, tuple(values))
@@ -420,6 +424,14 @@ class TableHead:
             end = len(text) if end < 0 else end
             line = text[position:end]
             position, number = end + 1, number + 1
+            if (
+                not line and not options.skip_lines and number > options.skip_rows
+            ):  # a worksheet may have a million of them
+                run = _BLANKS.match(text, position)
+                n = 0 if run is None else run.end() - position
+                others.append((number, "\n" * n, "blank"))
+                position, number = position + n, number + n
+                continue
             declared = _DECLARATION.fullmatch(line) if number == 1 else None
             if options.sets_aside(number):
                 others.append((number, line, "set aside"))
@@ -449,7 +461,7 @@ class TableHead:
             if place >= self.first_line:
                 break
             if kind == "blank":
-                self._ledger.count(kind, 1)
+                self._ledger.count(kind, 1 + line.count("\n"))
                 continue
             self._ledger.add(kind, place, line)
             if kind == "comment":
@@ -527,7 +539,10 @@ class _Preamble:
         units = [bare_unit(f) for f in fields]
         shared = len(fields) == 1 and units[0] is not None
         empty = [not f.strip("[]() ") for f in fields]
-        known = all(u is not None or e for u, e in zip(units, empty, strict=True))
+        known = all(
+            u is not None or e or (any(units) and is_other_unit(f))
+            for u, e, f in zip(units, empty, fields, strict=True)
+        )
         if (shared or len(fields) == self._n) and known and not all(empty):
             self._units = units * self._n if shared else units
             self._as_written = fields * self._n if shared else fields
@@ -549,6 +564,8 @@ class _Preamble:
             return "names"
         if n_used(fields) == 0:
             return "blank"
+        if _RULE.fullmatch(line):
+            return "preamble"
         decimal = self._dialect.decimal
         bad = [f for f in fields if not is_number(f, decimal) and f.lower() not in NO_READING]
         begun = _BEGUN.match(fields[0]) is not None
@@ -631,6 +648,9 @@ class _Preamble:
                 count += 1
                 unique = f"{name} ({count})"
             names.append(unique)
+        for i, text in enumerate(self._as_written):
+            if is_other_unit(text) and any(map(str.isalpha, text)):
+                names[i] = f"{names[i]} [{text.strip('[]()<> ')}]"
         units = [header_unit(n)[1] for n in raw]
         for i, unit in enumerate(self._units or []):
             own = units[i]

@@ -1,0 +1,92 @@
+"""Runs as the columns of a table that metrosep writes, and back: nothing is lost on the way.
+
+Position and reading are in m, or in rad for an axis that turns, and the names of the columns say so.
+An empty feed or time is that of a run without one.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from metrosep.core.runset import Run, RunSet
+from metrosep.core.units import parse_unit
+from metrosep.io.own_notes import header_notes, is_marked
+from metrosep.io.source import RawFile
+from metrosep.io.text.table import Column, Table
+
+__all__ = ["own_runs", "run_table"]
+
+_NAMES = ("run", "feed_m_s", "t_s")
+
+
+def run_table(runs: RunSet) -> Table:
+    """Return runs as the columns run, feed_m_s, t_s, x_m (x_rad) and z_m (z_rad)."""
+    units = [str(runs.metadata.get(key, "m")) for key in ("unit", "z_unit")]
+    labels = _labels(runs)
+    parts = {
+        "feed_m_s": [np.full(len(r), np.nan if r.feed is None else r.feed) for r in runs],
+        "t_s": [np.full(len(r), np.nan) if r.t is None else r.t for r in runs],
+        f"x_{units[0]}": [r.x for r in runs],
+        f"z_{units[1]}": [r.z for r in runs],
+    }
+    held = {"feed_m_s": any(r.feed for r in runs), "t_s": any(r.t is not None for r in runs)}
+    numbers = [
+        Column(name, parse_unit(name.split("_", 1)[1].replace("_", "/")), np.concatenate(values))
+        for name, values in parts.items()
+        if held.get(name, True)
+    ]
+    texts = tuple(label for label, r in zip(labels, runs, strict=True) for _ in range(len(r)))
+    lines = np.arange(1, len(texts) + 1, dtype=np.int64)
+    return Table((Column("run", None, None, texts), *numbers), lines, {"named": True})
+
+
+def _labels(runs: RunSet) -> list[str]:
+    """Return a name of its own for each run."""
+    names = [run.run_id or str(k) for k, run in enumerate(runs)]
+    counts: Counter[str] = Counter()
+    made: list[str] = []
+    for name in names:
+        counts[name] += 1
+        unique = name if counts[name] == 1 else f"{name} ({counts[name]})"
+        made.append(unique if unique not in made else f"{unique} [{len(made)}]")
+    return made
+
+
+def own_runs(file: RawFile, table: Table) -> RunSet | None:
+    """Return the runs of a text that metrosep wrote with runs, ``None`` for any other table."""
+    comments = table.header.get("comments", ())
+    *first, x, z = table.names if len(table.names) > 2 else ("", "", "")
+    units = [name.partition("_")[2] for name in (x, z)]
+    known = first[:1] == ["run"] and [n for n in _NAMES if n in first] == first
+    is_own = known and (x[:2], z[:2]) == ("x_", "z_") and set(units) <= {"m", "rad"}
+    if not is_own or not any(map(is_marked, comments)):
+        return None
+    notes = header_notes(file, comments)
+    by_name = {c.name: c.values for c in table.columns}
+    run = table["run"]
+    names = np.array(run.labels if run.labels is not None else run.values)
+    if names.dtype.kind == "f":  # numbers of runs, as they were written
+        names = np.array([f"{n:.15g}" for n in names])
+    order = dict.fromkeys(names.tolist())
+    columns = [by_name.get(name) for name in (x, z, "t_s", "feed_m_s")]
+    runs = []
+    for name in order:
+        rows = names == name
+        own_x, own_z, t, feed = (None if c is None else c[rows] for c in columns)
+        runs.append(
+            Run(
+                own_x if own_x is not None else (),
+                own_z if own_z is not None else (),
+                t=None if t is None or np.isnan(t).all() else t,
+                feed=None if feed is None or np.isnan(feed[0]) else float(feed[0]),
+                run_id=name,
+            )
+        )
+    metadata = {
+        **({} if units == ["m", "m"] else {"unit": units[0], "z_unit": units[1]}),
+        "files": ({"file": file.name, "sha256": file.sha256},),
+        "warnings": (*table.warnings, *notes.warnings),
+    }
+    return RunSet(runs, metadata=metadata, history=(*notes.history, *file.history("delimited")))

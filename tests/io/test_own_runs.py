@@ -1,0 +1,82 @@
+"""Runs that metrosep wrote come back as runs by every door: nothing is lost, no unit is changed."""
+
+import numpy as np
+import pytest
+
+import metrosep as ms
+from metrosep.cli.main import main
+from metrosep.io.check import check_file
+
+X = np.linspace(0.0, 0.01, 21)
+Z = 1e-6 * np.sin(300.0 * X) + 1e-7 * X
+GAPS = np.where(X > 0.0096, np.nan, Z)
+
+SETS = {
+    "one": [ms.Run(X, Z, feed=0.05)],
+    "feeds": [ms.Run(X, Z, feed=0.05, run_id="a"), ms.Run(X[::-1], -Z, feed=0.01, run_id="b")],
+    "one without a feed": [ms.Run(X, Z, feed=0.05), ms.Run(X, 2.0 * Z)],
+    "one without a clock": [ms.Run(X, Z, t=X / 0.05), ms.Run(X, Z)],
+    "same names": [ms.Run(X, Z, run_id="a"), ms.Run(X, 2.0 * Z, run_id="a")],
+    "odd names": [ms.Run(X, GAPS, run_id='a,b"c'), ms.Run(X, Z, run_id="run 7")],
+    "whole numbers": [ms.Run(X, k * Z, run_id=str(k)) for k in (10, 2, 1)],
+}
+
+
+@pytest.mark.parametrize("suffix", ["csv", "h5"])
+@pytest.mark.parametrize("kind", SETS)
+@pytest.mark.parametrize("door", [ms.read, ms.read_runs])
+def test_a_set_of_runs_comes_back(tmp_path, suffix, kind, door):
+    runs = ms.RunSet(SETS[kind])
+    path = ms.write(runs, tmp_path / f"runs.{suffix}")
+
+    back = door(path)
+
+    assert isinstance(back, ms.RunSet)
+    assert len(back) == len(runs)
+    for old, new in zip(runs, back, strict=True):
+        assert new.x.tolist() == old.x.tolist()
+        np.testing.assert_array_equal(new.z, old.z)
+        assert (new.t is None) == (old.t is None)
+        assert new.t is None or new.t.tolist() == old.t.tolist()
+        assert new.feed == old.feed
+    assert not [f for f in check_file(path) if f.level == "error"]
+
+
+def test_runs_of_an_axis_that_turns_keep_their_units(tmp_path):
+    rows = [f"{k},{10 * i},{0.1 * i + k}" for k in range(3) for i in range(10)]
+    source = tmp_path / "turns.csv"
+    source.write_text("\n".join(["run,c_deg,z_arcsec", *rows]) + "\n")
+    runs = ms.read_runs(source, x="c_deg", z="z_arcsec", run="run", angles=True)
+
+    back = ms.read(ms.write(runs, tmp_path / "own.csv"))
+
+    assert (back.metadata["unit"], back.metadata["z_unit"]) == ("rad", "rad")
+    assert back[2].x.tolist() == runs[2].x.tolist()
+    assert back[2].z.tolist() == runs[2].z.tolist()
+    # 10 degrees and 2.1 arc seconds, by hand
+    assert back[2].x[1] == pytest.approx(np.pi / 18.0, rel=0.0, abs=1e-15)
+    assert back[2].z[1] == pytest.approx(2.1 / 3600.0 * np.pi / 180.0, rel=0.0, abs=1e-18)
+    assert "read" in [s.name for s in back.history]
+
+
+@pytest.mark.parametrize("suffix", ["csv", "h5"])
+def test_the_call_that_check_prints_separates_them(tmp_path, suffix, capsys):
+    rng = np.random.default_rng(5)
+    parts = [ms.Run(X, Z + 1e-9 * rng.normal(size=21), feed=0.05, run_id=f"r{k}") for k in (1, 2)]
+    path = ms.write(ms.RunSet(parts), tmp_path / f"own.{suffix}")
+    (note,) = check_file(path)
+    call = note.fix.partition("metrosep separate ")[2].split()
+
+    with pytest.raises(SystemExit) as stop:
+        main(["separate", *call, "--method", "mean", "-o", str(tmp_path / "out")])
+
+    assert stop.value.code in (0, 3), capsys.readouterr().err
+
+
+def test_a_table_that_only_looks_like_it_is_read_as_any_other(tmp_path):
+    path = tmp_path / "runs.csv"
+    path.write_text("run,x_m,z_m\n" + "".join(f"7,{i},{0.1 * i}\n" for i in range(9)))
+
+    assert not isinstance(ms.read(path, x="x_m", z="z_m"), ms.RunSet)
+    with pytest.raises(ms.errors.FormatMismatchError, match="holds columns, not runs"):
+        ms.read_runs(path)
