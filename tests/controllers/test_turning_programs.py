@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -406,3 +407,21 @@ def test_a_wrong_sense_of_c_is_seen_on_a_skew_part(tmp_path):
     assert check_program(wrong, RoundNose(R), SKEW).form_error > 100 * NM
     right = read_program(tmp_path / "p.nc", NGC)
     assert check_program(right, RoundNose(R), SKEW).form_error < 20 * NM
+
+
+def test_blocks_too_slow_for_inverse_time_of_linuxcnc_are_named(tmp_path):
+    """LinuxCNC lets no block of G93 go slower than 0.1 mm/min along X, Y, Z (seen in its interpreter)."""
+    flat = Expression("0*x")
+    turn = np.linspace(0.0, 6 * np.pi, 91)
+    program = TurningProgram(2e-3 - 1e-6 * turn / (2 * np.pi), turn, 0 * turn, turn / (2 * np.pi), "tip", "linear")  # fmt: skip
+    words = {"nose": RoundNose(R), "form": flat, "verify": False}
+
+    slow = write_program(program, tmp_path / "a.nc", replace(NGC, x_decimals=8), **words)
+
+    # 1 um a turn of 1 s is 0.06 mm/min, all 90 blocks the same
+    (message,) = [m for m in slow.messages if "LinuxCNC" in m]
+    assert message.startswith("90 of 90 blocks move X and Z slower than 0.1 mm/min")
+    assert "up to 1.67 times too fast" in message
+    assert message in json.loads(slow.sidecar.read_text())["messages"]
+    other = write_program(program, tmp_path / "b.nc", LatheAxes("workpiece ccw", inverse_time="s"), **words)  # fmt: skip
+    assert not [m for m in other.messages if "LinuxCNC" in m]

@@ -54,6 +54,8 @@ _AROUND = 90
 _ROWS = 50_000
 _LONGEST = 200
 """Characters of a comment; some controls take 256 in a block."""
+_SLOWEST = 0.1
+"""mm or inch per minute along X, Y and Z: LinuxCNC's interpreter runs no block of G93 slower."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,6 +204,7 @@ def write_program(
     else:
         lines = _gcode(program, axes) if kind == "gcode" else _points(program, axes)
     head = _head(program, axes, nose, form, kind, velocity_time)
+    slow = _too_slow(program, axes) if kind == "gcode" else ()
     marks = {"gcode": "({})", "pmac": "// {}", "points": "# {}"}[kind]
     digest = hashlib.sha256()
     found: list[ProgramCheck] = []
@@ -218,14 +221,14 @@ def write_program(
             _require(made, tolerance)
             found.append(made)
         check = found[0] if found else None
-        return _sidecar(program, axes, digest.hexdigest(), check, head)
+        return _sidecar(program, axes, digest.hexdigest(), check, head, slow)
 
     with paired_stream(target, said, overwrite=overwrite) as out:
         for line in chain((marks.format(_plain(t)) for t in head), lines):
             data = line.encode("ascii") + b"\n"
             digest.update(data)
             out.write(data)
-    messages = (*(found[0].messages if found else ()), *program.messages)
+    messages = (*(found[0].messages if found else ()), *program.messages, *slow)
     return WrittenProgram(target, sidecar_path(target), found[0] if found else None, messages)
 
 
@@ -371,6 +374,24 @@ def _gcode(program: TurningProgram, axes: LatheAxes) -> Iterator[str]:
     yield "M30"
 
 
+def _too_slow(program: TurningProgram, axes: LatheAxes) -> tuple[str, ...]:
+    """Return a message on blocks of G93 that LinuxCNC would run faster than they say."""
+    if axes.feed != "G93" or axes.inverse_time != "1/min":
+        return ()
+    x, _, z = _words(program, axes)
+    way = np.hypot(np.diff(x * axes.x_scale), np.diff(z * axes.z_scale)) / axes.z_scale
+    rate = way / np.diff(program.t) * 60.0
+    slow = (way > 0.0) & (rate < _SLOWEST)  # a block of C alone counts in degrees
+    if not slow.any():
+        return ()
+    said = (
+        f"{int(slow.sum())} of {rate.size} blocks move X and Z slower than {_SLOWEST} {axes.unit}/min: "
+        f"LinuxCNC runs no block of G93 slower, and C would turn up to {_SLOWEST / rate[slow].min():.3g} "
+        'times too fast there; write feed = "G94" for it'
+    )
+    return (said,)
+
+
 def _pmac(
     program: TurningProgram, axes: LatheAxes, velocity_time: float | None, resolution: float
 ) -> Iterator[str]:
@@ -438,6 +459,7 @@ def _sidecar(
     digest: str,
     check: ProgramCheck | None,
     head: list[str],
+    slow: tuple[str, ...],
 ) -> str:
     found: dict[str, Any] = {
         "schema": "metrosep turning program 1",
@@ -445,7 +467,7 @@ def _sidecar(
         "head": head,
         "axes": axes.to_dict(),
         "audit": {k: v for k, v in program.audit.items() if isinstance(v, str | int | float)},
-        "messages": list(program.messages),
+        "messages": [*program.messages, *slow],
     }
     if check is not None:
         nm = {
