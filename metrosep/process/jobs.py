@@ -451,12 +451,7 @@ class TurningJob:
             velocities = None
         else:
             Z, slopes, said = tip_heights(self.form, X, azimuth, edge, rates=rates)
-            velocities = None
-            if slopes is not None:
-                vX, vC = -self.feed * speed / (2.0 * math.pi), spiral.way * speed
-                velocities = np.stack(
-                    [np.full_like(X, vX), np.full_like(X, vC), slopes[0] * vX + slopes[1] * vC]
-                )
+            velocities = None if slopes is None else self._rates(spiral, speed, slopes)
             if spiral.knots == "least-squares":
                 Z = spiral.points(self._surface).z
         if rates and velocities is None:
@@ -495,6 +490,12 @@ class TurningJob:
         theta -= theta[0]
         theta /= speed
         return X, azimuth, frozen(theta), speed
+
+    def _rates(self, spiral: SpiralPath, speed: float, slopes: FloatArray) -> FloatArray:
+        """Return velocities of X, azimuth and Z by dZ/dX and dZ/dphi of the tip, equation (6)."""
+        vX, vC = -self.feed * speed / (2.0 * math.pi), spiral.way * speed
+        flat = np.ones(slopes.shape[1])
+        return np.stack([vX * flat, vC * flat, slopes[0] * vX + slopes[1] * vC])
 
     @described_by(predict, errors=False)
     def compensated(
@@ -552,19 +553,27 @@ class TurningJob:
         points = spiral.points(self._surface)
         if self.nose is None:
             change, residual, messages = self._cut_points(points, tool)
+            slopes = None
         else:
-            change, residual, messages = self._tips(points, self.nose, tool)
+            change, residual, messages, slopes = self._tips(points, self.nose, tool)
         z = points.z + change
         audit: dict[str, Any] = {"n_points": len(points), "gain": gain, **self._tool()}
         if tool is not None:
             audit |= {f"{n}_um": getattr(tool, n) * 1e6 for n in ("dx", "dy", "dR")}
+        added = np.zeros(0)
         if follow_up is not None:
-            z -= gain * held_on_points(follow_up, spiral, points.rho, messages)
-        X, azimuth, t, _ = self._course(spiral)
+            added = -gain * held_on_points(follow_up, spiral, points.rho, messages)
+            z += added
+        X, azimuth, t, speed = self._course(spiral)
         joined: Interpolation = spiral.interpolation
         velocities = None
         if joined == "pvt":
-            velocities = frozen(np.stack([knot_slopes(t, v) for v in (X, azimuth, z)]))
+            if slopes is None:
+                raise DataError("a PVT program is one of the tip: give the nose of the tool")
+            found = self._rates(spiral, speed, slopes)
+            if added.size:  # a log knows its points only
+                found[2] += knot_slopes(t, added)
+            velocities = frozen(found)
         return TurningProgram(
             frozen(X), frozen(azimuth), frozen(z), t, "cut points" if self.nose is None else "tip",
             joined, velocities, points.z, points.lead_in, freeze_mapping(residual),
@@ -584,8 +593,8 @@ class TurningJob:
 
     def _tips(
         self, points: PathPoints, nose: RoundNose, tool: ToolSetting | None
-    ) -> tuple[FloatArray, dict[str, float], list[str]]:
-        """Return what the setting changes of the tips, residual and messages; refuse a gouge."""
+    ) -> tuple[FloatArray, dict[str, float], list[str], FloatArray]:
+        """Return what the setting changes of the tips, residual, messages, dZ/dX and dZ/dphi; refuse a gouge."""
         fits = gouge_check(self.form, nose, region=(self.core, self.radius))
         fits.require()
         nominal = Edge.of(nose, self.sense)
@@ -600,12 +609,14 @@ class TurningJob:
                 f"outside it nothing is cut; begin {format_length(self.radius - starts)} further out, "
                 "with a larger radius"
             )
+        turn = edge.by_azimuth(points.rho, made.psi, made.along_x, made.along_y)
+        slopes = np.stack([made.along_x, turn])
         if tool is None:
-            return np.zeros(len(points)), {}, said
+            return np.zeros(len(points)), {}, said, slopes
         plain = tips(self.form, points.rho, points.azimuth, nominal, strict=True)
         _, residual, unknown = left_over(tool, edge.by_setting(made), np.abs(made.rho))
         said += [f"tool setting: {m}" for m in tool.messages]
-        return made.z - plain.z, residual, [*said, *unknown]
+        return made.z - plain.z, residual, [*said, *unknown], slopes
 
     def _tool(self) -> dict[str, Any]:
         """Return what an audit says of the nose."""

@@ -10,6 +10,7 @@ from metrosep.forms import Expression, SineGrid, Sphere, Toric
 from metrosep.process import (
     AxisLimits,
     RoundNose,
+    ToolSetting,
     TurningJob,
     TurningProgram,
     axis_motion,
@@ -291,3 +292,40 @@ def test_a_program_that_goes_backwards_is_clockwise():
     assert program().sense == "counterclockwise"
     assert program(azimuth=-np.linspace(0.0, 6.0, 7)).sense == "clockwise"
     assert np.isnan(program().at([0.5])[0]).all()
+
+
+@pytest.mark.parametrize("setting", [None, ToolSetting(dx=1.3 * UM, dy=-0.8 * UM, dR=5 * UM)])
+@pytest.mark.parametrize("sense", ["clockwise", "counterclockwise"])
+def test_pvt_velocities_of_a_program_that_makes_up_for_the_tool_are_those_of_the_envelope(
+    sense, setting
+):
+    """Z(t) = max over the edge of form - edge, written here; its rate by a difference of 2e-5 s."""
+    rake, R_ = math.radians(-30), 0.4e-3
+    grid = Expression("2e-7*sin(2*pi*x/2e-4)*cos(2*pi*y/2e-4)+3*x**2+1e-3*y")
+    job = TurningJob(
+        grid, 0.5e-3, 4e-6, rpm=20, core=0.485e-3, sense=sense, nose=RoundNose(R_, rake)
+    )
+    path = job.path(
+        step=2 * np.pi / 60, interpolation="pvt"
+    )  # 6 points a wave: differences are poor
+    made = job.compensated(path, tool=setting)
+    dx, dy, dR = (0.0, 0.0, 0.0) if setting is None else setting.values
+    way = 1.0 if sense == "counterclockwise" else -1.0
+    psi = np.linspace(-0.25, 0.25, 400_001)
+    u = (R_ + dR) * np.sin(psi)
+    w = (R_ + dR) * (1.0 - np.cos(psi))
+    ex, ey, ez = u + dx, -way * w * math.sin(rake) + dy, w * math.cos(rake)
+
+    def height(t):
+        X = made.X[0] - 4e-6 * (t - made.t[0]) / 3.0  # 20 rpm: a turn in 3 s
+        phi = made.azimuth[0] + way * 2 * math.pi * (t - made.t[0]) / 3.0
+        px = (X + ex) * math.cos(phi) - ey * math.sin(phi)
+        py = (X + ex) * math.sin(phi) + ey * math.cos(phi)
+        return float((grid(px, py) - ez).max())
+
+    for i in (1, 17, 40, 58, 100):
+        h = 1e-5
+        rate = (height(made.t[i] + h) - height(made.t[i] - h)) / (2 * h)
+        # the file has 1e-10 m/s as its last digit; a spline through the points is off by 1e-8
+        assert made.velocities[2, i] == pytest.approx(rate, abs=3e-10)
+        assert made.Z[i] == pytest.approx(height(made.t[i]), abs=0.01 * NM)

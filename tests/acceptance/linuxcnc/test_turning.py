@@ -12,7 +12,8 @@ import pytest
 from acceptance.linuxcnc.test_rs274 import interpret, pytestmark
 
 from metrosep.controllers.gcode.lathe import LatheAxes
-from metrosep.controllers.gcode.turning import read_program, write_program
+from metrosep.controllers.gcode.turning import write_program
+from metrosep.controllers.gcode.turning_reader import read_program
 from metrosep.forms import Expression
 from metrosep.process import RoundNose, TurningJob
 
