@@ -31,9 +31,8 @@ from metrosep.core.units import format_length
 from metrosep.forms.base import Form
 from metrosep.process.cutting.edge_errors import cusp_heights
 from metrosep.process.cutting.programs import TurningProgram
-from metrosep.process.cutting.virtual_part import VirtualPart, virtual_cut
+from metrosep.process.cutting.virtual_part import VirtualPart, touched_radii, virtual_cut
 from metrosep.process.nose import RoundNose
-from metrosep.process.tips import Edge, tips
 from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["ProgramCheck", "WrittenProgram", "check_program", "write_program"]
@@ -48,8 +47,6 @@ _SLACK = 0.2e-9
 """m: what a check may find beyond what is predicted."""
 _PLACES, _SEED = 20_000, 2020
 _WHOLE_MS = 1e-9
-_AROUND = 90
-"""Tips of a turn that tell how far its contacts reach."""
 _ROWS = 50_000
 _LONGEST = 200
 """Characters of a comment; some controls take 256 in a block."""
@@ -568,7 +565,7 @@ def check_program(
     DataError
         If the program is one of cut points, or cuts nothing of the region.
     """
-    low, high = region or _touched(program, nose, form)
+    low, high = region or touched_radii(program, nose, form)
     n = numbers.count(places, "places", least=100)
     rng = np.random.default_rng(numbers.count(seed, "seed", least=0))
     rho = np.sqrt(rng.uniform(low * low, high * high, n))
@@ -601,25 +598,3 @@ def check_program(
         part, part.peak_to_valley, cusp, difference, digits, program.interpolation,
         (*part.messages, said), planned_pv,
     )  # fmt: skip
-
-
-def _touched(program: TurningProgram, nose: RoundNose, form: Form) -> tuple[float, float]:
-    """Return the radii between which contacts of every azimuth lie, one turn off each end."""
-    turn = 2.0 * math.pi
-    gone = np.abs(program.azimuth - program.azimuth[0])
-    ends = []
-    for low, high in ((turn, 2.0 * turn), (gone[-1] - 2.0 * turn, gone[-1] - turn)):
-        on = np.flatnonzero((gone >= low) & (gone <= high))
-        on = on if on.size else np.arange(len(program))
-        on = on[:: max(1, on.size // _AROUND)]
-        made = tips(
-            form, program.X[on], program.azimuth[on], Edge.of(nose, program.sense), strict=False
-        )
-        known = np.abs(made.rho[np.isfinite(made.rho)])
-        if not known.size:
-            raise DataError("the tool touches nothing of the form at an end of the program")
-        ends.append((float(known.min()), float(known.max())))
-    (a, b), (c, d) = ends
-    # the inner end counts from its furthest contact, the outer one to its nearest
-    low, high = (d, a) if a + b > c + d else (b, c)
-    return (low, high) if low < high else (min(a, c), max(b, d))
