@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from metrosep.process._motion import FollowUp, FollowUpMap
 from metrosep.process._plain import frozen, length
 from metrosep.process._setting_equations import FACTORS, height_errors, polar_slopes
 from metrosep.process.cutting.edge_errors import Servo
+from metrosep.process.cutting.point_counts import fewest_on_the_cut
 from metrosep.process.cutting.programs import TurningProgram
 from metrosep.process.cutting.servos import contact_path
 from metrosep.process.feedforward import corrected_path, left_over
@@ -49,7 +50,12 @@ from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["JobPlan", "TurningJob"]
 
+JudgedOn = Literal["cut", "path"]
+"""What a tolerance of the points is one of."""
+
 _LEAD_IN = 3
+_FEWEST = 8
+"""Points a turn: fewer follow nothing."""
 _MOST_PLANS = 5
 """Searches with a tighter tolerance until the tip path, which is more curved, holds it too."""
 _USUAL_NOSE = 0.5e-3
@@ -234,6 +240,7 @@ class TurningJob:
         interpolation: Interpolation = "spline",
         annulus: tuple[float | None, float | None] | None = None,
         lead_in: int = _LEAD_IN,
+        judged_on: JudgedOn = "cut",
         **options: Any,
     ) -> JobPlan:
         """Return the fewest blocks whose interpolation error holds a tolerance.
@@ -244,6 +251,9 @@ class TurningJob:
             Region that counts; the whole part if omitted.
         lead_in : int, optional
             Points before the rim, so that the free end of the spline is not on the part.
+        judged_on : {"cut", "path"}, optional
+            What must hold the tolerance: the part that the nose cuts along the path, beside that of the
+            exact path, or the path of the tip. Without a nose, or along one line, it is the path.
         **options : object
             Of `points_for_tolerance`.
 
@@ -261,6 +271,7 @@ class TurningJob:
             if name in _OF_THE_JOB:
                 raise DataError(_OF_THE_JOB[name])
         tolerance = length(tolerance, "tolerance")
+        numbers.choice(judged_on, "judged_on", get_args(JudgedOn))
         wanted, reached = tolerance, math.nan
         options |= {"distribution": distribution, "interpolation": interpolation}
         for _ in range(_MOST_PLANS):
@@ -278,6 +289,12 @@ class TurningJob:
                 tip = replace(
                     found, peak_to_valley=reached, tolerance=tolerance, messages=messages
                 )
+                if judged_on == "cut" and options.get("azimuth") is None:
+                    turns = (self.radius - self.core) / self.feed
+                    tip = fewest_on_the_cut(
+                        tip, self._tip_program, self.form, self.nose,
+                        fewest=math.ceil(_FEWEST * turns), annulus=annulus,
+                    )  # fmt: skip
                 return JobPlan(tip, self.time(tip.path))
             wanted *= 0.98 * tolerance / reached
         raise LimitError(
@@ -443,6 +460,13 @@ class TurningJob:
             return self._surface_program(spiral, cut_points=cut_points)
         fits = gouge_check(self.form, self.nose, region=(self.core, self.radius))
         fits.require()
+        made = self._tip_program(spiral, servo)
+        return replace(made, messages=(*fits.messages, *made.messages))
+
+    def _tip_program(self, spiral: SpiralPath, servo: Servo = "Z") -> TurningProgram:
+        """Return the program of the tip along a path, whether the nose gouges or not."""
+        if self.nose is None:
+            raise DataError("a path of the tip needs the nose of the tool")
         edge = Edge.of(self.nose, self.sense)
         X, azimuth, t, speed = self._course(spiral)
         rates = spiral.interpolation == "pvt"
@@ -451,12 +475,7 @@ class TurningJob:
             velocities = None
         else:
             Z, slopes, said = tip_heights(self.form, X, azimuth, edge, rates=rates)
-            velocities = None
-            if slopes is not None:
-                vX, vC = -self.feed * speed / (2.0 * math.pi), spiral.way * speed
-                velocities = np.stack(
-                    [np.full_like(X, vX), np.full_like(X, vC), slopes[0] * vX + slopes[1] * vC]
-                )
+            velocities = None if slopes is None else self._rates(spiral, speed, slopes)
             if spiral.knots == "least-squares":
                 Z = spiral.points(self._surface).z
         if rates and velocities is None:
@@ -465,8 +484,8 @@ class TurningJob:
         audit = {"n_points": int(X.size), "servo": servo, **self._tool()}
         return TurningProgram(
             frozen(X), frozen(azimuth), frozen(Z), t, "tip", spiral.interpolation,
-            None if velocities is None else frozen(velocities), None, spiral.lead_in, {},
-            (*fits.messages, *said), freeze_mapping(audit),
+            None if velocities is None else frozen(velocities), None, spiral.lead_in, {}, said,
+            freeze_mapping(audit),
         )  # fmt: skip
 
     def _surface_program(self, spiral: SpiralPath, *, cut_points: bool) -> TurningProgram:
@@ -495,6 +514,12 @@ class TurningJob:
         theta -= theta[0]
         theta /= speed
         return X, azimuth, frozen(theta), speed
+
+    def _rates(self, spiral: SpiralPath, speed: float, slopes: FloatArray) -> FloatArray:
+        """Return velocities of X, azimuth and Z by dZ/dX and dZ/dphi of the tip, equation (6)."""
+        vX, vC = -self.feed * speed / (2.0 * math.pi), spiral.way * speed
+        flat = np.ones(slopes.shape[1])
+        return np.stack([vX * flat, vC * flat, slopes[0] * vX + slopes[1] * vC])
 
     @described_by(predict, errors=False)
     def compensated(
@@ -552,19 +577,27 @@ class TurningJob:
         points = spiral.points(self._surface)
         if self.nose is None:
             change, residual, messages = self._cut_points(points, tool)
+            slopes = None
         else:
-            change, residual, messages = self._tips(points, self.nose, tool)
+            change, residual, messages, slopes = self._tips(points, self.nose, tool)
         z = points.z + change
         audit: dict[str, Any] = {"n_points": len(points), "gain": gain, **self._tool()}
         if tool is not None:
             audit |= {f"{n}_um": getattr(tool, n) * 1e6 for n in ("dx", "dy", "dR")}
+        added = np.zeros(0)
         if follow_up is not None:
-            z -= gain * held_on_points(follow_up, spiral, points.rho, messages)
-        X, azimuth, t, _ = self._course(spiral)
+            added = -gain * held_on_points(follow_up, spiral, points.rho, messages)
+            z += added
+        X, azimuth, t, speed = self._course(spiral)
         joined: Interpolation = spiral.interpolation
         velocities = None
         if joined == "pvt":
-            velocities = frozen(np.stack([knot_slopes(t, v) for v in (X, azimuth, z)]))
+            if slopes is None:
+                raise DataError("a PVT program is one of the tip: give the nose of the tool")
+            found = self._rates(spiral, speed, slopes)
+            if added.size:  # a log knows its points only
+                found[2] += knot_slopes(t, added)
+            velocities = frozen(found)
         return TurningProgram(
             frozen(X), frozen(azimuth), frozen(z), t, "cut points" if self.nose is None else "tip",
             joined, velocities, points.z, points.lead_in, freeze_mapping(residual),
@@ -584,8 +617,8 @@ class TurningJob:
 
     def _tips(
         self, points: PathPoints, nose: RoundNose, tool: ToolSetting | None
-    ) -> tuple[FloatArray, dict[str, float], list[str]]:
-        """Return what the setting changes of the tips, residual and messages; refuse a gouge."""
+    ) -> tuple[FloatArray, dict[str, float], list[str], FloatArray]:
+        """Return what the setting changes of the tips, residual, messages, dZ/dX and dZ/dphi; refuse a gouge."""
         fits = gouge_check(self.form, nose, region=(self.core, self.radius))
         fits.require()
         nominal = Edge.of(nose, self.sense)
@@ -600,12 +633,14 @@ class TurningJob:
                 f"outside it nothing is cut; begin {format_length(self.radius - starts)} further out, "
                 "with a larger radius"
             )
+        turn = edge.by_azimuth(points.rho, made.psi, made.along_x, made.along_y)
+        slopes = np.stack([made.along_x, turn])
         if tool is None:
-            return np.zeros(len(points)), {}, said
+            return np.zeros(len(points)), {}, said, slopes
         plain = tips(self.form, points.rho, points.azimuth, nominal, strict=True)
         _, residual, unknown = left_over(tool, edge.by_setting(made), np.abs(made.rho))
         said += [f"tool setting: {m}" for m in tool.messages]
-        return made.z - plain.z, residual, [*said, *unknown]
+        return made.z - plain.z, residual, [*said, *unknown], slopes
 
     def _tool(self) -> dict[str, Any]:
         """Return what an audit says of the nose."""

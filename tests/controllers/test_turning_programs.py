@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 
 from metrosep.controllers.gcode import turning
 from metrosep.controllers.gcode.lathe import LatheAxes, rounding_error
-from metrosep.controllers.gcode.turning import check_program, read_program, write_program
+from metrosep.controllers.gcode.turning import check_program, write_program
+from metrosep.controllers.gcode.turning_reader import read_program
 from metrosep.core.errors import (
     CorruptFileError,
     DataError,
@@ -290,12 +292,40 @@ def test_a_file_that_misses_its_tolerance_is_not_written(tmp_path):
             made(40), tmp_path / "p.nc", NGC, nose=RoundNose(R), form=SKEW, tolerance=1 * NM
         )
     coarse = LatheAxes("workpiece ccw", inverse_time="1/min", z_decimals=3)
-    rough = write_program(made(), tmp_path / "r.nc", coarse, nose=RoundNose(R), form=SKEW)
-    assert rough.check.difference > 100 * NM  # a last digit of 1 um, allowed for and said
+    words = {"nose": RoundNose(R), "form": SKEW}
+    with pytest.raises(
+        LimitError, match=r"its digits explain 625 nm .*; nothing was written: write more"
+    ):
+        write_program(made(), tmp_path / "r.nc", coarse, **words)
+    assert list(tmp_path.iterdir()) == []
+    rough = write_program(made(), tmp_path / "r.nc", coarse, tolerance=3 * UM, **words)
+    assert rough.check.difference > 100 * NM  # a last digit of 1 um, said by the tolerance
     assert rough.check.rounding > rough.check.difference
     said = json.loads((tmp_path / "r.nc.json").read_text())["virtual_part"]
     assert said["digits_may_cost_nm"] > said["file_against_program_nm"] > 100
-    assert not (tmp_path / "p.nc").exists()
+
+
+@pytest.mark.parametrize(
+    ("hole", "said"),
+    [("file", "cuts nothing at 3 of 20000 places"), ("program", "that the program leaves uncut")],
+)
+def test_places_that_the_file_does_not_cut_are_no_pass(tmp_path, monkeypatch, hole, said):
+    """A NaN compares false with everything: it must not look like a part that is right."""
+    planned = made()
+    real = turning.virtual_cut
+
+    def holed(program, *args, **words):
+        part = real(program, *args, **words)
+        if (program is planned) == (hole == "program"):
+            z, error = part.z.copy(), part.error.copy()
+            z[:3], error[:3] = np.nan, np.nan
+            part = replace(part, z=z, error=error)
+        return part
+
+    monkeypatch.setattr(turning, "virtual_cut", holed)
+    with pytest.raises(LimitError, match=said):
+        write_program(planned, tmp_path / "h.nc", NGC, nose=RoundNose(R), form=SKEW)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_files_are_whole_and_not_overwritten_unasked(tmp_path):
@@ -406,3 +436,21 @@ def test_a_wrong_sense_of_c_is_seen_on_a_skew_part(tmp_path):
     assert check_program(wrong, RoundNose(R), SKEW).form_error > 100 * NM
     right = read_program(tmp_path / "p.nc", NGC)
     assert check_program(right, RoundNose(R), SKEW).form_error < 20 * NM
+
+
+def test_blocks_too_slow_for_inverse_time_of_linuxcnc_are_named(tmp_path):
+    """LinuxCNC lets no block of G93 go slower than 0.1 mm/min along X, Y, Z (seen in its interpreter)."""
+    flat = Expression("0*x")
+    turn = np.linspace(0.0, 6 * np.pi, 91)
+    program = TurningProgram(2e-3 - 1e-6 * turn / (2 * np.pi), turn, 0 * turn, turn / (2 * np.pi), "tip", "linear")  # fmt: skip
+    words = {"nose": RoundNose(R), "form": flat, "verify": False}
+
+    slow = write_program(program, tmp_path / "a.nc", replace(NGC, x_decimals=8), **words)
+
+    # 1 um a turn of 1 s is 0.06 mm/min, all 90 blocks the same
+    (message,) = [m for m in slow.messages if "LinuxCNC" in m]
+    assert message.startswith("90 of 90 blocks move X and Z slower than 0.1 mm/min")
+    assert "up to 1.67 times too fast" in message
+    assert message in json.loads(slow.sidecar.read_text())["messages"]
+    other = write_program(program, tmp_path / "b.nc", LatheAxes("workpiece ccw", inverse_time="s"), **words)  # fmt: skip
+    assert not [m for m in other.messages if "LinuxCNC" in m]

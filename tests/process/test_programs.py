@@ -1,15 +1,19 @@
 """Programs in time: what joins their points, what the axes must do, and both servo modes."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 
+from metrosep.controllers import LatheAxes, write_program
 from metrosep.core.errors import DataError, InvalidSamplesError, LimitError, TooFewSamplesError
 from metrosep.forms import Expression, SineGrid, Sphere, Toric
 from metrosep.process import (
     AxisLimits,
     RoundNose,
+    SpiralPath,
+    ToolSetting,
     TurningJob,
     TurningProgram,
     axis_motion,
@@ -291,3 +295,114 @@ def test_a_program_that_goes_backwards_is_clockwise():
     assert program().sense == "counterclockwise"
     assert program(azimuth=-np.linspace(0.0, 6.0, 7)).sense == "clockwise"
     assert np.isnan(program().at([0.5])[0]).all()
+
+
+@pytest.mark.parametrize("setting", [None, ToolSetting(dx=1.3 * UM, dy=-0.8 * UM, dR=5 * UM)])
+@pytest.mark.parametrize("sense", ["clockwise", "counterclockwise"])
+def test_pvt_velocities_of_a_program_that_makes_up_for_the_tool_are_those_of_the_envelope(
+    sense, setting
+):
+    """Z(t) = max over the edge of form - edge, written here; its rate by a difference of 2e-5 s."""
+    rake, R_ = math.radians(-30), 0.4e-3
+    grid = Expression("2e-7*sin(2*pi*x/2e-4)*cos(2*pi*y/2e-4)+3*x**2+1e-3*y")
+    job = TurningJob(
+        grid, 0.5e-3, 4e-6, rpm=20, core=0.485e-3, sense=sense, nose=RoundNose(R_, rake)
+    )
+    path = job.path(
+        step=2 * np.pi / 60, interpolation="pvt"
+    )  # 6 points a wave: differences are poor
+    made = job.compensated(path, tool=setting)
+    dx, dy, dR = (0.0, 0.0, 0.0) if setting is None else setting.values
+    way = 1.0 if sense == "counterclockwise" else -1.0
+    psi = np.linspace(-0.25, 0.25, 400_001)
+    u = (R_ + dR) * np.sin(psi)
+    w = (R_ + dR) * (1.0 - np.cos(psi))
+    ex, ey, ez = u + dx, -way * w * math.sin(rake) + dy, w * math.cos(rake)
+
+    def height(t):
+        X = made.X[0] - 4e-6 * (t - made.t[0]) / 3.0  # 20 rpm: a turn in 3 s
+        phi = made.azimuth[0] + way * 2 * math.pi * (t - made.t[0]) / 3.0
+        px = (X + ex) * math.cos(phi) - ey * math.sin(phi)
+        py = (X + ex) * math.sin(phi) + ey * math.cos(phi)
+        return float((grid(px, py) - ez).max())
+
+    for i in (1, 17, 40, 58, 100):
+        h = 1e-5
+        rate = (height(made.t[i] + h) - height(made.t[i] - h)) / (2 * h)
+        # the file has 1e-10 m/s as its last digit; a spline through the points is off by 1e-8
+        assert made.velocities[2, i] == pytest.approx(rate, abs=3e-10)
+        assert made.Z[i] == pytest.approx(height(made.t[i]), abs=0.01 * NM)
+
+
+WAVY = Expression("5*x**2+8*y**2+3*x*y+2e-3*x+4e-7*sin(2*pi*y/6e-4)")
+
+
+def envelope(X, azimuth, Z, rho, theta):
+    """Lowest passage of a round nose without rake over places: it stays in the meridian plane.
+
+    X and Z are lines over the azimuth between the blocks, or a course so dense that it does not matter.
+    """
+    order = np.argsort(azimuth)
+    X, azimuth, Z = X[order], azimuth[order], Z[order]
+    lowest = np.full(rho.shape, np.inf)
+    for k in range(math.floor(azimuth[0] / (2 * np.pi)), math.ceil(azimuth[-1] / (2 * np.pi)) + 1):
+        at = theta + 2 * np.pi * k
+        on = (at >= azimuth[0]) & (at <= azimuth[-1])
+        x, z = np.interp(at, azimuth, X), np.interp(at, azimuth, Z)
+        beside = rho - x
+        on &= np.abs(beside) < R
+        z = np.where(on, z + R - np.sqrt(np.where(on, R**2 - beside**2, 1.0)), np.inf)
+        lowest = np.minimum(lowest, z)
+    return lowest
+
+
+def tip_by_hand(X, azimuth):
+    """Z = max over the edge of form - edge, by samples and a parabola through the three best."""
+    psi = np.linspace(-0.1, 0.1, 401)
+    u, w = R * np.sin(psi), R * (1 - np.cos(psi))
+    z = np.empty(X.size)
+    for first in range(0, X.size, 2000):
+        part = slice(first, first + 2000)
+        c, s = np.cos(azimuth[part])[:, None], np.sin(azimuth[part])[:, None]
+        at = (X[part, None] + u) * c, (X[part, None] + u) * s
+        f = WAVY(*at) - w
+        i = np.arange(f.shape[0]), np.argmax(f, axis=1)
+        a, b, d = f[i[0], i[1] - 1], f[i], f[i[0], i[1] + 1]
+        z[part] = b + (a - d) ** 2 / (8 * (2 * b - a - d))
+    return z
+
+
+@pytest.mark.parametrize("distribution", ["CA", "CAL"])
+def test_the_fewest_points_hold_their_tolerance_on_the_part_cut_from_the_bytes(
+    tmp_path, distribution
+):
+    """The file is split by hand and cut by an envelope of the test, beside the part of the exact path."""
+    tolerance = 6 * NM
+    job = TurningJob(WAVY, 1.2e-3, 8e-6, rpm=60, core=1.1e-3, nose=RoundNose(R), sense="clockwise")
+    words = {"interpolation": "linear", "distribution": distribution}
+    plan = job.plan(tolerance, **words)
+    assert plan.n_points < job.plan(tolerance, judged_on="path", **words).n_points
+    rng = np.random.default_rng(3)
+    n = 50_000
+    rho = np.sqrt(rng.uniform((1.1e-3 + 9e-6) ** 2, (1.2e-3 - 9e-6) ** 2, n))
+    theta = rng.uniform(-np.pi, np.pi, n)
+    u = np.linspace(0.0, 100 / 8 * 2 * np.pi, 20_000)
+    exact = 1.2e-3 - 8e-6 * u / (2 * np.pi), -u
+    wanted = envelope(*exact, tip_by_hand(*exact), rho, theta)
+
+    def left(count):
+        path = SpiralPath.with_points(
+            1.2e-3, 8e-6, count, core=1.1e-3, sense="clockwise", lead_in=3, **words
+        )
+        program = job.program(path)
+        axes = LatheAxes("workpiece ccw", inverse_time="1/min", x_decimals=9, c_decimals=8, z_decimals=10)  # fmt: skip
+        file = tmp_path / f"{count}.nc"
+        write_program(program, file, axes, nose=RoundNose(R), form=WAVY, verify=False)
+        rows = re.findall(r"X([\d.]+) C(-?[\d.]+) Z(-?[\d.]+)", file.read_text())
+        X, C, Z = np.array(rows, dtype=float).T
+        return float(np.ptp(envelope(X * MM, -np.radians(C), Z * MM, rho, theta) - wanted))
+
+    assert 0.9 * tolerance < left(plan.n_points) <= tolerance + 0.05 * NM
+    assert (
+        left(round(0.94 * plan.n_points)) > tolerance
+    )  # chords shrink with the square of the count

@@ -26,7 +26,7 @@ from metrosep.process._setting_equations import known_form
 from metrosep.process.cutting.programs import AxisCourse, TurningProgram
 from metrosep.process.nose import RoundNose
 from metrosep.process.setting_maps import positions
-from metrosep.process.tips import Edge
+from metrosep.process.tips import Edge, tips
 from metrosep.process.tool_settings import ToolSetting
 
 __all__ = ["VirtualPart", "virtual_cut"]
@@ -38,6 +38,8 @@ _COARSE, _SIDE = 9, 2
 """Turns that are tried first, and turns on either side of the best that are tried at last."""
 _PASSES, _ROUGH_PASSES, _SETTLED = 12, 2, 1e-14
 """For the place on the edge; m, of y, by which another pass must move it."""
+_AROUND = 90
+"""Tips of a turn that tell how far its contacts reach."""
 _SAMPLE, _LOWER = 1000, 1e-12
 """Places that ask all turns, and how much lower than the turns that were asked is a fault, m."""
 
@@ -150,13 +152,8 @@ def virtual_cut(
     xs, ys = positions(x, y)
     rho, theta = np.hypot(xs, ys).ravel(), np.arctan2(ys, xs).ravel()
     order = np.argsort(rho, kind="stable")
-    found = np.full((4, rho.size), np.nan)
     sweep = _Sweep(program, edge)
-    lone = 0
-    for first in range(0, rho.size, _BLOCK):
-        part = order[first : first + _BLOCK]
-        found[:, part], few = sweep.cut(rho[part], theta[part])
-        lone += few
+    found, lone = _swept(sweep, rho, theta, order)
     said: list[str] = []
     if sweep.is_wrong(rho, theta, found[0]):
         for first in range(0, rho.size, _BLOCK // 8):
@@ -189,6 +186,49 @@ def virtual_cut(
         error.reshape(xs.shape), np.abs(turned).reshape(xs.shape), psi.reshape(xs.shape),
         t.reshape(xs.shape), tuple(said),
     )  # fmt: skip
+
+
+def touched_radii(program: TurningProgram, nose: RoundNose, form: Form) -> tuple[float, float]:
+    """Return the radii between which contacts of every azimuth lie, one turn off each end."""
+    gone = np.abs(program.azimuth - program.azimuth[0])
+    ends = []
+    for low, high in ((_TURN, 2.0 * _TURN), (gone[-1] - 2.0 * _TURN, gone[-1] - _TURN)):
+        on = np.flatnonzero((gone >= low) & (gone <= high))
+        on = on if on.size else np.arange(len(program))
+        on = on[:: max(1, on.size // _AROUND)]
+        made = tips(
+            form, program.X[on], program.azimuth[on], Edge.of(nose, program.sense), strict=False
+        )
+        known = np.abs(made.rho[np.isfinite(made.rho)])
+        if not known.size:
+            raise DataError("the tool touches nothing of the form at an end of the program")
+        ends.append((float(known.min()), float(known.max())))
+    (a, b), (c, d) = ends
+    # the inner end counts from its furthest contact, the outer one to its nearest
+    low, high = (d, a) if a + b > c + d else (b, c)
+    return (low, high) if low < high else (min(a, c), max(b, d))
+
+
+def heights_cut(
+    program: TurningProgram, nose: RoundNose, x: FloatArray, y: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return heights and turns from the first point, as `virtual_cut` does without asking all turns."""
+    rho, theta = np.hypot(x, y), np.arctan2(y, x)
+    sweep = _Sweep(program, Edge.of(nose, program.sense))
+    found, _ = _swept(sweep, rho, theta, np.argsort(rho, kind="stable"))
+    return found[0], np.abs(found[3])
+
+
+def _swept(
+    sweep: _Sweep, rho: FloatArray, theta: FloatArray, order: NDArray[np.intp]
+) -> tuple[FloatArray, int]:
+    """Return rows z, psi, t, signed turns of places, and how many lie at the end of the turns."""
+    found, lone = np.full((4, rho.size), np.nan), 0
+    for first in range(0, rho.size, _BLOCK):
+        part = order[first : first + _BLOCK]
+        found[:, part], few = sweep.cut(rho[part], theta[part])
+        lone += few
+    return found, lone
 
 
 class _Sweep:
