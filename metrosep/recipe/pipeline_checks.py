@@ -11,6 +11,7 @@ from metrosep.core.errors import DataError
 from metrosep.core.limits import FORM_OF_SYMBOL
 from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.profile import Profile
+from metrosep.core.regions import SHAPES, check_region
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.recipe.schema import DIMENSIONS
@@ -224,11 +225,9 @@ def _check_form(options: Mapping[str, Any]) -> None:
 
 
 def _check_mask(options: Mapping[str, Any]) -> None:
-    from metrosep.recipe.pipeline_mask import check_sizes
-
     aperture = options["aperture"]
     try:
-        check_sizes(aperture["shape"], aperture, is_profile="height" not in aperture)
+        check_region(aperture["shape"], aperture, is_profile="height" not in aperture)
     except DataError as exc:
         raise StepError(str(exc), "aperture") from None
 
@@ -400,13 +399,16 @@ def described_keys(keys: Mapping[str, Option]) -> list[dict[str, Any]]:
 
 
 APERTURE: Mapping[str, Option] = {
-    "shape": Option(
-        "text", required=True, choices=("circle", "ring", "rectangle"), help="of the aperture"
-    ),
+    "shape": Option("text", required=True, choices=tuple(SHAPES), help="of the aperture"),
     "diameter": Option("size", help="outer diameter of a circle or a ring"),
     "inner_diameter": Option("size", help="hole of a ring"),
     "width": Option("size", help="of a rectangle along x; the length of a piece of a profile"),
     "height": Option("size", help="of a rectangle along y"),
+    "angle": Option("angle", help="that a rectangle is turned, from x to y", default="0 deg"),
+    "radius": Option("size", help="of a brush: all that lies so near to its line"),
+    "points": Option(
+        "places", help='corners of a polygon, or of the line of a brush: ["1.2 mm, 0.3 mm", ...]'
+    ),
     "centre": Option(
         "any",
         help='x and y in the coordinates of the map, ["5 mm", "5 mm"]; fit: the middle of what was measured',
