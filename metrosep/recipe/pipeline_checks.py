@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -296,7 +296,9 @@ CHECKS: Mapping[str, Check] = {
 }
 
 
-def known_unit(steps: Sequence[Mapping[str, Any]], metric: str) -> str | None:
+def known_unit(
+    steps: Sequence[Mapping[str, Any]], metric: str, more: Mapping[str, str] | None = None
+) -> str | None:
     """Return the SI unit that a metric has, where the steps tell it without data.
 
     Examples
@@ -305,13 +307,17 @@ def known_unit(steps: Sequence[Mapping[str, Any]], metric: str) -> str | None:
     >>> [known_unit(steps, name) for name in ("Sku", "R", "tilt_x", "thing")]
     ['1', 'm', 'rad', None]
     """
+    if more and metric in more:  # of a section: its unit
+        return more[metric]
     symbol = metric.partition("#")[0]
     carried_out = (s for s in steps if s.get("enabled", True))
     found = {u for s in carried_out if (u := _unit_in(s, symbol)) is not None}
     return found.pop() if len(found) == 1 else None
 
 
-def makes_metric(steps: Sequence[Mapping[str, Any]], metric: str) -> str | None:
+def makes_metric(
+    steps: Sequence[Mapping[str, Any]], metric: str, more: Collection[str] = ()
+) -> str | None:
     """Return why no step makes a metric, as far as that shows without data.
 
     Examples
@@ -319,12 +325,14 @@ def makes_metric(steps: Sequence[Mapping[str, Any]], metric: str) -> str | None:
     >>> makes_metric([{"op": "parameters", "names": ["Sq"]}], "Sa")
     'metric = "Sa" is made by no step; did you mean "Sq"?'
     """
+    if metric in more:
+        return None
     symbol, _, number = metric.partition("#")
     carried_out = [s for s in steps if s.get("enabled", True)]
     n = sum(_makes(s, symbol) for s in carried_out)
     if n >= (int(number) if number.isdecimal() else 1):
         return None
-    known = sorted({name for s in carried_out for name in _named(s)})
+    known = sorted({*more, *(name for s in carried_out for name in _named(s))})
     near = difflib.get_close_matches(symbol, known, n=1, cutoff=0.4)
     if n:
         return f'metric = "{metric}": {symbol} is made {n} time{"s" if n > 1 else ""} only'
