@@ -108,7 +108,13 @@ def _measured(session: Session, message: Message, cancel: Cancel) -> Answer:
             )
         ),
         "stages": [
-            {"index": s.index, "seconds": s.seconds, "messages": _words(s)} for s in outcome.stages
+            {
+                "index": s.index,
+                "seconds": s.seconds,
+                "messages": _words(s),
+                "centre": s.audit.get("centre_m"),
+            }
+            for s in outcome.stages
         ],
     }
     if outcome.error is not None:

@@ -504,7 +504,11 @@ class PictureAnswers:
             shade=bool(message.get("shade")),
         )
         extent = self._pyramid(obj).window
-        return map_frame(view, extent, is_preview=outcome.is_preview)
+        header, arrays = map_frame(view, extent, is_preview=outcome.is_preview)
+        full = self.session.evaluations
+        pixel = None if full is None else [getattr(full.obj, k, None) for k in ("dx", "dy")]
+        known = pixel is not None and None not in pixel
+        return {**header, "pixel": pixel if known else None}, arrays
 
     def _pyramid(self, obj: Surface) -> MapPyramid:
         evaluations = self.session.evaluations

@@ -72,6 +72,11 @@ class PipelineOp:
     applies: tuple[str, ...] = ("Surface", "Profile")  # kinds of objects it takes
 
     @property
+    def evaluates(self) -> bool:
+        """Whether it leaves the map or profile as it is."""
+        return self.op in keys.EVALUATING
+
+    @property
     def fields(self) -> dict[str, Option]:
         """Every key that a recipe may hold, as `metrosep.recipe.schema` checks them."""
         return {
@@ -186,6 +191,7 @@ def schema() -> dict[str, Any]:
             {
                 "op": op.op,
                 "what": op.what,
+                "evaluates": op.evaluates,
                 "applies": list(op.applies),
                 "keys": described_keys(op.all_keys),
             }

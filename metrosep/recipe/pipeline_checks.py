@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CHECKS",
+    "EVALUATING",
     "OF_STEP",
     "Evaluating",
     "StepError",
@@ -36,6 +37,9 @@ __all__ = [
 USUAL_OF_MAPS = ("PV", "RMS", "Sa", "Sq", "Sz", "Ssk", "Sku")
 USUAL_OF_PROFILES = ("a", "q", "z", "t", "sk", "ku")
 """Parameters that are evaluated where none are named; those of profiles behind P, W or R."""
+
+EVALUATING = ("parameters", "psd", "step_height", "surface_profile", "line_profile")
+"""Steps that leave the map or profile as it is."""
 
 SPECTRUM = "PSD"
 """Metric of a step `psd`: its verdict is that of the bands, so a check of it has no limits."""

@@ -20,6 +20,7 @@ from metrosep.recipe.describe.charts import (
     plain,
 )
 from metrosep.recipe.describe.description import Description
+from metrosep.recipe.pipeline_checks import EVALUATING
 from metrosep.recipe.pipeline_mask import Measured, middle_of
 
 if TYPE_CHECKING:
@@ -37,8 +38,6 @@ _BINS = (40, 200)
 """Fewest and most classes of a histogram."""
 _BEYOND = 0.05
 """Of the range of a histogram that leaves heights out, added at each side."""
-_LOOKING = ("parameters", "psd", "step_height", "surface_profile", "line_profile")
-"""Steps that leave the map or profile as it is."""
 
 
 def measurement_of(produced: Measurement, inputs: Any = None) -> Description:
@@ -89,7 +88,7 @@ def _before_form(measured: Measurement) -> tuple[str, Measured]:
 def _maps_left(measured: Measurement) -> list[tuple[str, Measured]]:
     """Return what the last form leaves, and what is left at the end where that is another map."""
     shown: list[tuple[str, Measured]] = []
-    done = [s for s in measured.stages if s.enabled and s.op not in _LOOKING]
+    done = [s for s in measured.stages if s.enabled and s.op not in EVALUATING]
     forms = [s for s in done if s.op == "form"]
     if forms and done[-1] is not forms[-1]:
         shown.append(("What the form leaves", forms[-1].obj))
@@ -184,7 +183,7 @@ def _profiles(measured: Measurement, title: str, before: Measured) -> dict[str, 
     assert isinstance(before, Profile)  # noqa: S101
     assert isinstance(last, Profile)  # noqa: S101
     panels = [panel(title.lower(), "m", [curve("", before.x, before.z)])]
-    changed = [s.op for s in measured.stages if s.enabled and s.op not in _LOOKING]
+    changed = [s.op for s in measured.stages if s.enabled and s.op not in EVALUATING]
     if changed:
         panels.append(panel(f"after {', '.join(changed)}", "m", [curve("", last.x, last.z)]))
     return curve_chart("Profile", ("position", "m"), panels, caption="Gaps are gaps.")
