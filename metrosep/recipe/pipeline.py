@@ -255,6 +255,14 @@ def run_step(obj: Measured, step: Mapping[str, Any], *, index: int = 0) -> Stage
         raise StepError(f"{op} does not belong to a {kind}; take {other}_profile", "op")
     began = time.perf_counter()
     done: Done = APPLY[op](obj, options)
+    messages = done.messages
+    if options.get("intermediate", False):
+        messages += (
+            (
+                f"intermediate: {', '.join(done.found)} are of the surface before the steps that follow, "
+                "not of the one that is shown as judged"
+            ),
+        )
     history = done.obj.history[len(obj.history) :]
     if done.obj is obj:
         facts = {k: _plain(v) for k, v in options.items() if k not in ("op", "enabled")}
@@ -265,7 +273,7 @@ def run_step(obj: Measured, step: Mapping[str, Any], *, index: int = 0) -> Stage
         enabled=True,
         obj=done.obj,
         found=done.found,
-        messages=done.messages,
+        messages=messages,
         seconds=time.perf_counter() - began,
         audit=done.audit,
         detail=done.detail,
@@ -489,11 +497,6 @@ def _parameters(obj: Measured, options: Mapping[str, Any]) -> Done:
     messages += [
         f"{s} is not available: {why}" for t in tables for s, why in t.unavailable.items()
     ]
-    if options.get("intermediate", False):
-        messages.append(
-            f"intermediate: {', '.join(found)} are of the surface before the steps that follow, not of "
-            "the one that is shown as judged"
-        )
     contexts = [t.to_dict() for t in tables]
     audit = {
         "evaluations": [
@@ -540,7 +543,9 @@ def _step_height(obj: Measured, options: Mapping[str, Any]) -> Done:
                 f"this profile is filtered ({letter}), which changes a step; take it as measured",
                 "op",
             )
-    found = step_height(obj, **{k: options[k] for k in keys.STEP_HEIGHT if k in options})
+    found = step_height(
+        obj, **{k: options[k] for k in ("width", "middle", "kind", "axis") if k in options}
+    )
     audit = {
         "type": found.kind,
         "height_m": found.height,

@@ -527,6 +527,12 @@ FILTER: Mapping[str, Option] = {
     "refilter": Option("flag", help="filter once more what was filtered already", default=False),
 }
 
+INTERMEDIATE = Option(
+    "flag",
+    help="true: later steps change the map or profile, and this is what it was before them",
+    default=False,
+)
+
 PSD: Mapping[str, Option] = {
     "limit": Option(
         "text",
@@ -542,6 +548,7 @@ PSD: Mapping[str, Option] = {
     "max_filled": Option(
         "number", help="largest share of holes inside the outline that is closed", default=0.1
     ),
+    "intermediate": INTERMEDIATE,
 }
 
 STEP_HEIGHT: Mapping[str, Option] = {
@@ -560,6 +567,7 @@ STEP_HEIGHT: Mapping[str, Option] = {
         default="A1",
     ),
     "axis": Option("text", choices=("x", "y"), help="of a map: across the groove", default="x"),
+    "intermediate": INTERMEDIATE,
 }
 
 FORM_PROFILE: Mapping[str, Option] = {
@@ -578,6 +586,7 @@ FORM_PROFILE: Mapping[str, Option] = {
     "u_reading": Option(
         "uncertainty", help="standard uncertainty of one height, independent of the others"
     ),
+    "intermediate": INTERMEDIATE,
 }
 
 PARAMETERS: Mapping[str, Option] = {
@@ -596,11 +605,7 @@ PARAMETERS: Mapping[str, Option] = {
         help="whose definitions of profile parameters",
         default="ISO 21920-2:2021",
     ),
-    "intermediate": Option(
-        "flag",
-        help="true: later steps change the map or profile, and this is what it was before them",
-        default=False,
-    ),
+    "intermediate": INTERMEDIATE,
     "sections": Option(
         "integer", help="section lengths of a profile; as many as there are cut-offs, else 5"
     ),

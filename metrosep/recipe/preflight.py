@@ -21,7 +21,7 @@ from metrosep.parameters.decision import decide
 from metrosep.recipe.map_sections import section_metrics
 from metrosep.recipe.methods.turned import AVERAGED, TurnedRuns
 from metrosep.recipe.pipeline import STEPS as MEASURING
-from metrosep.recipe.pipeline_checks import SPECTRUM, known_unit, makes_metric
+from metrosep.recipe.pipeline_checks import EVALUATING, SPECTRUM, known_unit, makes_metric
 from metrosep.recipe.result import POSITIONING
 from metrosep.recipe.schema import Place
 
@@ -219,8 +219,8 @@ def _order_errors(recipe: Recipe) -> Iterator[RecipeError]:
     """Yield a line for each evaluation behind which a step changes what was evaluated."""
     done = [(i, s) for i, s in enumerate(recipe.steps) if s.get("enabled", True)]
     for i, step in done:
-        changing = [k for k, s in done if k > i and s["op"] != "parameters"]
-        if step["op"] != "parameters" or step.get("intermediate", False) or not changing:
+        changing = [k for k, s in done if k > i and s["op"] not in EVALUATING]
+        if step["op"] not in EVALUATING or step.get("intermediate", False) or not changing:
             continue
         place, later = recipe.place("[[step]]", i), recipe.place("[[step]]", changing[0])
         where = later.line_of("op")
