@@ -42,7 +42,15 @@ def _save(obj: Any, path: Any, /) -> Any:
     return save(obj, path)
 
 
-attached.explore = _explore
+def _mask(obj: Any, shape: str, /, *, outside: bool, **keys: Any) -> Any:
+    from metrosep.recipe.pipeline import run_step
+
+    return run_step(
+        obj, {"op": "mask", "aperture": {"shape": shape, **keys}, "outside": outside}
+    ).obj
+
+
+attached.explore, attached.mask = _explore, _mask
 attached.plot, attached.to_frame, attached.to_xarray = _plot, _to_frame, _to_xarray
 attached.save = _save
 attached.method_packages = ("metrosep.separation", "metrosep.recipe")

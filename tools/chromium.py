@@ -40,6 +40,7 @@ KEYS = {
     "Enter": 13,
     "Escape": 27,
     "Tab": 9,
+    "Delete": 46,
     "Home": 36,
     "End": 35,
 }

@@ -44,13 +44,13 @@ from metrosep.app.view_tables import (
     Extremes,
     checked_view,
     profile_view,
-    section_profile,
     section_view,
 )
 from metrosep.app.wire import Answer, Arrays, Cancel, Message, Tell, error_header, level_of, pack
 from metrosep.core.errors import DataError, MetrosepError, WriteError
 from metrosep.core.exit_codes import exit_code_of
 from metrosep.core.profile import Profile
+from metrosep.core.sections import section_profile
 from metrosep.core.surface import Surface
 from metrosep.recipe.pipeline import CancelledError
 
@@ -504,7 +504,11 @@ class PictureAnswers:
             shade=bool(message.get("shade")),
         )
         extent = self._pyramid(obj).window
-        return map_frame(view, extent, is_preview=outcome.is_preview)
+        header, arrays = map_frame(view, extent, is_preview=outcome.is_preview)
+        full = self.session.evaluations
+        pixel = None if full is None else [getattr(full.obj, k, None) for k in ("dx", "dy")]
+        known = pixel is not None and None not in pixel
+        return {**header, "pixel": pixel if known else None}, arrays
 
     def _pyramid(self, obj: Surface) -> MapPyramid:
         evaluations = self.session.evaluations

@@ -24,6 +24,7 @@ class _Attached:
     plot: Callable[..., Any]  # draw an object into axes
     to_frame: Callable[[Any], Any]  # a data frame of an object
     to_xarray: Callable[[Any], Any]
+    mask: Callable[..., Any]  # a map or profile without what lies outside, or inside, a region
     save: Callable[[Any, Any], Any]  # an object into a file
     # packages whose ``METHODS`` recipes, the command line and `separate` know by name
     method_packages: tuple[str, ...]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,6 +18,9 @@ from metrosep.core.profile import html_summary
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.public import PublicObject
 from metrosep.core.units import format_length
+
+if TYPE_CHECKING:
+    from metrosep.core.profile import Profile
 
 __all__ = ["Surface"]
 
@@ -149,6 +152,112 @@ class Surface(Heights, HeightArithmetic, PublicObject):
         if span is not None:
             table["colours"] = " ... ".join(format_length(v) for v in span)
         return html_summary("Surface", table, picture, self.history)
+
+    def mask(self, shape: str, *, outside: bool = True, **keys: Any) -> Surface:
+        """Return the map without what lies outside a region, or inside it.
+
+        Parameters
+        ----------
+        shape : {"circle", "ring", "rectangle", "polygon", "brush"}
+            Of the region. The centre of a pixel decides; edges of a polygon are half-open.
+        outside : bool, optional
+            True: what lies outside is taken out; False: what lies inside.
+        **keys
+            As in a step ``mask`` of a recipe, in m or as texts with units: ``diameter``,
+            ``inner_diameter``, ``width``, ``height``, ``angle``, ``centre``, ``radius``, ``points``.
+
+        Returns
+        -------
+        Surface
+            NaN where it was taken out.
+
+        Raises
+        ------
+        StepError
+            If the region is none.
+        TooFewSamplesError
+            If nothing is left.
+
+        Examples
+        --------
+        >>> Surface([[1.0, 2.0, 3.0]], 1.0, 1.0).mask("circle", diameter=1.0, centre=[2.0, 0.0]).z
+        array([[nan, nan,  3.]])
+        """
+        masked: Surface = attached.mask(self, shape, outside=outside, **keys)
+        return masked
+
+    def section(
+        self,
+        a: tuple[float | str, float | str],
+        b: tuple[float | str, float | str],
+        *,
+        width: float | str | None = None,
+        method: Literal["lanczos", "bilinear", "nearest"] = "lanczos",
+    ) -> Profile:
+        """Return the heights along a line, or their mean across a band.
+
+        Parameters
+        ----------
+        a, b : tuple of two float (m) or str with unit
+            x and y of its ends.
+        width : float (m) or str with unit, optional
+            Of the band: the mean of n = 2 floor(width / 2s) + 1 parallel lines, s the smaller step,
+            where half of them or more are valid.
+        method : {"lanczos", "bilinear", "nearest"}, optional
+            Between pixels. Lanczos keeps waves from 3 pixels on within 1 %, bilinear does not
+            overshoot at steps, nearest repeats pixels. None fills a gap.
+
+        Returns
+        -------
+        Profile
+            Over the distance from a; its history says which share had gaps beside it.
+
+        Raises
+        ------
+        DataError
+            If the ends are the same, or more than 10 million samples apart.
+
+        Examples
+        --------
+        >>> plane = Surface([[0.0, 1.0], [2.0, 3.0]], dx=1.0, dy=1.0)
+        >>> plane.section((0.0, 0.0), (0.6, 0.8)).z.round(12).tolist()
+        [0.0, 2.2]
+        """
+        from metrosep.core.sections import section_profile
+
+        return section_profile(self, a, b, width=width, method=method)
+
+    def circle_section(
+        self, centre: tuple[float | str, float | str], radius: float | str
+    ) -> Profile:
+        """Return the heights along a circle, from +x to +y, without the first point again.
+
+        Parameters
+        ----------
+        centre : tuple of two float (m) or str with unit
+            x and y.
+        radius : float (m) or str with unit
+            Of the circle.
+
+        Returns
+        -------
+        Profile
+            Over the length of the arc; ceil(2 pi r / min(dx, dy)) samples at equal angles.
+
+        Raises
+        ------
+        DataError
+            If the radius is not positive, or the circle has more than 10 million samples.
+
+        Examples
+        --------
+        >>> plane = Surface([[0.0, 1.0, 2.0]] * 3, dx=1.0, dy=1.0)
+        >>> len(plane.circle_section((1.0, 1.0), 1.0))
+        7
+        """
+        from metrosep.core.sections import circle_section
+
+        return circle_section(self, centre, radius)
 
     def explore(self, **options: Any) -> Any:
         """Show the map, a section and its spectrum in a notebook.

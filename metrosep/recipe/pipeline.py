@@ -18,6 +18,7 @@ from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
+from metrosep.core.regions import crosses_itself
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.recipe import pipeline_checks as keys
@@ -71,6 +72,11 @@ class PipelineOp:
     applies: tuple[str, ...] = ("Surface", "Profile")  # kinds of objects it takes
 
     @property
+    def evaluates(self) -> bool:
+        """Whether it leaves the map or profile as it is."""
+        return self.op in keys.EVALUATING
+
+    @property
     def fields(self) -> dict[str, Option]:
         """Every key that a recipe may hold, as `metrosep.recipe.schema` checks them."""
         return {
@@ -95,7 +101,11 @@ _ENABLED = Option("flag", help="false: the step is skipped", default=True)
 STEPS: Mapping[str, PipelineOp] = {
     op.op: op
     for op in (
-        PipelineOp("mask", "keep an aperture: circle, ring or rectangle", keys.MASK),
+        PipelineOp(
+            "mask",
+            "keep or exclude a region: circle, ring, rectangle, polygon or brush",
+            keys.MASK,
+        ),
         PipelineOp("outliers", "take out heights far from their neighbours", keys.OUTLIERS),
         PipelineOp("form", "fit an ideal form and keep what it leaves", keys.FORM),
         PipelineOp("filter", "keep long or short waves", keys.FILTER),
@@ -181,6 +191,7 @@ def schema() -> dict[str, Any]:
             {
                 "op": op.op,
                 "what": op.what,
+                "evaluates": op.evaluates,
                 "applies": list(op.applies),
                 "keys": described_keys(op.all_keys),
             }
@@ -244,6 +255,14 @@ def run_step(obj: Measured, step: Mapping[str, Any], *, index: int = 0) -> Stage
         raise StepError(f"{op} does not belong to a {kind}; take {other}_profile", "op")
     began = time.perf_counter()
     done: Done = APPLY[op](obj, options)
+    messages = done.messages
+    if options.get("intermediate", False):
+        messages += (
+            (
+                f"intermediate: {', '.join(done.found)} are of the surface before the steps that follow, "
+                "not of the one that is shown as judged"
+            ),
+        )
     history = done.obj.history[len(obj.history) :]
     if done.obj is obj:
         facts = {k: _plain(v) for k, v in options.items() if k not in ("op", "enabled")}
@@ -254,7 +273,7 @@ def run_step(obj: Measured, step: Mapping[str, Any], *, index: int = 0) -> Stage
         enabled=True,
         obj=done.obj,
         found=done.found,
-        messages=done.messages,
+        messages=messages,
         seconds=time.perf_counter() - began,
         audit=done.audit,
         detail=done.detail,
@@ -353,14 +372,18 @@ class Done:
 
 def _mask(obj: Measured, options: Mapping[str, Any]) -> Done:
     result, audit = masked(obj, options["aperture"], outside=options.get("outside", True))
-    x, y = audit["centre_m"]
-    where = (
-        format_length(x)
-        if isinstance(obj, Profile)
-        else f"({format_length(x)}, {format_length(y)})"
-    )
-    text = f"mask about {where}: {audit['taken_out']} measured heights taken out, {audit['left']} left"
-    return Done(result, messages=(text,), audit=audit)
+    where = audit["region"]
+    if isinstance(obj, Profile):
+        where = f"about {format_length(audit['centre_m'][0])}"
+    messages = [
+        f"mask, {where}: {audit['taken_out']} measured heights taken out, {audit['left']} left"
+    ]
+    points = options["aperture"].get("points", ())
+    if options["aperture"]["shape"] == "polygon" and crosses_itself(points):
+        messages.append(
+            "mask: the polygon crosses itself; what lies in an even number of its loops is outside"
+        )
+    return Done(result, messages=tuple(messages), audit=audit)
 
 
 def _outliers(obj: Measured, options: Mapping[str, Any]) -> Done:
@@ -474,11 +497,6 @@ def _parameters(obj: Measured, options: Mapping[str, Any]) -> Done:
     messages += [
         f"{s} is not available: {why}" for t in tables for s, why in t.unavailable.items()
     ]
-    if options.get("intermediate", False):
-        messages.append(
-            f"intermediate: {', '.join(found)} are of the surface before the steps that follow, not of "
-            "the one that is shown as judged"
-        )
     contexts = [t.to_dict() for t in tables]
     audit = {
         "evaluations": [
@@ -525,7 +543,9 @@ def _step_height(obj: Measured, options: Mapping[str, Any]) -> Done:
                 f"this profile is filtered ({letter}), which changes a step; take it as measured",
                 "op",
             )
-    found = step_height(obj, **{k: options[k] for k in keys.STEP_HEIGHT if k in options})
+    found = step_height(
+        obj, **{k: options[k] for k in ("width", "middle", "kind", "axis") if k in options}
+    )
     audit = {
         "type": found.kind,
         "height_m": found.height,

@@ -18,9 +18,10 @@ from metrosep.core.limits import FROM_FIT, Limit, limit_problem, order_problem
 from metrosep.core.readable import PREFIXED, typed_number
 from metrosep.core.units import parse_quantity
 from metrosep.parameters.decision import decide
+from metrosep.recipe.map_sections import section_metrics
 from metrosep.recipe.methods.turned import AVERAGED, TurnedRuns
 from metrosep.recipe.pipeline import STEPS as MEASURING
-from metrosep.recipe.pipeline_checks import SPECTRUM, known_unit, makes_metric
+from metrosep.recipe.pipeline_checks import EVALUATING, SPECTRUM, known_unit, makes_metric
 from metrosep.recipe.result import POSITIONING
 from metrosep.recipe.schema import Place
 
@@ -198,12 +199,13 @@ def limit_errors(recipe: Recipe) -> Iterator[RecipeError]:
     """
     if recipe.is_pipeline:
         yield from _order_errors(recipe)
+    more = {k: u for s in recipe.sections for k, u in section_metrics(s).items()}
     for i, check in enumerate(recipe.checks if recipe.is_pipeline else ()):
-        problem = makes_metric(recipe.steps, check["metric"])
+        problem = makes_metric(recipe.steps, check["metric"], more)
         if problem:
             yield recipe.place("[[check]]", i).error(problem, "metric")
             continue
-        unit = known_unit(recipe.steps, check["metric"])
+        unit = known_unit(recipe.steps, check["metric"], more)
         if unit is None:
             continue
         keys = [k for k in ("lower", "upper", "U") if k in check and check[k] != FROM_FIT]
@@ -217,8 +219,8 @@ def _order_errors(recipe: Recipe) -> Iterator[RecipeError]:
     """Yield a line for each evaluation behind which a step changes what was evaluated."""
     done = [(i, s) for i, s in enumerate(recipe.steps) if s.get("enabled", True)]
     for i, step in done:
-        changing = [k for k, s in done if k > i and s["op"] != "parameters"]
-        if step["op"] != "parameters" or step.get("intermediate", False) or not changing:
+        changing = [k for k, s in done if k > i and s["op"] not in EVALUATING]
+        if step["op"] not in EVALUATING or step.get("intermediate", False) or not changing:
             continue
         place, later = recipe.place("[[step]]", i), recipe.place("[[step]]", changing[0])
         where = later.line_of("op")

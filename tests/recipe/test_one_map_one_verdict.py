@@ -80,6 +80,30 @@ def test_an_evaluation_that_says_it_is_intermediate_is_carried_out_and_named(fol
     assert any("intermediate" in m and "Sa" in m for m in result.document["messages"])
 
 
+EVALUATIONS = {
+    "psd": ('limit = "rms = 10 nm from 4 um to 20 um"', "PSD"),
+    "step_height": ('width = "8 um"\nmiddle = "20 um"', "d, h"),
+    "surface_profile": ('form = "sphere: R=50 mm"', "t"),
+}
+
+
+@pytest.mark.parametrize("op", EVALUATIONS)
+def test_each_evaluation_comes_last_or_says_that_it_is_intermediate(folder, op):
+    keys, metrics = EVALUATIONS[op]
+    head = f'metrosep = 1\n[input]\nfiles = ["part.x3p"]\n[[step]]\nop = "{op}"\n{keys}\n'
+    last = '[[step]]\nop = "filter"\nlambda_c = "20 um"\n'
+
+    assert check(folder, head).returncode == 0
+    behind = check(folder, head + '[[step]]\nop = "parameters"\nnames = ["Sa"]\n')
+    assert behind.returncode == 0  # a second evaluation changes nothing
+    refused = check(folder, head + last)
+    assert refused.returncode == 2
+    assert "r.toml:5" in refused.stderr + refused.stdout
+    (folder / "r.toml").write_text(head + "intermediate = true\n" + last)
+    done = ms.Recipe.load(folder / "r.toml").run(folder / "part.x3p")
+    assert any(f"intermediate: {metrics} are of" in m for m in done.document["messages"])
+
+
 def test_several_evaluations_of_one_map_need_no_word(folder):
     assert check(folder, text_of("parameters")).returncode == 0
 

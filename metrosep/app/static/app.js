@@ -4,8 +4,9 @@
 
 import { COLOUR_NAMES } from "./colours.js";
 import { alertText, askFile, clearAlerts, showHelp, showText } from "./dialogs.js";
+import { makeDrawing } from "./drawing.js";
 import { makeExports } from "./exports.js";
-import { listenToDrops, openPaths, upload } from "./files.js";
+import { listenToDrops, openPaths, uploadAll } from "./files.js";
 import { ago } from "./format.js";
 import { KEYS, listenToKeys } from "./keys.js";
 import { makeLadder } from "./ladder.js";
@@ -21,7 +22,7 @@ import { make as makeTable } from "./tab_table.js";
 import { makeTabs } from "./tabs.js";
 import { makeTree } from "./tree.js";
 import { makeViews } from "./views.js";
-import { Refusal, Superseded, Wire } from "./wire.js";
+import { lostWords, Refusal, Superseded, Wire } from "./wire.js";
 
 /** @typedef {Record<string, any>} Dict */
 
@@ -56,7 +57,11 @@ const tree = makeTree(el("steps"), {
 });
 const views = makeViews({
   wire, level: () => ladder.level, stage: () => tree.chosen, kind: () => session.kind ?? "none", failed: fail,
-  judged: () => shownStep()?.op === "psd", shown: memory.put,
+  judged: () => shownStep()?.op === "psd", shown: memory.put, learn: (header) => drawing.learn(header),
+});
+const drawing = makeDrawing({
+  el: el("map"), bar: el("tools"), list: el("shapes"), session: () => session, edit, insert: tree.insert, say: alertText,
+  shown: (a, b) => (views.map.set("a", a), views.map.set("b", b), views.map.save_changes()),
 });
 
 const { save, exportResult } = makeExports({ wire, status: el("status-link"), session: () => session, take, fail });
@@ -133,6 +138,7 @@ async function askMetrics(/** @type {import("./ladder.js").Level} */ level) {
   if (session.hash !== of || header.hash !== of) return null; // of another recipe, or another file
   if (level !== "full" && ladder.level === "full") return null;
   metrics.put(header);
+  drawing.learn(header);
   const said = new Map((header.stages ?? []).map((/** @type {Dict} */ stage) => [stage.index, stage.messages]));
   tree.tell(header.failed ?? null, said);
   notes = [...(header.refused ? [header.refused] : []), ...(header.failed ? [`step ${header.failed.index + 1}: ${header.failed.message}`] : []), ...(header.messages ?? [])];
@@ -147,6 +153,7 @@ function take(/** @type {Dict} */ next, isNewFile = false) {
   if (isNewFile) {
     const view = session.view ?? {};
     tree.reset();
+    drawing.reset();
     memory.begin(view);
     views.reset(view);
     el("shade").checked = view.hill_shade ?? el("shade").checked;
@@ -155,6 +162,7 @@ function take(/** @type {Dict} */ next, isNewFile = false) {
   }
   drawSession();
   tree.show(session, schema);
+  drawing.show();
   if (changed) metrics.stale();
   metrics.show(session);
   drawStage();
@@ -258,13 +266,7 @@ async function open(/** @type {string[]} */ paths, keep = false) {
 
 async function receive(/** @type {File[]} */ files, keep = false) {
   try {
-    /** @type {string[]} */
-    const paths = [];
-    const set = files.length > 1 ? Math.random().toString(36).slice(2, 12) : "";
-    for (const file of files) {
-      drawFull("busy", `taking ${file.name}…`);
-      paths.push(await upload(file, token, set)); // those of a set lie in one folder
-    }
+    const paths = await uploadAll(files, token, (name) => drawFull("busy", `taking ${name}…`));
     await open(paths, keep);
   } catch (error) {
     drawFull("", "");
@@ -295,9 +297,7 @@ async function hello() {
 wire.onState = (connected) => {
   const link = el("status-link");
   link.className = connected ? "" : "lost";
-  link.textContent = connected ? "" : wire.tries > 3
-    ? "no connection: is metrosep still running? After a new start open the address that it prints"
-    : "connection lost, trying again…";
+  link.textContent = connected ? "" : lostWords(wire.tries);
   if (connected) hello();
 };
 wire.onNews = (header) => {
@@ -338,13 +338,13 @@ const acts = {
 for (const [id, act] of Object.entries(acts)) el(id).addEventListener("click", act);
 listenToKeys({
   z: acts.undo, "shift+z": acts.redo, "?": acts.help, o: choose, s: save, e: exportResult, f: acts.fit,
-  h: () => el("shade").click(), r: () => session.kind && tabs.choose("report"),
+  h: () => el("shade").click(), r: () => session.kind && tabs.choose("report"), ...drawing.acts,
 }, (panel) => {
   const profile = session.kind === "profile";
   const shown = tabs.chosen === "view" ? [profile ? "panel-profile" : "panel-map", profile ? "panel-profile" : "panel-section", "panel-spectrum"]
     : [`panel-${tabs.chosen}`, `panel-${tabs.chosen}`, `panel-${tabs.chosen}`];
   el(["panel-steps", ...shown, "panel-metrics", "status"][panel - 1])?.focus();
-});
+}, (event) => session.kind === "map" && tabs.chosen === "view" && drawing.key(event));
 listenToDrops((files) => receive(files));
 setInterval(drawSaved, 5000);
 wire.connect();

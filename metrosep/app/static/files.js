@@ -118,3 +118,20 @@ export function listenToDrops(dropped) {
     if (files.length) dropped(files);
   });
 }
+
+/**
+ * Send files to the server; those of a set lie in one folder.
+ * @param {File[]} files
+ * @param {string} token
+ * @param {(name: string) => void} tell
+ * @returns {Promise<string[]>} where they are
+ */
+export async function uploadAll(files, token, tell) {
+  const set = files.length > 1 ? Math.random().toString(36).slice(2, 12) : "";
+  const paths = [];
+  for (const file of files) {
+    tell(file.name);
+    paths.push(await upload(file, token, set));
+  }
+  return paths;
+}

@@ -8,6 +8,11 @@ export const KEYS = [
   ["← → ↑ ↓", "move the focused handle by 1 pixel, with Shift by 10; pan the focused map"],
   ["+ -", "zoom the focused map; also the wheel"],
   ["F", "show all of the map or profile"],
+  ["C X P L B", "draw a circle or ring, rectangle, polygon, free-hand shape, brush"],
+  ["A G D", "draw a section, a round section, a distance or angle"],
+  ["N", "keep or exclude what is drawn"],
+  ["Del", "delete the chosen shape, or the corner that has the focus"],
+  ["Ctrl+C Ctrl+V", "copy the chosen shape"],
   ["H", "hill-shade"],
   ["Z", "undo; with Shift redo"],
   ["O", "open"],
@@ -22,14 +27,19 @@ export const KEYS = [
  * Listen to keys.
  * @param {Record<string, () => void>} acts by key; Shift+Z is "shift+z"
  * @param {(panel: number) => void} goTo
+ * @param {(event: KeyboardEvent) => boolean} first asked before all others; true where it took the key
  */
-export function listenToKeys(acts, goTo) {
+export function listenToKeys(acts, goTo, first) {
   document.addEventListener("keydown", (event) => {
     const target = /** @type {HTMLElement} */ (event.target);
     if (event.defaultPrevented || event.altKey || document.querySelector("dialog[open]")) return;
     const control = event.ctrlKey || event.metaKey;
     const typing = target.matches("input:not([type=checkbox]):not([type=radio]), textarea, select");
     if (typing) return;
+    if (first(event)) {
+      event.preventDefault();
+      return;
+    }
     const key = event.key.toLowerCase();
     const name = event.shiftKey && key === "z" ? "shift+z" : key;
     if (control && key !== "z") return;

@@ -91,6 +91,8 @@ function render({ model, el }) {
     }
     placeSection();
     drawRuler();
+    // who draws over the map needs to know where it is
+    if (scale > 0) el.dispatchEvent(new CustomEvent("projected", { detail: { centre, scale, size } }));
   }
 
   function drawRuler() {

@@ -134,15 +134,19 @@ export function makeTree(el, { edit, choose, size }) {
 
   function add(/** @type {string} */ op) {
     if (!session) return;
-    const before = storedSteps(session);
+    chosen = insert(freshStep(op, session.kind, size()), `add ${op}`);
+    choose(chosen);
+  }
+
+  /** Add a step after the chosen one; return its number. */
+  function insert(/** @type {Dict} */ fresh, /** @type {string} */ label) {
+    const before = storedSteps(session ?? {});
+    const evaluates = (/** @type {Dict} */ s) => schema.find((one) => one.op === s.op)?.evaluates ?? false;
     let at = chosen >= 0 ? chosen + 1 : before.length;
     // what changes the map goes above the evaluations at the end: one map is shown and judged
-    if (op !== "parameters") at = Math.min(at, before.findLastIndex((s) => s.op !== "parameters") + 1);
-    const fresh = freshStep(op, session.kind, size());
-    const after = [...before.slice(0, at), fresh, ...before.slice(at)];
-    chosen = at;
-    edit(reordered(before, after), `add ${op}`);
-    choose(at);
+    if (!evaluates(fresh)) at = Math.min(at, before.findLastIndex((s) => !evaluates(s)) + 1);
+    edit(reordered(before, [...before.slice(0, at), fresh, ...before.slice(at)]), label);
+    return at;
   }
 
   function adder() {
@@ -206,6 +210,7 @@ export function makeTree(el, { edit, choose, size }) {
   }
 
   return {
+    insert,
     /** @param {Dict} next @param {Dict[]} steps */
     show(next, steps) {
       session = next;

@@ -24,8 +24,9 @@ import { makeModel, Refusal, Superseded } from "./wire.js";
  * @param {() => boolean} options.judged whether the step that is shown compares a spectrum with a limit
  * @param {(error: unknown) => void} options.failed
  * @param {(view: Dict) => void} options.shown told what is to be remembered of the view
+ * @param {(header: Dict) => void} options.learn told what a picture of the map says of it
  */
-export function makeViews({ wire, level, stage, kind, judged, failed, shown }) {
+export function makeViews({ wire, level, stage, kind, judged, failed, shown, learn }) {
   const el = (/** @type {string} */ id) => /** @type {HTMLElement} */ (document.getElementById(id));
   let shade = false;
   let placed = false;
@@ -92,6 +93,7 @@ export function makeViews({ wire, level, stage, kind, judged, failed, shown }) {
         shade: arrays.shade ?? null, index: arrays.index, is_preview: header.is_preview, coverage: header.coverage,
       });
       if (String(map.get("extent")) !== String(header.extent)) map.put({ extent: header.extent });
+      learn(header);
       counted("map");
     } catch (error) {
       refused(error, (text) => {

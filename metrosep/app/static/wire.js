@@ -227,3 +227,8 @@ export function typed(value, Type) {
   }
   return value;
 }
+
+/** What to do without a connection. @param {number} tries */
+export const lostWords = (tries) => (tries > 3
+  ? "no connection: is metrosep still running? After a new start open the address that it prints"
+  : "connection lost, trying again…");

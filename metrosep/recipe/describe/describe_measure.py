@@ -20,9 +20,11 @@ from metrosep.recipe.describe.charts import (
     plain,
 )
 from metrosep.recipe.describe.description import Description
+from metrosep.recipe.pipeline_checks import EVALUATING
 from metrosep.recipe.pipeline_mask import Measured, middle_of
 
 if TYPE_CHECKING:
+    from metrosep.recipe.map_sections import MapSection
     from metrosep.recipe.pipeline import Stage
     from metrosep.recipe.pipeline_run import Measurement
 
@@ -36,8 +38,6 @@ _BINS = (40, 200)
 """Fewest and most classes of a histogram."""
 _BEYOND = 0.05
 """Of the range of a histogram that leaves heights out, added at each side."""
-_LOOKING = ("parameters", "psd", "step_height", "surface_profile", "line_profile")
-"""Steps that leave the map or profile as it is."""
 
 
 def measurement_of(produced: Measurement, inputs: Any = None) -> Description:
@@ -48,6 +48,7 @@ def measurement_of(produced: Measurement, inputs: Any = None) -> Description:
         charts = [_map(*pair, measured=i == 0) for i, pair in enumerate(shown[:-1])]
         charts.append(_map(*shown[-1], measured=len(shown) == 1, side=_SIDE))
         charts += _sections(last)
+        charts += [_drawn(s) for s in produced.sections if s.profile is not None]
         maps, tables = {"left": last}, {}
     else:
         charts, maps = [_profiles(produced, *before)], {}
@@ -59,8 +60,16 @@ def measurement_of(produced: Measurement, inputs: Any = None) -> Description:
         tuple(charts),
         tables,
         maps,
-        document={"steps": [_stage(s) for s in produced.stages]},
-        audit={f"step {s.index + 1}, {s.op}": _words(s) for s in produced.stages},
+        document={
+            "steps": [_stage(s) for s in produced.stages],
+            **(
+                {"sections": [_section(s) for s in produced.sections]} if produced.sections else {}
+            ),
+        },
+        audit={
+            **{f"step {s.index + 1}, {s.op}": _words(s) for s in produced.stages},
+            **{f"section {s.name}": f"{s.kind}, {len(s.found)} values" for s in produced.sections},
+        },
         messages=produced.messages,
         profiles={"left": last} if isinstance(last, Profile) else {},
     )
@@ -79,7 +88,7 @@ def _before_form(measured: Measurement) -> tuple[str, Measured]:
 def _maps_left(measured: Measurement) -> list[tuple[str, Measured]]:
     """Return what the last form leaves, and what is left at the end where that is another map."""
     shown: list[tuple[str, Measured]] = []
-    done = [s for s in measured.stages if s.enabled and s.op not in _LOOKING]
+    done = [s for s in measured.stages if s.enabled and s.op not in EVALUATING]
     forms = [s for s in done if s.op == "form"]
     if forms and done[-1] is not forms[-1]:
         shown.append(("What the form leaves", forms[-1].obj))
@@ -140,6 +149,25 @@ def _sections(surface: Surface) -> list[dict[str, Any]]:
     return [curve_chart("Sections", ("position", "m"), panels, caption=words)]
 
 
+def _drawn(section: MapSection) -> dict[str, Any]:
+    """Return the chart of a section that the recipe asks for."""
+    profile = section.profile
+    assert profile is not None  # noqa: S101
+    along = "arc from +x to +y" if section.kind == "circle" else "distance from a"
+    lines = [panel("", "m", [curve("", profile.x, profile.z)])]
+    title = f"Section {section.name}"
+    return curve_chart(title, (along, "m"), lines, caption="Gaps are gaps.")
+
+
+def _section(section: MapSection) -> dict[str, Any]:
+    """Return a section as plain values, SI."""
+    return {
+        **{k: list(v) if isinstance(v, tuple) else v for k, v in section.keys.items()},
+        "found": {k: q.to_dict() for k, q in section.found.items()},
+        "messages": list(section.messages),
+    }
+
+
 def _standing_out(surface: Surface) -> tuple[int, int] | None:
     """Return the pixel farthest from the mean, where it lies beyond the limits of the map."""
     away = surface.z - np.nanmean(surface.z)
@@ -155,7 +183,7 @@ def _profiles(measured: Measurement, title: str, before: Measured) -> dict[str, 
     assert isinstance(before, Profile)  # noqa: S101
     assert isinstance(last, Profile)  # noqa: S101
     panels = [panel(title.lower(), "m", [curve("", before.x, before.z)])]
-    changed = [s.op for s in measured.stages if s.enabled and s.op not in _LOOKING]
+    changed = [s.op for s in measured.stages if s.enabled and s.op not in EVALUATING]
     if changed:
         panels.append(panel(f"after {', '.join(changed)}", "m", [curve("", last.x, last.z)]))
     return curve_chart("Profile", ("position", "m"), panels, caption="Gaps are gaps.")

@@ -1,0 +1,350 @@
+// @ts-check
+// Drawing on the map: tools, shapes with handles, and their list. A gesture ends as one edit of the recipe;
+// while it lasts nothing is asked of the server.
+
+import { chipOf, drawBar, fieldsOf, fillBar, groupOf, meant, nextName, node, shapesOf, TOOLS } from "./drawing_parts.js";
+import { makeHandle, wheelFactor } from "./handles.js";
+import { gripsOf, kindOf, moved, pointText, setPixel, straightened, withCorner, withoutCorner, written } from "./shapes.js";
+
+/** @typedef {Record<string, any>} Dict */
+/** @typedef {import("./shapes.js").Point} Point */
+/** @typedef {import("./drawing_parts.js").Shape} Shape */
+
+const MOST_LINES = 8;
+
+/** @param {Dict} options el: the map, bar: of the tools, list: of the shapes; session(), edit(edits, label), insert(step, label), shown(a, b), say(text) */
+export function makeDrawing({ el, bar, list, session, edit, insert, shown, say }) {
+  /** @type {{ centre: number[], scale: number, size: number[] } | null} */
+  let seen = null;
+  let tool = "";
+  let keep = false;
+  let chosen = "";
+  let radius = 0;
+  /** @type {Point[]} */
+  let pen = [];
+  let [draft, copied] = /** @type {(Dict | null)[]} */ ([null, null]); // draft: of a gesture, or of a handle that is held
+  let held = "";
+  /** @type {Map<number, Point>} */
+  let centres = new Map();
+  /** @type {Map<string, import("./handles.js").Grip>} */
+  let grips = new Map();
+
+  const svg = /** @type {SVGElement} */ (node("svg", {}));
+  svg.classList.add("draw-shapes");
+  const pad = document.createElement("div");
+  pad.className = "draw-pad";
+  pad.hidden = true;
+  el.append(svg, pad);
+
+  const toScreen = (/** @type {Point} */ p) => (seen ? [(p[0] - seen.centre[0]) / seen.scale + seen.size[0] / 2, seen.size[1] / 2 - (p[1] - seen.centre[1]) / seen.scale] : [0, 0]);
+  const toMap = (/** @type {number} */ x, /** @type {number} */ y) => /** @type {Point} */ (seen ? [seen.centre[0] + (x - seen.size[0] / 2) * seen.scale, seen.centre[1] + (seen.size[1] / 2 - y) * seen.scale] : [0, 0]);
+
+  const shapes = () => shapesOf(session(), centres);
+  const current = () => shapes().find((one) => one.id === chosen);
+
+  // ---- edits ----------------------------------------------------------------------------------
+
+  function change(/** @type {Shape} */ shape, /** @type {Dict} */ table) {
+    if (JSON.stringify(table) === JSON.stringify(shape.table)) return;
+    const path = shape.what === "step" ? ["step", shape.index, "aperture"] : ["section", shape.index];
+    edit([{ path, old: shape.table, new: table }], `${shape.name}: change`);
+  }
+
+  function add(/** @type {Dict} */ table) {
+    if (table.shape) {
+      insert({ op: "mask", aperture: table, ...(keep ? {} : { outside: false }) }, `${keep ? "keep" : "exclude"} a ${table.shape}`);
+      return;
+    }
+    const sections = session().sections ?? [];
+    if (table.kind === "line" && sections.filter((/** @type {Dict} */ s) => s.kind === "line").length >= MOST_LINES) {
+      say(`A map shows ${MOST_LINES} sections at most; delete one first.`);
+      return;
+    }
+    const name = nextName(sections, table.kind);
+    const { kind, ...rest } = table;
+    chosen = `section ${sections.length}`;
+    edit([{ path: ["section", sections.length], old: null, new: { kind, name, ...rest } }], `add ${name}`);
+  }
+
+  function remove() {
+    const shape = current();
+    if (!shape) return;
+    const step = session().steps?.[shape.index];
+    const [path, old] = shape.what === "step" ? [["step", shape.index], step.stored] : [["section", shape.index], shape.table];
+    chosen = "";
+    edit([{ path, old, new: null }], `delete ${shape.name}`);
+  }
+
+  function flip() {
+    const shape = current();
+    if (shape?.what === "step") {
+      const old = session().steps[shape.index].keys.outside ?? null;
+      edit([{ path: ["step", shape.index, "outside"], old, new: shape.keep ? false : null }], `${shape.name}: ${shape.keep ? "exclude" : "keep"}`);
+      return;
+    }
+    keep = !keep;
+    drawBar(bar, tool, keep);
+  }
+
+  // ---- gestures -------------------------------------------------------------------------------
+
+  const at = (/** @type {MouseEvent} */ event) => {
+    const box = pad.getBoundingClientRect();
+    return toMap(event.clientX - box.left, event.clientY - box.top);
+  };
+  const clicks = () => tool === "polygon" || tool === "distance";
+
+  function begin(/** @type {PointerEvent} */ event) {
+    if (event.button !== 0 || !seen) return;
+    event.preventDefault();
+    event.stopPropagation();
+    pad.setPointerCapture(event.pointerId);
+    if (!clicks()) pen = [at(event)];
+  }
+
+  function follow(/** @type {PointerEvent} */ event) {
+    if (!seen || !pen.length) return;
+    let p = at(event);
+    if (clicks()) {
+      draft = unfinished([...pen, p]);
+    } else if (pad.hasPointerCapture(event.pointerId)) {
+      if (tool === "section" && event.shiftKey) p = straightened(pen[0], p);
+      if (tool === "free" || tool === "brush") pen.push(p);
+      else pen = [pen[0], p];
+      draft = unfinished(pen);
+    }
+    draw();
+  }
+
+  function end(/** @type {PointerEvent} */ event) {
+    if (!seen || !pad.hasPointerCapture(event.pointerId)) return;
+    if (clicks()) {
+      click(at(event), event.shiftKey);
+      return;
+    }
+    const far = pen.length > 1 && Math.hypot(...toScreen(pen[0]).map((v, i) => v - toScreen(pen[pen.length - 1])[i])) >= 3;
+    const made = far || tool === "free" || tool === "brush" ? unfinished(pen) : null;
+    pen = [];
+    draft = null;
+    if (made && (made.shape !== "polygon" || made.points.length > 2)) add(made);
+    draw();
+  }
+
+  function click(/** @type {Point} */ p, /** @type {boolean} */ shift) {
+    const near = (/** @type {Point | undefined} */ q) => q && Math.hypot(...toScreen(p).map((v, i) => v - toScreen(q)[i])) < 9;
+    if (tool === "polygon" && pen.length > 2 && near(pen[0])) return close();
+    if (near(pen[pen.length - 1])) return pen.length > 1 ? close() : undefined; // the second click of a double click
+    pen.push(p);
+    if (tool === "distance" && pen.length === 3) return close(shift);
+    draft = unfinished(pen);
+    return draw();
+  }
+
+  function close(round = false) {
+    const made = pen.length < 2 ? null : unfinished(pen);
+    if (tool === "polygon" && pen.length < 3) return say("A polygon has three corners or more.");
+    pen = [];
+    draft = null;
+    if (made) add(made.kind === "angle" && round ? { ...made, kind: "circle3" } : made);
+    draw();
+  }
+
+  const brush = () => radius || 8 * (seen?.scale ?? 0);
+  const unfinished = (/** @type {Point[]} */ points) => meant(tool, points, step / 2 || (seen?.scale ?? 0), brush());
+
+  function cancel() {
+    if (held || pen.length) {
+      pen = [];
+      draft = null;
+      held = "";
+    } else if (tool) {
+      use("");
+    } else {
+      chosen = "";
+    }
+    drawAll();
+  }
+
+  function use(/** @type {string} */ next) {
+    if (next && !ready()) return;
+    tool = next === "circle" && tool === "circle" ? "ring" : next === tool ? "" : next;
+    pen = [];
+    draft = null;
+    if (tool) chosen = "";
+    pad.hidden = !tool;
+    drawAll();
+  }
+
+  function ready() {
+    if (session().kind !== "map") return false;
+    if (step > 0) return true;
+    say("This map has no lateral calibration, so that shapes have no lengths: open it with its lateral step.");
+    return false;
+  }
+
+  pad.addEventListener("pointerdown", begin);
+  pad.addEventListener("pointermove", follow);
+  pad.addEventListener("pointerup", end);
+  pad.addEventListener("wheel", (event) => {
+    if (tool !== "brush" || !seen) return;
+    event.preventDefault();
+    event.stopPropagation();
+    radius = brush() * wheelFactor(event);
+    say(`Brush: radius ${written(radius)}`);
+  }, { passive: false });
+
+  /** Keys that belong to the drawing; true where one was taken. @param {KeyboardEvent} event */
+  function key(event) {
+    if (event.ctrlKey || event.metaKey) {
+      const shape = current();
+      if (event.key === "c" && shape && !String(getSelection())) copied = shape.table;
+      else if (event.key === "v" && copied && seen) paste(copied);
+      else return false;
+      return true;
+    }
+    if (event.key === "Escape" && (tool || pen.length || held || chosen)) cancel();
+    else if (event.key === "Enter" && pen.length && clicks()) close();
+    else if (event.key === "Delete" && chosen) dropCorner() || remove();
+    else return false;
+    return true;
+  }
+
+  function dropCorner() {
+    const which = /** @type {HTMLElement | null} */ (document.activeElement)?.dataset?.grip?.split(" ");
+    const shape = current();
+    if (which?.[0] !== "point" || !shape?.table.points) return false;
+    const table = withoutCorner(shape.table, Number(which[1]));
+    if (table) change(shape, table);
+    else say(`A ${kindOf(shape.table)} keeps its last corners; delete the whole of it in the list.`);
+    return true;
+  }
+
+  function paste(/** @type {Dict} */ table) {
+    const [move] = gripsOf(table, centres.get(current()?.index ?? -1) ?? null);
+    const by = 20 * (seen?.scale ?? 0);
+    add(moved(table, "move", [move.at[0] + by, move.at[1] - by], move.at));
+  }
+
+  // ---- pictures -------------------------------------------------------------------------------
+
+  let step = 0; // m: of a pixel
+
+  function drawn(/** @type {Dict} */ table, /** @type {Point | null} */ fitted, /** @type {string} */ name, /** @type {Shape | null} */ shape) {
+    const group = groupOf(table, fitted, name, toScreen, seen?.scale ?? 1);
+    if (shape) {
+      group.addEventListener("pointerdown", (event) => {
+        event.stopPropagation();
+        const rect = svg.getBoundingClientRect();
+        const p = toMap(event.clientX - rect.left, event.clientY - rect.top);
+        if (chosen === shape.id && shape.table.points) change(shape, withCorner(shape.table, p));
+        else choose(shape.id);
+      });
+    }
+    return group;
+  }
+
+  function draw() {
+    if (!seen) return;
+    const all = shapes();
+    const made = all.map((one, i) => drawn(held && one.id === chosen && draft ? draft : one.table, one.fitted,
+      `${one.what === "step" ? (one.keep ? "keep" : "exclude") : `section-${i % MOST_LINES}`}${one.id === chosen ? " chosen" : ""}`, one));
+    if (draft && !held) made.push(drawn(draft, null, "draft", null));
+    svg.replaceChildren(...made);
+    drawGrips(all.find((one) => one.id === chosen));
+  }
+
+  function drawGrips(/** @type {Shape | undefined} */ shape) {
+    const table = held && draft ? draft : shape?.table;
+    const wanted = shape && table && !tool ? gripsOf(table, shape.fitted).filter((g) => g.at.every(Number.isFinite)) : [];
+    const ids = new Set(wanted.map((g) => `${shape?.id} ${g.key}`));
+    for (const [id, grip] of grips) if (!ids.has(id)) grip.el.remove(), grips.delete(id);
+    for (const g of wanted) {
+      const id = `${shape?.id} ${g.key}`;
+      if (!grips.has(id)) grips.set(id, gripFor(g));
+      const grip = /** @type {import("./handles.js").Grip} */ (grips.get(id));
+      grip.place(.../** @type {[number, number]} */ (toScreen(g.at)));
+      grip.describe(pointText(g.at));
+    }
+  }
+
+  function gripFor(/** @type {import("./shapes.js").Grip} */ g) {
+    const to = (/** @type {Point} */ p) => {
+      const shape = current();
+      if (!shape || !held) return;
+      draft = moved(draft ?? shape.table, g.key, p, shape.fitted);
+      draw();
+    };
+    const grip = makeHandle(el, {
+      label: `${current()?.name}, ${g.label}`, text: g.key === "move" ? "✥" : "",
+      moved: (x, y) => to(toMap(x, y)),
+      stepped(dx, dy) {
+        const now = gripsOf(draft ?? current()?.table ?? {}, current()?.fitted ?? null).find((one) => one.key === g.key);
+        if (now && seen) to([now.at[0] + dx * seen.scale, now.at[1] - dy * seen.scale]);
+      },
+      held(is) {
+        const shape = current();
+        const table = draft;
+        if (is) held = g.key;
+        else if (held) {
+          held = "";
+          draft = null;
+          if (shape && table) change(shape, table);
+          draw();
+        }
+      },
+    });
+    grip.el.classList.add("handle-shape");
+    grip.el.dataset.grip = g.key;
+    return grip;
+  }
+
+  function choose(/** @type {string} */ id) {
+    chosen = chosen === id ? "" : id;
+    const shape = current();
+    if (shape?.table.kind === "line") shown(gripsOf(shape.table)[1].at, gripsOf(shape.table)[2].at);
+    drawAll();
+  }
+
+  function drawList() {
+    const shape = current();
+    const had = /** @type {HTMLElement | null} */ (document.activeElement)?.dataset?.shape;
+    list.replaceChildren(...shapes().map((one, i) => chipOf(one, i % MOST_LINES, one.id === chosen, choose)), ...(shape ? fieldsOf(shape, change) : []));
+    list.hidden = !list.childElementCount;
+    if (had) /** @type {HTMLElement | null} */ (list.querySelector(`[data-shape="${had}"]`))?.focus();
+  }
+
+  function drawAll() {
+    drawBar(bar, tool, keep);
+    drawList();
+    draw();
+  }
+
+  fillBar(bar, (name) => (name === "keep" ? flip() : use(name)));
+  el.addEventListener("projected", (event) => {
+    seen = /** @type {CustomEvent} */ (event).detail;
+    draw();
+  });
+  drawAll();
+  return {
+    key,
+    /** What keys do, by letter. @type {Record<string, () => void>} */
+    acts: { n: flip, ...Object.fromEntries(TOOLS.map(([letter, name]) => [letter.toLowerCase(), () => use(name)])) },
+    /** Another recipe, or another file. */
+    show() {
+      if (chosen && !current()) chosen = "";
+      if (held) return;
+      drawAll();
+    },
+    /** What the full pass and the picture say. @param {Dict} header */
+    learn(header) {
+      for (const one of header.stages ?? []) if (one.centre) centres.set(one.index, one.centre);
+      if (header.pixel) setPixel(step = Math.min(...header.pixel));
+      draw();
+    },
+    reset() {
+      [tool, chosen, pen, draft, held, step] = ["", "", [], null, "", 0];
+      centres = new Map();
+      pad.hidden = true;
+    },
+  };
+}

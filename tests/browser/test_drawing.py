@@ -1,0 +1,372 @@
+"""Every gesture on the map is one edit of the recipe, which means the same to `metrosep run`."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser.conftest import STEP, N
+from browser.test_work import settled
+
+from metrosep.recipe.recipe import without_view_block
+
+pytestmark = pytest.mark.browser
+
+Opened = Callable[..., Any]
+Place = tuple[float, float]
+
+PIXEL = 1.5
+"""Of the screen: a drag ends within one, and the page rounds half a one."""
+
+
+class Hand:
+    """A hand at the map of 6 mm: places in m, as the page shows all of it."""
+
+    def __init__(self, page: Any) -> None:
+        self.page = page
+        left, top, width, height = page.box("#map canvas")
+        self.middle = (left + width / 2, top + height / 2)
+        # all of the map is shown, with 24 pixels to spare: from the first to beyond the last pixel
+        self.scale = N * STEP / (min(width, height) - 24)
+        self.near = PIXEL * self.scale
+
+    def at(self, x: float, y: float) -> Place:
+        """Return where a place of the map is on the screen; y points up."""
+        half = (N - 1) / 2 * STEP
+        return (
+            self.middle[0] + (x - half) / self.scale,
+            self.middle[1] - (y - half) / self.scale,
+        )
+
+    def drag(self, a: Place, b: Place) -> None:
+        (x0, y0), (x1, y1) = self.at(*a), self.at(*b)
+        self.page.drag((x0, y0), (x1 - x0, y1 - y0), seconds=0.15)
+
+    def click(self, place: Place) -> None:
+        x, y = self.at(*place)
+        for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+            self.page.mouse(kind, x, y)
+
+    def recipe(self) -> str:
+        """Return the text of the recipe that the page holds, without what is shown."""
+        self.page.click("#recipe")
+        text = str(self.page.run("document.querySelector('dialog pre').textContent"))
+        self.page.run("document.querySelector('dialog').close()")
+        return without_view_block(text)
+
+    def data(self) -> dict[str, Any]:
+        return tomllib.loads(self.recipe())
+
+
+def metres(text: str) -> float:
+    value, unit = text.split()
+    assert unit == "mm"
+    return float(value) * 1e-3
+
+
+def point(text: str | list[str]) -> list[float]:
+    return [metres(v) for v in (text.split(",") if isinstance(text, str) else text)]
+
+
+MM = 1e-3
+MIDDLE, RIGHT = (2.0 * MM, 2.5 * MM), (2.8 * MM, 2.5 * MM)
+
+
+def a_circle(hand: Hand) -> None:
+    hand.page.press("c")
+    hand.drag(MIDDLE, RIGHT)
+
+
+def a_ring(hand: Hand) -> None:
+    hand.page.press("c")
+    hand.page.press("c")
+    hand.drag(MIDDLE, RIGHT)
+
+
+def a_rectangle(hand: Hand) -> None:
+    hand.page.press("x")
+    hand.drag((1.0 * MM, 3.5 * MM), (2.2 * MM, 3.0 * MM))
+
+
+CORNERS = [(1.0 * MM, 1.5 * MM), (3.0 * MM, 1.2 * MM), (2.4 * MM, 3.1 * MM)]
+
+
+def a_polygon(hand: Hand) -> None:
+    hand.page.press("p")
+    for corner in CORNERS:
+        hand.click(corner)
+    hand.page.press("Enter")
+
+
+def a_free_shape(hand: Hand) -> None:
+    hand.page.press("l")
+    turn = np.linspace(0.0, 2 * np.pi, 60)
+    ring = [
+        hand.at(2.0 * MM + 0.7 * MM * np.cos(t), 2.5 * MM + 0.7 * MM * np.sin(t)) for t in turn
+    ]
+    hand.page.mouse("mouseMoved", *ring[0])
+    hand.page.mouse("mousePressed", *ring[0])
+    for place in ring[1:]:
+        hand.page.mouse("mouseMoved", *place, held=True)
+    hand.page.mouse("mouseReleased", *ring[-1])
+
+
+def a_brush(hand: Hand) -> None:
+    hand.page.press("b")
+    hand.drag((1.5 * MM, 3.0 * MM), (2.5 * MM, 2.2 * MM))
+
+
+def a_section(hand: Hand) -> None:
+    hand.page.press("a")
+    hand.drag((1.0 * MM, 2.0 * MM), (2.6 * MM, 4.4 * MM))
+
+
+def a_round_section(hand: Hand) -> None:
+    hand.page.press("g")
+    hand.drag((3.0 * MM, 3.0 * MM), (5.0 * MM, 3.0 * MM))
+
+
+def a_distance(hand: Hand) -> None:
+    hand.page.press("d")
+    hand.click(CORNERS[0])
+    hand.click(CORNERS[1])
+    hand.page.press("Enter")
+
+
+def an_angle(hand: Hand) -> None:
+    hand.page.press("d")
+    for corner in CORNERS:
+        hand.click(corner)
+
+
+GESTURES = {
+    "circle": a_circle, "ring": a_ring, "rectangle": a_rectangle, "polygon": a_polygon,
+    "free-hand": a_free_shape, "brush": a_brush, "section": a_section, "round section": a_round_section,
+    "distance": a_distance, "angle": an_angle,
+}  # fmt: skip
+
+
+def made(hand: Hand, act: Callable[[Hand], None]) -> tuple[str, dict[str, Any]]:
+    """Return the recipe before a gesture, and the only table that it added."""
+    before = hand.recipe()
+    settled(hand.page, lambda: act(hand))
+    old, new = tomllib.loads(before), hand.data()
+    added = [s for k in ("step", "section") for s in new.get(k, []) if s not in old.get(k, [])]
+    assert len(added) == 1
+    return before, added[0]
+
+
+@pytest.mark.parametrize("name", GESTURES)
+def test_a_gesture_is_one_edit_and_one_undo_restores_the_bytes(
+    opened: Opened, map_file: Path, name: str
+) -> None:
+    hand = Hand(opened(map_file))
+    before, table = made(hand, GESTURES[name])
+    near = hand.near
+    shape = table.get("aperture", table)
+
+    def is_at(text: Any, place: Place) -> bool:
+        return bool(np.abs(np.subtract(point(text), place)).max() <= near)
+
+    if name in ("circle", "ring"):
+        assert table["op"] == "mask"
+        assert table["outside"] is False  # what is drawn is excluded
+        assert shape["shape"] == name
+        assert metres(shape["diameter"]) == pytest.approx(1.6 * MM, abs=2 * near)
+        assert is_at(shape["centre"], MIDDLE)
+    elif name == "rectangle":
+        assert metres(shape["width"]) == pytest.approx(1.2 * MM, abs=2 * near)
+        assert metres(shape["height"]) == pytest.approx(0.5 * MM, abs=2 * near)
+        assert is_at(shape["centre"], (1.6 * MM, 3.25 * MM))
+    elif name == "polygon":
+        assert all(is_at(p, c) for p, c in zip(shape["points"], CORNERS, strict=True))
+    elif name == "free-hand":
+        x, y = np.array([point(p) for p in shape["points"]]).T
+        area = 0.5 * abs(np.dot(x, np.roll(y, 1)) - np.dot(y, np.roll(x, 1)))
+        assert len(x) <= 400
+        # of the polygon of 59 sides that was drawn
+        drawn = 0.5 * 59 * (0.7 * MM) ** 2 * np.sin(2 * np.pi / 59)
+        assert area == pytest.approx(
+            drawn, abs=0.01 * drawn + 2 * np.pi * 0.7 * MM * 0.5 * hand.scale
+        )
+    elif name == "brush":
+        assert shape["shape"] == "brush"
+        assert is_at(shape["points"][0], (1.5 * MM, 3.0 * MM))
+        assert is_at(shape["points"][-1], (2.5 * MM, 2.2 * MM))
+    elif name == "section":
+        assert (shape["kind"], shape["name"]) == ("line", "line1")
+        assert is_at(shape["a"], (1.0 * MM, 2.0 * MM))
+        assert is_at(shape["b"], (2.6 * MM, 4.4 * MM))  # up: y grows upwards on the page
+    elif name == "round section":
+        assert is_at(shape["centre"], (3.0 * MM, 3.0 * MM))
+        assert metres(shape["radius"]) == pytest.approx(2.0 * MM, abs=2 * near)
+    else:
+        assert shape["kind"] == name
+        assert is_at(shape["b"], CORNERS[1])
+    ops = [s["op"] for s in hand.data()["step"]]
+    assert ops[-1] == "parameters"  # one map is shown and judged
+    hand.page.press("Escape")
+    settled(hand.page, lambda: hand.page.press("z"))
+    assert hand.recipe() == before
+    assert hand.page.errors == []
+
+
+def test_all_gestures_together_give_the_bytes_of_metrosep_run(
+    opened: Opened, map_file: Path
+) -> None:
+    page = opened(map_file)
+    hand = Hand(page)
+    for name, act in GESTURES.items():
+        if name != "ring":
+            settled(page, lambda act=act: act(hand))
+        page.press("Escape")
+    folder = map_file.parent
+    page.press("s")
+    page.fill("dialog [name=path]", str(folder / "hand.toml"))
+    page.click("dialog [value=yes]")
+    page.wait("document.getElementById('status-link').textContent.includes('hand.toml')")
+    page.press("e")
+    page.fill("dialog [name=path]", str(folder / "by-hand"))
+    page.click("dialog [value=yes]")
+    page.wait("document.getElementById('status-link').textContent.includes('result.json')")
+    subprocess.run(
+        [sys.executable, "-m", "metrosep", "run", "hand.toml", "bowl.x3p", "-o", "by-run"],
+        cwd=folder, check=True, capture_output=True, timeout=200,
+    )  # fmt: skip
+    ours, theirs = ((folder / d / "result.json").read_bytes() for d in ("by-hand", "by-run"))
+    assert ours == theirs
+    found = {e["metric"]: e["value"] for e in json.loads(theirs)["characteristics"]}
+    angle = np.subtract(CORNERS[0], CORNERS[1]), np.subtract(CORNERS[2], CORNERS[1])
+    cos = angle[0] @ angle[1] / np.hypot(*angle[0]) / np.hypot(*angle[1])
+    assert found["section.angle1.angle"] == pytest.approx(np.arccos(cos), abs=0.01)
+    assert found["section.distance1.lateral"] == pytest.approx(
+        np.hypot(*angle[0]), abs=2 * hand.near
+    )
+
+
+def test_the_mask_that_was_drawn_takes_out_the_pixels_inside(
+    opened: Opened, map_file: Path
+) -> None:
+    from metrosep.io.read import read
+
+    page = opened(map_file)
+    hand = Hand(page)
+    _, table = made(hand, a_circle)
+    z = read(map_file).z
+    y, x = np.indices(z.shape) * STEP
+    cx, cy = point(table["aperture"]["centre"])
+    inside = np.hypot(x - cx, y - cy) <= metres(table["aperture"]["diameter"]) / 2 * (1 + 1e-9)
+    taken = int(np.count_nonzero(inside & ~np.isnan(z)))
+    assert taken > 10_000
+    assert f"{taken} measured heights taken out" in page.run(
+        "document.getElementById('messages').title"
+    )
+
+
+def test_handles_move_by_mouse_and_by_arrows_and_escape_puts_back(
+    opened: Opened, map_file: Path
+) -> None:
+    page = opened(map_file)
+    hand = Hand(page)
+    before, table = made(hand, a_circle)
+    page.press("Escape")
+    hand = Hand(page)  # the list of shapes made the map lower
+    page.click('[data-shape="step 1"]')
+    hand = Hand(page)
+    grip = '[data-grip="radius"]'
+    settled(page, lambda: page.drag(page.middle(grip), (30.0, 0.0)))
+    wider = hand.data()["step"][1]["aperture"]
+    grown = metres(wider["diameter"]) - metres(table["aperture"]["diameter"])
+    assert grown == pytest.approx(60 * hand.scale, abs=2 * hand.near)
+    assert wider["centre"] == table["aperture"]["centre"]
+
+    page.run("document.querySelector('[data-grip=\"move\"]').focus()")
+    settled(page, lambda: page.press("ArrowUp", shift=True))
+    assert page.run("document.activeElement.dataset.grip") == "move"
+    there = hand.data()["step"][1]["aperture"]
+    (x0, y0), (x1, y1) = point(wider["centre"]), point(there["centre"])
+    assert x1 == pytest.approx(x0, abs=hand.near)
+    assert y1 - y0 == pytest.approx(10 * hand.scale, abs=hand.near)  # up is +y
+
+    kept = hand.recipe()
+    x, y = page.middle(grip)
+    page.mouse("mouseMoved", x, y)
+    page.mouse("mousePressed", x, y)
+    page.mouse("mouseMoved", x + 40, y, held=True)
+    page.press("Escape")
+    page.mouse("mouseReleased", x + 40, y)
+    assert hand.recipe() == kept
+    for _ in range(3):
+        page.run("document.activeElement.blur()")
+        settled(page, lambda: page.press("z"))
+    assert hand.recipe() == before
+    assert page.errors == []
+
+
+def test_keep_exclude_type_and_delete(opened: Opened, map_file: Path) -> None:
+    page = opened(map_file)
+    hand = Hand(page)
+    before, _ = made(hand, a_circle)
+    page.press("Escape")
+    page.click('[data-shape="step 1"]')
+    settled(page, lambda: page.press("n"))
+    assert hand.data()["step"][1].get("outside", True) is True
+    page.fill('.draw-field [data-key="diameter"]', "1500 um")
+    settled(page, lambda: page.press("Tab"))
+    assert hand.data()["step"][1]["aperture"]["diameter"] == "1500 um"
+    page.fill('.draw-field [data-key="diameter"]', "15")  # without a unit
+    page.press("Tab")
+    page.wait("document.getElementById('alerts').textContent.includes('unit')")
+    assert hand.data()["step"][1]["aperture"]["diameter"] == "1500 um"
+    page.run("document.querySelector('[data-shape=\"step 1\"]').focus()")
+    settled(page, lambda: page.press("Delete"))
+    assert tomllib.loads(before)["step"] == hand.data()["step"]
+
+
+def test_a_polygon_gains_and_loses_corners(opened: Opened, map_file: Path) -> None:
+    page = opened(map_file)
+    hand = Hand(page)
+    made(hand, a_polygon)
+    page.press("Escape")
+    page.click('[data-shape="step 1"]')
+    hand = Hand(page)
+    (ax, ay), (bx, by) = CORNERS[0], CORNERS[1]
+    settled(page, lambda: hand.click(((ax + bx) / 2, (ay + by) / 2)))
+    points = hand.data()["step"][1]["aperture"]["points"]
+    assert len(points) == 4
+    assert np.abs(np.subtract(point(points[1]), ((ax + bx) / 2, (ay + by) / 2))).max() <= hand.near
+    page.run("document.querySelector('[data-grip=\"point 1\"]').focus()")
+    settled(page, lambda: page.press("Delete"))
+    assert len(hand.data()["step"][1]["aperture"]["points"]) == 3
+    page.run("document.querySelector('[data-grip=\"point 1\"]').focus()")
+    page.press("Delete")  # the last three stay
+    page.wait("document.getElementById('alerts').textContent.includes('last corners')")
+    assert len(hand.data()["step"][1]["aperture"]["points"]) == 3
+
+
+def test_eight_sections_have_eight_colours_and_a_ninth_is_refused(
+    opened: Opened, map_file: Path
+) -> None:
+    page = opened(map_file)
+    page.press("a")
+    hand = Hand(page)
+    for k in range(8):
+        y = (1 + 0.4 * k) * MM
+        settled(page, lambda y=y: Hand(page).drag((1.0 * MM, y), (4.0 * MM, y)))
+    strokes = page.run(
+        "[...document.querySelectorAll('.draw-shape .over')].map((e) => getComputedStyle(e).stroke)"
+    )
+    assert len(set(strokes)) == 8
+    hand.drag((1.0 * MM, 5.0 * MM), (4.0 * MM, 5.0 * MM))
+    page.wait("document.getElementById('alerts').textContent.includes('8 sections at most')")
+    assert len(hand.data()["section"]) == 8
+    for s in hand.data()["section"]:
+        (_, y0), (_, y1) = point(s["a"]), point(s["b"])
+        assert y0 == y1
