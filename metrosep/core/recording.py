@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from metrosep.core._arrays import FloatArray, frozen_float
-from metrosep.core.errors import InvalidSamplesError
+from metrosep.core.errors import InvalidSamplesError, NameNotFoundError
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.public import PublicObject
@@ -84,7 +84,7 @@ class Recording(PublicObject):
             return self.channels[name]
         except KeyError:
             known = ", ".join(self.channels) or "none"
-            raise InvalidSamplesError(f"no channel {name!r}; the recording has {known}") from None
+            raise NameNotFoundError(f"no channel {name!r}; the recording has {known}") from None
 
     @property
     def duration(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,6 +14,8 @@ from metrosep.core._arrays import FloatArray, Heights, frozen_float, position
 from metrosep.core._thumbnails import map_thumbnail
 from metrosep.core.arithmetic import HeightArithmetic
 from metrosep.core.attached import attached
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.measured import Guessed
 from metrosep.core.numbers import positive
 from metrosep.core.profile import html_summary
 from metrosep.core.provenance import Step, freeze_mapping
@@ -22,13 +25,17 @@ from metrosep.core.units import format_length
 __all__ = ["Surface"]
 
 
+_SAME_PIXEL = 1e-6
+"""Of a step: a pixel that lies outside by less is inside."""
+
+
 def _checked_step(value: float | str | None, name: str) -> float | None:
     why = "a lateral step that the instrument did not calibrate is None"
     return None if value is None else positive(value, name, dimension="length", why=why)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Surface(Heights, HeightArithmetic, PublicObject):
+class Surface(Heights, HeightArithmetic, Guessed, PublicObject):
     """Heights on a grid; frozen, SI, NaN = not measured.
 
     Row index grows with y and column index with x, z points out of the material: ``z[0, 0]`` is
@@ -114,6 +121,116 @@ class Surface(Heights, HeightArithmetic, PublicObject):
     def shape(self) -> tuple[int, int]:
         """Rows and columns, ``(n_y, n_x)``."""
         return (int(self.z.shape[0]), int(self.z.shape[1]))
+
+    def crop(
+        self,
+        x: tuple[float | str, float | str] | None = None,
+        y: tuple[float | str, float | str] | None = None,
+    ) -> Surface:
+        """Return the part between positions, both included.
+
+        Parameters
+        ----------
+        x, y : pair of float (m) or str with unit, optional
+            Least and greatest position; the whole extent if omitted.
+
+        Returns
+        -------
+        Surface
+            The pixels whose centres lie inside, with the origin of the first of them.
+
+        Raises
+        ------
+        DataError
+            If the map has no lateral step along that axis.
+        OptionError
+            If two positions are not given.
+        TooFewSamplesError
+            If no pixel lies inside.
+
+        Examples
+        --------
+        >>> Surface([[0.0, 1e-9, 2e-9]], dx=1e-3, dy=1e-3).crop(x=("0.5 mm", "5 mm")).z.tolist()
+        [[1e-09, 2e-09]]
+        """
+        columns, x0 = self._between(x, "x", 0)
+        rows, y0 = self._between(y, "y", 1)
+        facts = {f"{k}_m": [*position(v, k)] for k, v in (("x", x), ("y", y)) if v is not None}
+        return Surface(
+            self.z[rows, columns],
+            self.dx,
+            self.dy,
+            origin=(x0, y0),
+            metadata=self.metadata,
+            history=(*self.history, Step("crop", facts)),
+        )
+
+    def _between(self, ends: Any, name: str, axis: int) -> tuple[slice, float]:
+        """Return the pixels between two positions along an axis, and the position of the first."""
+        n, step, start = self.shape[1 - axis], (self.dx, self.dy)[axis], self.origin[axis]
+        if ends is None:
+            return slice(0, n), start
+        if step is None:
+            raise DataError(f"the map has no lateral step along {name}: crop needs positions")
+        low, high = position(ends, name)
+        first = max(math.ceil((low - start) / step - _SAME_PIXEL), 0)
+        last = min(math.floor((high - start) / step + _SAME_PIXEL), n - 1)
+        if first > last:
+            raise TooFewSamplesError(
+                f"no pixel between {name} = {format_length(low)} and {format_length(high)}; the map "
+                f"spans {format_length(start)} to {format_length(start + step * (n - 1))}"
+            )
+        return slice(first, last + 1), start + step * first
+
+    def section(
+        self, a: Any, b: Any, *, width: float | str | None = None, method: str = "lanczos"
+    ) -> Any:
+        """Return the heights along the line from a to b.
+
+        Parameters
+        ----------
+        a, b : pair of float (m) or str with unit
+            Ends (x, y).
+        width : float (m) or str with unit, optional
+            Of the band over which parallel lines are averaged.
+        method : {"lanczos", "bilinear", "nearest"}, optional
+            How heights between pixels are read.
+
+        Returns
+        -------
+        Profile
+            Over the distance from a; see `metrosep.filters.section_profile`.
+
+        Raises
+        ------
+        DataError
+            If the ends are the same, or an option is wrong.
+        """
+        return attached.verbs["section"](self, a, b, width=width, method=method)
+
+    def circle_section(self, centre: Any, radius: float | str, *, method: str = "lanczos") -> Any:
+        """Return the heights round a circle, from +x towards +y.
+
+        Parameters
+        ----------
+        centre : pair of float (m) or str with unit
+            Middle (x, y).
+        radius : float (m) or str with unit
+            Of the circle.
+        method : {"lanczos", "bilinear", "nearest"}, optional
+            How heights between pixels are read.
+
+        Returns
+        -------
+        Profile
+            Over the arc, closed; see `metrosep.filters.circle_profile`.
+
+        Raises
+        ------
+        DataError
+            If the radius or an option is wrong.
+        """
+        return attached.verbs["circle_section"](self, centre, radius, method=method)
 
     def __repr__(self) -> str:
         valid = self.z[~np.isnan(self.z)]

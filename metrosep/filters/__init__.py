@@ -7,12 +7,14 @@ from metrosep.filters.chain import primary, roughness, waviness
 from metrosep.filters.gaussian import gaussian, gaussian_support
 from metrosep.filters.morphological import closing, dilation, erosion, opening
 from metrosep.filters.robust import regression_constant, robust_gaussian
+from metrosep.filters.sampling import circle_profile, resample, section_profile
 from metrosep.filters.spline import spline
 from metrosep.spectral.dft import Band
 
 __all__ = [
     "Band",
     "DoubleFilterError",
+    "circle_profile",
     "closing",
     "dilation",
     "erosion",
@@ -22,8 +24,10 @@ __all__ = [
     "primary",
     "profile_kind",
     "regression_constant",
+    "resample",
     "robust_gaussian",
     "roughness",
+    "section_profile",
     "spline",
     "waviness",
 ]

@@ -20,7 +20,13 @@ from numpy.typing import NDArray
 from metrosep._version import __version__
 from metrosep.core._arrays import FloatArray
 from metrosep.core.docs import documented
-from metrosep.core.errors import DataError, FitError, InvalidSamplesError, TooFewSamplesError
+from metrosep.core.errors import (
+    DataError,
+    FitError,
+    InvalidSamplesError,
+    NameNotFoundError,
+    TooFewSamplesError,
+)
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.public import PublicObject
@@ -178,7 +184,7 @@ class ParameterTable(PublicObject, Mapping[str, Quantity]):
             pass
         if own in self.unavailable:
             raise DataError(f"{own} cannot be given: {self.unavailable[own]}")
-        raise KeyError(f"{own!r} is not among {', '.join(self._quantities)}")
+        raise NameNotFoundError(f"{own!r} is not among {', '.join(self._quantities)}")
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._quantities)

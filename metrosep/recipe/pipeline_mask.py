@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metrosep.core._arrays import FloatArray
-from metrosep.core.errors import DataError, FitError, TooFewSamplesError
+from metrosep.core.errors import DataError, FitError, OptionError, TooFewSamplesError
 from metrosep.core.middle import measured_middle
+from metrosep.core.numbers import flag, is_real, quantity
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step
 from metrosep.core.surface import Surface
@@ -20,6 +21,7 @@ __all__ = [
     "SMOOTH",
     "Measured",
     "check_sizes",
+    "mask_of",
     "masked",
     "middle_of",
     "without_outliers",
@@ -62,6 +64,25 @@ def masked(
             f"span {_span(x)} in x" + ("" if isinstance(obj, Profile) else f", {_span(y)} in y")
         )
     return result, {"taken_out": taken, "left": left, "centre_m": list(centre)}
+
+
+def mask_of(obj: Measured, shape: Any, *, exclude: bool = False, **sizes: Any) -> Measured:
+    """Return an object without what lies outside (or inside) a shape whose sizes may be texts with units."""
+    table = dict(shape) if isinstance(shape, Mapping) else {"shape": shape}
+    aperture = table | sizes
+    unknown = [k for k in aperture if k not in (*_ALL_SIZES, "shape", "centre")]
+    if unknown:
+        raise OptionError(
+            f"mask has no {unknown[0]!r}; a shape has {', '.join(_ALL_SIZES)} and centre"
+        )
+    for key in _ALL_SIZES:
+        if key in aperture:
+            aperture[key] = quantity(aperture[key], key, "length")
+    centre = aperture.get("centre", "fit")
+    if not (isinstance(centre, str) and centre == "fit"):
+        several = [centre] if isinstance(centre, str) or is_real(centre) else [*centre]
+        aperture["centre"] = [quantity(v, "centre", "length") for v in several]
+    return masked(obj, aperture, outside=not flag(exclude, "exclude"))[0]
 
 
 def without_points(obj: Measured, out: Flags, step: Step) -> Measured:

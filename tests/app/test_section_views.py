@@ -150,7 +150,7 @@ def test_uncalibrated_maps_are_cut_in_pixels():
         ((0, 0), (1e308, -1e308), {}, "are they in m"),
         ((0, 0), (1, 1), {"columns": 0}, "columns must be"),
         ((0, 0), (1, 1), {"columns": 2.5}, "columns must be"),
-        ((0, 0), (1, 1), {"method": "cubic"}, '"bilinear" or "nearest"'),
+        ((0, 0), (1, 1), {"method": "cubic"}, "lanczos, bilinear, nearest"),
     ],
 )
 def test_bad_sections(a, b, options, words):
