@@ -99,6 +99,14 @@ def _circle_section(obj: Any, centre: Any, radius: Any, /, **options: Any) -> An
     return circle_profile(obj, centre, radius, **options)
 
 
+def _load_document(path: Any, /) -> Any:
+    from metrosep.recipe.result import Result, load_document, stored_estimate
+
+    document = load_document(path)
+    produced = stored_estimate(document) if document.get("estimate") is not None else None
+    return Result(document, produced)
+
+
 _FILTERS = (
     "gaussian", "robust_gaussian", "spline", "opening", "closing", "dilation", "erosion", "primary",
     "roughness", "waviness",
@@ -111,5 +119,5 @@ attached.verbs = {
 }  # fmt: skip
 attached.explore = _explore
 attached.plot, attached.to_frame, attached.to_xarray = _plot, _to_frame, _to_xarray
-attached.save = _save
+attached.save, attached.load_document = _save, _load_document
 attached.method_packages = ("metrosep.separation", "metrosep.recipe")

@@ -25,6 +25,7 @@ class _Attached:
     to_frame: Callable[[Any], Any]  # a data frame of an object
     to_xarray: Callable[[Any], Any]
     save: Callable[[Any, Any], Any]  # an object into a file
+    load_document: Callable[[Any], Any]  # a result of its result.json
     verbs: Mapping[str, Callable[..., Any]]  # what maps and profiles do by upper layers, by name
     # packages whose ``METHODS`` recipes, the command line and `separate` know by name
     method_packages: tuple[str, ...]

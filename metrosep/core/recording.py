@@ -13,7 +13,7 @@ from metrosep.core._arrays import FloatArray, frozen_float
 from metrosep.core.errors import InvalidSamplesError, NameNotFoundError
 from metrosep.core.profile import html_table
 from metrosep.core.provenance import Step, freeze_mapping
-from metrosep.core.public import PublicObject
+from metrosep.core.public import PublicObject, shortened
 
 __all__ = ["Recording"]
 
@@ -96,7 +96,9 @@ class Recording(PublicObject):
 
     def __repr__(self) -> str:
         names = self._channel_names() or "none"
-        return f"Recording({len(self)} samples over {self.duration:.6g} s, channels {names})"
+        return shortened(
+            f"Recording({len(self)} samples over {self.duration:.6g} s, channels {names})"
+        )
 
     def _repr_html_(self) -> str:
         """Return a small table for notebooks."""

@@ -212,13 +212,12 @@ def resample(
     """
     if (onto is None) == (step is None):
         raise OptionError("resample needs either the grid of another object (onto=) or a step=")
+    given: Any = obj
+    if not isinstance(given, Surface | Profile):
+        raise OptionError(f"resample takes a Surface or a Profile, got {type(given).__name__}")
     kind = Surface if isinstance(obj, Surface) else Profile
-    if not isinstance(obj, Surface | Profile) or (onto is not None and not isinstance(onto, kind)):
-        raise OptionError(
-            f"a {type(obj).__name__} cannot be resampled onto a {type(onto).__name__}"
-            if isinstance(obj, Surface | Profile)
-            else f"resample takes a Surface or a Profile, got {type(obj).__name__}"
-        )
+    if onto is not None and not isinstance(onto, kind):
+        raise OptionError(f"a {kind.__name__} cannot be resampled onto a {type(onto).__name__}")
     choice(method, "method", _METHODS)
     pitch = None if step is None else positive(step, "step", dimension="length")
     if isinstance(obj, Profile):

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError, NotConvergedError
 from metrosep.core.profile import Profile, html_table
-from metrosep.core.public import PublicObject
+from metrosep.core.public import PublicObject, shortened
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_engineering, format_length
 from metrosep.forms._correlated import Estimate, estimated, from_model
@@ -425,7 +425,9 @@ class FitResult(PublicObject):
 
     def __repr__(self) -> str:
         inside = ", ".join(f"{k}={v:.6g}" for k, v in self.params.items())
-        return f"FitResult({self.form.name}: {inside}; residual RMS {format_length(self.rms)})"
+        return shortened(
+            f"FitResult({self.form.name}, residual RMS {format_length(self.rms)}: {inside})"
+        )
 
     def _repr_html_(self) -> str:
         """Return a table for notebooks."""

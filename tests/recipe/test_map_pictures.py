@@ -113,7 +113,7 @@ def test_a_chart_of_heights_has_no_zero_and_one_of_errors_has():
 def test_a_chart_of_magnitudes_uses_its_whole_scale():
     z = np.linspace(11.0, 15.0, 41 * 41).reshape(41, 41) * 1e-6
     made = map_chart("size", {"": z}, dx=1e-3, dy=1e-3, unit="m", magnitude=True)
-    assert made["limits"] == pytest.approx([11e-6, 15e-6], rel=1e-9)
+    assert made["limits"] == pytest.approx([11e-6, 15e-6], rel=1e-9, abs=0.0)
     assert made["signed"] is False
     assert "subtracted" not in made["caption"]
 
