@@ -226,7 +226,9 @@ def test_it_draws_itself_with_units_on_its_axes(name):
     assert dict(mpl.rcParams) == before
     several = [axes] if isinstance(axes, Axes) else axes.axes
     # bars that lie have their unit on the abscissa
-    assert any("/" in (a.get_xlabel() if name == "SensitivityTable" else a.get_ylabel()) for a in several)
+    assert any(
+        "/" in (a.get_xlabel() if name == "SensitivityTable" else a.get_ylabel()) for a in several
+    )
 
 
 @WALK
