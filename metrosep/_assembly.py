@@ -59,10 +59,12 @@ def _filter(obj: Any, kind: str, /, **options: Any) -> Any:
     return getattr(filters, choice(kind, "filter", _FILTERS))(obj, **options)
 
 
-def _mask(obj: Any, shape: Any, /, *, exclude: bool, **sizes: Any) -> Any:
-    from metrosep.recipe.pipeline_mask import mask_of
+def _mask(obj: Any, shape: str, /, *, outside: bool, **keys: Any) -> Any:
+    from metrosep.recipe.pipeline import run_step
 
-    return mask_of(obj, shape, exclude=exclude, **sizes)
+    return run_step(
+        obj, {"op": "mask", "aperture": {"shape": shape, **keys}, "outside": outside}
+    ).obj
 
 
 def _parameters(obj: Any, names: tuple[str, ...], /, **options: Any) -> Any:
@@ -87,18 +89,6 @@ def _resample(obj: Any, onto: Any, /, **options: Any) -> Any:
     return resample(obj, onto, **options)
 
 
-def _section(obj: Any, a: Any, b: Any, /, **options: Any) -> Any:
-    from metrosep.filters import section_profile
-
-    return section_profile(obj, a, b, **options)
-
-
-def _circle_section(obj: Any, centre: Any, radius: Any, /, **options: Any) -> Any:
-    from metrosep.filters import circle_profile
-
-    return circle_profile(obj, centre, radius, **options)
-
-
 def _load_document(path: Any, /) -> Any:
     from metrosep.recipe.result import Result, load_document, stored_estimate
 
@@ -114,8 +104,7 @@ _FILTERS = (
 
 attached.verbs = {
     "level": _level, "remove_form": _remove_form, "filter": _filter, "mask": _mask,
-    "parameters": _parameters, "step_height": _step_height, "resample": _resample, "section": _section,
-    "circle_section": _circle_section,
+    "parameters": _parameters, "step_height": _step_height, "resample": _resample,
 }  # fmt: skip
 attached.explore = _explore
 attached.plot, attached.to_frame, attached.to_xarray = _plot, _to_frame, _to_xarray

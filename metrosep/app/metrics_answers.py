@@ -82,24 +82,39 @@ def _of_document(result: Result, session: Session) -> dict[str, Any]:
 
 
 def _measured(session: Session, message: Message, cancel: Cancel) -> Answer:
-    from metrosep.recipe.pipeline_run import Measurement, judge_measurement
+    from metrosep.recipe.pipeline_run import Measurement, judge_measurement, with_sections
 
     # limits of the very recipe whose steps were carried out: an edit may come meanwhile
     outcome, recipe, mark = session.evaluated(level_of(message), cancel=cancel)
     measured = Measurement(outcome.source, outcome.stages)
+    refused = ""
+    if outcome.error is None and not outcome.is_preview:
+        try:
+            measured = with_sections(recipe, measured)
+        except MetrosepError as exc:
+            refused = str(exc)  # the numbers of the steps are still shown
     found = measured.found
     header: dict[str, Any] = {
         "hash": mark,
         "is_preview": outcome.is_preview,
         "verdict": None,
         "rows": [_row(k, q, preview=outcome.is_preview) for k, q in found.items()],
-        "messages": list(dict.fromkeys(m for s in outcome.stages for m in _words(s))),
+        "messages": list(
+            dict.fromkeys(
+                [
+                    *(m for s in outcome.stages for m in _words(s)),
+                    *(m for s in measured.sections for m in s.messages),
+                ]
+            )
+        ),
         "stages": [
             {"index": s.index, "seconds": s.seconds, "messages": _words(s)} for s in outcome.stages
         ],
     }
     if outcome.error is not None:
         header["failed"] = {"index": outcome.failed, "message": str(outcome.error)}
+    elif refused:
+        header["refused"] = refused
     elif not outcome.is_preview and recipe.checks:
         try:
             judged = judge_measurement(recipe, measured)

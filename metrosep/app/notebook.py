@@ -28,10 +28,11 @@ from metrosep.app.map_views import (
 )
 from metrosep.app.pyramid import build_pyramid
 from metrosep.app.spectrum_views import ProfileSpectrum, profile_spectrum, spectrum_view
-from metrosep.app.view_tables import Extremes, profile_view, section_profile, section_view
+from metrosep.app.view_tables import Extremes, profile_view, section_view
 from metrosep.app.wire import error_header, pack
 from metrosep.core.errors import DataError, MetrosepError, UnsupportedFeatureError
 from metrosep.core.profile import Profile
+from metrosep.core.sections import section_profile
 from metrosep.core.surface import Surface
 from metrosep.spectral.dft import Band
 

@@ -44,13 +44,13 @@ from metrosep.app.view_tables import (
     Extremes,
     checked_view,
     profile_view,
-    section_profile,
     section_view,
 )
 from metrosep.app.wire import Answer, Arrays, Cancel, Message, Tell, error_header, level_of, pack
 from metrosep.core.errors import DataError, MetrosepError, WriteError
 from metrosep.core.exit_codes import exit_code_of
 from metrosep.core.profile import Profile
+from metrosep.core.sections import section_profile
 from metrosep.core.surface import Surface
 from metrosep.recipe.pipeline import CancelledError
 

@@ -215,6 +215,7 @@ class Session:
                 "title": document.recipe.title,
                 "name": document.name,
                 "steps": _steps(data),
+                "sections": data.get("section", []),
                 "checks": data.get("check", []),
                 "outputs": data.get("output", []),
                 "input": data.get("input", {}),

@@ -15,8 +15,8 @@ from metrosep.core._arrays import FloatArray
 from metrosep.core.errors import DataError
 from metrosep.core.profile import Profile
 from metrosep.core.runset import Run, RunSet
+from metrosep.core.sections import Reading, is_calibrated, read_line
 from metrosep.core.surface import Surface
-from metrosep.filters.sampling import Reading, read_line, section_profile
 
 __all__ = [
     "VIEW_KEYS",
@@ -29,7 +29,6 @@ __all__ = [
     "find_holes",
     "profile_view",
     "repeat_views",
-    "section_profile",
     "section_view",
     "shown_view",
     "view_of",
@@ -218,7 +217,7 @@ def section_view(
         share_valid=valid.size / n,
         n_samples=n,
         method=method,
-        unit="px" if None in (surface.dx, surface.dy) else "m",
+        unit="m" if is_calibrated(surface) else "px",
     )
 
 

@@ -323,6 +323,7 @@ def recipe_errors(text: str, *, name: str, folder: Path) -> list[str]:
 def _of_tables(layers: Any, name: str) -> Iterator[Exception]:
     """Yield the mistakes of each table, key by key."""
     from metrosep.core.errors import RecipeError
+    from metrosep.recipe.map_sections import SECTIONS
     from metrosep.recipe.schema import batch_table
     from metrosep.recipe.steps import (
         ALL_STEPS,
@@ -349,6 +350,7 @@ def _of_tables(layers: Any, name: str) -> Iterator[Exception]:
     outputs = OUTPUTS if plain else METHOD_OUTPUTS
     for key, kinds, selector in (
         ("step", ops, "op"),
+        ("section", SECTIONS, "kind"),
         ("check", {"": CHECK if plain else METHOD_CHECK}, ""),
         ("output", outputs, "kind"),
     ):

@@ -80,32 +80,32 @@ class Guessed:
         made: Self = attached.verbs["filter"](self, kind, **options)
         return made
 
-    def mask(self, shape: Any, *, exclude: bool = False, **sizes: Any) -> Self:
-        """Return the heights inside a shape only; what is taken out is NaN.
+    def mask(self, shape: str, *, outside: bool = True, **keys: Any) -> Self:
+        """Return the heights without what lies outside a region, or inside it.
 
         Parameters
         ----------
-        shape : str or mapping
-            "circle", "ring" or "rectangle", or a table of a recipe with ``shape`` and its sizes.
-        exclude : bool, optional
-            Take out what lies inside instead.
-        **sizes
-            ``diameter``, ``inner_diameter``, ``width``, ``height`` as m or "8 mm"; ``centre``: (x, y), or
-            "fit" (the middle of what was measured) if omitted.
+        shape : {"circle", "ring", "rectangle", "polygon", "brush"}
+            Of the region. The centre of a pixel decides; edges of a polygon are half-open.
+        outside : bool, optional
+            True: what lies outside is taken out; False: what lies inside.
+        **keys
+            As in a step ``mask`` of a recipe, in m or as texts with units: ``diameter``,
+            ``inner_diameter``, ``width``, ``height``, ``angle``, ``centre``, ``radius``, ``points``.
 
         Returns
         -------
         Surface or Profile
-            On the same grid.
+            NaN where it was taken out.
 
         Raises
         ------
-        DataError
-            If the shape or a size is wrong.
+        StepError
+            If there is no such region.
         TooFewSamplesError
             If nothing is left.
         """
-        made: Self = attached.verbs["mask"](self, shape, exclude=exclude, **sizes)
+        made: Self = attached.verbs["mask"](self, shape, outside=outside, **keys)
         return made
 
     def parameters(self, *names: str, **options: Any) -> Any:

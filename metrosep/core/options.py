@@ -309,12 +309,26 @@ def _places(value: Any, name: str, bare: bool) -> tuple[Any, ...]:
     items, length = _items(value, bare), _quantity("length")
     if not items:
         raise OptionError(f"a list of positions is needed here: {example}")
-    pairs = [_items(item, bare) for item in items]
+    pairs = [_items(_parts(item), bare) for item in items]
     if not any(pair is not None for pair in pairs):
         return tuple(length(item, name, bare) for item in items)
     if any(pair is None or len(pair) != 2 for pair in pairs):
         raise OptionError(f"each position has x and y: {example}")
     return tuple(tuple(length(v, name, bare) for v in pair or ()) for pair in pairs)
+
+
+def _parts(value: Any) -> Any:
+    """Return x and y of a text that holds both; anything else as it is."""
+    is_both = isinstance(value, str) and "," in value
+    return [part.strip() for part in value.split(",")] if is_both else value
+
+
+def _point(value: Any, name: str, bare: bool) -> tuple[float, float]:
+    """Return x and y of a point."""
+    pair, length = _items(_parts(value), bare), _quantity("length")
+    if pair is None or len(pair) != 2:
+        raise OptionError('a point has x and y, "1.2 mm, 0.3 mm"')
+    return length(pair[0], name, bare), length(pair[1], name, bare)
 
 
 def _pairs(value: Any, name: str, bare: bool) -> tuple[tuple[int, ...], ...]:
@@ -495,6 +509,7 @@ KINDS: Mapping[str, Kind] = {
         'positions along a line, "0 mm, 10 mm", or in a plane, "0 mm..0 mm, 10 mm..0 mm"',
         _places, "length", "0 mm..0 mm,4 mm..0 mm,0 mm..4 mm", "pairs",
     ),
+    "point": Kind('a point, x and y, "1.2 mm, 0.3 mm"', _point, "length", "1.2 mm, 0.3 mm"),
     "pairs": Kind(
         "pairs of whole numbers, 0..0,1..0", _pairs, None, "0..0,1..0", "plain pairs"
     ),

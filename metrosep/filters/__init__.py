@@ -7,14 +7,13 @@ from metrosep.filters.chain import primary, roughness, waviness
 from metrosep.filters.gaussian import gaussian, gaussian_support
 from metrosep.filters.morphological import closing, dilation, erosion, opening
 from metrosep.filters.robust import regression_constant, robust_gaussian
-from metrosep.filters.sampling import circle_profile, resample, section_profile
+from metrosep.filters.sampling import resample
 from metrosep.filters.spline import spline
 from metrosep.spectral.dft import Band
 
 __all__ = [
     "Band",
     "DoubleFilterError",
-    "circle_profile",
     "closing",
     "dilation",
     "erosion",
@@ -27,7 +26,6 @@ __all__ = [
     "resample",
     "robust_gaussian",
     "roughness",
-    "section_profile",
     "spline",
     "waviness",
 ]

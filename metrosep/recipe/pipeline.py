@@ -18,6 +18,7 @@ from metrosep.core.options import Option
 from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, freeze_mapping
 from metrosep.core.quantity import Quantity
+from metrosep.core.regions import crosses_itself
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.recipe import pipeline_checks as keys
@@ -95,7 +96,11 @@ _ENABLED = Option("flag", help="false: the step is skipped", default=True)
 STEPS: Mapping[str, PipelineOp] = {
     op.op: op
     for op in (
-        PipelineOp("mask", "keep an aperture: circle, ring or rectangle", keys.MASK),
+        PipelineOp(
+            "mask",
+            "keep or exclude a region: circle, ring, rectangle, polygon or brush",
+            keys.MASK,
+        ),
         PipelineOp("outliers", "take out heights far from their neighbours", keys.OUTLIERS),
         PipelineOp("form", "fit an ideal form and keep what it leaves", keys.FORM),
         PipelineOp("filter", "keep long or short waves", keys.FILTER),
@@ -353,14 +358,18 @@ class Done:
 
 def _mask(obj: Measured, options: Mapping[str, Any]) -> Done:
     result, audit = masked(obj, options["aperture"], outside=options.get("outside", True))
-    x, y = audit["centre_m"]
-    where = (
-        format_length(x)
-        if isinstance(obj, Profile)
-        else f"({format_length(x)}, {format_length(y)})"
-    )
-    text = f"mask about {where}: {audit['taken_out']} measured heights taken out, {audit['left']} left"
-    return Done(result, messages=(text,), audit=audit)
+    where = audit["region"]
+    if isinstance(obj, Profile):
+        where = f"about {format_length(audit['centre_m'][0])}"
+    messages = [
+        f"mask, {where}: {audit['taken_out']} measured heights taken out, {audit['left']} left"
+    ]
+    points = options["aperture"].get("points", ())
+    if options["aperture"]["shape"] == "polygon" and crosses_itself(points):
+        messages.append(
+            "mask: the polygon crosses itself; what lies in an even number of its loops is outside"
+        )
+    return Done(result, messages=tuple(messages), audit=audit)
 
 
 def _outliers(obj: Measured, options: Mapping[str, Any]) -> Done:

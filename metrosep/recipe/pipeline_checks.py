@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +11,7 @@ from metrosep.core.errors import DataError
 from metrosep.core.limits import FORM_OF_SYMBOL
 from metrosep.core.options import KINDS, Option, checked
 from metrosep.core.profile import Profile
+from metrosep.core.regions import SHAPES, check_region
 from metrosep.core.surface import Surface
 from metrosep.core.units import format_length
 from metrosep.recipe.schema import DIMENSIONS
@@ -224,11 +225,9 @@ def _check_form(options: Mapping[str, Any]) -> None:
 
 
 def _check_mask(options: Mapping[str, Any]) -> None:
-    from metrosep.recipe.pipeline_mask import check_sizes
-
     aperture = options["aperture"]
     try:
-        check_sizes(aperture["shape"], aperture, is_profile="height" not in aperture)
+        check_region(aperture["shape"], aperture, is_profile="height" not in aperture)
     except DataError as exc:
         raise StepError(str(exc), "aperture") from None
 
@@ -297,7 +296,9 @@ CHECKS: Mapping[str, Check] = {
 }
 
 
-def known_unit(steps: Sequence[Mapping[str, Any]], metric: str) -> str | None:
+def known_unit(
+    steps: Sequence[Mapping[str, Any]], metric: str, more: Mapping[str, str] | None = None
+) -> str | None:
     """Return the SI unit that a metric has, where the steps tell it without data.
 
     Examples
@@ -306,13 +307,17 @@ def known_unit(steps: Sequence[Mapping[str, Any]], metric: str) -> str | None:
     >>> [known_unit(steps, name) for name in ("Sku", "R", "tilt_x", "thing")]
     ['1', 'm', 'rad', None]
     """
+    if more and metric in more:  # of a section: its unit
+        return more[metric]
     symbol = metric.partition("#")[0]
     carried_out = (s for s in steps if s.get("enabled", True))
     found = {u for s in carried_out if (u := _unit_in(s, symbol)) is not None}
     return found.pop() if len(found) == 1 else None
 
 
-def makes_metric(steps: Sequence[Mapping[str, Any]], metric: str) -> str | None:
+def makes_metric(
+    steps: Sequence[Mapping[str, Any]], metric: str, more: Collection[str] = ()
+) -> str | None:
     """Return why no step makes a metric, as far as that shows without data.
 
     Examples
@@ -320,12 +325,14 @@ def makes_metric(steps: Sequence[Mapping[str, Any]], metric: str) -> str | None:
     >>> makes_metric([{"op": "parameters", "names": ["Sq"]}], "Sa")
     'metric = "Sa" is made by no step; did you mean "Sq"?'
     """
+    if metric in more:
+        return None
     symbol, _, number = metric.partition("#")
     carried_out = [s for s in steps if s.get("enabled", True)]
     n = sum(_makes(s, symbol) for s in carried_out)
     if n >= (int(number) if number.isdecimal() else 1):
         return None
-    known = sorted({name for s in carried_out for name in _named(s)})
+    known = sorted({*more, *(name for s in carried_out for name in _named(s))})
     near = difflib.get_close_matches(symbol, known, n=1, cutoff=0.4)
     if n:
         return f'metric = "{metric}": {symbol} is made {n} time{"s" if n > 1 else ""} only'
@@ -400,13 +407,16 @@ def described_keys(keys: Mapping[str, Option]) -> list[dict[str, Any]]:
 
 
 APERTURE: Mapping[str, Option] = {
-    "shape": Option(
-        "text", required=True, choices=("circle", "ring", "rectangle"), help="of the aperture"
-    ),
+    "shape": Option("text", required=True, choices=tuple(SHAPES), help="of the aperture"),
     "diameter": Option("size", help="outer diameter of a circle or a ring"),
     "inner_diameter": Option("size", help="hole of a ring"),
     "width": Option("size", help="of a rectangle along x; the length of a piece of a profile"),
     "height": Option("size", help="of a rectangle along y"),
+    "angle": Option("angle", help="that a rectangle is turned, from x to y", default="0 deg"),
+    "radius": Option("size", help="of a brush: all that lies so near to its line"),
+    "points": Option(
+        "places", help='corners of a polygon, or of the line of a brush: ["1.2 mm, 0.3 mm", ...]'
+    ),
     "centre": Option(
         "any",
         help='x and y in the coordinates of the map, ["5 mm", "5 mm"]; fit: the middle of what was measured',

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from metrosep.core.profile import Profile
 from metrosep.core.provenance import Step, history_as_dicts
 from metrosep.core.quantity import Quantity
 from metrosep.core.surface import Surface
+from metrosep.recipe.map_sections import MapSection, section_of
 from metrosep.recipe.pipeline import Stage, StepError, run_step
 from metrosep.recipe.pipeline_checks import SPECTRUM
 from metrosep.recipe.pipeline_mask import Measured
@@ -37,6 +38,7 @@ __all__ = [
     "measured_result",
     "run_pipeline",
     "step_error",
+    "with_sections",
 ]
 
 Tell = Callable[[str], None]
@@ -51,6 +53,7 @@ class Measurement:
 
     source: Measured  # or Profile: as read
     stages: tuple[Stage, ...]  # one for each step
+    sections: tuple[MapSection, ...] = ()  # one for each table [[section]]
 
     @property
     def obj(self) -> Measured:
@@ -67,12 +70,15 @@ class Measurement:
                 while (key := name if n == 1 else f"{name}#{n}") in found:
                     n += 1
                 found[key] = quantity
+        for section in self.sections:
+            found |= section.found
         return found
 
     @property
     def messages(self) -> tuple[str, ...]:
         """What the user should know, once each."""
-        return tuple(dict.fromkeys(m for s in self.stages for m in s.messages))
+        said = [s.messages for s in self.stages] + [s.messages for s in self.sections]
+        return tuple(dict.fromkeys(m for messages in said for m in messages))
 
     @property
     def history(self) -> tuple[Step, ...]:
@@ -131,7 +137,18 @@ def measure_object(recipe: Recipe, obj: Any, *, tell: Tell | None = None) -> Mea
             stages.append(run_step(stages[-1].obj if stages else obj, step, index=i))
         except MetrosepError as exc:
             raise step_error(exc, recipe, i) from None
-    return Measurement(obj, tuple(stages))
+    return with_sections(recipe, Measurement(obj, tuple(stages)))
+
+
+def with_sections(recipe: Recipe, measured: Measurement) -> Measurement:
+    """Return a measurement with the sections of a recipe, cut through what the last step left."""
+    found = []
+    for i, section in enumerate(recipe.sections):
+        try:
+            found.append(section_of(measured.obj, section))
+        except DataError as exc:
+            raise recipe.place("[[section]]", i).error(str(exc), "name") from None
+    return replace(measured, sections=tuple(found))
 
 
 _OF_DATA = (InvalidSamplesError, NotUniformError, TooFewSamplesError)
@@ -205,6 +222,7 @@ def measured_result(recipe: Recipe, measured: Measurement) -> Result:
     from metrosep.recipe.result import Result
 
     require_limits(recipe)
+    measured = with_sections(recipe, measured)
     return Result(_document(recipe, measured, measurement_of(measured)), measured)
 
 
@@ -235,6 +253,7 @@ def _document(recipe: Recipe, measured: Measurement, described: Description) -> 
     from metrosep.recipe.step_help import step_words
 
     messages = [step_words(m, s.op) for s in measured.stages for m in s.messages]
+    messages += [m for s in measured.sections for m in s.messages]
     messages = list(dict.fromkeys(messages))
     warnings = [str(w) for w in measured.source.metadata.get("warnings", ())]
     kind = type(measured.source).__name__
@@ -284,8 +303,6 @@ def judge_measurement(
 
     Rules over several values take those of `values`, else of the sections of the profile.
     """
-    from dataclasses import replace
-
     from metrosep.recipe.characteristics import judged
 
     checks = []

@@ -18,6 +18,7 @@ from metrosep.core.limits import FROM_FIT, Limit, limit_problem, order_problem
 from metrosep.core.readable import PREFIXED, typed_number
 from metrosep.core.units import parse_quantity
 from metrosep.parameters.decision import decide
+from metrosep.recipe.map_sections import section_metrics
 from metrosep.recipe.methods.turned import AVERAGED, TurnedRuns
 from metrosep.recipe.pipeline import STEPS as MEASURING
 from metrosep.recipe.pipeline_checks import SPECTRUM, known_unit, makes_metric
@@ -198,12 +199,13 @@ def limit_errors(recipe: Recipe) -> Iterator[RecipeError]:
     """
     if recipe.is_pipeline:
         yield from _order_errors(recipe)
+    more = {k: u for s in recipe.sections for k, u in section_metrics(s).items()}
     for i, check in enumerate(recipe.checks if recipe.is_pipeline else ()):
-        problem = makes_metric(recipe.steps, check["metric"])
+        problem = makes_metric(recipe.steps, check["metric"], more)
         if problem:
             yield recipe.place("[[check]]", i).error(problem, "metric")
             continue
-        unit = known_unit(recipe.steps, check["metric"])
+        unit = known_unit(recipe.steps, check["metric"], more)
         if unit is None:
             continue
         keys = [k for k in ("lower", "upper", "U") if k in check and check[k] != FROM_FIT]

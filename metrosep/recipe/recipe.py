@@ -20,6 +20,7 @@ from metrosep.core.errors import (
 )
 from metrosep.core.methods import METHODS, Method
 from metrosep.core.provenance import freeze_mapping
+from metrosep.recipe.map_sections import SECTIONS, check_sections
 from metrosep.recipe.methods.turned import TurnedRuns, turning_axis
 from metrosep.recipe.pipeline import measuring_steps
 from metrosep.recipe.preflight import check_recipe, require_limits
@@ -82,6 +83,8 @@ class Recipe:
         How to read the runs.
     steps, checks, outputs : tuple of mapping
         What to do, values in SI.
+    sections : tuple of mapping, optional
+        Tables ``[[section]]``: what is measured on the map that the steps leave.
     batch_options : mapping, optional
         The table ``[batch]`` with its defaults.
     bases : tuple of (str, str), optional
@@ -107,6 +110,7 @@ class Recipe:
     report: Mapping[str, Any] = field(default_factory=dict)
     typed: Mapping[str, Any] = field(default_factory=dict)
     look: Mapping[str, Any] = field(default_factory=dict)
+    sections: tuple[Mapping[str, Any], ...] = ()
 
     @property
     def is_method(self) -> bool:
@@ -299,12 +303,14 @@ class Recipe:
                 top,
             ),
             outputs=outputs,
+            sections=several_tables(data.get("section", []), SECTIONS, "kind", "[[section]]", top),
             batch_options=freeze_mapping(batch_table(data.get("batch", {}), place("[batch]"))),
             bases=bases,
             **_stated(data.get("report", {}), report, Path(folder), place("[report]"), admits),
         )
         files = [(o, (METHOD_OUTPUTS | OUTPUTS)[o["kind"]]) for o in recipe.outputs]
         _require_files(files, Path(folder), lambda i: place("[[output]]", i), admits)
+        check_sections(recipe.sections, lambda i: place("[[section]]", i), measures=pipeline)
         check_recipe(recipe)
         return recipe
 

@@ -37,6 +37,7 @@ TOP = {
     "extends": Field("text"),
     "input": Field("table"),
     "step": Field("any", required=True),
+    "section": Field("any"),
     "check": Field("any"),
     "output": Field("any"),
     "batch": Field("table"),

@@ -508,10 +508,10 @@ def test_mask_takes_shapes_with_units_and_says_what_it_left():
     s = tilted()
     inside = s.mask("circle", diameter="10 um", centre=("50 um", "20 um"))
     assert inside.z.size - inside.n_invalid == 81  # pixels of x^2 + y^2 <= 25
-    outside = s.mask("circle", diameter=10e-6, centre=(50e-6, 20e-6), exclude=True)
+    outside = s.mask("circle", diameter=10e-6, centre=(50e-6, 20e-6), outside=False)
     assert np.isnan(outside.z[20, 50])
     assert inside.n_invalid + outside.n_invalid == s.z.size
-    with pytest.raises(DataError, match="no 'radius'"):
+    with pytest.raises(DataError, match="needs diameter"):
         s.mask("circle", radius="5 um")
 
 

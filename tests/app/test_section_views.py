@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from metrosep.app.view_tables import section_profile, section_view
+from metrosep.app.view_tables import section_view
 from metrosep.core.errors import DataError
+from metrosep.core.sections import section_profile
 from metrosep.core.surface import Surface
 
 MM, UM = 1e-3, 1e-6
@@ -143,14 +144,14 @@ def test_uncalibrated_maps_are_cut_in_pixels():
     ("a", "b", "options", "words"),
     [
         ((0, 0), (0, 0), {}, "must differ"),
-        ((0, np.nan), (1, 1), {}, "two finite numbers"),
-        ((0, 0, 0), (1, 1), {}, "two finite numbers"),
-        (None, (1, 1), {}, "two finite numbers"),
+        ((0, np.nan), (1, 1), {}, "two positions|finite number"),
+        ((0, 0, 0), (1, 1), {}, "two positions|finite number"),
+        (None, (1, 1), {}, "two positions|finite number"),
         ((0, 0), (1e9, 0), {}, "are they in m"),
         ((0, 0), (1e308, -1e308), {}, "are they in m"),
         ((0, 0), (1, 1), {"columns": 0}, "columns must be"),
         ((0, 0), (1, 1), {"columns": 2.5}, "columns must be"),
-        ((0, 0), (1, 1), {"method": "cubic"}, "lanczos, bilinear, nearest"),
+        ((0, 0), (1, 1), {"method": "cubic"}, '"bilinear" or "nearest"'),
     ],
 )
 def test_bad_sections(a, b, options, words):

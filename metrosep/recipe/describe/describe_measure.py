@@ -23,6 +23,7 @@ from metrosep.recipe.describe.description import Description
 from metrosep.recipe.pipeline_mask import Measured, middle_of
 
 if TYPE_CHECKING:
+    from metrosep.recipe.map_sections import MapSection
     from metrosep.recipe.pipeline import Stage
     from metrosep.recipe.pipeline_run import Measurement
 
@@ -48,6 +49,7 @@ def measurement_of(produced: Measurement, inputs: Any = None) -> Description:
         charts = [_map(*pair, measured=i == 0) for i, pair in enumerate(shown[:-1])]
         charts.append(_map(*shown[-1], measured=len(shown) == 1, side=_SIDE))
         charts += _sections(last)
+        charts += [_drawn(s) for s in produced.sections if s.profile is not None]
         maps, tables = {"left": last}, {}
     else:
         charts, maps = [_profiles(produced, *before)], {}
@@ -59,8 +61,16 @@ def measurement_of(produced: Measurement, inputs: Any = None) -> Description:
         tuple(charts),
         tables,
         maps,
-        document={"steps": [_stage(s) for s in produced.stages]},
-        audit={f"step {s.index + 1}, {s.op}": _words(s) for s in produced.stages},
+        document={
+            "steps": [_stage(s) for s in produced.stages],
+            **(
+                {"sections": [_section(s) for s in produced.sections]} if produced.sections else {}
+            ),
+        },
+        audit={
+            **{f"step {s.index + 1}, {s.op}": _words(s) for s in produced.stages},
+            **{f"section {s.name}": f"{s.kind}, {len(s.found)} values" for s in produced.sections},
+        },
         messages=produced.messages,
         profiles={"left": last} if isinstance(last, Profile) else {},
     )
@@ -138,6 +148,25 @@ def _sections(surface: Surface) -> list[dict[str, Any]]:
                 panels.append(panel(f"{name}, through the farthest pixel", "m", [curve_of]))
         words = f"Through the middle and through the pixel farthest from the mean. {words[34:]}"
     return [curve_chart("Sections", ("position", "m"), panels, caption=words)]
+
+
+def _drawn(section: MapSection) -> dict[str, Any]:
+    """Return the chart of a section that the recipe asks for."""
+    profile = section.profile
+    assert profile is not None  # noqa: S101
+    along = "arc from +x to +y" if section.kind == "circle" else "distance from a"
+    lines = [panel("", "m", [curve("", profile.x, profile.z)])]
+    title = f"Section {section.name}"
+    return curve_chart(title, (along, "m"), lines, caption="Gaps are gaps.")
+
+
+def _section(section: MapSection) -> dict[str, Any]:
+    """Return a section as plain values, SI."""
+    return {
+        **{k: list(v) if isinstance(v, tuple) else v for k, v in section.keys.items()},
+        "found": {k: q.to_dict() for k, q in section.found.items()},
+        "messages": list(section.messages),
+    }
 
 
 def _standing_out(surface: Surface) -> tuple[int, int] | None:

@@ -24,6 +24,7 @@ from typing import Any
 
 from metrosep.core.errors import DataError, RecipeError
 from metrosep.core.options import checked
+from metrosep.recipe.map_sections import SECTIONS
 from metrosep.recipe.schema import BATCH, Field
 from metrosep.recipe.steps import (
     CHECK,
@@ -64,7 +65,7 @@ __all__ = [
 
 Fields = Mapping[str, Field]
 
-_TOPS = ("title", "input", "step", "check", "output", "batch")
+_TOPS = ("title", "input", "step", "section", "check", "output", "batch")
 _COLUMN: Fields = {name: Field("text") for name in ("column", "unit", "scale")}
 _RANGE: Fields = {name: Field("size") for name in ("shortest", "longest")}
 _ANY = Field("any")
@@ -211,6 +212,8 @@ def _item_fields(top: str, item: Any, data: Mapping[str, Any]) -> Fields | None:
     plain = first in STEPS and first not in MEASURING
     if top == "check":
         return CHECK if plain else METHOD_CHECK
+    if top == "section":
+        return SECTIONS.get(item.get("kind", ""))
     if top == "output":
         return (OUTPUTS if plain else METHOD_OUTPUTS).get(item.get("kind", ""))
     op = str(item.get("op"))
@@ -316,6 +319,7 @@ def _holder(texts: Sequence[str], path: Sequence[str | int]) -> int:
 
 NAMED_BY: Mapping[str, tuple[str, ...]] = {
     "step": ("op",),
+    "section": ("name", "kind"),
     "check": ("name", "metric"),
     "output": ("kind",),
 }

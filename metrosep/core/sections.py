@@ -1,0 +1,357 @@
+"""Sections of a map: straight, averaged across a band, round; and distances between its points.
+
+The section is read from the map itself, never from its means: a line costs a millisecond even on
+4096 x 4096 pixels, so what follows a pointer is already the truth.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metrosep.core._arrays import FloatArray, position
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.numbers import not_negative, positive
+from metrosep.core.profile import Profile
+from metrosep.core.provenance import Step
+from metrosep.core.surface import Surface
+
+__all__ = [
+    "Distance",
+    "Reading",
+    "angle_at",
+    "circle_section",
+    "circle_through",
+    "distance",
+    "harmonics",
+    "height_at",
+    "heights_at",
+    "is_calibrated",
+    "read_line",
+    "section_profile",
+]
+
+Reading = Literal["lanczos", "bilinear", "nearest"]
+
+_ON_PIXEL = 1e-8
+"""Part of a pixel below which a point lies on the pixel's centre line."""
+
+_REACH = np.arange(-3, 5)
+"""Neighbours on each axis of a point between pixel 0 and pixel 1: eight."""
+
+_AT_ONCE = 20_000
+"""Samples whose neighbours are held at a time: 10 MB."""
+
+_MOST_SAMPLES = 10_000_000
+"""Largest number of samples of a section; a line that needs more is a slip of the unit."""
+
+_MOST_LINES = 10_000
+"""Lines on each side of the middle of a band."""
+
+
+def section_profile(
+    surface: Surface,
+    a: Sequence[float | str],
+    b: Sequence[float | str],
+    *,
+    width: float | str | None = None,
+    method: Reading = "lanczos",
+) -> Profile:
+    """Return the heights of a map along the line from a to b, or their mean across a band.
+
+    Notes
+    -----
+    On a slanting line ``"lanczos"`` (a plane with twist through the 64 pixels, and what it leaves by
+    a windowed sinc) keeps the RMS of waves from 3 pixels on within 1 %. ``"bilinear"`` averages, and
+    keeps 84 % at 4.3 pixels, two thirds of noise: prefer it on steps, where the other overshoots by
+    a tenth of their height. ``"nearest"`` keeps the RMS, and repeats pixels. None
+    fills a gap. Along pixel centres each gives the pixels themselves. The history says which
+    share was read bilinearly.
+
+    A band of width w is the mean of n = 2 floor(w / 2s) + 1 parallel lines, s the smaller step; where
+    less than half of them are valid the profile has a gap. A wave of length L across is damped by
+    ``|sin(pi n s / L) / (n sin(pi s / L))|``.
+
+    Examples
+    --------
+    >>> plane = Surface([[0.0, 1.0], [2.0, 3.0]], dx=1.0, dy=1.0)
+    >>> section_profile(plane, (0, 0), (0.6, 0.8)).z.round(12).tolist()
+    [0.0, 2.2]
+    """
+    unit = "m" if is_calibrated(surface) else "px"
+    a, b = position(a, "a"), position(b, "b")
+    x, z, _, share = read_line(surface, a, b, method)
+    ends = {f"from_{unit}": list(a), f"to_{unit}": list(b)}
+    step = {**ends, "reading": method, "bilinear_share": share}
+    if width is not None:
+        across = not_negative(width, "width", dimension="length")
+        z, n = _mean_of_band(surface, a, b, across, method)
+        step |= {f"width_{unit}": across, "lines": n}
+    history = (*surface.history, Step("section", step))
+    return Profile(x, z, metadata=surface.metadata, history=history)
+
+
+def _mean_of_band(
+    surface: Surface, a: Sequence[float], b: Sequence[float], width: float, method: str
+) -> tuple[FloatArray, int]:
+    """Return the mean of parallel lines where half of them or more are valid, and their number."""
+    step = min(_grid(surface)[1])
+    half = math.floor(width / (2.0 * step) * (1.0 + 1e-9))
+    if half > _MOST_LINES:
+        raise DataError(f"width = {width:.9g} m holds more than {2 * _MOST_LINES} lines")
+    length = math.hypot(b[0] - a[0], b[1] - a[1])
+    normal = (-(b[1] - a[1]) / length * step, (b[0] - a[0]) / length * step)
+    total: FloatArray | float = 0.0
+    known: FloatArray | float = 0.0
+    for k in range(-half, half + 1):
+        shift = (k * normal[0], k * normal[1])
+        ends = [(p[0] + shift[0], p[1] + shift[1]) for p in (a, b)]
+        z = read_line(surface, ends[0], ends[1], method)[1]
+        valid = ~np.isnan(z)
+        total, known = total + np.where(valid, z, 0.0), known + valid
+    n = 2 * half + 1
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.where(2.0 * known >= n, total / known, np.nan)), n
+
+
+def circle_section(
+    surface: Surface,
+    centre: Sequence[float | str],
+    radius: float | str,
+    *,
+    method: Reading = "lanczos",
+) -> Profile:
+    """Return the heights of a map along a circle, from +x to +y, without the first point again.
+
+    Notes
+    -----
+    N = ceil(2 pi r / min(dx, dy)) samples at equal angles; x of the profile is the length of the arc.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> plane = Surface(np.arange(21.0) + np.zeros((21, 1)), dx=1.0, dy=1.0)
+    >>> ring = circle_section(plane, (10.0, 10.0), 5.0)
+    >>> len(ring), round(ring.z[0], 9), [round(a, 9) for a in harmonics(ring, [1, 2])[0]]
+    (32, 15.0, [5.0, 0.0])
+    """
+    unit = "m" if is_calibrated(surface) else "px"
+    x, y = position(centre, "centre")
+    r = positive(radius, "radius", dimension="length")
+    (x0, y0), (dx, dy) = _grid(surface)
+    if not 2.0 * math.pi * r < _MOST_SAMPLES * min(dx, dy):
+        raise DataError(f"the circle of radius {r:.9g} has more than {_MOST_SAMPLES} samples")
+    n = max(4, math.ceil(2.0 * math.pi * r / min(dx, dy) * (1.0 - 1e-9)))
+    angle = 2.0 * np.pi * np.arange(n) / n
+    column = (x + r * np.cos(angle) - x0) / dx
+    row = (y + r * np.sin(angle) - y0) / dy
+    z, share = heights_at(surface, row, column, method)
+    step = {f"centre_{unit}": [x, y], f"radius_{unit}": r, "reading": method}
+    history = (*surface.history, Step("circle section", {**step, "bilinear_share": share}))
+    return Profile(r * angle, z, metadata=surface.metadata, history=history)
+
+
+def harmonics(ring: Profile, orders: Sequence[int]) -> tuple[FloatArray, FloatArray]:
+    """Return amplitude (m) and phase (rad) of harmonics of a closed profile: A cos(n theta + phase)."""
+    if np.isnan(ring.z).any():
+        raise TooFewSamplesError(
+            "the circle has gaps: harmonics need all of it; take another radius"
+        )
+    highest = ring.z.size // 2
+    if not all(1 <= n < highest for n in orders):
+        raise DataError(f"harmonics of {ring.z.size} samples are 1 to {highest - 1}")
+    # c_n = 2/N sum z exp(-i n theta): amplitude |c_n|, phase arg c_n
+    found = 2.0 / ring.z.size * np.fft.rfft(ring.z - ring.z.mean())[list(orders)]
+    return np.abs(found), np.angle(found)
+
+
+def height_at(
+    surface: Surface, point: Sequence[float | str], *, method: Reading = "lanczos"
+) -> float:
+    """Return the height of a map at a point; NaN where it was not measured (m)."""
+    (x0, y0), (dx, dy) = _grid(surface)
+    x, y = position(point, "point")
+    z, _ = heights_at(surface, np.array([(y - y0) / dy]), np.array([(x - x0) / dx]), method)
+    return float(z[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Distance:
+    """How far one point is from another; NaN where a height was not measured."""
+
+    lateral: float  # m: in the plane of the map
+    distance: float  # m: in space
+    height: float  # m: of b over a
+    azimuth: float  # rad: of b seen from a, from +x to +y, above -pi up to pi
+    slope: float  # rad: positive where b lies higher
+
+
+def distance(a: Sequence[float], b: Sequence[float]) -> Distance:
+    """Return the distance of two points x, y, z (m).
+
+    Examples
+    --------
+    >>> found = distance((1.2e-3, -0.4e-3, 3.1e-6), (2.05e-3, 0.37e-3, -0.8e-6))
+    >>> f"{found.distance * 1e3:.8f} mm, {math.degrees(found.azimuth):.7f} deg"
+    '1.14691552 mm, 42.1728754 deg'
+    """
+    dx, dy, dz = (float(q) - float(p) for p, q in zip(a, b, strict=True))
+    lateral = math.hypot(dx, dy)
+    if not lateral > 0.0:
+        raise DataError("the two points lie on one another: they have no distance")
+    return Distance(
+        lateral, math.hypot(lateral, dz), dz, math.atan2(dy, dx), math.atan2(dz, lateral)
+    )
+
+
+def angle_at(a: Sequence[float], b: Sequence[float], c: Sequence[float]) -> float:
+    """Return the angle at b between the directions to a and c, in the plane, 0 to pi (rad)."""
+    (ux, uy), (vx, vy) = ((float(p[0]) - float(b[0]), float(p[1]) - float(b[1])) for p in (a, c))
+    if not (math.hypot(ux, uy) > 0.0 and math.hypot(vx, vy) > 0.0):
+        raise DataError("an angle needs three points, the middle one apart from the others")
+    return math.atan2(abs(ux * vy - uy * vx), ux * vx + uy * vy)
+
+
+def circle_through(
+    a: Sequence[float], b: Sequence[float], c: Sequence[float]
+) -> tuple[tuple[float, float], float]:
+    """Return centre and diameter of the circle through three points (m)."""
+    (ux, uy), (vx, vy) = ((float(p[0]) - float(b[0]), float(p[1]) - float(b[1])) for p in (a, c))
+    u, v = ux * ux + uy * uy, vx * vx + vy * vy
+    cross = 2.0 * (ux * vy - uy * vx)
+    if abs(cross) <= 1e-9 * math.sqrt(u * v):  # less than a nanoradian off a line
+        raise DataError("the three points lie on one line: no circle goes through them")
+    x, y = (vy * u - uy * v) / cross, (ux * v - vx * u) / cross
+    return (float(b[0]) + x, float(b[1]) + y), 2.0 * math.hypot(x, y)
+
+
+# ---- heights between the pixels -----------------------------------------------------------------
+
+
+def read_line(
+    surface: Surface, a: Sequence[float], b: Sequence[float], method: str
+) -> tuple[FloatArray, FloatArray, float, float]:
+    """Return distances, heights, length, and the share of heights that were read bilinearly."""
+    if not isinstance(surface, Surface):
+        raise DataError(f"a section is cut through a Surface, got {type(surface).__name__}")
+    (ax, ay), (bx, by) = position(a, "a"), position(b, "b")
+    (x0, y0), (dx, dy) = _grid(surface)
+    length = math.hypot(bx - ax, by - ay)
+    if not 0.0 < length < _MOST_SAMPLES * min(dx, dy):
+        raise DataError(
+            f"the section runs from ({ax:.9g}, {ay:.9g}) to ({bx:.9g}, {by:.9g}): its ends must "
+            f"differ, by less than {_MOST_SAMPLES} pixels; are they in m?"
+        )
+    # a step that divides the length up to rounding must not be cut in two
+    n = max(2, math.ceil(length / min(dx, dy) * (1.0 - 1e-9)) + 1)
+    part = np.linspace(0.0, 1.0, n)
+    # ends that lie on pixels stay there: the parts are taken of differences
+    column = (ax - x0) / dx + part * ((bx - ax) / dx)
+    row = (ay - y0) / dy + part * ((by - ay) / dy)
+    z, share = heights_at(surface, row, column, method)
+    return part * length, z, length, share
+
+
+def _grid(surface: Surface) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return origin and steps, of a map without lateral calibration in its pixels."""
+    if surface.dx is None or surface.dy is None:
+        return (0.0, 0.0), (1.0, 1.0)
+    return surface.origin, (surface.dx, surface.dy)
+
+
+def heights_at(
+    surface: Surface, row: FloatArray, column: FloatArray, method: str
+) -> tuple[FloatArray, float]:
+    """Return heights at fractional indices, and the share that was read bilinearly."""
+    if method == "nearest":
+        return _nearest(surface.z, row, column), 0.0
+    if method not in ("lanczos", "bilinear"):
+        raise DataError(f'method must be "lanczos", "bilinear" or "nearest", got {method!r}')
+    z = _bilinear(surface.z, row, column)
+    return z, 1.0 if method == "bilinear" else _refined(surface.z, row, column, z)
+
+
+def is_calibrated(surface: Surface) -> bool:
+    """Return whether both lateral steps of a map are known."""
+    return surface.dx is not None and surface.dy is not None
+
+
+def _bilinear(z: FloatArray, row: FloatArray, column: FloatArray) -> FloatArray:
+    """Return heights at fractional indices; a neighbour without weight need not be valid."""
+    (i, v), (j, u) = _split(row), _split(column)
+    total = np.zeros(row.size)
+    for di, wi in ((0, 1.0 - v), (1, v)):
+        for dj, wj in ((0, 1.0 - u), (1, u)):
+            weight = wi * wj
+            carries = weight > 0.0
+            height = _at(z, i[carries] + di, j[carries] + dj)
+            total[carries] += weight[carries] * height
+    return total
+
+
+def _refined(z: FloatArray, row: FloatArray, column: FloatArray, heights: FloatArray) -> float:
+    """Put better heights in place of bilinear ones; return the share that had no 64 neighbours."""
+    (i, v), (j, u) = _split(row), _split(column)
+    between = ~np.isnan(heights) & ((u > 0.0) | (v > 0.0))
+    low, high = _REACH[0], _REACH[-1]
+    inside = (i + low >= 0) & (i + high < z.shape[0]) & (j + low >= 0) & (j + high < z.shape[1])
+    which = np.flatnonzero(between & inside)
+    done = 0
+    for k in np.array_split(which, max(1, -(-which.size // _AT_ONCE))):
+        patch = z[i[k, None, None] + _REACH[:, None], j[k, None, None] + _REACH]
+        whole = ~np.isnan(patch).any(axis=(1, 2))
+        some, patch = k[whole], patch[whole]
+        heights[some] = _lanczos(patch, v[some], u[some])
+        done += some.size
+    n = int(np.count_nonzero(between))
+    return (n - done) / n if n else 0.0
+
+
+def _lanczos(patch: FloatArray, v: FloatArray, u: FloatArray) -> FloatArray:
+    """Return heights within 8 x 8 pixels: of their fitted plane, and by Lanczos-4 of what it leaves."""
+    # p = m + r y + c x + s x y about the middle; weights a, b with sum 1 of rows and columns:
+    # z(v, u) = sum a b (z - p) + p(v, u), and m drops out
+    t = _REACH.astype(np.float64) - 0.5
+    y, x = v - 0.5, u - 0.5
+    a, b = (w / w.sum(axis=1, keepdims=True) for w in (_sinc4(y, t), _sinc4(x, t)))
+    squares = float(t @ t)
+    r = np.einsum("nij,i->n", patch, t) / (t.size * squares)
+    c = np.einsum("nij,j->n", patch, t) / (t.size * squares)
+    s = np.einsum("nij,i,j->n", patch, t, t) / squares**2
+    weighted = np.einsum("nij,ni,nj->n", patch, a, b)
+    ya, xb = a @ t, b @ t
+    return np.asarray(weighted + r * (y - ya) + c * (x - xb) + s * (y * x - ya * xb))
+
+
+def _sinc4(place: FloatArray, t: FloatArray) -> FloatArray:
+    d = place[:, None] - t
+    return np.asarray(np.sinc(d) * np.sinc(d / 4.0))
+
+
+def _split(index: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+    """Return whole and fractional part; what lies on a pixel within rounding lies on it."""
+    whole = np.floor(index + _ON_PIXEL)
+    part = index - whole
+    return whole.astype(np.intp), np.where(part > _ON_PIXEL, part, 0.0)
+
+
+def _nearest(z: FloatArray, row: FloatArray, column: FloatArray) -> FloatArray:
+    near = [np.floor(v + 0.5 + _ON_PIXEL).astype(np.intp) for v in (row, column)]
+    for k, (v, n) in enumerate(zip((row, column), z.shape, strict=True)):
+        at_rim = np.abs(v - (n - 0.5)) <= _ON_PIXEL  # the far rim belongs to the last pixel
+        near[k] = np.where(at_rim, n - 1, near[k])
+    return _at(z, near[0], near[1])
+
+
+def _at(z: FloatArray, row: NDArray[np.intp], column: NDArray[np.intp]) -> FloatArray:
+    """Return heights at whole indices, NaN outside the map."""
+    ny, nx = z.shape
+    inside = (row >= 0) & (row < ny) & (column >= 0) & (column < nx)
+    height = np.full(row.size, np.nan)
+    height[inside] = z[row[inside], column[inside]]
+    return height

@@ -1,0 +1,261 @@
+"""Tables ``[[section]]``: lines, circles, distances and angles on the map that is judged, as numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.options import Option
+from metrosep.core.profile import Profile
+from metrosep.core.quantity import Quantity
+from metrosep.core.sections import (
+    angle_at,
+    circle_section,
+    circle_through,
+    distance,
+    harmonics,
+    height_at,
+    section_profile,
+)
+from metrosep.core.surface import Surface
+from metrosep.core.units import format_length
+from metrosep.recipe.schema import Place
+
+__all__ = [
+    "MOST_SECTIONS",
+    "SECTIONS",
+    "MapSection",
+    "check_sections",
+    "section_metrics",
+    "section_of",
+]
+
+MOST_SECTIONS = 64
+"""Of a recipe; each is read anew from the whole map."""
+
+_POINT = 'x and y, "1.2 mm, 0.3 mm"'
+_OWN: Mapping[str, Mapping[str, Option]] = {
+    "line": {
+        "a": Option("point", required=True, help=f"where it begins: {_POINT}"),
+        "b": Option("point", required=True, help="where it ends"),
+        "width": Option(
+            "size", help="mean of parallel lines across this band; one line if left out"
+        ),
+    },
+    "circle": {
+        "centre": Option("point", required=True, help=_POINT),
+        "radius": Option("size", required=True, help="of the circle"),
+        "harmonics": Option(
+            "integers", help="orders whose amplitudes are numbers too, such as [1, 2, 3]"
+        ),
+    },
+    "distance": {
+        "a": Option("point", required=True, help=f"from here: {_POINT}"),
+        "b": Option("point", required=True, help="to here"),
+    },
+    "angle": {
+        "a": Option("point", required=True, help=f"on the first leg: {_POINT}"),
+        "b": Option("point", required=True, help="corner of the angle"),
+        "c": Option("point", required=True, help="on the second leg"),
+    },
+    "circle3": {
+        "a": Option("point", required=True, help=f"on the circle: {_POINT}"),
+        "b": Option("point", required=True, help="on the circle"),
+        "c": Option("point", required=True, help="on the circle"),
+    },
+}
+
+SECTIONS: Mapping[str, Mapping[str, Option]] = {
+    kind: {
+        "kind": Option("text", required=True, choices=tuple(_OWN), help="what is drawn"),
+        "name": Option("text", required=True, help="its numbers are section.NAME.Pt and the like"),
+        **own,
+    }
+    for kind, own in _OWN.items()
+}
+"""Keys of a section, by its kind."""
+
+_METRICS: Mapping[str, Mapping[str, tuple[str, str]]] = {
+    "line": {
+        "Pt": ("m", "P-V of the heights along the line"),
+        "Pq": ("m", "RMS of the heights along the line about their mean"),
+    },
+    "circle": {
+        "Pt": ("m", "P-V of the heights along the circle"),
+        "Pq": ("m", "RMS of the heights along the circle about their mean"),
+    },
+    "distance": {
+        "lateral": ("m", "distance of b from a in the plane of the map"),
+        "distance": ("m", "distance of b from a in space"),
+        "height": ("m", "height of b over a"),
+        "azimuth": ("rad", "direction of b seen from a, from x to y"),
+        "slope": ("rad", "slope from a to b, positive where b is higher"),
+    },
+    "angle": {"angle": ("rad", "angle at b between a and c")},
+    "circle3": {
+        "diameter": ("m", "diameter of the circle through a, b and c"),
+        "x": ("m", "x of the centre of the circle through a, b and c"),
+        "y": ("m", "y of the centre of the circle through a, b and c"),
+    },
+}
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
+
+
+@dataclass(frozen=True, slots=True)
+class MapSection:
+    """What one section of a recipe gave."""
+
+    name: str
+    kind: str
+    found: Mapping[str, Quantity]  # by metric, ``section.NAME.Pt``
+    messages: tuple[str, ...] = ()
+    profile: Profile | None = None  # heights along a line or a circle
+    keys: Mapping[str, Any] = field(default_factory=dict)  # of the recipe, in SI
+
+
+def section_metrics(section: Mapping[str, Any]) -> dict[str, str]:
+    """Return the metrics that a section makes, with their SI units.
+
+    Examples
+    --------
+    >>> section_metrics({"kind": "circle", "name": "rim", "harmonics": (2,)})
+    {'section.rim.Pt': 'm', 'section.rim.Pq': 'm', 'section.rim.harmonic_2': 'm'}
+    """
+    units = {k: unit for k, (unit, _) in _METRICS[section["kind"]].items()}
+    units |= {f"harmonic_{n}": "m" for n in section.get("harmonics", ())}
+    return {f"section.{section['name']}.{k}": unit for k, unit in units.items()}
+
+
+def check_sections(
+    sections: Sequence[Mapping[str, Any]], place_of: Any, *, measures: bool
+) -> None:
+    """Refuse sections of a recipe without a map, equal names, and points that are no section."""
+    if len(sections) > MOST_SECTIONS:
+        raise place_of(MOST_SECTIONS).error(
+            f"a recipe has {MOST_SECTIONS} sections at most", "kind"
+        )
+    names: set[str] = set()
+    for i, section in enumerate(sections):
+        place: Place = place_of(i)
+        if not measures:
+            raise place.error("a section goes with steps that measure a map", "kind")
+        name = section["name"]
+        if not _NAME.fullmatch(name):
+            raise place.error(
+                f'name = "{name}": begin with a letter, then letters, digits, _ and -; it is part of '
+                "the names of its numbers",
+                "name",
+            )
+        if name in names:
+            raise place.error(f'two sections are called "{name}"; give another name', "name")
+        names.add(name)
+        orders = section.get("harmonics", ())
+        if len(set(orders)) < len(orders) or any(n < 1 for n in orders):
+            raise place.error("harmonics are different whole numbers from 1", "harmonics")
+        try:
+            _of_points(section)
+        except DataError as exc:
+            raise place.error(str(exc), "b") from None
+        if section["kind"] == "line" and section["a"] == section["b"]:
+            raise place.error("a and b are the same point: the section has no length", "b")
+
+
+def section_of(obj: Any, section: Mapping[str, Any]) -> MapSection:
+    """Return the numbers of one section of a map."""
+    name, kind = section["name"], section["kind"]
+    if not isinstance(obj, Surface):
+        raise DataError(f'section "{name}" is cut through a map, and this is a profile')
+    if obj.dx is None or obj.dy is None:
+        raise DataError(
+            f'section "{name}" has lengths, and the map has no lateral calibration: read it with '
+            'lateral_step = "1 um" in [input]'
+        )
+    values, profile = _of_points(section), None
+    messages: tuple[str, ...] = ()
+    if kind == "distance":
+        values, messages = _distance_on(obj, section)
+    elif kind in ("line", "circle"):
+        profile = _profile_of(obj, section)
+        values, messages = _of_profile(profile, section)
+    units, words = section_metrics(section), _METRICS[kind]
+    found = {}
+    for key, value in values.items():
+        metric = f"section.{name}.{key}"
+        what = words[key][1] if key in words else f"amplitude of harmonic {key.split('_')[1]}"
+        found[metric] = Quantity(value, units[metric], f"{what}, section {name}", symbol=metric)
+    return MapSection(name, kind, found, messages, profile, section)
+
+
+def _of_points(section: Mapping[str, Any]) -> dict[str, float]:
+    """Return what follows from the points alone, whatever the heights are."""
+    kind = section["kind"]
+    if kind == "angle":
+        return {"angle": angle_at(section["a"], section["b"], section["c"])}
+    if kind == "circle3":
+        (x, y), diameter = circle_through(section["a"], section["b"], section["c"])
+        return {"diameter": diameter, "x": x, "y": y}
+    if kind == "distance":
+        found = distance((*section["a"], 0.0), (*section["b"], 0.0))
+        return {"lateral": found.lateral, "azimuth": found.azimuth}
+    return {}
+
+
+def _distance_on(
+    obj: Surface, section: Mapping[str, Any]
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    ends = [(*section[k], height_at(obj, section[k])) for k in ("a", "b")]
+    found = distance(*ends)
+    values = {k: getattr(found, k) for k in _METRICS["distance"]}
+    missing = [k for k, end in zip("ab", ends, strict=True) if np.isnan(end[2])]
+    if not missing:
+        return values, ()
+    known = {k: v for k, v in values.items() if not np.isnan(v)}
+    why = (
+        f"section {section['name']}: the height at {' and '.join(missing)} was not measured, so that "
+        "only the distance in the plane and its direction are known"
+    )
+    return known, (why,)
+
+
+def _profile_of(obj: Surface, section: Mapping[str, Any]) -> Profile:
+    if section["kind"] == "circle":
+        return circle_section(obj, section["centre"], section["radius"])
+    return section_profile(obj, section["a"], section["b"], width=section.get("width"))
+
+
+def _of_profile(
+    profile: Profile, section: Mapping[str, Any]
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    name, valid = section["name"], profile.z[~np.isnan(profile.z)]
+    if not valid.size:
+        raise TooFewSamplesError(
+            f'section "{name}" lies wholly outside of what was measured; move it onto the map'
+        )
+    messages = []
+    share = valid.size / profile.z.size
+    if share < 1.0:
+        messages.append(
+            f"section {name}: {100.0 * (1.0 - share):.3g} % of its samples were not measured; its "
+            "numbers are of the others"
+        )
+    step = profile.history[-1].parameters
+    if step["bilinear_share"] > 0.0:
+        messages.append(
+            f"section {name}: {100.0 * step['bilinear_share']:.3g} % of its samples lie beside a gap or "
+            "the rim and are interpolated between four pixels, which damps waves of a few pixels"
+        )
+    if "lines" in step:
+        messages.append(
+            f"section {name}: mean of {step['lines']} lines across {format_length(section['width'])}"
+        )
+    values = {"Pt": float(np.ptp(valid)), "Pq": float(valid.std())}
+    orders = section.get("harmonics", ())
+    if orders:
+        amplitudes = harmonics(profile, orders)[0]
+        values |= {f"harmonic_{n}": float(a) for n, a in zip(orders, amplitudes, strict=True)}
+    return values, tuple(messages)

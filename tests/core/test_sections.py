@@ -1,0 +1,154 @@
+"""Sections of a map against numbers that were computed without metrosep, and closed forms."""
+
+import numpy as np
+import pytest
+
+import metrosep as ms
+from metrosep.core.errors import DataError, TooFewSamplesError
+from metrosep.core.sections import (
+    angle_at,
+    circle_section,
+    circle_through,
+    distance,
+    harmonics,
+    height_at,
+    section_profile,
+)
+
+MM, UM, NM = 1e-3, 1e-6, 1e-9
+READ = 1e-5
+"""Relative: numbers that go through an interpolation (specification, part 7)."""
+EXACT = 1e-6
+"""Relative: numbers that do not; they are printed with nine digits."""
+
+
+def wave(length, phase, shape=(300, 400)):
+    i = np.arange(shape[1])
+    return ms.Surface(np.tile(np.sin(2 * np.pi * i / length + phase), (shape[0], 1)), 1.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("length", "phase", "a", "b", "amplitude", "by_bilinear"),
+    [
+        (5.2, 0.7, (20, 20), (280, 150), 0.995318, 0.88410),
+        (3.1, 0.2, (15, 30), (370, 260), 1.004858, 0.70193),
+    ],
+)
+def test_an_oblique_section_keeps_short_waves(length, phase, a, b, amplitude, by_bilinear):
+    for method, expected in (("lanczos", amplitude), ("bilinear", by_bilinear)):
+        cut = section_profile(wave(length, phase), a, b, method=method)
+        i = a[0] + cut.x * (b[0] - a[0]) / np.hypot(b[0] - a[0], b[1] - a[1])
+        basis = np.stack([np.sin(2 * np.pi * i / length), np.cos(2 * np.pi * i / length)], axis=1)
+        found = np.hypot(*np.linalg.lstsq(basis, cut.z, rcond=None)[0])
+        assert found == pytest.approx(expected, abs=5 * READ)  # printed with five to six digits
+
+
+def test_a_band_damps_the_waves_across_it_by_the_closed_form():
+    j = np.arange(80.0)
+    surface = ms.Surface(
+        np.tile(np.cos(2 * np.pi * (j - 40.0) / 17.0)[:, None], (1, 60)), 1.0, 1.0
+    )
+
+    for width in (10.0, 11.9):  # n = 2 floor(w / 2s) + 1 = 11 of both
+        cut = section_profile(surface, (10.0, 40.0), (50.0, 40.0), width=width)
+        np.testing.assert_allclose(cut.z, 0.442877, rtol=0.0, atol=EXACT)
+    one = section_profile(surface, (10.0, 40.0), (50.0, 40.0), width=1.9)
+    np.testing.assert_array_equal(one.z, 1.0)
+
+
+def test_a_band_lies_on_both_sides_of_its_line_and_takes_half_of_what_is_valid():
+    z = np.arange(20.0)[:, None] + np.zeros((1, 30))
+    z[:10, 12] = np.nan  # half of the band and one: 3 of 5 lines
+    z[:9, 20] = np.nan  # 2 of 5 lines
+    cut = section_profile(ms.Surface(z, 1.0, 1.0), (5.0, 9.0), (25.0, 9.0), width=4.0)
+
+    assert cut.z[0] == pytest.approx(9.0, abs=1e-12)
+    assert np.isnan(cut.z[12 - 5])  # 2 of 5 are valid
+    assert cut.z[20 - 5] == pytest.approx(10.0, abs=1e-12)  # 9, 10 and 11
+
+
+def ring_of(surface):
+    return circle_section(surface, (150.0, 140.0), 100.0)
+
+
+def tilted(third=3 * NM):
+    j, i = np.mgrid[:300, :320].astype(float)
+    theta = np.arctan2(j - 140.0, i - 150.0)
+    return ms.Surface(2 * NM * i - 1 * NM * j + third * np.cos(3 * theta), 1.0, 1.0)
+
+
+def test_a_round_section_and_its_harmonics():
+    ring = ring_of(tilted())
+
+    assert len(ring) == 629
+    amplitude, phase = harmonics(ring, [1, 3])
+    assert amplitude[0] == pytest.approx(223.606797 * NM, abs=223.6 * NM * EXACT)
+    assert np.degrees(phase[0]) == pytest.approx(26.565051, abs=1e-5)
+    assert amplitude[1] == pytest.approx(3.000005 * NM, abs=3 * NM * EXACT)
+
+
+def test_a_round_section_runs_from_x_to_y_and_does_not_close():
+    ring = ring_of(tilted(third=0.0))
+    quarter = np.interp(100.0 * np.pi / 2, ring.x, ring.z)
+    assert ring.z[0] == pytest.approx((2 * 250 - 140) * NM, abs=1e-4 * NM)
+    assert quarter == pytest.approx((2 * 150 - 240) * NM, abs=0.01 * NM)  # between two samples
+    assert ring.x[-1] == pytest.approx(2 * np.pi * 100 * 628 / 629, abs=1e-9)
+
+
+def test_harmonics_of_a_circle_with_a_gap_are_refused():
+    z = tilted().z.copy()
+    z[140, 250] = np.nan
+    with pytest.raises(TooFewSamplesError, match="gaps"):
+        harmonics(ring_of(ms.Surface(z, 1.0, 1.0)), [1])
+
+
+A, B, C = (1.2 * MM, -0.4 * MM, 3.1 * UM), (2.05 * MM, 0.37 * MM, -0.8 * UM), (0.6 * MM, 0.9 * MM)
+
+
+def test_distances():
+    found = distance(A, B)
+    assert found.lateral == pytest.approx(1.14690889 * MM, abs=1e-8 * MM)
+    assert found.distance == pytest.approx(1.14691552 * MM, abs=1e-8 * MM)
+    assert np.degrees(found.azimuth) == pytest.approx(42.1728754, abs=1e-7)
+    assert found.slope == pytest.approx(-3.40043137e-3, abs=1e-11)
+    assert found.height == pytest.approx(-3.9 * UM, abs=1e-15)
+    back = distance(B, A)
+    assert back.slope == -found.slope
+    assert np.degrees(back.azimuth) == pytest.approx(42.1728754 - 180.0, abs=1e-7)
+
+
+def test_an_angle_and_a_circle_of_three_points():
+    assert np.degrees(angle_at(A, B, C)) == pytest.approx(62.2511049, abs=1e-7)
+    assert angle_at(C, B, A) == angle_at(A, B, C)
+    centre, diameter = circle_through(A, B, C)
+    assert centre == pytest.approx((1.24196554 * MM, 0.407830249 * MM), abs=1e-8 * MM)
+    assert diameter == pytest.approx(1.61783907 * MM, abs=1e-8 * MM)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: distance((1.0, 1.0, 0.0), (1.0, 1.0, 5.0)), "on one another"),
+        (lambda: angle_at((0.0, 0.0), (1.0, 1.0), (1.0, 1.0)), "three points"),
+        (lambda: circle_through((0.0, 0.0), (1.0, 1.0), (3.0, 3.0)), "one line"),
+        (lambda: circle_section(tilted(), (0.0, 0.0), 0.0), "positive"),
+        (lambda: circle_section(tilted(), (0.0, 0.0), 1e9), "10000000 samples"),
+        (lambda: section_profile(tilted(), (1, 1), (1, 1)), "its ends must differ"),
+        (lambda: section_profile(tilted(), (1, 1), (9, 1), width=-1.0), "width"),
+        (lambda: section_profile(tilted(), (1, 1), (9, 1), width=1e7), "lines"),
+    ],
+)
+def test_what_is_no_section_is_refused(call, words):
+    with pytest.raises(DataError, match=words):
+        call()
+
+
+def test_lengths_with_units_and_a_height():
+    surface = ms.Surface(
+        np.arange(12.0) * NM + np.zeros((9, 1)), "2 um", "1 um", origin=(0.0, 5 * UM)
+    )
+    cut = section_profile(surface, ("2 um", "7 um"), ("20 um", "7 um"), width="2 um")
+    assert cut.z[0] == pytest.approx(1 * NM, abs=1e-18)
+    assert cut.z[-1] == pytest.approx(10 * NM, abs=1e-18)
+    assert height_at(surface, ("5 um", "7.5 um")) == pytest.approx(2.5 * NM, abs=1e-18)
+    assert np.isnan(height_at(surface, ("5 um", "4 um")))
